@@ -85,7 +85,7 @@ impl<'r> HistoryBuilder<'r> {
             )
         })?;
         for entry in JournalEntries::new(BufReader::new(file)) {
-            match entry.map_err(|flaw| flaw.refusal(&path))?.1 {
+            match entry.map_err(|flaw| flaw.numbered_error(&path))?.1 {
                 JournalEntry::Position(at) => self.position(&at),
                 JournalEntry::Event(event) => self.event(&event),
                 JournalEntry::Resumed(_) => {
@@ -288,7 +288,7 @@ mod tests {
 
     impl Observer<9> for JournalPath {
         fn on_telemetry(&mut self, told: &Telemetry<9>) {
-            self.0.told(told);
+            self.0.record(told);
         }
     }
 
@@ -328,7 +328,8 @@ mod tests {
         let store = job_folder.create_journal().expect("a file");
         let logbook = JournalWriter::begin(store, Durability::Written, entry, None).expect("it works");
         let mut kept = JournalPath(JournalRecorder::new(&logbook, 3, 1000));
-        let keeping = JournalConfig { index: Box::new(logbook.index_writer(None, &[])), durable: logbook.durable() };
+        let keeping =
+            JournalConfig { index: Box::new(logbook.index_writer(None, &[])), durable: logbook.durable_place() };
         let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
         let conduct = JobOptions {
             start: JobStart::First,

@@ -308,7 +308,7 @@ impl<const A: usize> Observer<A> for RunObservers<'_, A> {
             signals.told(told);
         }
         if let Some(keeper) = &mut self.keeper {
-            keeper.told(told);
+            keeper.record(told);
         }
         if let (Some(terminal), Telemetry::Event(event)) = (self.terminal, told) {
             let name = |tool| self.program.tool_table().and_then(|table| table.name(tool)).map(str::to_owned);
@@ -319,7 +319,7 @@ impl<const A: usize> Observer<A> for RunObservers<'_, A> {
         let Telemetry::Period(period) = told else { return };
         self.last = Some((period.period, period.place, period.line));
         if period.period.is_multiple_of(ASKED_AFTER) {
-            while let Some(happening) = self.keeper.as_mut().and_then(|keeper| keeper.output_changes()) {
+            while let Some(happening) = self.keeper.as_mut().and_then(|keeper| keeper.next_notice()) {
                 let event = self.event(happening);
                 self.console.on_telemetry(&Telemetry::Event(event));
             }
@@ -347,7 +347,7 @@ impl<const A: usize> RunObservers<'_, A> {
         let event = Telemetry::Event(self.event(happening));
         self.console.on_telemetry(&event);
         if let Some(keeper) = &mut self.keeper {
-            keeper.told(&event);
+            keeper.record(&event);
         }
     }
 }

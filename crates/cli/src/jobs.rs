@@ -357,11 +357,12 @@ mod tests {
         let store = folder.create_journal().expect("a file");
         drop(JournalWriter::begin(store, Durability::Written, job, None).expect("it works"));
         let (store, tail) = (folder.open_journal().expect("a file"), folder.read().expect("whole").tail);
-        let logbook = JournalWriter::reopen(store, Durability::Written, tail, DurablePlace::from(0), resumed, None)
-            .expect("it works");
+        let logbook =
+            JournalWriter::reopen(store, Durability::Written, tail, DurablePlace::starting_at(0), resumed, None)
+                .expect("it works");
         let mut keeper = JournalRecorder::<3>::new(&logbook, 3, 1000);
         for (channel, value) in [(channel::SPINDLE, 1), (channel::SPEED, 12_000_000), (3, 1)] {
-            keeper.told(&Telemetry::Output(OutputChange { channel, value }));
+            keeper.record(&Telemetry::Output(OutputChange { channel, value }));
         }
         let status = CardStatus::<3> {
             place,
@@ -371,7 +372,7 @@ mod tests {
             counts: [1200, 0, -5],
             ..CardStatus::at_rest(retrace_link::PathStart::at(0))
         };
-        keeper.told(&Telemetry::Period(PeriodRecord {
+        keeper.record(&Telemetry::Period(PeriodRecord {
             mode: mode::Mode::Reverse,
             at_rest: true,
             ..PeriodRecord::from_status(&status)

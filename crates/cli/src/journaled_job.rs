@@ -59,7 +59,7 @@ impl ReservedJobFolder {
         let path = self.folder.stream();
         let (spooling, progress) =
             SpoolWriter::create(&path, from).map_err(|error| unwritable(&path.display().to_string(), &error))?;
-        Ok((Box::new(spooling.limited_to(quota)), progress))
+        Ok((Box::new(spooling.with_quota(quota)), progress))
     }
 
     /// Begins the journal.
@@ -96,7 +96,7 @@ impl JournaledJob {
     /// A job that may be taken up again; its journal is as it was until [`Kept::take_up`].
     #[must_use]
     pub fn waiting(jobs: JobStore, folder: JobFolder, held: JobLock, care: Durability, record: &JobRecord) -> Self {
-        let logbook = JournalWriter::waiting(care, record.durable());
+        let logbook = JournalWriter::queueing(care, record.durable_place());
         let (known, overrides) = (record.last_mark.map(|mark| mark.place), record.overrides());
         Self { jobs, folder, _held: held, logbook, known, overrides }
     }
@@ -124,14 +124,14 @@ impl JournaledJob {
     #[must_use]
     pub fn keeping(&self) -> JournalConfig {
         let notes = self.logbook.index_writer(self.known, &self.overrides);
-        JournalConfig { index: Box::new(notes), durable: self.logbook.durable() }
+        JournalConfig { index: Box::new(notes), durable: self.logbook.durable_place() }
     }
 
     /// Who keeps events and positions.
     #[must_use]
     pub fn keeper<const A: usize>(&self, machine: &MachineConfig) -> JournalRecorder<A> {
         JournalRecorder::new(&self.logbook, machine.axes.len(), machine.period_us)
-            .naming(ChannelNames::of_machine(machine))
+            .with_names(ChannelNames::of_machine(machine))
     }
 
     /// Keeps how the job ended; its keeper is gone. What there is to say of it comes back, a line each; what cannot be kept changes nothing

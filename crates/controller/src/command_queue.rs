@@ -37,9 +37,9 @@ impl CommandSender {
     ///
     /// # Errors
     /// [`CommandQueueFull`]; the command is not sent then.
-    pub fn send(&self, deed: OperatorCommand) -> Result<(), CommandQueueFull> {
+    pub fn send(&self, command: OperatorCommand) -> Result<(), CommandQueueFull> {
         // A session that has ended needs no commands.
-        match self.commands.try_send(deed) {
+        match self.commands.try_send(command) {
             Err(std::sync::mpsc::TrySendError::Full(_)) => Err(CommandQueueFull),
             _ => Ok(()),
         }
@@ -95,8 +95,8 @@ impl CommandSources {
 
     /// Adds an operator at a screen, who is present until the end.
     #[must_use]
-    pub fn with_operator(self, heard: CommandReceiver) -> Self {
-        Self { live: Some(heard), ..self }
+    pub fn with_operator(self, receiver: CommandReceiver) -> Self {
+        Self { live: Some(receiver), ..self }
     }
 
     /// Adds a source of stop commands that is not an operator: it does not count as an operator being present.
@@ -165,8 +165,8 @@ mod tests {
     #[test]
     fn a_script_and_somebody_at_a_screen_are_both_heard() {
         let script = crate::operator::parse("at 0.002s hold\nafter 0s wheel 1000 for 1s", "script").expect("valid");
-        let (orders, heard) = command_channel();
-        let mut operators = CommandSources::from_script(ScriptPlayer::new(script, 1000)).with_operator(heard);
+        let (orders, receiver) = command_channel();
+        let mut operators = CommandSources::from_script(ScriptPlayer::new(script, 1000)).with_operator(receiver);
         orders.send(OperatorCommand::Single).expect("room");
         orders.turn_wheel(5);
         assert_eq!((operators.next_command(1, 0), operators.next_command(1, 0)), (Some(OperatorCommand::Single), None));
@@ -184,15 +184,15 @@ mod tests {
 
     #[test]
     fn words_come_in_order_too_many_are_refused_and_no_count_is_lost() {
-        let (orders, mut heard) = command_channel();
+        let (orders, mut receiver) = command_channel();
         let taken = (0..).take_while(|&n| orders.send(OperatorCommand::BackBy(f64::from(n))).is_ok()).count();
         assert_eq!(taken, MAX_COMMANDS);
         assert_eq!(
-            (heard.next_command(), heard.next_command()),
+            (receiver.next_command(), receiver.next_command()),
             (Some(OperatorCommand::BackBy(0.0)), Some(OperatorCommand::BackBy(1.0)))
         );
         orders.turn_wheel(40_000);
         orders.turn_wheel(-3);
-        assert_eq!([heard.wheel_counts(), heard.wheel_counts(), heard.wheel_counts()], [32_767, 7_230, 0]);
+        assert_eq!([receiver.wheel_counts(), receiver.wheel_counts(), receiver.wheel_counts()], [32_767, 7_230, 0]);
     }
 }

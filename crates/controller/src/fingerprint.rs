@@ -39,7 +39,7 @@ pub fn of_planning() -> Result<u32, NumberedError> {
     let (blocks, findings) = job::feed_all(&machine, &mut program, &mut planned);
     planned.rest();
     let outcome = format!("{blocks} {}", findings.len());
-    Ok(planned.hash.then(outcome.as_bytes()).short())
+    Ok(planned.hash.extend(outcome.as_bytes()).low_32())
 }
 
 struct Fixed(Program<&'static [u8]>);
@@ -64,9 +64,9 @@ impl Planned {
     fn take(&mut self) {
         while let Some(record) = self.planner.next_record() {
             for increment in record.increments {
-                self.hash = self.hash.then(&increment.to_le_bytes());
+                self.hash = self.hash.extend(&increment.to_le_bytes());
             }
-            self.hash = self.hash.then(&record.line.to_le_bytes());
+            self.hash = self.hash.extend(&record.line.to_le_bytes());
         }
     }
 

@@ -28,7 +28,7 @@ use crate::limit_check::LimitCheck;
 use crate::machine::MachineConfig;
 use crate::manual::jog_planner::{self, Identify};
 use crate::motion_sink::MotionSink;
-use crate::overrides::overrides;
+use crate::overrides::override_channel;
 use crate::place_index::JournalConfig;
 use crate::plan_item::PlanSummary;
 use crate::plan_writer::PlanWriter;
@@ -144,11 +144,11 @@ impl fmt::Display for JobStartError {
 pub fn run<const A: usize, C: MotionCard<A>>(
     machine: &MachineConfig,
     program: impl BlockDecoder + Send,
-    conduct: JobOptions,
+    options: JobOptions,
     card: C,
     observer: &mut dyn Observer<A>,
 ) -> Result<JobEnd<C>, JobStartError> {
-    resume(machine, program, conduct, card, observer, ResumePlan::matches_card)
+    resume(machine, program, options, card, observer, ResumePlan::matches_card)
 }
 
 /// Runs a program as [`run`] does. Where the job is resumed, `confirm` is called before anything moves, and the job is
@@ -160,12 +160,12 @@ pub fn run<const A: usize, C: MotionCard<A>>(
 pub fn resume<const A: usize, C: MotionCard<A>>(
     machine: &MachineConfig,
     mut program: impl BlockDecoder + Send,
-    conduct: JobOptions,
+    options: JobOptions,
     card: C,
     observer: &mut dyn Observer<A>,
     agree: impl FnOnce(&ResumePlan<A>) -> bool,
 ) -> Result<JobEnd<C>, JobStartError> {
-    let JobOptions { start: begin, commands: operators, run_mode: manner, journal: keeping } = conduct;
+    let JobOptions { start: begin, commands: operators, run_mode, journal: keeping } = options;
     let (keep, look_ahead) = (machine.history_records, machine.look_ahead_records);
     let cells = ring_cells(keep, look_ahead).ok_or_else(|| machine_error("the history is larger than any ring"))?;
     let cells: Box<[Cell<Record<A>>]> = (0..cells).map(|_| Cell::default()).collect();
@@ -182,7 +182,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let (sender, receiver) = mpsc::sync_channel(ITEM_QUEUE_CAPACITY);
     let planner = Planner::new(machine.limits(), machine.start_mm()).map_err(|e| machine_error(e.to_string()))?;
     let cancel = AtomicBool::new(false);
-    let (mut asking, mut heeding) = overrides(look_ahead);
+    let (mut requester, mut heeding) = override_channel(look_ahead);
     let mut feeder = PlanWriter::new(planner.blending_by(machine.blending), producer, sender, origin.outputs, &cancel)
         .with_index(keeping.index, &origin.counts)
         .with_inhibited(machine.inhibited_channels())
@@ -194,8 +194,8 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     };
     let (mut rests, mut lengths, mut begun_at) = (Vec::new(), Vec::new(), origin.counts);
     if let Some(at) = &resumption {
-        at.could_be(look_ahead).map_err(JobStartError::Unfound)?;
-        (asking, heeding) = (asking.again(&at.overrides, at.start.reached), heeding.again(&at.overrides));
+        at.validate(look_ahead).map_err(JobStartError::Unfound)?;
+        (requester, heeding) = (requester.resumed(&at.overrides, at.start.reached), heeding.resumed(&at.overrides));
         feeder = feeder.with_expected_marks(&at.marks);
         rests.clone_from(&at.rests);
         lengths.clone_from(&at.lengths);
@@ -205,24 +205,25 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     }
     let (length_entry, length_offers) = tool_length::entry();
     let feeder = feeder.with_overrides(heeding).with_tool_lengths(length_offers, &lengths);
-    let supply = RecordStreamer::new(consumer, receiver, origin.place, origin.outputs, origin.executed)
+    let streamer = RecordStreamer::new(consumer, receiver, origin.place, origin.outputs, origin.executed)
         .with_durable_place(keeping.durable);
-    let (teller, hearing) = telemetry::telemetry_channel(manner.wall_time, machine.period_s());
+    let (telemetry, receiver) = telemetry::telemetry_channel(run_mode.wall_time, machine.period_s());
     let (belt, batch) = BatchChannel::new();
     let given_up = program.cancel_token();
     thread::scope(|scope| {
         let belt = &belt;
-        let decoder = spawn_named(scope, ("decoding", manner.real_time), move || decoding::decode(&mut program, belt));
-        let planner = spawn_named(scope, ("planning", manner.real_time), move || {
+        let decoder =
+            spawn_named(scope, ("decoding", run_mode.real_time), move || decoding::decode(&mut program, belt));
+        let planner = spawn_named(scope, ("planning", run_mode.real_time), move || {
             planning::plan(machine, belt, batch, (line, rests), feeder)
         });
-        let reporter = spawn_named(scope, ("reporting", manner.real_time), move || hearing.run(observer));
-        let moves = spawn_named(scope, ("manual moves", manner.real_time), move || requests.serve(machine, identify));
+        let reporter = spawn_named(scope, ("reporting", run_mode.real_time), move || receiver.run(observer));
+        let moves = spawn_named(scope, ("manual moves", run_mode.real_time), move || requests.serve(machine, identify));
         let hand = hand.waking(moves.thread().clone());
         let interest = CancelOnDrop { cancel: &cancel, source_cancel: given_up };
-        let session = Session::new(card, machine, supply, operators, manner, teller).with_overrides(asking);
+        let session = Session::new(card, machine, streamer, operators, run_mode, telemetry).with_overrides(requester);
         let session = session.with_manual_moves(hand, program_is).with_length_entry(length_entry);
-        let is_real_time = manner.real_time && real_time::enter().is_ok();
+        let is_real_time = run_mode.real_time && real_time::enter().is_ok();
         let ended = match resumption {
             None => Ok(session.run()),
             Some(at) => session.resume(&at, begun_at, agree).map_err(JobStartError::Unfound),
@@ -236,8 +237,8 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         let summary = join_thread(planner);
         join_thread(reporter);
         join_thread(moves);
-        let (outcome, tally, card) = ended?;
-        Ok(JobEnd { outcome, stats: tally, summary, card })
+        let (outcome, stats, card) = ended?;
+        Ok(JobEnd { outcome, stats, summary, card })
     })
 }
 

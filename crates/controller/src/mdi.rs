@@ -154,12 +154,12 @@ mod tests {
     use super::*;
 
     /// Executes a block, and returns the machine at its new position, mm.
-    fn done(desk: &mut ModalContext, machine: &MachineConfig, text: &str) -> MachineConfig {
-        let mut block = desk.block(machine, text).expect(text);
+    fn done(context: &mut ModalContext, machine: &MachineConfig, text: &str) -> MachineConfig {
+        let mut block = context.block(machine, text).expect(text);
         let mut scan = crate::limit_check::LimitCheck::<9>::new(machine);
         assert_eq!(job::feed_all(machine, &mut block, &mut scan).1, [], "{text}");
-        desk.finish_block(&block);
-        let counts = machine.axes.iter().zip(desk.carried.state().machine_position().0);
+        context.finish_block(&block);
+        let counts = machine.axes.iter().zip(context.carried.state().machine_position().0);
         let counts: Vec<i64> = counts.map(|(axis, mm)| (mm * axis.pulses_per_mm).round() as i64).collect();
         machine.clone().standing_at(&counts)
     }
@@ -167,13 +167,13 @@ mod tests {
     #[test]
     fn single_blocks_build_on_each_other_and_the_program_on_them() {
         let mut machine = MachineConfig::built_in().expect("valid").standing_at(&[30_000, 20_000, -5_000]);
-        let mut desk = ModalContext::new(setup(&machine));
+        let mut context = ModalContext::new(setup(&machine));
         for text in ["G10 L20 P1 X0 Y0", "G92 Z3", "T1 M6", "G91", "G0 X10", "X-4"] {
-            machine = done(&mut desk, &machine, text);
+            machine = done(&mut context, &machine, text);
         }
         assert_eq!(machine.stands_at_mm, [36.0, 20.0, -5.0]);
-        assert!(desk.active().to_string().starts_with("G0 G17 G21 G40 G49 G54 G64 G80 G91"), "{}", desk.active());
-        let setup = desk.setup_of_program(&machine);
+        assert!(context.active().to_string().starts_with("G0 G17 G21 G40 G49 G54 G64 G80 G91"), "{}", context.active());
+        let setup = context.setup_of_program(&machine);
         let program = Interpreter::new(setup);
         let state = program.state();
         assert_eq!(state.position, Pose::xyz(6.0, 0.0, 3.0));
@@ -183,11 +183,11 @@ mod tests {
     #[test]
     fn what_the_machine_cannot_do_is_refused_before_and_nothing_has_changed() {
         let machine = MachineConfig::built_in().expect("valid");
-        let desk = ModalContext::new(setup(&machine));
-        let refused = |text: &str| desk.block(&machine, text).expect_err(text).join("\n");
+        let context = ModalContext::new(setup(&machine));
+        let refused = |text: &str| context.block(&machine, text).expect_err(text).join("\n");
         assert!(refused("G0 X2001").contains("E4304"), "{}", refused("G0 X2001"));
         assert!(refused("G1 X1").contains("E1508") && refused("O1 while [1]").contains("E1012"));
         assert!(refused("G38.2 X1 F10").contains("E4302"));
-        assert_eq!(desk.active(), ModalContext::new(setup(&machine)).active());
+        assert_eq!(context.active(), ModalContext::new(setup(&machine)).active());
     }
 }

@@ -63,7 +63,7 @@ pub enum IndexEntry {
 /// Receives index entries in the planning thread. It may wait.
 pub trait IndexWriter: Send {
     /// Writes an entry.
-    fn note(&mut self, note: IndexEntry);
+    fn write(&mut self, note: IndexEntry);
 
     /// Whether everything that was written is durable. Always true for an index that is never read again.
     fn is_durable(&mut self) -> bool {
@@ -73,7 +73,7 @@ pub trait IndexWriter: Send {
 
 /// No index: for a job that needs none.
 impl IndexWriter for () {
-    fn note(&mut self, _: IndexEntry) {}
+    fn write(&mut self, _: IndexEntry) {}
 }
 
 /// The index of a job, and its durable place. The default writes no index.
@@ -103,7 +103,7 @@ pub struct DurablePlace(Arc<AtomicU32>);
 impl DurablePlace {
     /// Durable up to `place`, where the path begins.
     #[must_use]
-    pub fn from(place: u32) -> Self {
+    pub fn starting_at(place: u32) -> Self {
         Self(Arc::new(AtomicU32::new(place)))
     }
 
@@ -127,7 +127,7 @@ mod tests {
 
     #[test]
     fn it_only_grows_also_over_the_wrap() {
-        let durable = DurablePlace::from(u32::MAX - 1);
+        let durable = DurablePlace::starting_at(u32::MAX - 1);
         let ahead = durable.clone();
         for (said, is) in [(u32::MAX, u32::MAX), (3, 3), (u32::MAX, 3), (2, 3), (4, 4)] {
             ahead.advance(said);

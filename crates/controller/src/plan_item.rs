@@ -44,7 +44,7 @@ pub struct ExclusiveInstruction {
     /// Input that it waits for in addition.
     pub until: Option<InputWait>,
     /// Whether it is a retrace barrier (tool change).
-    pub one_way: bool,
+    pub is_barrier: bool,
 }
 
 /// How the program ended.

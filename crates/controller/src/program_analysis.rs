@@ -239,7 +239,7 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
             ExclusiveKind::OptionalStop => {}
         }
         switch.changes.iter().for_each(|&change| self.switched(change));
-        if switch.one_way {
+        if switch.is_barrier {
             self.barriers.insert(BarrierLine { line: switch.line, code: switch.code });
         }
         Ok(())

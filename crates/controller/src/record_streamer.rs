@@ -340,7 +340,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         concerned: impl Fn(u8) -> bool,
         steps: &mut Vec<RestartStep>,
     ) {
-        self.origins.steps(are, wants, &self.fire_channels, concerned, steps);
+        self.origins.plan_restart(are, wants, &self.fire_channels, concerned, steps);
     }
 
     /// The last place at or before `place`, other than `passed`, where the program switched a cutting output, if that
@@ -384,11 +384,11 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             self.expect(done.place, change.channel, change.value);
         }
         if done.kind == ExclusiveKind::Dwell {
-            self.origins.dwelt(done.place, done.periods, &self.expected, &self.fire_channels);
+            self.origins.record_dwell(done.place, done.periods, &self.expected, &self.fire_channels);
         } else if !changes.is_empty() {
-            self.origins.switched(changes, (done.code, done.line, done.place), done.periods, done.until);
+            self.origins.record_switching(changes, (done.code, done.line, done.place), done.periods, done.until);
         }
-        if done.one_way {
+        if done.is_barrier {
             self.barrier = Some((done.place, done.code));
         }
         if let Some(next) = self.exclusives.front() {
@@ -442,7 +442,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             self.expect(action.place, action.channel, action.after);
             self.passed += 1;
             if line > 0 {
-                self.origins.passed(&action, line);
+                self.origins.record_action(&action, line);
                 return Some(PassedItem::Action(action, line));
             }
         }

@@ -67,7 +67,7 @@ impl ResumePoint {
 
 impl ResumePoint {
     /// Checks whether a ring with `look_ahead` records of look-ahead can have produced this place and these marks.
-    pub(crate) fn could_be(&self, look_ahead: u32) -> Result<(), ResumeError> {
+    pub(crate) fn validate(&self, look_ahead: u32) -> Result<(), ResumeError> {
         let PathStart { place, reached, .. } = self.start;
         let last = self.marks.last().map_or(reached, |mark| mark.place);
         let ahead = is_before(reached, last) && last.wrapping_sub(reached) > look_ahead;
@@ -84,7 +84,7 @@ pub enum ResumeError {
     /// `reached` is before `place`, or `place` is outside of the history.
     NoSuchPlace,
     /// The program ends before it.
-    Ends {
+    ProgramEnds {
         /// Place where it ends.
         at: u32,
     },
@@ -98,14 +98,16 @@ pub enum ResumeError {
     /// The program's plan differs at a mark.
     Differs(Box<MarkDifference>),
     /// Planning failed: a defect.
-    CutOff,
+    PlanningFailed,
 }
 
 impl fmt::Display for ResumeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoSuchPlace => write!(f, "the place where the job was left is none that it can have had"),
-            Self::Ends { at } => write!(f, "the program ends at record {at}, before the place where the job was left"),
+            Self::ProgramEnds { at } => {
+                write!(f, "the program ends at record {at}, before the place where the job was left")
+            }
             Self::Instruction { number, place: Some(place) } => {
                 write!(f, "instruction {number} stands at record {place}, which does not go with what was executed")
             }
@@ -118,7 +120,7 @@ impl fmt::Display for ResumeError {
                     was.place, is.line, is.counts, was.line, was.counts
                 )
             }
-            Self::CutOff => write!(f, "the program could not be planned again"),
+            Self::PlanningFailed => write!(f, "the program could not be planned again"),
         }
     }
 }
@@ -210,7 +212,7 @@ impl<const A: usize> ResumePlan<A> {
 
 /// Replays the plan from the job's origin to the place where it was left.
 pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
-    supply: &'s mut RecordStreamer<'r, A>,
+    streamer: &'s mut RecordStreamer<'r, A>,
     at: &'s ResumePoint,
     /// Place up to which everything is replayed.
     place: u32,
@@ -226,30 +228,31 @@ pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
 impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
     /// Creates a replay of `streamer`, whose ring begins with counts of `counts` at the job's origin.
     pub(crate) fn new(
-        supply: &'s mut RecordStreamer<'r, A>,
+        streamer: &'s mut RecordStreamer<'r, A>,
         at: &'s ResumePoint,
         counts: [i64; A],
         mm_per_pulse: [f64; A],
     ) -> Self {
-        Self { supply, at, place: at.origin, sum: counts, active: None, counts: None, line: 0, mm_per_pulse }
+        Self { streamer, at, place: at.origin, sum: counts, active: None, counts: None, line: 0, mm_per_pulse }
     }
 
     /// Length of the path back from where it was left to `oldest`, mm. It ends at the first record whose line
     /// `is_included` excludes.
-    fn path_mm(&self, oldest: u32, goes_on: impl Fn(u32) -> bool) -> f64 {
+    fn path_back_mm(&self, oldest: u32, goes_on: impl Fn(u32) -> bool) -> f64 {
         let (left, mut mm) = (self.at.start.place, 0.0);
         let length = |increments: &[i16; A], share: f64| {
             let each = increments.iter().zip(&self.mm_per_pulse);
             each.map(|(&n, scale)| (f64::from(n) * scale).powi(2)).sum::<f64>().sqrt() * share
         };
-        if let Some(record) = self.supply.record(left.record).filter(|record| left.fraction > 0 && goes_on(record.line))
+        if let Some(record) =
+            self.streamer.record(left.record).filter(|record| left.fraction > 0 && goes_on(record.line))
         {
             mm += length(&record.increments, f64::from(left.fraction) / ONE as f64);
         }
         let mut place = left.record;
         while is_before(oldest, place) {
             place = place.wrapping_sub(1);
-            match self.supply.record(place) {
+            match self.streamer.record(place) {
                 Some(record) if goes_on(record.line) => mm += length(&record.increments, 1.0),
                 _ => break,
             }
@@ -258,32 +261,32 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
     }
 
     /// Replays to the end; waits for the planner.
-    pub(crate) fn follow(mut self, card: &CardStatus<A>) -> Result<ResumePlan<A>, ResumeError> {
+    pub(crate) fn run(mut self, card: &CardStatus<A>) -> Result<ResumePlan<A>, ResumeError> {
         let start = self.at.start;
-        while !self.step()? {
+        while !self.replay_planned()? {
             thread::sleep(Duration::from_micros(50));
         }
-        let (line, counts) = match (self.supply.record(start.place.record), self.counts) {
+        let (line, counts) = match (self.streamer.record(start.place.record), self.counts) {
             (record, Some(counts)) => (record.map_or(self.line, |record| record.line), counts),
             _ => return Err(ResumeError::NoSuchPlace),
         };
-        if is_before(start.place.record, self.supply.oldest()) {
+        if is_before(start.place.record, self.streamer.oldest()) {
             return Err(ResumeError::NoSuchPlace);
         }
-        self.supply.seek_place(start.place.record);
-        let rests = start.place.fraction == 0 && self.supply.is_at_rest_before(start.place.record);
+        self.streamer.seek_place(start.place.record);
+        let rests = start.place.fraction == 0 && self.streamer.is_at_rest_before(start.place.record);
         let start = PathStart { rests, ..start };
         if let Some(active) = self.active.take() {
-            self.supply.requeue_active_codes(active);
+            self.streamer.requeue_active_codes(active);
         }
-        let oldest = self.supply.oldest();
-        let into_line_mm = self.path_mm(oldest, |of| of == line);
-        let history_mm = self.path_mm(oldest, |_| true);
+        let oldest = self.streamer.oldest();
+        let into_line_mm = self.path_back_mm(oldest, |of| of == line);
+        let history_mm = self.path_back_mm(oldest, |_| true);
         let passed = self.at.overrides.iter().take_while(|(place, _)| !is_before(start.reached, *place));
         Ok(ResumePlan {
             start,
             counts,
-            expected: *self.supply.expected(),
+            expected: *self.streamer.expected(),
             oldest,
             line,
             into_line_mm,
@@ -294,59 +297,59 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
     }
 
     /// Replays what is planned by now. Returns true at the end.
-    fn step(&mut self) -> Result<bool, ResumeError> {
+    fn replay_planned(&mut self) -> Result<bool, ResumeError> {
         let (reached, executed) = (self.at.start.reached, self.at.start.executed);
-        self.supply.poll_planner();
-        if let Some(Err(difference)) = self.supply.marks() {
+        self.streamer.poll_planner();
+        if let Some(Err(difference)) = self.streamer.marks() {
             return Err(ResumeError::Differs(difference.clone()));
         }
-        let known = self.supply.items_complete_until();
+        let known = self.streamer.items_complete_until();
         let limit = if is_before(known, reached) { known } else { reached };
-        while let Some(place) = self.supply.next_exclusive()
+        while let Some(place) = self.streamer.next_exclusive()
             && !is_before(limit, place)
         {
-            let number = self.supply.instruction_number();
-            self.go_to(place);
+            let number = self.streamer.instruction_number();
+            self.advance_to(place);
             if is_before(executed, number) {
                 if place == reached {
                     break;
                 }
                 return Err(ResumeError::Instruction { number, place: Some(place) });
             }
-            self.supply.mark_executed(number);
+            self.streamer.mark_executed(number);
         }
-        if self.supply.next_exclusive().is_none_or(|place| !is_before(place, limit)) {
-            self.go_to(limit);
+        if self.streamer.next_exclusive().is_none_or(|place| !is_before(place, limit)) {
+            self.advance_to(limit);
         }
-        let next = self.supply.instruction_number();
+        let next = self.streamer.instruction_number();
         // Instructions up to `reached` were executed before the record there.
         if self.place == reached && is_before(reached, known) && !is_before(executed, next) {
-            return Err(ResumeError::Instruction { number: next, place: self.supply.next_exclusive() });
+            return Err(ResumeError::Instruction { number: next, place: self.streamer.next_exclusive() });
         }
         let is_there = self.place == reached && next == executed.wrapping_add(1);
         let has_marks =
-            self.supply.marks().is_some() || !self.at.marks.iter().any(|m| is_before(self.at.origin, m.place));
+            self.streamer.marks().is_some() || !self.at.marks.iter().any(|m| is_before(self.at.origin, m.place));
         if is_there && has_marks {
             return Ok(true);
         }
-        if self.supply.planner_is_gone() {
-            return Err(ResumeError::CutOff);
+        if self.streamer.planner_is_gone() {
+            return Err(ResumeError::PlanningFailed);
         }
-        match self.supply.program_end() {
-            Some(at) if is_before(at, reached) => Err(ResumeError::Ends { at }),
+        match self.streamer.program_end() {
+            Some(at) if is_before(at, reached) => Err(ResumeError::ProgramEnds { at }),
             Some(_) if self.place == reached && !is_there => {
                 Err(ResumeError::Instruction { number: next, place: None })
             }
-            Some(at) if is_there => Err(ResumeError::Ends { at }),
+            Some(at) if is_there => Err(ResumeError::ProgramEnds { at }),
             _ => Ok(false),
         }
     }
 
     /// Advances to `place`: sums the records up to there, and passes the items before it.
-    fn go_to(&mut self, place: u32) {
+    fn advance_to(&mut self, place: u32) {
         let left = self.at.start.place;
         while is_before(self.place, place) {
-            let Some(record) = self.supply.record(self.place) else { return };
+            let Some(record) = self.streamer.record(self.place) else { return };
             if self.place == left.record {
                 self.counts = Some(std::array::from_fn(|axis| {
                     self.sum[axis] + i64::from(partial_increment(record.increments[axis], left.fraction))
@@ -361,9 +364,9 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         if self.place == left.record && left.fraction == 0 {
             self.counts = Some(self.sum);
         }
-        self.supply.seek_place(place);
+        self.streamer.seek_place(place);
         let mut last = None;
-        while let Some(news) = self.supply.next_passed_item() {
+        while let Some(news) = self.streamer.next_passed_item() {
             if let PassedItem::Active(active) = news {
                 last = Some(active);
             }

@@ -103,7 +103,7 @@ mod tests {
 
     #[test]
     fn every_period_is_counted_once() {
-        let mut tally = RunStats::new(5);
+        let mut stats = RunStats::new(5);
         let spent = |mode, held, instruction, rate, record| PeriodClass {
             mode,
             held,
@@ -111,18 +111,18 @@ mod tests {
             rate,
             place: Place::start_of(record),
         };
-        tally.count(spent(Mode::Run, false, None, ONE, 6));
-        tally.count(spent(Mode::Run, true, None, ONE, 7));
-        tally.count(spent(Mode::Run, true, None, 0, 7));
-        tally.count(spent(Mode::Reverse, false, None, -ONE, 6));
-        tally.count(spent(Mode::Rejoin, false, None, ONE, 7));
-        tally.count(spent(Mode::Run, false, Some(true), 0, 7));
-        tally.count(spent(Mode::Run, false, Some(false), 0, 7));
-        tally.count(spent(Mode::Run, false, None, 0, 7));
+        stats.count(spent(Mode::Run, false, None, ONE, 6));
+        stats.count(spent(Mode::Run, true, None, ONE, 7));
+        stats.count(spent(Mode::Run, true, None, 0, 7));
+        stats.count(spent(Mode::Reverse, false, None, -ONE, 6));
+        stats.count(spent(Mode::Rejoin, false, None, ONE, 7));
+        stats.count(spent(Mode::Run, false, Some(true), 0, 7));
+        stats.count(spent(Mode::Run, false, Some(false), 0, 7));
+        stats.count(spent(Mode::Run, false, None, 0, 7));
         assert_eq!(
-            (tally.motion, tally.held, tally.retracing, tally.dwell, tally.switching, tally.waiting),
+            (stats.motion, stats.held, stats.retracing, stats.dwell, stats.switching, stats.waiting),
             (2, 1, 2, 1, 1, 1)
         );
-        assert_eq!((tally.periods, tally.reversals), (8, 2));
+        assert_eq!((stats.periods, stats.reversals), (8, 2));
     }
 }

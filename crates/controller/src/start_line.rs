@@ -61,7 +61,7 @@ impl SkippedBlocks {
         concerned: impl Fn(u8) -> bool,
     ) -> Result<(), Cancelled> {
         let mut steps = Vec::new();
-        self.origins.steps(feeder.outputs(), &self.outputs, &self.cutting, concerned, &mut steps);
+        self.origins.plan_restart(feeder.outputs(), &self.outputs, &self.cutting, concerned, &mut steps);
         for step in &steps {
             let (periods, until) = (step.periods, step.until);
             let changes = step.changes();
@@ -103,7 +103,7 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
     fn action(&mut self, change: OutputChange, line: u32) {
         let OutputChange { channel, value } = change;
         let before = std::mem::replace(&mut self.outputs[usize::from(channel)], value);
-        self.origins.passed(&OutputAction { place: self.moves, channel, before, after: value }, line);
+        self.origins.record_action(&OutputAction { place: self.moves, channel, before, after: value }, line);
     }
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
@@ -111,10 +111,10 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
             self.outputs[usize::from(change.channel)] = change.value;
         }
         if switch.kind == ExclusiveKind::Dwell {
-            self.origins.dwelt(self.moves, switch.periods, &self.outputs, &self.cutting);
+            self.origins.record_dwell(self.moves, switch.periods, &self.outputs, &self.cutting);
         } else if !switch.changes.is_empty() {
             let of = (switch.code, switch.line, self.moves);
-            self.origins.switched(switch.changes, of, switch.periods, switch.until);
+            self.origins.record_switching(switch.changes, of, switch.periods, switch.until);
         }
         Ok(())
     }

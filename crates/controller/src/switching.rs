@@ -185,14 +185,14 @@ impl SwitchingTable {
     pub fn of(&self, code: &str) -> CodeSwitching {
         let usual = CodeSwitching {
             class: if matches!(code, "M62" | "M63") { CodeClass::Synchronous } else { CodeClass::Exclusive },
-            in_reverse: usual_in_reverse(code, CodeClass::Exclusive),
+            in_reverse: default_in_reverse(code, CodeClass::Exclusive),
             ..CodeSwitching::AT_REST
         };
         self.codes.get(code).copied().unwrap_or(usual)
     }
 
     /// The codes that the machine file defines, by name, in order.
-    pub fn described(&self) -> impl Iterator<Item = (&'static str, CodeSwitching)> {
+    pub fn defined_codes(&self) -> impl Iterator<Item = (&'static str, CodeSwitching)> {
         let user_codes = self.user_codes.values().map(|code| (code.name, code.switching));
         self.codes.iter().map(|(&name, &switching)| (name, switching)).chain(user_codes)
     }
@@ -200,7 +200,7 @@ impl SwitchingTable {
 
 /// Behaviour of a code in reverse where the machine file does not define it: everything is replayed, except that a
 /// spindle keeps turning while the path is retraced, and a changed tool stays.
-fn usual_in_reverse(code: &str, class: CodeClass) -> InReverse {
+fn default_in_reverse(code: &str, class: CodeClass) -> InReverse {
     match (code, class) {
         ("M6", _) => InReverse::Barrier,
         ("M3" | "M4" | "M5" | "S" | "T", CodeClass::Exclusive) => InReverse::Unchanged,
@@ -224,7 +224,7 @@ fn switching(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<
     let refuse = |what: &str, remedy: &str| Err(NumberedError::new("E2112", format!("[code.{name}] {what}"), remedy));
     within(&format!("code.{name}: duration_ms"), code.duration_ms, 0.0, 3.6e6)?;
     let until = code.waits_for.map(|waits_for| awaited(name, waits_for, period_us)).transpose()?;
-    let in_reverse = code.in_reverse.unwrap_or(usual_in_reverse(name, code.class));
+    let in_reverse = code.in_reverse.unwrap_or(default_in_reverse(name, code.class));
     let takes_time = code.duration_ms > 0.0 || until.is_some() || matches!(name, "M6" | "T");
     if code.class == CodeClass::Synchronous && takes_time {
         let what = "is synchronous: it is executed in passing and can take no time";

@@ -132,7 +132,7 @@ pub enum Telemetry<const A: usize> {
 /// A consumer of telemetry in the reporting thread: recorder, screen, limit monitor, journal.
 pub trait Observer<const A: usize>: Send {
     /// Receives a message. May take as long as the queue's capacity allows.
-    fn on_telemetry(&mut self, told: &Telemetry<A>);
+    fn on_telemetry(&mut self, message: &Telemetry<A>);
 
     /// Called about once a millisecond while there are no messages.
     fn idle(&mut self) {}
@@ -143,15 +143,15 @@ pub trait Observer<const A: usize>: Send {
 #[must_use]
 pub fn telemetry_channel<const A: usize>(wall_time: bool, period_s: f64) -> (TelemetrySender<A>, TelemetryReceiver<A>) {
     let room = if wall_time { (CAPACITY_S / period_s).ceil() as usize } else { CAPACITY_VIRTUAL };
-    let (queue, heard) = sync_channel(room);
-    let teller = TelemetrySender {
+    let (queue, observer) = sync_channel(room);
+    let telemetry = TelemetrySender {
         queue,
         blocks_when_full: !wall_time,
         dropped_events: 0,
         receiver_gone: false,
         outputs: [0; channel::COUNT],
     };
-    (teller, TelemetryReceiver { queue: heard, is_virtual: !wall_time })
+    (telemetry, TelemetryReceiver { queue: observer, is_virtual: !wall_time })
 }
 
 /// The motion path's end of the stream.
@@ -168,9 +168,9 @@ pub struct TelemetrySender<const A: usize> {
 impl<const A: usize> TelemetrySender<A> {
     /// Sends a message.
     pub fn send(&mut self, told: Telemetry<A>) {
-        let mut told = told;
+        let mut message = message;
         for tries in 0u32.. {
-            told = match self.queue.try_send(told) {
+            message = match self.queue.try_send(message) {
                 Ok(()) => return,
                 Err(TrySendError::Full(back)) if self.blocks_when_full => back,
                 Err(TrySendError::Full(_)) => {
@@ -224,9 +224,9 @@ impl<const A: usize> TelemetryReceiver<A> {
         let mut idle = 0u32;
         loop {
             match self.queue.try_recv() {
-                Ok(told) => {
+                Ok(message) => {
                     idle = 0;
-                    observer.on_telemetry(&told);
+                    observer.on_telemetry(&message);
                 }
                 Err(TryRecvError::Empty) => {
                     idle += 1;
@@ -247,56 +247,56 @@ mod tests {
     struct RecordingObserver(Vec<Telemetry<1>>, Duration);
 
     impl Observer<1> for RecordingObserver {
-        fn on_telemetry(&mut self, told: &Telemetry<1>) {
-            self.0.push(told.clone());
+        fn on_telemetry(&mut self, message: &Telemetry<1>) {
+            self.0.push(message.clone());
             thread::sleep(self.1);
         }
     }
 
     fn event(period: u64) -> Telemetry<1> {
-        let happening = EventKind::Message(period.to_string());
-        Telemetry::Event(Event { period, time_s: 0.0, place: Place::default(), line: 0, kind: happening })
+        let kind = EventKind::Message(period.to_string());
+        Telemetry::Event(Event { period, time_s: 0.0, place: Place::default(), line: 0, kind })
     }
 
     #[test]
     fn in_virtual_time_all_is_told_in_order_however_slow_the_reporter_is() {
-        let (mut teller, hearing) = telemetry_channel::<1>(false, 1e-3);
-        let mut heard = RecordingObserver(Vec::new(), Duration::from_micros(1));
+        let (mut telemetry, receiver) = telemetry_channel::<1>(false, 1e-3);
+        let mut observer = RecordingObserver(Vec::new(), Duration::from_micros(1));
         thread::scope(|scope| {
-            scope.spawn(|| hearing.run(&mut heard));
-            (0..3 * CAPACITY_VIRTUAL as u64).for_each(|n| teller.send(event(n)));
-            drop(teller);
+            scope.spawn(|| receiver.run(&mut observer));
+            (0..3 * CAPACITY_VIRTUAL as u64).for_each(|n| telemetry.send(event(n)));
+            drop(telemetry);
         });
-        assert_eq!(heard.0, (0..3 * CAPACITY_VIRTUAL as u64).map(event).collect::<Vec<_>>());
+        assert_eq!(observer.0, (0..3 * CAPACITY_VIRTUAL as u64).map(event).collect::<Vec<_>>());
     }
 
     #[test]
     fn in_wall_time_what_finds_no_room_is_counted_and_the_rest_is_told() {
-        let (mut teller, hearing) = telemetry_channel::<1>(true, 0.02);
+        let (mut telemetry, receiver) = telemetry_channel::<1>(true, 0.02);
         let room = (CAPACITY_S / 0.02) as u64;
-        (0..room + 7).for_each(|n| teller.send(event(n)));
-        assert_eq!(teller.dropped_events(), 7);
-        drop(teller);
-        let mut heard = RecordingObserver(Vec::new(), Duration::ZERO);
-        hearing.run(&mut heard);
-        assert_eq!(heard.0, (0..room).map(event).collect::<Vec<_>>());
+        (0..room + 7).for_each(|n| telemetry.send(event(n)));
+        assert_eq!(telemetry.dropped_events(), 7);
+        drop(telemetry);
+        let mut observer = RecordingObserver(Vec::new(), Duration::ZERO);
+        receiver.run(&mut observer);
+        assert_eq!(observer.0, (0..room).map(event).collect::<Vec<_>>());
     }
 
     #[test]
     fn an_output_is_told_when_it_changes() {
-        let (mut teller, hearing) = telemetry_channel::<1>(false, 1e-3);
+        let (mut telemetry, receiver) = telemetry_channel::<1>(false, 1e-3);
         let mut outputs = [0; channel::COUNT];
-        teller.send_output_changes(&outputs);
+        telemetry.send_output_changes(&outputs);
         (outputs[3], outputs[68]) = (1, 7);
-        teller.send_output_changes(&outputs);
-        teller.send_output_changes(&outputs);
+        telemetry.send_output_changes(&outputs);
+        telemetry.send_output_changes(&outputs);
         outputs[3] = 0;
-        teller.send_output_changes(&outputs);
-        drop(teller);
-        let mut heard = RecordingObserver(Vec::new(), Duration::ZERO);
-        hearing.run(&mut heard);
+        telemetry.send_output_changes(&outputs);
+        drop(telemetry);
+        let mut observer = RecordingObserver(Vec::new(), Duration::ZERO);
+        receiver.run(&mut observer);
         let told = [(3, 1), (68, 7), (3, 0)].map(|(channel, value)| Telemetry::Output(OutputChange { channel, value }));
-        assert_eq!(heard.0, told);
+        assert_eq!(observer.0, told);
     }
 
     #[test]

@@ -46,7 +46,7 @@ impl Observer<4> for Seen {
         match told {
             Telemetry::Period(period) => self.periods.push((period.mode, self.outputs)),
             Telemetry::Output(change) => self.outputs[usize::from(change.channel)] = change.value,
-            Telemetry::Event(Event { kind: happening, .. }) => self.events.push(happening.clone()),
+            Telemetry::Event(Event { kind, .. }) => self.events.push(kind.clone()),
             Telemetry::Active(_) => {}
         }
     }
@@ -71,13 +71,13 @@ fn run(
     tools.insert(Tool { number: 1, ..Tool::default() });
     let program = Program::new(program.as_bytes(), Setup { tools, ..setup(machine) });
     let script = operator::parse(script, "script").expect("a script");
-    let manner = RunMode { wall_time: false, operator: !script.is_empty(), real_time: false };
+    let run_mode = RunMode { wall_time: false, operator: !script.is_empty(), real_time: false };
     let player = ScriptPlayer::new(script, machine.period_us);
     let mut seen = Seen { outputs: [0; channel::COUNT], periods: Vec::new(), events: Vec::new() };
     let operators = CommandSources::from_script(player);
-    let conduct =
-        JobOptions { start: JobStart::First, commands: operators, run_mode: manner, journal: JournalConfig::default() };
-    let end = job::run(machine, Decoder(program), conduct, card, &mut seen).expect("a job");
+    let options =
+        JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
+    let end = job::run(machine, Decoder(program), options, card, &mut seen).expect("a job");
     (end, seen)
 }
 
@@ -119,7 +119,7 @@ fn a_plasma_torch_waits_for_its_arc_and_raises_an_alarm_where_none_comes() {
     assert!((1100..=1105).contains(&end.stats.switching), "{}", end.stats.switching);
     let (end, seen) = run(&machine(PLASMA), program, "", &[]);
     assert!(matches!(end.outcome, Outcome::Alarm(..)), "{:?}", end.outcome);
-    assert!(seen.events.iter().any(|happening| matches!(happening, EventKind::Alarm(..))));
+    assert!(seen.events.iter().any(|kind| matches!(kind, EventKind::Alarm(..))));
     // behind its 400 ms it waited for three seconds, at the place, and the fault has put the torch out
     assert!((3400..=3420).contains(&end.stats.switching), "{}", end.stats.switching);
     assert_eq!((end.card.status().counts[0], end.card.status().outputs[64]), (1_600, 0));
@@ -159,20 +159,15 @@ fn each_code_does_in_reverse_what_its_table_says() {
     let script = "at line 12 reverse 100%\nafter 6s leave\n";
     let (end, seen) = run(&machine(codes), program, script, &[]);
     assert_eq!(end.outcome, Outcome::Completed);
-    assert!(
-        seen.events.iter().any(|happening| matches!(happening, EventKind::RetraceBarrier("M105"))),
-        "{:?}",
-        seen.events
-    );
+    assert!(seen.events.iter().any(|kind| matches!(kind, EventKind::RetraceBarrier("M105"))), "{:?}", seen.events);
     let back = seen.periods.iter().rev().find(|(mode, _)| *mode == Mode::Reverse).expect("it went back").1;
     assert_eq!(back[1..=5], [0, 1, 1, 0, 1], "at the barrier");
     let forward = seen.periods.last().expect("there were some").1;
     assert_eq!(forward[1..=5], [1; 5], "at the end");
-    let told = |code| {
-        seen.events.iter().filter(|happening| matches!(happening, EventKind::Switched(done) if *done == code)).count()
-    };
+    let told =
+        |code| seen.events.iter().filter(|kind| matches!(kind, EventKind::Switched(done) if *done == code)).count();
     assert_eq!((told("M101"), told("M102"), told("M105")), (1, 1, 1));
-    let passing = seen.events.iter().filter(|happening| matches!(happening, EventKind::OutputChanged(..))).count();
+    let passing = seen.events.iter().filter(|kind| matches!(kind, EventKind::OutputChanged(..))).count();
     assert_eq!(passing, 2, "what an instruction has switched is not told again in passing");
     assert_eq!(end.stats.switch_events, 6, "with the M5 of M2");
 }

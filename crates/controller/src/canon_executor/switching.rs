@@ -163,8 +163,8 @@ impl CanonExecutor<'_> {
             changes,
             periods,
             until,
-            one_way,
-            undone: false,
+            is_barrier: one_way,
+            undone_in_reverse: false,
         })?)
     }
 
@@ -239,8 +239,8 @@ impl CanonExecutor<'_> {
             changes,
             periods,
             until,
-            one_way,
-            undone,
+            is_barrier: one_way,
+            undone_in_reverse: undone,
         })?)
     }
 }

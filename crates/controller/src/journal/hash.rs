@@ -21,12 +21,12 @@ impl FileHash {
     /// Hash of these bytes.
     #[must_use]
     pub fn of(bytes: &[u8]) -> Self {
-        Self(Self::BASIS).then(bytes)
+        Self(Self::BASIS).extend(bytes)
     }
 
     /// The last 32 bits.
     #[must_use]
-    pub fn short(self) -> u32 {
+    pub fn low_32(self) -> u32 {
         self.0 as u32
     }
 
@@ -39,20 +39,20 @@ impl FileHash {
         loop {
             match from.read(&mut buffer)? {
                 0 => return Ok(hash),
-                n => hash = hash.then(&buffer[..n]),
+                n => hash = hash.extend(&buffer[..n]),
             }
         }
     }
 
     /// The lower 64 bits, where 128 do not fit.
     #[must_use]
-    pub fn half(self) -> u64 {
+    pub fn low_64(self) -> u64 {
         (self.0 ^ (self.0 >> 64)) as u64
     }
 
     /// Hash of the bytes hashed so far, followed by these bytes.
     #[must_use]
-    pub fn then(self, bytes: &[u8]) -> Self {
+    pub fn extend(self, bytes: &[u8]) -> Self {
         Self(bytes.iter().fold(self.0, |hash, &byte| (hash ^ u128::from(byte)).wrapping_mul(Self::PRIME)))
     }
 }

@@ -20,7 +20,7 @@ use crate::place_index::{DurablePlace, PlaceMark};
 use crate::tool_length::LengthChange;
 
 /// Bytes at the end of a long journal in which its last entries are searched.
-const LAST_WORDS: u64 = 64 << 10;
+const SUMMARY_TAIL_BYTES: u64 = 64 << 10;
 
 /// A journal that was read.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,10 +72,10 @@ impl JobRecord {
     /// # Errors
     /// `E2104`, `E2203`, `E2204`, `E2205`: it cannot be read, is damaged, has no beginning, is of a newer version.
     pub fn read(path: &Path) -> Result<Self, NumberedError> {
-        Self::gather(path).map_err(|flaw| flaw.refusal(path))
+        Self::read_entries(path).map_err(|flaw| flaw.numbered_error(path))
     }
 
-    fn gather(path: &Path) -> Result<Self, JournalError> {
+    fn read_entries(path: &Path) -> Result<Self, JournalError> {
         let mut entries = open(path)?;
         let Some((_, JournalEntry::Job(job))) = entries.next().transpose()? else {
             return Err(JournalError::NoBeginning);
@@ -200,8 +200,8 @@ impl JobRecord {
     /// As [`JobRecord::read`]; no new errors are expected the second time.
     pub fn marks(&self) -> Result<impl Iterator<Item = Result<PlaceMark, NumberedError>> + use<>, NumberedError> {
         let path = self.path.clone();
-        let entries = open(&path).map_err(|flaw| flaw.refusal(&path))?;
-        Ok(self.marks_of(entries).map(move |mark| mark.map_err(|flaw| flaw.refusal(&path))))
+        let entries = open(&path).map_err(|flaw| flaw.numbered_error(&path))?;
+        Ok(self.marks_of(entries).map(move |mark| mark.map_err(|flaw| flaw.numbered_error(&path))))
     }
 
     fn marks_of<R: BufRead>(
@@ -223,8 +223,8 @@ impl JobRecord {
 
     /// Durable place of the index, with which a journal writer of the resumed job begins.
     #[must_use]
-    pub fn durable(&self) -> DurablePlace {
-        DurablePlace::from(self.last_mark.map_or(self.job.origin, |mark| mark.place))
+    pub fn durable_place(&self) -> DurablePlace {
+        DurablePlace::starting_at(self.last_mark.map_or(self.job.origin, |mark| mark.place))
     }
 }
 
@@ -260,12 +260,12 @@ impl JobSummary {
     /// # Errors
     /// As [`JobRecord::read`], for the parts that are read.
     pub fn read(path: &Path) -> Result<Self, NumberedError> {
-        Self::read_summary(path).map_err(|flaw| flaw.refusal(path))
+        Self::read_summary(path).map_err(|flaw| flaw.numbered_error(path))
     }
 
     fn read_summary(path: &Path) -> Result<Self, JournalError> {
         let length = std::fs::metadata(path).map_err(JournalError::Unreadable)?.len();
-        if length > 4 * LAST_WORDS {
+        if length > 4 * SUMMARY_TAIL_BYTES {
             let mut entries = open(path)?;
             let Some((_, JournalEntry::Job(job))) = entries.next().transpose()? else {
                 return Err(JournalError::NoBeginning);
@@ -278,7 +278,7 @@ impl JobSummary {
                 return Ok(record.into());
             }
         }
-        JobRecord::gather(path).map(Self::from)
+        JobRecord::read_entries(path).map(Self::from)
     }
 }
 
@@ -292,9 +292,9 @@ impl From<JobRecord> for JobSummary {
 fn last_entries(path: &Path, length: u64) -> Result<Vec<JournalEntry>, JournalError> {
     let mut file = File::open(path).map_err(JournalError::Unreadable)?;
     let mut bytes = Vec::new();
-    file.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS))).map_err(JournalError::Unreadable)?;
+    file.seek(SeekFrom::Start(length.saturating_sub(SUMMARY_TAIL_BYTES))).map_err(JournalError::Unreadable)?;
     // The file may be growing.
-    file.take(2 * LAST_WORDS).read_to_end(&mut bytes).map_err(JournalError::Unreadable)?;
+    file.take(2 * SUMMARY_TAIL_BYTES).read_to_end(&mut bytes).map_err(JournalError::Unreadable)?;
     let words = [&b"{\"at\":"[..], b"{\"end\":", b"{\"resumed\":"];
     let lines = bytes.split_inclusive(|&byte| byte == b'\n').filter_map(journal_line::parse);
     let told = lines.filter(|line| words.iter().any(|word| line.json.starts_with(word)));
@@ -412,7 +412,7 @@ mod tests {
             let record = JobRecord::read(&path).expect("whole");
             let marks: Vec<u32> = record.marks().expect("whole").map(|mark| mark.expect("whole").place).collect();
             assert_eq!((record.marks, record.last_mark.map(|m| m.place)), (marks.len() as u64, marks.last().copied()));
-            assert_eq!(record.durable().place(), marks.last().copied().unwrap_or(5));
+            assert_eq!(record.durable_place().place(), marks.last().copied().unwrap_or(5));
             (marks, record.overrides().iter().map(|o| o.place).collect::<Vec<_>>())
         };
         assert_eq!(counts(vec![]), (vec![], vec![]));
@@ -473,22 +473,22 @@ mod tests {
         let (mut spooling, progress) =
             SpoolWriter::create(&folder.path().join("stream.ngc"), BufReader::with_capacity(6, PROGRAM))
                 .expect("a spool");
-        let logbook = JournalWriter::begin(store, Durability::Synced, job("[machine]", JobCard::Sim), Some(progress))
+        let journal = JournalWriter::begin(store, Durability::Synced, job("[machine]", JobCard::Sim), Some(progress))
             .expect("it works");
-        let mut notes = logbook.index_writer(None, &[]);
+        let mut notes = journal.index_writer(None, &[]);
         let mut line = String::new();
         for place in [6, 7] {
             spooling.read_line(&mut line).expect("a line");
-            notes.note(IndexEntry::Mark(mark(place)));
-            logbook.settle().expect("it works");
+            notes.write(IndexEntry::Mark(mark(place)));
+            journal.wait_until_saved().expect("it works");
         }
         let kept = |bytes, ended| JournalEntry::Spooled(SpooledBytes { bytes, ended });
         let entries = || open(&path).expect("a file").map(|entry| entry.expect("whole").1);
         let expected = [kept(6, false), JournalEntry::Mark(mark(6)), kept(12, false), JournalEntry::Mark(mark(7))];
         assert_eq!(entries().skip(1).collect::<Vec<_>>(), expected);
         assert_eq!(spooling.read_line(&mut line).expect("the end"), 0);
-        notes.note(IndexEntry::Mark(mark(8)));
-        drop(logbook);
+        notes.write(IndexEntry::Mark(mark(8)));
+        drop(journal);
         assert_eq!(JobRecord::read(&path).expect("whole").spooled, SpooledBytes { bytes: 12, ended: true });
     }
 }

@@ -23,7 +23,7 @@ const TABLE: [u32; 256] = {
     table
 };
 
-fn check(bytes: &[u8]) -> u32 {
+fn crc32c(bytes: &[u8]) -> u32 {
     let register =
         bytes.iter().fold(crc::START, |register, &byte| register >> 8 ^ TABLE[usize::from(register as u8 ^ byte)]);
     crc::finish(register)
@@ -36,7 +36,7 @@ pub fn append(out: &mut Vec<u8>, sequence: u64, begins: bool, json: &[u8]) {
     out.extend_from_slice(sequence.to_string().as_bytes());
     out.extend_from_slice(if begins { b"* " } else { b" " });
     out.extend_from_slice(json);
-    let digits = format!("{:08x}", check(&out[start + 9..]));
+    let digits = format!("{:08x}", crc32c(&out[start + 9..]));
     out[start..start + 8].copy_from_slice(digits.as_bytes());
     out.push(b'\n');
 }
@@ -47,7 +47,7 @@ pub struct JournalLine<'l> {
     /// Sequence number, from 0.
     pub sequence: u64,
     /// Whether a batch begins with it.
-    pub begins: bool,
+    pub begins_batch: bool,
     /// Content.
     pub json: &'l [u8],
 }
@@ -69,13 +69,13 @@ pub fn parse(bytes: &[u8]) -> Option<JournalLine<'_>> {
     };
     let said = u32::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok()?;
     let sequence = std::str::from_utf8(sequence).ok()?.parse().ok()?;
-    (said == check(rest)).then_some(JournalLine { sequence, begins, json })
+    (said == crc32c(rest)).then_some(JournalLine { sequence, begins_batch: begins, json })
 }
 
 /// The first valid line with which these bytes end. Where a line feed was damaged, a valid line follows the damaged
 /// one.
 #[must_use]
-pub fn take_end(bytes: &[u8]) -> Option<JournalLine<'_>> {
+pub fn parse_end(bytes: &[u8]) -> Option<JournalLine<'_>> {
     let looks = |at: usize| {
         let head = &bytes[at..];
         head.len() > 10 && head[8] == b' ' && head[9].is_ascii_digit() && head[..8].iter().all(is_hex)
@@ -102,10 +102,10 @@ mod tests {
     #[test]
     fn a_known_line_and_the_check_of_the_link() {
         // The published check value of CRC-32C.
-        assert_eq!(check(b"123456789"), 0xE306_9283);
+        assert_eq!(crc32c(b"123456789"), 0xE306_9283);
         let bytes = line(7, true, "{}");
         assert_eq!(&bytes[8..], b" 7* {}\n");
-        assert_eq!(parse(&bytes), Some(JournalLine { sequence: 7, begins: true, json: b"{}" }));
+        assert_eq!(parse(&bytes), Some(JournalLine { sequence: 7, begins_batch: true, json: b"{}" }));
         assert_eq!(parse(&bytes[..bytes.len() - 1]), None, "without its line feed it is none");
     }
 
@@ -116,8 +116,8 @@ mod tests {
         bytes.push(b'x');
         bytes.extend(line(8, true, "{}"));
         assert_eq!(parse(&bytes), None);
-        assert_eq!(take_end(&bytes).map(|l| (l.sequence, l.begins)), Some((8, true)));
-        assert_eq!(take_end(b"\n"), None);
+        assert_eq!(parse_end(&bytes).map(|l| (l.sequence, l.begins_batch)), Some((8, true)));
+        assert_eq!(parse_end(b"\n"), None);
     }
 
     proptest! {
@@ -126,7 +126,7 @@ mod tests {
             sequence: u64, begins: bool, json in "[ -~]{0,40}", byte: prop::sample::Index, bit in 0..8_u32,
         ) {
             let mut bytes = line(sequence, begins, &json);
-            prop_assert_eq!(parse(&bytes), Some(JournalLine { sequence, begins, json: json.as_bytes() }));
+            prop_assert_eq!(parse(&bytes), Some(JournalLine { sequence, begins_batch, json: json.as_bytes() }));
             let at = byte.index(bytes.len());
             bytes[at] ^= 1_u8 << bit;
             prop_assert_eq!(parse(&bytes), None);
@@ -135,7 +135,7 @@ mod tests {
         #[test]
         fn bytes_of_any_kind_are_no_line(bytes: Vec<u8>) {
             prop_assert_eq!(parse(&bytes), None);
-            prop_assert_eq!(take_end(&bytes), None);
+            prop_assert_eq!(parse_end(&bytes), None);
         }
     }
 }

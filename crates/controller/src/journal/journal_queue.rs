@@ -12,13 +12,13 @@ use crate::event::{CardError, EventKind};
 use crate::place_index::DurablePlace;
 
 /// Capacity of the queue where a thread can wait or entries can be lost.
-pub(super) const WAITING: usize = 4096;
+pub(super) const CAPACITY: usize = 4096;
 /// Maximum number of entries in a batch.
-const BATCH: usize = 1024;
+const MAX_BATCH: usize = 1024;
 /// Interval at which writing to a failed disk is tried again.
-const RETRY: Duration = Duration::from_millis(if cfg!(test) { 3 } else { 500 });
+const RETRY_INTERVAL: Duration = Duration::from_millis(if cfg!(test) { 3 } else { 500 });
 /// Time for which entries are gathered where nothing waits for them to be durable.
-const GATHER: Duration = Duration::from_millis(5);
+const GATHER_TIME: Duration = Duration::from_millis(5);
 
 /// Durability of the journal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,31 +39,31 @@ struct QueueShared {
     state: Mutex<QueueState>,
     changed: Condvar,
     durable: DurablePlace,
-    care: Durability,
+    durability: Durability,
 }
 
 #[derive(Debug, Default)]
 pub(super) struct QueueState {
     pub(super) queue: VecDeque<JournalEntry>,
     /// Number of entries that were taken off the queue and are not saved yet.
-    pub(super) in_hand: usize,
+    pub(super) unsaved: usize,
     pub(super) lost: u64,
     /// No more entries will be pushed.
     pub(super) closed: bool,
     /// The writer has ended.
-    pub(super) over: bool,
+    pub(super) writer_ended: bool,
     /// Error of the last attempt to write, until an attempt succeeds.
-    pub(super) trouble: Option<String>,
-    pub(super) news: VecDeque<EventKind>,
+    pub(super) write_error: Option<String>,
+    pub(super) notices: VecDeque<EventKind>,
 }
 
 impl JournalQueue {
     pub(super) fn new(care: Durability, durable: DurablePlace) -> Self {
-        Self(Arc::new(QueueShared { state: Mutex::default(), changed: Condvar::new(), durable, care }))
+        Self(Arc::new(QueueShared { state: Mutex::default(), changed: Condvar::new(), durable, durability: care }))
     }
 
-    pub(super) fn care(&self) -> Durability {
-        self.0.care
+    pub(super) fn durability(&self) -> Durability {
+        self.0.durability
     }
 
     pub(super) fn durable(&self) -> &DurablePlace {
@@ -76,7 +76,7 @@ impl JournalQueue {
     }
 
     /// Wakes the threads that wait for a change of the state.
-    pub(super) fn changed(&self) {
+    pub(super) fn notify_changed(&self) {
         self.0.changed.notify_all();
     }
 
@@ -85,9 +85,9 @@ impl JournalQueue {
     }
 
     /// Pushes an entry of the index.
-    pub(super) fn note(&self, entry: JournalEntry) {
-        let mut state = self.waited(self.state());
-        if self.0.care == Durability::Written && state.queue.len() >= WAITING {
+    pub(super) fn push_index_entry(&self, entry: JournalEntry) {
+        let mut state = self.wait_for_space(self.state());
+        if self.0.durability == Durability::Written && state.queue.len() >= CAPACITY {
             // This job cannot be resumed: a card that ends with the process cannot be found again.
             state.lost += 1;
             return;
@@ -98,16 +98,16 @@ impl JournalQueue {
     }
 
     /// Pushes an entry that the job can be resumed without.
-    pub(super) fn tell(&self, entry: JournalEntry) {
-        let mut state = self.waited(self.state());
-        if state.trouble.is_some()
+    pub(super) fn push_event(&self, entry: JournalEntry) {
+        let mut state = self.wait_for_space(self.state());
+        if state.write_error.is_some()
             && let (JournalEntry::Position(_), Some(last @ JournalEntry::Position(_))) =
                 (&entry, state.queue.back_mut())
         {
             *last = entry;
             return;
         }
-        if state.queue.len() >= WAITING {
+        if state.queue.len() >= CAPACITY {
             state.lost += 1;
             return;
         }
@@ -117,58 +117,60 @@ impl JournalQueue {
     }
 
     /// In virtual time, waits for space, as long as writing may still succeed.
-    fn waited<'s>(&'s self, state: MutexGuard<'s, QueueState>) -> MutexGuard<'s, QueueState> {
-        if self.0.care == Durability::Synced {
+    fn wait_for_space<'s>(&'s self, state: MutexGuard<'s, QueueState>) -> MutexGuard<'s, QueueState> {
+        if self.0.durability == Durability::Synced {
             return state;
         }
-        let waits = |state: &mut QueueState| state.queue.len() >= WAITING && state.trouble.is_none() && !state.over;
+        let waits = |state: &mut QueueState| {
+            state.queue.len() >= CAPACITY && state.write_error.is_none() && !state.writer_ended
+        };
         self.0.changed.wait_while(state, waits).unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Next notice to the operator about the journal: an alarm where it cannot be written, a message when it can again.
-    pub(super) fn news(&self) -> Option<EventKind> {
+    pub(super) fn next_notice(&self) -> Option<EventKind> {
         self.state().news.pop_front()
     }
 
     /// Takes the next batch, waiting for one. `None` at the end.
-    pub(super) fn take(&self) -> Option<Vec<JournalEntry>> {
+    pub(super) fn take_batch(&self) -> Option<Vec<JournalEntry>> {
         let waits = |state: &mut QueueState| state.queue.is_empty() && state.lost == 0 && !state.closed;
         let mut state = self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner);
-        if self.0.care == Durability::Written && !state.closed {
-            let gathering = |state: &mut QueueState| !state.closed && state.queue.len() < WAITING;
-            let waited = self.0.changed.wait_timeout_while(state, GATHER, gathering);
+        if self.0.durability == Durability::Written && !state.closed {
+            let gathering = |state: &mut QueueState| !state.closed && state.queue.len() < CAPACITY;
+            let waited = self.0.changed.wait_timeout_while(state, GATHER_TIME, gathering);
             state = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
-        let count = state.queue.len().min(BATCH);
+        let count = state.queue.len().min(MAX_BATCH);
         let mut batch: Vec<JournalEntry> = state.queue.drain(..count).collect();
         if state.lost > 0 {
             // Before the end entry, which is the last one.
             let at = batch.len() - usize::from(matches!(batch.last(), Some(JournalEntry::End(_))));
             batch.insert(at, JournalEntry::Lost(LostEntries { entries: std::mem::take(&mut state.lost) }));
         }
-        state.in_hand = batch.len();
+        state.unsaved = batch.len();
         (!batch.is_empty()).then_some(batch)
     }
 
     /// Records that the batch is saved, up to this place.
-    pub(super) fn kept(&self, place: Option<u32>) {
+    pub(super) fn batch_saved(&self, place: Option<u32>) {
         if let Some(place) = place {
             self.0.durable.advance(place);
         }
         let mut state = self.state();
-        state.in_hand = 0;
-        if state.trouble.take().is_some() {
-            state.news.push_back(EventKind::Message("the journal can be written again".into()));
+        state.unsaved = 0;
+        if state.write_error.take().is_some() {
+            state.notices.push_back(EventKind::Message("the journal can be written again".into()));
         }
         drop(state);
         self.0.changed.notify_all();
     }
 
     /// Records that the batch could not be saved. Returns whether to try again.
-    pub(super) fn failed(&self, why: String) -> bool {
+    pub(super) fn batch_failed(&self, why: String) -> bool {
         let mut state = self.state();
-        if state.trouble.is_none() {
-            let remedy = match self.0.care {
+        if state.write_error.is_none() {
+            let remedy = match self.0.durability {
                 Durability::Synced => {
                     "make room on its disk, or mend it: the machine stops on the path until the journal can be written, and goes on by itself"
                 }
@@ -177,14 +179,18 @@ impl JournalQueue {
                 }
             };
             let cause = format!("the journal cannot be written: {why}");
-            state.news.push_back(EventKind::Alarm(CardError::Fault { number: "E3020", cause, remedy: remedy.into() }));
+            state.notices.push_back(EventKind::Alarm(CardError::Fault {
+                number: "E3020",
+                cause,
+                remedy: remedy.into(),
+            }));
         }
-        state.trouble = Some(why);
+        state.write_error = Some(why);
         self.0.changed.notify_all();
         if state.closed {
             return false;
         }
-        let waited = self.0.changed.wait_timeout_while(state, RETRY, |state| !state.closed);
+        let waited = self.0.changed.wait_timeout_while(state, RETRY_INTERVAL, |state| !state.closed);
         drop(waited.unwrap_or_else(PoisonError::into_inner));
         true
     }

@@ -60,7 +60,7 @@ impl fmt::Display for JournalError {
 impl JournalError {
     /// The numbered error for the user.
     #[must_use]
-    pub fn refusal(&self, journal: &Path) -> NumberedError {
+    pub fn numbered_error(&self, journal: &Path) -> NumberedError {
         let again = "the job cannot be resumed; home the machine if in doubt, and begin at a line with `retrace run --start-line`";
         let (number, remedy) = match self {
             Self::NoBeginning => ("E2204", "nothing has moved in this job: run the program"),
@@ -105,17 +105,17 @@ impl<R: BufRead> JournalEntries<R> {
 
     /// Reads the next line, whole or not. At most [`MAX_LINE`] bytes are read at once, so that memory is bounded for
     /// any file.
-    fn fetch(&mut self) -> io::Result<usize> {
+    fn read_line(&mut self) -> io::Result<usize> {
         self.buffer.clear();
         (&mut self.from).take(MAX_LINE as u64).read_until(b'\n', &mut self.buffer)
     }
 
     fn advance(&mut self) -> Result<Option<(u64, JournalEntry)>, JournalError> {
-        let length = self.fetch().map_err(JournalError::Unreadable)?;
+        let length = self.read_line().map_err(JournalError::Unreadable)?;
         if length == 0 {
             return if self.tail.next == 0 { Err(JournalError::NoBeginning) } else { Ok(None) };
         }
-        let Some(line) = journal_line::parse(&self.buffer) else { return self.torn().map(|()| None) };
+        let Some(line) = journal_line::parse(&self.buffer) else { return self.end_torn().map(|()| None) };
         let number = self.tail.next;
         if line.sequence != number {
             return Err(JournalError::Gap { line: number + 1, number: line.sequence });
@@ -128,13 +128,15 @@ impl<R: BufRead> JournalEntries<R> {
 
     /// Handles a line that is not whole: the last batch was torn, unless a batch begins behind it. A torn first line is
     /// not a beginning.
-    fn torn(&mut self) -> Result<(), JournalError> {
+    fn end_torn(&mut self) -> Result<(), JournalError> {
         loop {
             self.tail.torn += self.buffer.len() as u64;
-            if journal_line::take_end(&self.buffer).is_some_and(|line| line.begins && line.sequence > self.tail.next) {
+            if journal_line::parse_end(&self.buffer)
+                .is_some_and(|line| line.begins_batch && line.sequence > self.tail.next)
+            {
                 return Err(JournalError::Damaged { line: self.tail.next + 1, byte: self.tail.whole });
             }
-            if self.fetch().map_err(JournalError::Unreadable)? == 0 {
+            if self.read_line().map_err(JournalError::Unreadable)? == 0 {
                 return if self.tail.next == 0 { Err(JournalError::NoBeginning) } else { Ok(()) };
             }
         }

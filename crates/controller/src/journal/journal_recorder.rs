@@ -18,9 +18,9 @@ use crate::telemetry::{self, PeriodRecord, Telemetry};
 /// [`JournalWriter::end`].
 #[derive(Debug)]
 pub struct JournalRecorder<const A: usize> {
-    desk: JournalQueue,
+    queue: JournalQueue,
     axes: usize,
-    often: PositionSampler<A>,
+    sampler: PositionSampler<A>,
     outputs: Outputs,
     names: ChannelNames,
 }
@@ -28,13 +28,14 @@ pub struct JournalRecorder<const A: usize> {
 impl<const A: usize> JournalRecorder<A> {
     /// Creates a recorder for a machine with this number of axes and this control period in microseconds.
     #[must_use]
-    pub fn new(logbook: &JournalWriter, axes: usize, period_us: u32) -> Self {
+    pub fn new(journal: &JournalWriter, axes: usize, period_us: u32) -> Self {
         let periods = |ms: u64| (ms * 1000).div_ceil(u64::from(period_us.max(1)));
-        let often = PositionSampler { second: periods(1000), tenth: periods(100), kept: None, last: None, rest: None };
+        let sampler =
+            PositionSampler { second: periods(1000), tenth: periods(100), recorded: None, last: None, rest: None };
         Self {
-            desk: logbook.desk(),
+            queue: journal.queue(),
             axes: axes.min(A),
-            often,
+            sampler,
             outputs: [0; channel::COUNT],
             names: ChannelNames::default(),
         }
@@ -42,17 +43,17 @@ impl<const A: usize> JournalRecorder<A> {
 
     /// Sets the names of outputs in events.
     #[must_use]
-    pub fn naming(mut self, names: ChannelNames) -> Self {
+    pub fn with_names(mut self, names: ChannelNames) -> Self {
         self.names = names;
         self
     }
 
     /// Records a telemetry message.
-    pub fn told(&mut self, told: &Telemetry<A>) {
+    pub fn record(&mut self, told: &Telemetry<A>) {
         match told {
             Telemetry::Period(period) => {
-                if let Some(period) = self.often.pick(period) {
-                    self.keep(&period);
+                if let Some(period) = self.sampler.sample(period) {
+                    self.record_position(&period);
                 }
             }
             Telemetry::Output(change) => {
@@ -61,24 +62,24 @@ impl<const A: usize> JournalRecorder<A> {
                 }
             }
             Telemetry::Active(_) => {}
-            Telemetry::Event(event) => self.desk.tell(JournalEntry::Event(event.to_json_naming(&self.names))),
+            Telemetry::Event(event) => self.queue.push_event(JournalEntry::Event(event.to_json_naming(&self.names))),
         }
     }
 
     /// Records the last position, if it is not recorded yet: before the operator is waited for, and at the end.
-    pub fn keep_last(&mut self) {
-        if let Some(period) = self.often.rest_of_it() {
-            self.keep(&period);
+    pub fn record_last_position(&mut self) {
+        if let Some(period) = self.sampler.take_unrecorded() {
+            self.record_position(&period);
         }
     }
 
     /// Next notice to the operator about the journal itself: `E3020` where it cannot be written.
     #[must_use]
-    pub fn output_changes(&self) -> Option<EventKind> {
-        self.desk.news()
+    pub fn next_notice(&self) -> Option<EventKind> {
+        self.queue.next_notice()
     }
 
-    fn keep(&self, period: &PeriodRecord<A>) {
+    fn record_position(&self, period: &PeriodRecord<A>) {
         let outputs = self.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
         let at = PositionEntry {
             when: Timestamp::now(),
@@ -91,15 +92,15 @@ impl<const A: usize> JournalRecorder<A> {
             outputs: outputs.map(|(number, &value)| (number as u8, value)).collect(),
             line: period.line,
             mode: mode_of(period.mode),
-            hold_reason: standing_of(period.hold_reason),
+            hold_reason: hold_reason_of(period.hold_reason),
         };
-        self.desk.tell(JournalEntry::Position(Box::new(at)));
+        self.queue.push_event(JournalEntry::Position(Box::new(at)));
     }
 }
 
 impl<const A: usize> Drop for JournalRecorder<A> {
     fn drop(&mut self) {
-        self.keep_last();
+        self.record_last_position();
     }
 }
 
@@ -114,7 +115,7 @@ fn mode_of(mode: mode::Mode) -> JournalMode {
     }
 }
 
-fn standing_of(standing: telemetry::HoldReason) -> JournalHoldReason {
+fn hold_reason_of(standing: telemetry::HoldReason) -> JournalHoldReason {
     match standing {
         // Where a program has ended, nothing is pending that resuming would need.
         telemetry::HoldReason::None | telemetry::HoldReason::Ended => JournalHoldReason::None,
@@ -132,7 +133,7 @@ struct PositionSampler<const A: usize> {
     second: u64,
     tenth: u64,
     /// The period that was recorded last.
-    kept: Option<PeriodRecord<A>>,
+    recorded: Option<PeriodRecord<A>>,
     /// The last period.
     last: Option<PeriodRecord<A>>,
     /// Number of the period in which the machine came to rest, unless that is recorded.
@@ -141,7 +142,7 @@ struct PositionSampler<const A: usize> {
 
 impl<const A: usize> PositionSampler<A> {
     /// Takes a period. Returns a period that is to be recorded, if any.
-    fn pick(&mut self, period: &PeriodRecord<A>) -> Option<PeriodRecord<A>> {
+    fn sample(&mut self, period: &PeriodRecord<A>) -> Option<PeriodRecord<A>> {
         if period.off_path {
             return None;
         }
@@ -153,14 +154,14 @@ impl<const A: usize> PositionSampler<A> {
         }
         self.last = Some(*period);
         let since = |then: u64| period.period.saturating_sub(then);
-        let is_due = self.kept.is_none_or(|kept| {
+        let is_due = self.recorded.is_none_or(|kept| {
             let state = |of: &PeriodRecord<A>| (of.mode, of.hold_reason, of.executed);
             state(&kept) != state(period) || since(kept.period) >= self.second
         });
         if !is_due && self.rest.is_none_or(|rest| since(rest) < self.tenth) {
             return None;
         }
-        self.kept = Some(*period);
+        self.recorded = Some(*period);
         if period.at_rest && self.rest.is_some_and(|rest| since(rest) >= self.tenth) {
             self.rest = None;
         }
@@ -168,9 +169,9 @@ impl<const A: usize> PositionSampler<A> {
     }
 
     /// The last period, if it was not recorded.
-    fn rest_of_it(&mut self) -> Option<PeriodRecord<A>> {
-        let period = self.last.take_if(|last| self.kept.is_none_or(|kept| kept.period != last.period))?;
-        self.kept = Some(period);
+    fn take_unrecorded(&mut self) -> Option<PeriodRecord<A>> {
+        let period = self.last.take_if(|last| self.recorded.is_none_or(|kept| kept.period != last.period))?;
+        self.recorded = Some(period);
         Some(period)
     }
 }
@@ -181,7 +182,7 @@ mod tests {
     use retrace_core::Place;
 
     fn often() -> PositionSampler<1> {
-        PositionSampler { second: 1000, tenth: 100, kept: None, last: None, rest: None }
+        PositionSampler { second: 1000, tenth: 100, recorded: None, last: None, rest: None }
     }
 
     fn period(number: u64) -> PeriodRecord<1> {
@@ -211,9 +212,9 @@ mod tests {
     /// Numbers of the recorded periods.
     fn kept(periods: impl IntoIterator<Item = PeriodRecord<1>>) -> Vec<u64> {
         let mut often = often();
-        let mut kept: Vec<u64> = periods.into_iter().filter_map(|p| often.pick(&p)).map(|p| p.period).collect();
-        kept.extend(often.rest_of_it().map(|p| p.period));
-        assert!(often.rest_of_it().is_none());
+        let mut kept: Vec<u64> = periods.into_iter().filter_map(|p| often.sample(&p)).map(|p| p.period).collect();
+        kept.extend(often.take_unrecorded().map(|p| p.period));
+        assert!(often.take_unrecorded().is_none());
         kept
     }
 

@@ -22,7 +22,7 @@ pub struct SpoolProgress {
     /// Length that was synced.
     synced: SpooledBytes,
     /// Error of a failed sync: its data may be lost, and no later sync would report it.
-    broken: Option<(io::ErrorKind, String)>,
+    sync_error: Option<(io::ErrorKind, String)>,
 }
 
 #[derive(Debug, Default)]
@@ -40,12 +40,12 @@ impl SpoolProgress {
 
     /// Makes this length durable.
     pub(super) fn sync(&mut self, spooled: SpooledBytes) -> io::Result<()> {
-        if let Some((kind, why)) = &self.broken {
+        if let Some((kind, why)) = &self.sync_error {
             return Err(io::Error::new(*kind, why.clone()));
         }
         if self.synced != spooled {
             let broken =
-                |error: &io::Error| self.broken = Some((error.kind(), format!("the program's spool: {error}")));
+                |error: &io::Error| self.sync_error = Some((error.kind(), format!("the program's spool: {error}")));
             self.file.sync_data().inspect_err(broken)?;
             self.synced = spooled;
         }
@@ -74,18 +74,18 @@ impl<R: BufRead> SpoolWriter<R> {
     /// The error of the system.
     pub fn create(path: &Path, from: R) -> io::Result<(Self, SpoolProgress)> {
         let file = state_file::private().append(true).create_new(true).open(path)?;
-        Self::after(file, from, SpooledBytes::default())
+        Self::append_to(file, from, SpooledBytes::default())
     }
 
     /// Continues a file that holds this much.
-    fn after(file: File, from: R, spooled: SpooledBytes) -> io::Result<(Self, SpoolProgress)> {
+    fn append_to(file: File, from: R, spooled: SpooledBytes) -> io::Result<(Self, SpoolProgress)> {
         let marks =
             Arc::new(SpoolMarks { bytes: AtomicU64::new(spooled.bytes), ended: AtomicBool::new(spooled.ended) });
         let progress = SpoolProgress {
             file: file.try_clone()?,
             marks: Arc::clone(&marks),
             synced: SpooledBytes::default(),
-            broken: None,
+            sync_error: None,
         };
         Ok((Self { from, file, marks, ahead: 0, end: ProgramEndDetector::default(), quota: u64::MAX }, progress))
     }
@@ -94,7 +94,7 @@ impl<R: BufRead> SpoolWriter<R> {
 impl<R> SpoolWriter<R> {
     /// Limits the spool to `quota` bytes: a longer program cannot be read further (`E2313`).
     #[must_use]
-    pub fn limited_to(self, quota: u64) -> Self {
+    pub fn with_quota(self, quota: u64) -> Self {
         Self { quota, ..self }
     }
 }
@@ -153,7 +153,7 @@ pub struct SpoolReplay<R> {
     /// The saved part, for comparison with what is sent again. None after the comparison.
     compared: Option<Take<BufReader<File>>>,
     /// None where the whole program was saved.
-    again: Option<SpoolWriter<R>>,
+    resent: Option<SpoolWriter<R>>,
 }
 
 impl<R: BufRead> SpoolReplay<R> {
@@ -187,12 +187,12 @@ impl<R: BufRead> SpoolReplay<R> {
         let (kept, compared) = (open()?, if again.is_some() { Some(open()?) } else { None });
         let (again, progress) = match again {
             Some(from) => {
-                let (again, progress) = SpoolWriter::after(file, from, spooled).map_err(unreadable)?;
+                let (again, progress) = SpoolWriter::append_to(file, from, spooled).map_err(unreadable)?;
                 (Some(again), progress)
             }
-            None => (None, SpoolWriter::after(file, io::empty(), spooled).map_err(unreadable)?.1),
+            None => (None, SpoolWriter::append_to(file, io::empty(), spooled).map_err(unreadable)?.1),
         };
-        Ok((Self { kept, compared, again }, progress))
+        Ok((Self { kept, compared, resent: again }, progress))
     }
 }
 
@@ -200,7 +200,7 @@ impl<R> SpoolReplay<R> {
     /// Limits the spool to `quota` bytes.
     #[must_use]
     pub fn limited_to(self, quota: u64) -> Self {
-        Self { again: self.again.map(|again| again.limited_to(quota)), ..self }
+        Self { resent: self.resent.map(|again| again.with_quota(quota)), ..self }
     }
 }
 
@@ -210,7 +210,7 @@ impl<R: BufRead> SpoolReplay<R> {
     /// # Errors
     /// Another program is sent, with its first line that differs; or it cannot be read.
     pub fn compare(&mut self) -> io::Result<()> {
-        let (Some(kept), Some(again)) = (&mut self.compared, &mut self.again) else { return Ok(()) };
+        let (Some(kept), Some(again)) = (&mut self.compared, &mut self.resent) else { return Ok(()) };
         let mut line = 1;
         loop {
             let was = kept.fill_buf()?;
@@ -259,13 +259,13 @@ impl<R: BufRead> BufRead for SpoolReplay<R> {
             return self.kept.fill_buf();
         }
         self.compare()?;
-        self.again.as_mut().map_or(Ok(&[]), SpoolWriter::fill_buf)
+        self.resent.as_mut().map_or(Ok(&[]), SpoolWriter::fill_buf)
     }
 
     fn consume(&mut self, count: usize) {
         if self.kept.limit() > 0 {
             self.kept.consume(count);
-        } else if let Some(again) = &mut self.again {
+        } else if let Some(again) = &mut self.resent {
             again.consume(count);
         }
     }
@@ -355,7 +355,7 @@ mod tests {
         let folder = Folder::new();
         let (spooling, progress) =
             SpoolWriter::create(&folder.file(), BufReader::with_capacity(4, PROGRAM)).expect("a spool");
-        let why = all(spooling.limited_to(10)).expect_err("it is full").to_string();
+        let why = all(spooling.with_quota(10)).expect_err("it is full").to_string();
         assert!(why.contains("E2313"), "{why}");
         assert_eq!(progress.spooled(), SpooledBytes { bytes: 8, ended: false });
         assert_eq!(std::fs::read(folder.file()).ok().as_deref(), Some(&PROGRAM[..8]));

@@ -38,7 +38,7 @@ enum ManualMoveState {
     /// Waiting until enough is planned.
     Planned,
     /// Moving; `told`: a rate was sent to the card.
-    OnTheWay { told: bool },
+    OnTheWay { rate_sent: bool },
     /// Coming to rest before the end.
     Stopping,
     /// At rest.
@@ -102,13 +102,13 @@ impl ManualMove {
                 let start = PathStart { executed: self.executed, ..PathStart::at(self.begins) };
                 card.begin(start)?;
                 self.off_path = true;
-                self.state = ManualMoveState::OnTheWay { told: false };
+                self.state = ManualMoveState::OnTheWay { rate_sent: false };
             }
         }
-        if let ManualMoveState::OnTheWay { told } = self.state {
+        if let ManualMoveState::OnTheWay { rate_sent } = self.state {
             self.fill(hand, card);
-            if !told && self.may_move(hand, card) && card.send(HostCommand::rate(ONE)).is_ok() {
-                self.state = ManualMoveState::OnTheWay { told: true };
+            if !rate_sent && self.may_move(hand, card) && card.send(HostCommand::rate(ONE)).is_ok() {
+                self.state = ManualMoveState::OnTheWay { rate_sent: true };
             }
             let status = card.status();
             if hand.is_done() && status.at_rest && status.place == Place::start_of(hand.ring.write()) {

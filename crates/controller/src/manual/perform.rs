@@ -64,25 +64,25 @@ impl From<NumberedError> for ManualTaskError {
 pub fn perform<const A: usize, C: MotionCard<A>>(
     task: &ManualTask,
     machine: &MachineConfig,
-    desk: &mut ModalContext,
+    context: &mut ModalContext,
     card: &mut C,
-    (operators, manner): (CommandSources, RunMode),
+    (operators, run_mode): (CommandSources, RunMode),
     observer: &mut dyn Observer<A>,
 ) -> Result<ManualTaskDone, ManualTaskError> {
     if let Some(text) = block_of(task, machine)? {
-        return block(&text, machine, desk, card, (operators, manner), observer);
+        return block(&text, machine, context, card, (operators, run_mode), observer);
     }
     let mut ring = jog_planner::ring(machine, 0)
         .map_err(|_| NumberedError::new("E2112", "no ring for a move", "a shorter look_ahead_s"))?;
     let mail = jog_planner::JogStatus::default();
     let (hand, requests) = jog_planner::hand(ring.split(), &mail);
-    let (teller, hearing) = telemetry::telemetry_channel(manner.wall_time, machine.period_s());
+    let (telemetry, receiver) = telemetry::telemetry_channel(run_mode.wall_time, machine.period_s());
     thread::scope(|scope| {
-        scope.spawn(move || hearing.run(observer));
+        scope.spawn(move || receiver.run(observer));
         let planner = scope.spawn(move || requests.serve(machine, Box::new(|| 0)));
         let hand = hand.waking(planner.thread().clone());
         let enough = machine.stopping.foresight_records + IN_FLIGHT_RECORDS;
-        ManualRunner { machine, card, operators, manner, teller, hand, enough, stopped: false }.perform(task)
+        ManualRunner { machine, card, operators, run_mode, telemetry, hand, enough, stopped: false }.perform(task)
     })
 }
 
@@ -115,29 +115,29 @@ fn axis(machine: &MachineConfig, letter: char) -> Result<usize, NumberedError> {
 fn block<const A: usize, C: MotionCard<A>>(
     text: &str,
     machine: &MachineConfig,
-    desk: &mut ModalContext,
+    context: &mut ModalContext,
     card: &mut C,
-    (operators, manner): (CommandSources, RunMode),
+    (operators, run_mode): (CommandSources, RunMode),
     observer: &mut dyn Observer<A>,
 ) -> Result<ManualTaskDone, ManualTaskError> {
-    let trouble = |fault: &C::Fault| ManualTaskError::Trouble(CardError::of(fault));
-    anew(card).map_err(|fault| trouble(&fault))?;
+    let card_error = |fault: &C::Fault| ManualTaskError::Trouble(CardError::of(fault));
+    anew(card).map_err(|fault| card_error(&fault))?;
     let machine = MachineConfig { history_records: 0, ..machine.clone() }.standing_at(&card.status().counts);
-    let block = desk.block(&machine, text).map_err(ManualTaskError::Block)?;
+    let block = context.block(&machine, text).map_err(ManualTaskError::Block)?;
     let (block, left) = block.leaving();
-    let conduct =
-        JobOptions { start: JobStart::First, commands: operators, run_mode: manner, journal: JournalConfig::default() };
-    let end = job::run(&machine, block, conduct, &mut *card, observer)
+    let options =
+        JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
+    let end = job::run(&machine, block, options, &mut *card, observer)
         .map_err(|why| NumberedError::new("E2112", why.to_string(), "a shorter look_ahead_s in the machine file"))?;
     match end.outcome {
         Outcome::Completed => {
             if let Some(carried) = left.lock().unwrap_or_else(PoisonError::into_inner).take() {
-                desk.take_over(carried);
+                context.take_over(carried);
             }
             Ok(ManualTaskDone::Whole { cut_short: false })
         }
         Outcome::Stopped => {
-            anew(card).map_err(|fault| trouble(&fault))?;
+            anew(card).map_err(|fault| card_error(&fault))?;
             Ok(ManualTaskDone::Stopped)
         }
         Outcome::Refused(text) => Err(ManualTaskError::Block(vec![text])),
@@ -158,8 +158,8 @@ struct ManualRunner<'a, 'r, const A: usize, C: MotionCard<A>> {
     machine: &'a MachineConfig,
     card: &'a mut C,
     operators: CommandSources,
-    manner: RunMode,
-    teller: TelemetrySender<A>,
+    run_mode: RunMode,
+    telemetry: TelemetrySender<A>,
     hand: JogPlanner<'r, A>,
     enough: u32,
     stopped: bool,
@@ -188,7 +188,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                     NumberedError::new("E2161", format!("the card has no output {channel}"), "an output that it has")
                 };
                 self.card.send(HostCommand::ManualOutput(change)).map_err(refused)?;
-                self.pass(if self.manner.wall_time { OLD_NEWS } else { 2 })
+                self.pass(if self.run_mode.wall_time { OLD_NEWS } else { 2 })
             }
             // Blocks are not handled here.
             ManualTask::Mdi(_) | ManualTask::WorkZero(_) => Ok(ManualTaskDone::Whole { cut_short: false }),
@@ -204,7 +204,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         self.card
             .send(HostCommand::Home(homing))
             .map_err(|why| no_home(format!("the card does not home axis {name}: {why:?}")))?;
-        let settled = if self.manner.wall_time { OLD_NEWS } else { 2 };
+        let settled = if self.run_mode.wall_time { OLD_NEWS } else { 2 };
         let mut stood = 0;
         while stood < settled {
             self.period()?;
@@ -248,7 +248,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
             JogRequest::Straight { from: counts, to: end },
             executed,
             self.enough,
-            self.manner.wall_time,
+            self.run_mode.wall_time,
         );
         let ended = loop {
             let ended = trip
@@ -302,17 +302,17 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     /// Runs one control period: the operator's commands, the card, and telemetry.
     fn period(&mut self) -> Result<(), ManualTaskError> {
         let period = self.card.status().period;
-        while let Some(deed) = self.operators.next_command(period, 0) {
-            self.tell(EventKind::Operator(deed));
-            match deed {
+        while let Some(command) = self.operators.next_command(period, 0) {
+            self.tell(EventKind::Operator(command));
+            match command {
                 OperatorCommand::Stop | OperatorCommand::Hold | OperatorCommand::Pause => self.stopped = true,
                 _ => self
                     .tell(EventKind::CommandRejected(CommandError::NotNow("an axis is moved by hand: stop it first"))),
             }
         }
         let status = *self.card.period().map_err(|fault| ManualTaskError::Trouble(CardError::of(&fault)))?;
-        self.teller.send_output_changes(&status.outputs);
-        self.teller.send(Telemetry::Period(PeriodRecord {
+        self.telemetry.send_output_changes(&status.outputs);
+        self.telemetry.send(Telemetry::Period(PeriodRecord {
             off_path: true,
             mode: Mode::Run,
             ..PeriodRecord::from_status(&status)
@@ -335,10 +335,10 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         self.tell(EventKind::Dnc(DncEvent { step, flags: DncFlags::default() }));
     }
 
-    fn tell(&mut self, happening: EventKind) {
+    fn tell(&mut self, kind: EventKind) {
         let CardStatus { period, place, .. } = *self.card.status();
         let time_s = period as f64 * self.machine.period_s();
-        self.teller.send(Telemetry::Event(Event { period, time_s, place, line: 0, kind: happening }));
+        self.telemetry.send(Telemetry::Event(Event { period, time_s, place, line: 0, kind }));
     }
 }
 

@@ -69,9 +69,9 @@ pub struct SwitchInstruction<'c> {
     /// Input that it waits for in addition.
     pub until: Option<InputWait>,
     /// Whether it is a retrace barrier.
-    pub one_way: bool,
+    pub is_barrier: bool,
     /// Whether its outputs are set back where reverse run passes it and outputs are replayed.
-    pub undone: bool,
+    pub undone_in_reverse: bool,
 }
 
 /// An output change that waits for a move.
@@ -206,7 +206,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     #[must_use]
     pub(crate) fn with_tool_lengths(mut self, offers: LengthOffers, again: &[LengthChange]) -> Self {
         self.lengths.offers = Some(offers);
-        self.lengths.again = again.iter().copied().collect();
+        self.lengths.replayed_changes = again.iter().copied().collect();
         self
     }
 
@@ -225,10 +225,10 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     /// Sets the decoder's block number of the moves to come.
     pub fn begin_block(&mut self, number: u64) {
         self.block = number;
-        while let Some(&LengthChange { block, pulses }) = self.lengths.again.front()
+        while let Some(&LengthChange { block, pulses }) = self.lengths.replayed_changes.front()
             && block < number
         {
-            self.lengths.again.pop_front();
+            self.lengths.replayed_changes.pop_front();
             self.lengths.moved_by += pulses;
         }
     }
@@ -347,10 +347,21 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         for change in &changes[..count] {
             self.outputs[usize::from(change.channel)] = change.value;
         }
-        let SwitchInstruction { line, kind, code, periods, until, one_way, undone, .. } = switch;
+        let SwitchInstruction {
+            line, kind, code, periods, until, is_barrier: one_way, undone_in_reverse: undone, ..
+        } = switch;
         let place = self.ring.write();
-        let exclusive =
-            ExclusiveInstruction { place, line, kind, code, changes, count: count as u8, periods, until, one_way };
+        let exclusive = ExclusiveInstruction {
+            place,
+            line,
+            kind,
+            code,
+            changes,
+            count: count as u8,
+            periods,
+            until,
+            is_barrier: one_way,
+        };
         self.send(PathItem::Exclusive(exclusive))?;
         // As an action of the record behind it, it is undone and redone like any other.
         for change in changes[..count].iter().filter(|_| undone) {
@@ -387,7 +398,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
                 line,
                 code,
                 changes: &changes,
-                undone: !lasts,
+                undone_in_reverse: !lasts,
                 ..SwitchInstruction::default()
             })?;
         }
@@ -396,7 +407,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
 
     /// Records that the program ends early behind that block: the path must rest there also when it is planned again.
     pub fn record_early_end(&mut self, block: u64) {
-        self.index.note(IndexEntry::Rest { block });
+        self.index.write(IndexEntry::Rest { block });
     }
 
     /// Ends the program.
@@ -432,8 +443,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
                 let wanted = if self.expected_marks.is_empty() { MAX_RECORDS_PER_MARK } else { 1 };
                 self.retry(|feeder| (feeder.ring.slots() >= wanted).then_some(Ok(())))?;
             }
-            if let Some(planned) = self.overrides.due(self.ring.write()) {
-                self.index.note(IndexEntry::Override { place: self.ring.write(), planned });
+            if let Some(planned) = self.overrides.due_at(self.ring.write()) {
+                self.index.write(IndexEntry::Override { place: self.ring.write(), planned });
                 self.planner.set_feed_override(planned as f64 / ONE as f64);
             }
             let Some(record) = self.planner.next_record() else { return Ok(()) };
@@ -465,7 +476,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     fn write_mark(&mut self) {
         if self.next_mark.place != self.marked_until {
             self.marked_until = self.next_mark.place;
-            self.index.note(IndexEntry::Mark(self.next_mark));
+            self.index.write(IndexEntry::Mark(self.next_mark));
         }
     }
 

@@ -32,7 +32,7 @@ pub(super) enum Planned {
 pub(super) struct Lengths {
     pub(super) offers: Option<LengthOffers>,
     /// Lengths that were entered when the job ran before, in the order of the blocks.
-    pub(super) again: VecDeque<LengthChange>,
+    pub(super) replayed_changes: VecDeque<LengthChange>,
     /// The path is moved by this number of pulses along the tool axis from here on; no move includes it yet.
     pub(super) moved_by: i64,
     /// The tool length offset in force, mm.
@@ -40,7 +40,7 @@ pub(super) struct Lengths {
     /// Place at which a moved path had to end last.
     pub(super) last_end: Option<Planned>,
     /// Whether the current block has such a move.
-    pub(super) in_block: bool,
+    pub(super) block_has_end: bool,
 }
 
 impl<const A: usize> PlanWriter<'_, A> {
@@ -60,7 +60,7 @@ impl<const A: usize> PlanWriter<'_, A> {
 
     /// Sets whether the current block has a move before which a path that was moved along the tool axis ends.
     pub fn set_block_has_end(&mut self, has: bool) {
-        self.lengths.in_block = has;
+        self.lengths.block_has_end = has;
     }
 
     /// Ends a path that was moved along the tool axis: it rests, and planning continues from the machine's position
@@ -104,7 +104,7 @@ impl<const A: usize> PlanWriter<'_, A> {
         let is_taken = self.wait_for(|_| offers.decision())?;
         if is_taken {
             self.lengths.moved_by += offer.pulses;
-            self.index.note(IndexEntry::Length(LengthChange { block: self.block, pulses: offer.pulses }));
+            self.index.write(IndexEntry::Length(LengthChange { block: self.block, pulses: offer.pulses }));
             self.wait_for(|feeder| feeder.index.is_durable().then_some(()))?;
             offers.answer(LengthAnswer::Kept);
         }
@@ -123,7 +123,7 @@ impl<const A: usize> PlanWriter<'_, A> {
             EnteredLength::To(mm) => mm - length_mm.ok_or(ToolLengthError::NoOffset)?,
         };
         let is_planned = match self.lengths.last_end {
-            _ if self.lengths.in_block => true,
+            _ if self.lengths.block_has_end => true,
             None => false,
             // Where everything that exists is planned, the place behind it is the end of the ring.
             Some(Planned::Waiting { .. }) => !self.origins.is_empty() || is_before(proposal.place, self.ring.write()),

@@ -15,12 +15,12 @@ use crate::operator::{CommandError, OperatorCommand};
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn apply_commands(&mut self) {
         let (period, line) = (self.card.status().period, self.card.status().line);
-        while let Some(deed) = self.commands.next_command(period, line) {
-            self.emit(EventKind::Operator(deed));
+        while let Some(command) = self.commands.next_command(period, line) {
+            self.emit(EventKind::Operator(command));
             // An operator is present.
             self.still_periods = 0;
             let mode = self.mode_controller.mode();
-            if let Err(why) = self.apply_command(deed) {
+            if let Err(why) = self.apply_command(command) {
                 self.emit(EventKind::CommandRejected(why));
             }
             if self.mode_controller.mode() != mode {
@@ -35,11 +35,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.wheel.push_difference(counts);
     }
 
-    fn apply_command(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
-        if let Some(taken) = self.apply_command_in_pause(deed) {
+    fn apply_command(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
+        if let Some(taken) = self.apply_command_in_pause(command) {
             return taken;
         }
-        match deed {
+        match command {
             OperatorCommand::Resume | OperatorCommand::CycleStart => return self.cycle_start(),
             // Handled above.
             OperatorCommand::Pause
@@ -201,7 +201,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     fn request_override(&mut self, rate: Travel) -> Result<(), CommandError> {
-        let (most, stood) = (self.overrides.most(), self.mode_controller.override_rate() == 0);
+        let (most, stood) = (self.overrides.max_override(), self.mode_controller.override_rate() == 0);
         let reached = self.dnc.reached().unwrap_or(self.card.status().reached);
         self.overrides.request(rate, reached).map_err(|_| CommandError::TooManyOverrides)?;
         self.apply_rate_override();

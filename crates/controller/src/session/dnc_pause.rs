@@ -170,9 +170,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Applies a command while a program is paused or about to be. `None` for commands that a pause does not change.
-    pub(super) fn apply_command_in_pause(&mut self, deed: OperatorCommand) -> Option<Result<(), CommandError>> {
+    pub(super) fn apply_command_in_pause(&mut self, command: OperatorCommand) -> Option<Result<(), CommandError>> {
         let steps = matches!(
-            deed,
+            command,
             OperatorCommand::Pause
                 | OperatorCommand::SpindleStop
                 | OperatorCommand::SpindleStart
@@ -180,13 +180,13 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 | OperatorCommand::Online
                 | OperatorCommand::ToolLength(_)
         );
-        if steps || self.dnc.is_on() && matches!(deed, OperatorCommand::CycleStart | OperatorCommand::Resume) {
-            return Some(self.apply_pause_command(deed));
+        if steps || self.dnc.is_on() && matches!(command, OperatorCommand::CycleStart | OperatorCommand::Resume) {
+            return Some(self.apply_pause_command(command));
         }
         if !self.dnc.is_on() {
             return None;
         }
-        match deed {
+        match command {
             OperatorCommand::Hold => {
                 self.halt_manual_move();
                 Some(Ok(()))
@@ -205,18 +205,18 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Applies a step of the pause sequence. It waits where the machine is not at rest yet.
-    fn apply_pause_command(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
-        if deed == OperatorCommand::Pause {
+    fn apply_pause_command(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
+        if command == OperatorCommand::Pause {
             return self.pause();
         }
         if self.commands_wait() && !self.dnc.interruption.is_inhibited() {
             if self.dnc.pending_commands.len() == WORDS {
                 return Err(CommandError::NotNow("too many words wait for the machine to stand"));
             }
-            self.dnc.pending_commands.push_back(deed);
+            self.dnc.pending_commands.push_back(command);
             return Ok(());
         }
-        self.perform_step(deed)
+        self.perform_step(command)
     }
 
     fn pause(&mut self) -> Result<(), CommandError> {
@@ -247,10 +247,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Executes a step.
-    fn perform_step(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
+    fn perform_step(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
         let latched = self.dnc.interruption.breakpoint().copied();
         let turned = latched.and_then(|latch| latch.spindle);
-        let said = match deed {
+        let said = match command {
             OperatorCommand::SpindleStop => Said::StopSpindle,
             OperatorCommand::SpindleStart => {
                 Said::StartSpindle(turned.map_or(SpindleDirection::Clockwise, |was| was.direction))
@@ -349,9 +349,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.watch_tool_length();
         self.watch_manual_move()?;
         while !self.commands_wait()
-            && let Some(deed) = self.dnc.pending_commands.pop_front()
+            && let Some(command) = self.dnc.pending_commands.pop_front()
         {
-            if let Err(why) = self.perform_step(deed) {
+            if let Err(why) = self.perform_step(command) {
                 self.emit(EventKind::CommandRejected(why));
             }
         }
@@ -515,7 +515,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let period = PeriodRecord {
             mode: self.mode_controller.mode(),
             hold_reason: self.hold_reason(),
-            override_rate: self.overrides.asked(),
+            override_rate: self.overrides.requested(),
             rapid_override: self.mode_controller.rapid_override(),
             off_path: true,
             ..PeriodRecord::from_status(status)

@@ -219,7 +219,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             match self.run_period() {
                 Ok(None) => {}
                 Ok(Some(outcome)) => break outcome,
-                Err(trouble) => break self.end_with_error(trouble),
+                Err(error) => break self.end_with_error(error),
             }
         };
         // A restart in progress may complete after the end: no rate may remain that would start motion then.
@@ -244,7 +244,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         counts: [i64; A],
         agree: impl FnOnce(&ResumePlan<A>) -> bool,
     ) -> Result<(Outcome, RunStats, C), ResumeError> {
-        let prepared = PlanReplay::new(&mut self.streamer, at, counts, self.mm_per_pulse).follow(self.card.status())?;
+        let prepared = PlanReplay::new(&mut self.streamer, at, counts, self.mm_per_pulse).run(self.card.status())?;
         if !agree(&prepared) {
             return Ok((Outcome::Stopped, self.stats, self.card));
         }
@@ -258,8 +258,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         match begun {
             Ok(None) => {}
             Ok(Some(outcome)) => return Ok((outcome, self.stats, self.card)),
-            Err(trouble) => {
-                let outcome = self.end_with_error(trouble);
+            Err(error) => {
+                let outcome = self.end_with_error(error);
                 return Ok((outcome, self.stats, self.card));
             }
         }
@@ -273,10 +273,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Ends the job with an error, which is reported unless an alarm was.
-    fn end_with_error(&mut self, trouble: CardError) -> Outcome {
-        let (number, cause, remedy) = trouble.parts();
+    fn end_with_error(&mut self, error: CardError) -> Outcome {
+        let (number, cause, remedy) = error.parts();
         if !self.alarm_reported {
-            self.emit(EventKind::Alarm(trouble));
+            self.emit(EventKind::Alarm(error));
         }
         Outcome::Alarm(number, cause, remedy)
     }
@@ -421,7 +421,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let executing = self.executing;
         self.update_manual_outputs(status);
         self.acknowledge_instruction();
-        if let Some(planned) = self.overrides.pass(status.reached) {
+        if let Some(planned) = self.overrides.advance_to(status.reached) {
             // Overrides are requested in steps of a hundredth of a per cent.
             self.emit(EventKind::OverridePlanned((100.0 * percent(planned)).round() / 100.0));
             self.apply_rate_override();

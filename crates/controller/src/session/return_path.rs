@@ -56,9 +56,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Whether a live operator requests a stop. A script begins when the program does.
     fn stop_is_requested(&mut self) -> bool {
         let mut stops = false;
-        while let Some(deed) = self.commands.next_live_command() {
-            self.emit(EventKind::Operator(deed));
-            match deed {
+        while let Some(command) = self.commands.next_live_command() {
+            self.emit(EventKind::Operator(command));
+            match command {
                 OperatorCommand::Stop | OperatorCommand::Hold | OperatorCommand::Pause => stops = true,
                 OperatorCommand::OptionalStop(on) => self.optional_stop = on,
                 _ => self.emit(EventKind::CommandRejected(CommandError::NotNow("the axes go back to the breakpoint"))),

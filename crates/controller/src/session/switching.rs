@@ -30,11 +30,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if !self.program_stop {
                 self.program_stop = true;
                 let tool = exclusive.changes.iter().find(|change| change.channel == channel::TOOL);
-                let happening = match (kind, tool) {
+                let kind = match (kind, tool) {
                     (ExclusiveKind::ToolChange, Some(change)) => EventKind::ToolChange(change.value),
                     _ => EventKind::ProgramStop(code),
                 };
-                self.emit_at(line, happening);
+                self.emit_at(line, kind);
             }
             return Ok(false);
         }

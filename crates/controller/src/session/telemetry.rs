@@ -17,7 +17,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             planned: self.streamer.items_complete_until(),
             mode: self.mode_controller.mode(),
             hold_reason: self.hold_reason(),
-            override_rate: self.overrides.asked(),
+            override_rate: self.overrides.requested(),
             rapid_override: self.mode_controller.rapid_override(),
             ..PeriodRecord::from_status(status)
         };
@@ -76,14 +76,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.emit(EventKind::Mode(name));
     }
 
-    pub(super) fn emit(&mut self, happening: EventKind) {
-        self.emit_at(self.card.status().line, happening);
+    pub(super) fn emit(&mut self, kind: EventKind) {
+        self.emit_at(self.card.status().line, kind);
     }
 
-    pub(super) fn emit_at(&mut self, line: u32, happening: EventKind) {
+    pub(super) fn emit_at(&mut self, line: u32, kind: EventKind) {
         let status = self.card.status();
         let time_s = status.period as f64 * self.period_s;
-        let event = Event { period: status.period, time_s, place: status.place, line, kind: happening };
+        let event = Event { period: status.period, time_s, place: status.place, line, kind };
         self.telemetry.send(Telemetry::Event(event));
     }
 }
