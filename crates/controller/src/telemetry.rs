@@ -167,7 +167,7 @@ pub struct TelemetrySender<const A: usize> {
 
 impl<const A: usize> TelemetrySender<A> {
     /// Sends a message.
-    pub fn send(&mut self, told: Telemetry<A>) {
+    pub fn send(&mut self, message: Telemetry<A>) {
         let mut message = message;
         for tries in 0u32.. {
             message = match self.queue.try_send(message) {
@@ -295,8 +295,8 @@ mod tests {
         drop(telemetry);
         let mut observer = RecordingObserver(Vec::new(), Duration::ZERO);
         receiver.run(&mut observer);
-        let told = [(3, 1), (68, 7), (3, 0)].map(|(channel, value)| Telemetry::Output(OutputChange { channel, value }));
-        assert_eq!(observer.0, told);
+        let sent = [(3, 1), (68, 7), (3, 0)].map(|(channel, value)| Telemetry::Output(OutputChange { channel, value }));
+        assert_eq!(observer.0, sent);
     }
 
     #[test]

@@ -126,7 +126,7 @@ mod tests {
             sequence: u64, begins: bool, json in "[ -~]{0,40}", byte: prop::sample::Index, bit in 0..8_u32,
         ) {
             let mut bytes = line(sequence, begins, &json);
-            prop_assert_eq!(parse(&bytes), Some(JournalLine { sequence, begins_batch, json: json.as_bytes() }));
+            prop_assert_eq!(parse(&bytes), Some(JournalLine { sequence, begins_batch: begins, json: json.as_bytes() }));
             let at = byte.index(bytes.len());
             bytes[at] ^= 1_u8 << bit;
             prop_assert_eq!(parse(&bytes), None);

@@ -129,7 +129,7 @@ impl JournalQueue {
 
     /// Next notice to the operator about the journal: an alarm where it cannot be written, a message when it can again.
     pub(super) fn next_notice(&self) -> Option<EventKind> {
-        self.state().news.pop_front()
+        self.state().notices.pop_front()
     }
 
     /// Takes the next batch, waiting for one. `None` at the end.

@@ -49,8 +49,8 @@ impl<const A: usize> JournalRecorder<A> {
     }
 
     /// Records a telemetry message.
-    pub fn record(&mut self, told: &Telemetry<A>) {
-        match told {
+    pub fn record(&mut self, message: &Telemetry<A>) {
+        match message {
             Telemetry::Period(period) => {
                 if let Some(period) = self.sampler.sample(period) {
                     self.record_position(&period);

@@ -266,7 +266,7 @@ impl<S: JournalStore> WriterThread<S> {
     }
 
     fn end_writer(&self) {
-        self.queue.state().over = true;
+        self.queue.state().writer_ended = true;
         self.queue.notify_changed();
     }
 
