@@ -1,6 +1,6 @@
-//! The steps of pausing at a breakpoint and going on there, as they are told (DNC-1 … DNC-8).
+//! The steps of a DNC pause as events (DNC-1 … DNC-8).
 //!
-//! Invariant: every step is told with all three flags as they are after it.
+//! Invariant: every step is reported with all three flags as they are after it.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::machine::AXIS_LETTERS;
 
-/// Counts of each axis of a machine, whatever card it has.
+/// Counts of each axis of a machine, for any number of axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AxisCounts {
     counts: [i64; AXIS_LETTERS.len()],
@@ -17,7 +17,7 @@ pub struct AxisCounts {
 }
 
 impl AxisCounts {
-    /// The first of these, as many as the machine has axes.
+    /// Creates counts from the first `axes` values.
     #[must_use]
     pub fn new(counts: &[i64], axes: usize) -> Self {
         let mut all = [0; AXIS_LETTERS.len()];
@@ -27,7 +27,7 @@ impl AxisCounts {
         Self { counts: all, axes: axes.min(all.len()) as u8 }
     }
 
-    /// In the order of the machine's axes, pulses.
+    /// Counts in the order of the machine's axes.
     #[must_use]
     pub fn get(&self) -> &[i64] {
         &self.counts[..usize::from(self.axes)]
@@ -46,68 +46,69 @@ pub struct DncFlags {
 }
 
 impl DncFlags {
-    /// As they are.
+    /// Flags of an interruption.
     #[must_use]
     pub fn of<const A: usize>(order: &Interruption<A>) -> Self {
         Self { paused: order.is_paused(), mode_changed: order.mode_changed(), inhibited: order.is_inhibited() }
     }
 }
 
-/// What was done.
+/// A step of a pause.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DncStep {
-    /// The program is interrupted, or interrupted again on the way back to the breakpoint; what is latched (DNC-2).
+    /// The program is interrupted, or interrupted again on the return to the breakpoint; with what is latched (DNC-2).
     Paused {
         /// Machine counts of the breakpoint.
         counts: AxisCounts,
-        /// The spindle: 1 clockwise, −1 counterclockwise, 0 standing.
+        /// Spindle: 1 clockwise, −1 counterclockwise, 0 at rest.
         spindle: i32,
-        /// Its speed in thousandths of a revolution a minute.
+        /// Spindle speed in thousandths of a revolution per minute.
         speed: u32,
     },
-    /// The spindle was stopped by hand (DNC-3).
+    /// The spindle was stopped manually (DNC-3).
     SpindleStopped,
-    /// The spindle was started by hand, in the latched direction at the latched speed (DNC-4).
+    /// The spindle was started manually, in the latched direction at the latched speed (DNC-4).
     SpindleStarted {
-        /// As in [`Step::Paused`].
+        /// See [`DncStep::Paused`].
         spindle: i32,
-        /// As in [`Step::Paused`].
+        /// See [`DncStep::Paused`].
         speed: u32,
     },
-    /// An axis was moved by hand (DNC-3).
+    /// An axis was moved manually (DNC-3).
     Jogged {
-        /// Its letter.
+        /// Axis letter.
         axis: char,
-        /// How far it went, mm (degrees).
+        /// Distance, mm (degrees).
         mm: f64,
-        /// It was to go farther: it came to its soft limit, or was stopped.
+        /// Whether the move was shortened: by the soft limit, or by a stop.
         cut_short: bool,
-        /// How far the axes stand from the breakpoint by now, in counts: the sum of all moves by hand; of no axis where nothing is paused.
+        /// Distance of each axis from the breakpoint in counts: the sum of all manual moves. Empty where nothing is
+        /// paused.
         off: AxisCounts,
     },
     /// A tool length was entered: the breakpoint, and the path behind it, are moved along the tool axis.
     ToolLength {
         /// Letter of the tool axis.
         axis: char,
-        /// By how much, mm.
+        /// Distance, mm.
         by_mm: f64,
-        /// The same in counts.
+        /// Distance, counts.
         by_counts: i64,
-        /// The tool length offset as it is by now, mm; none where no offset is in force.
+        /// The resulting tool length offset, mm. None where no offset is in force.
         length_mm: Option<f64>,
     },
     /// On-line mode is restored (DNC-5).
     Online,
-    /// The axes begin their way to the latched counts (DNC-6).
+    /// The axes begin their return to the latched counts (DNC-6).
     Approaching,
-    /// The axes are there; the program is read on (DNC-7, DNC-8).
+    /// The axes are back; reading of the program continues (DNC-7, DNC-8).
     Arrived,
 }
 
 /// A step and the flags after it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DncEvent {
-    /// What was done.
+    /// The step.
     pub step: DncStep,
     /// The flags.
     pub flags: DncFlags,
@@ -184,10 +185,10 @@ fn direction(spindle: i32) -> &'static str {
     if spindle < 0 { "counterclockwise" } else { "clockwise" }
 }
 
-/// Why a step is refused, and which one comes first.
+/// Formats why a step is rejected, and which one comes first.
 ///
 /// # Errors
-/// As the formatter's.
+/// Those of the formatter.
 pub fn explain(refused: InterruptionError, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     f.write_str(match refused {
         InterruptionError::NotPaused => "the program is not paused: pause comes first",

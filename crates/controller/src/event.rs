@@ -1,4 +1,4 @@
-//! What happened, as one stream that the screen, the JSON output and the report share.
+//! Events: one stream for the screen, the JSON output and the report.
 //!
 //! Invariant: every event carries the period and the place at which it happened.
 
@@ -11,14 +11,14 @@ use crate::journal::timestamp::Timestamp;
 use crate::machine::MachineConfig;
 use crate::operator::{CommandError, OperatorCommand};
 
-/// What stops the machine for good.
+/// A cause that stops the machine for the rest of the run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CardError {
-    /// The card has latched this, and brakes on the path.
+    /// The card has latched this alarm, and brakes on the path.
     Latched(Alarm),
-    /// A fault of the card, or of the line to it: nothing of this run will move it again.
+    /// A fault of the card, or of the link to it. Nothing of this run will move the machine again.
     Fault {
-        /// Its number in `docs/errors.md`.
+        /// Number in `docs/errors.md`.
         number: &'static str,
         /// What is wrong.
         cause: String,
@@ -28,13 +28,13 @@ pub enum CardError {
 }
 
 impl CardError {
-    /// A fault in words.
+    /// Converts a failure of the card.
     #[must_use]
     pub fn of(fault: &impl CardFailure) -> Self {
         Self::Fault { number: fault.number(), cause: fault.to_string(), remedy: fault.remedy().to_string() }
     }
 
-    /// Number in `docs/errors.md`, what is wrong, what to do.
+    /// Number in `docs/errors.md`, cause, and remedy.
     #[must_use]
     pub fn parts(&self) -> (&'static str, String, String) {
         match self {
@@ -44,10 +44,10 @@ impl CardError {
     }
 }
 
-/// Most outputs that one event lists.
+/// Maximum number of outputs in one event.
 const LISTED: usize = 8;
 
-/// Some outputs that differ: channel, as it is, as the program expects it. Where there are more, more events say so.
+/// Outputs that differ: channel, actual value, expected value. Further outputs are in further events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DifferingOutputs {
     list: [(u8, i32, i32); LISTED],
@@ -55,7 +55,7 @@ pub struct DifferingOutputs {
 }
 
 impl DifferingOutputs {
-    /// The first of a list; the rest is left in it.
+    /// Takes the first outputs of a list; the rest remains in it.
     pub fn first(list: &mut impl Iterator<Item = (u8, i32, i32)>) -> Self {
         let mut some = Self::default();
         for (slot, output) in some.list.iter_mut().zip(list) {
@@ -72,12 +72,12 @@ impl DifferingOutputs {
     }
 }
 
-/// Why a cutting output, or the spindle at the end of a job, was switched off.
+/// Reason why a cutting output, or the spindle at the end of a job, was switched off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CutterOffReason {
-    /// The card did it by itself.
+    /// The card switched it off.
     Card(CutterOffCause),
-    /// The operator did.
+    /// The operator switched it off.
     Operator,
     /// The path is about to be retraced.
     Retrace,
@@ -88,7 +88,7 @@ pub enum CutterOffReason {
 }
 
 impl CutterOffReason {
-    /// As an identifier, for JSON.
+    /// Identifier for JSON.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -104,7 +104,7 @@ impl CutterOffReason {
         }
     }
 
-    /// In words, behind "off: ".
+    /// Text behind "off: ".
     const fn text(self) -> &'static str {
         match self {
             Self::Card(CutterOffCause::Standing) => "the machine stands; `recover` starts it again and goes on",
@@ -120,51 +120,51 @@ impl CutterOffReason {
     }
 }
 
-/// What happened.
+/// Kind of an event, with its data.
 #[derive(Clone, Debug, PartialEq)]
 pub enum EventKind {
     /// The job began.
     Started,
-    /// The mode of operation changed; its name.
+    /// The mode of operation changed; with its name.
     Mode(&'static str),
-    /// The operator did something.
+    /// The operator gave a command.
     Operator(OperatorCommand),
     /// Another feed override is planned from here on: 100 % or more.
     OverridePlanned(f64),
-    /// An order did not apply, and why.
+    /// A command was rejected; with the reason.
     CommandRejected(CommandError),
-    /// Reverse run stands at the oldest record (REV-8).
+    /// Reverse run rests at the history start (REV-8).
     HistoryStartReached,
-    /// Reverse run stands at a place that cannot be passed backward; the code that stands there.
+    /// Reverse run rests at a retrace barrier; with its code.
     RetraceBarrier(&'static str),
-    /// Reverse run stands where the program switched the cutter, with the cutter on by hand.
+    /// Reverse run rests where the program switched the cutter, with the cutter on manually.
     CutterBoundary,
-    /// Reverse run stands where it was to go.
+    /// Reverse run rests at its target.
     BackTargetReached,
-    /// The handwheel has come forward to the furthest place ever executed, where it ends.
+    /// The handwheel has returned to the furthest place ever executed, where it ends.
     HistoryEndReached,
-    /// The machine stands at `reached`, and outputs differ.
+    /// The machine rests at `reached`, and outputs differ.
     OutputsDiffer(DifferingOutputs),
-    /// Outputs were brought to what the program expects.
+    /// Outputs were restored to what the program expects.
     OutputsRestored,
-    /// A restart carries an instruction out again: its code.
+    /// A restart executes an instruction again; with its code.
     RestartSwitching(&'static str),
-    /// It is complete.
+    /// The instruction of a restart is complete.
     RestartSwitched(&'static str),
     /// A cutting output, or the spindle at the end of a job, was switched off.
     CutterOff {
-        /// Its channel.
+        /// Channel.
         channel: u8,
-        /// Why.
+        /// Reason.
         reason: CutterOffReason,
     },
-    /// The operator has switched a cutter on: its channel.
+    /// The operator has switched a cutter on; with its channel.
     CutterOn(u8),
-    /// An output was switched where the path is retraced: channel and new value.
+    /// An output was switched because the path is retraced: channel and new value.
     RetraceSwitched(u8, i32),
-    /// Normal run goes on.
+    /// Normal run was resumed.
     RunResumed,
-    /// The program has come to its end, and the job waits for its release: reverse run is still possible.
+    /// The program has ended, and the job waits for its release: reverse run is still possible.
     ProgramEnd,
     /// An exclusive instruction begins.
     Switching(&'static str),
@@ -174,26 +174,26 @@ pub enum EventKind {
     OutputChanged(u8, i32),
     /// A program stop waits for cycle start.
     ProgramStop(&'static str),
-    /// A tool change by hand waits for cycle start: the number of the tool, 0 for none.
+    /// A manual tool change waits for cycle start: the number of the tool, 0 for none.
     ToolChange(i32),
-    /// Single block: stands at the end of a block.
+    /// Single block: the machine rests at the end of a block.
     SingleBlock,
-    /// A step of pausing at a breakpoint and going on there (DNC-1 … DNC-8).
+    /// A step of a DNC pause (DNC-1 … DNC-8).
     Dnc(DncEvent),
     /// A message of the program.
     Message(String),
-    /// The program that arrives is waited for.
+    /// The stream of the program has stalled.
     StreamStalled {
-        /// Who is to send it.
+        /// Name of the sender.
         source: String,
-        /// Since when.
+        /// Time since which it has stalled.
         since: Timestamp,
     },
-    /// The program that was waited for goes on or has ended.
+    /// A stalled stream has continued or ended.
     StreamResumed {
-        /// Who sends it.
+        /// Name of the sender.
         source: String,
-        /// How long it was waited for, s.
+        /// Duration of the wait, s.
         waited_s: f64,
     },
     /// The look-ahead ran dry.
@@ -209,7 +209,7 @@ pub struct Event {
     pub period: u64,
     /// Machine time in seconds.
     pub time_s: f64,
-    /// Where the cursor stood.
+    /// Place of the cursor.
     pub place: Place,
     /// Program line that was being executed.
     pub line: u32,
@@ -218,7 +218,7 @@ pub struct Event {
 }
 
 impl Event {
-    /// The event as one JSON object.
+    /// Converts the event to one JSON object.
     #[must_use]
     pub fn to_json(&self) -> Value {
         let mut value = match &self.kind {
@@ -284,7 +284,7 @@ impl Event {
         value
     }
 
-    /// The same, where each channel also has its name.
+    /// Converts the event to one JSON object, with the names of the channels.
     #[must_use]
     pub fn to_json_naming(&self, names: &ChannelNames) -> Value {
         let mut value = self.to_json();
@@ -299,19 +299,19 @@ impl Event {
         value
     }
 
-    /// The event as a plain line for a person.
+    /// Formats the event as one line of plain text.
     #[must_use]
     pub fn to_line(&self, names: &ChannelNames) -> String {
         format!("{:10.3} s  line {:>6}  {}", self.time_s, self.line, self.text_naming(names))
     }
 
-    /// What happened, in words, with channels by their usual names.
+    /// Describes the event, with channels by their usual names.
     #[must_use]
     pub fn text(&self) -> String {
         self.text_naming(&ChannelNames::default())
     }
 
-    /// What happened, in words.
+    /// Describes the event.
     #[must_use]
     pub fn text_naming(&self, names: &ChannelNames) -> String {
         let channel_name = |channel: u8| names.of(channel);
@@ -369,18 +369,18 @@ impl Event {
     }
 }
 
-/// What the output channels of a machine are called.
+/// Names of the output channels of a machine.
 #[derive(Clone, Debug, Default)]
 pub struct ChannelNames(Vec<String>);
 
 impl ChannelNames {
-    /// Those of a machine: a cutter's name, or that of the machine file, where there is one.
+    /// Names of a machine's channels: a cutter's name, or that of the machine file, if there is one.
     #[must_use]
     pub fn of_machine(machine: &MachineConfig) -> Self {
         Self((0..retrace_link::channel::COUNT as u8).map(|channel| machine.channel_name(channel)).collect())
     }
 
-    /// The name of a channel; its usual one where there is no other.
+    /// Name of a channel; the usual one where there is no other.
     #[must_use]
     pub fn of(&self, channel: u8) -> String {
         self.0.get(usize::from(channel)).cloned().unwrap_or_else(|| channel_name(channel))

@@ -1,7 +1,7 @@
-//! The report of a run, as `--json` prints it last and the journal keeps it (interface, *run*).
+//! The report of a run, as `--json` prints it last and the journal stores it (interface, *run*).
 //!
-//! Invariant: positions come from the card, commanded positions from the program; nothing in the report is estimated. What was not measured is
-//! null, with a note that says why.
+//! Invariant: positions come from the card, commanded positions from the program; nothing in the report is estimated.
+//! What was not measured is null, with a note that gives the reason.
 
 use retrace_link::CardStatus;
 use serde_json::{Map, Value, json};
@@ -11,32 +11,32 @@ use crate::machine::MachineConfig;
 use crate::run_stats::RunStats;
 use crate::session::Outcome;
 
-/// Everything that is known at the end of a run.
+/// The data at the end of a run.
 #[derive(Debug)]
 pub struct Report<'a, const A: usize> {
-    /// The program's name.
+    /// Name of the program.
     pub program: &'a str,
     /// The machine it ran on.
     pub machine: &'a MachineConfig,
-    /// How it ended.
+    /// How the run ended.
     pub outcome: &'a Outcome,
     /// Program line that was executed last.
     pub line: u32,
-    /// Where the time went.
+    /// Time breakdown.
     pub stats: &'a RunStats,
-    /// Blocks of the program that were executed.
+    /// Number of blocks that were executed.
     pub blocks: u64,
-    /// Canonical functions they came to.
+    /// Number of canonical functions.
     pub canonical: u64,
-    /// End position of the program on the machine's axes, mm; empty where the program did not come to its end.
+    /// End position of the program on the machine's axes, mm. Empty where the program was not completed.
     pub commanded_mm: &'a [f64],
-    /// What the card has reported last.
+    /// Last status of the card.
     pub card: &'a CardStatus<A>,
-    /// The judge's verdict over what was emitted.
+    /// Result of the limit monitor over the emitted increments.
     pub verdict: &'a LimitReport<A>,
-    /// Real time in seconds.
+    /// Wall time, s.
     pub wall_s: f64,
-    /// Alarms that were raised, as text.
+    /// Alarms of the run, as text.
     pub alarms: &'a [String],
 }
 
@@ -52,7 +52,7 @@ impl Outcome {
         }
     }
 
-    /// The outcome's word in the report.
+    /// The outcome as one word in the report.
     #[must_use]
     pub fn word(&self) -> &'static str {
         match self {
@@ -64,28 +64,29 @@ impl Outcome {
 }
 
 impl<const A: usize> Report<'_, A> {
-    /// Seconds that `periods` control periods take.
+    /// Duration of `periods` control periods, s.
     fn seconds(&self, periods: u64) -> f64 {
         // whole microseconds first, so that 1 500 periods of 1 ms print as 1.5
         (u128::from(periods) * u128::from(self.machine.period_us)) as f64 / 1e6
     }
 
-    /// Machine time of program motion, first passage, in seconds.
+    /// Machine time of program motion executed for the first time, s.
     #[must_use]
     pub fn motion_s(&self) -> f64 {
         self.seconds(self.stats.motion)
     }
 
-    /// Pulse counts of the machine's axes; none where the card has not confirmed where it came to rest.
+    /// Counts of the machine's axes. None where the card has not confirmed where it came to rest.
     #[must_use]
     pub fn counts(&self) -> Option<&[i64; A]> {
-        // A fault of the card or its line ends the run without a word from the card; an alarm that the card latched is one.
+        // A fault of the card or its link ends the run without a report from the card; an alarm that the card latched
+        // comes with one.
         let is_fault = matches!(self.outcome, Outcome::Alarm(number, ..) if ("E3001"..="E3009").contains(number))
             && self.card.alarm.is_none();
         (self.card.at_rest && !is_fault).then_some(&self.card.counts)
     }
 
-    /// Why the position is not known, where it is not.
+    /// Reason why the position is not known, where it is not.
     #[must_use]
     pub fn position_note(&self) -> Option<String> {
         if self.counts().is_some() {
@@ -148,7 +149,7 @@ impl<const A: usize> Report<'_, A> {
         })
     }
 
-    /// Where the first limit was broken: the period that closed the window, axis, order of the difference, stride, pulses.
+    /// The first limit violation: the period that ended the window, axis, order of the difference, stride, pulses.
     fn first_violation(&self) -> Value {
         self.verdict.first.map_or(Value::Null, |offence| {
             json!({
@@ -179,7 +180,7 @@ impl<const A: usize> Report<'_, A> {
     }
 }
 
-/// Largest resident memory of this process so far in MiB, where the system tells (Linux); else null.
+/// Largest resident memory of this process so far in MiB, where the system reports it (Linux); else null.
 fn peak_rss_mib() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;

@@ -1,6 +1,6 @@
-//! One axis of a machine: its pulses, limits, travel, and how it finds home.
+//! An axis of a machine: pulses, limits, travel, and homing.
 //!
-//! Invariant: axes that were checked are in the order of [`AXIS_LETTERS`], each there once, every figure in its range.
+//! Invariant: checked axes are in the order of [`AXIS_LETTERS`], each at most once, with every value in its range.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -19,11 +19,11 @@ pub struct AxisConfig {
     pub name: char,
     /// Pulses per mm (degree), 0.001 to 10⁶.
     pub pulses_per_mm: f64,
-    /// Highest velocity in mm/s.
+    /// Maximum velocity, mm/s.
     pub max_velocity_mm_per_s: f64,
-    /// Highest acceleration in mm/s².
+    /// Maximum acceleration, mm/s².
     pub max_acceleration_mm_per_s2: f64,
-    /// Highest jerk in mm/s³.
+    /// Maximum jerk, mm/s³.
     pub max_jerk_mm_per_s3: f64,
     /// Soft limits: lowest and highest machine position in mm.
     pub travel_mm: [f64; 2],
@@ -66,25 +66,25 @@ pub(super) struct HomeSection {
     max_travel_mm: Option<f64>,
 }
 
-/// How an axis finds home: fast toward its switch, to rest, slowly off it again.
+/// Homing of an axis: fast toward its switch, to rest, slowly off it again.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HomeConfig {
-    /// Is the switch at the upper end?
+    /// Whether the switch is at the upper end.
     pub upper: bool,
     /// Machine position where the switch opens, mm.
     pub position_mm: f64,
     /// Speed toward the switch, mm/s.
     pub search_mm_per_s: f64,
-    /// Speed off it, mm/s.
+    /// Speed off the switch, mm/s.
     pub latch_mm_per_s: f64,
     /// Acceleration, mm/s².
     pub acceleration_mm_per_s2: f64,
-    /// The farthest way to the switch, mm.
+    /// Maximum distance to the switch, mm.
     pub max_travel_mm: f64,
 }
 
 impl AxisConfig {
-    /// Three figures of a machine that nobody has described, and no more.
+    /// An axis with these limits, and defaults for everything else.
     pub(super) const fn plain(name: char) -> Self {
         Self {
             name,
@@ -110,22 +110,22 @@ impl AxisConfig {
         AXIS_LETTERS.iter().position(|&l| l == self.name).unwrap_or(0)
     }
 
-    /// Does it turn, so that its positions are degrees?
+    /// Whether the axis is rotary, so that its positions are degrees.
     #[must_use]
     pub const fn is_rotary(&self) -> bool {
         matches!(self.name, 'a' | 'b' | 'c')
     }
 
-    /// Speed of jogging, mm/s: half of the highest where none is given.
+    /// Jog speed, mm/s: half of the maximum velocity where none is given.
     #[must_use]
     pub fn jog_mm_s(&self) -> f64 {
         self.jog_mm_per_s.unwrap_or(self.max_velocity_mm_per_s / 2.0)
     }
 
-    /// How it finds home; none where it has no switch.
+    /// Homing of the axis. None where it has no switch.
     ///
     /// # Errors
-    /// `E2112` for a figure that is out of its range.
+    /// `E2112` for a value out of its range.
     pub(super) fn homing(&self) -> Result<Option<HomeConfig>, NumberedError> {
         let Some(written) = &self.home else { return Ok(None) };
         let upper = written.switch == SwitchEnd::Upper;
@@ -170,7 +170,7 @@ pub(super) fn refuse(what: String) -> NumberedError {
     NumberedError::new("E2112", what, "see `retrace machine new` for a commented machine file")
 }
 
-/// Checks axes as they are written, and puts them in order.
+/// Checks axes as written in the machine file, and sorts them.
 pub(super) fn checked(mut axes: Vec<AxisConfig>) -> Result<Vec<AxisConfig>, NumberedError> {
     if axes.is_empty() {
         return Err(refuse("the machine has no [[axis]]".into()));

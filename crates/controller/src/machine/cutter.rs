@@ -1,4 +1,5 @@
-//! The cutters of a machine: which outputs cut, how long they may be on while the machine stands, and what they are called (CUT-1).
+//! The cutters of a machine: their outputs, how long they may be on while the machine is at rest, and their names
+//! (CUT-1).
 //!
 //! Invariant: every cutting output belongs to exactly one cutter, and no channel has two uses.
 
@@ -19,20 +20,20 @@ pub enum CutterKind {
     Jet,
     /// A laser beam: off as soon as the machine is at rest.
     Beam,
-    /// A scribe, pen or punch: it marks and does not cut.
+    /// A scribe, pen or punch, which does not cut.
     Marker,
     /// A milling or engraving spindle: keeps turning in a hold (CUT-10).
     Spindle,
 }
 
 impl CutterKind {
-    /// Must it be off whenever the machine does not move along a cut?
+    /// Whether it must be off whenever the machine does not move along a cut.
     #[must_use]
     pub const fn cuts_at_rest(self) -> bool {
         matches!(self, Self::Torch | Self::Jet | Self::Beam)
     }
 
-    /// How long it may be on while the machine stands, where the machine file does not say, ms (CUT-6).
+    /// Default time for which it may be on while the machine is at rest, ms (CUT-6).
     const fn usual_standing_ms(self) -> f64 {
         match self {
             Self::Jet => 500.0,
@@ -75,28 +76,28 @@ pub(super) struct CutterSection {
 /// A cutter, checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CutterConfig {
-    /// Its name, for the screen and for messages.
+    /// Name, for the screen and for messages.
     pub name: String,
-    /// What it is.
+    /// Kind of cutter.
     pub kind: CutterKind,
-    /// The channel that lights, opens or starts it; 64 is that of M3, M4 and M5.
+    /// Channel that lights, opens or starts it; 64 is that of M3, M4 and M5.
     pub fire: u8,
-    /// The channel that arms it, if there is one.
+    /// Channel that arms it, if any.
     pub arm: Option<u8>,
-    /// The channel of its assist gas, if there is one.
+    /// Channel of its assist gas, if any.
     pub assist: Option<u8>,
-    /// The channel of its abrasive, if there is one.
+    /// Channel of its abrasive, if any.
     pub abrasive: Option<u8>,
-    /// How long it may be on while the machine stands, ms; of no meaning for a marker and a spindle.
+    /// Time for which it may be on while the machine is at rest, ms. Not used for markers and spindles.
     pub standing_ms: f64,
-    /// May it be on while the path is retraced? Jets only.
+    /// Whether it may be on while the path is retraced. Jets only.
     pub retrace_cut: bool,
-    /// May it be on during a rapid move?
+    /// Whether it may be on during a rapid move.
     pub rapid_lit: bool,
 }
 
 impl CutterConfig {
-    /// A cutter of a channel that `cutting_outputs` names and no table describes: a torch on M3's channel, else a jet.
+    /// Cutter of a channel that `cutting_outputs` names and no table describes: a torch on M3's channel, else a jet.
     fn of_channel(fire: u8) -> Self {
         let (name, kind) = match fire {
             channel::SPINDLE => ("torch".into(), CutterKind::Torch),
@@ -107,14 +108,14 @@ impl CutterConfig {
         Self { name, kind, fire, arm, assist, abrasive, standing_ms, retrace_cut: false, rapid_lit: false }
     }
 
-    /// The channels that belong to it besides `fire`, with what they are.
+    /// Its channels other than `fire`, with their purpose.
     fn auxiliaries(&self) -> impl Iterator<Item = (u8, &'static str)> {
         let all = [(self.arm, "arm"), (self.assist, "assist"), (self.abrasive, "abrasive")];
         all.into_iter().filter_map(|(channel, what)| channel.map(|channel| (channel, what)))
     }
 }
 
-/// The cutters of a machine file, and those of `cutting_outputs` that it does not describe.
+/// The cutters of a machine file, and those of `cutting_outputs` that have no table.
 pub(super) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Result<Vec<CutterConfig>, NumberedError> {
     let mut cutters: Vec<CutterConfig> = Vec::new();
     for cutter in written {
@@ -146,7 +147,7 @@ pub(super) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
     Ok(cutters)
 }
 
-/// Refuses a channel that two cutters use, or that there is not, and a name that stands twice.
+/// Rejects a channel that two cutters use, or that does not exist, and duplicate names.
 fn unique(cutters: &[CutterConfig]) -> Result<(), NumberedError> {
     let mut used: Vec<(u8, &str)> = Vec::new();
     for (at, cutter) in cutters.iter().enumerate() {
@@ -181,7 +182,7 @@ pub(super) fn cutting_outputs(cutters: &[CutterConfig]) -> Vec<u8> {
     cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()).map(|cutter| cutter.fire).collect()
 }
 
-/// What the card is told of the cutters. `inhibit`: a dry run.
+/// Settings of the cutters for the card. `inhibit`: a dry run.
 pub(crate) fn settings(cutters: &[CutterConfig], handover_ms: f64, period_ms: f64, inhibit: bool) -> CuttingSettings {
     let periods = |ms: f64| (ms / period_ms).round().clamp(0.0, f64::from(u16::MAX)) as u16;
     let mut all = CuttingSettings { handover_periods: periods(handover_ms), inhibit, ..CuttingSettings::default() };
@@ -201,12 +202,12 @@ pub(crate) fn settings(cutters: &[CutterConfig], handover_ms: f64, period_ms: f6
     all
 }
 
-/// The channels that a dry run keeps off (CUT-8).
+/// Channels that a dry run keeps off (CUT-8).
 pub(crate) fn inhibited(cutters: &[CutterConfig]) -> Vec<u8> {
     cutters.iter().flat_map(|cutter| std::iter::once(cutter.fire).chain(cutter.auxiliaries().map(|a| a.0))).collect()
 }
 
-/// What a channel is called: the cutter's name for its fire channel, the name and what it is for the others.
+/// Name of a channel: the cutter's name for its fire channel, the name and purpose for the others.
 pub(crate) fn name_of(cutters: &[CutterConfig], channel: u8) -> Option<String> {
     cutters.iter().find_map(|cutter| {
         if cutter.fire == channel {

@@ -1,6 +1,6 @@
-//! Everything that is wrong with a machine file, not only the first thing.
+//! Check of a machine file that finds all errors, not only the first one.
 //!
-//! Invariant: a file without an error among its findings is one that [`Machine::parse`] takes, and the other way round.
+//! Invariant: [`MachineConfig::parse`] accepts a file if and only if this check finds no error.
 
 use std::collections::BTreeMap;
 
@@ -12,20 +12,20 @@ use crate::card_config::CardSection;
 use crate::numbered_error::NumberedError;
 use crate::switching::SwitchingTable;
 
-/// So many lines that cannot be understood are set aside at most.
+/// Maximum number of lines that cannot be parsed and are skipped.
 const MAX_MISREAD_LINES: usize = 100;
 
-/// What [`Machine::examine`] found in a machine file.
+/// Result of checking a machine file.
 #[derive(Clone, Debug)]
 pub struct MachineCheck {
-    /// What makes the file unusable, in the order of the file's tables; empty for a file that can be used.
+    /// Errors that make the file unusable, in the order of the file's tables. Empty for a usable file.
     pub errors: Vec<NumberedError>,
-    /// The machine, where there is no error.
+    /// The machine, if there is no error.
     pub machine: Option<MachineConfig>,
 }
 
 impl MachineConfig {
-    /// Looks through a machine file's text for everything that is wrong with it; `name` is what to call the file in messages.
+    /// Checks the text of a machine file for all errors. `name` names the file in messages.
     #[must_use]
     pub fn check_machine(text: &str, name: &str) -> MachineCheck {
         let mut errors = Vec::new();
@@ -35,7 +35,7 @@ impl MachineConfig {
             let found = errors_of(file);
             errors.extend(found.into_iter().map(|r| NumberedError { cause: format!("{name}: {}", r.cause), ..r }));
         }
-        // What only the whole file shows; a part of a file may lack what the rest of it needs.
+        // Errors that only the whole file shows; a part of a file may lack what the rest of it needs.
         let machine = match file.filter(|_| !misread).map(Self::check) {
             Some(Ok(machine)) if errors.is_empty() => Some(machine),
             Some(Err(refusal)) if errors.is_empty() => {
@@ -47,7 +47,7 @@ impl MachineConfig {
         MachineCheck { errors, machine }
     }
 
-    /// Numbers of the inputs that codes wait for and that no `[[card.input]]` declares, each with the first code that waits for it.
+    /// Numbers of the inputs that codes wait for and that no `[[card.input]]` declares, each with the first such code.
     #[must_use]
     pub fn undeclared_inputs(&self) -> BTreeMap<u8, &'static str> {
         let mut undeclared = BTreeMap::new();
@@ -60,7 +60,8 @@ impl MachineConfig {
     }
 }
 
-/// The part of a machine file that can be understood: lines and tables that cannot are reported and set aside. `None` where the syntax is wrong.
+/// The part of a machine file that can be parsed: other lines and tables are reported and skipped. `None` where the
+/// syntax is wrong.
 fn readable_part(text: &str, name: &str, errors: &mut Vec<NumberedError>) -> Option<MachineFile> {
     let mut rest = text.to_owned();
     for _ in 0..MAX_MISREAD_LINES {
@@ -70,7 +71,7 @@ fn readable_part(text: &str, name: &str, errors: &mut Vec<NumberedError>) -> Opt
         };
         let is_syntax = toml::from_str::<toml::Table>(&rest).is_err();
         if is_syntax && !errors.is_empty() {
-            // What was set aside was more than a line: the errors before it have to be corrected first.
+            // More than a line was skipped: the errors before it have to be corrected first.
             return None;
         }
         errors.push(super::machine_file::misread_in_a_line(&error, &rest, name));
@@ -80,7 +81,8 @@ fn readable_part(text: &str, name: &str, errors: &mut Vec<NumberedError>) -> Opt
     None
 }
 
-/// The text with the line at this offset blank; with the whole table blank where the line is its heading. `None` where the line is blank already.
+/// The text with the line at this offset blank, or with the whole table blank where the line is its heading. `None`
+/// where the line is blank already.
 fn without_the_entry_at(text: &str, at: usize) -> Option<String> {
     let (mut kept, mut begins, mut in_table) = (String::with_capacity(text.len()), 0, false);
     let mut has_changed = false;
@@ -99,7 +101,7 @@ fn without_the_entry_at(text: &str, at: usize) -> Option<String> {
     has_changed.then_some(kept)
 }
 
-/// The errors of each part of a file by itself.
+/// The errors of each part of a file separately.
 fn errors_of(file: &MachineFile) -> Vec<NumberedError> {
     let mut errors = Vec::new();
     errors.extend(file.ranges().into_iter().filter_map(Result::err));
@@ -139,7 +141,7 @@ fn errors_of(file: &MachineFile) -> Vec<NumberedError> {
     errors
 }
 
-/// A machine of this axis alone, without a home switch: its figures, and whether its limits go with the control period.
+/// A machine with this axis only, without a home switch: checks its values, and its limits with the control period.
 fn alone(file: &MachineFile, axis: &AxisConfig) -> Result<MachineConfig, NumberedError> {
     let within =
         |value: f64, least: f64, greatest: f64| if value.is_nan() { least } else { value.clamp(least, greatest) };
@@ -169,7 +171,7 @@ fn set_up_errors(file: &MachineFile, axes: &[AxisConfig], cutting: &[u8]) -> Vec
         if errors.is_empty() {
             errors.push(refusal);
         }
-        // What has nothing to do with the switches is checked all the same.
+        // Settings that do not depend on the switches are checked nevertheless.
         CardSection::default().checked(axes, cutting, period_ms)
     });
     let Ok(card) = card else { return errors };

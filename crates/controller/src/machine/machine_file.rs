@@ -1,6 +1,7 @@
-//! The machine file as it is written, and what is wrong with its text.
+//! The machine file as written, and the errors of its text.
 //!
-//! Invariant: a key that is left out has the value of the built-in machine; a key that there is not is refused with the nearest one.
+//! Invariant: a missing key has the value of the built-in machine; an unknown key is rejected with the nearest known
+//! one.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +17,7 @@ use crate::card_config::CardSection;
 use crate::numbered_error::{NumberedError, nearest};
 use crate::switching::CodeSettings;
 
-/// The handwheel.
+/// Settings of the handwheel.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WheelSettings {
@@ -40,7 +41,7 @@ pub enum RetraceOutputs {
     /// The operator switches them manually.
     #[default]
     Manual,
-    /// Recorded actions are replayed, in reverse too.
+    /// Recorded actions are replayed, also in reverse.
     Replayed,
 }
 
@@ -108,7 +109,7 @@ impl Default for BlendingSettings {
 }
 
 impl BlendingSettings {
-    /// The method, with its ratio checked whether or not it is used.
+    /// The method, with its ratio checked even if it is not used.
     pub(super) fn checked(self) -> Result<Blending, NumberedError> {
         let of = match self.ratio_of {
             GlideRatioOf::Length => RatioOf::Length,
@@ -225,15 +226,15 @@ pub fn machine_file_schema() -> serde_json::Value {
 }
 
 impl MachineFile {
-    /// Reads the text of the file that messages call `name`.
+    /// Parses the text of a file. `name` names it in messages.
     pub(super) fn read(text: &str, name: &str) -> Result<Self, NumberedError> {
         toml::from_str(text).map_err(|error| misread(&error, name))
     }
 
-    /// Whether each number that stands in no list is in its range: `E2112` where it is not.
+    /// Checks that each number outside of lists is in its range: `E2112` where it is not.
     pub(super) fn ranges(&self) -> [Result<(), NumberedError>; 9] {
         let period_ms = self.control_period_ms;
-        // A period that is out of its range has its own error.
+        // A control period out of range has its own error.
         let has_period = (0.1..=20.0).contains(&period_ms);
         let mean_ms = if has_period { [period_ms, 500.0 * period_ms] } else { [0.0, f64::INFINITY] };
         [
@@ -257,14 +258,14 @@ pub(crate) fn within(key: &str, value: f64, least: f64, greatest: f64) -> Result
     Err(NumberedError::new("E2112", format!("{key} = {value}"), format!("a number from {least} to {greatest}")))
 }
 
-/// Says where a machine file could not be read, and what may have been meant.
+/// Error for a machine file that cannot be parsed: where, and what may have been meant.
 fn misread(error: &toml::de::Error, name: &str) -> NumberedError {
     let remedy = unknown_key(error.message())
         .unwrap_or_else(|| "correct the line; `retrace machine new` shows a commented machine file".into());
     NumberedError::new("E2111", format!("{name}: {}", error.to_string().trim_end()), remedy)
 }
 
-/// The same in one line: where, what, and what may have been meant. `text` is the text that was read.
+/// The error in one line: where, what, and what may have been meant. `text` is the text that was parsed.
 pub(super) fn misread_in_a_line(error: &toml::de::Error, text: &str, name: &str) -> NumberedError {
     let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
     let line = before.matches('\n').count() + 1;

@@ -1,6 +1,6 @@
-//! What a machine needs before a program runs: homing, jogging, and the way that is safe to move.
+//! Setup of a machine before a program runs: homing, jogging, and the safe approach.
 //!
-//! Invariant: where the machine has to be homed, every axis can be, and the order holds each of them once.
+//! Invariant: where the machine has to be homed, every axis can be, and the order has each of them once.
 
 use retrace_core::ONE;
 use retrace_link::HomingCommand;
@@ -29,24 +29,24 @@ pub(super) struct ManualSection {
     pub(super) allow_unhomed: bool,
 }
 
-/// How a machine is set up, checked.
+/// Setup of a machine, checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ManualConfig {
-    /// How each axis finds home, in the order of the axes.
+    /// Homing of each axis, in the order of the axes.
     pub homes: Vec<Option<HomeConfig>>,
-    /// Letters of the axes that are homed, in that order.
+    /// Letters of the axes that are homed, in order.
     pub homing_order: Vec<char>,
-    /// Does the machine know its position at the start, so that it needs no homing?
+    /// Whether the machine has its position at the start, so that it needs no homing.
     pub homed: bool,
-    /// May a program move a machine that has not been homed?
+    /// Whether a program may move a machine that has not been homed.
     pub allow_unhomed: bool,
-    /// The axis that takes the tool away from the work, as an index of the axes.
+    /// The axis that retracts the tool from the work, as an index of the axes.
     pub tool_axis: Option<usize>,
-    /// Position of the tool axis where the others are safe to move, mm, machine coordinates.
+    /// Position of the tool axis at which the others may move safely, mm, machine coordinates.
     pub retract_mm: Option<f64>,
 }
 
-/// The parts of a machine file that tell how it is set up.
+/// The parts of a machine file that define the setup.
 pub(super) struct Written {
     pub(super) homing: HomingSection,
     pub(super) manual: ManualSection,
@@ -90,7 +90,7 @@ impl ManualConfig {
     }
 }
 
-/// The tool axis as an index: z where none is named.
+/// Index of the tool axis: z where none is given.
 fn tool_axis(named: Option<char>, axes: &[AxisConfig]) -> Result<Option<usize>, NumberedError> {
     let letter = named.unwrap_or('z').to_ascii_lowercase();
     let found = axes.iter().position(|axis| axis.name == letter);
@@ -100,7 +100,7 @@ fn tool_axis(named: Option<char>, axes: &[AxisConfig]) -> Result<Option<usize>, 
     }
 }
 
-/// The order of homing: the tool axis first where none is written.
+/// The order of homing: the tool axis first where none is given.
 fn order(
     written: Option<Vec<char>>,
     axes: &[AxisConfig],
@@ -135,8 +135,8 @@ fn order(
 }
 
 impl MachineConfig {
-    /// Letters of the axes that have to be homed before a program moves them, in the order of homing; none where the machine knows
-    /// its position.
+    /// Letters of the axes that have to be homed before a program moves them, in the order of homing. Empty where the
+    /// machine has its position.
     #[must_use]
     pub fn needs_homing(&self) -> &[char] {
         if self.setting_up.homed { &[] } else { &self.setting_up.homing_order }
@@ -148,26 +148,26 @@ impl MachineConfig {
         &self.setting_up.homing_order
     }
 
-    /// The axis that takes the tool away from the work, as an index of the axes; none where there is none.
+    /// Index of the axis that retracts the tool from the work, if any.
     #[must_use]
     pub fn tool_axis(&self) -> Option<usize> {
         self.setting_up.tool_axis
     }
 
-    /// Index of the axis of this letter, of either case.
+    /// Index of the axis with this letter, of either case.
     #[must_use]
     pub fn axis_of(&self, letter: char) -> Option<usize> {
         let letter = letter.to_ascii_lowercase();
         AXIS_LETTERS.contains(&letter).then(|| self.axes.iter().position(|axis| axis.name == letter)).flatten()
     }
 
-    /// Pulses nearest to a length on an axis; 0 where there is no such axis.
+    /// Pulses nearest to a length on an axis; 0 where the axis does not exist.
     #[must_use]
     pub fn counts_of(&self, axis: usize, mm: f64) -> i64 {
         self.axes.get(axis).map_or(0, |axis| (mm * axis.pulses_per_mm).round() as i64)
     }
 
-    /// The order to the card that homes an axis, an index of `axes`; none where it has no switch.
+    /// Command to the card that homes an axis, given as an index of `axes`. None where it has no switch.
     #[must_use]
     pub fn homing(&self, axis: usize) -> Option<HomingCommand> {
         let home = (*self.setting_up.homes.get(axis)?)?;

@@ -1,7 +1,7 @@
-//! The machine file: axes, limits, period, history, switching; and the machine that is built in.
+//! The machine configuration: axes, limits, period, history, switching; and the built-in machine.
 //!
-//! Invariant: a [`Machine`] that exists is valid: every number is in its range, the plan keeps its reserve, and the rate law fits
-//! the card.
+//! Invariant: a [`MachineConfig`] that exists is valid: every number is in its range, the plan has its reserve, and the
+//! rate law fits the card.
 
 mod axis;
 pub(crate) mod cutter;
@@ -30,61 +30,61 @@ use crate::rate_limits::{self, StoppingTimes};
 use crate::session::IN_FLIGHT_RECORDS;
 use crate::switching::SwitchingTable;
 
-/// A machine, checked.
+/// Configuration of a machine, checked.
 #[derive(Clone, Debug)]
 pub struct MachineConfig {
-    /// Its name.
+    /// Name of the machine.
     pub name: String,
-    /// Its axes, in the order of [`AXIS_LETTERS`].
+    /// Axes, in the order of [`AXIS_LETTERS`].
     pub axes: Vec<AxisConfig>,
     /// Control period *T* in microseconds.
     pub period_us: u32,
-    /// Highest speed along the path, mm/s.
+    /// Maximum velocity along the path, mm/s.
     pub path_velocity_mm_s: f64,
     /// Share of acceleration and jerk that the plan leaves to the rate law.
     pub reserve: f64,
-    /// Blend tolerance where a program's G64 names none, mm.
+    /// Blend tolerance for G64 without P, mm.
     pub blend_tolerance_mm: f64,
-    /// How corners between lines are passed.
+    /// Method by which corners between lines are passed.
     pub blending: Blending,
-    /// Records kept for reverse run.
+    /// Number of records retained for reverse run.
     pub history_records: u32,
-    /// Records planned beyond `reached` at most.
+    /// Maximum number of records planned beyond `reached`.
     pub look_ahead_records: u32,
-    /// How it is set up: homing, tool axis, retract plane.
+    /// Setup: homing, tool axis, retract plane.
     pub setting_up: ManualConfig,
-    /// What outputs do while retracing.
+    /// Behaviour of outputs while retracing.
     pub retrace_outputs: RetraceOutputs,
     /// Its cutters.
     pub cutters: Vec<CutterConfig>,
     /// Output channels that cut: the fire channels of torches, jets and beams. Rapid retrace only while they are off.
     pub cutting_outputs: Vec<u8>,
-    /// Who changes the tool.
+    /// Tool change: automatic or manual.
     pub tool_change: ToolChange,
-    /// Names of outputs, by channel, besides those of the cutters.
+    /// Names of outputs by channel, other than those of the cutters.
     pub(crate) output_names: BTreeMap<u8, String>,
-    /// Length of the handwheel's mean in periods.
+    /// Length of the handwheel's filter in periods.
     pub wheel_periods: u16,
-    /// Handwheel counts in that time that make rate 1.
+    /// Handwheel counts in that time that give rate 1.
     pub wheel_counts: u16,
-    /// Bytes that are kept of a program that arrives, at most.
+    /// Maximum length of a streamed program that is saved, bytes.
     pub stream_quota_bytes: u64,
-    /// How programs come over a serial line.
+    /// Settings of serial program sources.
     pub serial: SerialSettings,
-    /// What the card is told besides.
+    /// Further settings of the card.
     pub card: CardConfig,
-    /// What M, S and T codes switch, how, and for how long.
+    /// Switching by M, S and T codes.
     pub switching: SwitchingTable,
-    /// How the rate law stops this machine.
+    /// Stopping times under the rate law.
     pub stopping: StoppingTimes,
-    /// A dry run: every cutter is kept off (CUT-8).
+    /// Whether this is a dry run: every cutter is kept off (CUT-8).
     pub inhibits_outputs: bool,
-    /// Where the axes stand when a job begins, mm, in the order of `axes`: as the card's counts say.
+    /// Position of the axes when a job begins, mm, in the order of `axes`: that of the card's counts.
     pub stands_at_mm: Vec<f64>,
 }
 
 impl MachineConfig {
-    /// The same machine, which stands at these counts.
+    /// Returns the machine at the position of these counts.
     #[must_use]
     pub fn standing_at(mut self, counts: &[i64]) -> Self {
         for ((mm, axis), &count) in self.stands_at_mm.iter_mut().zip(&self.axes).zip(counts) {
@@ -93,7 +93,7 @@ impl MachineConfig {
         self
     }
 
-    /// Where it stands when a job begins, as a position of `A` axes.
+    /// Position at which a job begins, with `A` axes.
     #[must_use]
     pub fn start_mm<const A: usize>(&self) -> [f64; A] {
         let mut start = [0.0; A];
@@ -106,16 +106,16 @@ impl MachineConfig {
     /// The built-in machine: three axes, 1 000 pulses/mm, 100 mm/s, 1 000 mm/s², 20 000 mm/s³, T = 1 ms.
     ///
     /// # Errors
-    /// None in practice; the built-in machine goes through the same checks as every other.
+    /// None in practice; the built-in machine passes the same checks as every other.
     pub fn built_in() -> Result<Self, NumberedError> {
         Self::check(MachineFile::default())
     }
 
-    /// Reads a machine file's text; `name` is what to call the file in messages.
+    /// Parses the text of a machine file. `name` names the file in messages.
     ///
     /// # Errors
-    /// `E2111` for text that is not a machine file (syntax, misspelt key, wrong type), with line, column and a suggestion; `E2112`
-    /// for a number out of range.
+    /// `E2111` for text that is not a machine file (syntax, misspelt key, wrong type), with line, column and a
+    /// suggestion; `E2112` for a number out of range.
     pub fn parse(text: &str, name: &str) -> Result<Self, NumberedError> {
         let file = MachineFile::read(text, name)?;
         Self::check(file).map_err(|r| NumberedError { cause: format!("{name}: {}", r.cause), ..r })
@@ -183,7 +183,7 @@ impl MachineConfig {
         Ok(machine)
     }
 
-    /// What an output channel is called: by its cutter, by the machine file, or by what it is for.
+    /// Name of an output channel: by its cutter, by the machine file, or by its purpose.
     #[must_use]
     pub fn channel_name(&self, channel: u8) -> String {
         let named = || self.output_names.get(&channel).cloned();
@@ -196,25 +196,25 @@ impl MachineConfig {
         (0..retrace_link::channel::COUNT as u8).find(|&channel| self.channel_name(channel).eq_ignore_ascii_case(name))
     }
 
-    /// The cutter that this channel lights, opens or starts, if it is one's.
+    /// The cutter that this channel lights, opens or starts, if any.
     #[must_use]
     pub fn cutter_of(&self, channel: u8) -> Option<&CutterConfig> {
         self.cutters.iter().find(|cutter| cutter.fire == channel)
     }
 
-    /// The channels that are kept off because this is a dry run: fire, arm, assist and abrasive of every cutter; none otherwise.
+    /// Channels that are kept off in a dry run: fire, arm, assist and abrasive of every cutter. Empty otherwise.
     #[must_use]
     pub fn inhibited_channels(&self) -> Vec<u8> {
         if self.inhibits_outputs { cutter::inhibited(&self.cutters) } else { Vec::new() }
     }
 
-    /// The channels of the cutters in the order of the card's settings.
+    /// Channels of the cutters in the order of the card's settings.
     #[must_use]
     pub(crate) fn cutting_channels(&self) -> Vec<u8> {
         cutter::inhibited(&self.cutters)
     }
 
-    /// The channels that the end of a job switches off: those of every cutter, and the spindle.
+    /// Channels that the end of a job switches off: those of every cutter, and the spindle.
     #[must_use]
     pub(crate) fn off_at_end(&self) -> Vec<u8> {
         let mut channels = cutter::inhibited(&self.cutters);
@@ -230,14 +230,14 @@ impl MachineConfig {
         f64::from(self.period_us) * 1e-6
     }
 
-    /// The limits as a card's rate law takes them; axes that the machine does not have are those of its first axis.
-    /// Not `None` for a machine whose file was checked.
+    /// Limits for a card's rate law; missing axes have those of the first axis. Not `None` for a machine whose file was
+    /// checked.
     #[must_use]
     pub fn rate_limits<const A: usize>(&self) -> Option<RateLimits<A>> {
         rate_limits::rate_limits(&self.axes, self.reserve, self.period_s())
     }
 
-    /// The limits as the planner takes them; axes that the machine does not have are those of its first axis.
+    /// Limits for the planner; missing axes have those of the first axis.
     #[must_use]
     pub fn limits<const A: usize>(&self) -> MachineLimits<A> {
         let each = |value: fn(&AxisConfig) -> f64| {
@@ -259,7 +259,7 @@ impl MachineConfig {
     }
 }
 
-/// The names of outputs: each output once, each name once, and none that a cutter has.
+/// Checks the names of outputs: each output once, each name once, and none that a cutter has.
 fn output_names(written: Vec<OutputSection>, cutters: &[CutterConfig]) -> Result<BTreeMap<u8, String>, NumberedError> {
     let mut names = BTreeMap::new();
     for OutputSection { number, name } in written {

@@ -1,4 +1,4 @@
-//! `[serial]`: how programs come over an RS-232 line (SHP-31). A program's address may override each key.
+//! `[serial]`: reception of programs over an RS-232 line (SHP-31). A program's address may override each key.
 //!
 //! Invariant: settings that exist are in their ranges.
 
@@ -12,11 +12,11 @@ use crate::numbered_error::{NumberedError, nearest};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Parity {
-    /// The number of ones is even.
+    /// Even number of ones.
     Even,
-    /// The number of ones is odd.
+    /// Odd number of ones.
     Odd,
-    /// There is no parity bit.
+    /// No parity bit.
     None,
 }
 
@@ -30,7 +30,7 @@ pub enum Handshake {
     RtsCts,
     /// By both methods.
     Both,
-    /// Not at all.
+    /// None.
     None,
 }
 
@@ -60,7 +60,7 @@ pub enum CharacterCode {
     Auto,
 }
 
-/// What ends a program besides the second percent sign.
+/// The ends of a program in addition to the second percent sign.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ProgramEnds {
     /// The second percent sign.
@@ -88,7 +88,7 @@ enum ProgramEndKeys {
 /// The settings of a serial program source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SerialSettings {
-    /// Bits a second, 110 … 115 200.
+    /// Bits per second, 110 … 115 200.
     pub baud: u32,
     /// Data bits, 7 or 8.
     pub bits: u8,
@@ -96,19 +96,19 @@ pub struct SerialSettings {
     pub parity: Parity,
     /// Stop bits, 1 or 2.
     pub stop: u8,
-    /// How the sender is told to pause.
+    /// How the sender is paused.
     pub handshake: Handshake,
     /// The code of the characters.
     pub code: CharacterCode,
-    /// Longest wait for the first character, s; 0: for ever.
+    /// Timeout for the first character, s; 0: none.
     pub start_timeout_s: f64,
-    /// Longest wait for the next character, s; 0: for ever.
+    /// Timeout for the next character, s; 0: none.
     pub silence_timeout_s: f64,
     /// What ends the program.
     pub end: ProgramEnds,
-    /// Whether DC1 is repeated while nothing comes.
+    /// Whether DC1 is repeated while nothing is received.
     pub dc_codes: bool,
-    /// NULs that are sent before and behind a program, where this control is the sender.
+    /// Number of NULs sent before and behind a program, where this control is the sender.
     pub leader: u32,
 }
 
