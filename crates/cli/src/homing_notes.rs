@@ -48,7 +48,7 @@ impl Homing {
     /// `E2162` with the axes that were not homed; `E2201` where nothing can have been noted.
     pub fn check(&self, machine: &MachineConfig) -> Result<(), NumberedError> {
         let Some(card) = self.card.as_ref().filter(|_| !required(machine).is_empty()) else { return Ok(()) };
-        let unhomed = HomedAxes::usual()?.unhomed(card, machine);
+        let unhomed = HomedAxes::open_default()?.unhomed(card, machine);
         if unhomed.is_empty() {
             return Ok(());
         }
@@ -61,7 +61,7 @@ impl Homing {
     /// Which axes are homed, in the order of the axes.
     #[must_use]
     pub fn axes(&self, machine: &MachineConfig) -> Vec<HomingNotes> {
-        let notes = self.card.as_ref().and_then(|card| Some((card, HomedAxes::usual().ok()?)));
+        let notes = self.card.as_ref().and_then(|card| Some((card, HomedAxes::open_default().ok()?)));
         let homing = |letter| match notes.as_ref().and_then(|(card, homed)| homed.is_homed(card, machine, letter)) {
             None => HomingNotes::NotNeeded,
             Some(true) => HomingNotes::Homed,
@@ -83,15 +83,15 @@ impl Homing {
         let (ManualTask::Home(axis), Some(card)) = (task, &self.card) else { return perform() };
         let axes = axis.map_or_else(|| machine.homing_order().to_vec(), |axis| vec![axis.to_ascii_lowercase()]);
         let asked_for = !required(machine).is_empty();
-        let noted = HomedAxes::usual().and_then(|homed| homed.begin(card, &axes).map(|()| homed));
+        let noted = HomedAxes::open_default().and_then(|homed| homed.mark_unhomed(card, &axes).map(|()| homed));
         let homed = match noted {
             Ok(homed) => homed,
             Err(refusal) if asked_for => return Err(refusal.into()),
             Err(_) => return perform(),
         };
         let done = perform()?;
-        if let ManualTaskDone::Whole { .. } = done {
-            let noted = homed.done(card, machine, &axes);
+        if let ManualTaskDone::Completed { .. } = done {
+            let noted = homed.mark_homed(card, machine, &axes);
             noted.or_else(|refusal| if asked_for { Err(refusal) } else { Ok(()) })?;
         }
         Ok(done)

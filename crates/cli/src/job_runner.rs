@@ -185,7 +185,7 @@ impl JobRunner<'_> {
             canonical: summary.as_ref().map_or(0, |s| s.canonical),
             commanded_mm: summary.as_ref().map_or(&[], |s| &s.commanded_mm),
             card: card.status(),
-            verdict: &verdict,
+            limit_report: &verdict,
             wall_s,
             alarms: &alarms,
         };
@@ -407,7 +407,7 @@ fn told<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
     };
     let counted = format!(
         "  limit violations {} · underruns {} · reversals {}",
-        report.verdict.violations, report.tally.underruns, report.tally.reversals
+        report.limit_report.violations, report.tally.underruns, report.tally.reversals
     );
     let offsets = tables.parameters.as_ref().map_or(String::new(), |path| format!("\n  offsets {}", path.display()));
     format!("{}: {}\n{times}\n{position}\n{counted}{offsets}", escape::name(report.program), report.outcome.word())

@@ -152,11 +152,11 @@ where
         return Err(lost.into());
     }
     let code = match done {
-        Ok(ManualTaskDone::Whole { .. }) => 0,
+        Ok(ManualTaskDone::Completed { .. }) => 0,
         Ok(ManualTaskDone::Stopped) => 4,
         Err(ManualTaskError::Refused(refusal)) => return Err(refusal.into()),
         Err(ManualTaskError::Block(lines)) => return Err(shown(lines)),
-        Err(ManualTaskError::Trouble(trouble)) => {
+        Err(ManualTaskError::Card(trouble)) => {
             let (number, cause, remedy) = trouble.parts();
             return Err(CommandFailure::Card(NumberedError::new(number, cause, remedy)));
         }

@@ -85,7 +85,7 @@ pub struct StreamOpening {
 
 fn ahead(input: impl Read + Send + 'static, opening: &StreamOpening) -> ProgramStream {
     match ReadAhead::of(input, Arc::clone(&opening.given_up)) {
-        Ok(ahead) => Box::new(ahead.showing(Arc::clone(&opening.status))),
+        Ok(ahead) => Box::new(ahead.with_status(Arc::clone(&opening.status))),
         // No thread left to read ahead.
         Err(error) => Box::new(BufReader::new(StreamBroken(error.to_string()))),
     }

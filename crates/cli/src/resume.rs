@@ -16,7 +16,7 @@ use retrace_controller::journal::journal_writer::Durability;
 use retrace_controller::journal::spool::{SpoolProgress, SpoolReplay};
 use retrace_controller::journal::timestamp::Timestamp;
 use retrace_controller::machine::MachineConfig;
-use retrace_controller::manual::jog_planner::BEYOND;
+use retrace_controller::manual::jog_planner::MANUAL_PLACE_OFFSET;
 use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::operator::{self, ScriptInstruction};
 use retrace_controller::resume::{ResumePlan, ResumePoint};
@@ -308,7 +308,7 @@ impl ResumeStep<'_> {
         let said =
             PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
         let is_behind = is_before(said.reached, stood.start.reached) || is_before(said.executed, stood.start.executed);
-        let is_off_path = said.place.record.wrapping_sub(self.record.job.origin) >= BEYOND;
+        let is_off_path = said.place.record.wrapping_sub(self.record.job.origin) >= MANUAL_PLACE_OFFSET;
         let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == entry::JobEnding::Stopped);
         // The card's place is of another path, or that does not matter: the journal's is where it came to rest.
         if is_behind || is_off_path || was_stopped || self.breakpoint == ResumeBreakpoint::OfJournal {

@@ -1,6 +1,8 @@
-//! A whole job without a card: text to canonical functions, moves, plan and records. Row S6 of `cargo xtask bench motion`.
+//! A whole job without a card: text to canonical functions, moves, plan and records. Row S6 of `cargo xtask bench
+//! motion`.
 //!
-//! Invariant: the program is made before the clock starts; everything between its text and its last record is timed, on one core.
+//! Invariant: the program is made before the clock starts; everything between its text and its last record is timed, on
+//! one core.
 
 #[path = "../../motion/benches/motion/roads.rs"]
 #[allow(dead_code)] // this bench uses its part
@@ -36,7 +38,7 @@ impl BlockDecoder for Decoder {
     }
 }
 
-/// Plans, and takes every record out as soon as there is one.
+/// Plans, and takes every record out as soon as it exists.
 struct Records {
     planner: Planner<3>,
     records: u64,
@@ -78,7 +80,7 @@ impl MotionSink<3> for Records {
     }
 }
 
-/// The 3-D surface of 0.1 mm lines, at a feed at which so many lines take so many seconds.
+/// A 3-D surface of 0.1 mm lines, at the feed at which `lines` lines take `seconds` seconds.
 fn program(lines: usize, seconds: f64) -> String {
     let ways = roads::surface(lines).ways;
     let mut at = [0.0; 3];
@@ -100,7 +102,7 @@ fn program(lines: usize, seconds: f64) -> String {
     text + "M2\n"
 }
 
-/// Processor seconds are those of the wall here: nothing waits.
+/// Processor time equals wall time here: nothing waits.
 fn run(text: &Text, machine: &MachineConfig) -> (f64, u64, u64) {
     let setup = Setup::rs274();
     let planner = Planner::new(machine.limits(), [0.0; 3]).expect("the built-in machine is valid");
@@ -118,7 +120,7 @@ fn run(text: &Text, machine: &MachineConfig) -> (f64, u64, u64) {
 
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
-    // As every bench is: run as a test, it only has to start.
+    // As in every bench: run as a test, it only has to start.
     if !arguments.iter().any(|argument| argument == "--bench") {
         return;
     }

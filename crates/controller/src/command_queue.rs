@@ -132,7 +132,7 @@ impl CommandSources {
     /// Next command that is due in period `period`, with program line `line` being executed. Script commands come
     /// first.
     pub fn next_command(&mut self, period: u64, line: u32) -> Option<OperatorCommand> {
-        let scripted = self.script.due(period, line).map(|instruction| instruction.command);
+        let scripted = self.script.due_instruction(period, line).map(|instruction| instruction.command);
         scripted.or_else(|| self.next_live_command())
     }
 

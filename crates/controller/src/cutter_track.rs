@@ -65,7 +65,7 @@ impl CutterTrack {
     }
 
     /// Records that the program switches these outputs.
-    pub(crate) fn switched(&mut self, machine: &MachineConfig, changes: &[OutputChange]) {
+    pub(crate) fn record_switching(&mut self, machine: &MachineConfig, changes: &[OutputChange]) {
         for (at, cutter) in machine.cutters.iter().enumerate() {
             for change in changes.iter().filter(|change| change.channel == cutter.fire) {
                 self.lit[at] = change.value != 0;

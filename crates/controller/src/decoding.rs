@@ -16,7 +16,7 @@ use crate::plan_item::PlanEnd;
 /// Number of steps after which the decoder waits until the batch is taken. A block may have any number.
 const MAX_STEPS: usize = 2048;
 /// Interval at which a decoder without space polls: less than a planner takes for a batch.
-const NAP: Duration = Duration::from_micros(300);
+const POLL_INTERVAL: Duration = Duration::from_micros(300);
 
 /// Steps of whole blocks, in order.
 #[derive(Debug, Default)]
@@ -32,7 +32,7 @@ pub(crate) struct BlockBatch {
 }
 
 impl BlockBatch {
-    fn with_room() -> Self {
+    fn with_capacity() -> Self {
         let (steps, ends) = (Vec::with_capacity(MAX_STEPS + 64), Vec::with_capacity(MAX_STEPS));
         Self { steps, ends, modes: Vec::with_capacity(MAX_STEPS), ending: None }
     }
@@ -51,7 +51,7 @@ impl BlockBatch {
 pub(crate) struct BatchChannel {
     batch: Mutex<BlockBatch>,
     /// The planner takes nothing any more.
-    given_up: AtomicBool,
+    cancelled: AtomicBool,
     /// The decoder sends nothing any more.
     ended: AtomicBool,
 }
@@ -59,12 +59,12 @@ pub(crate) struct BatchChannel {
 impl BatchChannel {
     /// Creates an empty channel, and the batch with which the planner begins.
     pub(crate) fn new() -> (Self, BlockBatch) {
-        let batch = Mutex::new(BlockBatch::with_room());
-        (Self { batch, given_up: AtomicBool::new(false), ended: AtomicBool::new(false) }, BlockBatch::with_room())
+        let batch = Mutex::new(BlockBatch::with_capacity());
+        (Self { batch, cancelled: AtomicBool::new(false), ended: AtomicBool::new(false) }, BlockBatch::with_capacity())
     }
 
     /// Exchanges `batch` for the pending one, if that is not empty. Returns whether it did.
-    pub(crate) fn take(&self, batch: &mut BlockBatch) -> bool {
+    pub(crate) fn take_batch(&self, batch: &mut BlockBatch) -> bool {
         // A batch contains whole blocks at all times, also where its holder panicked.
         let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
         if held.ends.is_empty() && held.ending.is_none() {
@@ -76,19 +76,19 @@ impl BatchChannel {
     }
 
     /// Whether nothing more will be sent. To be called before [`BatchChannel::take`] finds nothing.
-    pub(crate) fn ended(&self) -> bool {
+    pub(crate) fn has_ended(&self) -> bool {
         self.ended.load(Ordering::Acquire)
     }
 
     /// Cancels the channel from the receiving end.
-    pub(crate) fn give_up(&self) {
-        self.given_up.store(true, Ordering::Relaxed);
+    pub(crate) fn cancel(&self) {
+        self.cancelled.store(true, Ordering::Relaxed);
     }
 
     /// Sends a block, and the modal state where it has changed. Returns false where the channel is cancelled. Waits for
     /// space with short pauses: neither side wakes the other.
-    fn put(&self, steps: &mut Vec<CanonStep>, changed: Option<Box<ActiveCodes>>, decoded: DecodedBlock) -> bool {
-        while !self.given_up.load(Ordering::Relaxed) {
+    fn send_block(&self, steps: &mut Vec<CanonStep>, changed: Option<Box<ActiveCodes>>, decoded: DecodedBlock) -> bool {
+        while !self.cancelled.load(Ordering::Relaxed) {
             let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
             if held.steps.len() < MAX_STEPS && held.ends.len() < MAX_STEPS {
                 held.steps.append(steps);
@@ -107,7 +107,7 @@ impl BatchChannel {
                 return true;
             }
             drop(held);
-            thread::sleep(NAP);
+            thread::sleep(POLL_INTERVAL);
         }
         false
     }
@@ -123,17 +123,17 @@ impl Drop for BatchSender<'_> {
 }
 
 /// The decoding thread: decodes block by block until the program ends or is cancelled.
-pub(crate) fn decode(program: &mut impl BlockDecoder, belt: &BatchChannel) {
-    let _ends = BatchSender(belt);
+pub(crate) fn decode(program: &mut impl BlockDecoder, channel: &BatchChannel) {
+    let _ends = BatchSender(channel);
     let mut steps = Vec::with_capacity(64);
-    let mut told = None;
+    let mut last_sent = None;
     loop {
         let decoded = program.next_block(&mut steps);
         let is_last = decoded != DecodedBlock::Block;
         let active = program.active();
-        let changed = if active == told { None } else { active.map(Box::new) };
-        told = active;
-        if !belt.put(&mut steps, changed, decoded) || is_last {
+        let changed = if active == last_sent { None } else { active.map(Box::new) };
+        last_sent = active;
+        if !channel.send_block(&mut steps, changed, decoded) || is_last {
             return;
         }
     }
@@ -158,12 +158,12 @@ mod tests {
 
     #[test]
     fn every_step_comes_once_with_its_block_and_the_end_behind_the_last() {
-        let (belt, mut batch) = BatchChannel::new();
+        let (channel, mut batch) = BatchChannel::new();
         let (mut lines, mut blocks) = (Vec::new(), 0);
         thread::scope(|scope| {
-            scope.spawn(|| decode(&mut Counts(0), &belt));
+            scope.spawn(|| decode(&mut Counts(0), &channel));
             loop {
-                if !belt.take(&mut batch) {
+                if !channel.take_batch(&mut batch) {
                     thread::yield_now();
                     continue;
                 }
@@ -187,12 +187,12 @@ mod tests {
 
     #[test]
     fn a_decoder_that_nobody_listens_to_ends() {
-        let (belt, _) = BatchChannel::new();
+        let (channel, _) = BatchChannel::new();
         thread::scope(|scope| {
-            let decoder = scope.spawn(|| decode(&mut Counts(0), &belt));
-            belt.give_up();
+            let decoder = scope.spawn(|| decode(&mut Counts(0), &channel));
+            channel.cancel();
             decoder.join().expect("it ends");
         });
-        assert!(belt.ended());
+        assert!(channel.has_ended());
     }
 }

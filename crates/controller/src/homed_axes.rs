@@ -75,7 +75,7 @@ impl HomedAxes {
     ///
     /// # Errors
     /// `E2201` where the user has no folder for it.
-    pub fn usual() -> Result<Self, NumberedError> {
+    pub fn open_default() -> Result<Self, NumberedError> {
         let jobs = JobStore::open_or_default(None).map_err(|refusal| {
             let remedy = "set HOME or XDG_STATE_HOME: what was homed is noted there";
             NumberedError::new("E2201", refusal.cause, remedy)
@@ -115,7 +115,7 @@ impl HomedAxes {
     ///
     /// # Errors
     /// `E2105`: it cannot be written.
-    pub fn begin(&self, card: &CardBoot, axes: &[char]) -> Result<(), NumberedError> {
+    pub fn mark_unhomed(&self, card: &CardBoot, axes: &[char]) -> Result<(), NumberedError> {
         self.change(card, |homed| homed.retain(|axis| !axes.contains(&axis.axis)))
     }
 
@@ -123,7 +123,7 @@ impl HomedAxes {
     ///
     /// # Errors
     /// `E2105`: it cannot be written.
-    pub fn done(&self, card: &CardBoot, machine: &MachineConfig, axes: &[char]) -> Result<(), NumberedError> {
+    pub fn mark_homed(&self, card: &CardBoot, machine: &MachineConfig, axes: &[char]) -> Result<(), NumberedError> {
         self.change(card, |homed| {
             homed.retain(|axis| !axes.contains(&axis.axis));
             homed.extend(axes.iter().filter_map(|&axis| axis_of(machine, axis)));
@@ -209,17 +209,17 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let (homed, machine) = (HomedAxes::of(&folder.path().join("state")), machine(""));
         assert_eq!(homed.unhomed(&card(1), &machine), ['z', 'x']);
-        homed.done(&card(1), &machine, &['x']).expect("noted");
+        homed.mark_homed(&card(1), &machine, &['x']).expect("noted");
         assert_eq!((homed.unhomed(&card(1), &machine), homed.unhomed(&card(2), &machine)), (vec!['z'], vec!['z', 'x']));
-        homed.done(&card(1), &machine, &['z']).expect("noted");
-        homed.done(&card(2), &machine, &['z']).expect("noted");
+        homed.mark_homed(&card(1), &machine, &['z']).expect("noted");
+        homed.mark_homed(&card(2), &machine, &['z']).expect("noted");
         assert_eq!((homed.unhomed(&card(1), &machine), homed.unhomed(&card(2), &machine)), (vec![], vec!['x']));
         for other in [CardBoot { serial: 8, ..card(1) }, CardBoot { name: "other".into(), ..card(1) }] {
             assert_eq!(homed.unhomed(&other, &machine), ['z', 'x'], "{other:?}");
         }
         let is_homed = |letter| homed.is_homed(&card(1), &machine, letter);
         assert_eq!(['x', 'z', 'y'].map(is_homed), [Some(true), Some(true), None]);
-        homed.begin(&card(1), &['z']).expect("noted");
+        homed.mark_unhomed(&card(1), &['z']).expect("noted");
         assert_eq!(['x', 'z', 'y'].map(is_homed), [Some(true), Some(false), None]);
         assert_eq!(homed.unhomed(&card(1), &machine), ['z'], "homing that has begun has not been done");
     }
@@ -228,7 +228,7 @@ mod tests {
     fn a_home_that_was_changed_is_not_the_one_that_was_found() {
         let folder = tempfile::tempdir().expect("a folder");
         let (homed, machine) = (HomedAxes::of(folder.path()), machine(""));
-        homed.done(&card(1), &machine, &['x', 'z']).expect("noted");
+        homed.mark_homed(&card(1), &machine, &['x', 'z']).expect("noted");
         let mut moved = machine.clone();
         moved.setting_up.homes[0].as_mut().expect("a home").position_mm = -3.0;
         assert_eq!(homed.unhomed(&card(1), &moved), ['x']);
@@ -248,14 +248,14 @@ mod tests {
     fn a_note_that_is_damaged_says_nothing_and_is_written_anew() {
         let folder = tempfile::tempdir().expect("a folder");
         let (homed, machine) = (HomedAxes::of(folder.path()), machine(""));
-        homed.done(&card(1), &machine, &['x', 'z']).expect("noted");
+        homed.mark_homed(&card(1), &machine, &['x', 'z']).expect("noted");
         let path = folder.path().join(NOTES);
         let whole = fs::read(&path).expect("written");
         for end in 0..whole.len() {
             fs::write(&path, &whole[..end]).expect("cut");
             assert_eq!(homed.unhomed(&card(1), &machine), ['z', 'x'], "cut at {end}");
         }
-        homed.done(&card(1), &machine, &['x', 'z']).expect("noted");
+        homed.mark_homed(&card(1), &machine, &['x', 'z']).expect("noted");
         assert_eq!(homed.unhomed(&card(1), &machine), []);
     }
 
@@ -264,7 +264,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let (homed, machine) = (HomedAxes::of(folder.path()), machine(""));
         for boot in 0..=CARDS as u32 {
-            homed.done(&card(boot), &machine, &['x', 'z']).expect("noted");
+            homed.mark_homed(&card(boot), &machine, &['x', 'z']).expect("noted");
         }
         assert_eq!(homed.unhomed(&card(0), &machine), ['z', 'x']);
         assert_eq!(homed.unhomed(&card(1), &machine), []);

@@ -173,10 +173,10 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let mut ring =
         Ring::new(cells, keep, look_ahead, origin.place).map_err(|e| machine_error(format!("no ring: {e:?}")))?;
     let (producer, consumer) = ring.split();
-    let begins = origin.place.wrapping_add(jog_planner::BEYOND);
+    let begins = origin.place.wrapping_add(jog_planner::MANUAL_PLACE_OFFSET);
     let mut by_hand = jog_planner::ring(machine, begins).map_err(|e| machine_error(format!("no ring: {e:?}")))?;
     let mail = jog_planner::JogStatus::default();
-    let (hand, requests) = jog_planner::hand(by_hand.split(), &mail);
+    let (hand, requests) = jog_planner::jog_channel(by_hand.split(), &mail);
     let mut identify = program.identity().unwrap_or_else(|| Box::new(|| 0));
     let program_is = identify();
     let (sender, receiver) = mpsc::sync_channel(ITEM_QUEUE_CAPACITY);
@@ -203,7 +203,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
             *tool += lengths.iter().map(|change| change.pulses).sum::<i64>();
         }
     }
-    let (length_entry, length_offers) = tool_length::entry();
+    let (length_entry, length_offers) = tool_length::length_channel();
     let feeder = feeder.with_overrides(heeding).with_tool_lengths(length_offers, &lengths);
     let streamer = RecordStreamer::new(consumer, receiver, origin.place, origin.outputs, origin.executed)
         .with_durable_place(keeping.durable);
@@ -219,7 +219,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         });
         let reporter = spawn_named(scope, ("reporting", run_mode.real_time), move || receiver.run(observer));
         let moves = spawn_named(scope, ("manual moves", run_mode.real_time), move || requests.serve(machine, identify));
-        let hand = hand.waking(moves.thread().clone());
+        let hand = hand.with_thread(moves.thread().clone());
         let interest = CancelOnDrop { cancel: &cancel, source_cancel: given_up };
         let session = Session::new(card, machine, streamer, operators, run_mode, telemetry).with_overrides(requester);
         let session = session.with_manual_moves(hand, program_is).with_length_entry(length_entry);
@@ -260,7 +260,7 @@ fn spawn_named<'scope, T: Send + 'scope>(
         work()
     };
     let begun = thread::Builder::new().name(name.into()).spawn_scoped(scope, work);
-    begun.unwrap_or_else(|error| panic!("the system has no thread left: {error}"))
+    begun.unwrap_or_else(|error| panic!("the system cannot create another thread: {error}"))
 }
 
 /// A panic in the thread is a defect, never an input; it is propagated.

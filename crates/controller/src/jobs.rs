@@ -298,12 +298,8 @@ impl JobFolder {
                 }
                 Err(TryLockError::WouldBlock) => {
                     let who = self.holder().map_or("another process".into(), |pid| format!("process {pid}"));
-                    let remedy = "let that one end, or stop it there";
-                    return Err(NumberedError::new(
-                        "E2206",
-                        format!("job {} is running: {who} has it", self.id),
-                        remedy,
-                    ));
+                    let remedy = "wait until it ends, or stop it there";
+                    return Err(NumberedError::new("E2206", format!("job {} is running in {who}", self.id), remedy));
                 }
             }
         }

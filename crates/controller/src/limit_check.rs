@@ -88,7 +88,7 @@ pub struct LimitCheck<'m, const A: usize> {
 /// Excess beyond a soft limit that counts as rounding, mm.
 const SLACK_MM: f64 = 1e-6;
 /// Maximum number of findings.
-const MOST: usize = 100;
+const MAX_FINDINGS: usize = 100;
 
 impl<'m, const A: usize> LimitCheck<'m, A> {
     /// Creates a check that begins at the machine's position.
@@ -145,7 +145,7 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
     }
 
     /// Records that an output is switched.
-    fn switched(&mut self, change: OutputChange, line: u32) {
+    fn record_switching(&mut self, change: OutputChange, line: u32) {
         if change.value == 0 {
             self.on.remove(&change.channel);
         } else {
@@ -154,7 +154,7 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
     }
 
     /// Records a feed move with the outputs as they are.
-    fn fed(&mut self) {
+    fn record_feed_move(&mut self) {
         if self.machine.cutters.is_empty() && !self.on.is_empty() {
             let digital = self.on.iter().filter(|(channel, _)| usize::from(**channel) < channel::DIGITAL);
             let unnamed = digital.filter(|(channel, _)| !self.machine.output_names.contains_key(channel));
@@ -168,7 +168,7 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
                 *range = [range[0].min(x), range[1].max(x)];
             }
         }
-        if self.beyond.len() < MOST && self.beyond.last().is_none_or(|b| b.line != line) {
+        if self.beyond.len() < MAX_FINDINGS && self.beyond.last().is_none_or(|b| b.line != line) {
             self.beyond.extend(LimitFinding::of(self.machine, point, |_| true, line));
         }
     }
@@ -188,7 +188,7 @@ pub(crate) fn passed_limit(axis: &AxisConfig, x: f64) -> Option<f64> {
 impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
     fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, _: PathMode, line: u32) -> Result<(), PlanWriteError> {
         if !matches!(feed, FeedRate::Rapid) {
-            self.fed();
+            self.record_feed_move();
         }
         self.moves += 1;
         self.at = end_mm;
@@ -197,7 +197,7 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
     }
 
     fn arc(&mut self, arc: &Arc<A>, _: FeedRate, _: PathMode, line: u32) -> Result<(), PlanWriteError> {
-        self.fed();
+        self.record_feed_move();
         self.moves += 1;
         for point in extremes(&self.at, arc) {
             self.visit(&point, line);
@@ -208,12 +208,12 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
     }
 
     fn action(&mut self, change: OutputChange, line: u32) {
-        self.switched(change, line);
+        self.record_switching(change, line);
     }
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         for &change in switch.changes {
-            self.switched(change, switch.line);
+            self.record_switching(change, switch.line);
         }
         Ok(())
     }

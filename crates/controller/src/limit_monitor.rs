@@ -70,9 +70,9 @@ const STRIDES: usize = 7;
 /// Velocity, acceleration, jerk.
 const ORDERS: usize = 3;
 /// Length of the longest window in periods: the third difference over the longest stride.
-const LONGEST: usize = ORDERS << (STRIDES - 1);
+const MAX_WINDOW: usize = ORDERS << (STRIDES - 1);
 /// Number of positions in the ring buffer: a power of two above the longest window.
-const KEPT: usize = 256;
+const RING_SIZE: usize = 256;
 /// Shortest stride, as a power of two, that counts for the extremes.
 const FIRST_FOR_EXTREMES: usize = 3;
 /// Rate 1: motion as recorded, in units of 2⁻³².
@@ -93,7 +93,7 @@ enum RateClass {
     Changing = 3,
 }
 
-const PLAYS: usize = 4;
+const RATE_CLASSES: usize = 4;
 
 impl RateClass {
     const fn of(is_whole: bool, is_constant: bool) -> Self {
@@ -107,7 +107,7 @@ impl RateClass {
 }
 
 /// Values for every stride, order, rate class and axis.
-type Table<const A: usize> = [[[[i32; A]; PLAYS]; ORDERS]; STRIDES];
+type Table<const A: usize> = [[[[i32; A]; RATE_CLASSES]; ORDERS]; STRIDES];
 
 /// The streaming monitor for `A` axes: one [`push`](LimitMonitor::push) per period, then
 /// [`finish`](LimitMonitor::finish).
@@ -116,7 +116,7 @@ pub struct LimitMonitor<const A: usize> {
     axes: [MonitorLimits; A],
     period_s: f64,
     /// Positions in pulses, wrapping; period `t` ends at cell `t + 1`.
-    positions: [[i32; A]; KEPT],
+    positions: [[i32; A]; RING_SIZE],
     /// Maximum permitted differences in pulses.
     bounds: Table<A>,
     /// Largest observed differences in pulses.
@@ -139,14 +139,14 @@ impl<const A: usize> LimitMonitor<A> {
         Self {
             axes: *axes,
             period_s,
-            positions: [[0; A]; KEPT],
+            positions: [[0; A]; RING_SIZE],
             bounds: bounds(axes, period_s),
-            largest: [[[[0; A]; PLAYS]; ORDERS]; STRIDES],
+            largest: [[[[0; A]; RATE_CLASSES]; ORDERS]; STRIDES],
             periods: 0,
             last_rate: 0,
-            whole_for: LONGEST,
-            constant_for: LONGEST,
-            measured_for: LONGEST,
+            whole_for: MAX_WINDOW,
+            constant_for: MAX_WINDOW,
+            measured_for: MAX_WINDOW,
             violations: 0,
             first: None,
         }
@@ -155,32 +155,32 @@ impl<const A: usize> LimitMonitor<A> {
     /// Checks one period: the pulses that each axis emitted in it, and the rate of play in units of 2⁻³².
     pub fn push(&mut self, increments: &[i32; A], rate: i64) {
         let is_whole = rate == 0 || rate == RATE_ONE || rate == -RATE_ONE;
-        self.whole_for = if is_whole { (self.whole_for + 1).min(LONGEST) } else { 0 };
+        self.whole_for = if is_whole { (self.whole_for + 1).min(MAX_WINDOW) } else { 0 };
         // The rest before the first period has no rate of its own.
         let is_constant = rate == self.last_rate || self.periods == 0;
-        self.constant_for = if is_constant { (self.constant_for + 1).min(LONGEST) } else { 1 };
+        self.constant_for = if is_constant { (self.constant_for + 1).min(MAX_WINDOW) } else { 1 };
         self.last_rate = rate;
-        self.measured_for = (self.measured_for + 1).min(LONGEST);
+        self.measured_for = (self.measured_for + 1).min(MAX_WINDOW);
 
         let at = self.periods as usize;
-        let before = self.positions[at % KEPT];
+        let before = self.positions[at % RING_SIZE];
         let now: [i32; A] = std::array::from_fn(|axis| {
             before[axis].wrapping_add(increments[axis].clamp(-MAX_INCREMENT, MAX_INCREMENT))
         });
-        self.positions[(at + 1) % KEPT] = now;
+        self.positions[(at + 1) % RING_SIZE] = now;
         for stride in 0..STRIDES {
-            self.judge_stride(stride, &now);
+            self.check_stride(stride, &now);
         }
         self.periods += 1;
     }
 
     /// Checks the windows of one stride that end with this period.
     #[inline]
-    fn judge_stride(&mut self, stride: usize, now: &[i32; A]) {
+    fn check_stride(&mut self, stride: usize, now: &[i32; A]) {
         let periods = 1_usize << stride;
         // Wrapping: only the position in the ring buffer matters, and its size divides 2³².
         let newest = (self.periods as usize).wrapping_add(1);
-        let back = |strides: usize| newest.wrapping_sub(strides * periods) % KEPT;
+        let back = |strides: usize| newest.wrapping_sub(strides * periods) % RING_SIZE;
         let (one, two, three) = (&self.positions[back(1)], &self.positions[back(2)], &self.positions[back(3)]);
         let mut differences = [[0_i32; A]; ORDERS];
         for axis in 0..A {
@@ -208,7 +208,7 @@ impl<const A: usize> LimitMonitor<A> {
             if offences > 0 {
                 self.violations += offences;
                 if self.first.is_none() {
-                    self.first = offence(self.periods, stride, order, difference, bounds);
+                    self.first = find_violation(self.periods, stride, order, difference, bounds);
                 }
             }
         }
@@ -229,7 +229,7 @@ impl<const A: usize> LimitMonitor<A> {
     #[must_use]
     pub fn finish(mut self) -> LimitReport<A> {
         let rate = self.last_rate;
-        for _ in 0..LONGEST {
+        for _ in 0..MAX_WINDOW {
             self.push(&[0; A], rate);
         }
         self.finish_moving()
@@ -263,7 +263,7 @@ impl<const A: usize> LimitMonitor<A> {
 
 /// The violation among these differences, on the first axis that has one.
 #[cold]
-fn offence<const A: usize>(
+fn find_violation<const A: usize>(
     period: u64,
     stride: usize,
     order: usize,
@@ -303,7 +303,7 @@ fn allowance(limits: &MonitorLimits, period_s: f64, order: usize, is_whole: bool
 
 /// Maximum whole number of pulses that each rate class permits.
 fn bounds<const A: usize>(axes: &[MonitorLimits; A], period_s: f64) -> Table<A> {
-    let mut table = [[[[0; A]; PLAYS]; ORDERS]; STRIDES];
+    let mut table = [[[[0; A]; RATE_CLASSES]; ORDERS]; STRIDES];
     for (stride, orders) in table.iter_mut().enumerate() {
         for (order, plays) in orders.iter_mut().enumerate() {
             for (play, bounds) in plays.iter_mut().enumerate() {
@@ -335,10 +335,10 @@ mod tests {
     const AXIS: MonitorLimits =
         MonitorLimits { pulses_per_mm: 1000.0, velocity_mm_s: 100.0, acceleration_mm_s2: 1000.0, jerk_mm_s3: 20_000.0 };
 
-    fn judged(increments: impl IntoIterator<Item = i32>) -> LimitReport<1> {
-        let mut judge = LimitMonitor::new(&[AXIS], PERIOD_S);
-        increments.into_iter().for_each(|increment| judge.push(&[increment], RATE_ONE));
-        judge.finish()
+    fn checked(increments: impl IntoIterator<Item = i32>) -> LimitReport<1> {
+        let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S);
+        increments.into_iter().for_each(|increment| monitor.push(&[increment], RATE_ONE));
+        monitor.finish()
     }
 
     #[test]
@@ -346,22 +346,22 @@ mod tests {
         // 50 mm/s with an unknown end: no rest is assumed.
         let ramp: Vec<i32> = (0..50).chain(std::iter::repeat_n(50, 300)).collect();
         let of = |skips: bool| {
-            let mut judge = LimitMonitor::new(&[AXIS], PERIOD_S);
-            ramp.iter().for_each(|&increment| judge.push(&[increment], RATE_ONE));
+            let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S);
+            ramp.iter().for_each(|&increment| monitor.push(&[increment], RATE_ONE));
             if skips {
-                judge.skip_unmeasured();
+                monitor.skip_unmeasured();
             }
-            (0..400).for_each(|_| judge.push(&[5], RATE_ONE));
-            judge
+            (0..400).for_each(|_| monitor.push(&[5], RATE_ONE));
+            monitor
         };
         let begun = of(true).violations();
         assert!(of(false).violations() > begun, "without the gap the change of velocity is judged");
         assert_eq!(of(true).finish_moving().violations, begun);
-        let mut judge = LimitMonitor::new(&[AXIS], PERIOD_S);
-        (0..300).for_each(|_| judge.push(&[90], RATE_ONE));
-        let before = judge.violations();
-        assert_eq!(judge.clone().finish_moving().violations, before);
-        assert!(judge.finish().violations > before, "a standstill that is known is judged");
+        let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S);
+        (0..300).for_each(|_| monitor.push(&[90], RATE_ONE));
+        let before = monitor.violations();
+        assert_eq!(monitor.clone().finish_moving().violations, before);
+        assert!(monitor.finish().violations > before, "a standstill that is known is judged");
     }
 
     /// Whole pulses of a path given in mm over seconds, as a planner rounds it.
@@ -383,9 +383,9 @@ mod tests {
 
     #[test]
     fn a_move_at_the_jerk_limit_passes_and_its_extremes_are_just_below_the_limits() {
-        let verdict = judged(rounded(250, move_mm(20_000.0, 0.05)));
-        assert_eq!((verdict.violations, verdict.first), (0, None));
-        let extremes = verdict.extremes[0];
+        let limit_report = checked(rounded(250, move_mm(20_000.0, 0.05)));
+        assert_eq!((limit_report.violations, limit_report.first), (0, None));
+        let extremes = limit_report.extremes[0];
         assert!((0.9..=1.0).contains(&(extremes.jerk_mm_s3 / 20_000.0)), "{extremes:?}");
         assert!((0.7..=1.0).contains(&(extremes.acceleration_mm_s2 / 1000.0)), "{extremes:?}");
         assert!((0.4..=0.5).contains(&(extremes.velocity_mm_s / 100.0)), "{extremes:?}");
@@ -393,19 +393,21 @@ mod tests {
 
     #[test]
     fn a_move_above_the_jerk_limit_is_caught_by_the_jerk_alone() {
-        let verdict = judged(rounded(250, move_mm(21_500.0, 0.04)));
-        assert!(verdict.violations > 0);
-        assert_eq!(verdict.first.map(|offence| offence.order), Some(3));
-        assert!(verdict.extremes[0].jerk_mm_s3 > 20_000.0 && verdict.extremes[0].acceleration_mm_s2 <= 1000.0);
+        let limit_report = checked(rounded(250, move_mm(21_500.0, 0.04)));
+        assert!(limit_report.violations > 0);
+        assert_eq!(limit_report.first.map(|violation| violation.order), Some(3));
+        assert!(
+            limit_report.extremes[0].jerk_mm_s3 > 20_000.0 && limit_report.extremes[0].acceleration_mm_s2 <= 1000.0
+        );
     }
 
     #[test]
     fn too_high_a_velocity_is_caught() {
         // Up to 1.2 mm/s so gently that neither acceleration nor jerk come near their limits.
-        let mut judge = LimitMonitor::new(&[MonitorLimits { velocity_mm_s: 1.0, ..AXIS }], PERIOD_S);
+        let mut monitor = LimitMonitor::new(&[MonitorLimits { velocity_mm_s: 1.0, ..AXIS }], PERIOD_S);
         let pushed = rounded(4000, |t| if t < 2.0 { 0.3 * t * t } else { 1.2 + 1.2 * (t - 2.0) });
-        pushed.iter().for_each(|&increment| judge.push(&[increment], RATE_ONE));
-        let first = judge.first.expect("the velocity rises to 1.2 of its limit");
+        pushed.iter().for_each(|&increment| monitor.push(&[increment], RATE_ONE));
+        let first = monitor.first.expect("the velocity rises to 1.2 of its limit");
         assert_eq!((first.order, first.axis), (1, 0));
         // 1 mm/s is passed after 1.667 s. The mean over 64 periods is surely seen when it is 66 pulses, 1.031 mm/s:
         // 32 periods after 1.719 s.
@@ -414,41 +416,41 @@ mod tests {
 
     #[test]
     fn too_high_an_acceleration_is_caught() {
-        let mut judge = LimitMonitor::new(&[MonitorLimits { jerk_mm_s3: 1e6, ..AXIS }], PERIOD_S);
+        let mut monitor = LimitMonitor::new(&[MonitorLimits { jerk_mm_s3: 1e6, ..AXIS }], PERIOD_S);
         for increment in rounded(80, |t| 0.5 * 1100.0 * t * t) {
-            judge.push(&[increment], RATE_ONE);
+            monitor.push(&[increment], RATE_ONE);
         }
-        assert_eq!(judge.first.map(|offence| offence.order), Some(2));
+        assert_eq!(monitor.first.map(|violation| violation.order), Some(2));
     }
 
     #[test]
     fn a_stop_from_full_speed_is_caught_though_nothing_follows_it() {
         let ramp = rounded(300, move_mm(20_000.0, 0.05)).into_iter().take(100);
-        let mut judge = LimitMonitor::new(&[AXIS], PERIOD_S);
-        ramp.for_each(|increment| judge.push(&[increment], RATE_ONE));
-        assert_eq!(judge.violations(), 0);
-        assert!(judge.finish().violations > 0);
+        let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S);
+        ramp.for_each(|increment| monitor.push(&[increment], RATE_ONE));
+        assert_eq!(monitor.violations(), 0);
+        assert!(monitor.finish().violations > 0);
     }
 
     #[test]
     fn a_lone_pulse_is_rounding_and_two_in_one_period_are_not() {
-        let lone = |size: i32| judged([0; 10].into_iter().chain([size]).chain([0; 10])).violations;
+        let lone = |size: i32| checked([0; 10].into_iter().chain([size]).chain([0; 10])).violations;
         assert_eq!(lone(1), 0);
         let slow = MonitorLimits { velocity_mm_s: 0.5, acceleration_mm_s2: 1.0, jerk_mm_s3: 1.0, ..AXIS };
-        let mut judge = LimitMonitor::new(&[slow], PERIOD_S);
-        judge.push(&[2], RATE_ONE);
-        assert!(judge.violations() > 0);
+        let mut monitor = LimitMonitor::new(&[slow], PERIOD_S);
+        monitor.push(&[2], RATE_ONE);
+        assert!(monitor.violations() > 0);
     }
 
     #[test]
     fn twice_the_jerk_is_allowed_while_the_rate_changes_only() {
         let increments = rounded(250, move_mm(36_000.0, 0.025));
         let violations = |rate: &dyn Fn(i64) -> i64| {
-            let mut judge = LimitMonitor::new(&[AXIS], PERIOD_S);
+            let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S);
             for (period, &increment) in increments.iter().enumerate() {
-                judge.push(&[increment], rate(period as i64));
+                monitor.push(&[increment], rate(period as i64));
             }
-            judge.finish().violations
+            monitor.finish().violations
         };
         assert_eq!(violations(&|period| period << 24), 0);
         assert!(violations(&|_| RATE_ONE) > 0);
@@ -457,13 +459,13 @@ mod tests {
 
     #[test]
     fn absurd_increments_are_violations_and_nothing_overflows() {
-        let verdict = judged([i32::MAX, i32::MIN, i32::MAX, i32::MAX, i32::MIN].into_iter().cycle().take(1000));
-        assert!(verdict.violations > 0);
+        let limit_report = checked([i32::MAX, i32::MIN, i32::MAX, i32::MAX, i32::MIN].into_iter().cycle().take(1000));
+        assert!(limit_report.violations > 0);
     }
 
     /// The same rule, calculated from whole arrays in floats.
     fn brute_force(increments: &[[i32; 2]], rates: &[i64], axes: &[MonitorLimits; 2]) -> (u64, [AxisExtremes; 2]) {
-        let rest = LONGEST;
+        let rest = MAX_WINDOW;
         let count = increments.len();
         let rate_at = |period: usize| rates[period.saturating_sub(rest).min(count - 1)];
         let mut violations = 0;
@@ -524,20 +526,20 @@ mod tests {
             stretches in prop::collection::vec((1_usize..150, rates(), -120_i32..120, -3_i32..4), 1..6),
         ) {
             let axes = [AXIS, MonitorLimits { pulses_per_mm: 320.0, velocity_mm_s: 40.0, acceleration_mm_s2: 300.0, jerk_mm_s3: 4_000.0 }];
-            let mut judge = LimitMonitor::new(&axes, PERIOD_S);
+            let mut monitor = LimitMonitor::new(&axes, PERIOD_S);
             let (mut increments, mut played) = (Vec::new(), Vec::new());
             for (periods, rate, x, y) in stretches {
                 for _ in 0..periods {
-                    judge.push(&[x, y], rate);
+                    monitor.push(&[x, y], rate);
                     increments.push([x, y]);
                     played.push(rate);
                 }
             }
             let (violations, extremes) = brute_force(&increments, &played, &axes);
-            let verdict = judge.finish();
-            prop_assert_eq!(verdict.violations, violations);
-            prop_assert_eq!(verdict.first.is_some(), violations > 0);
-            for (ours, theirs) in verdict.extremes.iter().zip(extremes) {
+            let limit_report = monitor.finish();
+            prop_assert_eq!(limit_report.violations, violations);
+            prop_assert_eq!(limit_report.first.is_some(), violations > 0);
+            for (ours, theirs) in limit_report.extremes.iter().zip(extremes) {
                 for (a, b) in [
                     (ours.velocity_mm_s, theirs.velocity_mm_s),
                     (ours.acceleration_mm_s2, theirs.acceleration_mm_s2),

@@ -31,7 +31,7 @@ fn position(machine: &MachineConfig) -> Pose {
 #[derive(Clone, Debug)]
 pub struct ModalContext {
     setup: Setup,
-    carried: ModalSnapshot,
+    modal_snapshot: ModalSnapshot,
 }
 
 impl ModalContext {
@@ -39,26 +39,26 @@ impl ModalContext {
     /// subprograms.
     #[must_use]
     pub fn new(setup: Setup) -> Self {
-        let carried = Interpreter::new(setup.clone()).modal_snapshot();
-        Self { setup, carried }
+        let modal_snapshot = Interpreter::new(setup.clone()).modal_snapshot();
+        Self { setup, modal_snapshot }
     }
 
     /// The modal state.
     #[must_use]
     pub fn active(&self) -> ActiveCodes {
-        self.carried.state().into()
+        self.modal_snapshot.state().into()
     }
 
     /// Parameters, tools and modal state.
     #[must_use]
     pub fn modal_snapshot(&self) -> &ModalSnapshot {
-        &self.carried
+        &self.modal_snapshot
     }
 
     /// Setup for reading a program now: offsets and tools are those in force, the modes those of a program's beginning.
     #[must_use]
     pub fn setup_of_program(&self, machine: &MachineConfig) -> Setup {
-        Setup { position: position(machine), ..self.setup.clone() }.following(&self.carried)
+        Setup { position: position(machine), ..self.setup.clone() }.following(&self.modal_snapshot)
     }
 
     /// Checks a block, for a machine at the position of `machine`.
@@ -67,7 +67,7 @@ impl ModalContext {
     /// Its errors, rendered: its diagnostics, and what this machine cannot execute (E43…). Nothing has changed then.
     pub fn block(&self, machine: &MachineConfig, text: &str) -> Result<MdiBlock, Vec<String>> {
         let begin = || {
-            let setup = Setup { position: position(machine), ..self.setup.clone() }.continuing(&self.carried);
+            let setup = Setup { position: position(machine), ..self.setup.clone() }.continuing(&self.modal_snapshot);
             let program = Program::mdi(text, setup).map_err(|found| rendered(&found, text))?;
             Ok::<_, Vec<String>>(MdiBlock { text: text.to_owned(), program, left: None, moves: false })
         };
@@ -83,18 +83,18 @@ impl ModalContext {
 
     /// Applies the state that an executed block has left.
     pub fn finish_block(&mut self, block: &MdiBlock) {
-        self.carried = block.program.interpreter().modal_snapshot();
+        self.modal_snapshot = block.program.interpreter().modal_snapshot();
     }
 
     /// Replaces parameters and tools by those that a program has left; the modes stay.
     pub fn set_tables(&mut self, parameters: Parameters, tools: ToolTable) {
-        let carried = self.carried.clone().with_tables(parameters, tools);
-        self.carried = Interpreter::new(self.setup.clone().continuing(&carried)).modal_snapshot();
+        let carried = self.modal_snapshot.clone().with_tables(parameters, tools);
+        self.modal_snapshot = Interpreter::new(self.setup.clone().continuing(&carried)).modal_snapshot();
     }
 
     /// Applies the state that an executed program has left.
-    pub fn take_over(&mut self, left: ModalSnapshot) {
-        self.carried = left;
+    pub fn apply_modal_snapshot(&mut self, left: ModalSnapshot) {
+        self.modal_snapshot = left;
     }
 }
 
@@ -109,12 +109,12 @@ fn rendered(found: &[Diagnostic], text: &str) -> Vec<String> {
 pub struct MdiBlock {
     text: String,
     program: Program<&'static [u8]>,
-    left: Option<Left>,
+    left: Option<MdiResult>,
     moves: bool,
 }
 
 /// Where a block that was decoded to its end stores its resulting state.
-pub(crate) type Left = Arc<Mutex<Option<ModalSnapshot>>>;
+pub(crate) type MdiResult = Arc<Mutex<Option<ModalSnapshot>>>;
 
 impl MdiBlock {
     /// Whether it moves the machine.
@@ -124,8 +124,8 @@ impl MdiBlock {
     }
 
     /// Also returns where the block stores its resulting state, for a caller that has it executed.
-    pub(crate) fn leaving(self) -> (Self, Left) {
-        let left = Left::default();
+    pub(crate) fn with_result(self) -> (Self, MdiResult) {
+        let left = MdiResult::default();
         (Self { left: Some(Arc::clone(&left)), ..self }, left)
     }
 }
@@ -159,7 +159,7 @@ mod tests {
         let mut scan = crate::limit_check::LimitCheck::<9>::new(machine);
         assert_eq!(job::feed_all(machine, &mut block, &mut scan).1, [], "{text}");
         context.finish_block(&block);
-        let counts = machine.axes.iter().zip(context.carried.state().machine_position().0);
+        let counts = machine.axes.iter().zip(context.modal_snapshot.state().machine_position().0);
         let counts: Vec<i64> = counts.map(|(axis, mm)| (mm * axis.pulses_per_mm).round() as i64).collect();
         machine.clone().standing_at(&counts)
     }

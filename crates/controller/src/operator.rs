@@ -168,17 +168,17 @@ pub enum CommandError {
 impl fmt::Display for CommandError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Mode(ModeError::NotRetracing) => "there is nothing to leave: the machine is in normal run",
-            Self::Mode(ModeError::NothingToConfirm) => "there is nothing to agree to",
+            Self::Mode(ModeError::NotRetracing) => "`leave` does nothing in normal run: the path is not being retraced",
+            Self::Mode(ModeError::NothingToConfirm) => "there is nothing to confirm",
             Self::Mode(ModeError::NotHeld) => "no feed hold is in force",
             Self::Mode(ModeError::RateNotPositive) => "a rate above 0 % is needed",
-            Self::TooManyOverrides => "too many changes of the override are on their way already",
-            Self::NoPierce => "no cutting output was switched on within the history that is kept",
-            Self::NothingBehind => "nothing was executed yet that could be gone back over",
+            Self::TooManyOverrides => "too many override changes are pending; try again in a moment",
+            Self::NoPierce => "no cutting output was switched on within the retained history",
+            Self::NothingBehind => "nothing has been executed yet that could be reversed over",
             Self::Interrupted(refused) => return crate::dnc_events::explain(*refused, f),
             Self::ToolLength(why) => return write!(f, "{why}"),
             Self::NotNow(why) => why,
-            Self::AboveMaxOverride(most) => return write!(f, "{:.0} % is the most", percent(*most)),
+            Self::AboveMaxOverride(most) => return write!(f, "the maximum is {:.0} %", percent(*most)),
             Self::BeyondLimit(axis) => {
                 return write!(f, "axis {} would go beyond its soft limit", axis.to_ascii_uppercase());
             }

@@ -19,15 +19,23 @@ use crate::start_line::SkippedBlocks;
 /// there.
 pub(crate) fn plan<const A: usize>(
     machine: &MachineConfig,
-    belt: &BatchChannel,
+    channel: &BatchChannel,
     batch: BlockBatch,
     (line, rests): (Option<u32>, Vec<u64>),
-    feeder: PlanWriter<'_, A>,
+    plan_writer: PlanWriter<'_, A>,
 ) -> Option<PlanSummary> {
-    let skipped = line.map(|line| (line, SkippedBlocks::new(*feeder.outputs(), &machine.cutting_outputs)));
-    let _gone = CancelPlanOnDrop(belt);
-    PlanningThread { machine, track: CanonExecutor::new(machine), skipped, feeder, rests, blocks: 0, canonical: 0 }
-        .run(belt, batch)
+    let skipped = line.map(|line| (line, SkippedBlocks::new(*plan_writer.outputs(), &machine.cutting_outputs)));
+    let _gone = CancelPlanOnDrop(channel);
+    PlanningThread {
+        machine,
+        executor: CanonExecutor::new(machine),
+        skipped,
+        plan_writer,
+        rests,
+        blocks: 0,
+        canonical: 0,
+    }
+    .run(channel, batch)
 }
 
 /// Cancels the decoder when planning ends, however it ends.
@@ -35,26 +43,26 @@ struct CancelPlanOnDrop<'b>(&'b BatchChannel);
 
 impl Drop for CancelPlanOnDrop<'_> {
     fn drop(&mut self) {
-        self.0.give_up();
+        self.0.cancel();
     }
 }
 
 struct PlanningThread<'m, 'r, const A: usize> {
     machine: &'m MachineConfig,
-    track: CanonExecutor<'m>,
+    executor: CanonExecutor<'m>,
     /// The line to begin at, and what the blocks before it have switched.
     skipped: Option<(u32, SkippedBlocks)>,
-    feeder: PlanWriter<'r, A>,
+    plan_writer: PlanWriter<'r, A>,
     rests: Vec<u64>,
     blocks: u64,
     canonical: u64,
 }
 
 impl<const A: usize> PlanningThread<'_, '_, A> {
-    fn run(mut self, belt: &BatchChannel, mut batch: BlockBatch) -> Option<PlanSummary> {
+    fn run(mut self, channel: &BatchChannel, mut batch: BlockBatch) -> Option<PlanSummary> {
         let ending = loop {
-            self.wait(belt, &mut batch)?;
-            match self.give_all(&mut batch) {
+            self.next_batch(channel, &mut batch)?;
+            match self.write_batch(&mut batch) {
                 Ok(()) => {}
                 Err((CanonError::Cancelled, _)) => return None,
                 Err((why, line)) => break PlanEnd::Refused(format!("line {line}: {}", why.explain())),
@@ -64,23 +72,23 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
             }
         };
         if let PlanEnd::Refused(_) = ending {
-            self.feeder.record_early_end(self.blocks);
+            self.plan_writer.record_early_end(self.blocks);
         }
-        let commanded_mm = self.feeder.commanded_mm()[..self.machine.axes.len().min(A)].to_vec();
+        let commanded_mm = self.plan_writer.commanded_mm()[..self.machine.axes.len().min(A)].to_vec();
         let summary = PlanSummary { ending, blocks: self.blocks, canonical: self.canonical, commanded_mm };
-        self.feeder.end(summary.clone()).ok()?;
-        belt.give_up();
+        self.plan_writer.end(summary.clone()).ok()?;
+        channel.cancel();
         // A tool length may be entered as long as the job lasts.
-        while self.feeder.mark_planned().is_ok() {
+        while self.plan_writer.mark_planned().is_ok() {
             thread::sleep(Duration::from_millis(1));
         }
-        Some(self.moved(summary))
+        Some(self.correct_end(summary))
     }
 
     /// Corrects the end position to the machine's, if a tool length was entered behind the last move to a machine
     /// position.
-    fn moved(&self, mut summary: PlanSummary) -> PlanSummary {
-        if let Some((axis, mm)) = self.feeder.moved_by()
+    fn correct_end(&self, mut summary: PlanSummary) -> PlanSummary {
+        if let Some((axis, mm)) = self.plan_writer.moved_by()
             && let Some(commanded_mm) = summary.commanded_mm.get_mut(axis)
         {
             *commanded_mm += mm;
@@ -89,16 +97,16 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
     }
 
     /// Waits for something to plan; `None` where nothing will come, or planning is cancelled.
-    fn wait(&mut self, belt: &BatchChannel, batch: &mut BlockBatch) -> Option<()> {
+    fn next_batch(&mut self, channel: &BatchChannel, batch: &mut BlockBatch) -> Option<()> {
         for tries in 0u32.. {
-            let ended = belt.ended();
-            if belt.take(batch) {
+            let ended = channel.has_ended();
+            if channel.take_batch(batch) {
                 break;
             }
             if ended {
                 return None;
             }
-            self.feeder.mark_planned().ok()?;
+            self.plan_writer.mark_planned().ok()?;
             match tries {
                 0..20 => thread::yield_now(),
                 20..200 => thread::sleep(Duration::from_micros(50)),
@@ -110,65 +118,67 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
 
     /// Gives a batch to the plan writer, block by block. Returns the error and its line where a step cannot be
     /// executed.
-    fn give_all(&mut self, batch: &mut BlockBatch) -> Result<(), (CanonError, u32)> {
+    fn write_batch(&mut self, batch: &mut BlockBatch) -> Result<(), (CanonError, u32)> {
         let mut first = 0;
         let mut modes = batch.modes.drain(..).peekable();
         for (block, &end) in (0u32..).zip(&batch.ends) {
             if let Some((_, active)) = modes.next_if(|(from, _)| *from == block) {
-                self.feeder.set_active_codes(active);
+                self.plan_writer.set_active_codes(active);
             }
-            self.give(&batch.steps[first..end as usize])?;
+            self.write_block(&batch.steps[first..end as usize])?;
             first = end as usize;
             self.blocks += 1;
             if self.rests.contains(&self.blocks) {
-                self.feeder.rest().map_err(|cancelled| (cancelled.into(), 0))?;
+                self.plan_writer.rest().map_err(|cancelled| (cancelled.into(), 0))?;
             }
         }
         // State behind the last block, which ends the program.
-        modes.for_each(|(_, active)| self.feeder.set_active_codes(active));
-        self.give(&batch.steps[first..])
+        modes.for_each(|(_, active)| self.plan_writer.set_active_codes(active));
+        self.write_block(&batch.steps[first..])
     }
 
     /// Gives a block's steps to the plan writer; those before the start line are only recorded.
-    fn give(&mut self, steps: &[CanonStep]) -> Result<(), (CanonError, u32)> {
-        self.feeder.begin_block(self.blocks + 1);
-        let ends_length = steps.iter().any(|step| self.track.ends_entered_length(&step.canon));
-        self.feeder.set_block_has_end(ends_length);
+    fn write_block(&mut self, steps: &[CanonStep]) -> Result<(), (CanonError, u32)> {
+        self.plan_writer.begin_block(self.blocks + 1);
+        let ends_length = steps.iter().any(|step| self.executor.ends_entered_length(&step.canon));
+        self.plan_writer.set_block_has_end(ends_length);
         for step in steps {
             if self.skipped.as_ref().is_some_and(|(line, _)| step.line >= *line)
                 && let Some((line, before)) = self.skipped.take()
             {
-                let position = self.track.position();
-                before.restore(&mut self.feeder, position, self.machine, line).map_err(|why| (why.into(), line))?;
+                let position = self.executor.position();
+                before
+                    .restore(&mut self.plan_writer, position, self.machine, line)
+                    .map_err(|why| (why.into(), line))?;
             }
-            if ends_length && self.skipped.is_none() && self.track.ends_entered_length(&step.canon) {
+            if ends_length && self.skipped.is_none() && self.executor.ends_entered_length(&step.canon) {
                 self.end_length(step.canon == Canon::MachineCoordinates)
                     .map_err(|cancelled| (cancelled.into(), step.line))?;
             }
             let result = match &mut self.skipped {
-                Some((_, before)) => self.track.execute::<A>(&step.canon, step.line, before),
-                None => self.track.execute(&step.canon, step.line, &mut self.feeder),
+                Some((_, before)) => self.executor.execute::<A>(&step.canon, step.line, before),
+                None => self.executor.execute(&step.canon, step.line, &mut self.plan_writer),
             };
             result.map_err(|why| (why, step.line))?;
             self.canonical += u64::from(step.canon != Canon::MachineCoordinates);
         }
         if ends_length || self.blocks == 0 {
-            self.tell_tool_length();
+            self.pass_tool_length();
         }
-        self.feeder.set_block_has_end(false);
+        self.plan_writer.set_block_has_end(false);
         Ok(())
     }
 
     /// Ends a path that was moved along the tool axis because a tool length was entered.
     fn end_length(&mut self, is_move: bool) -> Result<(), Cancelled> {
-        if let Some((axis, mm)) = self.feeder.end_length(is_move)? {
-            self.track.correct_length(Axis::ALL[self.machine.axes[axis].index()], mm);
+        if let Some((axis, mm)) = self.plan_writer.end_length(is_move)? {
+            self.executor.correct_length(Axis::ALL[self.machine.axes[axis].index()], mm);
         }
         Ok(())
     }
 
-    fn tell_tool_length(&mut self) {
+    fn pass_tool_length(&mut self) {
         let axis = self.machine.tool_axis().map(|tool| Axis::ALL[self.machine.axes[tool].index()]);
-        self.feeder.set_tool_length(axis.and_then(|axis| self.track.tool_length_mm(axis)));
+        self.plan_writer.set_tool_length(axis.and_then(|axis| self.executor.tool_length_mm(axis)));
     }
 }

@@ -35,7 +35,7 @@ impl ValueRange {
     }
 
     /// Extends a range by a value, or begins one.
-    fn take(range: &mut Option<Self>, value: f64) {
+    fn extend(range: &mut Option<Self>, value: f64) {
         let old = range.unwrap_or(Self::of(value));
         *range = Some(Self { least: old.least.min(value), greatest: old.greatest.max(value) });
     }
@@ -143,9 +143,9 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         self.count();
     }
 
-    fn moved(&mut self, feed: FeedRate, length_mm: f64, line: u32) {
+    fn record_move(&mut self, feed: FeedRate, length_mm: f64, line: u32) {
         if let FeedRate::PerSecond(mm_s) = feed {
-            ValueRange::take(&mut self.feed_mm_per_min, mm_s * 60.0);
+            ValueRange::extend(&mut self.feed_mm_per_min, mm_s * 60.0);
             if mm_s > self.scan.machine().path_velocity_mm_s * (1.0 + 1e-9) && length_mm > 0.0 {
                 self.feed_beyond.get_or_insert((line, mm_s * 60.0));
             }
@@ -164,7 +164,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         linear.map(|(index, _)| (to[index] - from[index]).powi(2)).sum()
     }
 
-    fn switched(&mut self, change: OutputChange) {
+    fn record_switching(&mut self, change: OutputChange) {
         let cutting = &self.scan.machine().cutting_outputs;
         if cutting.contains(&change.channel) || cutting.is_empty() && change.channel == channel::SPINDLE {
             let was_on = self.cutters_on.contains(&change.channel);
@@ -176,7 +176,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             }
         }
         match change.channel {
-            channel::SPEED => ValueRange::take(&mut self.speed_rpm, f64::from(change.value) / 1000.0),
+            channel::SPEED => ValueRange::extend(&mut self.speed_rpm, f64::from(change.value) / 1000.0),
             channel::TOOL => {
                 self.tool = change.value.unsigned_abs();
                 self.tools.insert(self.tool);
@@ -186,7 +186,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
     }
 
     /// Assigns the moves since the last call to this offset.
-    fn in_work(&mut self, offset: WorkOffset) {
+    fn assign_offset(&mut self, offset: WorkOffset) {
         let Some(moved) = self.scan.take_last() else { return };
         let known = self.work.iter().position(|work| work.offset == offset);
         let index = known.unwrap_or(self.work.len().min(MAX_OFFSETS - 1));
@@ -207,7 +207,7 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
         let length_mm = self.linear_squared(&self.planner.commanded_mm(), &end_mm, &[]).sqrt();
         self.planner.line(end_mm, feed, mode, line)?;
         self.scan.straight(end_mm, feed, mode, line)?;
-        self.moved(feed, length_mm, line);
+        self.record_move(feed, length_mm, line);
         Ok(())
     }
 
@@ -219,13 +219,13 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
         let in_plane = radius * arc.sweep(&from).1;
         let length_mm = (in_plane.powi(2) + self.linear_squared(&from, &arc.end_mm, &arc.plane)).sqrt();
         self.scan.arc(arc, feed, mode, line)?;
-        self.moved(feed, length_mm, line);
+        self.record_move(feed, length_mm, line);
         Ok(())
     }
 
     fn action(&mut self, change: OutputChange, line: u32) {
         self.scan.action(change, line);
-        self.switched(change);
+        self.record_switching(change);
     }
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
@@ -238,7 +238,7 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
             ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => drop(self.stops.insert(switch.line)),
             ExclusiveKind::OptionalStop => {}
         }
-        switch.changes.iter().for_each(|&change| self.switched(change));
+        switch.changes.iter().for_each(|&change| self.record_switching(change));
         if switch.is_barrier {
             self.barriers.insert(BarrierLine { line: switch.line, code: switch.code });
         }
@@ -291,7 +291,7 @@ pub fn analyse_program<'m, const A: usize>(
 ) -> Result<(u64, Vec<CheckFinding>, ProgramAnalysis<'m, A>), LimitError> {
     let mut survey = ProgramAnalysis::new(machine)?;
     let (blocks, mut findings) =
-        job::feed_each(machine, program, &mut survey, |track, survey| survey.in_work(track.work_offset()));
+        job::feed_each(machine, program, &mut survey, |track, survey| survey.assign_offset(track.work_offset()));
     survey.rest();
     findings.extend(survey.scan.beyond.iter().map(crate::limit_check::LimitFinding::finding));
     findings.extend(survey.scan.warnings());

@@ -37,8 +37,8 @@ impl ProgramEndDetector {
         }
     }
 
-    /// Whether the program may end here: its last line has M2 or M30, or is a percent sign that is not the first line. A line that is not
-    /// terminated counts only where it is exactly that.
+    /// Whether the program may end here: its last line has M2 or M30, or is a percent sign that is not the first line.
+    /// A line that is not terminated counts only where it is exactly that.
     #[must_use]
     pub fn is_reached(&self) -> bool {
         if !self.is_terminated && !is_program_end(&self.line) {

@@ -14,9 +14,9 @@ const LONGEST: u16 = 1023;
 /// units of [`PulseLimits`], or its acceleration takes too many periods to build up for a card's memory.
 #[must_use]
 pub fn rate_limits<const A: usize>(axes: &[AxisConfig], reserve: f64, period_s: f64) -> Option<RateLimits<A>> {
-    let mut all = [fixed(axes.first()?, period_s)?; A];
+    let mut all = [axis_limits(axes.first()?, period_s)?; A];
     for (slot, axis) in all.iter_mut().zip(axes) {
-        *slot = fixed(axis, period_s)?;
+        *slot = axis_limits(axis, period_s)?;
     }
     let average = all.iter().map(|axis| axis.acceleration.div_ceil(axis.jerk)).max()?;
     let average = u16::try_from(average).ok().filter(|&n| n <= LONGEST)? | 1;
@@ -24,7 +24,7 @@ pub fn rate_limits<const A: usize>(axes: &[AxisConfig], reserve: f64, period_s: 
 }
 
 /// Limits of one axis in fixed point. Values above the largest that can be represented become that.
-fn fixed(axis: &AxisConfig, period_s: f64) -> Option<PulseLimits> {
+fn axis_limits(axis: &AxisConfig, period_s: f64) -> Option<PulseLimits> {
     let figure = |per_s: f64, power: i32| {
         let pulses = per_s * axis.pulses_per_mm * period_s.powi(power);
         // A value that is exact in theory must not become smaller by the rounding of floats.
@@ -47,7 +47,7 @@ pub struct StoppingTimes {
     pub straight_periods: u32,
     /// Records beyond the cursor on which the rate may depend up to rate 1: those it needs to brake, and those of the
     /// increment bounds.
-    pub foresight_records: u32,
+    pub look_ahead_records: u32,
 }
 
 impl StoppingTimes {
@@ -61,7 +61,11 @@ impl StoppingTimes {
         let foresight_records = braked.max(average + 36);
         let ramp = limits.axes().iter().map(|axis| axis.velocity.div_ceil(axis.acceleration)).max().unwrap_or(0);
         let straight_periods = u32::try_from(ramp).ok()?.checked_add(average)?;
-        Some(Self { straight_periods, periods: braking.periods() as u32 + average, foresight_records })
+        Some(Self {
+            straight_periods,
+            periods: braking.periods() as u32 + average,
+            look_ahead_records: foresight_records,
+        })
     }
 }
 
@@ -80,7 +84,7 @@ mod tests {
         // the ramp under (A − αAu²)/V and the jerk's bound takes a third of a second
         assert!((370..=400).contains(&machine.stopping.periods), "{:?}", machine.stopping);
         assert_eq!(machine.stopping.straight_periods, 100 + 51);
-        assert!((240..=250).contains(&machine.stopping.foresight_records), "{:?}", machine.stopping);
+        assert!((240..=250).contains(&machine.stopping.look_ahead_records), "{:?}", machine.stopping);
     }
 
     #[test]

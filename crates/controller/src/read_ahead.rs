@@ -11,11 +11,11 @@ use std::thread;
 use std::time::{Duration, SystemTime};
 
 /// Size of a buffer in bytes.
-const BYTES: usize = 1 << 16;
+const BUFFER_BYTES: usize = 1 << 16;
 /// Number of buffers that circulate.
 const BUFFERS: usize = 4;
 /// Interval at which a waiting reader checks whether the program is cancelled.
-const LOOKS_EVERY: Duration = Duration::from_millis(20);
+const CANCEL_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Whether the decoder of a streamed program waits for its sender, and since when.
 #[derive(Debug)]
@@ -59,10 +59,10 @@ impl SourceStatus {
 pub struct ReadAhead {
     full: Receiver<io::Result<Vec<u8>>>,
     empty: SyncSender<Vec<u8>>,
-    held: Vec<u8>,
+    current: Vec<u8>,
     at: usize,
     ended: bool,
-    given_up: Arc<AtomicBool>,
+    cancel: Arc<AtomicBool>,
     status: Option<Arc<SourceStatus>>,
 }
 
@@ -77,24 +77,32 @@ impl ReadAhead {
         let (empty, takes_empty) = sync_channel(BUFFERS);
         for _ in 1..BUFFERS {
             // There is space for them all.
-            let _ = empty.try_send(Vec::with_capacity(BYTES));
+            let _ = empty.try_send(Vec::with_capacity(BUFFER_BYTES));
         }
         thread::Builder::new().name("reading".into()).spawn(move || read(input, &takes_empty, &sends_full))?;
-        Ok(Self { full, empty, held: Vec::with_capacity(BYTES), at: 0, ended: false, given_up, status: None })
+        Ok(Self {
+            full,
+            empty,
+            current: Vec::with_capacity(BUFFER_BYTES),
+            at: 0,
+            ended: false,
+            cancel: given_up,
+            status: None,
+        })
     }
 
     /// Shows in `status` whether the source is waited for.
     #[must_use]
-    pub fn showing(self, status: Arc<SourceStatus>) -> Self {
+    pub fn with_status(self, status: Arc<SourceStatus>) -> Self {
         Self { status: Some(status), ..self }
     }
 
     /// Exchanges the used buffer for one with more bytes; none at the end.
     fn next(&mut self) -> io::Result<()> {
         let buffer = loop {
-            match self.full.recv_timeout(LOOKS_EVERY) {
+            match self.full.recv_timeout(CANCEL_POLL_INTERVAL) {
                 Ok(buffer) => break buffer?,
-                Err(RecvTimeoutError::Timeout) if !self.given_up.load(Ordering::Relaxed) => {
+                Err(RecvTimeoutError::Timeout) if !self.cancel.load(Ordering::Relaxed) => {
                     self.status.iter().for_each(|status| status.begin_wait());
                 }
                 Err(_) => break Vec::new(),
@@ -103,7 +111,7 @@ impl ReadAhead {
         self.status.iter().for_each(|status| status.end_wait());
         self.ended = buffer.is_empty();
         self.at = 0;
-        let read = std::mem::replace(&mut self.held, buffer);
+        let read = std::mem::replace(&mut self.current, buffer);
         // The thread that would fill it may be gone.
         let _ = self.empty.try_send(read);
         Ok(())
@@ -113,7 +121,7 @@ impl ReadAhead {
 /// The reading thread: reads until the end of the input, an error, or cancellation.
 fn read(mut input: impl Read, empty: &Receiver<Vec<u8>>, full: &SyncSender<io::Result<Vec<u8>>>) {
     while let Ok(mut buffer) = empty.recv() {
-        buffer.resize(BYTES, 0);
+        buffer.resize(BUFFER_BYTES, 0);
         let taken = loop {
             match input.read(&mut buffer) {
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
@@ -133,14 +141,14 @@ fn read(mut input: impl Read, empty: &Receiver<Vec<u8>>, full: &SyncSender<io::R
 
 impl BufRead for ReadAhead {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
-        if self.at == self.held.len() && !self.ended {
+        if self.at == self.current.len() && !self.ended {
             self.next()?;
         }
-        Ok(&self.held[self.at..])
+        Ok(&self.current[self.at..])
     }
 
     fn consume(&mut self, amount: usize) {
-        self.at = (self.at + amount).min(self.held.len());
+        self.at = (self.at + amount).min(self.current.len());
     }
 }
 

@@ -33,7 +33,7 @@ pub struct Report<'a, const A: usize> {
     /// Last status of the card.
     pub card: &'a CardStatus<A>,
     /// Result of the limit monitor over the emitted increments.
-    pub verdict: &'a LimitReport<A>,
+    pub limit_report: &'a LimitReport<A>,
     /// Wall time, s.
     pub wall_s: f64,
     /// Alarms of the run, as text.
@@ -134,10 +134,10 @@ impl<const A: usize> Report<'_, A> {
             "commanded_mm": commanded,
             "pulses_per_mm": self.per_axis(|i| json!(self.machine.axes[i].pulses_per_mm)),
             "limits": self.limits(),
-            "max_velocity": self.per_axis(|i| json!(self.verdict.extremes[i].velocity_mm_s)),
-            "max_acceleration": self.per_axis(|i| json!(self.verdict.extremes[i].acceleration_mm_s2)),
-            "max_jerk": self.per_axis(|i| json!(self.verdict.extremes[i].jerk_mm_s3)),
-            "limit_violations": self.verdict.violations,
+            "max_velocity": self.per_axis(|i| json!(self.limit_report.extremes[i].velocity_mm_s)),
+            "max_acceleration": self.per_axis(|i| json!(self.limit_report.extremes[i].acceleration_mm_s2)),
+            "max_jerk": self.per_axis(|i| json!(self.limit_report.extremes[i].jerk_mm_s3)),
+            "limit_violations": self.limit_report.violations,
             "first_violation": self.first_violation(),
             "underruns": t.underruns,
             "min_buffered_records": t.min_buffered_records,
@@ -151,7 +151,7 @@ impl<const A: usize> Report<'_, A> {
 
     /// The first limit violation: the period that ended the window, axis, order of the difference, stride, pulses.
     fn first_violation(&self) -> Value {
-        self.verdict.first.map_or(Value::Null, |offence| {
+        self.limit_report.first.map_or(Value::Null, |offence| {
             json!({
                 "period": offence.period,
                 "axis": self.machine.axes.get(offence.axis).map(|a| a.name.to_string()),

@@ -104,12 +104,12 @@ pub enum ResumeError {
 impl fmt::Display for ResumeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NoSuchPlace => write!(f, "the place where the job was left is none that it can have had"),
+            Self::NoSuchPlace => write!(f, "the place where the job was left is not a possible one"),
             Self::ProgramEnds { at } => {
                 write!(f, "the program ends at record {at}, before the place where the job was left")
             }
             Self::Instruction { number, place: Some(place) } => {
-                write!(f, "instruction {number} stands at record {place}, which does not go with what was executed")
+                write!(f, "instruction {number} is at record {place}, which contradicts what was executed")
             }
             Self::Instruction { number, place: None } => write!(f, "the program has no instruction {number}"),
             Self::Differs(differs) => {

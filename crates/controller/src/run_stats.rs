@@ -62,18 +62,18 @@ impl RunStats {
     }
 
     /// Records how many records were ahead of the cursor in a period at full rate.
-    pub fn buffered(&mut self, ahead: u32) {
+    pub fn record_buffered(&mut self, ahead: u32) {
         self.min_buffered_records = Some(self.min_buffered_records.map_or(ahead, |least| least.min(ahead)));
     }
 
     /// Counts a period at a breakpoint or on the return to it.
-    pub fn pause(&mut self) {
+    pub fn count_paused(&mut self) {
         self.periods += 1;
         self.paused += 1;
     }
 
     /// Counts a period.
-    pub fn count(&mut self, spent: PeriodClass) {
+    pub fn count_period(&mut self, spent: PeriodClass) {
         self.periods += 1;
         let new_ground = self.furthest.distance_to(spent.place) > 0;
         let bucket = match spent.instruction {
@@ -111,14 +111,14 @@ mod tests {
             rate,
             place: Place::start_of(record),
         };
-        stats.count(spent(Mode::Run, false, None, ONE, 6));
-        stats.count(spent(Mode::Run, true, None, ONE, 7));
-        stats.count(spent(Mode::Run, true, None, 0, 7));
-        stats.count(spent(Mode::Reverse, false, None, -ONE, 6));
-        stats.count(spent(Mode::Rejoin, false, None, ONE, 7));
-        stats.count(spent(Mode::Run, false, Some(true), 0, 7));
-        stats.count(spent(Mode::Run, false, Some(false), 0, 7));
-        stats.count(spent(Mode::Run, false, None, 0, 7));
+        stats.count_period(spent(Mode::Run, false, None, ONE, 6));
+        stats.count_period(spent(Mode::Run, true, None, ONE, 7));
+        stats.count_period(spent(Mode::Run, true, None, 0, 7));
+        stats.count_period(spent(Mode::Reverse, false, None, -ONE, 6));
+        stats.count_period(spent(Mode::Rejoin, false, None, ONE, 7));
+        stats.count_period(spent(Mode::Run, false, Some(true), 0, 7));
+        stats.count_period(spent(Mode::Run, false, Some(false), 0, 7));
+        stats.count_period(spent(Mode::Run, false, None, 0, 7));
         assert_eq!(
             (stats.motion, stats.held, stats.retracing, stats.dwell, stats.switching, stats.waiting),
             (2, 1, 2, 1, 1, 1)

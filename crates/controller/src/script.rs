@@ -47,7 +47,7 @@ impl ScriptPlayer {
     }
 
     /// The next instruction, if it is due in period `period`, with program line `line` being executed.
-    pub fn due(&mut self, period: u64, line: u32) -> Option<ScriptInstruction> {
+    pub fn due_instruction(&mut self, period: u64, line: u32) -> Option<ScriptInstruction> {
         // The card may have run long before.
         let since = *self.since.get_or_insert(period);
         if self.wheel.is_some() {
@@ -105,7 +105,7 @@ mod tests {
     #[test]
     fn after_counts_from_where_the_script_begins() {
         let mut player = ScriptPlayer::new(parse("after 5 periods hold", "s").expect("valid"), 1000);
-        let due = (1000..1010).find(|&period| player.due(period, 1).is_some());
+        let due = (1000..1010).find(|&period| player.due_instruction(period, 1).is_some());
         assert_eq!(due, Some(1005));
     }
 
@@ -116,7 +116,7 @@ mod tests {
         let mut player = ScriptPlayer::new(script, 1000);
         let (mut log, mut counts) = (Vec::new(), 0i64);
         for period in 0..400 {
-            while let Some(i) = player.due(period, if period < 100 { 1 } else { 8 }) {
+            while let Some(i) = player.due_instruction(period, if period < 100 { 1 } else { 8 }) {
                 log.push((period, i.line));
             }
             counts += i64::from(player.wheel_counts(period));

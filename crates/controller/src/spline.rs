@@ -5,7 +5,7 @@
 use retrace_gcode::Nurbs;
 
 /// Minimum number of chords between two knots: one alone could cross its curve where it is sampled.
-const PARTS: u32 = 4;
+const MIN_PARTS: u32 = 4;
 
 /// Maximum number of halvings of a part: 4 096 chords between two knots.
 const MAX_HALVINGS: u32 = 10;
@@ -19,15 +19,16 @@ const MARGIN: f64 = 0.75;
 /// A point of the plane, in the units of the spline.
 type Point = (f64, f64);
 
-/// Calls `chord` with the end of each chord in order; none is farther from the curve than `deviation`, in the curve's own units.
+/// Calls `chord` with the end of each chord in order; none is farther from the curve than `deviation`, in the curve's
+/// own units.
 ///
 /// # Errors
 /// The first of `chord`.
 pub fn chords<E>(spline: &Nurbs, deviation: f64, mut chord: impl FnMut(Point) -> Result<(), E>) -> Result<(), E> {
     for span in 0..spline.spans() {
-        for part in 0..PARTS {
-            let from = span as f64 + f64::from(part) / f64::from(PARTS);
-            piece(spline, (from, from + 1.0 / f64::from(PARTS)), deviation, MAX_HALVINGS, &mut chord)?;
+        for part in 0..MIN_PARTS {
+            let from = span as f64 + f64::from(part) / f64::from(MIN_PARTS);
+            piece(spline, (from, from + 1.0 / f64::from(MIN_PARTS)), deviation, MAX_HALVINGS, &mut chord)?;
         }
     }
     Ok(())

@@ -39,33 +39,33 @@ impl SkippedBlocks {
     /// The reason why the planner rejects it.
     pub fn restore<const A: usize>(
         &self,
-        feeder: &mut PlanWriter<'_, A>,
+        plan_writer: &mut PlanWriter<'_, A>,
         target_mm: [f64; A],
         machine: &MachineConfig,
         line: u32,
     ) -> Result<(), PlanWriteError> {
-        self.switch(feeder, line, |channel| !self.cutting.contains(&channel))?;
-        let at = feeder.commanded_mm();
+        self.switch(plan_writer, line, |channel| !self.cutting.contains(&channel))?;
+        let at = plan_writer.commanded_mm();
         for end in ends_mm(machine, at, target_mm) {
-            feeder.straight(end, FeedRate::Rapid, PathMode::ExactStop, line)?;
+            plan_writer.straight(end, FeedRate::Rapid, PathMode::ExactStop, line)?;
         }
-        feeder.rest()?;
-        Ok(self.switch(feeder, line, |channel| self.cutting.contains(&channel))?)
+        plan_writer.rest()?;
+        Ok(self.switch(plan_writer, line, |channel| self.cutting.contains(&channel))?)
     }
 
     /// Executes again what switched the channels selected by `concerned`.
     fn switch<const A: usize>(
         &self,
-        feeder: &mut PlanWriter<'_, A>,
+        plan_writer: &mut PlanWriter<'_, A>,
         line: u32,
         concerned: impl Fn(u8) -> bool,
     ) -> Result<(), Cancelled> {
         let mut steps = Vec::new();
-        self.origins.plan_restart(feeder.outputs(), &self.outputs, &self.cutting, concerned, &mut steps);
+        self.origins.plan_restart(plan_writer.outputs(), &self.outputs, &self.cutting, concerned, &mut steps);
         for step in &steps {
             let (periods, until) = (step.periods, step.until);
             let changes = step.changes();
-            feeder.exclusive(SwitchInstruction {
+            plan_writer.exclusive(SwitchInstruction {
                 line,
                 code: step.code,
                 changes,

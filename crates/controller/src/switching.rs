@@ -128,7 +128,8 @@ const USER_CODES: [&str; 100] = [
 /// The codes of the machine file's `[code.…]` tables.
 const CODES: [&str; 13] = ["M3", "M4", "M5", "M6", "M7", "M8", "M9", "M62", "M63", "M64", "M65", "S", "T"];
 
-/// Codes whose class and duration are fixed: M62 and M63 are synchronous, M64 and M65 immediate. Only `in_reverse` can be set.
+/// Codes whose class and duration are fixed: M62 and M63 are synchronous, M64 and M65 immediate. Only `in_reverse` can
+/// be set.
 const OUTPUT_CODES: [&str; 4] = ["M62", "M63", "M64", "M65"];
 
 /// Execution of every code.
@@ -227,7 +228,7 @@ fn switching(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<
     let in_reverse = code.in_reverse.unwrap_or(default_in_reverse(name, code.class));
     let takes_time = code.duration_ms > 0.0 || until.is_some() || matches!(name, "M6" | "T");
     if code.class == CodeClass::Synchronous && takes_time {
-        let what = "is synchronous: it is executed in passing and can take no time";
+        let what = "is synchronous: it is executed without a stop and cannot take time";
         return refuse(what, "leave duration_ms and waits_for out, or make it exclusive");
     }
     if code.class == CodeClass::Synchronous && in_reverse == InReverse::Barrier {

@@ -86,11 +86,11 @@ impl fmt::Display for ToolLengthError {
             Self::NoToolAxis => write!(f, "the machine has no tool axis: tool_axis in the machine file names it"),
             Self::NoOffset => write!(
                 f,
-                "no tool length offset (G43) is in force: enter how much longer the new tool is, as in `tool length by 1.5`"
+                "no tool length offset (G43) is in force: enter the difference of the tool lengths, as in `tool length by 1.5`"
             ),
             Self::Planned => write!(
                 f,
-                "a move to machine coordinates (G53, G28, G30), a tool change or another tool offset is planned already: go on until it is \
+                "a move to machine coordinates (G53, G28, G30), a tool change or another tool offset is planned already: resume until it is \
                  passed, or stop the job"
             ),
             Self::BeyondLimit(axis) => {
@@ -106,49 +106,49 @@ pub(crate) enum LengthAnswer {
     Offer(LengthOffer),
     No(ToolLengthError),
     /// The accepted length is durable, and in force.
-    Kept,
+    Stored,
 }
 
 /// Creates the motion path's and the planning thread's end.
-pub(crate) fn entry() -> (LengthEntry, LengthOffers) {
+pub(crate) fn length_channel() -> (LengthEntry, LengthOffers) {
     let ((said, heard), (answers, answered)) = (sync_channel(2), sync_channel(2));
-    (LengthEntry { said, answered }, LengthOffers { heard, answers })
+    (LengthEntry { requests: said, answers: answered }, LengthOffers { requests: heard, answers })
 }
 
 /// The motion path's end.
 #[derive(Debug)]
 pub(crate) struct LengthEntry {
-    said: SyncSender<LengthRequest>,
-    answered: Receiver<LengthAnswer>,
+    requests: SyncSender<LengthRequest>,
+    answers: Receiver<LengthAnswer>,
 }
 
 impl LengthEntry {
     /// Proposes a length; one at a time.
     pub(crate) fn propose(&mut self, proposal: LengthProposal) {
-        let _ = self.said.try_send(LengthRequest::Propose(proposal));
+        let _ = self.requests.try_send(LengthRequest::Propose(proposal));
     }
 
     /// Decides on the offer.
     pub(crate) fn decide(&mut self, taken: bool) {
-        let _ = self.said.try_send(LengthRequest::Decide(taken));
+        let _ = self.requests.try_send(LengthRequest::Decide(taken));
     }
 
     /// The answer, once it has arrived.
     pub(crate) fn answer(&mut self) -> Option<LengthAnswer> {
-        self.answered.try_recv().ok()
+        self.answers.try_recv().ok()
     }
 }
 
 /// The planning thread's end.
 #[derive(Debug)]
 pub(crate) struct LengthOffers {
-    heard: Receiver<LengthRequest>,
+    requests: Receiver<LengthRequest>,
     answers: SyncSender<LengthAnswer>,
 }
 
 impl LengthOffers {
     pub(crate) fn proposal(&mut self) -> Option<LengthProposal> {
-        match self.heard.try_recv() {
+        match self.requests.try_recv() {
             Ok(LengthRequest::Propose(proposal)) => Some(proposal),
             _ => None,
         }
@@ -156,7 +156,7 @@ impl LengthOffers {
 
     /// The decision, once it has arrived. A motion path that is gone accepts nothing.
     pub(crate) fn decision(&mut self) -> Option<bool> {
-        match self.heard.try_recv() {
+        match self.requests.try_recv() {
             Ok(LengthRequest::Decide(taken)) => Some(taken),
             Ok(LengthRequest::Propose(_)) | Err(TryRecvError::Disconnected) => Some(false),
             Err(TryRecvError::Empty) => None,

@@ -1,5 +1,5 @@
-//! What the line costs, and what it is enough for: bytes a control period, all overhead in, and motion that never runs dry, forward and
-//! backward, at the baud rates that are promised.
+//! The load of the link: bytes per control period, including all overhead, and motion that never runs dry, forward and
+//! backward, at the supported baud rates.
 
 mod wired;
 
@@ -10,7 +10,7 @@ use retrace_controller::session::Outcome;
 use retrace_hal_sim::CardSimulatorSettings;
 use wired::{Done, Path, Trial, ended_well, good_line, run};
 
-/// Four axes, a control period in ms.
+/// A machine with four axes and this control period in ms.
 fn machine(period_ms: f64) -> MachineConfig {
     let mut file = format!("control_period_ms = {period_ms}\n");
     for axis in ["x", "y", "z", "a"] {
@@ -22,7 +22,8 @@ fn machine(period_ms: f64) -> MachineConfig {
     MachineConfig::parse(&file, "four axes").expect("valid")
 }
 
-/// The numbered examples that run on a machine without further files, and real programs where a folder of them is named.
+/// The numbered examples that run on a machine without further files, and real programs where a folder of them is
+/// given.
 fn programs() -> Vec<PathBuf> {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../examples");
     let mut all: Vec<PathBuf> = ["01-first-cut.ngc", "03-waterjet.ngc"].iter().map(|name| root.join(name)).collect();
@@ -44,12 +45,12 @@ fn over(machine: &MachineConfig, program: &str, script: &str, baud: u32) -> Done
     run(Trial { machine, program, script, rig, pulled: Vec::new(), tapped: false }).expect("opened")
 }
 
-/// Bytes a period: from the host, from the card.
+/// Bytes per period: from the host, from the card.
 fn cost(done: &Done) -> [f64; 2] {
     [done.line.written, done.line.read].map(|bytes| bytes as f64 / done.periods as f64)
 }
 
-/// The first so many lines of a program, with an end.
+/// The first lines of a program, with an end.
 fn beginning(text: &str, lines: usize) -> String {
     let mut text: String =
         text.lines().filter(|line| !line.trim().starts_with('%')).take(lines).fold(String::new(), |t, l| t + l + "\n");

@@ -1,6 +1,7 @@
-//! Every sequence of the operator's steps over the real session, held against the order that is proved of `core::interruption`.
+//! Every sequence of the operator's steps over the real session, compared with the order that is proved of
+//! `core::interruption`.
 //!
-//! `RETRACE_WORDS` sets how long the sequences get; six are the campaign `dnc`.
+//! `RETRACE_WORDS` sets the length of the sequences; six are the campaign `dnc`.
 
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::dnc_events::{DncEvent, DncStep};
@@ -35,7 +36,7 @@ impl BlockDecoder for Decoder {
     }
 }
 
-/// What came of the words: done (the latch, where it was a pause), or refused.
+/// Results of the commands: done (with the latch, where it was a pause), or rejected.
 #[derive(Default)]
 struct Heard {
     events: Vec<Event>,
@@ -64,7 +65,7 @@ fn run(machine: &MachineConfig, script: &str) -> ([i64; AXES], Vec<Event>) {
     (end.card.status().counts, heard.events)
 }
 
-/// What the model says of the same words, each said when the machine stands again: taken or refused.
+/// Results of the model for the same commands, each given when the machine is at rest again: accepted or rejected.
 fn model(words: &[&str]) -> (Vec<Result<(), InterruptionError>>, bool) {
     let latch = Breakpoint {
         program: 0,
@@ -90,11 +91,11 @@ fn model(words: &[&str]) -> (Vec<Result<(), InterruptionError>>, bool) {
     (said, order.may_read())
 }
 
-/// A sequence of words, each some time after the one before; true where the program went on to its end.
+/// Checks a sequence of commands, each some time after the one before. Returns whether the program was completed.
 fn check(machine: &MachineConfig, words: &[&str], plain: [i64; AXES]) -> bool {
     let script =
         words.iter().fold("at 0.3s jog z 0.1\n".to_owned(), |script, word| script + &format!("after 0.25s {word}\n"));
-    // Where nobody goes on, the job is ended without the wait for somebody who will.
+    // Where nothing resumes the job, it ends without the wait for an operator.
     let (counts, events) = run(machine, &(script + "after 0.25s output 1 on\n"));
     let (said, reads) = model(words);
     let refused: Vec<&CommandError> = events
@@ -104,7 +105,8 @@ fn check(machine: &MachineConfig, words: &[&str], plain: [i64; AXES]) -> bool {
             _ => None,
         })
         .collect();
-    // The jog before anything is paused, and what the model refuses. After a cycle start that is none of these steps, a hold is asked for.
+    // The jog before anything is paused, and what the model rejects. After a cycle start that is none of these steps, a
+    // hold is required.
     let mut wanted = vec![CommandError::Interrupted(InterruptionError::NotPaused)];
     wanted.extend(words.iter().zip(&said).filter_map(|(word, said)| match said {
         Err(InterruptionError::NotPaused) if *word == "cycle start" => {
@@ -128,7 +130,7 @@ fn check(machine: &MachineConfig, words: &[&str], plain: [i64; AXES]) -> bool {
     reads
 }
 
-/// All sequences of so many words at most.
+/// All sequences of at most this length.
 fn all(longest: usize) -> Vec<Vec<&'static str>> {
     let mut every: Vec<Vec<&str>> = vec![Vec::new()];
     let mut first = 0;

@@ -15,7 +15,8 @@ use retrace_controller::journal::timestamp::Timestamp;
 use retrace_controller::operator::{CommandError, OperatorCommand};
 use retrace_core::Place;
 
-/// An example of each kind of event. The match has no other purpose than to fail to compile for a kind without an example.
+/// An example of each kind of event. The match has no other purpose than to fail to compile for a kind without an
+/// example.
 fn examples() -> Vec<EventKind> {
     let counts = AxisCounts::new(&[1, -2, 3], 3);
     let dnc = |step| EventKind::Dnc(DncEvent { step, flags: DncFlags::default() });

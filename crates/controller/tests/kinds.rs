@@ -1,6 +1,7 @@
-//! The machine files that `retrace machine new` writes, each with a small program of its trade, on a simulated machine wired as its file says.
+//! The machine files that `retrace machine new` writes, each with a small program of its trade, on a simulated machine
+//! that is wired accordingly.
 //!
-//! Invariant: what is expected is written here by hand, from the machine files and the programs.
+//! Invariant: expected values are written here manually, from the machine files and the programs.
 
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{Event, EventKind};
@@ -34,7 +35,7 @@ impl BlockDecoder for Decoder {
     }
 }
 
-/// Mode and outputs of every period, and what happened.
+/// Mode and outputs of every period, and the events.
 struct Seen {
     outputs: Outputs,
     periods: Vec<(Mode, Outputs)>,
@@ -52,7 +53,7 @@ impl Observer<4> for Seen {
     }
 }
 
-/// Runs a program on a simulated machine that is wired as its file says, with `processes` on it.
+/// Runs a program on a simulated machine that is wired as its file defines, with `processes` on it.
 fn run(
     machine: &MachineConfig,
     program: &'static str,
@@ -102,7 +103,7 @@ fn a_waterjet_pierces_cuts_and_lifts() {
     assert_eq!(end.card.status().counts, [4_000, 8_000, 48_000, 0]);
 }
 
-/// The arc takes 600 ms: longer than the pierce, so that is how long the motion waits.
+/// The arc takes 600 ms: longer than the pierce, so that the motion waits for it.
 #[test]
 fn a_plasma_torch_waits_for_its_arc_and_raises_an_alarm_where_none_comes() {
     let program = "G0 X10 Y10 Z4\nM3 S1\nG1 X30 F3000\nM5\nM2\n";
@@ -115,12 +116,12 @@ fn a_plasma_torch_waits_for_its_arc_and_raises_an_alarm_where_none_comes() {
         fails: Chance::NEVER,
     };
     let (end, _) = completed(PLASMA, program, &[arc(Chance::NEVER)]);
-    // 600 ms of arc, 250 ms behind M5 and again behind that of M2, and a period or two in which the card looks
+    // 600 ms of arc, 250 ms behind M5 and again behind that of M2, and a period or two in which the card polls
     assert!((1100..=1105).contains(&end.stats.switching), "{}", end.stats.switching);
     let (end, seen) = run(&machine(PLASMA), program, "", &[]);
     assert!(matches!(end.outcome, Outcome::Alarm(..)), "{:?}", end.outcome);
     assert!(seen.events.iter().any(|kind| matches!(kind, EventKind::Alarm(..))));
-    // behind its 400 ms it waited for three seconds, at the place, and the fault has put the torch out
+    // behind its 400 ms it waited for three seconds, at the place, and the fault has switched the torch off
     assert!((3400..=3420).contains(&end.stats.switching), "{}", end.stats.switching);
     assert_eq!((end.card.status().counts[0], end.card.status().outputs[64]), (1_600, 0));
 }
@@ -144,8 +145,8 @@ fn a_lathe_turns_a_step() {
     assert_eq!(end.card.status().counts, [100_000, 30_000, 0, 0]);
 }
 
-/// What each code does where reverse run passes it, outputs replayed: "undone" goes back with the path and forward again, "unchanged" stays,
-/// "barrier" ends the way back.
+/// The behaviour of each code where reverse run passes it and outputs are replayed: "undone" is reversed with the path
+/// and redone forward, "unchanged" stays, "barrier" ends reverse run.
 #[test]
 fn each_code_does_in_reverse_what_its_table_says() {
     let codes = "retrace_outputs = \"replayed\"\n\
@@ -155,7 +156,7 @@ fn each_code_does_in_reverse_what_its_table_says() {
         [code.M104]\noutput = 4\nclass = \"synchronous\"\n\
         [code.M105]\noutput = 5\nin_reverse = \"barrier\"\n";
     let program = "G64 G1 X10 F3000\nM105\nX20\nM101\nX30\nM102\nX40\nM103\nX50\nM104\nX60\nX100\nM2\n";
-    // all the way back to the barrier, and on
+    // all of reverse run to the barrier, and forward again
     let script = "at line 12 reverse 100%\nafter 6s leave\n";
     let (end, seen) = run(&machine(codes), program, script, &[]);
     assert_eq!(end.outcome, Outcome::Completed);

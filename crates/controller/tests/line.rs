@@ -1,4 +1,4 @@
-//! A line that fails in every way: no fault of it loses a pulse, invents one, or leaves the machine running.
+//! A serial line with every kind of fault: none of them loses a pulse, adds one, or leaves the machine running.
 
 mod wired;
 
@@ -9,13 +9,14 @@ use retrace_hal_sim::{
 };
 use wired::{Path, Trial, ended_well, good_line, on_the_path, pick, program, run, script};
 
-/// How many cases, and the seed of the first: `cargo xtask campaign line`.
+/// Number of cases, and the seed of the first: `cargo xtask campaign line`.
 fn asked(usual: u64) -> (u64, u64) {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
     (number("RETRACE_CASES").unwrap_or(usual), number("RETRACE_FIRST_SEED").unwrap_or(1))
 }
 
-/// A line with faults at a rate a byte that is drawn from 1e-6 to 1e-2, all kinds alike likely, some of the stalls longer than the watchdog.
+/// A serial line with a random fault rate per byte from 1e-6 to 1e-2, all kinds equally likely, some of the stalls
+/// longer than the watchdog.
 fn bad_line(random: &mut Random, baud: u32, exponent: f64) -> SerialChannelSettings {
     let chance = Chance::new(10f64.powf(exponent) / 5.0).expect("a probability");
     let stall_us = pick(random, &[2_000, 20_000, 100_000, 400_000]);
@@ -75,7 +76,7 @@ fn whatever_the_line_does_a_job_ends_exactly_or_in_a_latched_alarm() {
 
 const SHORT: &str = "G21 G90 G64 P0.05\nF3000\nG1 X1\nM3\nG1 Y1\nM62 P3\nX0\nM2\n";
 
-/// Where the frames of a stream begin, and where the last one ends.
+/// Beginnings of the frames of a stream, and the end of the last one.
 fn frames(bytes: &[u8]) -> Vec<u64> {
     let ends = bytes.iter().enumerate().filter(|(_, byte)| **byte == 0).map(|(at, _)| at as u64 + 1);
     std::iter::once(0).chain(ends).collect()
@@ -95,7 +96,7 @@ fn every_single_fault_at_every_frame_of_a_short_run() {
     assert_eq!((&clean.outcome, clean.underruns), (&Outcome::Completed, 0));
     let taps = clean.cable.taps.as_ref().expect("tapped");
     let streams = [frames(&taps[0]), frames(&taps[1])];
-    // The full campaign takes every frame; the suite every so-manyth, beginning elsewhere each day would not be repeatable.
+    // The full campaign takes every frame; the suite takes every n-th. A random start would not be repeatable.
     let step = if std::env::var_os("RETRACE_CASES").is_some() { 1 } else { 29 };
     let (mut runs, mut alarms) = (0, 0);
     for (direction, frames) in streams.iter().enumerate() {
@@ -140,7 +141,7 @@ fn a_host_that_dies_leaves_the_machine_at_rest_on_the_path() {
     let program = "G21 G90 G64 P0.05\nF6000\nM64 P3\nG1 X40\nY10\nX0\nM2\n";
     let path = Path::of(&machine, program);
     for at_us in [400_000u64, 700_000, 1_000_000] {
-        // From then on nothing of the host's comes through.
+        // From then on no bytes of the host arrive.
         let byte_us = 10_000_000 / 1_000_000;
         let mut up = good_line(1_000_000);
         up.script = vec![((at_us / byte_us) / 25, LineFault::Stall { us: 60_000_000, lost: true })];

@@ -1,6 +1,7 @@
-//! The JSON schema of the machine file: the one in `docs/` is that of the code, and the machine files of the project fit it.
+//! The JSON schema of the machine file: the one in `docs/` is that of the code, and the machine files of the project
+//! match it.
 //!
-//! Invariant: `RETRACE_BLESS=1` writes the schema anew; nothing else does.
+//! Invariant: only `RETRACE_BLESS=1` rewrites the schema.
 
 use std::fs;
 use std::path::Path;
@@ -25,7 +26,8 @@ fn the_schema_in_the_docs_is_that_of_the_code() {
     );
 }
 
-/// Whether a value fits a schema: types, keys, required keys, values of enumerations and bounds. As much of JSON schema as the file uses.
+/// Whether a value fits a schema: types, keys, required keys, values of enumerations and bounds. As much of JSON schema
+/// as the file uses.
 fn fits(root: &Value, schema: &Value, value: &Value, at: &str) -> Result<(), String> {
     if let Some(name) = schema["$ref"].as_str().and_then(|name| name.strip_prefix("#/$defs/")) {
         fits(root, &root["$defs"][name], value, at)?;

@@ -21,9 +21,9 @@ use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{CardStatus, MotionCard, OutputChange, channel};
 use retrace_motion::{FeedRate, PathMode, Planner};
 
-/// Everything that was executed.
+/// Record of everything that was executed.
 struct Log {
-    judge: LimitMonitor<3>,
+    monitor: LimitMonitor<3>,
     positions: std::collections::HashMap<Place, [i64; 3]>,
     rows: Vec<(Place, [i64; 3], i64)>,
     events: Vec<Event>,
@@ -33,7 +33,7 @@ impl Observer<3> for Log {
     fn on_telemetry(&mut self, told: &Telemetry<3>) {
         match told {
             Telemetry::Period(period) => {
-                self.judge.push(&period.increments, period.rate);
+                self.monitor.push(&period.increments, period.rate);
                 self.rows.push((period.place, period.counts, period.rate));
                 let first = *self.positions.entry(period.place).or_insert(period.counts);
                 assert_eq!(first, period.counts, "place {:?} has two positions", period.place);
@@ -48,7 +48,7 @@ struct Run {
     outcome: Outcome,
     stats: RunStats,
     status: CardStatus<3>,
-    verdict: LimitReport<3>,
+    limit_report: LimitReport<3>,
     rows: Vec<(Place, [i64; 3], i64)>,
     events: Vec<Event>,
 }
@@ -60,7 +60,7 @@ impl Run {
     }
 }
 
-/// Runs a program, given as what it does to a feeder, on a machine whose history lasts `history_s`.
+/// Runs a program, given as calls of a plan writer, on a machine whose history lasts `history_s`.
 fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>) + Send) -> Run {
     let machine = MachineConfig::parse(&format!("history_hours = {}", history_s / 3600.0), "test").expect("valid");
     let start = u32::MAX - 2000;
@@ -81,7 +81,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
         }
     };
     let mut log = Log {
-        judge: LimitMonitor::new(&std::array::from_fn(axis), machine.period_s()),
+        monitor: LimitMonitor::new(&std::array::from_fn(axis), machine.period_s()),
         positions: Default::default(),
         rows: Vec::new(),
         events: Vec::new(),
@@ -93,12 +93,12 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
     let cancel = AtomicBool::new(false);
     let (outcome, stats, status) = std::thread::scope(|scope| {
         scope.spawn(|| {
-            let mut feeder = PlanWriter::new(planner, producer, sender, outputs, &cancel);
-            program(&mut feeder);
-            let commanded_mm = feeder.commanded_mm().to_vec();
+            let mut plan_writer = PlanWriter::new(planner, producer, sender, outputs, &cancel);
+            program(&mut plan_writer);
+            let commanded_mm = plan_writer.commanded_mm().to_vec();
             let summary = PlanSummary { ending: PlanEnd::Completed, blocks: 0, canonical: 0, commanded_mm };
             // a run that was stopped does not hear of the end
-            let _ = feeder.end(summary);
+            let _ = plan_writer.end(summary);
         });
         let (telemetry, receiver) = telemetry_channel(false, machine.period_s());
         scope.spawn(|| receiver.run(&mut log));
@@ -108,15 +108,15 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
         cancel.store(true, std::sync::atomic::Ordering::Relaxed);
         (outcome, stats, *card.status())
     });
-    Run { outcome, stats, status, verdict: log.judge.finish(), rows: log.rows, events: log.events }
+    Run { outcome, stats, status, limit_report: log.monitor.finish(), rows: log.rows, events: log.events }
 }
 
 const FEED: FeedRate = FeedRate::PerSecond(80.0);
 
-fn zigzag(feeder: &mut PlanWriter<'_, 3>) {
+fn zigzag(plan_writer: &mut PlanWriter<'_, 3>) {
     for k in 0..40u32 {
         let (x, y) = (f64::from(k % 2) * 30.0, f64::from(k) * 1.5);
-        if feeder.straight([x, y, 0.1 * f64::from(k)], FEED, PathMode::ExactPath, k + 1).is_err() {
+        if plan_writer.straight([x, y, 0.1 * f64::from(k)], FEED, PathMode::ExactPath, k + 1).is_err() {
             return;
         }
     }
@@ -125,7 +125,7 @@ fn zigzag(feeder: &mut PlanWriter<'_, 3>) {
 fn is_exact(run: &Run) {
     assert_eq!(run.outcome, Outcome::Completed);
     assert_eq!(run.status.counts, [30_000, 58_500, 3_900]);
-    assert_eq!(run.verdict.violations, 0, "{:?}", run.verdict.first);
+    assert_eq!(run.limit_report.violations, 0, "{:?}", run.limit_report.first);
     assert_eq!(run.stats.underruns, 0);
 }
 
@@ -160,10 +160,10 @@ fn a_short_history_ends_reverse_run_at_its_oldest_record_and_says_so() {
 
 #[test]
 fn instructions_stand_between_the_motion_before_and_behind() {
-    let switch = |feeder: &mut PlanWriter<'_, 3>, value, periods| {
+    let switch = |plan_writer: &mut PlanWriter<'_, 3>, value, periods| {
         let changes = [OutputChange { channel: channel::SPINDLE, value }];
         let (kind, code) = (ExclusiveKind::Switch, "M3");
-        feeder
+        plan_writer
             .exclusive(SwitchInstruction {
                 line: 9,
                 kind,
@@ -174,20 +174,22 @@ fn instructions_stand_between_the_motion_before_and_behind() {
             })
             .expect("running");
     };
-    let run = run("at 2s reverse 100%\nafter 1s leave", 60.0, |feeder| {
-        switch(feeder, 1, 100);
+    let run = run("at 2s reverse 100%\nafter 1s leave", 60.0, |plan_writer| {
+        switch(plan_writer, 1, 100);
         for k in 0..5 {
-            feeder.straight([f64::from(k + 1) * 10.0, 0.0, 0.0], FEED, PathMode::ExactPath, k + 1).expect("in range");
-            feeder.action(OutputChange { channel: 7, value: (k % 2) as i32 }, k + 1);
-            switch(feeder, k as i32, 50);
+            plan_writer
+                .straight([f64::from(k + 1) * 10.0, 0.0, 0.0], FEED, PathMode::ExactPath, k + 1)
+                .expect("in range");
+            plan_writer.action(OutputChange { channel: 7, value: (k % 2) as i32 }, k + 1);
+            switch(plan_writer, k as i32, 50);
         }
     });
     assert_eq!((run.outcome, run.status.counts), (Outcome::Completed, [50_000, 0, 0]));
-    assert_eq!(run.verdict.violations, 0);
+    assert_eq!(run.limit_report.violations, 0);
     assert_eq!(run.stats.switching, 100 + 5 * 50);
     let done: Vec<u64> = run.events.iter().filter(|e| e.kind == EventKind::Switched("M3")).map(|e| e.period).collect();
     for (n, &period) in done.iter().enumerate() {
-        // the counts stand still for the whole instruction, exactly where the line before it ends
+        // the counts do not change during the whole instruction, exactly where the line before it ends
         let (at, before) = (period as usize - 1, period as usize - if n == 0 { 100 } else { 50 });
         assert_eq!(run.rows[before].1, [10_000 * n as i64, 0, 0]);
         assert_eq!(run.rows[at].1, run.rows[before].1);
@@ -198,10 +200,10 @@ fn instructions_stand_between_the_motion_before_and_behind() {
 #[test]
 fn a_thousand_full_stops_cost_no_period() {
     let length = |n: u32| {
-        run("", 60.0, |feeder| {
+        run("", 60.0, |plan_writer| {
             for k in 0..n {
                 let x = f64::from(k % 2) * 0.3;
-                if feeder.straight([x, 0.0, 0.0], FEED, PathMode::ExactStop, k).is_err() {
+                if plan_writer.straight([x, 0.0, 0.0], FEED, PathMode::ExactStop, k).is_err() {
                     return;
                 }
             }
@@ -209,16 +211,16 @@ fn a_thousand_full_stops_cost_no_period() {
         .stats
         .periods
     };
-    // from 0 to 0.3 and back, each a rest-to-rest move of its own
+    // from 0 to 0.3 and back, each a separate move from rest to rest
     let one = length(2) - length(1);
     assert_eq!(length(1001) - length(1), 1000 * one);
 }
 
 #[test]
 fn outputs_that_were_changed_by_hand_are_asked_for_at_reached() {
-    let program = |feeder: &mut PlanWriter<'_, 3>| {
-        feeder.action(OutputChange { channel: 3, value: 1 }, 1);
-        zigzag(feeder);
+    let program = |plan_writer: &mut PlanWriter<'_, 3>| {
+        plan_writer.action(OutputChange { channel: 3, value: 1 }, 1);
+        zigzag(plan_writer);
     };
     let script = "at 2s reverse 100%\nafter 1s output 3 off\nafter 1s leave ask\nafter 4s agree";
     let run = run(script, 60.0, program);
@@ -242,7 +244,7 @@ fn single_block_stops_at_every_block_and_goes_on_at_cycle_start() {
 fn a_stop_rests_on_the_path_and_a_job_that_nobody_resumes_ends() {
     let stopped = run("at 1s stop", 60.0, zigzag);
     assert_eq!(stopped.outcome, Outcome::Stopped);
-    assert!(stopped.status.at_rest && stopped.verdict.violations == 0);
+    assert!(stopped.status.at_rest && stopped.limit_report.violations == 0);
     let left = run("at 1s hold", 60.0, zigzag);
     assert_eq!(left.outcome, Outcome::Stopped);
 }

@@ -1,5 +1,5 @@
-//! Motion and instructions stay in order whatever the line delays: our gates on the real host end, line and card; and the source's literal
-//! gates on the same, which fail (GMC-4 … GMC-6; *First defect*, *Second defect*).
+//! Motion and instructions stay in order for any delay of the serial line: our gates on the real host endpoint, line
+//! and card; and the source's literal gates on the same, which fail (GMC-4 … GMC-6; *First defect*, *Second defect*).
 
 mod wired;
 
@@ -50,12 +50,12 @@ impl Tape {
     }
 }
 
-/// The host's gates: may a record be sent, may the instruction in hand be sent?
+/// The host's gates: whether a record may be sent, and whether the pending instruction may be sent.
 trait Policy {
-    /// Looks at what is known of the card.
+    /// Updates the policy from the card's status.
     fn look(&mut self, tape: &Tape, status: &retrace_link::CardStatus<AXES>);
     fn record_may_go(&self, place: u32) -> bool;
-    /// The instruction that may go now.
+    /// The instruction that may be sent now.
     fn due(&self, status: &retrace_link::CardStatus<AXES>) -> Option<u32>;
     fn sent(&mut self);
 }
@@ -87,13 +87,13 @@ impl Policy for Acknowledged {
     }
 }
 
-/// The source's flags, as they are sampled: B1 shuts at the front marker and opens at the end marker, C1 the other way round; B2 and C2 are
-/// what the card's last report says: no instruction is being executed, the motion stands.
+/// The source's flags, as they are sampled: B1 closes at the front marker and opens at the end marker, C1 the other way
+/// round; B2 and C2 are from the card's last report: no instruction is being executed, the motion is at rest.
 #[derive(Default)]
 struct Sampled {
     next: u32,
     marker: Option<u32>,
-    /// B1; C1 is its contrary.
+    /// B1; C1 is its opposite.
     b1: bool,
     /// B2, as last sampled.
     ready: bool,
@@ -109,32 +109,32 @@ impl Policy for Sampled {
         self.marker = tape.markers.get(self.next as usize - 1).map(|&(place, _)| place);
     }
     fn record_may_go(&self, place: u32) -> bool {
-        // A front marker that is next shuts B1; B = B1 and B2.
+        // A front marker that is next closes B1; B = B1 and B2.
         self.marker.is_none_or(|marker| is_before(place, marker)) && self.b1 && self.ready
     }
     fn due(&self, status: &retrace_link::CardStatus<AXES>) -> Option<u32> {
         let marker = self.marker?;
-        // Coarse interpolation has come to the marker (C1); fine interpolation has finished (C2); ready (B2).
+        // Coarse interpolation has reached the marker (C1); fine interpolation has finished (C2); ready (B2).
         let at_marker = status.high == marker;
         (at_marker && status.at_rest && self.ready).then_some(self.next)
     }
     fn sent(&mut self) {
-        // The end marker: B1 opens, the coordinator's buffer is empty, the next may come.
+        // The end marker: B1 opens, the coordinator's buffer is empty, the next may be sent.
         self.next += 1;
     }
 }
 
-/// How a tape ended.
+/// Outcome of a tape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum End {
-    /// All is played and executed.
+    /// Everything is played and executed.
     Complete,
-    /// The card had to refuse an instruction, which is lost with that.
+    /// The card had to reject an instruction, which is lost with that.
     Refused,
     Hangs,
 }
 
-/// Plays a tape with these gates; what the card did, and how it ended.
+/// Plays a tape with these gates. Returns what the card did, and the outcome.
 fn play(tape: &Tape, policy: &mut impl Policy, rig: &CardSimulatorSettings) -> (Vec<Period>, End) {
     let machine = MachineConfig::built_in().expect("valid");
     let mut rig = CardSimulator::<AXES>::new(rig).expect("a card");
@@ -202,7 +202,8 @@ fn no_motion_stands_on_the_wrong_side_of_an_instruction() {
             panic!("seed {seed}: {what}");
         }
         assert_eq!(ended, End::Complete, "seed {seed}");
-        // What comes while another is executed, or too late, the card refuses: it is lost, and the run ended.
+        // An instruction that arrives while another is executed, or too late, is rejected by the card: it is lost, and
+        // the run ended.
         let (log, ended) = play(&tape, &mut Sampled::default(), &rig);
         match in_order(&markers, &log) {
             Err(_) => literal_wrong += 1,
@@ -215,7 +216,7 @@ fn no_motion_stands_on_the_wrong_side_of_an_instruction() {
     assert!(literal_wrong > cases / 50 && literal_refused > cases / 20, "the literal gates are expected to fail");
 }
 
-/// The same with whole jobs: text, planner, motion path, and instructions that take any time.
+/// Whole jobs in order: text, planner, motion path, and instructions of any duration.
 #[test]
 fn whole_jobs_stay_in_order_whatever_the_line_delays() {
     let cases = asked(20).0.min(500);

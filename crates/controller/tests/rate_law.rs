@@ -1,4 +1,4 @@
-//! The rate law on real records: planned by the planner, played by the card, judged period by period.
+//! The rate law on real records: planned by the planner, played by the card, checked period by period.
 
 mod hold;
 
@@ -7,13 +7,13 @@ use proptest::prelude::*;
 use retrace_controller::machine::MachineConfig;
 use retrace_core::{ONE, Travel};
 
-/// Length in mm of the shortest stop that keeps acceleration and jerk: v(v/A + A/J)/2, where v is fast enough to reach A.
+/// Length in mm of the shortest stop within acceleration and jerk: v(v/A + A/J)/2, where v is high enough to reach A.
 fn optimum_mm(v: f64, a: f64, j: f64) -> f64 {
     v * (v / a + a / j) / 2.0
 }
 
-/// Length in mm and periods of the stop that the law's own bound gives, integrated in small steps: the commanded rate falls by
-/// (A − c·u²)/v, c being what the path takes of the acceleration, and the cursor is its mean over n periods.
+/// Length in mm and periods of the stop that the law's own bound gives, integrated in small steps: the commanded rate
+/// falls by (A − c·u²)/v, c being what the path takes of the acceleration, and the cursor is its mean over n periods.
 fn bound(v: f64, c: f64, a: f64, n: f64, period_s: f64) -> (f64, f64) {
     let (mut u, mut way, mut time) = (1.0_f64, 0.0, 0.0);
     let step_s = 1e-6;
@@ -57,7 +57,8 @@ fn a_hold_on_a_circle_at_full_lateral_acceleration_is_within_the_bound_on_time()
     }
 }
 
-/// Where the path turns tightly, the jerk is what bounds a change of the rate; most of all where it is turned round within the average.
+/// Where the path turns tightly, the jerk limits a change of the rate; most of all where the change is reversed within
+/// the filter length.
 #[test]
 fn a_hold_that_is_taken_back_keeps_the_jerk_on_a_tight_circle() {
     for v in [8.0, 12.0, 18.0, 26.0, 40.0, 60.0] {
@@ -73,8 +74,8 @@ fn a_hold_that_is_taken_back_keeps_the_jerk_on_a_tight_circle() {
     }
 }
 
-/// What an operator does: a target, and for how many periods.
-fn deeds() -> impl Strategy<Value = Vec<(Travel, u32)>> {
+/// Requests of an operator: a target, and for how many periods.
+fn requests() -> impl Strategy<Value = Vec<(Travel, u32)>> {
     let target = prop_oneof![
         4 => Just(ONE), 2 => Just(0), 2 => Just(-ONE), 1 => -ONE..ONE, 1 => Just(-8 * ONE), 1 => ONE..8 * ONE,
         1 => Just(ONE / 20),
@@ -85,11 +86,11 @@ fn deeds() -> impl Strategy<Value = Vec<(Travel, u32)>> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: cases(), failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever is asked when, on whatever path: no limit is broken, and from full speed it is at rest within 300 periods.
+    /// For any requests on any path: no limit is violated, and from full speed it is at rest within 300 periods.
     #[test]
-    fn whatever_is_asked_no_limit_is_broken(path in paths(), deeds in deeds()) {
+    fn whatever_is_asked_no_limit_is_broken(path in paths(), requests in requests()) {
         let mut played = Played::of(records(&path));
-        for (target, periods) in deeds {
+        for (target, periods) in requests {
             played.ask(target, periods);
         }
         prop_assert_eq!(played.violations(), None);

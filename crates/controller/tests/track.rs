@@ -116,7 +116,7 @@ fn path_modes_and_the_machine_s_own_tolerance() {
     assert_eq!(modes, [blend(0.05), blend(0.2), blend(0.05), PathMode::ExactPath, PathMode::ExactStop]);
 }
 
-/// Q counts where it is another than P; without it they are equal. It follows the units, and its G64.
+/// Q applies where it differs from P; without it they are equal. It follows the units, and its G64.
 #[test]
 fn the_naive_cam_tolerance_goes_with_its_path_mode() {
     let text = "G21 F100\nG64 P0.2 Q0.05 X1 G1\nG64 P0.2 X2\nG64 P0.2 Q0.2 X3\nG64 Q0.01 X4\nG64 P0.1 Q0 X5\n\
@@ -165,7 +165,8 @@ fn an_axis_that_is_not_there_and_an_output_that_is_not_there_are_named() {
     assert_eq!(moves.moves.len(), 1);
 }
 
-/// A quadratic spline is a parabola: chords stay within a tenth of the tolerance, turned and shifted like any other move.
+/// A quadratic spline is a parabola: chords stay within a tenth of the tolerance, turned and shifted like any other
+/// move.
 #[test]
 fn a_spline_becomes_chords_near_its_curve() {
     let run = run("G21 G64 P.1 F600\nG10 L2 P1 X5 Z2 R90\nG0 X0 Y0 Z3\nG5.1 X40 Y0 I20 J20\nM2\n");

@@ -249,11 +249,11 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         self.desk.ends();
         self.tell_homed();
         match done {
-            Ok(ManualTaskDone::Whole { cut_short: false }) if *task == ManualTask::ClearAlarm => {
+            Ok(ManualTaskDone::Completed { cut_short: false }) if *task == ManualTask::ClearAlarm => {
                 self.note("the alarm is cleared")
             }
-            Ok(ManualTaskDone::Whole { cut_short: true }) => self.note("at the soft limit: no farther"),
-            Ok(ManualTaskDone::Whole { .. }) => {}
+            Ok(ManualTaskDone::Completed { cut_short: true }) => self.note("at the soft limit: no farther"),
+            Ok(ManualTaskDone::Completed { .. }) => {}
             Ok(ManualTaskDone::Stopped) => self.note("stopped"),
             Err(ManualTaskError::Refused(refusal)) => {
                 self.note(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy))
@@ -261,12 +261,12 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Err(ManualTaskError::Block(lines)) => {
                 lines.iter().flat_map(|text| diagnostic_text::in_words(text)).for_each(|line| self.note(line));
             }
-            Err(ManualTaskError::Trouble(_)) if *task == ManualTask::ClearAlarm => {
+            Err(ManualTaskError::Card(_)) if *task == ManualTask::ClearAlarm => {
                 self.note("not cleared: its cause is still there")
             }
             // An alarm is told where the machine stands.
-            Err(ManualTaskError::Trouble(CardError::Latched(_))) => {}
-            Err(ManualTaskError::Trouble(trouble)) => self.tell(EventKind::Alarm(trouble)),
+            Err(ManualTaskError::Card(CardError::Latched(_))) => {}
+            Err(ManualTaskError::Card(trouble)) => self.tell(EventKind::Alarm(trouble)),
         }
         if let Err(refusal) = self.table_keeper.keep(self.by_hand.modal_snapshot()) {
             self.note(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy));

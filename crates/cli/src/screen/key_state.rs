@@ -250,7 +250,7 @@ impl KeyState {
                 return None;
             }
             KeyAction::Agree if model.differ.is_empty() => {
-                self.send("there is nothing to agree to", now_ms);
+                self.send("there is nothing to confirm", now_ms);
                 return None;
             }
             KeyAction::Agree => OperatorCommand::Confirm,

@@ -213,7 +213,7 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        self.cutters.switched(self.machine, &[change]);
+        self.cutters.record_switching(self.machine, &[change]);
         match (switching.class, switching.in_reverse) {
             (CodeClass::Synchronous, InReverse::Unchanged) => sink.lasting_action(change, line),
             (CodeClass::Synchronous, _) => sink.action(change, line),

@@ -297,8 +297,8 @@ fn last_entries(path: &Path, length: u64) -> Result<Vec<JournalEntry>, JournalEr
     file.take(2 * SUMMARY_TAIL_BYTES).read_to_end(&mut bytes).map_err(JournalError::Unreadable)?;
     let words = [&b"{\"at\":"[..], b"{\"end\":", b"{\"resumed\":"];
     let lines = bytes.split_inclusive(|&byte| byte == b'\n').filter_map(journal_line::parse);
-    let told = lines.filter(|line| words.iter().any(|word| line.json.starts_with(word)));
-    Ok(told.filter_map(|line| serde_json::from_slice(line.json).ok()).collect())
+    let selected = lines.filter(|line| words.iter().any(|word| line.json.starts_with(word)));
+    Ok(selected.filter_map(|line| serde_json::from_slice(line.json).ok()).collect())
 }
 
 #[cfg(test)]

@@ -172,10 +172,10 @@ impl JournalQueue {
         if state.write_error.is_none() {
             let remedy = match self.0.durability {
                 Durability::Synced => {
-                    "make room on its disk, or mend it: the machine stops on the path until the journal can be written, and goes on by itself"
+                    "free space on its disk, or repair it: the machine stops on the path until the journal can be written, and resumes automatically"
                 }
                 Durability::Written => {
-                    "make room on its disk, or mend it: the job goes on, but it cannot be resumed from here"
+                    "free space on its disk, or repair it: the job continues, but it cannot be resumed from here"
                 }
             };
             let cause = format!("the journal cannot be written: {why}");

@@ -51,7 +51,7 @@ impl fmt::Display for JournalError {
             Self::NoBeginning => write!(f, "it has no whole first entry"),
             Self::Damaged { line, byte } => write!(f, "line {line}, at byte {byte}, is damaged"),
             Self::Gap { line, number } => {
-                write!(f, "line {line} has number {number}, so that lines are missing or too many")
+                write!(f, "line {line} has number {number}: lines are missing or duplicated")
             }
             Self::Unknown { line, why } => write!(f, "line {line} is of a newer version: {why}"),
             Self::Format(format) => {

@@ -105,15 +105,15 @@ impl<R: BufRead> BufRead for SpoolWriter<R> {
         if let Some(new @ [_, ..]) = waiting.get(self.ahead..) {
             if self.marks.bytes.load(Ordering::Acquire) + new.len() as u64 > self.quota {
                 let what = format!(
-                    "E2313: the program that arrives is longer than the {} MiB that may be kept of one (stream_quota_mib)",
+                    "E2313: the streamed program is longer than {} MiB, the limit for saving one (stream_quota_mib)",
                     self.quota >> 20
                 );
                 return Err(io::Error::new(io::ErrorKind::QuotaExceeded, what));
             }
-            let told = |error: io::Error| {
-                io::Error::new(error.kind(), format!("it cannot be kept in the job's folder: {error}"))
+            let with_context = |error: io::Error| {
+                io::Error::new(error.kind(), format!("it cannot be saved in the job's folder: {error}"))
             };
-            self.file.write_all(new).map_err(told)?;
+            self.file.write_all(new).map_err(with_context)?;
             self.ahead = waiting.len();
             self.marks.bytes.fetch_add(new.len() as u64, Ordering::Release);
             self.end.push(new);
@@ -165,12 +165,12 @@ impl<R: BufRead> SpoolReplay<R> {
     /// records; `E2104` where it cannot be read.
     pub fn open(path: &Path, spooled: SpooledBytes, again: Option<R>) -> Result<(Self, SpoolProgress), NumberedError> {
         let unreadable = |error: io::Error| {
-            let what = format!("the kept program {} cannot be read: {error}", path.display());
+            let what = format!("the saved program {} cannot be read: {error}", path.display());
             NumberedError::new("E2104", what, "check the file and its disk")
         };
         let again = match again {
             None if !spooled.ended => {
-                let what = format!("only the first {} bytes of the program had arrived and were kept", spooled.bytes);
+                let what = format!("only the first {} bytes of the program had arrived and were saved", spooled.bytes);
                 let remedy = "send the program again from its beginning: name its file with --program FILE";
                 return Err(NumberedError::new("E2208", what, remedy));
             }
@@ -179,8 +179,8 @@ impl<R: BufRead> SpoolReplay<R> {
         let mut file = OpenOptions::new().append(true).open(path).map_err(unreadable)?;
         let length = file.seek(io::SeekFrom::End(0)).map_err(unreadable)?;
         if length < spooled.bytes {
-            let what = format!("{} has {length} bytes, and the journal says {}", path.display(), spooled.bytes);
-            return Err(NumberedError::new("E2208", what, "begin anew, at a line with --start-line if need be"));
+            let what = format!("{} has {length} bytes, but the journal records {}", path.display(), spooled.bytes);
+            return Err(NumberedError::new("E2208", what, "start a new job, at a line with --start-line if necessary"));
         }
         file.set_len(spooled.bytes).map_err(unreadable)?;
         let open = || File::open(path).map(|file| BufReader::new(file).take(spooled.bytes)).map_err(unreadable);
@@ -253,7 +253,7 @@ impl std::error::Error for SpoolMismatch {}
 impl<R: BufRead> BufRead for SpoolReplay<R> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         if self.kept.limit() > 0 && self.kept.fill_buf()?.is_empty() {
-            return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the kept program has become shorter"));
+            return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the saved program has become shorter"));
         }
         if self.kept.limit() > 0 {
             return self.kept.fill_buf();

@@ -126,7 +126,8 @@ impl BlendingSettings {
     }
 }
 
-/// The machine file of retrace, TOML. A missing key has the value of the built-in machine. On rotary axes read degree for mm.
+/// The machine file of retrace, TOML. A missing key has the value of the built-in machine. On rotary axes read degree
+/// for mm.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[schemars(title = "Machine file of retrace")]

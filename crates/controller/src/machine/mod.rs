@@ -136,7 +136,7 @@ impl MachineConfig {
                 "a longer control_period_ms, a lower max_velocity_mm_per_s or a higher max_acceleration_mm_per_s2",
             )
         })?;
-        let look_ahead = periods(file.look_ahead_s).max(stopping.foresight_records + 2 * IN_FLIGHT_RECORDS);
+        let look_ahead = periods(file.look_ahead_s).max(stopping.look_ahead_records + 2 * IN_FLIGHT_RECORDS);
         let cutters = cutter::checked(file.cutter, &file.cutting_outputs)?;
         let cutting_outputs = cutter::cutting_outputs(&cutters);
         let card = file.card.checked(&axes, &cutting_outputs, file.control_period_ms)?;

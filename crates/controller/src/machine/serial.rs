@@ -214,7 +214,8 @@ impl SerialSettings {
         within("serial.leader", f64::from(self.leader), 0.0, 10_000.0)
     }
 
-    /// Sets one setting from the parameter `key=value` of a program's address; `format=7e2` sets bits, parity and stop bits.
+    /// Sets one setting from the parameter `key=value` of a program's address; `format=7e2` sets bits, parity and stop
+    /// bits.
     ///
     /// # Errors
     /// `E2301`: no such setting, or no such value.

@@ -18,10 +18,10 @@ use crate::approach::approach;
 use crate::machine::MachineConfig;
 
 /// Offset in records between the places of manual moves and those of the job that they interrupt.
-pub const BEYOND: u32 = 1 << 30;
+pub const MANUAL_PLACE_OFFSET: u32 = 1 << 30;
 
 /// Number of records of a move that are retained behind the cursor: manual moves are not reversed.
-const KEPT: u32 = 64;
+const HISTORY_RECORDS: u32 = 64;
 
 /// A request to the planning thread.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,19 +58,19 @@ pub(crate) fn ring<const A: usize>(
     machine: &MachineConfig,
     start: u32,
 ) -> Result<Ring<Box<[Cell<Record<A>>]>>, RingError> {
-    let cells = ring_cells(KEPT, machine.look_ahead_records).ok_or(RingError::TooSmall)?;
+    let cells = ring_cells(HISTORY_RECORDS, machine.look_ahead_records).ok_or(RingError::TooSmall)?;
     let cells: Box<[Cell<Record<A>>]> = (0..cells).map(|_| Cell::default()).collect();
-    Ring::new(cells, KEPT, machine.look_ahead_records, start)
+    Ring::new(cells, HISTORY_RECORDS, machine.look_ahead_records, start)
 }
 
 /// Creates the two ends of the jog planner over the two ends of a ring.
-pub(crate) fn hand<'r, const A: usize>(
+pub(crate) fn jog_channel<'r, const A: usize>(
     ends: (Producer<'r, Record<A>>, Consumer<'r, Record<A>>),
     mail: &'r JogStatus,
 ) -> (JogPlanner<'r, A>, JogWorker<'r, A>) {
     let (sender, requests) = sync_channel(1);
-    let hand = JogPlanner { ring: ends.1, requests: Some(sender), thread: None, mail, number: 0 };
-    (hand, JogWorker { ring: ends.0, requests, mail })
+    let jog_planner = JogPlanner { ring: ends.1, requests: Some(sender), thread: None, status: mail, number: 0 };
+    (jog_planner, JogWorker { ring: ends.0, requests, status: mail })
 }
 
 /// The motion path's end.
@@ -79,19 +79,19 @@ pub struct JogPlanner<'r, const A: usize> {
     pub(crate) ring: Consumer<'r, Record<A>>,
     requests: Option<SyncSender<(u32, JogRequest<A>)>>,
     thread: Option<Thread>,
-    mail: &'r JogStatus,
+    status: &'r JogStatus,
     number: u32,
 }
 
 impl<const A: usize> JogPlanner<'_, A> {
     /// Wakes `thread`, the planning thread, with every request.
-    pub(crate) fn waking(mut self, thread: Thread) -> Self {
+    pub(crate) fn with_thread(mut self, thread: Thread) -> Self {
         self.thread = Some(thread);
         self
     }
 
     /// Sends a request. The one before it must be done.
-    pub(crate) fn ask(&mut self, request: JogRequest<A>) {
+    pub(crate) fn request(&mut self, request: JogRequest<A>) {
         self.number = self.number.wrapping_add(1);
         if let Some(requests) = &self.requests {
             // There is space: one request is pending at a time.
@@ -108,22 +108,22 @@ impl<const A: usize> JogPlanner<'_, A> {
 
     /// Whether the request is done, so that nothing more follows.
     pub(crate) fn is_done(&self) -> bool {
-        self.mail.done.load(Ordering::Acquire) == self.number
+        self.status.done.load(Ordering::Acquire) == self.number
     }
 
     /// Whether the request could not be planned.
-    pub(crate) fn failed(&self) -> bool {
-        self.mail.failed.load(Ordering::Relaxed)
+    pub(crate) fn has_failed(&self) -> bool {
+        self.status.failed.load(Ordering::Relaxed)
     }
 
     /// Identity of the program that would be read now, once it is known.
     pub(crate) fn program(&self) -> u64 {
-        self.mail.program.load(Ordering::Relaxed)
+        self.status.program.load(Ordering::Relaxed)
     }
 
     /// Cancels the request.
-    pub(crate) fn give_up(&self) {
-        self.mail.given_up.store(self.number, Ordering::Release);
+    pub(crate) fn cancel(&self) {
+        self.status.given_up.store(self.number, Ordering::Release);
     }
 }
 
@@ -139,7 +139,7 @@ impl<const A: usize> Drop for JogPlanner<'_, A> {
 pub(crate) struct JogWorker<'r, const A: usize> {
     ring: Producer<'r, Record<A>>,
     requests: Receiver<(u32, JogRequest<A>)>,
-    mail: &'r JogStatus,
+    status: &'r JogStatus,
 }
 
 /// A move could not be planned, or was cancelled.
@@ -158,12 +158,12 @@ impl<const A: usize> JogWorker<'_, A> {
                             Err(_) => Err(JogPlannerGone),
                         },
                         JogRequest::Identify => {
-                            self.mail.program.store(identify(), Ordering::Relaxed);
+                            self.status.program.store(identify(), Ordering::Relaxed);
                             Ok(())
                         }
                     };
-                    self.mail.failed.store(planned.is_err(), Ordering::Relaxed);
-                    self.mail.done.store(number, Ordering::Release);
+                    self.status.failed.store(planned.is_err(), Ordering::Relaxed);
+                    self.status.done.store(number, Ordering::Release);
                 }
                 Err(TryRecvError::Empty) => thread::park(),
                 Err(TryRecvError::Disconnected) => return,
@@ -195,7 +195,7 @@ impl<const A: usize> JogWorker<'_, A> {
 
     fn push(&mut self, number: u32, record: Record<A>) -> Result<(), JogPlannerGone> {
         while self.ring.push(record).is_err() {
-            if self.mail.given_up.load(Ordering::Acquire) == number {
+            if self.status.given_up.load(Ordering::Acquire) == number {
                 return Err(JogPlannerGone);
             }
             thread::sleep(Duration::from_micros(200));

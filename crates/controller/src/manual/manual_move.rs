@@ -14,21 +14,21 @@ use retrace_link::{HostCommand, MotionCard, PathStart};
 use super::jog_planner::{JogPlanner, JogRequest};
 
 /// Over a link, the card's report of being at rest may be this many periods old.
-pub(crate) const OLD_NEWS: u32 = crate::session::IN_FLIGHT_RECORDS;
+pub(crate) const REPORT_LATENCY_PERIODS: u32 = crate::session::IN_FLIGHT_RECORDS;
 
 /// A manual move in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ManualMove {
     /// Place at which it begins.
-    begins: u32,
+    start: u32,
     /// Number of the last instruction that was executed; it does not change.
     executed: u32,
     state: ManualMoveState,
     /// Number of records ahead that are enough to run at full rate.
-    enough: u32,
+    look_ahead_records: u32,
     wall_time: bool,
     /// Periods at rest while it is being stopped.
-    stood: u32,
+    rest_periods: u32,
     /// Whether the card has begun an epoch for it.
     off_path: bool,
 }
@@ -38,7 +38,7 @@ enum ManualMoveState {
     /// Waiting until enough is planned.
     Planned,
     /// Moving; `told`: a rate was sent to the card.
-    OnTheWay { rate_sent: bool },
+    Moving { rate_sent: bool },
     /// Coming to rest before the end.
     Stopping,
     /// At rest.
@@ -49,7 +49,7 @@ enum ManualMoveState {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ManualMoveEnd {
     /// At its end.
-    There,
+    Completed,
     /// Before its end: it was stopped.
     Stopped,
     /// It could not be planned.
@@ -59,15 +59,23 @@ pub(crate) enum ManualMoveEnd {
 impl ManualMove {
     /// Requests a move. The machine is at rest; `executed` is the number of the last instruction.
     pub(crate) fn begin<const A: usize>(
-        hand: &mut JogPlanner<'_, A>,
+        jog_planner: &mut JogPlanner<'_, A>,
         request: JogRequest<A>,
         executed: u32,
-        enough: u32,
+        look_ahead_records: u32,
         wall_time: bool,
     ) -> Self {
-        let begins = hand.ring.write();
-        hand.ask(request);
-        Self { begins, executed, state: ManualMoveState::Planned, enough, wall_time, stood: 0, off_path: false }
+        let start = jog_planner.ring.write();
+        jog_planner.request(request);
+        Self {
+            start,
+            executed,
+            state: ManualMoveState::Planned,
+            look_ahead_records,
+            wall_time,
+            rest_periods: 0,
+            off_path: false,
+        }
     }
 
     /// Whether the card has begun an epoch for it.
@@ -78,7 +86,7 @@ impl ManualMove {
     /// Stops the move.
     pub(crate) fn stop(&mut self) {
         if !matches!(self.state, ManualMoveState::Ended(_)) {
-            (self.state, self.stood) = (ManualMoveState::Stopping, 0);
+            (self.state, self.rest_periods) = (ManualMoveState::Stopping, 0);
         }
     }
 
@@ -86,41 +94,41 @@ impl ManualMove {
     ///
     /// # Errors
     /// The card's fault.
-    pub(crate) fn turn<const A: usize, C: MotionCard<A>>(
+    pub(crate) fn advance<const A: usize, C: MotionCard<A>>(
         &mut self,
-        hand: &mut JogPlanner<'_, A>,
+        jog_planner: &mut JogPlanner<'_, A>,
         card: &mut C,
     ) -> Result<Option<ManualMoveEnd>, C::Fault> {
-        if self.state == ManualMoveState::Planned && self.is_planned(hand, self.begins) {
-            if hand.is_done() && hand.ring.write() == self.begins {
-                self.state = ManualMoveState::Ended(if hand.failed() {
+        if self.state == ManualMoveState::Planned && self.is_planned(jog_planner, self.start) {
+            if jog_planner.is_done() && jog_planner.ring.write() == self.start {
+                self.state = ManualMoveState::Ended(if jog_planner.has_failed() {
                     ManualMoveEnd::NotPlanned
                 } else {
-                    ManualMoveEnd::There
+                    ManualMoveEnd::Completed
                 });
             } else {
-                let start = PathStart { executed: self.executed, ..PathStart::at(self.begins) };
+                let start = PathStart { executed: self.executed, ..PathStart::at(self.start) };
                 card.begin(start)?;
                 self.off_path = true;
-                self.state = ManualMoveState::OnTheWay { rate_sent: false };
+                self.state = ManualMoveState::Moving { rate_sent: false };
             }
         }
-        if let ManualMoveState::OnTheWay { rate_sent } = self.state {
-            self.fill(hand, card);
-            if !rate_sent && self.may_move(hand, card) && card.send(HostCommand::rate(ONE)).is_ok() {
-                self.state = ManualMoveState::OnTheWay { rate_sent: true };
+        if let ManualMoveState::Moving { rate_sent } = self.state {
+            self.fill(jog_planner, card);
+            if !rate_sent && self.may_move(jog_planner, card) && card.send(HostCommand::rate(ONE)).is_ok() {
+                self.state = ManualMoveState::Moving { rate_sent: true };
             }
             let status = card.status();
-            if hand.is_done() && status.at_rest && status.place == Place::start_of(hand.ring.write()) {
-                self.end(hand, card, ManualMoveEnd::There);
+            if jog_planner.is_done() && status.at_rest && status.place == Place::start_of(jog_planner.ring.write()) {
+                self.end(jog_planner, card, ManualMoveEnd::Completed);
             }
         }
         if self.state == ManualMoveState::Stopping {
             let _ = card.send(HostCommand::rate(0));
-            hand.give_up();
-            self.stood = if card.status().at_rest { self.stood + 1 } else { 0 };
-            if hand.is_done() && self.stood > if self.wall_time { OLD_NEWS } else { 1 } {
-                self.end(hand, card, ManualMoveEnd::Stopped);
+            jog_planner.cancel();
+            self.rest_periods = if card.status().at_rest { self.rest_periods + 1 } else { 0 };
+            if jog_planner.is_done() && self.rest_periods > if self.wall_time { REPORT_LATENCY_PERIODS } else { 1 } {
+                self.end(jog_planner, card, ManualMoveEnd::Stopped);
             }
         }
         Ok(match self.state {
@@ -131,22 +139,22 @@ impl ManualMove {
 
     fn end<const A: usize, C: MotionCard<A>>(
         &mut self,
-        hand: &mut JogPlanner<'_, A>,
+        jog_planner: &mut JogPlanner<'_, A>,
         card: &mut C,
         how: ManualMoveEnd,
     ) {
         let _ = card.send(HostCommand::rate(0));
-        let write = hand.ring.write();
-        hand.ring.seek(write);
+        let write = jog_planner.ring.write();
+        jog_planner.ring.seek(write);
         self.state = ManualMoveState::Ended(how);
     }
 
     /// Whether enough is planned beyond `place`, or all of it. In virtual time the result must not depend on the
     /// planner's speed: this waits.
-    fn is_planned<const A: usize>(&self, hand: &mut JogPlanner<'_, A>, place: u32) -> bool {
+    fn is_planned<const A: usize>(&self, jog_planner: &mut JogPlanner<'_, A>, place: u32) -> bool {
         loop {
-            let done = hand.is_done();
-            if done || hand.ring.write().wrapping_sub(place) >= self.enough {
+            let done = jog_planner.is_done();
+            if done || jog_planner.ring.write().wrapping_sub(place) >= self.look_ahead_records {
                 return true;
             }
             if self.wall_time {
@@ -156,13 +164,13 @@ impl ManualMove {
         }
     }
 
-    fn fill<const A: usize, C: MotionCard<A>>(&self, hand: &mut JogPlanner<'_, A>, card: &mut C) {
-        hand.ring.seek(card.status().place.record);
-        self.is_planned(hand, card.status().place.record);
-        let end = hand.ring.write();
+    fn fill<const A: usize, C: MotionCard<A>>(&self, jog_planner: &mut JogPlanner<'_, A>, card: &mut C) {
+        jog_planner.ring.seek(card.status().place.record);
+        self.is_planned(jog_planner, card.status().place.record);
+        let end = jog_planner.ring.write();
         let mut place = card.status().high;
         while is_before(place, end)
-            && let Some(record) = hand.ring.record(place)
+            && let Some(record) = jog_planner.ring.record(place)
             && card.send(HostCommand::Ahead { place, record }).is_ok()
         {
             place = place.wrapping_add(1);
@@ -170,8 +178,8 @@ impl ManualMove {
     }
 
     /// Whether enough records are on the card to run at full rate.
-    fn may_move<const A: usize, C: MotionCard<A>>(&self, hand: &mut JogPlanner<'_, A>, card: &C) -> bool {
-        let (wanted, end) = (self.begins.wrapping_add(self.enough), hand.ring.write());
+    fn may_move<const A: usize, C: MotionCard<A>>(&self, jog_planner: &mut JogPlanner<'_, A>, card: &C) -> bool {
+        let (wanted, end) = (self.start.wrapping_add(self.look_ahead_records), jog_planner.ring.write());
         let wanted = if is_before(end, wanted) { end } else { wanted };
         !is_before(card.arrived(), wanted)
     }

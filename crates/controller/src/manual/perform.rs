@@ -12,7 +12,7 @@ use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, Pat
 
 use super::ManualTask;
 use super::jog_planner::{self, JogPlanner, JogRequest};
-use super::manual_move::{ManualMove, ManualMoveEnd, OLD_NEWS};
+use super::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::command_queue::CommandSources;
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, Event, EventKind};
@@ -26,13 +26,13 @@ use crate::session::{IN_FLIGHT_RECORDS, Outcome, RunMode};
 use crate::telemetry::{self, Observer, PeriodRecord, Telemetry, TelemetrySender};
 
 /// Periods within which a card has accepted a command and reported it.
-const HEARD: u32 = 3 * OLD_NEWS;
+const RESPONSE_PERIODS: u32 = 3 * REPORT_LATENCY_PERIODS;
 
 /// Result of a task.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ManualTaskDone {
     /// It was completed.
-    Whole {
+    Completed {
         /// Whether a jog was shortened by the soft limit.
         cut_short: bool,
     },
@@ -48,7 +48,7 @@ pub enum ManualTaskError {
     /// An MDI block has errors: rendered.
     Block(Vec<String>),
     /// An alarm, or a fault of the card.
-    Trouble(CardError),
+    Card(CardError),
 }
 
 impl From<NumberedError> for ManualTaskError {
@@ -70,18 +70,18 @@ pub fn perform<const A: usize, C: MotionCard<A>>(
     observer: &mut dyn Observer<A>,
 ) -> Result<ManualTaskDone, ManualTaskError> {
     if let Some(text) = block_of(task, machine)? {
-        return block(&text, machine, context, card, (operators, run_mode), observer);
+        return perform_block(&text, machine, context, card, (operators, run_mode), observer);
     }
     let mut ring = jog_planner::ring(machine, 0)
         .map_err(|_| NumberedError::new("E2112", "no ring for a move", "a shorter look_ahead_s"))?;
     let mail = jog_planner::JogStatus::default();
-    let (hand, requests) = jog_planner::hand(ring.split(), &mail);
+    let (hand, requests) = jog_planner::jog_channel(ring.split(), &mail);
     let (telemetry, receiver) = telemetry::telemetry_channel(run_mode.wall_time, machine.period_s());
     thread::scope(|scope| {
         scope.spawn(move || receiver.run(observer));
         let planner = scope.spawn(move || requests.serve(machine, Box::new(|| 0)));
-        let hand = hand.waking(planner.thread().clone());
-        let enough = machine.stopping.foresight_records + IN_FLIGHT_RECORDS;
+        let hand = hand.with_thread(planner.thread().clone());
+        let enough = machine.stopping.look_ahead_records + IN_FLIGHT_RECORDS;
         ManualRunner { machine, card, operators, run_mode, telemetry, hand, enough, stopped: false }.perform(task)
     })
 }
@@ -112,7 +112,7 @@ fn axis(machine: &MachineConfig, letter: char) -> Result<usize, NumberedError> {
 }
 
 /// Executes an MDI block as a small job.
-fn block<const A: usize, C: MotionCard<A>>(
+fn perform_block<const A: usize, C: MotionCard<A>>(
     text: &str,
     machine: &MachineConfig,
     context: &mut ModalContext,
@@ -120,11 +120,11 @@ fn block<const A: usize, C: MotionCard<A>>(
     (operators, run_mode): (CommandSources, RunMode),
     observer: &mut dyn Observer<A>,
 ) -> Result<ManualTaskDone, ManualTaskError> {
-    let card_error = |fault: &C::Fault| ManualTaskError::Trouble(CardError::of(fault));
-    anew(card).map_err(|fault| card_error(&fault))?;
+    let card_error = |fault: &C::Fault| ManualTaskError::Card(CardError::of(fault));
+    begin_path(card).map_err(|fault| card_error(&fault))?;
     let machine = MachineConfig { history_records: 0, ..machine.clone() }.standing_at(&card.status().counts);
     let block = context.block(&machine, text).map_err(ManualTaskError::Block)?;
-    let (block, left) = block.leaving();
+    let (block, left) = block.with_result();
     let options =
         JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
     let end = job::run(&machine, block, options, &mut *card, observer)
@@ -132,23 +132,21 @@ fn block<const A: usize, C: MotionCard<A>>(
     match end.outcome {
         Outcome::Completed => {
             if let Some(carried) = left.lock().unwrap_or_else(PoisonError::into_inner).take() {
-                context.take_over(carried);
+                context.apply_modal_snapshot(carried);
             }
-            Ok(ManualTaskDone::Whole { cut_short: false })
+            Ok(ManualTaskDone::Completed { cut_short: false })
         }
         Outcome::Stopped => {
-            anew(card).map_err(|fault| card_error(&fault))?;
+            begin_path(card).map_err(|fault| card_error(&fault))?;
             Ok(ManualTaskDone::Stopped)
         }
         Outcome::Refused(text) => Err(ManualTaskError::Block(vec![text])),
-        Outcome::Alarm(number, cause, remedy) => {
-            Err(ManualTaskError::Trouble(CardError::Fault { number, cause, remedy }))
-        }
+        Outcome::Alarm(number, cause, remedy) => Err(ManualTaskError::Card(CardError::Fault { number, cause, remedy })),
     }
 }
 
 /// Begins a new path at the machine's position.
-fn anew<const A: usize, C: MotionCard<A>>(card: &mut C) -> Result<(), C::Fault> {
+fn begin_path<const A: usize, C: MotionCard<A>>(card: &mut C) -> Result<(), C::Fault> {
     let CardStatus { place, executed, .. } = *card.status();
     card.begin(PathStart { executed, ..PathStart::at(place.boundary_ahead()) })
 }
@@ -173,7 +171,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                 if order.is_empty() {
                     return Err(no_home("no axis of the machine has a home switch".into()).into());
                 }
-                order.into_iter().try_fold(ManualTaskDone::Whole { cut_short: false }, |done, letter| {
+                order.into_iter().try_fold(ManualTaskDone::Completed { cut_short: false }, |done, letter| {
                     if done == ManualTaskDone::Stopped { Ok(done) } else { self.home(letter) }
                 })
             }
@@ -188,10 +186,10 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                     NumberedError::new("E2161", format!("the card has no output {channel}"), "an output that it has")
                 };
                 self.card.send(HostCommand::ManualOutput(change)).map_err(refused)?;
-                self.pass(if self.run_mode.wall_time { OLD_NEWS } else { 2 })
+                self.run_periods(if self.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 2 })
             }
             // Blocks are not handled here.
-            ManualTask::Mdi(_) | ManualTask::WorkZero(_) => Ok(ManualTaskDone::Whole { cut_short: false }),
+            ManualTask::Mdi(_) | ManualTask::WorkZero(_) => Ok(ManualTaskDone::Completed { cut_short: false }),
         }
     }
 
@@ -204,10 +202,10 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         self.card
             .send(HostCommand::Home(homing))
             .map_err(|why| no_home(format!("the card does not home axis {name}: {why:?}")))?;
-        let settled = if self.run_mode.wall_time { OLD_NEWS } else { 2 };
+        let settled = if self.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 2 };
         let mut stood = 0;
         while stood < settled {
-            self.period()?;
+            self.run_period()?;
             if self.stopped {
                 let _ = self.card.send(HostCommand::rate(0));
             }
@@ -215,7 +213,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         }
         // The count was set: a path begins there.
         self.begin()?;
-        Ok(if self.stopped { ManualTaskDone::Stopped } else { ManualTaskDone::Whole { cut_short: false } })
+        Ok(if self.stopped { ManualTaskDone::Stopped } else { ManualTaskDone::Completed { cut_short: false } })
     }
 
     /// Jogs an axis within its soft limits. `wanted` returns the target from its current count and the pulses per mm.
@@ -252,23 +250,23 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         );
         let ended = loop {
             let ended = trip
-                .turn(&mut self.hand, self.card)
-                .map_err(|fault| ManualTaskError::Trouble(CardError::of(&fault)))?;
+                .advance(&mut self.hand, self.card)
+                .map_err(|fault| ManualTaskError::Card(CardError::of(&fault)))?;
             if let Some(ended) = ended {
                 break ended;
             }
-            self.period()?;
+            self.run_period()?;
             if self.stopped {
                 trip.stop();
                 self.stopped = false;
             }
         };
         let cut_short = to != wanted;
-        self.tell_jogged(index, from, cut_short || ended == ManualMoveEnd::Stopped);
+        self.emit_jogged(index, from, cut_short || ended == ManualMoveEnd::Stopped);
         // The rest of the move is discarded.
         self.begin()?;
         match ended {
-            ManualMoveEnd::There => Ok(ManualTaskDone::Whole { cut_short }),
+            ManualMoveEnd::Completed => Ok(ManualTaskDone::Completed { cut_short }),
             ManualMoveEnd::Stopped => Ok(ManualTaskDone::Stopped),
             ManualMoveEnd::NotPlanned => {
                 Err(NumberedError::new("E2161", "the move cannot be planned", "a shorter move").into())
@@ -277,40 +275,41 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     }
 
     fn clear(&mut self) -> Result<ManualTaskDone, ManualTaskError> {
-        let Some(alarm) = self.card.status().alarm else { return Ok(ManualTaskDone::Whole { cut_short: false }) };
+        let Some(alarm) = self.card.status().alarm else { return Ok(ManualTaskDone::Completed { cut_short: false }) };
         // A rejection by the card shows below.
         let _ = self.card.send(HostCommand::ClearAlarm);
-        for _ in 0..HEARD {
+        for _ in 0..RESPONSE_PERIODS {
             if self.card.period().is_ok_and(|status| status.alarm.is_none()) {
-                return Ok(ManualTaskDone::Whole { cut_short: false });
+                return Ok(ManualTaskDone::Completed { cut_short: false });
             }
         }
-        Err(ManualTaskError::Trouble(CardError::Latched(alarm)))
+        Err(ManualTaskError::Card(CardError::Latched(alarm)))
     }
 
     fn begin(&mut self) -> Result<(), ManualTaskError> {
-        anew(self.card).map_err(|fault| ManualTaskError::Trouble(CardError::of(&fault)))
+        begin_path(self.card).map_err(|fault| ManualTaskError::Card(CardError::of(&fault)))
     }
 
-    fn pass(&mut self, periods: u32) -> Result<ManualTaskDone, ManualTaskError> {
+    fn run_periods(&mut self, periods: u32) -> Result<ManualTaskDone, ManualTaskError> {
         for _ in 0..periods {
-            self.period()?;
+            self.run_period()?;
         }
-        Ok(ManualTaskDone::Whole { cut_short: false })
+        Ok(ManualTaskDone::Completed { cut_short: false })
     }
 
     /// Runs one control period: the operator's commands, the card, and telemetry.
-    fn period(&mut self) -> Result<(), ManualTaskError> {
+    fn run_period(&mut self) -> Result<(), ManualTaskError> {
         let period = self.card.status().period;
         while let Some(command) = self.operators.next_command(period, 0) {
-            self.tell(EventKind::Operator(command));
+            self.emit(EventKind::Operator(command));
             match command {
                 OperatorCommand::Stop | OperatorCommand::Hold | OperatorCommand::Pause => self.stopped = true,
-                _ => self
-                    .tell(EventKind::CommandRejected(CommandError::NotNow("an axis is moved by hand: stop it first"))),
+                _ => self.emit(EventKind::CommandRejected(CommandError::NotNow(
+                    "an axis is being moved manually: stop it first",
+                ))),
             }
         }
-        let status = *self.card.period().map_err(|fault| ManualTaskError::Trouble(CardError::of(&fault)))?;
+        let status = *self.card.period().map_err(|fault| ManualTaskError::Card(CardError::of(&fault)))?;
         self.telemetry.send_output_changes(&status.outputs);
         self.telemetry.send(Telemetry::Period(PeriodRecord {
             off_path: true,
@@ -324,18 +323,18 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     }
 
     fn alarm(&mut self, alarm: Alarm) -> ManualTaskError {
-        self.tell(EventKind::Alarm(CardError::Latched(alarm)));
-        ManualTaskError::Trouble(CardError::Latched(alarm))
+        self.emit(EventKind::Alarm(CardError::Latched(alarm)));
+        ManualTaskError::Card(CardError::Latched(alarm))
     }
 
-    fn tell_jogged(&mut self, index: usize, from: i64, cut_short: bool) {
+    fn emit_jogged(&mut self, index: usize, from: i64, cut_short: bool) {
         let axis = &self.machine.axes[index];
         let mm = (self.card.status().counts[index] - from) as f64 / axis.pulses_per_mm;
         let step = DncStep::Jogged { axis: axis.name, mm, cut_short, off: AxisCounts::default() };
-        self.tell(EventKind::Dnc(DncEvent { step, flags: DncFlags::default() }));
+        self.emit(EventKind::Dnc(DncEvent { step, flags: DncFlags::default() }));
     }
 
-    fn tell(&mut self, kind: EventKind) {
+    fn emit(&mut self, kind: EventKind) {
         let CardStatus { period, place, .. } = *self.card.status();
         let time_s = period as f64 * self.machine.period_s();
         self.telemetry.send(Telemetry::Event(Event { period, time_s, place, line: 0, kind }));

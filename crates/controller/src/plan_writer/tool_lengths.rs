@@ -106,7 +106,7 @@ impl<const A: usize> PlanWriter<'_, A> {
             self.lengths.moved_by += offer.pulses;
             self.index.write(IndexEntry::Length(LengthChange { block: self.block, pulses: offer.pulses }));
             self.wait_for(|feeder| feeder.index.is_durable().then_some(()))?;
-            offers.answer(LengthAnswer::Kept);
+            offers.answer(LengthAnswer::Stored);
         }
         Ok(())
     }

@@ -149,11 +149,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         match self.mode_controller.mode() {
             Mode::Run => {
-                let why = "the cutter is started with the motion: `recover` starts it and goes on";
+                let why = "the cutter is started with the motion: `recover` starts it and resumes";
                 return Err(CommandError::NotNow(why));
             }
             _ if !self.retrace_cuts => {
-                let why = "only a jet whose [[cutter]] says retrace_cut = true can cut while the path is retraced";
+                let why = "only a jet whose [[cutter]] has retrace_cut = true can cut while the path is retraced";
                 return Err(CommandError::NotNow(why));
             }
             _ => {}

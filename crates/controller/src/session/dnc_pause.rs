@@ -19,7 +19,7 @@ use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, EventKind};
 use crate::machine::MachineConfig;
 use crate::manual::jog_planner::{JogPlanner, JogRequest};
-use crate::manual::manual_move::{ManualMove, ManualMoveEnd, OLD_NEWS};
+use crate::manual::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::operator::{CommandError, OperatorCommand};
 use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
 
@@ -200,7 +200,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             | OperatorCommand::Output { .. }
             | OperatorCommand::CutterOff
             | OperatorCommand::OptionalStop(_) => None,
-            _ => Some(Err(CommandError::NotNow("the program is paused: go on with it first"))),
+            _ => Some(Err(CommandError::NotNow("the program is paused: resume it first"))),
         }
     }
 
@@ -211,7 +211,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         if self.commands_wait() && !self.dnc.interruption.is_inhibited() {
             if self.dnc.pending_commands.len() == WORDS {
-                return Err(CommandError::NotNow("too many words wait for the machine to stand"));
+                return Err(CommandError::NotNow("too many commands are waiting for the machine to come to rest"));
             }
             self.dnc.pending_commands.push_back(command);
             return Ok(());
@@ -284,7 +284,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 // Not before it is known which program would be read.
                 self.dnc.interruption = before;
                 let hand = self.dnc.jog_planner.as_mut().ok_or(NO_HAND)?;
-                hand.ask(JogRequest::Identify);
+                hand.request(JogRequest::Identify);
                 self.dnc.identifying = true;
             }
             InterruptionAction::Halt | InterruptionAction::Jog | InterruptionAction::ResumeReading => {}
@@ -368,7 +368,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let status = self.card.status();
         let stands = status.at_rest && self.executing.is_none();
         self.dnc.rest_periods = if stands { self.dnc.rest_periods + 1 } else { 0 };
-        if self.dnc.rest_periods <= if self.run_mode.wall_time { OLD_NEWS } else { 1 } {
+        if self.dnc.rest_periods <= if self.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 1 } {
             return;
         }
         // A cutter went out when the machine came to rest: the outputs to return to are those the program expects.
@@ -423,7 +423,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let here = self.path_start();
         let Some((trip, aim)) = &mut self.dnc.manual_move else { return Ok(()) };
         let Some(hand) = &mut self.dnc.jog_planner else { return Ok(()) };
-        let ended = trip.turn(hand, &mut self.card).map_err(|fault| CardError::of(&fault))?;
+        let ended = trip.advance(hand, &mut self.card).map_err(|fault| CardError::of(&fault))?;
         if trip.is_off_path() {
             self.dnc.path_start.get_or_insert(here);
             self.target = None;
@@ -509,7 +509,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// Counts and reports a control period off the program's path.
     pub(super) fn account_off_path_period(&mut self, status: &CardStatus<A>) {
-        self.stats.pause();
+        self.stats.count_paused();
         self.update_manual_outputs(status);
         self.telemetry.send_output_changes(&status.outputs);
         let period = PeriodRecord {
@@ -560,8 +560,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 }
 
-const NO_HAND: CommandError = CommandError::NotNow("nobody is there to plan moves by hand");
-const NOT_PLANNED: CommandError = CommandError::NotNow("the move by hand cannot be planned");
+const NO_HAND: CommandError = CommandError::NotNow("manual moves are not available here");
+const NOT_PLANNED: CommandError = CommandError::NotNow("the manual move cannot be planned");
 
 fn sign(direction: SpindleDirection) -> i32 {
     match direction {

@@ -163,7 +163,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             wheel: Box::new(Wheel::new(machine.wheel_periods, machine.wheel_counts)),
             run_mode,
             period_s: machine.period_s(),
-            look_ahead_records: machine.stopping.foresight_records + IN_FLIGHT_RECORDS,
+            look_ahead_records: machine.stopping.look_ahead_records + IN_FLIGHT_RECORDS,
             max_wait_periods: u64::from(machine.look_ahead_records),
             fire_channels: machine.cutting_outputs.clone(),
             cutter_channels: machine.cutting_channels(),
@@ -433,9 +433,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let held = self.mode_controller.is_held() || self.program_stop || self.single_stop || self.waits_for_release();
         let executing = executing.or(self.restart.is_active().then_some(ExclusiveKind::Switch));
         if self.dnc.is_paused() {
-            self.stats.pause();
+            self.stats.count_paused();
         } else {
-            self.stats.count(PeriodClass {
+            self.stats.count_period(PeriodClass {
                 mode,
                 held,
                 instruction: executing.map(|kind| kind == ExclusiveKind::Dwell),
@@ -458,7 +458,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.watch_streamer(status, mode);
         // Before a stop, and before the end, the look-ahead runs out as planned.
         if mode == Mode::Run && status.rate == ONE && self.streamer.continues_without_stop() {
-            self.stats.buffered(self.card.arrived().wrapping_sub(status.place.record));
+            self.stats.record_buffered(self.card.arrived().wrapping_sub(status.place.record));
         }
         self.emit_period(status);
         self.still_periods = if status.rate == 0 && executing.is_none() { self.still_periods + 1 } else { 0 };

@@ -31,7 +31,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let mut trip =
             ManualMove::begin(&mut hand, request, executed, self.look_ahead_records, self.run_mode.wall_time);
         let ended = loop {
-            let turned = trip.turn(&mut hand, &mut self.card).map_err(|fault| CardError::of(&fault))?;
+            let turned = trip.advance(&mut hand, &mut self.card).map_err(|fault| CardError::of(&fault))?;
             if let Some(ended) = turned {
                 break ended;
             }
@@ -44,11 +44,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         };
         self.dnc.return_jog_planner(hand);
         match ended {
-            ManualMoveEnd::There if self.card.status().counts == to => {
+            ManualMoveEnd::Completed if self.card.status().counts == to => {
                 self.emit_return_step(DncStep::Arrived);
                 Ok(None)
             }
-            ManualMoveEnd::There | ManualMoveEnd::NotPlanned => Err(not_planned()),
+            ManualMoveEnd::Completed | ManualMoveEnd::NotPlanned => Err(not_planned()),
             ManualMoveEnd::Stopped => Ok(Some(Outcome::Stopped)),
         }
     }
@@ -70,7 +70,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Runs a control period that belongs to no program.
     fn run_return_period(&mut self) -> Result<Option<Outcome>, CardError> {
         let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
-        self.stats.pause();
+        self.stats.count_paused();
         self.telemetry.send_output_changes(&status.outputs);
         let period = PeriodRecord {
             mode: Mode::Run,
@@ -90,7 +90,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 fn not_planned() -> CardError {
     CardError::Fault {
         number: "E2217",
-        cause: "the way back to the breakpoint cannot be planned".into(),
-        remedy: "bring the machine nearer to the breakpoint by hand, then resume again".into(),
+        cause: "the return to the breakpoint cannot be planned".into(),
+        remedy: "move the machine nearer to the breakpoint manually, then resume again".into(),
     }
 }

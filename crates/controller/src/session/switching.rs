@@ -47,8 +47,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.set_rate(demand);
         self.card.send(HostCommand::Instruction(instruction)).map_err(|refusal| CardError::Fault {
             number: "E3001",
-            cause: format!("the card did not take {code}: {refusal:?}"),
-            remedy: "the machine stands where the card says; check the card, then resume".into(),
+            cause: format!("the card rejected {code}: {refusal:?}"),
+            remedy: "the machine is at the position that the card reports; check the card, then resume".into(),
         })?;
         (self.program_stop, self.continue_requested) = (false, false);
         self.streamer.mark_sent();

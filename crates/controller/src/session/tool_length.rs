@@ -79,7 +79,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let here = self.card.status().place;
         let place = self.dnc.breakpoint(here).map_or(here, |(_, place)| place).record;
         let entry = self.tool_length.entry.as_mut();
-        let entry = entry.ok_or(CommandError::NotNow("nobody is there to plan with another tool length"))?;
+        let entry = entry.ok_or(CommandError::NotNow("a tool length cannot be entered here"))?;
         entry.propose(LengthProposal { length, place });
         self.tool_length.stage = EntryStage::Proposed;
         Ok(())
@@ -91,7 +91,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             let answer = self.tool_length.entry.as_mut().and_then(LengthEntry::answer);
             match (answer, self.tool_length.stage) {
                 (Some(LengthAnswer::Offer(offer)), EntryStage::Proposed) => self.decide_on_tool_length(offer),
-                (Some(LengthAnswer::Kept), EntryStage::Decided(offer)) => {
+                (Some(LengthAnswer::Stored), EntryStage::Decided(offer)) => {
                     self.tool_length.stage = EntryStage::Idle;
                     self.apply_tool_length(offer);
                 }

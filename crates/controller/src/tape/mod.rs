@@ -188,7 +188,7 @@ impl TapeReader {
             (ReceivedByte::Byte(byte), TapeCode::Plain | TapeCode::Undecided) => Ok(byte),
         };
         match character {
-            Ok(character) => self.take(character, text),
+            Ok(character) => self.append_character(character, text),
             // The leader is ignored.
             Err(_) if is_leader || self.phase == TapePhase::Ended => {}
             Err(error) => return Err(error),
@@ -196,7 +196,7 @@ impl TapeReader {
         Ok(())
     }
 
-    fn take(&mut self, character: u8, text: &mut Vec<u8>) {
+    fn append_character(&mut self, character: u8, text: &mut Vec<u8>) {
         let ends = self.settings.end;
         match (self.phase, character) {
             // NUL, DEL and DC1 … DC4 belong to the tape.

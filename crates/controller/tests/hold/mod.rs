@@ -1,4 +1,4 @@
-//! Planned paths, and a card that plays them under the judge's eyes.
+//! Planned paths, and a card that plays them under the limit monitor.
 #![allow(unreachable_pub)] // a module of a test
 
 use proptest::prelude::*;
@@ -12,10 +12,10 @@ use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 /// The fastest feed.
 pub const FEED_MM_S: f64 = 100.0;
 
-/// Records of a path, about, at most.
+/// Approximate maximum number of records of a path.
 const LONGEST: usize = 1 << 15;
 
-/// A programmed move: where it ends, around which centre if around any, and how.
+/// A programmed move: its end, its centre if it is an arc, and its parameters.
 #[derive(Clone, Debug)]
 pub struct Move {
     end: [f64; 3],
@@ -30,7 +30,7 @@ pub fn line(feed: f64) -> Vec<Move> {
     vec![Move { end: [feed * 2.0, 0.0, 0.0], centre: None, turns: 1, feed, mode: PathMode::ExactStop }]
 }
 
-/// Two seconds and more on the circle on which that feed takes all of the acceleration that the plan may use.
+/// Two seconds and more on the circle on which this feed takes all of the acceleration that the plan may use.
 pub fn circle(feed: f64) -> Vec<Move> {
     // or, where that is tighter, all of the jerk
     let radius = (feed * feed / 899.0).max((feed.powi(3) / 17_900.0).sqrt());
@@ -92,23 +92,23 @@ pub fn records(path: &[Move]) -> Vec<Record<3>> {
     records
 }
 
-/// How a hold went.
+/// Measurements of a hold.
 #[derive(Clone, Copy, Debug)]
 pub struct Stop {
-    /// The rate that it began at.
+    /// The rate at which it began.
     pub from: Travel,
-    /// Periods from the word to rest.
+    /// Periods from the command to rest.
     pub periods: u32,
-    /// The period with the first slower rate; 0 where it stood.
+    /// The period with the first lower rate; 0 where it was at rest.
     pub first_slower: u32,
-    /// The way that was run, along the path, in mm.
+    /// Length of path that was run, in mm.
     pub length_mm: f64,
 }
 
-/// A card that is fed a path, and its judge.
+/// A card that plays a path, and its limit monitor.
 pub struct Played {
     card: SimCard<3>,
-    judge: Box<LimitMonitor<3>>,
+    monitor: Box<LimitMonitor<3>>,
     records: Vec<Record<3>>,
     log: Vec<(Place, Travel, [i32; 3])>,
     asked: Travel,
@@ -128,15 +128,15 @@ impl Played {
         };
         let limits = machine.rate_limits().expect("checked");
         let card = SimCard::new(0, limits, Clock::Virtual).expect("fits");
-        let judge = Box::new(LimitMonitor::new(&std::array::from_fn(axis), machine.period_s()));
-        Self { card, judge, records, log: Vec::new(), asked: 0 }
+        let monitor = Box::new(LimitMonitor::new(&std::array::from_fn(axis), machine.period_s()));
+        Self { card, monitor, records, log: Vec::new(), asked: 0 }
     }
 
     fn status(&self) -> &CardStatus<3> {
         self.card.status()
     }
 
-    /// Slides the card's window as far as it goes to the side that is asked for.
+    /// Slides the card's window as far as possible in the requested direction.
     fn feed(&mut self) {
         loop {
             let (low, high) = (self.status().low, self.status().high as usize);
@@ -158,18 +158,18 @@ impl Played {
     fn period(&mut self) {
         self.feed();
         let status = *self.card.period().expect("no fault");
-        self.judge.push(&status.increments, status.rate);
+        self.monitor.push(&status.increments, status.rate);
         self.log.push((status.place, status.rate, status.increments));
     }
 
-    /// Asks for a rate, for so many periods.
+    /// Requests a rate for this number of periods.
     pub fn ask(&mut self, target: Travel, periods: u32) {
         self.card.send(HostCommand::rate(target)).expect("a rate");
         self.asked = target;
         (0..periods).for_each(|_| self.period());
     }
 
-    /// Asks for a rate until the card rests at an end of the path.
+    /// Requests a rate until the card rests at an end of the path.
     pub fn ask_until_rest(&mut self, target: Travel) {
         let end = if target < 0 { 0 } else { self.records.len() as u32 };
         self.ask(target, 0);
@@ -182,14 +182,14 @@ impl Played {
         panic!("never at the end");
     }
 
-    /// Runs as recorded to the middle of the path; the speed there, in mm/s, comes back.
+    /// Runs as recorded to the middle of the path. Returns the speed there, in mm/s.
     pub fn run_to_speed(&mut self) -> f64 {
         self.ask(ONE, self.records.len() as u32 / 2);
         let last = self.log.iter().rev().take(20);
         last.map(|(.., pulses)| length(pulses)).sum::<f64>() / 20.0
     }
 
-    /// Runs as recorded, there or there and back, to a share of the path.
+    /// Runs as recorded, directly or in both directions, to a share of the path.
     pub fn run_to_share(&mut self, share: f64, backward: bool) {
         let place = (share * self.records.len() as f64) as u32;
         if backward {
@@ -210,7 +210,7 @@ impl Played {
             assert!(self.log.len() - begin < 5000, "never at rest");
         }
         let run = &self.log[begin..];
-        // where the rate was still rising, it first has to stop doing so
+        // where the rate was still rising, that has to end first
         let steady = from == asked;
         let slower = run.iter().position(|(_, rate, _)| rate.abs() < from.abs());
         let first_slower = if steady { slower.map_or(0, |n| n as u32 + 1) } else { 0 };
@@ -222,17 +222,17 @@ impl Played {
         self.status().place == Place::start_of(self.records.len() as u32)
     }
 
-    /// What the judge has found so far.
+    /// Violations that the limit monitor has found so far.
     pub fn violations(&self) -> Option<String> {
         if !self.status().at_rest {
-            // the standstill that the judge sees behind the end would come too soon
-            return (self.judge.violations() > 0).then(|| "in motion".to_string());
+            // the rest that the monitor assumes behind the end would come too early
+            return (self.monitor.violations() > 0).then(|| "in motion".to_string());
         }
-        let verdict = self.judge.clone().finish();
-        (verdict.violations > 0).then(|| format!("{} {:?}", verdict.violations, verdict.first))
+        let limit_report = self.monitor.clone().finish();
+        (limit_report.violations > 0).then(|| format!("{} {:?}", limit_report.violations, limit_report.first))
     }
 
-    /// The judge's last word, and the counts.
+    /// Final result of the limit monitor, and the counts.
     pub fn finish(self) -> [i64; 3] {
         assert_eq!(self.violations(), None);
         self.status().counts

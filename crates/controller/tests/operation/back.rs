@@ -1,6 +1,6 @@
-//! Reverse work as a job: the machine stands at the place that was asked for, and says so.
+//! Reverse run to a target: the machine rests at the requested place and reports it.
 //!
-//! Invariant: what is asked for is compared with a plain run, never with the code that looked for it.
+//! Invariant: the requested place is compared with a plain run, never with the code that searched it.
 
 use retrace_controller::event::EventKind;
 use retrace_controller::operator::CommandError;
@@ -17,7 +17,7 @@ fn counts_at(log: &Log, record: u32) -> Option<[i64; 4]> {
     log.periods.iter().find(|p| p.place == boundary(record)).map(|p| p.counts)
 }
 
-/// Length of the path between two record boundaries in mm, from the counts at rate 1 in a run of its own.
+/// Length of the path between two record boundaries in mm, from the counts of a separate run at rate 1.
 fn length_mm(plain: &Log, from: u32, to: u32) -> f64 {
     let at = |record| counts_at(plain, record).unwrap_or([0; 4]);
     let records = (from..to).map(|n| (at(n), at(n + 1)));
@@ -105,7 +105,7 @@ fn where_history_does_not_reach_it_stands_at_the_oldest_and_says_that() {
         1,
         "the jet came on before that"
     );
-    // At the very beginning there is nothing behind.
+    // At the very beginning there is no history.
     let (_, log) = run(&machine, CUT, "at 0s back 1 mm\n");
     assert_eq!(log.count(|h| *h == EventKind::CommandRejected(CommandError::NothingBehind)), 1);
 }

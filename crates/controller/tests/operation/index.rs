@@ -1,4 +1,5 @@
-//! The index is written ahead: what is not durable of it the card does not get, and waiting for it changes nothing of the run.
+//! The index is written ahead: the card does not receive what is not durable in it, and waiting for it does not change
+//! the run.
 //!
 //! Invariant: the index is slower than the path, and that changes nothing.
 
@@ -16,17 +17,17 @@ use crate::jobs::{AXES, Decoder, Log, boundary, card, complete, machine, options
 
 const PROGRAM: &str = "G21 G64 P0.05 F2400\nG1 X20\nM3\nG1 X0 Y5\nG1 X7 Y2\nM62 P2\nG1 X0 Y0\nG4 P0.1\nG1 Z3\nM2\n";
 
-/// Notes on their way to a thread that keeps them.
+/// Index entries on their way to a thread that stores them.
 struct Notes(Sender<IndexEntry>);
 
 impl IndexWriter for Notes {
     fn write(&mut self, note: IndexEntry) {
-        // Nobody may be there any more at the end.
+        // The receiver may be gone at the end.
         let _ = self.0.send(note);
     }
 }
 
-/// A card that takes nothing which is not durable.
+/// A card that accepts nothing that is not durable.
 struct Strict<C>(C, DurablePlace);
 
 impl<C: MotionCard<AXES>> MotionCard<AXES> for Strict<C> {
@@ -52,7 +53,7 @@ impl<C: MotionCard<AXES>> MotionCard<AXES> for Strict<C> {
     }
 }
 
-/// Runs with an index that takes `slow` to become durable: what was told, and the notes.
+/// Runs with an index that takes `slow` to become durable. Returns the telemetry and the entries.
 fn kept(script: &str, slow: Duration) -> (Log, Vec<IndexEntry>, [i64; AXES]) {
     let machine = machine(60.0);
     let durable = DurablePlace::starting_at(0);

@@ -1,4 +1,4 @@
-//! A job from text on a simulated card in this process, and everything it told.
+//! A job from text on a simulated card in this process, and all its telemetry.
 //!
 //! Invariant: time is virtual, so that a run is the same at any speed.
 #![allow(unreachable_pub)] // a module of a test
@@ -17,7 +17,7 @@ use retrace_hal_sim::{Clock, SimCard};
 
 pub use crate::wired::{AXES, Decoder};
 
-/// Everything that was told.
+/// All telemetry of a run.
 #[derive(Default)]
 pub struct Log {
     pub periods: Vec<PeriodRecord<AXES>>,
@@ -43,13 +43,13 @@ impl Log {
             .unwrap_or_else(|| panic!("it is not among {:#?}", self.events.iter().map(Event::text).collect::<Vec<_>>()))
     }
 
-    /// How many such events.
+    /// Number of such events.
     pub fn count(&self, what: impl Fn(&EventKind) -> bool) -> usize {
         self.events.iter().filter(|event| what(&event.kind)).count()
     }
 }
 
-/// A machine with an hour's history cut to so many seconds, output 1 being the jet.
+/// A machine with this many seconds of history, output 1 being the jet.
 pub fn machine(history_s: f64) -> MachineConfig {
     let jet = "[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 1\nrapid_lit = true\n";
     let text = format!("history_hours = {}\n{jet}", history_s / 3600.0);
@@ -61,7 +61,7 @@ pub fn card(machine: &MachineConfig) -> SimCard<AXES> {
     SimCard::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits")
 }
 
-/// How a job is run from a script in virtual time.
+/// Options of a job with a script in virtual time.
 pub fn options(machine: &MachineConfig, script: &str, begin: JobStart, keeping: JournalConfig) -> JobOptions {
     let script = operator::parse(script, "script").expect("a script");
     let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
@@ -88,7 +88,7 @@ pub fn complete(machine: &MachineConfig, text: &str, script: &str) -> (JobEnd<Si
     (end, log)
 }
 
-/// Where a record boundary is.
+/// Place of a record boundary.
 pub fn boundary(record: u32) -> Place {
     Place::start_of(record)
 }

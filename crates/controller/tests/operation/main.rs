@@ -1,4 +1,5 @@
-//! Operation, from the operator's word to what the card did: the path's own threads, going back to a place, taking a job up where it was left.
+//! Operation, from the operator's command to the card's motion: the threads of a job, reverse run to a target, resuming
+//! a job where it was left.
 
 #[path = "../wired/mod.rs"]
 mod wired;

@@ -1,6 +1,7 @@
-//! A job that is cut off anywhere and taken up again runs what it would have run: from any program, at any place, as often as one likes.
+//! A job that is cut off anywhere and resumed runs what it would have run: for any program, at any place, any number of
+//! times.
 //!
-//! Invariant: the second part is held against an uninterrupted run.
+//! Invariant: the second part is compared with an uninterrupted run.
 
 use std::sync::{Arc, Mutex};
 
@@ -19,7 +20,7 @@ use crate::wired::{self, Path};
 
 type Card = SimCard<AXES>;
 
-/// Keeps all notes.
+/// Stores all index entries.
 #[derive(Clone, Default)]
 struct Kept(Arc<Mutex<Vec<IndexEntry>>>);
 
@@ -59,7 +60,7 @@ fn part(machine: &MachineConfig, text: &str, script: &str, begin: JobStart, card
     (end, log, kept)
 }
 
-/// Every period of a part stands where the path stands there, and new ground begins at `reached`.
+/// In every period a part is at the position of the path there, and new motion begins at `reached`.
 fn is_on(path: &Path, log: &Log) -> Result<(), String> {
     for period in &log.periods {
         let counts = path.position(period.place);
@@ -113,7 +114,7 @@ fn whatever_is_cut_off_anywhere_goes_on_as_if_it_had_not_been() {
 
 const LAPS: &str = "G21 G64 P0.05 F2400\nM3\nG1 X20\nG1 Y20\nM62 P2\nG1 X0\nG1 Y0\nG1 X20\nG1 Y20\nG1 X0\nG1 Y0\nM2\n";
 
-/// What a job is told before it goes on: not agreed to.
+/// The plan of a resumed job before it continues; not confirmed.
 fn prepared(
     machine: &MachineConfig,
     text: &str,
@@ -222,7 +223,7 @@ fn what_is_not_the_same_is_refused_with_the_reason() {
     assert_eq!(unfound(LAPS, &far), ResumeError::NoSuchPlace, "farther than anything was planned");
     let nowhere = PathStart { reached: at.start.place.record.wrapping_sub(1), ..at.start };
     assert_eq!(unfound(LAPS, &ResumePoint { start: nowhere, ..unmarked.clone() }), ResumeError::NoSuchPlace);
-    // The counts disagree: it is found, and does not go on by itself.
+    // The counts differ: this is detected, and the job does not continue by itself.
     let elsewhere = card(&machine).standing_at([1, 0, 0, 0], &outputs);
     let (end, log, _) = part(&machine, LAPS, "", JobStart::At(Box::new(at)), elsewhere);
     assert_eq!((end.outcome, log.periods.len()), (Outcome::Stopped, 0));

@@ -18,7 +18,7 @@ impl Observer<AXES> for Counted {
     }
 }
 
-/// What the caller's thread, which is the motion path's, allocates in a whole job; and how much happened.
+/// Allocations of the caller's thread, which is the motion path's, in a whole job; and the number of events.
 fn allocated(program: &str, script: &str) -> (AllocationInfo, u64) {
     let machine = machine(60.0);
     let (decoder, card) = (Decoder::new(program), card(&machine));
@@ -30,7 +30,7 @@ fn allocated(program: &str, script: &str) -> (AllocationInfo, u64) {
     (info, counted.0)
 }
 
-/// Everything that can happen on the path, again and again.
+/// A program and a script with everything that can happen on the path, repeated.
 fn eventful(times: usize) -> (String, String) {
     let mut program = String::from("G21 G64 P0.05 F3000\n");
     for k in 0..times {

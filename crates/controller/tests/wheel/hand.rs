@@ -1,6 +1,6 @@
-//! What the operator does: random signals of a handwheel, period by period, and the words between them.
+//! Actions of the operator: random signals of a handwheel, period by period, and commands between them.
 //!
-//! Invariant: it follows from the seed alone.
+//! Invariant: they follow from the seed alone.
 #![allow(unreachable_pub)] // a module of a test
 
 use retrace_controller::operator::OperatorCommand;
@@ -9,17 +9,17 @@ use retrace_hal_sim::Random;
 
 use crate::wired::pick;
 
-/// What is done in one turn of the motion path.
+/// Actions in one turn of the motion path.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Moment {
     pub word: Option<OperatorCommand>,
-    /// Counts of the wheel on the screen.
+    /// Counts of the screen's wheel.
     pub screen: i16,
     /// Counts of the wheel that is wired to the card.
     pub encoder: i16,
 }
 
-/// A handwheel, as the machine file has it.
+/// Settings of a handwheel, as in the machine file.
 #[derive(Clone, Copy, Debug)]
 pub struct Setting {
     pub counts_per_s: u32,
@@ -43,7 +43,7 @@ enum Which {
     Both,
 }
 
-/// Turns of an operator who goes to the wheel some times, and does this and that between.
+/// Turns of an operator who uses the wheel several times, with other actions between.
 pub fn moments(random: &mut Random, setting: Setting) -> Vec<Moment> {
     // the card reads its encoder for the first time in the first period
     let mut moments = vec![Moment::default(); 3];
@@ -83,17 +83,17 @@ fn say(moments: &mut Vec<Moment>, word: OperatorCommand) {
     moments.push(Moment { word: Some(word), ..Moment::default() });
 }
 
-/// A way to turn the wheel; rates in counts a second.
+/// Signal of a wheel; rates in counts per second.
 #[derive(Clone, Copy, Debug)]
 enum Signal {
     Rest,
-    /// A count there and back, as an encoder at rest on an edge gives.
+    /// A count in each direction, as an encoder at rest on an edge gives.
     Jitter,
     Step(f64),
     Ramp(f64, f64),
-    /// A rate that is turned round every so many periods.
+    /// A rate that reverses after this many periods.
     Square(f64, u32),
-    /// All at once, some times.
+    /// All counts in one period, several times.
     Bursts,
 }
 
@@ -104,7 +104,7 @@ impl Signal {
         match chosen {
             ..-30 => Self::Rest,
             -30..-22 => Self::Jitter,
-            // back more than forward, so that both ends are come to
+            // back more than forward, so that both ends are reached
             -22..0 => Self::Step(if b > -1.0 { -a.abs() } else { a.abs() }),
             0..22 => Self::Ramp(a, b),
             22..42 => Self::Square(a, 1 + random.up_to(600)),
@@ -129,7 +129,7 @@ impl Signal {
     }
 }
 
-/// Turns the wheel for so many periods.
+/// Turns the wheel for this many periods.
 fn turned(random: &mut Random, moments: &mut Vec<Moment>, periods: u32, setting: Setting, signal: Signal) {
     let which = pick(random, &[Which::Screen, Which::Encoder, Which::Both]);
     let noisy = matches!(signal, Signal::Jitter) || !matches!(signal, Signal::Rest) && random.up_to(2) == 0;

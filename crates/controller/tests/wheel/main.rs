@@ -1,11 +1,12 @@
-//! The handwheel, whatever it is turned like: motion follows the mean of REV-12 within the rate law, between the ends of the history.
+//! The handwheel, for any signal: motion follows the filter of REV-12 within the rate law, between the ends of the
+//! history.
 //!
-//! What is asked of the card is reckoned here once more, from the turns of the wheel alone; limits are judged by the controller's judge and
-//! by the tests' own.
+//! The rate that the card is to be sent is calculated here again from the wheel's counts alone; limits are checked by
+//! the controller's monitor and by the tests' own.
 
 #[path = "../wired/mod.rs"]
 mod wired;
-// The tests' own judge, and the rows that it judges.
+// The tests' own limit check, and the rows that it checks.
 #[allow(dead_code, unreachable_pub)]
 #[path = "../../../../tests/src/limits.rs"]
 mod limits;
@@ -33,23 +34,23 @@ use retrace_hal_sim::{Clock, Random, SimCard, SimCardError};
 use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
 use wired::{AXES, Decoder, Path, pick};
 
-/// From full rate the machine rests within so many periods of the word, wherever it is (docs/rate-law.md).
+/// From full rate the machine is at rest within this many periods of the command, wherever it is (docs/rate-law.md).
 const REST: usize = 300;
-/// From full rate one way to full rate the other, at most.
+/// Maximum number of periods from full rate to full rate in the other direction.
 const ROUND: usize = 2 * REST;
-/// Records in which the machine comes to rest from full rate, at most.
+/// Maximum number of records in which the machine comes to rest from full rate.
 const NEAR: u32 = 400;
 
-/// A card whose operator is at the wheel: what he does in a turn is done while the period before it passes.
+/// A card whose operator turns the wheel: the actions of a turn are performed while the period before it passes.
 struct Turned {
     card: SimCard<AXES>,
     orders: CommandSender,
     moments: VecDeque<Moment>,
-    /// The rate that the card was asked for last.
+    /// The rate that was requested from the card last.
     asked: Travel,
-    /// The same in each period, from the first on.
+    /// The requested rate in each period, from the first on.
     log: Vec<Travel>,
-    /// Counts that the card has told.
+    /// Counts that the card has reported.
     told: i64,
 }
 
@@ -111,7 +112,7 @@ impl Observer<AXES> for Log {
     }
 }
 
-/// One case, run.
+/// A case, with its run.
 struct Case {
     machine: MachineConfig,
     setting: Setting,
@@ -121,7 +122,7 @@ struct Case {
     asked: Vec<Travel>,
 }
 
-/// What the cases came to.
+/// Maxima over the cases.
 #[derive(Default, Debug)]
 struct Came {
     periods: usize,
@@ -129,7 +130,7 @@ struct Came {
     saturated: usize,
     at_oldest: usize,
     at_reached: usize,
-    /// Periods from the first with a mean of zero to rest, at most.
+    /// Maximum number of periods from the first with a mean of zero to rest.
     max_stop: usize,
 }
 
@@ -147,7 +148,7 @@ fn run(seed: u64) -> Case {
     let path = Path::of(&machine, &program);
     let moments = moments(&mut random, setting);
     let mut card = SimCard::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
-    // wherever the free-running counter is, next to where it wraps more often than not
+    // at any value of the free-running counter, near its wrap more often than not
     card.machine().turn_wheel(pick(&mut random, &[0, -1, -6, 300, 32_760, -32_760]));
     let (orders, heard) = command_channel();
     let mut waits = VecDeque::from(moments.clone());
@@ -169,7 +170,7 @@ fn run(seed: u64) -> Case {
 }
 
 impl Case {
-    /// The mean of REV-12 in the turn, as a rate, from the turns of the wheel since turn `since`.
+    /// The mean of REV-12 in the turn, as a rate, from the wheel's counts since turn `since`.
     fn mean(&self, turn: usize, since: usize) -> Travel {
         let Setting { counts_per_s, mean_ms } = self.setting;
         let first = since.max((turn + 1).saturating_sub(mean_ms as usize));
@@ -180,7 +181,7 @@ impl Case {
         sum.clamp(-at_one, at_one) * ONE / at_one
     }
 
-    /// Commanded rate, ends and standstill, period by period.
+    /// Checks commanded rate, ends and rest, period by period.
     fn follows(&self, came: &mut Came) {
         let periods = &self.log.periods;
         let (mut since, mut stood, mut last_mode, mut was_at_rest) = (0, true, Mode::Run, true);
@@ -228,17 +229,18 @@ impl Case {
     fn is_between_the_ends(&self, period: &PeriodRecord<AXES>) {
         let (reached, oldest) = (Place::start_of(period.reached), Place::start_of(period.oldest));
         assert!(oldest.distance_to(period.place) >= 0 && period.place.distance_to(reached) >= 0, "{period:?}");
-        // as far back as the machine file promises, and no further than a record beyond
+        // as far back as the machine file requires, and at most one record beyond
         let depth = period.reached - period.oldest;
         let promised = self.machine.history_records.min(period.reached);
         assert!((promised..=promised + 1).contains(&depth), "{depth} records of {promised}: {period:?}");
     }
 
-    /// The rate is never beyond what was asked for in the time that a change takes, and far from the ends it is not short of it either.
+    /// Checks that the rate is never beyond what was requested in the time that a change takes, and not below it far
+    /// from the ends.
     fn is_within_what_was_asked(&self, turn: usize) {
         let period = &self.log.periods[turn];
         let asked = &self.asked[(turn + 1).saturating_sub(ROUND)..=turn];
-        // before the first turn nothing was asked for
+        // before the first turn nothing was requested
         let low = asked.iter().copied().chain((turn < ROUND).then_some(0)).min().unwrap_or(0);
         let high = asked.iter().copied().max().unwrap_or(0);
         let rate = period.rate;
@@ -250,7 +252,7 @@ impl Case {
         }
     }
 
-    /// Every place has one position, and it is the program's own.
+    /// Checks that every place has one position, and that it is the program's own.
     fn returns(&self) {
         let mut positions: HashMap<Place, [i64; AXES]> = HashMap::new();
         for period in &self.log.periods {
@@ -260,7 +262,7 @@ impl Case {
         }
     }
 
-    /// Both judges.
+    /// Checks the limits by both monitors.
     fn is_legal(&self) {
         let mut judge = wired::judge(&self.machine);
         self.log.periods.iter().for_each(|period| judge.push(&period.increments, period.rate));
@@ -293,7 +295,7 @@ fn axis(axis: &retrace_controller::machine::AxisConfig) -> limits::Axis {
     }
 }
 
-/// How many cases, and the seed of the first: `cargo xtask campaign wheel`.
+/// Number of cases, and the seed of the first: `cargo xtask campaign wheel`.
 fn asked(usual: u64) -> (u64, u64) {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
     (number("RETRACE_CASES").unwrap_or(usual), number("RETRACE_FIRST_SEED").unwrap_or(1))

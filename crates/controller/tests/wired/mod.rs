@@ -1,6 +1,6 @@
-//! Whole jobs over a simulated line, in virtual time: text, planner, motion path, both line ends, card, pins.
+//! Whole jobs over a simulated serial line, in virtual time: text, planner, motion path, both endpoints, card, pins.
 //!
-//! Invariant: what the card did is taken from the card's own side, never from what the host was told of it.
+//! Invariant: what the card did is taken from the card's own side, never from its reports to the host.
 // each test file uses its part
 #![allow(dead_code, unreachable_pub)]
 
@@ -49,19 +49,20 @@ impl BlockDecoder for Decoder {
     }
 }
 
-/// What a program comes to on a card without a line, at rate 1: the increments of every record, and what is switched where.
+/// The result of a program on a card without a link, at rate 1: the increments of every record, and what is switched
+/// where.
 #[derive(Clone, Debug, Default)]
 pub struct Path {
     /// Counts before each record, and after the last.
     pub counts: Vec<[i64; AXES]>,
-    /// The place of each exclusive instruction, in their order.
+    /// Places of the exclusive instructions, in order.
     pub markers: Vec<u32>,
-    /// Is something switched in passing?
+    /// Whether something is switched synchronously.
     pub in_passing: bool,
 }
 
 impl Path {
-    /// Runs the program on a card in this process.
+    /// Runs the program on a simulated card in this process.
     pub fn of(machine: &MachineConfig, text: &str) -> Self {
         struct Rows(Vec<[i64; AXES]>, Vec<u32>);
         impl Observer<AXES> for Rows {
@@ -89,12 +90,12 @@ impl Path {
         Self { counts: rows.0, markers: rows.1, in_passing: text.contains("M62") || text.contains("M63") }
     }
 
-    /// Records of the path.
+    /// Number of records of the path.
     pub fn records(&self) -> u32 {
         self.counts.len() as u32 - 1
     }
 
-    /// Where the axes stand at a place: P(x).
+    /// Position of the axes at a place: P(x).
     pub fn position(&self, place: Place) -> [i64; AXES] {
         let at = place.record as usize;
         let mut counts = self.counts[at];
@@ -107,10 +108,10 @@ impl Path {
     }
 }
 
-/// A control period of the card, as the card's own side saw it.
+/// A control period of the card, as recorded on the card's own side.
 #[derive(Clone, Copy, Debug)]
 pub struct Period {
-    /// In the card's time, µs.
+    /// Time of the card, µs.
     pub at_us: u64,
     pub place: Place,
     pub rate: Travel,
@@ -129,7 +130,7 @@ pub struct Period {
 /// Everything the card did, while a job was open on it.
 pub type CardLog = Arc<Mutex<Vec<Period>>>;
 
-/// Takes down every control period of a rig's card from now on.
+/// Records every control period of a simulator's card from now on.
 pub fn watched(rig: &mut CardSimulator<AXES>) -> CardLog {
     let log = CardLog::default();
     let sink = Arc::clone(&log);
@@ -152,12 +153,12 @@ pub fn watched(rig: &mut CardSimulator<AXES>) -> CardLog {
     log
 }
 
-/// A port to a rig, with the cable being pulled at times.
+/// A port to a simulator, with a cable that is pulled out at times.
 pub struct Cable {
     pub port: InProcess<AXES>,
-    /// When, and what becomes of the bytes on their way; the next one last.
+    /// Times, and what happens to the bytes in flight; the next one last.
     pub pulled: Vec<(u64, InFlightPolicy)>,
-    /// All bytes that the host wrote, and that it read, if wanted.
+    /// All bytes that the host wrote, and that it read, if requested.
     pub taps: Option<[Vec<u8>; 2]>,
 }
 
@@ -192,7 +193,7 @@ impl BytePort for Cable {
     }
 }
 
-/// What is run, and over what.
+/// A job, and the conditions under which it runs.
 pub struct Trial<'a> {
     pub machine: &'a MachineConfig,
     pub program: &'a str,
@@ -202,7 +203,7 @@ pub struct Trial<'a> {
     pub tapped: bool,
 }
 
-/// What came of it.
+/// Results of a trial.
 pub struct Done {
     pub outcome: Outcome,
     pub status: CardStatus<AXES>,
@@ -245,7 +246,7 @@ impl Observer<AXES> for Watch {
     }
 }
 
-/// The judge of a machine's limits.
+/// A limit monitor for a machine's limits.
 pub fn judge(machine: &MachineConfig) -> LimitMonitor<AXES> {
     let axis = |i: usize| {
         let a = machine.axes.get(i).unwrap_or(&machine.axes[0]);
@@ -259,7 +260,7 @@ pub fn judge(machine: &MachineConfig) -> LimitMonitor<AXES> {
     LimitMonitor::new(&std::array::from_fn(axis), machine.period_s())
 }
 
-/// Judges what came out of the card's pins.
+/// Checks the output of the card's pins against the limits.
 fn judged(machine: &MachineConfig, log: &[Period]) -> LimitReport<AXES> {
     let mut judge = judge(machine);
     let mut before = [0; AXES];
@@ -271,7 +272,7 @@ fn judged(machine: &MachineConfig, log: &[Period]) -> LimitReport<AXES> {
     judge.finish()
 }
 
-/// Runs a job over a line. `Err`: no job was opened on the card, and why.
+/// Runs a job over a serial line. `Err`: no job was opened on the card, and why.
 pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     let mut rig = CardSimulator::<AXES>::new(&trial.rig).expect("a card");
     let log = watched(&mut rig);
@@ -294,7 +295,7 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     }
     let (status, line) = (*card.status(), card.host().line());
     let mut cable = card.into_port();
-    // Whatever became of the host: the card has time to come to rest by itself.
+    // However the host ended: the card has time to come to rest by itself.
     let now_us = cable.port.rig().now_us();
     cable.port.rig_mut().run(now_us + 3_000_000);
     let log = std::mem::take(&mut *log.lock().expect("one thread"));
@@ -314,7 +315,7 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     })
 }
 
-/// The card's own side of a run: never a pulse off the path, and at rest at the end. `Err` says what is wrong.
+/// Checks the card's own side of a run: never a pulse off the path, and at rest at the end.
 pub fn on_the_path(path: &Path, done: &Done) -> Result<(), String> {
     for period in &done.log {
         let expected = path.position(period.place);
@@ -332,8 +333,8 @@ pub fn on_the_path(path: &Path, done: &Done) -> Result<(), String> {
     }
 }
 
-/// In the card's own time line no motion stands on the wrong side of an instruction: nothing goes beyond the first that is not complete, and
-/// what it switches is switched, and it is completed, at rest on its place. `Err` says what is wrong.
+/// Checks the order in the card's own time: no motion goes beyond the first incomplete instruction, and what an
+/// instruction switches is switched, and it is completed, at rest on its place.
 pub fn in_order(markers: &[u32], log: &[Period]) -> Result<(), String> {
     let (mut executed, mut outputs) = (0, None);
     for period in log {
@@ -357,7 +358,7 @@ pub fn in_order(markers: &[u32], log: &[Period]) -> Result<(), String> {
     Ok(())
 }
 
-/// A run ended well: with the program's exact counts, or with an alarm that is latched, the position known. `Err` says what is wrong.
+/// Checks the end of a run: the program's exact counts, or a latched alarm with a known position.
 pub fn ended_well(path: &Path, done: &Done) -> Result<(), String> {
     on_the_path(path, done)?;
     if !path.in_passing {
@@ -373,28 +374,28 @@ pub fn ended_well(path: &Path, done: &Done) -> Result<(), String> {
                     last.counts, done.status.counts
                 ));
             }
-            // An alarm may have been latched since: that the host, done, was not heard.
+            // An alarm may have been latched since: that the host, having finished, was silent.
             Ok(())
         }
         Outcome::Alarm(number, cause, _) => {
-            // Whatever ended it for the host, the card has latched an alarm by now: that it was silent at the latest.
+            // However it ended for the host, the card has latched an alarm by now: at least that the host was silent.
             last.alarm.then_some(()).ok_or(format!("{number} {cause}, and the card knows of none"))
         }
         other => Err(format!("{other:?}")),
     }
 }
 
-/// A line with nothing wrong, at a baud rate.
+/// A serial line without faults, at a baud rate.
 pub fn good_line(baud: u32) -> SerialChannelSettings {
     SerialChannelSettings { baud, latency_us: 100, ..SerialChannelSettings::default() }
 }
 
-/// One of some things.
+/// A random element.
 pub fn pick<T: Copy>(random: &mut Random, from: &[T]) -> T {
     from[random.up_to(from.len() as u32 - 1) as usize]
 }
 
-/// A program of so many moves, with arcs, dwells, instructions and output actions between.
+/// A program with this many moves, with arcs, dwells, instructions and output actions between.
 pub fn program(random: &mut Random, moves: u32) -> String {
     use std::fmt::Write as _;
     let mut text = format!("G21 G90 G64 P0.05\nF{}\n", pick(random, &[600, 2400, 6000]));
@@ -422,7 +423,7 @@ pub fn program(random: &mut Random, moves: u32) -> String {
     text
 }
 
-/// An operator who holds, backs up and goes on.
+/// An operator who holds, reverses and resumes.
 pub fn script(random: &mut Random) -> String {
     let mut text = String::new();
     for _ in 0..random.up_to(4) {
