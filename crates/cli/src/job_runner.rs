@@ -180,7 +180,7 @@ impl JobRunner<'_> {
             machine,
             outcome: &outcome,
             line,
-            tally: &tally,
+            stats: &tally,
             blocks: summary.as_ref().map_or(0, |s| s.blocks),
             canonical: summary.as_ref().map_or(0, |s| s.canonical),
             commanded_mm: summary.as_ref().map_or(&[], |s| &s.commanded_mm),
@@ -365,7 +365,7 @@ fn tell<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Optio
 
 /// How a job ended, in a line.
 fn short<const A: usize>(report: &Report<'_, A>) -> String {
-    let Report { outcome, tally, machine, .. } = report;
+    let Report { outcome, stats: tally, machine, .. } = report;
     let seconds = |periods: u64| periods as f64 * machine.period_s();
     let how = match outcome {
         Outcome::Completed => "completed".to_owned(),
@@ -387,7 +387,7 @@ fn told<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
         seconds("switch_s"),
         seconds("held_s"),
         seconds("retrace_s"),
-        report.tally.periods,
+        report.stats.periods,
         report.wall_s
     );
     let each = |f: fn(&Value) -> String, key: &str| -> String {
@@ -407,7 +407,7 @@ fn told<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
     };
     let counted = format!(
         "  limit violations {} · underruns {} · reversals {}",
-        report.verdict.violations, report.tally.underruns, report.tally.reversals
+        report.verdict.violations, report.stats.underruns, report.stats.reversals
     );
     let offsets = tables.parameters.as_ref().map_or(String::new(), |path| format!("\n  offsets {}", path.display()));
     format!("{}: {}\n{times}\n{position}\n{counted}{offsets}", escape::name(report.program), report.outcome.word())
