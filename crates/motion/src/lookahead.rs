@@ -1,40 +1,43 @@
-//! Look-ahead: a jerk-limited plan over a whole road of blocks, with the acceleration carried across joints (design, idea 7).
+//! Look-ahead: a jerk-limited plan over a whole path of blocks, with the acceleration carried across junctions (design,
+//! idea 7).
 //!
-//! A *gate* is a state (v, a) that the plan passes at a joint; between two gates runs one *span*, the fastest profile between
-//! them, however many blocks it covers. Joints where the envelope touches its cap propose gates. A stack pass connects them
-//! from left to right: a gate that cannot be reached is skipped, one that cannot brake to the next is dropped, and where a
-//! span overshoots a cap that joint becomes a gate. Tuning then drops or raises single gates.
+//! A *gate* is a state (v, a) that the plan passes at a junction; between two gates runs one *span*, the fastest
+//! profile between them, however many blocks it covers. Junctions where the envelope touches its cap propose gates. A
+//! stack pass connects them from left to right: a gate that cannot be reached is skipped, one that cannot brake to the
+//! next is dropped, and where a span overshoots a cap that junction becomes a gate. Tuning then drops or raises single
+//! gates.
 //!
-//! Invariant: a span is accepted only after it was computed again from its phases and compared with every cap it passes.
-//! Choosing gates decides how fast a plan is, never whether it is legal. The work has a limit; where it is used up, or the
-//! start state allows no plan, there is none, and the caller runs its previous plan on, which ends at rest.
+//! Invariant: a span is accepted only after it was computed again from its phases and compared with every cap it
+//! passes. Choosing gates decides how fast a plan is, never whether it is legal. The work has a limit. Where it is used
+//! up, or the start state allows no plan, there is none, and the caller continues its previous plan, which ends at
+//! rest.
 
 use crate::envelope::{Envelope, PathBlock, gate_acceleration};
 use crate::profile::{KinematicState, PathLimits, Profile, ProfileError, fastest};
 use crate::rest_to_rest;
 
-/// A profile between two joints of a road.
+/// Profile between two junctions of a path.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Span {
-    /// Joint at its start.
+    /// Junction at its start.
     pub(crate) first: usize,
-    /// Joint at its end.
+    /// Junction at its end.
     pub(crate) last: usize,
     pub(crate) profile: Profile,
 }
 
-/// There is no plan within the limit of work, or none from this start state.
+/// No plan exists within the limit of work, or none from this start state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct PlanError;
 
-/// No limit at all: what an empty stretch of road asks for.
+/// No limit: the limits of an empty part of the path.
 const UNLIMITED: SpanLimits = SpanLimits { tight: PathLimits { v: f64::MAX, a: f64::MAX, j: f64::MAX }, fastest: 0.0 };
 
 /// Limits over several blocks.
 #[derive(Clone, Copy, Debug)]
 struct SpanLimits {
     tight: PathLimits,
-    /// The highest speed limit of the blocks.
+    /// Highest speed limit of the blocks.
     fastest: f64,
 }
 
@@ -64,20 +67,20 @@ impl PlanGate {
     }
 }
 
-/// Spans solved before a plan is given up: a fixed part and one for each block.
+/// Number of spans that are solved before planning fails: a fixed part and one for each block.
 const WORK: (usize, usize) = (1000, 30);
-/// The least time between two proposed gates, in units of A/J; valleys always propose.
+/// Least time between two proposed gates, in units of A/J; valleys always propose.
 const SPACING: f64 = 0.3;
-/// How often a joint may be made a gate by overshoots, and how deep such insertions may nest.
+/// How often overshoots may make a junction a gate, and how deep such insertions may nest.
 const TRIES: (u8, u8) = (60, 40);
-/// How often a road is halved to brake on each part within its own limits.
+/// How often a path is halved to brake on each part within its own limits.
 const HALVINGS: u8 = 4;
-/// Shares of the speed that allows to brake, which are tried in turn.
+/// Shares of the speed that can be braked from, tried in turn.
 const EASED: [f64; 3] = [1.0, 0.75, 0.5];
 /// Gates that are further apart than this many blocks are not tried without the one between them.
 const DROP_REACH: usize = 256;
 
-/// The planner's look-ahead; it keeps its memory from plan to plan.
+/// The planner's look-ahead; it retains its memory from plan to plan.
 #[derive(Debug, Default)]
 pub(crate) struct LookAhead {
     envelope: Envelope,
@@ -91,7 +94,7 @@ impl LookAhead {
     /// Plans `blocks` from speed `v0` and acceleration `a0` to those of `end` and appends the spans to `out`.
     ///
     /// # Errors
-    /// [`NoPlan`]; `out` is unchanged then.
+    /// [`PlanError`]; `out` is unchanged then.
     pub(crate) fn plan(
         &mut self,
         blocks: &[PathBlock],
@@ -111,7 +114,7 @@ impl LookAhead {
         Ok(())
     }
 
-    /// The stack pass over all proposals.
+    /// Runs the stack pass over all proposals.
     fn connect_all(&mut self, blocks: &[PathBlock], end: KinematicState) -> Result<(), PlanError> {
         let n = blocks.len();
         let mut since = UNLIMITED;
@@ -136,8 +139,9 @@ impl LookAhead {
         if self.attach(blocks, n, end, &mut since, (0, false))? { Ok(()) } else { Err(PlanError) }
     }
 
-    /// Connects joint `k` in state `to` to the gates so far; false where it cannot be reached. `since` holds the limits
-    /// between the last gate and `k`, and afterwards those beyond the last gate. `must`: another state is better than none.
+    /// Connects junction `k` in state `to` to the gates so far; false where it cannot be reached. `since` holds the
+    /// limits between the last gate and `k`, and afterwards those beyond the last gate. `must`: another state is better
+    /// than none.
     fn attach(
         &mut self,
         blocks: &[PathBlock],
@@ -166,7 +170,7 @@ impl LookAhead {
                     let eased = misfit == ProfileError::StartTooHigh
                         && (must && self.tries[k] <= 2 || k == blocks.len())
                         && self.ease(blocks, k, to, since, depth)?;
-                    // The start is fixed: fly over k, and look at its cap when the span is longer.
+                    // The start is fixed: skip k, and check its cap when the span is longer.
                     return if eased || k < blocks.len() { Ok(eased) } else { Err(PlanError) };
                 }
                 Err(_) => {
@@ -178,8 +182,8 @@ impl LookAhead {
         Err(PlanError)
     }
 
-    /// Connects joint `k` with zero acceleration there, or at the last gate, which brakes too hard to come up to `k` again; false
-    /// where that does not help.
+    /// Connects junction `k` with zero acceleration there, or at the last gate, which brakes too hard to reach `k`
+    /// afterwards; false where that does not help.
     fn relax(
         &mut self,
         blocks: &[PathBlock],
@@ -189,7 +193,7 @@ impl LookAhead {
         (misfit, must): (ProfileError, bool),
     ) -> Result<bool, PlanError> {
         let Some(&left) = self.gates.last() else { return Ok(false) };
-        // The end of the road stays as it is.
+        // The state at the end of the path does not change.
         let levels = must && to.a != 0.0 && k < blocks.len();
         if levels && self.push_span(blocks, left, k, KinematicState::moving(to.v, 0.0), since)? {
             return Ok(true);
@@ -214,8 +218,8 @@ impl LookAhead {
         Ok(pushed)
     }
 
-    /// Connects joint `k` over a gate half-way, from where it can be braked for however tight the limits are there: each half of
-    /// the road is then braked on within its own limits. False where that does not help.
+    /// Connects junction `k` over a gate half-way, from where braking is possible however tight the limits are there:
+    /// each half of the path is then braked on within its own limits. False where that does not help.
     fn ease(
         &mut self,
         blocks: &[PathBlock],
@@ -245,7 +249,7 @@ impl LookAhead {
         Ok(false)
     }
 
-    /// Makes joint `k` a gate if one legal span leads to it from `left`, which is or replaces the last gate.
+    /// Makes junction `k` a gate if one legal span leads to it from `left`, which is or replaces the last gate.
     fn push_span(
         &mut self,
         blocks: &[PathBlock],
@@ -263,7 +267,8 @@ impl LookAhead {
         Ok(legal)
     }
 
-    /// Makes the overshot joint `m` a gate: at its cap with the span's own slope `a`; if that was tried before, ever lower.
+    /// Makes the overshot junction `m` a gate: at its cap with the slope `a` of the span; if that was tried before, at
+    /// ever lower speeds.
     fn insert(&mut self, blocks: &[PathBlock], left: usize, m: usize, a: f64, depth: u8) -> Result<(), PlanError> {
         let mut since = SpanLimits::of(&blocks[left..m]);
         loop {
@@ -290,7 +295,8 @@ impl LookAhead {
         }
     }
 
-    /// The fastest profile from gate `left` to joint `k` in state `to` whose crest keeps the limits of the blocks under it.
+    /// The fastest profile from gate `left` to junction `k` in state `to` whose crest observes the limits of the blocks
+    /// under it.
     fn span(
         &mut self,
         blocks: &[PathBlock],
@@ -326,7 +332,8 @@ impl LookAhead {
         Ok(Err(ProfileError::TargetTooHigh))
     }
 
-    /// The worst overshoot of a touching cap strictly inside a span: the joint and the span's acceleration there.
+    /// The worst overshoot of a touching cap strictly inside a span: the junction and the acceleration of the span
+    /// there.
     fn overshoot(&self, first: usize, last: usize, profile: &Profile) -> Option<(usize, f64)> {
         let mut walk = ProfileWalk::new(profile);
         let (mut worst, mut found) = (1.0 + 1e-9, None);
@@ -342,7 +349,7 @@ impl LookAhead {
         found
     }
 
-    /// Tries to drop or raise each gate; a change is kept only where both spans it touches stay legal and together
+    /// Tries to drop or raise each gate. A change is accepted only where both spans it touches stay legal and together
     /// take less time.
     fn tune(&mut self, blocks: &[PathBlock]) {
         let mut old = std::mem::take(&mut self.gates);
@@ -381,7 +388,7 @@ impl LookAhead {
         let s = |joint: usize| self.envelope.s[joint];
         let time = gate.profile.duration() + right.profile.duration();
         if time * both.tight.v <= (s(right.joint) - s(left.joint)) * (1.0 + 1e-9) {
-            return Ok(GateChange::Keep); // at the speed limit all the way
+            return Ok(GateChange::Keep); // at the speed limit throughout
         }
         if right.joint - left.joint <= DROP_REACH
             && let Ok(profile) = self.span(blocks, &left, right.joint, right.state(), both)?
@@ -411,16 +418,16 @@ impl LookAhead {
     }
 }
 
-/// What tuning does with one gate.
+/// Change that tuning makes to one gate.
 enum GateChange {
     Keep,
-    /// The gate goes; the next gate is reached by one span.
+    /// The gate is dropped; the next gate is reached by one span.
     Drop(PlanGate),
     /// The gate and the next gate, with their new spans.
     Move(PlanGate, PlanGate),
 }
 
-/// Walks a profile by place, forward only.
+/// Iterator over a profile by place, forward only.
 struct ProfileWalk<'a> {
     profile: &'a Profile,
     phase: usize,
@@ -443,7 +450,7 @@ impl<'a> ProfileWalk<'a> {
         self.state.after(self.jerk(), self.profile.times[self.phase])
     }
 
-    /// The state at place `s`, which must not fall from call to call.
+    /// The state at place `s`, which must not decrease from call to call.
     fn at(&mut self, s: f64) -> KinematicState {
         while self.phase < 6 && s > self.phase_end {
             self.state = self.end_of_phase();
@@ -470,7 +477,7 @@ pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Roads of all kinds: tiny and long blocks, caps that wander or jump, limits that change, full stops.
+    /// Paths of all kinds: tiny and long blocks, caps that wander or jump, limits that change, full stops.
     pub(crate) fn road() -> impl Strategy<Value = Vec<PathBlock>> {
         let block = (-3.0..1.5f64, 0.0..1.0f64, 0.05..1.0f64, 0.1..1.0f64, 0.0..1.0f64, prop::bool::weighted(0.1));
         (prop::collection::vec(block, 1..80), 0.02..1.0f64).prop_map(|(blocks, least)| {
@@ -485,7 +492,7 @@ pub(crate) mod tests {
         })
     }
 
-    /// Spans follow one another from (v, a) to rest, and keep every limit of every block under them.
+    /// Spans follow one another from (v, a) to rest, and observe every limit of every block under them.
     pub(crate) fn check(blocks: &[PathBlock], spans: &[Span], start: KinematicState) -> Result<(), String> {
         let (mut joint, mut state) = (0, start);
         for span in spans {

@@ -1,14 +1,15 @@
-//! Planning again, with feeds that count times another factor, what is not emitted.
+//! Planning again, with another factor of the feeds, what is not emitted.
 //!
-//! The glides and stops that are committed stay as they are, so the path is the same for every factor. Between them the pieces
-//! are planned from one end's state to the other's. The first stretch begins in the state at the end of the last record; behind
-//! the last stop or glide the road is open, and what is committed of it goes back to the run.
+//! Glides and stops that are committed do not change, so the path is the same for every factor. Between them the pieces
+//! are planned from one end state to the other. The first section begins in the state at the end of the last record.
+//! Behind the last stop or glide the path is open, and what is committed of it returns to the run.
 //!
-//! A state may be too fast, or accelerate too hard, for the limits that the new factor gives. So the limits of the factor before
-//! are tried along the way that the state takes to stop; and if there still is no plan, the old one is kept up to one of its next
-//! spans. Where nothing helps it is kept whole.
+//! A state may be too fast, or accelerate too hard, for the limits that the new factor gives. So the limits of the
+//! factor before are tried along the distance that the state takes to stop. If there is still no plan, the old one
+//! remains up to one of its next spans. Where nothing helps, the whole old plan remains.
 //!
-//! Invariant: every span is legal by the same judgement as in any other plan; positions, speed and acceleration are continuous.
+//! Invariant: every span is legal by the same check as in any other plan; positions, speed and acceleration are
+//! continuous.
 
 use std::collections::VecDeque;
 
@@ -19,13 +20,13 @@ use crate::envelope::PathBlock;
 use crate::lookahead::Span;
 use crate::profile::{KinematicState, PathLimits, Profile, stopping_distance};
 
-/// The way in which a state is brought down to lower limits, over the least way to stop from it.
+/// Distance in which a state is brought down to lower limits, over its stopping distance.
 const ROOM: f64 = 1.05;
-/// Feeds, as shares of the programmed ones, at which the way into a glide is tried where it is not found otherwise.
+/// Feeds, as shares of the programmed ones, at which a plan into a glide is tried where none is found otherwise.
 const APPROACHES: [f64; 4] = [1.0, 0.7, 0.5, 0.3];
 /// How often the number of spans that are planned again for that is doubled.
 const APPROACHED: usize = 5;
-/// What is left of a piece that is shorter than this, in mm, is nothing.
+/// A remainder of a piece that is shorter than this, in mm, counts as zero.
 const NOTHING: f64 = 1e-12;
 
 /// A profile of the old plan.
@@ -36,16 +37,16 @@ struct CommittedPlan<const A: usize> {
     length: f64,
 }
 
-/// Pieces between two states, of which neither changes.
+/// Pieces between two states, both of which are fixed.
 #[derive(Clone, Copy, Debug)]
 struct ReplanSection {
-    /// Number of the first piece, and how far from its start the stretch begins, mm.
+    /// Number of the first piece, and the distance from its start to the start of the section, mm.
     first: u64,
     skip: f64,
     /// Number of the piece behind it.
     to: u64,
     end: KinematicState,
-    /// The road goes on behind it.
+    /// Whether the path continues behind it.
     open: bool,
 }
 
@@ -54,15 +55,15 @@ struct ReplanSection {
 struct ReplanLayout {
     blocks: Vec<PathBlock>,
     offers: Vec<LimitOptions>,
-    /// For each block a number that is one more than that of the last piece of the block before.
+    /// For each block, one more than the number of the last piece of the block before.
     numbers: Vec<u64>,
     length: f64,
-    /// The last block may grow.
+    /// Whether the last block may grow.
     grows: bool,
 }
 
 impl ReplanLayout {
-    /// Appends a block, or makes the last one longer.
+    /// Appends a block, or extends the last one.
     fn push(&mut self, number: u64, offer: &LimitOptions, block: (f64, f64), joins: bool) {
         let (length, exit_v) = block;
         self.length += length;
@@ -77,7 +78,7 @@ impl ReplanLayout {
             *of_last = of_last.tighter(offer);
             last.limits = of_last.rough;
         } else {
-            // The first block stays as it is, so that a run that begins in motion can stop in it.
+            // The first block does not change, so that a run that begins in motion can stop in it.
             self.grows = !self.blocks.is_empty();
             self.blocks.push(PathBlock { length, limits: offer.rough, exit_v });
             self.offers.push(*offer);
@@ -86,7 +87,7 @@ impl ReplanLayout {
     }
 }
 
-/// What is planned anew, and how much of the old plan goes before it.
+/// New plan, and how much of the old plan precedes it.
 struct ReplanOutcome {
     kept: usize,
     from: KinematicState,
@@ -95,7 +96,7 @@ struct ReplanOutcome {
 }
 
 impl<const A: usize> PlanRun<A> {
-    /// From now on programmed feeds count times `factor`; what is not emitted is planned anew.
+    /// Multiplies programmed feeds by `factor` from now on, and plans again what is not emitted.
     pub(crate) fn override_feeds(&mut self, factor: f64, emitter: &mut Emitter<A>) {
         if factor == self.factor {
             return;
@@ -129,7 +130,7 @@ impl<const A: usize> PlanRun<A> {
         self.replan_open(stretch, old, before, emitter);
     }
 
-    /// Plans between two fixed states and appends the plan to `out`; the old one where there is no other.
+    /// Plans between two fixed states and appends the plan to `out`; the old one where no other is found.
     fn replan_between(
         &mut self,
         stretch: ReplanSection,
@@ -154,13 +155,13 @@ impl<const A: usize> PlanRun<A> {
         }));
     }
 
-    /// Brings the run, which is planned to rest, into state `end` all the same, at lower feeds than programmed, which leave more
-    /// acceleration along curves; false where that does not help either. So a glide that one feed override lets
-    /// the motion come into is hardly ever given up at another one.
+    /// Brings the run, which is planned to rest, into state `end` nevertheless, at lower feeds than programmed, which
+    /// leave more acceleration along curves; false where that does not help either. So a glide that is possible at one
+    /// feed override is hardly ever given up at another one.
     pub(super) fn approach(&mut self, end: KinematicState, emitter: &mut Emitter<A>) -> bool {
         let s = self.joints();
         let old: Vec<CommittedPlan<A>> = self.plan.iter().map(|span| self.old(span, &s)).collect();
-        // Where the run begins, from its end.
+        // Start of the run, counted from its end.
         let (mut first, mut skip) = (self.next_piece, -self.length);
         while skip < -NOTHING
             && let Some(piece) = first.checked_sub(1).and_then(|before| emitter.piece(before))
@@ -169,7 +170,7 @@ impl<const A: usize> PlanRun<A> {
         }
         let stretch = ReplanSection { first, skip: skip.max(0.0), to: self.next_piece, end, open: false };
         let factor = self.factor;
-        // What keeps the motion out of the glide lies at its end, so the last spans are planned again, ever more of them.
+        // What prevents the glide is at its end, so the last spans are planned again, ever more of them.
         let last = std::iter::successors(Some(1), |spans| Some(2 * spans)).take(APPROACHED);
         let gates = || last.clone().filter_map(|spans| old.len().checked_sub(spans));
         let found = APPROACHES.into_iter().filter(|share| *share <= factor).find_map(|share| {
@@ -187,13 +188,13 @@ impl<const A: usize> PlanRun<A> {
         true
     }
 
-    /// A span of the present plan in its committed form; `s` holds the places of the joints.
+    /// A span of the current plan in its committed form; `s` holds the places of the junctions.
     fn old(&self, span: &Span, s: &[f64]) -> CommittedPlan<A> {
         let (profile, length) = (span.profile, s[span.last] - s[span.first]);
         CommittedPlan { item: self.item(profile, length, span.last - 1), profile, length }
     }
 
-    /// Plans the open end of the road: what is committed of it, and what is not.
+    /// Plans the open end of the path: what is committed of it, and what is not.
     fn replan_open(
         &mut self,
         stretch: ReplanSection,
@@ -214,7 +215,7 @@ impl<const A: usize> PlanRun<A> {
                 self.take_up(layout, from);
                 (self.plan, self.planned) = (spans, self.blocks.len());
                 self.offers.clear();
-                // Where the motion could go on before, it can now.
+                // Where the plan could be extended before, it can be now.
                 if committed > kept || self.length > 2.0 * self.keep {
                     self.commit_part(emitter);
                 }
@@ -228,14 +229,14 @@ impl<const A: usize> PlanRun<A> {
         }
     }
 
-    /// The road that is not committed begins in state `from` and lies as in `layout`.
+    /// Replaces the path that is not committed by `layout`, which begins in state `from`.
     fn take_up(&mut self, layout: ReplanLayout, from: KinematicState) {
         (self.v, self.a) = (from.v, from.a);
         self.length = layout.length;
         (self.blocks, self.offers, self.numbers) = (layout.blocks, layout.offers, layout.numbers);
     }
 
-    /// Looks for a plan: from the start of the stretch, else from that of one of the old plan's next spans.
+    /// Searches for a plan: from the start of the section, otherwise from that of one of the old plan's next spans.
     fn search(
         &mut self,
         stretch: ReplanSection,
@@ -250,7 +251,7 @@ impl<const A: usize> PlanRun<A> {
             .find_map(|gate| self.search_from(gate, stretch, old, before, emitter))
     }
 
-    /// Looks for a plan from the start of span `kept` of the old plan on.
+    /// Searches for a plan from the start of span `kept` of the old plan on.
     fn search_from(
         &mut self,
         kept: usize,
@@ -275,8 +276,8 @@ impl<const A: usize> PlanRun<A> {
         None
     }
 
-    /// Lays the pieces of `stretch` out as blocks. In a `zone` from its start, in which a state can stop, limits are those of
-    /// another factor, at no more speed than the state has or comes to.
+    /// Lays the pieces of `stretch` out as blocks. In a `zone` from its start, in which a state can stop, limits are
+    /// those of another factor, at no more speed than the state has or reaches.
     fn lay(
         &self,
         stretch: &ReplanSection,
@@ -307,7 +308,7 @@ impl<const A: usize> PlanRun<A> {
                     joins = whole;
                 }
                 if length > 0.0 {
-                    // Should the zone end within this piece, the block before ends in it too.
+                    // Where the zone ends within this piece, the block before ends in it too.
                     number += u64::from(part > NOTHING);
                     (zone, joins) = (None, false);
                 }
