@@ -26,7 +26,7 @@ pub(crate) const TANGENTIAL: [(f64, f64); 9] = [
 /// Parts of the speed that the smallest share allows. Tangential motion gets the largest share that still allows this
 /// part: on a calm path, where the speed changes much on short pieces, and where it does on pieces of more than
 /// [`LONG`] seconds. Found by trial.
-pub(crate) const SPEED_KEPT: (f64, f64, f64) = (0.99, 0.8, 0.95);
+pub(crate) const RETAINED_SPEED: (f64, f64, f64) = (0.99, 0.8, 0.95);
 pub(crate) const LONG: f64 = 0.25;
 /// Share of the acceleration that gentle motion uses.
 pub(crate) const GENTLE: f64 = 0.25;
@@ -75,34 +75,34 @@ pub(crate) struct LimitSelector {
 impl LimitSelector {
     /// Sets the limits of `blocks`, each from its options. The blocks are entered at a speed of at most `v0`, and the
     /// path continues behind them unless it `ends` at rest.
-    pub(crate) fn choose(&mut self, blocks: &mut [PathBlock], offers: &[LimitOptions], v0: f64, ends: bool) {
-        self.move_gently(blocks, offers, v0, ends);
-        let is_calm = |k: usize| self.w[k].min(self.w[k + 1]) >= (CALM.0 * offers[k].v).powi(2);
+    pub(crate) fn choose(&mut self, blocks: &mut [PathBlock], options: &[LimitOptions], v0: f64, ends: bool) {
+        self.move_gently(blocks, options, v0, ends);
+        let is_calm = |k: usize| self.w[k].min(self.w[k + 1]) >= (CALM.0 * options[k].v).powi(2);
         let mut k = 0;
         while k < blocks.len() {
             let (first, calm, mut time) = (k, is_calm(k), 0.0);
             while k < blocks.len() && is_calm(k) == calm {
-                time += blocks[k].length / offers[k].v;
+                time += blocks[k].length / options[k].v;
                 k += 1;
             }
             let calm = calm && time > CALM.1;
-            for (block, offer) in blocks[first..k].iter_mut().zip(&offers[first..k]) {
+            for (block, offer) in blocks[first..k].iter_mut().zip(&options[first..k]) {
                 block.limits = if calm { offer.calm } else { offer.rough };
             }
         }
     }
 
     /// Calculates the speed of gentle motion at each junction: backward, then forward.
-    fn move_gently(&mut self, blocks: &[PathBlock], offers: &[LimitOptions], v0: f64, ends: bool) {
+    fn move_gently(&mut self, blocks: &[PathBlock], options: &[LimitOptions], v0: f64, ends: bool) {
         let n = blocks.len();
         self.w.clear();
         self.w.resize(n + 1, 0.0);
         if !ends {
-            self.w[n] = offers.last().map_or(0.0, |last| last.v * last.v);
+            self.w[n] = options.last().map_or(0.0, |last| last.v * last.v);
         }
-        let rise = |w: f64, k: usize| (w + 2.0 * offers[k].gentle * blocks[k].length).min(offers[k].v * offers[k].v);
+        let rise = |w: f64, k: usize| (w + 2.0 * options[k].gentle * blocks[k].length).min(options[k].v * options[k].v);
         for k in (0..n).rev() {
-            let cap = if k > 0 { blocks[k - 1].exit_v.min(offers[k - 1].v) } else { v0 };
+            let cap = if k > 0 { blocks[k - 1].exit_v.min(options[k - 1].v) } else { v0 };
             self.w[k] = rise(self.w[k + 1], k).min(cap * cap);
         }
         for k in 0..n {

@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use crate::correction::{Correction, CorrectionEvent, CorrectionSum, G_MOST};
+use crate::correction::{Correction, CorrectionEvent, CorrectionSum, MAX_G};
 use crate::curve::Curve;
 use crate::merge::LineMark;
 use crate::piece::{PathPiece, PieceJunction};
@@ -55,9 +55,9 @@ pub(crate) struct Blender<const A: usize> {
     segments: VecDeque<(PathSegment<A>, f64, Option<PieceJunction>)>,
     total: f64,
     /// Total length at which some are released.
-    enough: f64,
+    release_length: f64,
     /// Number of segments at which some are released.
-    many: usize,
+    release_count: usize,
     /// Marks of all segments, each from the start of its segment.
     marks: VecDeque<LineMark>,
     /// Corners in order of place; the first `decided` have their width.
@@ -89,8 +89,8 @@ impl<const A: usize> Blender<A> {
             segments: VecDeque::new(),
             total: 0.0,
             marks: VecDeque::new(),
-            enough: STEP * reach,
-            many: BATCH,
+            release_length: STEP * reach,
+            release_count: BATCH,
             corners: Vec::new(),
             decided: 0,
             barrier: 0.0,
@@ -135,8 +135,8 @@ impl<const A: usize> Blender<A> {
     }
 
     /// Forbids corrections nearer than `distance` to the start of the first segment, which has just been pushed.
-    pub(crate) fn keep_clear(&mut self, way: f64) {
-        self.barrier = way;
+    pub(crate) fn forbid_near_start(&mut self, distance: f64) {
+        self.barrier = distance;
     }
 
     /// Length at the end of the last segment that no decided correction reaches.
@@ -146,10 +146,10 @@ impl<const A: usize> Blender<A> {
     }
 
     /// Removes the last `distance` of the last segment.
-    pub(crate) fn shorten(&mut self, way: f64) {
+    pub(crate) fn shorten(&mut self, distance: f64) {
         if let Some((segment, ..)) = self.segments.back_mut() {
-            segment.length -= way;
-            self.total -= way;
+            segment.length -= distance;
+            self.total -= distance;
         }
     }
 
@@ -163,12 +163,12 @@ impl<const A: usize> Blender<A> {
 
     /// Whether there is enough to release some of it.
     pub(crate) fn is_ready(&self) -> bool {
-        self.total > self.enough || self.segments.len() >= self.many.min(MAX_SEGMENTS)
+        self.total > self.release_length || self.segments.len() >= self.release_count.min(MAX_SEGMENTS)
     }
 
     /// Releases pieces, each with the junction at its start, and their marks, each from the start of its piece: all of
     /// them where the run has `ended`, otherwise those that later moves cannot change.
-    pub(crate) fn hand_on(
+    pub(crate) fn release_pieces(
         &mut self,
         ended: bool,
         out: &mut VecDeque<(PathPiece<A>, PieceJunction)>,
@@ -185,7 +185,7 @@ impl<const A: usize> Blender<A> {
             far.max(many).max(self.decided)
         };
         self.widen(end);
-        self.keep_tolerance(end);
+        self.narrow_to_tolerance(end);
         self.decided = end;
         let done = if ended {
             self.segments.len()
@@ -197,8 +197,8 @@ impl<const A: usize> Blender<A> {
             before(open - self.reach).saturating_sub(1).max(many)
         };
         self.cut(done, out, lines);
-        self.enough = self.total + STEP * self.reach;
-        self.many = self.segments.len() + BATCH.max(self.segments.len() / 2);
+        self.release_length = self.total + STEP * self.reach;
+        self.release_count = self.segments.len() + BATCH.max(self.segments.len() / 2);
     }
 
     /// Gives the corners up to `end` their first width: the largest at which a chain of corrections of that width
@@ -209,7 +209,7 @@ impl<const A: usize> Blender<A> {
             let CorrectionCandidate { corner, tolerance, low, high } = self.corners[k];
             let room = (corner.s - low.max(0.0)).min(high.min(self.total) - corner.s).min(self.reach);
             let turn = size(&corner.turn);
-            let mut h = room.min(tolerance / (G_MOST * turn).max(1e-12));
+            let mut h = room.min(tolerance / (MAX_G * turn).max(1e-12));
             for _ in 0..12 {
                 let off = self.deviation(corner.s, h);
                 if off <= tolerance {
@@ -257,7 +257,7 @@ impl<const A: usize> Blender<A> {
 
     /// Narrows the corrections of the undecided corners up to `end` until their sum, with those decided before, is
     /// within the tolerance everywhere.
-    fn keep_tolerance(&mut self, end: usize) {
+    fn narrow_to_tolerance(&mut self, end: usize) {
         for _ in 0..ROUNDS {
             self.measure(end);
             if self.excess.is_empty() {
@@ -273,7 +273,7 @@ impl<const A: usize> Blender<A> {
                 corner.h *= if worst > 1.0 { (0.95 / worst.sqrt()).max(0.3) } else { 1.0 };
             }
         }
-        self.set_apart(end);
+        self.separate(end);
         self.measure(end);
         if !self.excess.is_empty() {
             // What was decided before is within the tolerance by itself; next to nothing is added to it.
@@ -285,7 +285,7 @@ impl<const A: usize> Blender<A> {
     }
 
     /// Makes the corrections so narrow that no two of the undecided ones overlap.
-    fn set_apart(&mut self, end: usize) {
+    fn separate(&mut self, end: usize) {
         for k in self.decided..end {
             let s = self.corners[k].corner.s;
             let before = if k > 0 { s - self.corners[k - 1].corner.s } else { f64::MAX };
@@ -316,7 +316,7 @@ impl<const A: usize> Blender<A> {
                 tolerance = tolerance.min(self.segments[next].0.tolerance);
                 next += 1;
             }
-            let most = sum.most(event.s - sum.s);
+            let most = sum.size_bound(event.s - sum.s);
             if most > tolerance + 1e-9 {
                 self.excess.push((sum.s, event.s, most / tolerance.max(1e-9)));
             }
@@ -371,7 +371,7 @@ impl<const A: usize> Blender<A> {
             }
         }
         self.marks = marks;
-        self.forget(done, sum.s);
+        self.remove_released(done, sum.s);
     }
 
     /// Sum of the decided corrections at place `s`, computed from each of them again.
@@ -383,7 +383,7 @@ impl<const A: usize> Blender<A> {
     }
 
     /// Removes the first `done` segments, which end at place `s` and are released.
-    fn forget(&mut self, done: usize, s: f64) {
+    fn remove_released(&mut self, done: usize, s: f64) {
         self.segments.drain(..done);
         for (_, start, _) in &mut self.segments {
             *start -= s;
@@ -394,9 +394,9 @@ impl<const A: usize> Blender<A> {
         self.corners.retain(|c| {
             index += 1;
             let open = index > decided;
-            let kept = open || c.corner.s + c.corner.h > s;
-            self.decided -= usize::from(!kept);
-            kept
+            let retained = open || c.corner.s + c.corner.h > s;
+            self.decided -= usize::from(!retained);
+            retained
         });
         for CorrectionCandidate { corner, low, high, .. } in &mut self.corners {
             corner.s -= s;

@@ -43,7 +43,7 @@ pub(crate) enum Knot {
 }
 
 /// Largest value of g.
-pub(crate) const G_MOST: f64 = 1.0 / 6.0;
+pub(crate) const MAX_G: f64 = 1.0 / 6.0;
 
 impl<const A: usize> Correction<A> {
     /// Points where the derivatives jump, in order of place.
@@ -146,7 +146,7 @@ impl<const A: usize> CorrectionSum<A> {
     }
 
     /// Bound on the size of the correction over all axes and over the next `length`: that of the control points.
-    pub(crate) fn most(&self, length: f64) -> f64 {
+    pub(crate) fn size_bound(&self, length: f64) -> f64 {
         let [a, b, c, d] = self.cubic();
         let l = length;
         (0..4)
@@ -175,7 +175,7 @@ mod tests {
         let mut sum = CorrectionSum { s: 4.0, all: [[0.0; 2]; 4] };
         let mut largest = 0.0f64;
         for (place, knot) in corner.knots() {
-            largest = largest.max(sum.most(place - sum.s));
+            largest = largest.max(sum.size_bound(place - sum.s));
             sum.advance(place);
             sum.jump(&corner, knot, place);
             let direct = CorrectionSum::of([corner].iter(), place + 1e-9);
@@ -188,8 +188,8 @@ mod tests {
         assert!(sum.all.iter().flatten().all(|x| x.abs() < 1e-12), "{sum:?}");
         let size = 0.3f64.hypot(0.2);
         assert!(
-            largest <= size * 0.7 * G_MOST + 0.016 * 0.7 * 0.7 * 0.05f64.hypot(0.1)
-                && largest >= 0.99 * size * 0.7 * G_MOST
+            largest <= size * 0.7 * MAX_G + 0.016 * 0.7 * 0.7 * 0.05f64.hypot(0.1)
+                && largest >= 0.99 * size * 0.7 * MAX_G
         );
     }
 }

@@ -79,18 +79,18 @@ pub(crate) struct Derivatives<const A: usize> {
 const RADIUS_SLACK: (f64, f64) = (0.01, 0.01);
 
 /// Length over the linear axes, or over all axes where those do not move.
-fn length_of<const A: usize>(way: [f64; A]) -> f64 {
+fn length_of<const A: usize>(displacement: [f64; A]) -> f64 {
     let norm = |axes: &[f64]| axes.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let linear = norm(&way[..A.min(3)]);
-    if linear > 1e-9 { linear } else { norm(&way) }
+    let linear = norm(&displacement[..A.min(3)]);
+    if linear > 1e-9 { linear } else { norm(&displacement) }
 }
 
 impl<const A: usize> Curve<A> {
     /// Line from `start` to `end`, and its length in mm.
     pub(crate) fn line(start: [f64; A], end: [f64; A]) -> (Self, f64) {
-        let way: [f64; A] = std::array::from_fn(|i| end[i] - start[i]);
-        let length = length_of(way);
-        let rate = way.map(|x| x / length.max(f64::MIN_POSITIVE));
+        let displacement: [f64; A] = std::array::from_fn(|i| end[i] - start[i]);
+        let length = length_of(displacement);
+        let rate = displacement.map(|x| x / length.max(f64::MIN_POSITIVE));
         (Self { cubic: [start, rate, [0.0; A], [0.0; A]], circle: None }, length)
     }
 
@@ -106,22 +106,22 @@ impl<const A: usize> Curve<A> {
         let from = [start[p] - arc.centre_mm[0], start[q] - arc.centre_mm[1]];
         let to = [arc.end_mm[p] - arc.centre_mm[0], arc.end_mm[q] - arc.centre_mm[1]];
         let (start_mm, end_mm) = (from[0].hypot(from[1]), to[0].hypot(to[1]));
-        let off = (end_mm - start_mm).abs();
-        if start_mm < 1e-6 || off > RADIUS_SLACK.0.max(RADIUS_SLACK.1 * start_mm).min(0.5 * start_mm) {
+        let radius_error = (end_mm - start_mm).abs();
+        if start_mm < 1e-6 || radius_error > RADIUS_SLACK.0.max(RADIUS_SLACK.1 * start_mm).min(0.5 * start_mm) {
             return Err(MoveError::ArcRadius { start_mm, end_mm });
         }
         let (angle, sweep) = arc.sweep(&start);
-        let mut way: [f64; A] = std::array::from_fn(|i| arc.end_mm[i] - start[i]);
-        (way[p], way[q]) = (start_mm * sweep, 0.0);
-        let length = length_of(way);
+        let mut displacement: [f64; A] = std::array::from_fn(|i| arc.end_mm[i] - start[i]);
+        (displacement[p], displacement[q]) = (start_mm * sweep, 0.0);
+        let length = length_of(displacement);
         let (sin, cos) = (angle + sweep).sin_cos();
         // The difference between the end of the circle and the programmed end.
-        way[p] = arc.end_mm[p] - (arc.centre_mm[0] + start_mm * cos);
-        way[q] = arc.end_mm[q] - (arc.centre_mm[1] + start_mm * sin);
+        displacement[p] = arc.end_mm[p] - (arc.centre_mm[0] + start_mm * cos);
+        displacement[q] = arc.end_mm[q] - (arc.centre_mm[1] + start_mm * sin);
         let mut base = start;
         (base[p], base[q]) = (arc.centre_mm[0], arc.centre_mm[1]);
         let circle = Circle { plane: arc.plane, radius: start_mm, angle, turn: sweep / length };
-        let curve = Self { cubic: [base, way.map(|x| x / length), [0.0; A], [0.0; A]], circle: Some(circle) };
+        let curve = Self { cubic: [base, displacement.map(|x| x / length), [0.0; A], [0.0; A]], circle: Some(circle) };
         Ok((curve, length))
     }
 

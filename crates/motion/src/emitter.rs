@@ -68,12 +68,12 @@ pub(crate) struct Emitter<const A: usize> {
     /// Whole pulses so far.
     counts: [f64; A],
     /// Reciprocals of what the plan may use of each axis: velocity, acceleration, jerk.
-    per_most: Derivatives<A>,
+    per_max: Derivatives<A>,
     point: SetPoint<A>,
     /// Rapid-retrace cap of the last record.
     cap: RapidCap,
     /// Demand of the current record up to the current state.
-    met: PeriodDemand,
+    period_demand: PeriodDemand,
 }
 
 /// Demand of one record on the limits.
@@ -133,14 +133,14 @@ impl<const A: usize> Emitter<A> {
             phase: PhaseSampler::NONE,
             cell: CellSampler::NONE,
             counts: counts_of(&start, &limits.pulses_per_mm),
-            per_most: Derivatives {
+            per_max: Derivatives {
                 first: planned.v.map(f64::recip),
                 second: planned.a.map(f64::recip),
                 third: planned.j.map(f64::recip),
             },
             point: rest,
             cap: RapidCap::PLANNED,
-            met: PeriodDemand::NOTHING,
+            period_demand: PeriodDemand::NOTHING,
         }
     }
 
@@ -199,11 +199,11 @@ impl<const A: usize> Emitter<A> {
             self.time = time;
             return Some(self.glide());
         }
-        self.go_on()
+        self.next_record_of_items()
     }
 
     /// Emits the record where the sample is outside the current phase or cell.
-    fn go_on(&mut self) -> Option<Record<A>> {
+    fn next_record_of_items(&mut self) -> Option<Record<A>> {
         let period = self.limits.period_s;
         loop {
             let time = self.time + period;
@@ -235,7 +235,8 @@ impl<const A: usize> Emitter<A> {
                     }
                     self.time -= duration;
                     let glide = self.glides.pop_front();
-                    self.met.kind = self.met.kind.with(RecordKind::of(glide.is_some_and(|glide| glide.rapid)));
+                    self.period_demand.kind =
+                        self.period_demand.kind.with(RecordKind::of(glide.is_some_and(|glide| glide.rapid)));
                     self.next_item();
                 }
             }
@@ -253,14 +254,15 @@ impl<const A: usize> Emitter<A> {
         match self.items.front() {
             Some(PlanItem::Span { .. }) => {
                 self.demand =
-                    self.pieces.front().map_or(SpeedCap::NONE, |piece| SpeedCap::of(&piece.bounds, &self.per_most));
+                    self.pieces.front().map_or(SpeedCap::NONE, |piece| SpeedCap::of(&piece.bounds, &self.per_max));
                 self.enter_phase(0);
             }
             Some(&PlanItem::Stop { piece, .. }) => self.pass_pieces(piece),
             Some(&PlanItem::Glide { piece }) => {
                 self.pass_pieces(piece);
                 self.enter_cell(0);
-                self.met.axes = larger_of(self.met.axes, shares_of(&self.cell.start.by_time, &self.per_most));
+                self.period_demand.axes =
+                    larger_of(self.period_demand.axes, shares_of(&self.cell.start.by_time, &self.per_max));
             }
             None => {}
         }
@@ -275,10 +277,10 @@ impl<const A: usize> Emitter<A> {
     }
 
     fn next_piece(&mut self) {
-        self.met.demand.get_or_insert(SpeedCap::NONE).raise(&self.demand);
+        self.period_demand.demand.get_or_insert(SpeedCap::NONE).raise(&self.demand);
         if let Some(piece) = self.pieces.front() {
             self.piece_start += piece.length;
-            self.met.kind = self.met.kind.with(RecordKind::of(piece.is_rapid()));
+            self.period_demand.kind = self.period_demand.kind.with(RecordKind::of(piece.is_rapid()));
             if piece.marks > 0 {
                 self.marks.drain(..piece.marks as usize);
             }
@@ -286,8 +288,8 @@ impl<const A: usize> Emitter<A> {
         self.pieces.pop_front();
         self.first_piece += 1;
         let Some(piece) = self.pieces.front() else { return };
-        self.met.rough |= piece.rough_entry;
-        self.demand = SpeedCap::of(&piece.bounds, &self.per_most);
+        self.period_demand.rough |= piece.rough_entry;
+        self.demand = SpeedCap::of(&piece.bounds, &self.per_max);
     }
 
     /// Enters phase `number` of the front span, in the end state of the phase before it.
@@ -319,7 +321,7 @@ impl<const A: usize> Emitter<A> {
         loop {
             let PhaseSampler { number, since, jerk, .. } = self.phase;
             if profile.times[number] > 0.0 {
-                self.met.jerk = larger(self.met.jerk, jerk.abs());
+                self.period_demand.jerk = larger(self.period_demand.jerk, jerk.abs());
             }
             if number == 6 || t <= since + profile.times[number] {
                 return;
@@ -355,7 +357,7 @@ impl<const A: usize> Emitter<A> {
                 return;
             }
             let at_end = self.cell.at(end).by_time;
-            self.met.axes = larger_of(self.met.axes, shares_of(&at_end, &self.per_most));
+            self.period_demand.axes = larger_of(self.period_demand.axes, shares_of(&at_end, &self.per_max));
             if number + 1 == CELLS {
                 return;
             }
@@ -373,7 +375,7 @@ impl<const A: usize> Emitter<A> {
         self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3: jerk };
         let shares = self.shares(before, true, jerk);
         let rapid = self.pieces.front().is_some_and(PathPiece::is_rapid);
-        self.met.kind = self.met.kind.with(RecordKind::of(rapid));
+        self.period_demand.kind = self.period_demand.kind.with(RecordKind::of(rapid));
         self.record(shares, Flags::NONE, tag)
     }
 
@@ -414,13 +416,13 @@ impl<const A: usize> Emitter<A> {
             acceleration_mm_s2: along,
             jerk_mm_s3: size(third),
         };
-        let own = shares_of(&by_time, &self.per_most);
+        let own = shares_of(&by_time, &self.per_max);
         let shares = larger_of(self.shares(before, false, 0.0), own);
         let rapid = self.glides.front().is_some_and(|glide| glide.rapid);
-        self.met.kind = self.met.kind.with(RecordKind::of(rapid));
+        self.period_demand.kind = self.period_demand.kind.with(RecordKind::of(rapid));
         let record = self.record(shares, Flags::NONE, self.cell.tag);
         // The next record begins in this state.
-        self.met.axes = own;
+        self.period_demand.axes = own;
         record
     }
 
@@ -438,8 +440,12 @@ impl<const A: usize> Emitter<A> {
     fn shares(&self, (v, a): (f64, f64), path: bool, jerk: f64) -> Shares {
         let v = larger(v, self.point.velocity_mm_s);
         let a = larger(a.abs(), self.point.acceleration_mm_s2.abs());
-        let j = larger(self.met.jerk, jerk.abs());
-        let met = self.met.demand.as_ref().map_or(self.met.axes, |met| larger_of(met.shares(v, a, j), self.met.axes));
+        let j = larger(self.period_demand.jerk, jerk.abs());
+        let met = self
+            .period_demand
+            .demand
+            .as_ref()
+            .map_or(self.period_demand.axes, |met| larger_of(met.shares(v, a, j), self.period_demand.axes));
         if path { larger_of(self.demand.shares(v, a, j), met) } else { met }
     }
 
@@ -453,9 +459,9 @@ impl<const A: usize> Emitter<A> {
             self.counts[i] += pulses;
             increments[i] = increment;
         }
-        self.cap = if self.met.rough { RapidCap::PLANNED } else { cap(shares, self.cap) };
-        let flags = if self.met.kind == RecordKind::Rapid { flags.with(Flags::RAPID) } else { flags };
-        self.met = PeriodDemand::NOTHING;
+        self.cap = if self.period_demand.rough { RapidCap::PLANNED } else { cap(shares, self.cap) };
+        let flags = if self.period_demand.kind == RecordKind::Rapid { flags.with(Flags::RAPID) } else { flags };
+        self.period_demand = PeriodDemand::NOTHING;
         Record { increments, line, flags, cap: self.cap, spare: 0 }
     }
 }

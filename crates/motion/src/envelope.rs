@@ -97,13 +97,14 @@ impl Envelope {
     /// Whether the envelope at junction `k`, which is not one of the ends, is no higher than in the blocks on both
     /// sides, and lower than in one of them. It may rise and fall again within a block.
     pub(crate) fn is_valley(&self, blocks: &[PathBlock], k: usize) -> bool {
-        let here = self.v[k];
-        let beside = |block: usize, joint: usize| {
+        let speed = self.v[k];
+        let compare_block = |block: usize, junction: usize| {
             let PathLimits { v, a, .. } = blocks[block].limits;
             let peak_squared = 0.5 * (self.v[block].powi(2) + self.v[block + 1].powi(2)) + a * blocks[block].length;
-            (self.v[joint] >= here, peak_squared.sqrt().min(v) > here * (1.0 + 1e-9))
+            (self.v[junction] >= speed, peak_squared.sqrt().min(v) > speed * (1.0 + 1e-9))
         };
-        let ((level_before, higher_before), (level_after, higher_after)) = (beside(k - 1, k - 1), beside(k, k + 1));
+        let ((level_before, higher_before), (level_after, higher_after)) =
+            (compare_block(k - 1, k - 1), compare_block(k, k + 1));
         (level_before || higher_before) && (level_after || higher_after) && (higher_before || higher_after)
     }
 

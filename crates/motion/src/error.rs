@@ -99,7 +99,8 @@ pub enum MoveError {
         /// Distance of the end from the centre, mm.
         end_mm: f64,
     },
-    /// E4004: the plane of an arc names an axis that the machine does not have, or one axis twice, or its rotation is 0.
+    /// E4004: the plane of an arc names an axis that the machine does not have, or one axis twice, or its rotation is
+    /// 0.
     ArcPlane,
 }
 

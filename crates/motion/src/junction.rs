@@ -4,16 +4,16 @@
 //! measured over one control period, than the share that the pieces on both sides leave.
 
 use crate::blend::{Junction, PathSegment, size};
-use crate::correction::G_MOST;
+use crate::correction::MAX_G;
 use crate::glide::tracks::FarEnd;
 use crate::limits::AxisLimits;
 use crate::piece::PieceJunction;
 use crate::planner::MAX_OVERRIDE;
-use crate::run::least;
+use crate::run::smallest;
 
 /// Shares of the jerk that junctions may use: the first that allows full speed through the junction, otherwise the
 /// last.
-const JOINT_SHARES: [f64; 4] = [0.0, 0.001, 0.02, 0.25];
+const JUNCTION_SHARES: [f64; 4] = [0.0, 0.001, 0.02, 0.25];
 /// A junction that uses no more than this share of the jerk is smooth.
 const SMOOTH: f64 = 5e-8;
 /// Junctions that could only be passed at less than this speed, in mm/s, are stops.
@@ -38,13 +38,13 @@ pub(crate) fn join<const A: usize>(
         let passes = size(&turn) < SHARPEST && blend_is_faster(last, next, size(&turn), tolerance, axes);
         passes.then_some(Junction::Smooth { turn, bend })
     } else {
-        let joint = rough(last, next, &turn, &bend, axes);
+        let joint = kink(last, next, &turn, &bend, axes);
         (joint != PieceJunction::STOP).then_some(Junction::Kink(joint))
     }
 }
 
 /// Cap and share of a junction that is not changed.
-fn rough<const A: usize>(
+fn kink<const A: usize>(
     last: &PathSegment<A>,
     next: &PathSegment<A>,
     turn: &[f64; A],
@@ -80,8 +80,8 @@ fn rough<const A: usize>(
     if needed <= SMOOTH {
         return PieceJunction { v: raised(SMOOTH), share: 0.0 };
     }
-    let most = JOINT_SHARES[JOINT_SHARES.len() - 1];
-    let share = JOINT_SHARES.into_iter().find(|&share| needed <= share).unwrap_or(most);
+    let most = JUNCTION_SHARES[JUNCTION_SHARES.len() - 1];
+    let share = JUNCTION_SHARES.into_iter().find(|&share| needed <= share).unwrap_or(most);
     if needed <= share {
         return PieceJunction { v: raised(share), share };
     }
@@ -104,7 +104,7 @@ const ROUNDED: f64 = 4.0;
 
 /// Whether a corner is suited to a glide. It is not where the moves are so short, or the turn so slight, that rounding
 /// costs less.
-pub(crate) fn glide_pays<const A: usize>(
+pub(crate) fn glide_is_faster<const A: usize>(
     [last, next]: [(&PathSegment<A>, FarEnd); 2],
     joined: Option<&Junction<A>>,
     tolerance: f64,
@@ -112,8 +112,8 @@ pub(crate) fn glide_pays<const A: usize>(
 ) -> bool {
     let Some(Junction::Smooth { turn, .. }) = joined else { return true };
     let turn = size(turn);
-    let (a, j) = (least(axes.a), least(axes.j));
-    let h = tolerance / (G_MOST * turn).max(1e-12);
+    let (a, j) = (smallest(axes.a), smallest(axes.j));
+    let h = tolerance / (MAX_G * turn).max(1e-12);
     let through = PASSED * (0.5 * j * h * h / turn).cbrt().min((0.6 * a * h / turn).sqrt());
     let passes = through >= last.0.feed.min(next.0.feed).min(axes.path_v);
     if last.1 == FarEnd::Rest && next.1 == FarEnd::Rest {
@@ -138,8 +138,8 @@ fn blend_is_faster<const A: usize>(
     tolerance: f64,
     axes: &AxisLimits<A>,
 ) -> bool {
-    let (a, j) = (least(axes.a), least(axes.j));
-    let h = tolerance / (G_MOST * size).max(1e-12);
+    let (a, j) = (smallest(axes.a), smallest(axes.j));
+    let h = tolerance / (MAX_G * size).max(1e-12);
     let leg = last.length.min(next.length);
     if leg < 2.0 * h {
         return true;
@@ -156,6 +156,6 @@ fn blend_is_faster<const A: usize>(
         let time = if dv * j >= a * a { dv / a + a / j } else { 2.0 * (dv / j).sqrt() };
         (time, 0.5 * (full + v) * time)
     };
-    let ((stop, stop_way), (blend, blend_way)) = (brake(0.0), brake(through));
-    blend + h / through + (stop_way - blend_way - h) / full < stop
+    let ((stop, stop_distance), (blend, blend_distance)) = (brake(0.0), brake(through));
+    blend + h / through + (stop_distance - blend_distance - h) / full < stop
 }

@@ -54,10 +54,10 @@ impl SpanLimits {
 /// A gate and the span that leads to it.
 #[derive(Clone, Copy, Debug)]
 struct PlanGate {
-    joint: usize,
+    junction: usize,
     v: f64,
     a: f64,
-    stretch: SpanLimits,
+    limits: SpanLimits,
     profile: Profile,
 }
 
@@ -107,10 +107,14 @@ impl LookAhead {
         self.tries.clear();
         self.tries.resize(blocks.len() + 1, 0);
         self.gates.clear();
-        self.gates.push(PlanGate { joint: 0, v: v0, a: a0, stretch: UNLIMITED, profile: Profile::default() });
+        self.gates.push(PlanGate { junction: 0, v: v0, a: a0, limits: UNLIMITED, profile: Profile::default() });
         self.connect_all(blocks, end)?;
         self.tune(blocks);
-        out.extend(self.gates.windows(2).map(|g| Span { first: g[0].joint, last: g[1].joint, profile: g[1].profile }));
+        out.extend(self.gates.windows(2).map(|g| Span {
+            first: g[0].junction,
+            last: g[1].junction,
+            profile: g[1].profile,
+        }));
         Ok(())
     }
 
@@ -152,29 +156,29 @@ impl LookAhead {
     ) -> Result<bool, PlanError> {
         while let Some(&left) = self.gates.last() {
             match self.span(blocks, &left, k, to, *since)? {
-                Ok(profile) => match self.overshoot(left.joint, k, &profile) {
+                Ok(profile) => match self.overshoot(left.junction, k, &profile) {
                     None => {
-                        self.gates.push(PlanGate { joint: k, v: to.v, a: to.a, stretch: *since, profile });
+                        self.gates.push(PlanGate { junction: k, v: to.v, a: to.a, limits: *since, profile });
                         *since = UNLIMITED;
                         return Ok(true);
                     }
-                    Some((joint, a)) => {
-                        self.insert(blocks, left.joint, joint, a, depth)?;
-                        let last = self.gates.last().map_or(0, |gate| gate.joint);
+                    Some((junction, a)) => {
+                        self.insert(blocks, left.junction, junction, a, depth)?;
+                        let last = self.gates.last().map_or(0, |gate| gate.junction);
                         *since = SpanLimits::of(&blocks[last..k]);
                     }
                 },
-                Err(misfit) if self.relax(blocks, k, to, since, (misfit, must))? => return Ok(true),
+                Err(error) if self.relax(blocks, k, to, since, (error, must))? => return Ok(true),
                 Err(ProfileError::TargetTooHigh) if k < blocks.len() => return Ok(false),
-                Err(misfit) if self.gates.len() == 1 => {
-                    let eased = misfit == ProfileError::StartTooHigh
+                Err(error) if self.gates.len() == 1 => {
+                    let eased = error == ProfileError::StartTooHigh
                         && (must && self.tries[k] <= 2 || k == blocks.len())
                         && self.ease(blocks, k, to, since, depth)?;
                     // The start is fixed: skip k, and check its cap when the span is longer.
                     return if eased || k < blocks.len() { Ok(eased) } else { Err(PlanError) };
                 }
                 Err(_) => {
-                    *since = since.with(left.stretch);
+                    *since = since.with(left.limits);
                     self.gates.pop();
                 }
             }
@@ -190,7 +194,7 @@ impl LookAhead {
         k: usize,
         to: KinematicState,
         since: &mut SpanLimits,
-        (misfit, must): (ProfileError, bool),
+        (error, must): (ProfileError, bool),
     ) -> Result<bool, PlanError> {
         let Some(&left) = self.gates.last() else { return Ok(false) };
         // The state at the end of the path does not change.
@@ -199,14 +203,15 @@ impl LookAhead {
             return Ok(true);
         }
         let [.., before, _] = self.gates[..] else { return Ok(false) };
-        if misfit != ProfileError::TargetTooHigh || left.a >= 0.0 {
+        if error != ProfileError::TargetTooHigh || left.a >= 0.0 {
             return Ok(false);
         }
-        let Ok(profile) = self.span(blocks, &before, left.joint, KinematicState::moving(left.v, 0.0), left.stretch)?
+        let Ok(profile) =
+            self.span(blocks, &before, left.junction, KinematicState::moving(left.v, 0.0), left.limits)?
         else {
             return Ok(false);
         };
-        if self.overshoot(before.joint, left.joint, &profile).is_some() {
+        if self.overshoot(before.junction, left.junction, &profile).is_some() {
             return Ok(false);
         }
         let flat = PlanGate { a: 0.0, profile, ..left };
@@ -218,8 +223,8 @@ impl LookAhead {
         Ok(pushed)
     }
 
-    /// Connects junction `k` over a gate half-way, from where braking is possible however tight the limits are there:
-    /// each half of the path is then braked on within its own limits. False where that does not help.
+    /// Connects junction `k` over a gate half-distance, from where braking is possible however tight the limits are
+    /// there: each half of the path is then braked on within its own limits. False where that does not help.
     fn ease(
         &mut self,
         blocks: &[PathBlock],
@@ -228,7 +233,7 @@ impl LookAhead {
         since: &mut SpanLimits,
         depth: u8,
     ) -> Result<bool, PlanError> {
-        let left = self.gates.last().map_or(0, |gate| gate.joint);
+        let left = self.gates.last().map_or(0, |gate| gate.junction);
         if k < left + 2 || depth > HALVINGS {
             return Ok(false);
         }
@@ -236,8 +241,8 @@ impl LookAhead {
         let middle = self.envelope.s.partition_point(|s| *s < 0.5 * (from + end)).clamp(left + 1, k - 1);
         let behind = SpanLimits::of(&blocks[middle..k]);
         let limits = PathLimits { v: behind.fastest, ..behind.tight };
-        let way = PathBlock { length: end - self.envelope.s[middle], limits, exit_v: to.v };
-        let v = rest_to_rest::reach(to.v, &way).min(self.envelope.v[middle]);
+        let second_half = PathBlock { length: end - self.envelope.s[middle], limits, exit_v: to.v };
+        let v = rest_to_rest::reach(to.v, &second_half).min(self.envelope.v[middle]);
         let to = if k < blocks.len() { KinematicState { a: 0.0, ..to } } else { to };
         for share in EASED {
             let mut ahead = SpanLimits::of(&blocks[left..middle]);
@@ -259,9 +264,9 @@ impl LookAhead {
         since: &mut SpanLimits,
     ) -> Result<bool, PlanError> {
         let Ok(profile) = self.span(blocks, &left, k, to, *since)? else { return Ok(false) };
-        let legal = self.overshoot(left.joint, k, &profile).is_none();
+        let legal = self.overshoot(left.junction, k, &profile).is_none();
         if legal {
-            self.gates.push(PlanGate { joint: k, v: to.v, a: to.a, stretch: *since, profile });
+            self.gates.push(PlanGate { junction: k, v: to.v, a: to.a, limits: *since, profile });
             *since = UNLIMITED;
         }
         Ok(legal)
@@ -305,21 +310,21 @@ impl LookAhead {
         to: KinematicState,
         stretch: SpanLimits,
     ) -> Result<Result<Profile, ProfileError>, PlanError> {
-        let start = self.envelope.s[left.joint];
+        let start = self.envelope.s[left.junction];
         let length = self.envelope.s[k] - start;
         let mut v = stretch.fastest;
         for _ in 0..8 {
             self.work = self.work.checked_sub(1).ok_or(PlanError)?;
             let profile = match fastest(left.state(), to, length, PathLimits { v, ..stretch.tight }) {
                 Ok(profile) => profile,
-                Err(misfit) => return Ok(Err(misfit)),
+                Err(error) => return Ok(Err(error)),
             };
             if v <= stretch.tight.v {
                 return Ok(Ok(profile));
             }
             let (peak, begin, end) = profile.crest();
             let mut cap = f64::MAX;
-            for (m, block) in (left.joint..k).zip(&blocks[left.joint..k]) {
+            for (m, block) in (left.junction..k).zip(&blocks[left.junction..k]) {
                 if self.envelope.s[m + 1] >= start + begin && self.envelope.s[m] <= start + end {
                     cap = cap.min(block.limits.v);
                 }
@@ -384,32 +389,32 @@ impl LookAhead {
         gate: PlanGate,
         right: PlanGate,
     ) -> Result<GateChange, PlanError> {
-        let both = gate.stretch.with(right.stretch);
-        let s = |joint: usize| self.envelope.s[joint];
+        let both = gate.limits.with(right.limits);
+        let s = |junction: usize| self.envelope.s[junction];
         let time = gate.profile.duration() + right.profile.duration();
-        if time * both.tight.v <= (s(right.joint) - s(left.joint)) * (1.0 + 1e-9) {
+        if time * both.tight.v <= (s(right.junction) - s(left.junction)) * (1.0 + 1e-9) {
             return Ok(GateChange::Keep); // at the speed limit throughout
         }
-        if right.joint - left.joint <= DROP_REACH
-            && let Ok(profile) = self.span(blocks, &left, right.joint, right.state(), both)?
+        if right.junction - left.junction <= DROP_REACH
+            && let Ok(profile) = self.span(blocks, &left, right.junction, right.state(), both)?
             && profile.duration() < time
-            && self.overshoot(left.joint, right.joint, &profile).is_none()
+            && self.overshoot(left.junction, right.junction, &profile).is_none()
         {
-            return Ok(GateChange::Drop(PlanGate { stretch: both, profile, ..right }));
+            return Ok(GateChange::Drop(PlanGate { limits: both, profile, ..right }));
         }
-        let cap = self.envelope.cap[gate.joint];
+        let cap = self.envelope.cap[gate.junction];
         for v in [cap, 0.5 * (gate.v + cap)] {
             if gate.v >= cap {
                 break;
             }
             let most = gate_acceleration(v, PathLimits { a: 0.9999 * both.tight.a, ..both.tight });
             let to = KinematicState::moving(v, gate.a.clamp(-most, most));
-            let Ok(one) = self.span(blocks, &left, gate.joint, to, gate.stretch)? else { continue };
+            let Ok(one) = self.span(blocks, &left, gate.junction, to, gate.limits)? else { continue };
             let moved = PlanGate { v, a: to.a, profile: one, ..gate };
-            let Ok(two) = self.span(blocks, &moved, right.joint, right.state(), right.stretch)? else { continue };
+            let Ok(two) = self.span(blocks, &moved, right.junction, right.state(), right.limits)? else { continue };
             if one.duration() + two.duration() < time
-                && self.overshoot(left.joint, gate.joint, &one).is_none()
-                && self.overshoot(gate.joint, right.joint, &two).is_none()
+                && self.overshoot(left.junction, gate.junction, &one).is_none()
+                && self.overshoot(gate.junction, right.junction, &two).is_none()
             {
                 return Ok(GateChange::Move(moved, PlanGate { profile: two, ..right }));
             }
@@ -458,15 +463,15 @@ impl<'a> ProfileWalk<'a> {
             self.phase_end = self.end_of_phase().s;
         }
         let (jerk, longest) = (self.jerk(), self.profile.times[self.phase]);
-        let way = s - self.state.s;
-        let mut t = if self.state.v > 0.0 { (way / self.state.v).min(longest) } else { 0.5 * longest };
+        let distance = s - self.state.s;
+        let mut t = if self.state.v > 0.0 { (distance / self.state.v).min(longest) } else { 0.5 * longest };
         for _ in 0..12 {
-            let there = self.state.after(jerk, t);
-            let error = there.s - s;
-            if error.abs() < 1e-12 || there.v <= 0.0 {
+            let next_state = self.state.after(jerk, t);
+            let error = next_state.s - s;
+            if error.abs() < 1e-12 || next_state.v <= 0.0 {
                 break;
             }
-            t = (t - error / there.v).clamp(0.0, longest);
+            t = (t - error / next_state.v).clamp(0.0, longest);
         }
         self.state.after(jerk, t)
     }
@@ -478,7 +483,7 @@ pub(crate) mod tests {
     use proptest::prelude::*;
 
     /// Paths of all kinds: tiny and long blocks, caps that wander or jump, limits that change, full stops.
-    pub(crate) fn road() -> impl Strategy<Value = Vec<PathBlock>> {
+    pub(crate) fn block_path() -> impl Strategy<Value = Vec<PathBlock>> {
         let block = (-3.0..1.5f64, 0.0..1.0f64, 0.05..1.0f64, 0.1..1.0f64, 0.0..1.0f64, prop::bool::weighted(0.1));
         (prop::collection::vec(block, 1..80), 0.02..1.0f64).prop_map(|(blocks, least)| {
             blocks
@@ -494,11 +499,11 @@ pub(crate) mod tests {
 
     /// Spans follow one another from (v, a) to rest, and observe every limit of every block under them.
     pub(crate) fn check(blocks: &[PathBlock], spans: &[Span], start: KinematicState) -> Result<(), String> {
-        let (mut joint, mut state) = (0, start);
+        let (mut junction, mut state) = (0, start);
         for span in spans {
             let Span { first, last, profile } = span;
-            if *first != joint || (profile.v0, profile.a0) != (state.v, state.a) {
-                return Err(format!("the span at joint {first} does not follow joint {joint}"));
+            if *first != junction || (profile.v0, profile.a0) != (state.v, state.a) {
+                return Err(format!("the span at junction {first} does not follow junction {junction}"));
             }
             let (duration, mut begin) = (profile.duration(), 0.0);
             for block in &blocks[*first..*last] {
@@ -518,26 +523,26 @@ pub(crate) mod tests {
             }
             let end = profile.at(duration);
             if (end.s - begin).abs() > 1e-9 {
-                return Err(format!("the span to joint {last} ends {} mm off", end.s - begin));
+                return Err(format!("the span to junction {last} ends {} mm off", end.s - begin));
             }
-            (joint, state) = (*last, KinematicState::moving(end.v, end.a));
+            (junction, state) = (*last, KinematicState::moving(end.v, end.a));
             // The next span starts in the exact state of the gate.
-            if let Some(next) = spans.iter().find(|next| next.first == joint) {
+            if let Some(next) = spans.iter().find(|next| next.first == junction) {
                 let gap = (next.profile.v0 - state.v).abs().max(1e-3 * (next.profile.a0 - state.a).abs());
                 if gap > 1e-8 {
-                    return Err(format!("a gap of {gap} at joint {joint}"));
+                    return Err(format!("a gap of {gap} at junction {junction}"));
                 }
                 state = KinematicState::moving(next.profile.v0, next.profile.a0);
             }
         }
-        if joint == blocks.len() && state.v.abs() < 1e-8 { Ok(()) } else { Err("does not end at rest".into()) }
+        if junction == blocks.len() && state.v.abs() < 1e-8 { Ok(()) } else { Err("does not end at rest".into()) }
     }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(1000))]
 
         #[test]
-        fn plans_are_legal_from_rest_and_from_their_own_gates(blocks in road(), pick in any::<prop::sample::Index>()) {
+        fn plans_are_legal_from_rest_and_from_their_own_gates(blocks in block_path(), pick in any::<prop::sample::Index>()) {
             let (mut look_ahead, mut spans) = (LookAhead::default(), Vec::new());
             if look_ahead.plan(&blocks, (0.0, 0.0), KinematicState::default(), &mut spans).is_err() {
                 prop_assert!(spans.is_empty());

@@ -21,7 +21,7 @@ const SHARE: f64 = 0.05;
 /// stops.
 const MAX_SHARE: f64 = 0.5;
 /// Largest number of lines that are merged: a bound on the memory.
-const MOST: usize = 4096;
+const MAX_LINES: usize = 4096;
 
 /// From `place` on, in mm from the start of a segment or piece, the program line is `tag`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,8 +45,8 @@ pub(crate) struct LinearMove<const A: usize> {
 }
 
 /// Part of `tolerance` that merging may use, mm, where the program requests `asked`.
-pub(crate) fn merging(tolerance: f64, asked: Option<f64>) -> f64 {
-    asked.map_or(SHARE * tolerance, |asked| asked.min(MAX_SHARE * tolerance))
+pub(crate) fn merging(tolerance: f64, requested: Option<f64>) -> f64 {
+    requested.map_or(SHARE * tolerance, |asked| asked.min(MAX_SHARE * tolerance))
 }
 
 /// Lines that are merged so far.
@@ -72,7 +72,7 @@ impl<const A: usize> Merger<A> {
     }
 
     /// Merges `line` with those before it; false where it cannot be merged, and these are to be taken out first.
-    pub(crate) fn offer(&mut self, line: &LinearMove<A>) -> bool {
+    pub(crate) fn try_merge(&mut self, line: &LinearMove<A>) -> bool {
         let Some(chord) = &mut self.chord else {
             self.chord = Some(*line);
             self.ends.clear();
@@ -81,7 +81,7 @@ impl<const A: usize> Merger<A> {
         };
         let alike = (line.feed, line.tolerance, line.merging) == (chord.feed, chord.tolerance, chord.merging)
             && line.merging > 0.0;
-        if !alike || self.ends.len() >= MOST {
+        if !alike || self.ends.len() >= MAX_LINES {
             return false;
         }
         let (to, on) = (difference(&line.start, &chord.start), difference(&line.end, &line.start));
@@ -94,7 +94,7 @@ impl<const A: usize> Merger<A> {
         if !forward || (linear_share(&on, step) - linear_share(&to, far)).abs() > 0.01 {
             return false;
         }
-        let (axis, radius) = within((self.axis, self.radius), (before, chord.merging / far));
+        let (axis, radius) = ball_within((self.axis, self.radius), (before, chord.merging / far));
         let near = size(&difference(&direction, &axis)) <= radius;
         if !near {
             return false;
@@ -106,16 +106,16 @@ impl<const A: usize> Merger<A> {
     }
 
     /// Takes the line out, as a segment. The program lines after its first are appended to `marks`.
-    pub(crate) fn take(&mut self, marks: &mut Vec<LineMark>) -> Option<PathSegment<A>> {
+    pub(crate) fn take_merged(&mut self, marks: &mut Vec<LineMark>) -> Option<PathSegment<A>> {
         let chord = self.chord.take()?;
         let (curve, length) = Curve::line(chord.start, chord.end);
-        let way = difference(&chord.end, &chord.start);
-        let squared: f64 = way.iter().map(|x| x * x).sum();
+        let displacement = difference(&chord.end, &chord.start);
+        let squared: f64 = displacement.iter().map(|x| x * x).sum();
         let (mut off, mut place) = (0.0f64, 0.0f64);
         for (end, tag) in &self.ends {
             let to = difference(end, &chord.start);
-            let share = to.iter().zip(&way).map(|(a, b)| a * b).sum::<f64>() / squared;
-            let aside: [f64; A] = std::array::from_fn(|i| to[i] - share * way[i]);
+            let share = to.iter().zip(&displacement).map(|(a, b)| a * b).sum::<f64>() / squared;
+            let aside: [f64; A] = std::array::from_fn(|i| to[i] - share * displacement[i]);
             off = off.max(aside.iter().map(|x| x * x).sum());
             place = place.max(share * length);
             marks.push(LineMark { place, tag: *tag });
@@ -127,10 +127,10 @@ impl<const A: usize> Merger<A> {
 }
 
 /// Largest ball within two balls, each a centre and a radius; negative where they are apart.
-fn within<const A: usize>(a: ([f64; A], f64), b: ([f64; A], f64)) -> ([f64; A], f64) {
+fn ball_within<const A: usize>(a: ([f64; A], f64), b: ([f64; A], f64)) -> ([f64; A], f64) {
     let ((a_centre, a_radius), (b_centre, b_radius)) = (a, b);
-    let way = difference(&b_centre, &a_centre);
-    let apart = size(&way);
+    let displacement = difference(&b_centre, &a_centre);
+    let apart = size(&displacement);
     if apart + b_radius <= a_radius {
         return b;
     }
@@ -139,7 +139,7 @@ fn within<const A: usize>(a: ([f64; A], f64), b: ([f64; A], f64)) -> ([f64; A], 
     }
     // On the line from a's centre to b's, their lens extends from the near side of b to the far side of a.
     let middle = 0.5 * (apart - b_radius + a_radius) / apart;
-    (std::array::from_fn(|i| a_centre[i] + middle * way[i]), 0.5 * (a_radius + b_radius - apart))
+    (std::array::from_fn(|i| a_centre[i] + middle * displacement[i]), 0.5 * (a_radius + b_radius - apart))
 }
 
 fn difference<const A: usize>(to: &[f64; A], from: &[f64; A]) -> [f64; A] {
@@ -147,8 +147,8 @@ fn difference<const A: usize>(to: &[f64; A], from: &[f64; A]) -> [f64; A] {
 }
 
 /// Share of the linear axes in a distance of this size.
-fn linear_share(way: &[f64], all: f64) -> f64 {
-    if way.len() <= 3 { 1.0 } else { size(&way[..3]) / all }
+fn linear_share(displacement: &[f64], all: f64) -> f64 {
+    if displacement.len() <= 3 { 1.0 } else { size(&displacement[..3]) / all }
 }
 
 #[cfg(test)]
@@ -162,10 +162,10 @@ mod tests {
 
     /// Distance of `p` from the infinite line through `a` and `b`.
     fn distance(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
-        let (to, way) = (difference(&p, &a), difference(&b, &a));
-        let squared: f64 = way.iter().map(|x| x * x).sum();
-        let share = to.iter().zip(&way).map(|(a, b)| a * b).sum::<f64>() / squared;
-        size(&std::array::from_fn::<f64, 3, _>(|i| to[i] - share * way[i]))
+        let (to, displacement) = (difference(&p, &a), difference(&b, &a));
+        let squared: f64 = displacement.iter().map(|x| x * x).sum();
+        let share = to.iter().zip(&displacement).map(|(a, b)| a * b).sum::<f64>() / squared;
+        size(&std::array::from_fn::<f64, 3, _>(|i| to[i] - share * displacement[i]))
     }
 
     proptest! {
@@ -183,7 +183,7 @@ mod tests {
             let (mut merger, mut at, mut points, mut merged) = (Merger::new(), [0.0; 3], vec![[0.0; 3]], Vec::new());
             let mut take = |merger: &mut Merger<3>| {
                 let mut marks = Vec::new();
-                if let Some(segment) = merger.take(&mut marks) {
+                if let Some(segment) = merger.take_merged(&mut marks) {
                     assert_eq!(segment.marks as usize, marks.len());
                     merged.push((segment, marks));
                 }
@@ -192,9 +192,9 @@ mod tests {
                 let (length, bend) = (10f64.powf(length), 10f64.powf(bend));
                 let next = [at[0] + length, at[1] + length * bend * y, at[2] + length * bend * z];
                 let line = LinearMove { merging: most, ..line(at, next, k as u32) };
-                if !merger.offer(&line) {
+                if !merger.try_merge(&line) {
                     take(&mut merger);
-                    assert!(merger.offer(&line));
+                    assert!(merger.try_merge(&line));
                 }
                 at = next;
                 points.push(at);
@@ -226,14 +226,14 @@ mod tests {
             let (mut at, mut marks) = ([0.0; 3], Vec::new());
             chords = 1;
             for point in points {
-                if !merger.offer(&line(at, point, 1)) {
-                    merger.take(&mut marks);
+                if !merger.try_merge(&line(at, point, 1)) {
+                    merger.take_merged(&mut marks);
                     chords += 1;
-                    merger.offer(&line(at, point, 1));
+                    merger.try_merge(&line(at, point, 1));
                 }
                 at = point;
             }
-            merger.take(&mut marks);
+            merger.take_merged(&mut marks);
             chords
         };
         assert_eq!(run(&mut (1..=1000).map(|k| [0.003 * f64::from(k), 0.004 * f64::from(k), 0.0])), 1);
@@ -254,10 +254,10 @@ mod tests {
                     merging: merging(0.05, Some(asked)),
                     ..line(at, [30.0 * on(k).0, 30.0 * (1.0 - on(k).1), 0.0], k)
                 };
-                if !merger.offer(&next) {
-                    merger.take(&mut Vec::new());
+                if !merger.try_merge(&next) {
+                    merger.take_merged(&mut Vec::new());
                     count += 1;
-                    assert!(merger.offer(&next));
+                    assert!(merger.try_merge(&next));
                 }
                 at = next.end;
             }
@@ -276,7 +276,7 @@ mod tests {
     fn corners_reversals_and_other_feeds_are_not_merged() {
         let merges = |next: LinearMove<3>| {
             let mut merger = Merger::new();
-            merger.offer(&line([0.0; 3], [1.0, 0.0, 0.0], 1)) && merger.offer(&next)
+            merger.try_merge(&line([0.0; 3], [1.0, 0.0, 0.0], 1)) && merger.try_merge(&next)
         };
         let next = line([1.0, 0.0, 0.0], [2.0, 0.0, 0.0], 2);
         assert!(merges(next));

@@ -15,12 +15,12 @@ use crate::glide::optimum::{gentle, rest_time};
 use crate::glide::ramp_pair::RampPair;
 use crate::glide::tracks::{FarEnd, Track, Tracks};
 use crate::glide::{Blending, source};
-use crate::junction::{glide_pays, join};
+use crate::junction::{glide_is_faster, join};
 use crate::limits::{AxisLimits, MachineLimits};
 use crate::merge::LineMark;
 use crate::piece::{PathPiece, PieceJunction, RAPID};
 use crate::profile::{KinematicState, fastest, stopping_distance};
-use crate::run::{PlanRun, least};
+use crate::run::{PlanRun, smallest};
 
 /// A move that waits for the next one, which decides how it meets the one before.
 #[derive(Clone, Copy, Debug)]
@@ -62,14 +62,14 @@ pub(crate) struct PathPlanner<const A: usize> {
 
 /// Largest number of pieces that are planned when a move is accepted, so that no move waits for everything that the
 /// blender releases together; more than a move is ever cut into.
-const PIECES: usize = 24;
+const MAX_PIECES: usize = 24;
 
 impl<const A: usize> PathPlanner<A> {
     /// Creates a planner at rest at `start_mm`.
     pub(crate) fn new(limits: MachineLimits<A>, start_mm: [f64; A]) -> Self {
         let axes = limits.planned();
         // A turn of 1/8 rad rounded this widely takes half the jerk at full speed; sharper ones are slower in any case.
-        let reach = 0.5 * (axes.path_v.powi(3) / least(axes.j)).sqrt();
+        let reach = 0.5 * (axes.path_v.powi(3) / smallest(axes.j)).sqrt();
         Self {
             axes,
             emitter: Emitter::new(limits, start_mm),
@@ -87,23 +87,23 @@ impl<const A: usize> PathPlanner<A> {
     }
 
     /// Plans over `blocks` blocks at a time.
-    pub(crate) fn look_over(&mut self, blocks: usize) {
-        self.run.look_over(blocks);
+    pub(crate) fn set_look_ahead(&mut self, blocks: usize) {
+        self.run.set_look_ahead(blocks);
     }
 
     /// Multiplies programmed feeds by `factor` from the next record on. Which junctions are blended, and how, does not
     /// depend on it.
-    pub(crate) fn override_feeds(&mut self, factor: f64) {
-        self.run.override_feeds(factor, &mut self.emitter);
+    pub(crate) fn set_feed_factor(&mut self, factor: f64) {
+        self.run.set_feed_factor(factor, &mut self.emitter);
     }
 
     /// Sets the method by which the corners that follow are blended.
-    pub(crate) fn blend_by(&mut self, blending: Blending) {
+    pub(crate) fn set_blending(&mut self, blending: Blending) {
         self.blending = blending;
     }
 
     /// Whether anything has moved since the last stop.
-    pub(crate) fn moves(&self) -> bool {
+    pub(crate) fn has_motion(&self) -> bool {
         self.pending.is_some() || self.blender.last().is_some()
     }
 
@@ -114,7 +114,7 @@ impl<const A: usize> PathPlanner<A> {
 
     /// See [`crate::Planner::displace`].
     pub(crate) fn displace(&mut self, pulses: [i64; A], pulses_per_mm: &[f64; A]) -> bool {
-        !self.moves() && self.emitter.displace(pulses, pulses_per_mm)
+        !self.has_motion() && self.emitter.displace(pulses, pulses_per_mm)
     }
 
     /// The last set-point.
@@ -124,8 +124,8 @@ impl<const A: usize> PathPlanner<A> {
 
     /// Adds a stop at `end`, whose record has `flags` and program line `tag`.
     pub(crate) fn stop(&mut self, end: [f64; A], tag: u32, flags: Flags) {
-        if let Some(held) = self.pending.take() {
-            self.place(&held, None);
+        if let Some(pending) = self.pending.take() {
+            self.connect(&pending, None);
         }
         self.come_to_rest(end, tag, flags);
     }
@@ -136,23 +136,23 @@ impl<const A: usize> PathPlanner<A> {
         let start = segment.curve.at(0.0);
         let before = self.pending.replace(PendingMove { segment, start, stops });
         if let Some(before) = before {
-            self.place(&before, Some(&segment));
+            self.connect(&before, Some(&segment));
         }
         std::mem::swap(marks, &mut self.marks);
         marks.clear();
     }
 
     /// Connects a move to those before it; `next` follows it, or a stop.
-    fn place(&mut self, held: &PendingMove<A>, next: Option<&PathSegment<A>>) {
-        let PendingMove { segment, start, .. } = held;
+    fn connect(&mut self, pending: &PendingMove<A>, next: Option<&PathSegment<A>>) {
+        let PendingMove { segment, start, .. } = pending;
         let mut entry = Junction::Kink(PieceJunction::STOP);
         if let Some(last) = self.blender.last().copied() {
             let stops = self.stops;
             let joined = join(&last, segment, &self.axes).filter(|_| !stops);
-            let glide = if stops { None } else { self.find_glide(&last, held, next, joined.as_ref()) };
+            let glide = if stops { None } else { self.find_glide(&last, pending, next, joined.as_ref()) };
             match (glide, joined) {
                 (Some((tracks, ramps)), _) => {
-                    if self.pass(&tracks, &ramps, &last, held) {
+                    if self.pass_by_glide(&tracks, &ramps, &last, pending) {
                         return;
                     }
                 }
@@ -160,7 +160,7 @@ impl<const A: usize> PathPlanner<A> {
                 (None, None) => self.come_to_rest(*start, self.blender.last_tag(), Flags::REST),
             }
         }
-        self.stops = held.stops;
+        self.stops = pending.stops;
         self.lead = self
             .blender
             .last()
@@ -170,7 +170,7 @@ impl<const A: usize> PathPlanner<A> {
         if self.blender.is_ready() {
             self.flush_pieces(false);
         } else {
-            self.plan_on(PIECES);
+            self.plan_pieces(MAX_PIECES);
         }
     }
 
@@ -179,11 +179,11 @@ impl<const A: usize> PathPlanner<A> {
     fn find_glide(
         &mut self,
         last: &PathSegment<A>,
-        held: &PendingMove<A>,
+        pending: &PendingMove<A>,
         next: Option<&PathSegment<A>>,
         joined: Option<&Junction<A>>,
     ) -> Option<(Tracks<A>, RampPair)> {
-        let segment = &held.segment;
+        let segment = &pending.segment;
         let tolerance = last.tolerance.min(segment.tolerance);
         if tolerance <= 0.0 {
             return None;
@@ -196,7 +196,7 @@ impl<const A: usize> PathPlanner<A> {
         if u[A.min(3)..].iter().chain(&w[A.min(3)..]).any(|x| *x != 0.0) {
             return None;
         }
-        let moves_on = |stops: bool, next: Option<&PathSegment<A>>| {
+        let far_end_of = |stops: bool, next: Option<&PathSegment<A>>| {
             if stops || next.is_none_or(|next| next.tolerance.min(segment.tolerance) <= 0.0) {
                 FarEnd::Rest
             } else {
@@ -208,9 +208,9 @@ impl<const A: usize> PathPlanner<A> {
             Some(FirstSegment { length, .. }) => (length, FarEnd::Moving),
             None => (last.length, FarEnd::Moving),
         };
-        let to = moves_on(held.stops, next);
+        let to = far_end_of(pending.stops, next);
         if self.blending == Blending::Optimum
-            && !glide_pays([(last, from), (segment, to)], joined, tolerance, &self.axes)
+            && !glide_is_faster([(last, from), (segment, to)], joined, tolerance, &self.axes)
         {
             return None;
         }
@@ -228,11 +228,11 @@ impl<const A: usize> PathPlanner<A> {
             Blending::Optimum => self.glide_cache.glide(&tracks, &self.axes)?,
             Blending::Source(ratio) => source::glide(&tracks, &self.axes, ratio)?,
         };
-        self.fitted(&tracks, ramps)
+        self.fit_glide(&tracks, ramps)
     }
 
     /// The glide, as large as the path before it allows.
-    fn fitted(&self, tracks: &Tracks<A>, ramps: RampPair) -> Option<(Tracks<A>, RampPair)> {
+    fn fit_glide(&self, tracks: &Tracks<A>, ramps: RampPair) -> Option<(Tracks<A>, RampPair)> {
         let before = &tracks.pair[0];
         let free = self.blender.free_end();
         [1.0, 0.97, 0.9, 0.7, 0.5, 0.3].into_iter().map(|factor| ramps.scaled(factor)).find_map(|ramps| {
@@ -249,9 +249,15 @@ impl<const A: usize> PathPlanner<A> {
     }
 
     /// Passes into the pending move by a glide; false where the motion before it could not be brought into it.
-    fn pass(&mut self, tracks: &Tracks<A>, ramps: &RampPair, last: &PathSegment<A>, held: &PendingMove<A>) -> bool {
+    fn pass_by_glide(
+        &mut self,
+        tracks: &Tracks<A>,
+        ramps: &RampPair,
+        last: &PathSegment<A>,
+        pending: &PendingMove<A>,
+    ) -> bool {
         let [out, into] = ramps.ends();
-        let PendingMove { segment, start, stops } = held;
+        let PendingMove { segment, start, stops } = pending;
         let tag = self.blender.last_tag();
         self.blender.shorten(out.s);
         self.flush_pieces(true);
@@ -286,22 +292,22 @@ impl<const A: usize> PathPlanner<A> {
             ..*segment
         };
         self.blender.push(rest, Junction::Kink(PieceJunction::STOP), &self.marks);
-        self.blender.keep_clear(stopping_distance(into, gentle(tracks.pair[1].limits, into)));
+        self.blender.forbid_near_start(stopping_distance(into, gentle(tracks.pair[1].limits, into)));
         true
     }
 
     fn flush_pieces(&mut self, ended: bool) {
-        self.blender.hand_on(ended, &mut self.pieces, &mut self.lines);
+        self.blender.release_pieces(ended, &mut self.pieces, &mut self.lines);
         self.emitter.mark(&self.lines);
         self.lines.clear();
         if ended {
-            self.plan_on(usize::MAX);
+            self.plan_pieces(usize::MAX);
         }
     }
 
     /// Plans up to `max_pieces` of the pieces that wait.
-    fn plan_on(&mut self, most: usize) {
-        let most = most.min(self.pieces.len());
+    fn plan_pieces(&mut self, max_pieces: usize) {
+        let most = max_pieces.min(self.pieces.len());
         for (piece, entry) in self.pieces.drain(..most) {
             self.run.push(piece, entry, &mut self.emitter);
         }

@@ -3,7 +3,7 @@
 //! Invariant: motion along a piece within its path limits keeps every axis within its planned velocity, acceleration
 //! and jerk, less the share of the jerk that is left to the junctions at its ends.
 
-use crate::accel_split::{GENTLE, LONG, LimitOptions, SPEED_KEPT, TANGENTIAL};
+use crate::accel_split::{GENTLE, LONG, LimitOptions, RETAINED_SPEED, TANGENTIAL};
 use crate::curve::{Curve, Derivatives};
 use crate::limits::AxisLimits;
 use crate::profile::PathLimits;
@@ -61,35 +61,36 @@ impl<const A: usize> PathPiece<A> {
     }
 
     /// Path limits to choose from along the piece when its feed is multiplied by `factor`.
-    pub(crate) fn offer(&self, axes: &AxisLimits<A>, factor: f64) -> LimitOptions {
+    pub(crate) fn limit_options(&self, axes: &AxisLimits<A>, factor: f64) -> LimitOptions {
         let share = self.share;
         let (mut want, mut a, mut j) = ((factor * self.feed).min(axes.path_v), f64::MAX, f64::MAX);
         for i in 0..A {
             let per_first = self.bounds.first[i].max(1e-12).recip();
             want = want.min(axes.v[i] * per_first);
-            a = a.min(a_left(axes, share, i) * per_first);
-            j = j.min(j_left(axes, share, i) * per_first);
+            a = a.min(remaining_acceleration(axes, share, i) * per_first);
+            j = j.min(remaining_jerk(axes, share, i) * per_first);
         }
         if self.bounds.second.iter().all(|&d| d == 0.0) {
             let limits = PathLimits { v: want, a, j };
             return LimitOptions { v: want, gentle: GENTLE * a, calm: limits, rough: limits };
         }
         let most = self.speed(axes, share, along((a, j), TANGENTIAL[0]), want);
-        let kept = |part: f64| {
-            let keeps = |&&shares: &&(f64, f64)| self.allows(axes, share, along((a, j), shares), part * most);
-            let shares = TANGENTIAL.iter().rev().find(keeps).unwrap_or(&TANGENTIAL[0]);
+        let at_least = |part: f64| {
+            let allowed = |&&shares: &&(f64, f64)| self.allows(axes, share, along((a, j), shares), part * most);
+            let shares = TANGENTIAL.iter().rev().find(allowed).unwrap_or(&TANGENTIAL[0]);
             let (a, j) = along((a, j), *shares);
             PathLimits { v: self.speed(axes, share, (a, j), most), a, j }
         };
-        let rough = kept(if self.length > LONG * most { SPEED_KEPT.2 } else { SPEED_KEPT.1 });
+        let rough = at_least(if self.length > LONG * most { RETAINED_SPEED.2 } else { RETAINED_SPEED.1 });
         // Where nothing was given up, nothing can be gained.
-        let calm = if rough.v >= SPEED_KEPT.0 * most { rough } else { kept(SPEED_KEPT.0) };
+        let calm = if rough.v >= RETAINED_SPEED.0 * most { rough } else { at_least(RETAINED_SPEED.0) };
         LimitOptions { v: most, gentle: GENTLE * a, calm, rough }
     }
 
     /// Acceleration and jerk of axis `i` that tangential motion (a, j) leaves.
     fn remaining(&self, axes: &AxisLimits<A>, share: f64, (a, j): (f64, f64), i: usize) -> (f64, f64) {
-        let (a_all, j_all, first) = (a_left(axes, share, i), j_left(axes, share, i), self.bounds.first[i]);
+        let (a_all, j_all, first) =
+            (remaining_acceleration(axes, share, i), remaining_jerk(axes, share, i), self.bounds.first[i]);
         let along = first * a;
         let across = if self.curve.is_arc() { (a_all * a_all - along * along).max(0.0).sqrt() } else { a_all - along };
         (across.max(0.0), (j_all - first * j).max(0.0))
@@ -127,12 +128,12 @@ fn along((a, j): (f64, f64), (a_share, j_share): (f64, f64)) -> (f64, f64) {
 
 /// Acceleration of axis `i` that remains for a piece whose junctions get `share` of acceleration and jerk. Measured
 /// over one period, a junction adds no more than that share, nor more than the share of the jerk does in the period.
-fn a_left<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
+fn remaining_acceleration<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
     axes.a[i] - share * axes.a[i].min(axes.j[i] * axes.period)
 }
 
 /// Jerk of axis `i` that remains for a piece whose junctions get `share` of it.
-fn j_left<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
+fn remaining_jerk<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
     (1.0 - share) * axes.j[i]
 }
 
@@ -185,11 +186,11 @@ mod tests {
     fn a_diagonal_line_is_faster_than_an_axis_and_a_small_circle_slower() {
         let axes = MachineLimits::<3>::built_in().planned();
         let (curve, length) = Curve::line([0.0; 3], [10.0, 10.0, 0.0]);
-        let limits = PathPiece::new(curve, length, 1e9, 1).offer(&axes, 1.0).rough;
+        let limits = PathPiece::new(curve, length, 1e9, 1).limit_options(&axes, 1.0).rough;
         assert!((limits.a - 900.0 * 2f64.sqrt()).abs() < 1e-9 && (limits.v - 100.0).abs() < 1e-9);
         let arc = crate::Arc { plane: [0, 1], centre_mm: [0.0, 1.0], rotation: 1, end_mm: [0.0, 0.0, 0.0] };
         let (curve, length) = Curve::arc([0.0; 3], &arc).expect("valid");
-        let limits = PathPiece::new(curve, length, 1e9, 1).offer(&axes, 1.0).rough;
+        let limits = PathPiece::new(curve, length, 1e9, 1).limit_options(&axes, 1.0).rough;
         assert!(limits.v < 30.0 && limits.v > 20.0 && limits.a >= 0.05 * 900.0, "{limits:?}");
     }
 }

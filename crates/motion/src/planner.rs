@@ -87,11 +87,11 @@ impl PathMode {
 pub struct Planner<const A: usize> {
     pulses_per_mm: [f64; A],
     merger: Merger<A>,
-    road: PathPlanner<A>,
+    path: PathPlanner<A>,
     /// Marks of the line that comes out of the merger.
     marks: Vec<LineMark>,
     /// End of the last move.
-    at: [f64; A],
+    commanded: [f64; A],
     /// Program line of the last move.
     tag: u32,
     /// Position of the last stop, and the flags of its record.
@@ -108,9 +108,9 @@ impl<const A: usize> Planner<A> {
         Ok(Self {
             pulses_per_mm: limits.pulses_per_mm,
             merger: Merger::new(),
-            road: PathPlanner::new(limits, start_mm),
+            path: PathPlanner::new(limits, start_mm),
             marks: Vec::new(),
-            at: start_mm,
+            commanded: start_mm,
             tag: 0,
             rest: (start_mm, Flags::NONE),
         })
@@ -125,21 +125,21 @@ impl<const A: usize> Planner<A> {
     /// E41xx: a limit is out of its range.
     pub fn with_look_ahead(limits: MachineLimits<A>, start_mm: [f64; A], blocks: usize) -> Result<Self, LimitError> {
         let mut planner = Self::new(limits, start_mm)?;
-        planner.road.look_over(blocks);
+        planner.path.set_look_ahead(blocks);
         Ok(planner)
     }
 
     /// Sets the method by which corners are blended.
     #[must_use]
-    pub fn blending_by(mut self, method: Blending) -> Self {
-        self.road.blend_by(method);
+    pub fn with_blending(mut self, method: Blending) -> Self {
+        self.path.set_blending(method);
         self
     }
 
     /// End of the last move, mm or degrees.
     #[must_use]
     pub fn commanded_mm(&self) -> [f64; A] {
-        self.at
+        self.commanded
     }
 
     /// Adds a straight move to `end_mm`, absolute, mm or degrees, at most ±10⁶. `tag` is its program line.
@@ -148,7 +148,7 @@ impl<const A: usize> Planner<A> {
     /// E4001, E4002. Nothing is changed then.
     pub fn line(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, tag: u32) -> Result<(), MoveError> {
         check(&end_mm, feed, mode)?;
-        let (curve, length) = Curve::line(self.at, end_mm);
+        let (curve, length) = Curve::line(self.commanded, end_mm);
         self.add(curve, length, end_mm, feed, mode, tag);
         Ok(())
     }
@@ -160,7 +160,7 @@ impl<const A: usize> Planner<A> {
     pub fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, tag: u32) -> Result<(), MoveError> {
         check(&arc.end_mm, feed, mode)?;
         check(&arc.centre_mm, feed, mode)?;
-        let (curve, length) = Curve::arc(self.at, arc)?;
+        let (curve, length) = Curve::arc(self.commanded, arc)?;
         self.add(curve, length, arc.end_mm, feed, mode, tag);
         Ok(())
     }
@@ -172,14 +172,14 @@ impl<const A: usize> Planner<A> {
     /// have, the stop takes one record without motion.
     pub fn stop(&mut self, flags: Flags) {
         let flags = flags.with(Flags::REST);
-        let (end, held) = self.rest;
-        let moves = self.road.moves() || !self.merger.is_empty();
+        let (end, rest_flags) = self.rest;
+        let moves = self.path.has_motion() || !self.merger.is_empty();
         let counts = |at: &[f64; A]| counts_of(at, &self.pulses_per_mm);
-        let elsewhere = counts(&end) != counts(&self.at);
-        if moves || elsewhere || !held.has(flags) && flags != Flags::REST {
+        let elsewhere = counts(&end) != counts(&self.commanded);
+        if moves || elsewhere || !rest_flags.has(flags) && flags != Flags::REST {
             self.pass_merged();
-            self.road.stop(self.at, self.tag, flags);
-            self.rest = (self.at, flags);
+            self.path.stop(self.commanded, self.tag, flags);
+            self.rest = (self.commanded, flags);
         }
     }
 
@@ -188,13 +188,13 @@ impl<const A: usize> Planner<A> {
     /// Returns false, with nothing changed, where the motion is not at rest. It is at rest after [`Planner::stop`],
     /// once every record has been taken out.
     pub fn displace(&mut self, pulses: [i64; A]) -> bool {
-        if !self.merger.is_empty() || !self.road.displace(pulses, &self.pulses_per_mm) {
+        if !self.merger.is_empty() || !self.path.displace(pulses, &self.pulses_per_mm) {
             return false;
         }
         for (axis, &pulses) in pulses.iter().enumerate() {
-            self.at[axis] += pulses as f64 / self.pulses_per_mm[axis];
+            self.commanded[axis] += pulses as f64 / self.pulses_per_mm[axis];
         }
-        self.rest.0 = self.at;
+        self.rest.0 = self.commanded;
         true
     }
 
@@ -212,7 +212,7 @@ impl<const A: usize> Planner<A> {
     /// plan does that, the old plan stays in force up to the first place from which one does.
     pub fn set_feed_override(&mut self, factor: f64) -> f64 {
         let factor = if factor >= 1.0 { factor.min(MAX_OVERRIDE) } else { 1.0 };
-        self.road.override_feeds(factor);
+        self.path.set_feed_factor(factor);
         factor
     }
 
@@ -224,17 +224,17 @@ impl<const A: usize> Planner<A> {
     /// Every full stop, including one in a corner that is not smooth, takes whole periods, and its last record has
     /// [`Flags::REST`].
     pub fn next_record(&mut self) -> Option<Record<A>> {
-        self.road.next_record()
+        self.path.next_record()
     }
 
     /// Unrounded set-point at the end of the last record.
     #[must_use]
     pub fn set_point(&self) -> &SetPoint<A> {
-        self.road.point()
+        self.path.point()
     }
 
     fn add(&mut self, curve: Curve<A>, length: f64, end: [f64; A], feed: FeedRate, mode: PathMode, tag: u32) {
-        let start = std::mem::replace(&mut self.at, end);
+        let start = std::mem::replace(&mut self.commanded, end);
         self.tag = tag;
         if length < 1e-9 {
             return; // no motion; where it ends on another pulse, the next stop covers the difference
@@ -247,21 +247,21 @@ impl<const A: usize> Planner<A> {
         let (tolerance, merging) = self.tolerance(mode);
         if tolerance > 0.0 && curve.is_line() {
             let line = LinearMove { start, end, feed, tag, tolerance, merging };
-            if !self.merger.offer(&line) {
+            if !self.merger.try_merge(&line) {
                 self.pass_merged();
-                self.merger.offer(&line);
+                self.merger.try_merge(&line);
             }
         } else {
             self.pass_merged();
             let segment = PathSegment { curve, length, feed, tag, tolerance, marks: 0 };
-            self.road.accept(segment, mode == PathMode::ExactStop, &mut self.marks);
+            self.path.accept(segment, mode == PathMode::ExactStop, &mut self.marks);
         }
     }
 
     /// Passes the merged line on to the path planner.
     fn pass_merged(&mut self) {
-        if let Some(segment) = self.merger.take(&mut self.marks) {
-            self.road.accept(segment, false, &mut self.marks);
+        if let Some(segment) = self.merger.take_merged(&mut self.marks) {
+            self.path.accept(segment, false, &mut self.marks);
         }
     }
 

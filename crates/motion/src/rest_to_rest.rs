@@ -9,9 +9,9 @@ use crate::profile::{KinematicState, PathLimits, Profile, fastest};
 
 /// Plans `blocks` from rest to rest and appends one span for each block to `out`.
 pub(crate) fn plan(blocks: &[PathBlock], out: &mut Vec<Span>) {
-    let kept = out.len();
+    let spans_before = out.len();
     if flowing(blocks, out).is_none() {
-        out.truncate(kept);
+        out.truncate(spans_before);
         out.extend(blocks.iter().enumerate().map(|(k, b)| Span { first: k, last: k + 1, profile: rest_to_rest(b) }));
     }
 }
@@ -67,14 +67,14 @@ pub(crate) fn reach(v: f64, block: &PathBlock) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lookahead::tests::{check, road};
+    use crate::lookahead::tests::{block_path, check};
     use proptest::prelude::*;
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(500))]
 
         #[test]
-        fn there_always_is_a_legal_plan_from_rest(blocks in road()) {
+        fn there_always_is_a_legal_plan_from_rest(blocks in block_path()) {
             let mut spans = Vec::new();
             plan(&blocks, &mut spans);
             prop_assert_eq!(check(&blocks, &spans, KinematicState::default()), Ok(()));

@@ -25,7 +25,7 @@ pub(crate) struct PlanRun<const A: usize> {
     tail: Option<(PathPiece<A>, PieceJunction)>,
     blocks: Vec<PathBlock>,
     /// Options of the limits of the blocks behind the planned ones.
-    offers: Vec<LimitOptions>,
+    options: Vec<LimitOptions>,
     choice: LimitSelector,
     /// Number of the first piece of each block.
     numbers: Vec<u64>,
@@ -61,20 +61,20 @@ const BATCH: usize = 48;
 /// Stopping distances from the end of a plan to the part that more path does not change.
 const SPARE: f64 = 1.5;
 /// Part of a period: a run that exceeds a border between periods by less than this ends on it.
-const OVER: f64 = 1e-6;
+const PERIOD_SLACK: f64 = 1e-6;
 /// Smooth pieces are planned together up to this length, mm: what is shorter is passed in less than a few periods.
 const GROUP: f64 = 0.02;
 
 impl<const A: usize> PlanRun<A> {
     pub(crate) fn new(axes: AxisLimits<A>) -> Self {
-        let (v, a, j) = (axes.path_v, least(axes.a), least(axes.j));
+        let (v, a, j) = (axes.path_v, smallest(axes.a), smallest(axes.j));
         let stopping = 0.5 * v * (v / a + a / j);
         Self {
             axes,
             factor: 1.0,
             tail: None,
             blocks: Vec::new(),
-            offers: Vec::new(),
+            options: Vec::new(),
             choice: LimitSelector::default(),
             numbers: Vec::new(),
             next_piece: 0,
@@ -94,7 +94,7 @@ impl<const A: usize> PlanRun<A> {
     }
 
     /// Sets the look-ahead to `blocks` blocks, whatever their length.
-    pub(crate) fn look_over(&mut self, blocks: usize) {
+    pub(crate) fn set_look_ahead(&mut self, blocks: usize) {
         (self.keep, self.max_blocks) = (f64::MAX, blocks.max(2));
     }
 
@@ -131,11 +131,11 @@ impl<const A: usize> PlanRun<A> {
     pub(crate) fn begin(&mut self, start: KinematicState, limits: PathLimits, glide: f64) {
         (self.v, self.a) = (start.v, start.a);
         self.lead = limits;
-        self.pass(glide);
+        self.add_time(glide);
     }
 
     /// Adds `seconds` to the committed time.
-    fn pass(&mut self, seconds: f64) {
+    fn add_time(&mut self, seconds: f64) {
         self.elapsed = (self.elapsed + seconds) % self.axes.period;
     }
 
@@ -146,7 +146,7 @@ impl<const A: usize> PlanRun<A> {
         let period = self.axes.period;
         let duration: f64 = self.plan.iter().map(|span| span.profile.duration()).sum();
         let periods = (self.elapsed + duration) / period;
-        let missing = ((periods - OVER).ceil() - periods) * period;
+        let missing = ((periods - PERIOD_SLACK).ceil() - periods) * period;
         if missing <= 0.0 || duration <= 0.0 {
             return;
         }
@@ -186,13 +186,13 @@ impl<const A: usize> PlanRun<A> {
         let Some((mut piece, entry)) = self.tail.take() else { return };
         piece.rough_entry = entry.share > 0.0;
         (piece.share, piece.exit_v) = (entry.share.max(exit.share), exit.v);
-        let offer = piece.offer(&self.axes, self.factor);
+        let offer = piece.limit_options(&self.axes, self.factor);
         let number = emitter.append(piece);
         self.next_piece = number + 1;
         self.length += piece.length;
         // The first block of a run that begins in motion does not change, so that it is long enough to stop in.
         let grows = self.blocks.len() > 1 || self.v == 0.0;
-        if let Some((block, last)) = self.blocks.last_mut().zip(self.offers.last_mut())
+        if let Some((block, last)) = self.blocks.last_mut().zip(self.options.last_mut())
             && grows
             && entry == PieceJunction::SMOOTH
             && block.length + piece.length <= GROUP
@@ -202,7 +202,7 @@ impl<const A: usize> PlanRun<A> {
             block.exit_v = exit.v;
         } else {
             self.blocks.push(PathBlock { length: piece.length, limits: offer.rough, exit_v: exit.v });
-            self.offers.push(offer);
+            self.options.push(offer);
             self.numbers.push(number);
         }
     }
@@ -215,19 +215,19 @@ impl<const A: usize> PlanRun<A> {
         if !self.choose(ends) {
             return true;
         }
-        self.offers.clear();
+        self.options.clear();
         let (settled, gates) = (self.settled(), self.plan.len());
         let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).take_while(|&gate| gate < gates);
         let tries = [settled, 0].into_iter().take(if settled > 0 { 2 } else { 1 }).chain(later);
-        let mut kept = None;
+        let mut retained = None;
         for gate in tries {
             if self.plan_from_gate(gate, end) {
-                kept = Some(gate);
+                retained = Some(gate);
                 break;
             }
         }
-        let reached = kept.is_some() || self.plan_from_rest(end);
-        self.take_over(kept.unwrap_or(self.plan.len()));
+        let reached = retained.is_some() || self.plan_from_rest(end);
+        self.adopt_plan(retained.unwrap_or(self.plan.len()));
         reached
     }
 
@@ -244,17 +244,17 @@ impl<const A: usize> PlanRun<A> {
         let gate = if self.failures % 2 == 1 { settled.saturating_sub(aside) } else { settled + aside };
         let found = (gate == 0 || gate < self.plan.len()) && self.plan_from_gate(gate, KinematicState::default());
         if found {
-            self.offers.clear();
-            self.take_over(gate);
+            self.options.clear();
+            self.adopt_plan(gate);
         }
         found
     }
 
     /// Chooses the limits of the blocks behind the planned ones; false where there are none.
     fn choose(&mut self, ends: bool) -> bool {
-        let before = self.blocks.len().saturating_sub(self.offers.len());
+        let before = self.blocks.len().saturating_sub(self.options.len());
         let v = before.checked_sub(1).map_or(self.v, |last| self.blocks[last].limits.v.min(self.blocks[last].exit_v));
-        self.choice.choose(&mut self.blocks[before..], &self.offers, v, ends);
+        self.choice.choose(&mut self.blocks[before..], &self.options, v, ends);
         before < self.blocks.len()
     }
 
@@ -266,9 +266,9 @@ impl<const A: usize> PlanRun<A> {
     }
 
     /// Appends the fresh spans to the current plan behind gate `gate`.
-    fn take_over(&mut self, kept: usize) {
-        let beyond = self.plan.get(kept).map_or(self.planned, |span| span.first);
-        self.plan.truncate(kept);
+    fn adopt_plan(&mut self, gate: usize) {
+        let beyond = self.plan.get(gate).map_or(self.planned, |span| span.first);
+        self.plan.truncate(gate);
         self.plan.extend(self.fresh.drain(..).map(|span| Span {
             first: span.first + beyond,
             last: span.last + beyond,
@@ -336,7 +336,7 @@ impl<const A: usize> PlanRun<A> {
         for span in &self.plan {
             emitter.commit(self.item(span.profile, s[span.last] - s[span.first], span.last - 1));
         }
-        self.pass(self.plan.iter().map(|span| span.profile.duration()).sum());
+        self.add_time(self.plan.iter().map(|span| span.profile.duration()).sum());
         self.plan.clear();
         self.blocks.clear();
         self.numbers.clear();
@@ -376,7 +376,7 @@ impl<const A: usize> PlanRun<A> {
         let length = target - s[crossing.first];
         let (before, after) = crossing.profile.cut(crossing.profile.time_at(length));
         emitter.commit(self.item(before, length, block));
-        self.pass(self.plan[..cut].iter().map(|span| span.profile.duration()).sum::<f64>() + before.duration());
+        self.add_time(self.plan[..cut].iter().map(|span| span.profile.duration()).sum::<f64>() + before.duration());
         self.plan.drain(..cut);
         self.plan[0].profile = after;
         for span in &mut self.plan {
@@ -393,6 +393,6 @@ impl<const A: usize> PlanRun<A> {
 }
 
 /// Smallest of the limits of all axes.
-pub(crate) fn least<const A: usize>(of: [f64; A]) -> f64 {
-    of.into_iter().fold(f64::MAX, f64::min)
+pub(crate) fn smallest<const A: usize>(values: [f64; A]) -> f64 {
+    values.into_iter().fold(f64::MAX, f64::min)
 }

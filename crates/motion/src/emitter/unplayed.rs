@@ -12,7 +12,7 @@ use crate::piece::PathPiece;
 impl<const A: usize> Emitter<A> {
     /// Withdraws all items that are committed and not emitted; [`Emitter::recommit`] puts them back. A span in front
     /// then begins in the state at the end of the last record, or later.
-    pub(crate) fn take_back(&mut self) -> VecDeque<PlanItem<A>> {
+    pub(crate) fn withdraw(&mut self) -> VecDeque<PlanItem<A>> {
         if self.time > 0.0
             && let Some(PlanItem::Span { profile, duration, length, .. }) = self.items.front_mut()
         {

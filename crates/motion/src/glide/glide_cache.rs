@@ -23,7 +23,7 @@ pub(crate) struct GlideCache {
 }
 
 /// Number of entries after which the cache is cleared.
-const MOST: usize = 1 << 14;
+const MAX_ENTRIES: usize = 1 << 14;
 /// Lengths are rounded down to steps of this ratio: of tracks that continue, and of tracks that end at rest.
 const LENGTHS: (f64, f64) = (1.25, 1.02);
 /// A track counts as no longer than this many times the stopping distance from its speed, …
@@ -47,7 +47,7 @@ impl GlideCache {
         let found = match self.found.get(&common.key) {
             Some(found) => *found,
             None => {
-                if self.found.len() >= MOST {
+                if self.found.len() >= MAX_ENTRIES {
                     self.found.clear();
                 }
                 let found = search(&mut self.optimiser, &common.tracks, &common.axes);
@@ -59,7 +59,7 @@ impl GlideCache {
         if common.swapped {
             ramps.pair.swap(0, 1);
         }
-        let taken = ramps.taken(tracks, axes);
+        let taken = ramps.used_share(tracks, axes);
         Some(if taken > 1.0 { ramps.scaled((1.0 - 1e-12) / taken) } else { ramps })
     }
 }
@@ -190,25 +190,25 @@ mod tests {
             let axes = MachineLimits::built_in().planned();
             let lengths = sizes.map(|x| 10f64.powf(x));
             let own = tracks(&axes, [heading, heading + turn], lengths, rest, tolerance);
-            let mut book = GlideCache::default();
-            let Some(ramps) = book.glide(&own, &axes) else { return Ok(()) };
-            prop_assert!(ramps.taken(&own, &axes) <= 1.0);
+            let mut cache = GlideCache::default();
+            let Some(ramps) = cache.glide(&own, &axes) else { return Ok(()) };
+            prop_assert!(ramps.used_share(&own, &axes) <= 1.0);
             for (end, track) in ramps.ends().iter().zip(&own.pair) {
                 prop_assert!(end.s > 0.0 && end.s <= track.length && end.v >= 0.0);
             }
             let quarter = std::f64::consts::FRAC_PI_2;
             let turned = tracks(&axes, [heading + quarter, heading + turn + quarter], lengths, rest, tolerance);
-            prop_assert_eq!(book.glide(&turned, &axes).map(|r| r.cell), Some(ramps.cell));
+            prop_assert_eq!(cache.glide(&turned, &axes).map(|r| r.cell), Some(ramps.cell));
             let mirrored = tracks(&axes, [-heading, -heading - turn], lengths, rest, tolerance);
-            prop_assert_eq!(book.glide(&mirrored, &axes).map(|r| r.cell), Some(ramps.cell));
+            prop_assert_eq!(cache.glide(&mirrored, &axes).map(|r| r.cell), Some(ramps.cell));
             let [one, two] = own.pair;
             let back = |track: Track<3>| Track { direction: track.direction.map(|x| -x), ..track };
             let backward = Tracks { pair: [back(two), back(one)], ..own };
-            let reversed = book.glide(&backward, &axes);
+            let reversed = cache.glide(&backward, &axes);
             if (lengths[0] - lengths[1]).abs() > 0.3 * lengths[0] {
                 prop_assert_eq!(reversed.map(|r| r.cell), Some(ramps.cell));
             }
-            prop_assert!(book.found.len() <= 2);
+            prop_assert!(cache.found.len() <= 2);
         }
     }
 }

@@ -60,9 +60,9 @@ impl<const A: usize> GlideSegment<A> {
         let back = KinematicState { s: one.s, v: -one.v, a: one.a }.after(-j_one, t);
         let (two, [u, w]) = (two[cell].after(j_two, t), self.directions);
         let both = |p: f64, q: f64| -> [f64; A] { std::array::from_fn(|i| q * w[i] - p * u[i]) };
-        let way = both(back.s, two.s);
+        let place = both(back.s, two.s);
         GlideSample {
-            position: std::array::from_fn(|i| self.corner[i] + way[i]),
+            position: std::array::from_fn(|i| self.corner[i] + place[i]),
             by_time: Derivatives {
                 first: both(back.v, two.v),
                 second: both(back.a, two.a),

@@ -144,13 +144,15 @@ pub(crate) fn stopping_time<const A: usize>(tracks: &Tracks<A>) -> Option<f64> {
 /// to a junction like this one: that is half of the time to the mirror image of the state.
 pub(crate) fn rest_time<const A: usize>(from: KinematicState, tracks: &Tracks<A>, side: usize) -> Option<f64> {
     let track = &tracks.pair[side];
-    let way = track.length - from.s;
+    let distance = track.length - from.s;
     match track.far_end {
-        FarEnd::Rest => fastest(from, KinematicState::default(), way, track.limits).ok().map(|rest| rest.duration()),
+        FarEnd::Rest => {
+            fastest(from, KinematicState::default(), distance, track.limits).ok().map(|rest| rest.duration())
+        }
         FarEnd::Moving => {
             let stop = from.s + stopping_distance(from, gentle(track.limits, from));
             let mirrored = KinematicState::moving(from.v, -from.a);
-            let both = fastest(from, mirrored, way - from.s, track.limits).ok()?;
+            let both = fastest(from, mirrored, distance - from.s, track.limits).ok()?;
             (stop <= STOPS_WITHIN * track.length).then(|| 0.5 * both.duration())
         }
     }
@@ -190,8 +192,8 @@ impl Optimiser {
             let next: [f64; UNKNOWN] = std::array::from_fn(|k| x[k] + step[k]);
             let tangents = [0, 1].map(|side| tangent(&next, side, tracks, &responses));
             let there = time(&ramps_of(&next), tracks);
-            for (kept, new) in self.tangents.iter_mut().zip(tangents) {
-                kept.extend(new);
+            for (tangents, new) in self.tangents.iter_mut().zip(tangents) {
+                tangents.extend(new);
             }
             for side in 0..2 {
                 let walls = &mut self.walls[side];
@@ -205,7 +207,7 @@ impl Optimiser {
                 Some(time) if time < best - 0.1 * promised * UNIT => {
                     (x, best) = (next, time);
                     trust = f64::min(2.0 * trust, 4.0 * TRUST);
-                    self.forget(&x);
+                    self.prune(&x);
                 }
                 Some(_) => trust *= 0.6,
                 None => trust *= 0.85,
@@ -215,7 +217,7 @@ impl Optimiser {
             }
         }
         let ramps = ramps_of(&x);
-        let taken = ramps.taken(tracks, axes);
+        let taken = ramps.used_share(tracks, axes);
         let ramps = if taken > 1.0 { ramps.scaled((1.0 - 1e-12) / taken) } else { ramps };
         let time = time(&ramps, tracks)?;
         Some(OptimiserOutcome { ramps, time })
@@ -266,7 +268,7 @@ impl Optimiser {
     }
 
     /// Removes tangents that are above the time at `x`, which happens where it is not convex, and the oldest.
-    fn forget(&mut self, x: &[f64; UNKNOWN]) {
+    fn prune(&mut self, x: &[f64; UNKNOWN]) {
         let n = self.n;
         for (side, tangents) in self.tangents.iter_mut().enumerate() {
             let own = &x[side * n..(side + 1) * n];

@@ -21,7 +21,7 @@ const BETWEEN: f64 = 0.995;
 pub(crate) const HALF: usize = CELLS / 2;
 
 /// Share of the jerk that a track has next to a glide, where it is the end of a rounding.
-const BESIDE: f64 = 0.9;
+const JERK_OUTSIDE: f64 = 0.9;
 
 /// One track's share of a glide, from rest outward: jerk along the track in each cell, mm/s³.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -64,33 +64,33 @@ impl RampPair {
     }
 
     /// Largest share of any limit that the glide uses; above 1 it is illegal.
-    pub(crate) fn taken<const A: usize>(&self, tracks: &Tracks<A>, axes: &AxisLimits<A>) -> f64 {
+    pub(crate) fn used_share<const A: usize>(&self, tracks: &Tracks<A>, axes: &AxisLimits<A>) -> f64 {
         let nodes = self.pair.map(|ramp| ramp.nodes(self.cell));
         let motion = (0..=CELLS).fold(0.0, |most: f64, k| {
             let (p, q) = (nodes[0][CELLS - k], nodes[1][k]);
-            let most = most.max(self.taken_at(p, q, tracks, axes));
-            if k == CELLS { most } else { most.max(self.taken_in(k, p, q, tracks, axes)) }
+            let most = most.max(self.used_at(p, q, tracks, axes));
+            if k == CELLS { most } else { most.max(self.used_within(k, p, q, tracks, axes)) }
         });
-        motion.max(self.taken_of_tolerance(&nodes, tracks)).max(self.taken_beside(&nodes, tracks))
+        motion.max(self.used_of_tolerance(&nodes, tracks)).max(self.used_outside(&nodes, tracks))
     }
 
     /// Share of each track's speed limit that is used next to the glide. The acceleration with which the glide leaves
     /// the corner comes from, and leads to, a speed that is higher than its own. If that were above the limit, no plan
     /// would lead into the glide.
-    fn taken_beside<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
+    fn used_outside<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
         nodes.iter().zip(&tracks.pair).fold(0.0, |most: f64, (nodes, Track { limits, .. })| {
             let KinematicState { v, a, .. } = nodes[CELLS];
-            most.max((v + 0.5 * a.max(0.0) * a / (BESIDE * limits.j)) / limits.v)
+            most.max((v + 0.5 * a.max(0.0) * a / (JERK_OUTSIDE * limits.j)) / limits.v)
         })
     }
 
     /// Share of the tolerance that the glide uses.
-    pub(crate) fn taken_of_path<const A: usize>(&self, tracks: &Tracks<A>) -> f64 {
-        self.taken_of_tolerance(&self.pair.map(|ramp| ramp.nodes(self.cell)), tracks)
+    pub(crate) fn used_tolerance<const A: usize>(&self, tracks: &Tracks<A>) -> f64 {
+        self.used_of_tolerance(&self.pair.map(|ramp| ramp.nodes(self.cell)), tracks)
     }
 
     /// Share of velocity and acceleration that is used where both ramps are in these states.
-    fn taken_at<const A: usize>(
+    fn used_at<const A: usize>(
         &self,
         p: KinematicState,
         q: KinematicState,
@@ -106,7 +106,7 @@ impl RampPair {
     }
 
     /// Share of velocity, jerk and feed that is used within cell `k`, which the ramps enter in these states.
-    fn taken_in<const A: usize>(
+    fn used_within<const A: usize>(
         &self,
         k: usize,
         p: KinematicState,
@@ -139,7 +139,7 @@ impl RampPair {
 
     /// Share of the tolerance that is used: before the middle by the second track, after it by the first, and at the
     /// corner itself, which the path must pass within the tolerance.
-    fn taken_of_tolerance<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
+    fn used_of_tolerance<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
         let [u, w] = tracks.pair.map(|track| track.direction);
         let (p, q) = (nodes[0][HALF].s, nodes[1][HALF].s);
         let missed = (0..A).map(|i| (q * w[i] - p * u[i]).powi(2)).sum::<f64>().sqrt();
@@ -148,12 +148,12 @@ impl RampPair {
                 most.max(to.s.abs()).max(turning_places(*from, *jerk, self.cell))
             })
         });
-        (missed / tracks.tolerance).max(away / tracks.band()).max(self.taken_beyond(nodes, tracks))
+        (missed / tracks.tolerance).max(away / tracks.band()).max(self.used_beyond_corner(nodes, tracks))
     }
 
     /// Share of the tolerance that the distance from the nearer track uses, each track ending in the corner: in a sharp
     /// corner the swing of one ramp may lead beyond the end of the other's track.
-    fn taken_beyond<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
+    fn used_beyond_corner<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
         let [u, w] = tracks.pair.map(|track| track.direction);
         let mut most = 0.0f64;
         for k in 0..CELLS {
@@ -163,11 +163,11 @@ impl RampPair {
                 let t = self.cell * part;
                 let p = KinematicState { v: -p.v, ..p }.after(-j_p, t).s;
                 let q = nodes[1][k].after(j_q, t).s;
-                let way: [f64; A] = std::array::from_fn(|i| q * w[i] - p * u[i]);
-                let before = u.iter().zip(way).map(|(u, x)| u * x).sum::<f64>().min(0.0);
-                let after = w.iter().zip(way).map(|(w, x)| w * x).sum::<f64>().max(0.0);
+                let offset: [f64; A] = std::array::from_fn(|i| q * w[i] - p * u[i]);
+                let before = u.iter().zip(offset).map(|(u, x)| u * x).sum::<f64>().min(0.0);
+                let after = w.iter().zip(offset).map(|(w, x)| w * x).sum::<f64>().max(0.0);
                 let off = |direction: [f64; A], along: f64| {
-                    way.iter().zip(direction).map(|(x, d)| (x - along * d).powi(2)).sum::<f64>()
+                    offset.iter().zip(direction).map(|(x, d)| (x - along * d).powi(2)).sum::<f64>()
                 };
                 most = most.max(off(u, before).min(off(w, after)));
             }

@@ -136,11 +136,11 @@ impl Profile {
     /// State `t` seconds after the start, with `t` clamped to the profile.
     pub fn at(&self, t: f64) -> KinematicState {
         let mut state = self.start();
-        let mut left = t.max(0.0);
+        let mut remaining = t.max(0.0);
         for (k, (sign, &phase)) in SIGNS.iter().zip(&self.times).enumerate() {
-            state = self.entering(k, state).after(sign * self.jerk, phase.min(left));
-            left -= phase;
-            if left <= 0.0 {
+            state = self.entering(k, state).after(sign * self.jerk, phase.min(remaining));
+            remaining -= phase;
+            if remaining <= 0.0 {
                 break;
             }
         }
@@ -175,11 +175,11 @@ impl Profile {
     /// Cuts the profile at time `t` into the part before and the part after.
     pub(crate) fn cut(&self, t: f64) -> (Self, Self) {
         let (mut before, mut after) = (*self, *self);
-        let mut left = t;
+        let mut remaining = t;
         for k in 0..7 {
-            before.times[k] = self.times[k].min(left.max(0.0));
+            before.times[k] = self.times[k].min(remaining.max(0.0));
             after.times[k] = self.times[k] - before.times[k];
-            left -= self.times[k];
+            remaining -= self.times[k];
         }
         let KinematicState { v, a, .. } = self.at(t);
         (after.v0, after.a0) = (v, a);
@@ -273,18 +273,18 @@ mod tests {
             }
             let takes = |to: KinematicState| fastest_any_way(from, to, state.s, LIMITS).map_or(f64::MAX, |p| p.duration());
             // Where the acceleration only just keeps its sign, the last digits of the speed decide whether it can.
-            let beside = |part: f64| takes(KinematicState { v: state.v * (1.0 + part), ..state });
+            let near = |part: f64| takes(KinematicState { v: state.v * (1.0 + part), ..state });
             let is_as_fast = takes(state) <= duration * (1.0 + 1e-9) + 1e-9;
-            prop_assert!(is_as_fast || beside(1e-13).min(beside(-1e-13)) <= duration + 1e-6);
+            prop_assert!(is_as_fast || near(1e-13).min(near(-1e-13)) <= duration + 1e-6);
         }
 
         /// Within the stopping distance a profile to rest exists; within less there is none.
         #[test]
         fn the_stopping_distance_is_the_least_way_to_rest(from in state()) {
             prop_assume!(from.v > 0.1);
-            let way = stopping_distance(from, LIMITS);
-            let rests = |way: f64| fastest(from, KinematicState::default(), way, LIMITS).is_ok();
-            prop_assert!(rests(way * (1.0 + 1e-9)) && !rests(way * (1.0 - 1e-6)));
+            let distance = stopping_distance(from, LIMITS);
+            let rests = |distance: f64| fastest(from, KinematicState::default(), distance, LIMITS).is_ok();
+            prop_assert!(rests(distance * (1.0 + 1e-9)) && !rests(distance * (1.0 - 1e-6)));
         }
 
         /// More length never makes an impossible profile of an easy one: with space to stop and to start, there always

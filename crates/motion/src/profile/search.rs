@@ -156,14 +156,14 @@ impl SpeedSearch {
             let fits = ramps <= track.length;
             if fits {
                 best = best.max(v);
-                let is_kept = match self.variant {
+                let is_accepted = match self.variant {
                     SearchVariant::Plain => false,
                     SearchVariant::CheckFirst => round == 0 && v >= least,
                     SearchVariant::Raise(share) | SearchVariant::Fill(share) => {
                         v >= least && ramps > share * track.length
                     }
                 };
-                if is_kept {
+                if is_accepted {
                     break;
                 }
             }

@@ -65,13 +65,13 @@ fn adjusted<const A: usize>(
     };
     let ramps = with(share);
     let lengths = ramps.ends();
-    let beyond = (0..2).fold(ramps.taken_of_path(tracks), |most, side| {
+    let beyond = (0..2).fold(ramps.used_tolerance(tracks), |most, side| {
         most.max(lengths[side].s / ends[side].length.min(planned[side].length))
     });
     // Lengths grow with the speed's power of 3/2 at least.
     let ramps = if beyond > 1.0 { with(share * beyond.powf(-2.0 / 3.0)) } else { ramps };
     // The feed of one track may be too much for the other one.
-    let taken = ramps.taken(tracks, axes);
+    let taken = ramps.used_share(tracks, axes);
     if taken > 1.0 { ramps.scaled((1.0 - 1e-12) / taken) } else { ramps }
 }
 
@@ -103,7 +103,7 @@ mod tests {
             for of in [RatioOf::Length, RatioOf::Speed] {
                 let ratio = GlideRatio::new(value, of).expect("in range");
                 let Some(ramps) = glide(&tracks, &axes, ratio) else { continue };
-                prop_assert!(ramps.taken(&tracks, &axes) <= 1.0 + 1e-9);
+                prop_assert!(ramps.used_share(&tracks, &axes) <= 1.0 + 1e-9);
                 prop_assert!(are_planned(&tracks, ramps.ends()));
                 for (end, track) in ramps.ends().iter().zip(&tracks.pair) {
                     let planned = Parameters::of(track).expect("a plan");
@@ -132,7 +132,7 @@ mod tests {
         assert!(speed(0.3, &near) < 0.9 * speed(0.3, &square));
         let ratio = GlideRatio::new(0.3, RatioOf::Speed).expect("in range");
         let ramps = glide(&near, &axes, ratio).expect("there is room");
-        let taken = ramps.taken_of_path(&near);
+        let taken = ramps.used_tolerance(&near);
         assert!(taken <= 1.0 && taken > 0.7, "{taken}");
         // Slower, and as short as that speed allows.
         let shortest = Pace::shortest(ramps.ends().map(|end| end.v), &near, &axes).ramps([1.0; 2]);

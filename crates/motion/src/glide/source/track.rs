@@ -59,12 +59,12 @@ mod tests {
                 Track::new([heading.cos(), heading.sin(), 0.0], length, FarEnd::Rest, 100.0, &axes)
             };
             let tracks = Tracks { pair: [track(0.0), track(turn)], tolerance: 0.05 };
-            let way = share * length;
+            let distance = share * length;
             let [fits, too_fast] = [0.999, 1.001].map(|part| {
                 tracks.pair.map(|track| {
                     // From rest the rest of the track reaches this speed.
-                    let v = peak(2.0 * (length - way), PathLimits { v: 1e9, ..track.limits }).expect("a plan");
-                    KinematicState { s: way, ..KinematicState::moving(part * v, 0.0) }
+                    let v = peak(2.0 * (length - distance), PathLimits { v: 1e9, ..track.limits }).expect("a plan");
+                    KinematicState { s: distance, ..KinematicState::moving(part * v, 0.0) }
                 })
             });
             let allowed = (0..2).all(|side| fits[side].v <= tracks.pair[side].limits.v);
