@@ -26,9 +26,11 @@ const CLEARED_WITHIN: u32 = 300;
 pub fn run(args: &args::Card) -> Result<(), CommandFailure> {
     match args {
         args::Card::Serve(args) => card_serve::run(args)?,
-        args::Card::Ports { json } => list(&retrace_hal_serial::ports(), *json),
-        args::Card::Identify { port, machine, json } => identify(port, machine.as_deref(), *json)?,
-        args::Card::Clear { port, machine } => clear(port, machine.as_deref())?,
+        args::Card::Ports { format } => list(&retrace_hal_serial::ports(), format.json),
+        args::Card::Identify { address, machine_file, format } => {
+            identify(&address.port, machine_file.path(), format.json)?
+        }
+        args::Card::Clear { address, machine_file } => clear(&address.port, machine_file.path())?,
     }
     Ok(())
 }

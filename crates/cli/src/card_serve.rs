@@ -38,7 +38,7 @@ pub fn run(args: &args::Serve) -> Result<(), NumberedError> {
     if !(0.01..=100.0).contains(&args.speed) {
         return Err(refuse(format!("--speed {}", args.speed), "a number from 0.01 to 100"));
     }
-    let machine = files::machine(args.machine.as_deref())?;
+    let machine = files::machine(args.machine_file.path())?;
     match machine.axes.len() {
         0..=4 => serve::<4>(args, &machine),
         5..=6 => serve::<6>(args, &machine),

@@ -17,7 +17,7 @@ use crate::program::{CommandFailure, Program};
 /// # Errors
 /// What is wrong with the program or the files.
 pub fn run(args: &args::Check) -> Result<(), CommandFailure> {
-    let machine = files::machine(args.machine.as_deref())?;
+    let machine = files::machine(args.machine_file.path())?;
     let program = Program::open(&args.reading, &machine)?;
     if args.table
         && let Some(prescan) = program.prescan()
@@ -39,7 +39,7 @@ fn tell<const A: usize>(args: &args::Check, machine: &MachineConfig, program: &P
         Ok(()) => program.survey::<A>(machine, &mut diagnostics),
         Err(_) => program.check_for_script(machine, &mut diagnostics).map(|_| None),
     };
-    if let (true, Err(CommandFailure::Program)) = (args.json, &checked) {
+    if let (true, Err(CommandFailure::Program)) = (args.format.json, &checked) {
         crate::out::line(json!({ "event": "check", "program": program.name(), "diagnostics": diagnostics }));
     }
     let Some(checked) = checked? else {
@@ -47,7 +47,7 @@ fn tell<const A: usize>(args: &args::Check, machine: &MachineConfig, program: &P
         return Err(NumberedError::new("E2142", what, "give a file, or `retrace run -`").into());
     };
     let told = CheckReport { program, machine, blocks: checked.blocks, survey: &checked.found, diagnostics };
-    if args.json {
+    if args.format.json {
         crate::out::line(told.json());
     } else {
         crate::out::line(told.text());

@@ -86,7 +86,7 @@ struct LineMeasurement {
 /// # Errors
 /// What is wrong with the machine file, or the card.
 pub fn run(args: &args::Doctor) -> Result<(), CommandFailure> {
-    let machine = files::machine(args.machine.as_deref())?;
+    let machine = files::machine(args.machine_file.path())?;
     let permitted = real_time::permitted();
     let seconds = args.seconds.clamp(0.1, 86_400.0);
     let stolen = steal_ticks();
@@ -98,7 +98,7 @@ pub fn run(args: &args::Doctor) -> Result<(), CommandFailure> {
     let stolen = steal_ticks().zip(stolen).map(|(after, before)| after.saturating_sub(before));
     let line = args.port.as_deref().map(|port| line::<9>(port, seconds)).transpose()?;
     let verdict = PeriodVerdict::of(&machine, &wake_ups, line.as_ref());
-    if args.json {
+    if args.format.json {
         crate::out::line(json!({
             "real_time": permitted.is_ok(),
             "period_ms": f64::from(machine.period_us) / 1000.0,

@@ -53,7 +53,7 @@ pub fn run(args: &args::Plot) -> Result<(), CommandFailure> {
     }
     let picture = match &args.job {
         Some(id) => {
-            let history = draw_job::history(id.as_deref(), args.journal.as_deref())?;
+            let history = draw_job::history(id.as_deref(), args.jobs.path())?;
             draw_history(&history, view.unwrap_or_else(|| View::fitting(&history.path)), size)
         }
         None => of_program(args, view, size)?,
@@ -65,7 +65,7 @@ pub fn run(args: &args::Plot) -> Result<(), CommandFailure> {
 
 /// The path of a program, or its profile.
 fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<DisplayList, CommandFailure> {
-    let machine = crate::files::machine(args.machine.as_deref())?;
+    let machine = crate::files::machine(args.machine_file.path())?;
     let script = crate::files::script(args.operator.as_deref())?;
     let program = Program::open(&args.reading, &machine)?;
     program.check(&machine)?;

@@ -26,7 +26,7 @@ const LISTED: usize = 20;
 /// # Errors
 /// There is no folder for jobs, no job of that name, or its journal cannot be used.
 pub fn run(args: &args::Jobs) -> Result<(), NumberedError> {
-    let jobs = JobStore::named(args.journal.as_deref())?;
+    let jobs = JobStore::named(args.jobs.path())?;
     match &args.action {
         None => list(&jobs, args),
         Some(args::JobsAction::Show { id }) => show(&jobs.find(id)?, args)?,
@@ -40,8 +40,8 @@ fn list(jobs: &JobStore, args: &args::Jobs) {
     // What never began, and what came to its end long ago, nobody looks for.
     let of_interest = listed.into_iter().filter(|job| args.all || job.state != JobState::NeverBegan);
     let shown: Vec<ListedJob> = of_interest.take(if args.all { all } else { LISTED }).collect();
-    if args.json {
-        let jobs_json: Vec<Value> = shown.iter().map(|job| listed_json(job, args.journal.as_deref())).collect();
+    if args.format.json {
+        let jobs_json: Vec<Value> = shown.iter().map(|job| listed_json(job, args.jobs.path())).collect();
         crate::out::line(json!({"folder": jobs.folder().display().to_string(), "jobs": jobs_json}));
         return;
     }
@@ -49,7 +49,7 @@ fn list(jobs: &JobStore, args: &args::Jobs) {
         say!("no job is in {} yet; `retrace run PROGRAM` begins one", jobs.folder().display());
         return;
     }
-    let rows: Vec<[String; 5]> = shown.iter().map(|job| row(job, args.journal.as_deref())).collect();
+    let rows: Vec<[String; 5]> = shown.iter().map(|job| row(job, args.jobs.path())).collect();
     say!("{}", table(["job", "program", "state", "how far", "what to do"], &rows).trim_end());
     if shown.len() < all {
         say!("{} more with --all", all - shown.len());
@@ -127,7 +127,7 @@ fn listed_json(job: &ListedJob, journal: Option<&Path>) -> Value {
 
 fn show(folder: &JobFolder, args: &args::Jobs) -> Result<(), NumberedError> {
     let (state, record) = (folder.state(), folder.read()?);
-    if args.json {
+    if args.format.json {
         crate::out::line(record_json(&record, &state));
         return Ok(());
     }
@@ -135,7 +135,7 @@ fn show(folder: &JobFolder, args: &args::Jobs) -> Result<(), NumberedError> {
     for (name, text) in in_words(&record) {
         say!("  {name:11} {text}");
     }
-    let to_do = to_do(folder.id(), &state, args.journal.as_deref());
+    let to_do = to_do(folder.id(), &state, args.jobs.path());
     if !to_do.is_empty() {
         say!("  {:11} {to_do}", "what to do");
     }

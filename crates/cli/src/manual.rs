@@ -28,7 +28,7 @@ use crate::{args, files, linked_card};
 /// # Errors
 /// What keeps it from being done.
 pub fn home(args: &args::Home) -> Result<u8, CommandFailure> {
-    let machine = files::machine(args.manual.machine.as_deref())?;
+    let machine = files::machine(args.manual.machine_file.path())?;
     let mut desk = ModalContext::new(mdi::setup(&machine));
     on_machine(&args.manual, &machine, &ManualTask::Home(args.axis), &mut desk)
 }
@@ -38,7 +38,7 @@ pub fn home(args: &args::Home) -> Result<u8, CommandFailure> {
 /// # Errors
 /// What keeps it from being done.
 pub fn jog(args: &args::Jog) -> Result<u8, CommandFailure> {
-    let machine = files::machine(args.manual.machine.as_deref())?;
+    let machine = files::machine(args.manual.machine_file.path())?;
     if !args.mm.is_finite() {
         return Err(
             NumberedError::new("E2161", format!("{} is not a length", args.mm), "mm (degrees), such as -12.5").into()
@@ -53,10 +53,10 @@ pub fn jog(args: &args::Jog) -> Result<u8, CommandFailure> {
 /// # Errors
 /// What keeps it from being done.
 pub fn mdi(args: &args::Mdi) -> Result<u8, CommandFailure> {
-    let machine = files::machine(args.manual.machine.as_deref())?;
+    let machine = files::machine(args.manual.machine_file.path())?;
     let of = &args.manual;
     let (params, tools) = (args.params.as_deref(), args.tools.as_deref());
-    let own = machine_tables::of_machine(&of.card, of.machine.as_deref(), params, tools);
+    let own = machine_tables::of_machine(&of.port.card, of.machine_file.path(), params, tools);
     let files = TableFiles::choose(params, tools, own.as_ref());
     let began = files.read()?;
     let mut desk = ModalContext::new(mdi::setup(&machine).with_start_tables(began.clone()));
@@ -98,25 +98,25 @@ fn on_card<const A: usize>(
     task: &ManualTask,
     desk: &mut ModalContext,
 ) -> Result<u8, CommandFailure> {
-    if args.card == "sim" {
+    if args.port.is_simulated() {
         let mut card = simulated::<A>(machine, Clock::Virtual)?;
         eprintln!(
             "note: a simulated card in this process forgets where it is; `retrace card serve --pty` serves one that does not"
         );
         return on(args, machine, task, desk, &mut card, &Homing::simulated());
     }
-    let mut card = linked_card::find::<A>(&args.card)?;
-    card.settle(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.card, &fault))?;
+    let mut card = linked_card::find::<A>(&args.port.card)?;
+    card.settle(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
     let Some(greeting) = card.greeting().copied() else { return Ok(3) };
-    linked_card::fits(&args.card, &greeting.identity, machine)?;
-    let homing = Homing::of(&args.card, &greeting.identity);
+    linked_card::fits(&args.port.card, &greeting.identity, machine)?;
+    let homing = Homing::of(&args.port.card, &greeting.identity);
     let stands = machine.clone().standing_at(&greeting.counts);
     if let ManualTask::Mdi(block) = task
         && desk.block(&stands, block).is_ok_and(|block| block.moves())
     {
         homing.check(machine)?;
     }
-    card.open(machine.card_settings(PathStart::at(0))).map_err(|fault| linked_card::failed(&args.card, &fault))?;
+    card.open(machine.card_settings(PathStart::at(0))).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
     let code = on(args, machine, task, desk, &mut *card, &homing)?;
     // The card stands, or has an alarm that says more than this would.
     let _ = card.close();
@@ -135,14 +135,14 @@ fn on<const A: usize, C: MotionCard<A>>(
 where
     C::Fault: CardFailure,
 {
-    let show = if args.json { ConsoleOptions::Json } else { ConsoleOptions::Plain };
+    let show = if args.format.json { ConsoleOptions::Json } else { ConsoleOptions::Plain };
     let mut console = Console::<A>::new(show, machine, None)?;
     let (signals, stops) = StopSignals::watch(StopPolicy::ByHand).unzip();
     let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us)).stopped_by(stops);
     if let Some(signals) = &signals {
         signals.listen();
     }
-    let manner = RunMode { wall_time: args.card != "sim", operator: false, real_time: false };
+    let manner = RunMode { wall_time: !args.port.is_simulated(), operator: false, real_time: false };
     let mut shown_work = Stoppable { console: &mut console, signals: signals.as_ref() };
     let carry_out = || perform(task, machine, desk, card, (operators, manner), &mut shown_work);
     let done = homing.noting(task, machine, carry_out);
@@ -160,7 +160,7 @@ where
             return Err(CommandFailure::Card(NumberedError::new(number, cause, remedy)));
         }
     };
-    stands(machine, &card.status().counts, code, args.json);
+    stands(machine, &card.status().counts, code, args.format.json);
     Ok(code)
 }
 

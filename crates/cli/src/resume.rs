@@ -20,7 +20,7 @@ use retrace_controller::manual::jog_planner::BEYOND;
 use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::operator::{self, ScriptInstruction};
 use retrace_controller::resume::{ResumePlan, ResumePoint};
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_link::{Greeting, MotionCard, Outputs, PathStart, channel};
 
 use crate::args::{self, OnOff};
@@ -73,7 +73,7 @@ fn attempt(args: &args::Resume, breakpoint: ResumeBreakpoint, by_card: &Cell<boo
     if args.tui {
         operate::needs_terminal()?;
     }
-    let jobs = JobStore::named(args.journal.as_deref())?;
+    let jobs = JobStore::named(args.jobs.path())?;
     let folder = match &args.job {
         Some(id) => jobs.find(id)?,
         None => newest(&jobs)?,
@@ -307,7 +307,7 @@ impl ResumeStep<'_> {
         }
         let said =
             PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
-        let is_behind = before(said.reached, stood.start.reached) || before(said.executed, stood.start.executed);
+        let is_behind = is_before(said.reached, stood.start.reached) || is_before(said.executed, stood.start.executed);
         let is_off_path = said.place.record.wrapping_sub(self.record.job.origin) >= BEYOND;
         let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == entry::JobEnding::Stopped);
         // The card's place is of another path, or that does not matter: the journal's is where it came to rest.
@@ -360,10 +360,10 @@ impl ResumeStep<'_> {
         let every = self.record.marks / MARKS + 1;
         for (number, mark) in (0_u64..).zip(self.record.marks()?) {
             let mark = mark?;
-            if is_old && before(farthest, mark.place) {
+            if is_old && is_before(farthest, mark.place) {
                 break;
             }
-            if number.is_multiple_of(every) || before(start.place.record, mark.place) {
+            if number.is_multiple_of(every) || is_before(start.place.record, mark.place) {
                 marks.push(mark);
             }
         }
@@ -394,7 +394,7 @@ impl ResumeStep<'_> {
         let disagree = ResumeMismatch { id: folder.id().to_owned(), machine: &machine };
         let kept = JournaledJob::waiting(jobs, folder, held, care, &record);
         let manners = OutputOptions {
-            json: args.json,
+            json: args.format.json,
             records: args.records.as_deref(),
             script: agreed(script.clone())?,
             operator: args.operator.is_some(),
@@ -442,7 +442,7 @@ impl ResumeStep<'_> {
             operate::operate(&run, &machine, program.clone(), (script, at), &mut card, &homing, Some(resume))?
         } else {
             resume(&mut card, None, &mut |taken| {
-                taken.show(args.json);
+                taken.show(args.format.json);
                 Ok(args.yes || resume_summary::asked()?)
             })?
         };

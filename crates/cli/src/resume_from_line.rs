@@ -10,7 +10,7 @@ use retrace_controller::journal::job_record::JobRecord;
 use retrace_controller::machine_changes;
 use retrace_controller::numbered_error::NumberedError;
 
-use crate::args::{self, CycleFolders, Reading};
+use crate::args::{self, CardPort, CycleFolders, MachineFile, Reading};
 use crate::program::CommandFailure;
 use crate::{files, run};
 
@@ -53,14 +53,14 @@ pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u
     }
 
     let run = args::Run { start_line: Some(line), ..run_args(args, job) };
-    let machine = files::machine(run.machine.as_deref())?;
+    let machine = files::machine(run.machine_file.path())?;
     if let Some(changes) = changed_machine(job) {
         eprintln!(
             "note: the machine file was changed since the job began; the new one is used\n{}",
             changes.join("\n")
         );
     }
-    let text = files::machine_text(run.machine.as_deref())?;
+    let text = files::machine_text(run.machine_file.path())?;
     run::run_on(&run, machine, text, args.tui)
 }
 
@@ -80,17 +80,17 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
         vcd: None,
         dry_run: false,
         reading,
-        card,
-        machine: job.machine.path.as_ref().map(PathBuf::from),
+        port: CardPort { card },
+        machine_file: MachineFile { machine: job.machine.path.as_ref().map(PathBuf::from) },
         realtime: args.realtime,
         tui: args.tui,
         no_tui: !args.tui,
         optional_stop: args.optional_stop,
         operator: args.operator.clone(),
         records: args.records.clone(),
-        json: args.json,
+        format: args.format,
         start_line: None,
-        journal: args.journal.clone(),
+        jobs: args.jobs.clone(),
         no_journal: false,
     }
 }

@@ -29,12 +29,12 @@ use crate::sim_wiring::{simulated, traced};
 /// What keeps the job from beginning.
 pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
     let (params, tools) = (args.reading.params.as_deref(), args.reading.tools.as_deref());
-    args.reading.machine_tables = machine_tables::of_machine(&args.card, args.machine.as_deref(), params, tools);
+    args.reading.machine_tables = machine_tables::of_machine(&args.port.card, args.machine_file.path(), params, tools);
     let args = &args;
     let at_screen = operate::is_wanted(args)?;
-    let mut machine = files::machine(args.machine.as_deref())?;
+    let mut machine = files::machine(args.machine_file.path())?;
     machine.inhibits_outputs = args.dry_run;
-    run_on(args, machine, files::machine_text(args.machine.as_deref())?, at_screen)
+    run_on(args, machine, files::machine_text(args.machine_file.path())?, at_screen)
 }
 
 /// Runs it on this machine, whose file had this text.
@@ -69,7 +69,7 @@ impl RunContext<'_> {
     /// Finds the card, and runs the job on it.
     fn on_card<const A: usize>(self, machine: MachineConfig) -> Result<u8, CommandFailure> {
         let args = self.args;
-        if args.card == "sim" {
+        if args.port.is_simulated() {
             let program = self.open(&machine)?;
             if self.at_screen {
                 let mut card = traced(simulated::<A>(&machine, clock(&machine, true))?, &machine, args.vcd.as_deref())?;
@@ -92,12 +92,12 @@ impl RunContext<'_> {
         }
         // Everything that can be refused without the card is refused before it is asked for.
         self.open(&machine)?;
-        let mut card = linked_card::find::<A>(&args.card)?;
-        card.settle(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.card, &fault))?;
+        let mut card = linked_card::find::<A>(&args.port.card)?;
+        card.settle(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
         let Some(greeting) = card.greeting().copied() else { return Ok(3) };
-        linked_card::fits(&args.card, &greeting.identity, &machine)?;
-        let (counts, named) = (greeting.counts, crate::journaled_job::wired(&args.card, &greeting.identity));
-        let homing = Homing::of(&args.card, &greeting.identity);
+        linked_card::fits(&args.port.card, &greeting.identity, &machine)?;
+        let (counts, named) = (greeting.counts, crate::journaled_job::wired(&args.port.card, &greeting.identity));
+        let homing = Homing::of(&args.port.card, &greeting.identity);
         if !self.at_screen {
             homing.check(&machine)?;
         }
@@ -105,17 +105,17 @@ impl RunContext<'_> {
         let program = self.open(&machine)?;
         let settings = machine.card_settings(PathStart::at(0));
         if self.at_screen {
-            card.open(settings).map_err(|fault| linked_card::failed(&args.card, &fault))?;
+            card.open(settings).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
             let (homing, work) = (homing.at_screen(), (self.script, (self.text, named)));
             let code = operate::operate(args, &machine, program, work, &mut *card, &homing, None)?;
             let _ = card.close();
             return Ok(code);
         }
-        let status = linked_card::look(&mut card, &args.card, settings)?;
+        let status = linked_card::look(&mut card, &args.port.card, settings)?;
         let (kept, input) = keep(args, &program, &machine, (&self.text, named), &status)?;
         // From here on the card expects to hear of the host all the time.
         prepare_real_time();
-        card.open(settings).map_err(|fault| linked_card::failed(&args.card, &fault))?;
+        card.open(settings).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
         let (code, _) = self.machining(&machine, &program, kept, input).run(&mut *card, |_, _| Ok(()))?;
         // The card stands, or has an alarm that says more than this would.
         let _ = card.close();
@@ -149,13 +149,13 @@ impl RunContext<'_> {
     {
         let args = self.args;
         let manners = OutputOptions {
-            json: args.json,
+            json: args.format.json,
             records: args.records.as_deref(),
             script: self.script,
             operator: args.operator.is_some(),
-            wall_time: args.realtime || args.card != "sim",
+            wall_time: args.realtime || !args.port.is_simulated(),
             optional_stop: args.optional_stop.map(OnOff::is_on),
-            real_time: args.card != "sim",
+            real_time: !args.port.is_simulated(),
             tables: TableFiles::of(&args.reading),
         };
         let begin = args.start_line.map_or(JobStart::First, JobStart::Line);
@@ -179,10 +179,10 @@ fn keep<const A: usize>(
     if args.no_journal || machine.inhibits_outputs {
         return Ok((None, input));
     }
-    let claimed = ReservedJobFolder::new(args.journal.as_deref(), program.name())?;
+    let claimed = ReservedJobFolder::new(args.jobs.path(), program.name())?;
     let (input, progress) = input.map(|input| claimed.spool(input, machine.stream_quota_bytes)).transpose()?.unzip();
     let care = if card == entry::JobCard::Sim { Durability::Written } else { Durability::Synced };
-    let machine_file = (args.machine.as_deref(), text.to_owned());
+    let machine_file = (args.machine_file.path(), text.to_owned());
     let (reading, start_line) = (&args.reading, args.start_line);
     let job = JobHeaderBuilder { program, reading, start_line, machine, machine_file, card }.job(status)?;
     Ok((Some(claimed.begin(care, job, progress)?), input))
@@ -233,14 +233,14 @@ impl<'a> JobSpec<'a> {
     ) -> Result<(u8, C), CommandFailure> {
         let Self { args, machine, script, program, .. } = self;
         let manners = OutputOptions {
-            json: args.json,
+            json: args.format.json,
             records: args.records.as_deref(),
             script,
             operator: args.operator.is_some(),
             wall_time: true,
             // Said by the screen's script.
             optional_stop: None,
-            real_time: args.card != "sim",
+            real_time: !args.port.is_simulated(),
             tables: TableFiles::of(&args.reading),
         };
         let begin = args.start_line.map_or(JobStart::First, JobStart::Line);

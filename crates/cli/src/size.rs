@@ -31,7 +31,7 @@ pub fn run(args: &args::Size) -> Result<(), NumberedError> {
         grouped(bytes),
         bytes as f64 / 1_048_576.0
     );
-    let machine = crate::files::machine(args.machine.as_deref())?;
+    let machine = crate::files::machine(args.machine_file.path())?;
     crate::out::line(of_machine(&machine));
     Ok(())
 }

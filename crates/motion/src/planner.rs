@@ -176,7 +176,7 @@ impl<const A: usize> Planner<A> {
         let moves = self.path.has_motion() || !self.merger.is_empty();
         let counts = |at: &[f64; A]| counts_of(at, &self.pulses_per_mm);
         let elsewhere = counts(&end) != counts(&self.commanded);
-        if moves || elsewhere || !rest_flags.has(flags) && flags != Flags::REST {
+        if moves || elsewhere || !rest_flags.contains(flags) && flags != Flags::REST {
             self.pass_merged();
             self.path.stop(self.commanded, self.tag, flags);
             self.rest = (self.commanded, flags);

@@ -7,6 +7,8 @@
 
 use std::path::Path;
 
+use serde_json::Value;
+
 use crate::tree;
 
 /// Packages that are never published.
@@ -18,6 +20,16 @@ pub(crate) fn run(root: &Path) -> bool {
 }
 
 fn package(root: &Path) -> Result<(), String> {
+    let mut metadata = super::cargo(root);
+    metadata.args(["metadata", "--format-version", "1", "--locked", "--no-deps"]);
+    let metadata = metadata.output().map_err(|error| format!("cargo cannot be run: {error}"))?;
+    let metadata: Value =
+        serde_json::from_slice(&metadata.stdout).map_err(|error| format!("cargo metadata: {error}"))?;
+    let missing: Vec<String> = metadata["packages"].as_array().into_iter().flatten().flat_map(missing).collect();
+    if !missing.is_empty() {
+        missing.iter().for_each(|what| println!("package: {what}"));
+        return Err("a registry shows a crate by its description, keywords, categories and README.md".to_owned());
+    }
     let copy = root.join("target/package-check");
     tree::mirror(root, &copy)?;
     let manifest = copy.join("Cargo.toml");
@@ -35,4 +47,39 @@ fn package(root: &Path) -> Result<(), String> {
     }
     println!("package: the archives are in {}", target.join("package").display());
     Ok(())
+}
+
+/// What a package's manifest lacks for a registry.
+fn missing(package: &Value) -> Vec<String> {
+    let name = package["name"].as_str().unwrap_or_default();
+    if INTERNAL.contains(&name) {
+        return Vec::new();
+    }
+    let list = |key: &str| package[key].as_array().map_or(0, Vec::len);
+    let has_text = |key: &str| package[key].as_str().is_some_and(|text| !text.is_empty());
+    let checks = [
+        (has_text("description"), "a description"),
+        (has_text("readme"), "a readme"),
+        (has_text("license"), "a licence"),
+        ((1..=5).contains(&list("keywords")), "one to five keywords"),
+        ((1..=5).contains(&list("categories")), "one to five categories"),
+    ];
+    checks.iter().filter(|(is_there, _)| !is_there).map(|(_, what)| format!("{name} has to have {what}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_package_without_a_description_is_named_and_an_internal_one_is_not() {
+        let package = |name: &str| {
+            json!({"name": name, "description": null, "readme": "README.md", "license": "MIT",
+                   "keywords": ["cnc"], "categories": []})
+        };
+        let found = missing(&package("retrace-new"));
+        assert_eq!(found, ["retrace-new has to have a description", "retrace-new has to have one to five categories"]);
+        assert!(missing(&package("xtask")).is_empty());
+    }
 }

@@ -51,9 +51,9 @@ const TO_LEAVE: Duration = Duration::from_secs(1);
 pub fn is_wanted(args: &args::Run) -> Result<bool, NumberedError> {
     let is_terminal = std::io::stdout().is_terminal();
     if !args.tui {
-        return Ok(!args.no_tui && !args.json && args.realtime && is_terminal);
+        return Ok(!args.no_tui && !args.format.json && args.realtime && is_terminal);
     }
-    if args.json {
+    if args.format.json {
         let what = "--tui and --json both want standard output";
         return Err(NumberedError::new(
             "E2142",

@@ -1,0 +1,128 @@
+//! Command line: the commands here, the arguments of each in a file of its own.
+//!
+//! The requirements page `interface.md` fixes names and meanings of commands and options; more may be added.
+//!
+//! Invariant: `--help` describes every command and every option, with an example for each command.
+
+mod card;
+mod check;
+mod cycles;
+mod doctor;
+mod machine;
+mod manual;
+mod reading;
+mod resume;
+mod run;
+mod shared;
+
+use std::path::PathBuf;
+
+use clap::builder::TypedValueParser;
+use clap::{Parser, Subcommand};
+
+pub use self::card::{Card, Serve};
+pub use self::check::{Canon, Check, Plot, Size};
+pub use self::cycles::{CycleFolders, Cycles, CyclesAction};
+pub use self::doctor::Doctor;
+pub use self::machine::{Machine, MachineKind};
+pub use self::manual::{Home, Jog, ManualOptions, Mdi};
+pub use self::reading::{MAX_CHECKED_LOOP_BLOCKS, Reading};
+pub use self::resume::{Jobs, JobsAction, Resume};
+pub use self::run::Run;
+pub use self::shared::{CardPort, MachineFile, OnOff};
+use crate::shell_files::ShellFiles;
+
+/// CNC control that runs NC programs and retraces the executed path, exact to the pulse.
+#[derive(Debug, Parser)]
+#[command(name = "retrace", version, about, arg_required_else_help = true)]
+#[command(
+    after_help = "Example:\n  retrace run examples/01-first-cut.ngc\n\nExit codes: 0 completed · 1 the program has errors · \
+    2 wrong usage or machine file · 3 alarm or card fault · 4 stopped by the operator"
+)]
+pub struct Cli {
+    /// Subcommand.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Machine a program: on the simulated card unless --card says otherwise.
+    #[command(
+        after_help = "Examples:\n  retrace run examples/02-back-up.ngc --operator examples/02-back-up.op --records out.csv --json\n  \
+        retrace run --tui --card /dev/ttyUSB0 --machine mill.toml"
+    )]
+    #[command(mut_arg("program", |program| {
+        let any_text = clap::builder::OsStringValueParser::new().map(PathBuf::from);
+        let help = "NC program; `-` is standard input; with --tui it can be loaded at the screen";
+        program.value_parser(any_text).required(false).required_unless_present("tui").default_value_if("tui", "true", "").help(help)
+    }))]
+    Run(Run),
+    /// Decode and pre-scan only: every diagnostic, with line and column; nothing moves.
+    #[command(
+        after_help = "Examples:\n  retrace check examples/01-first-cut.ngc\n  retrace check examples/01-first-cut.ngc --table\n  \
+        retrace check examples/01-first-cut.ngc --json"
+    )]
+    Check(Check),
+    /// Print the canonical functions, one a line, as LinuxCNC's `rs274 -g` does.
+    #[command(after_help = "Example:\n  retrace canon examples/01-first-cut.ngc")]
+    Canon(Canon),
+    /// Draw the tool path, velocity, acceleration and jerk over time, or the history of a job, as SVG or PNG.
+    #[command(after_help = "Examples:\n  retrace plot examples/01-first-cut.ngc -o path.svg\n  \
+        retrace plot examples/02-back-up.ngc --operator examples/02-back-up.op -o retraced.png\n  \
+        retrace plot examples/01-first-cut.ngc --profile -o profile.svg\n  \
+        retrace plot examples/01-first-cut.ngc --profile --from 4 --to 6 -o lines.svg\n  \
+        retrace plot --job -o history.png")]
+    #[command(mut_arg("program", |program| {
+        program.required(false).required_unless_present("job").default_value("-").hide_default_value(true)
+    }))]
+    #[command(mut_arg("journal", |journal| journal.requires("job")))]
+    Plot(Plot),
+    /// Resume an interrupted job at its breakpoint.
+    #[command(after_help = "Examples:\n  retrace resume\n  retrace resume 20261122-004627-part --yes\n  \
+        retrace resume 20261122-004627-part --from-line 120\n  \
+        retrace resume --tui")]
+    Resume(Resume),
+    /// List jobs: which can be resumed, which ran, how they ended.
+    #[command(after_help = "Examples:\n  retrace jobs\n  retrace jobs show 20261122-004627-part")]
+    #[command(mut_arg("json", |json| json.global(true)), mut_arg("journal", |journal| journal.global(true)))]
+    Jobs(Jobs),
+    /// Ring size for so many axes, hours, milliseconds and bytes (REV-4), and what the machine file gives.
+    #[command(after_help = "Example:\n  retrace size --axes 3 --hours 0.5 --period-ms 2.5 --bytes 2")]
+    Size(Size),
+    /// List, check and compile the cycles that programs can call.
+    #[command(after_help = "Examples:\n  retrace cycles\n  retrace cycles show CYCLE81\n  \
+        retrace cycles check --cycles my-cycles\n\nExit codes: 0 well · 1 a cycle has errors · 2 wrong usage")]
+    Cycles(Cycles),
+    /// Write a commented machine file, check one.
+    #[command(
+        subcommand,
+        after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine check examples/02-back-up.toml"
+    )]
+    Machine(Machine),
+    /// Home the machine over the card's switches: one axis, or all in the machine file's order.
+    #[command(
+        after_help = "Examples:\n  retrace home --card /dev/ttyUSB0 --machine mill.toml\n  retrace home z --card my-card --machine mill.toml"
+    )]
+    Home(Home),
+    /// Jog an axis by a distance in mm (degrees) at its jog speed; the move ends at the soft limit.
+    #[command(after_help = "Example:\n  retrace jog x -12.5 --card /dev/ttyUSB0 --machine mill.toml")]
+    Jog(Jog),
+    /// Execute one MDI block.
+    #[command(
+        after_help = "Examples:\n  retrace mdi 'G0 X10' --card /dev/ttyUSB0\n  retrace mdi 'G10 L20 P1 X0 Y0' --params mill.var"
+    )]
+    Mdi(Mdi),
+    /// Measure how fast this computer and the line to a card respond, and whether the control period suits them.
+    #[command(after_help = "Examples:\n  retrace doctor\n  retrace doctor /dev/ttyUSB0 --machine mill.toml")]
+    Doctor(Doctor),
+    /// Serve a simulated card on a pseudo-terminal, list serial ports, identify a card.
+    #[command(
+        subcommand,
+        after_help = "Examples:\n  retrace card serve --pty\n  retrace card identify /dev/ttyUSB0@230400"
+    )]
+    Card(Card),
+    #[command(flatten)]
+    ShellFiles(ShellFiles),
+}

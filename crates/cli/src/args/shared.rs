@@ -1,0 +1,94 @@
+//! Options that several commands share.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+/// `--machine`
+#[derive(Clone, Debug, Default, Args)]
+pub struct MachineFile {
+    /// Machine file; a three-axis machine is built in.
+    #[arg(long, value_name = "FILE.toml")]
+    pub machine: Option<PathBuf>,
+}
+
+impl MachineFile {
+    /// Path of the machine file; `None` is the built-in machine.
+    #[must_use]
+    pub fn path(&self) -> Option<&Path> {
+        self.machine.as_deref()
+    }
+}
+
+/// `--card`
+#[derive(Clone, Debug, Args)]
+pub struct CardPort {
+    /// `sim` is the simulated card in this process, which keeps no position; or a serial port such as `/dev/ttyUSB0@230400`.
+    #[arg(long, default_value = "sim", value_name = "CARD")]
+    pub card: String,
+}
+
+impl CardPort {
+    /// Whether the card is the simulated one in this process.
+    #[must_use]
+    pub fn is_simulated(&self) -> bool {
+        self.card == "sim"
+    }
+}
+
+/// Port of a card as a positional argument.
+#[derive(Clone, Debug, Args)]
+pub struct CardAddress {
+    /// The port, `PATH[@BAUD]`; 1000000 baud by default.
+    #[arg(value_name = "PORT")]
+    pub port: String,
+}
+
+/// `--journal`
+#[derive(Clone, Debug, Default, Args)]
+pub struct JobsFolder {
+    /// Folder of the jobs (journal, breakpoint, report); by default `retrace/jobs` in the user's state folder.
+    #[arg(long, value_name = "DIR")]
+    pub journal: Option<PathBuf>,
+}
+
+impl JobsFolder {
+    /// Path of the folder; `None` is the default one.
+    #[must_use]
+    pub fn path(&self) -> Option<&Path> {
+        self.journal.as_deref()
+    }
+}
+
+/// `--json` of a command that prints one result.
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub struct JsonObject {
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `--json` of a command that prints events as they happen.
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub struct JsonLines {
+    /// Print one JSON object per line, the report last.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Value `on` or `off` of an option.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum OnOff {
+    /// On.
+    On,
+    /// Off.
+    Off,
+}
+
+impl OnOff {
+    /// Whether the option is on.
+    #[must_use]
+    pub fn is_on(self) -> bool {
+        self == Self::On
+    }
+}
