@@ -165,8 +165,8 @@ fn another_card_is_refused_and_a_machine_that_was_moved_goes_back_to_the_breakpo
     let other = Served::with(&[]);
     assert_refused(&bench.retrace(["resume", &id, "--yes", "--json", "--card", &other.port]), "E2213");
     let said = bench.retrace(["resume", &id]);
-    assert!(said.code == Some(2) && said.out.contains("way back"), "{}\n{}", said.out, said.err);
-    assert!(said.out.contains("this place the last one in the journal"), "{}", said.out);
+    assert!(said.code == Some(2) && said.out.contains("approach"), "{}\n{}", said.out, said.err);
+    assert!(said.out.contains("note       the last one in the journal"), "{}", said.out);
     assert_completed(&bench.retrace(["resume", &id, "--yes", "--json"]));
 }
 
@@ -211,7 +211,7 @@ fn a_tool_that_was_moved_away_in_a_pause_goes_back_in_the_safe_order() {
     assert_eq!(stands[2], 2_000, "{}", said.out);
     let said = bench.retrace(["resume"]);
     assert!(
-        said.code == Some(2) && said.out.contains("way back   Z to 10.000, then X to"),
+        said.code == Some(2) && said.out.contains("approach   Z to 10.000, then X to"),
         "{}\n{}",
         said.out,
         said.err

@@ -243,7 +243,7 @@ fn a_program_that_does_not_come_is_waited_for_by_name_and_time() {
     (model.stage, model.period, model.waiting) =
         (ScreenStage::Job, 14_000, Some(("tcp://cam-computer:7000".into(), 3_000)));
     let shown = text(&drawn(&model, &KeyState::new(), 80, 24, 0));
-    assert!(shown.contains("WAITING") && shown.contains("waiting for tcp://cam-computer:7000 since 12 s"), "{shown}");
+    assert!(shown.contains("WAITING") && shown.contains("waiting for tcp://cam-computer:7000, 12 s so far"), "{shown}");
 }
 
 #[test]
@@ -309,7 +309,7 @@ fn a_person_backs_up_and_goes_on() {
     bench.keys(" ");
     bench.wait(400);
     says(&bench, "FEED HOLD");
-    says(&bench, "c cycle start · r back up · w handwheel");
+    says(&bench, "c cycle start · r reverse · w handwheel");
     assert_eq!(bench.hand.mouse_wheel(true, &bench.picture()), None, "no handwheel yet");
     let held = bench.picture();
     bench.keys("r");
@@ -335,7 +335,7 @@ fn a_person_backs_up_and_goes_on() {
     bench.wait(500);
     says(&bench, "RUNNING");
     bench.keys("q");
-    says(&bench, "y stops it");
+    says(&bench, "y stop");
     bench.keys("n");
     says(&bench, "RUNNING");
     bench.keys("qy");
