@@ -358,7 +358,7 @@ mod tests {
         assert!(history.course.iter().all(|moment| moment.place_s <= moment.reached_s));
         let last = history.course.last().expect("it moved");
         assert_eq!((last.doing, last.place_s), (Activity::Run, last.reached_s));
-        // It keeps 4 s of motion, and goes back to the oldest of it.
+        // The machine retains 4 s of motion, and goes back to the oldest of it.
         let deepest = history.course.iter().map(|moment| moment.reached_s - moment.place_s).fold(0.0, f64::max);
         assert!((3.9..=4.2).contains(&deepest), "{deepest}");
         let words: Vec<&str> = history.remarks.iter().map(|remark| remark.words.as_str()).collect();
