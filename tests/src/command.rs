@@ -2,7 +2,8 @@
 //!
 //! Invariant: a command that hangs is ended and reported; it never hangs the tests.
 
-use std::ffi::OsStr;
+use crate::json_page::JsonPage;
+use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -136,8 +137,9 @@ impl Bench {
         I: IntoIterator<Item: AsRef<OsStr>>,
     {
         let (input_path, out, err) = (self.file("stdin.txt", input), self.path("stdout.txt"), self.path("stderr.txt"));
+        let arguments: Vec<OsString> = arguments.into_iter().map(|argument| argument.as_ref().to_owned()).collect();
         let mut command = Command::new(binary());
-        command.args(arguments).current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
+        command.args(&arguments).current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
         command.env("XDG_CONFIG_HOME", self.path("config")).env("XDG_CACHE_HOME", self.path("cache"));
         let code = finished(&mut command, &input_path, &out, &err).expect("the retrace command runs");
         let text = |path: &Path| String::from_utf8_lossy(&fs::read(path).unwrap_or_default()).into_owned();
@@ -145,7 +147,34 @@ impl Bench {
         // A diagnostic may well show a line of the program that holds these words; it does not begin with them.
         let has_panicked = said.err.lines().any(|line| line.starts_with("thread '") && line.contains("panicked at"));
         assert!(!has_panicked && said.code != Some(PANICKED), "the command panicked:\n{}", said.err);
+        assert_documented(&arguments, &said.out);
         said
+    }
+}
+
+/// Checks every line of a command with `--json` against `docs/json-events.md`.
+fn assert_documented(arguments: &[OsString], out: &str) {
+    static PAGE: OnceLock<JsonPage> = OnceLock::new();
+    let arguments: Vec<&str> = arguments.iter().filter_map(|argument| argument.to_str()).collect();
+    if !arguments.contains(&"--json") || arguments.contains(&"--help") {
+        return;
+    }
+    let page = PAGE.get_or_init(JsonPage::read);
+    for line in out.lines() {
+        let object: serde_json::Value = serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"));
+        let checked = match (arguments[0], object["event"].as_str()) {
+            ("run" | "resume", Some("report")) => page.check_section("Report of run and resume", &object),
+            ("home" | "jog" | "mdi", Some("report")) => page.check_section("Report of home, jog and mdi", &object),
+            ("check", _) if object["machine"].is_null() => {
+                page.check_part("check", &object, &["event", "program", "diagnostics"])
+            }
+            ("resume", Some("resume")) => page.check_section("resume", &object),
+            (command @ ("machine" | "card"), _) => page.check_section(&format!("{command} {}", arguments[1]), &object),
+            ("jobs", _) if arguments.contains(&"show") => page.check_section("jobs show", &object),
+            (command @ ("check" | "jobs" | "doctor"), _) => page.check_section(command, &object),
+            _ => page.check_event(&object),
+        };
+        checked.unwrap_or_else(|error| panic!("docs/json-events.md, {arguments:?}: {error}"));
     }
 }
 

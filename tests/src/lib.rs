@@ -5,6 +5,7 @@
 
 pub mod command;
 pub mod cutter_observer;
+pub mod json_page;
 pub mod limits;
 pub mod pins;
 pub mod programs;

@@ -104,7 +104,7 @@ fn a_hold_puts_out_a_torch_at_once_a_jet_after_its_grace_and_lets_a_spindle_turn
     let (torch, pins) = run(&machine(TORCH, ""), TORCH_PROGRAM, holds, &[]);
     torch.assert_exact_and_legal();
     let out = torch.of_kind("cutter_off").next().expect("it goes out").clone();
-    assert_eq!((&out["reason"], &out["line"]), (&json!("standing"), &json!(4)));
+    assert_eq!((&out["reason"], &out["line"]), (&json!("at_rest"), &json!(4)));
     // M3 takes 400 ms, and up to 100 ms may pass until the motion begins
     assert!(max_standing_ms(&pins, "spindle").0 <= 502, "{:?}", max_standing_ms(&pins, "spindle"));
     let at_rest = pins.iter().find(|sample| sample.at_us / 1000 >= time_ms(&out)).expect("a sample");
@@ -149,7 +149,7 @@ fn every_other_stop_puts_the_torch_out_as_well() {
         run.assert_exact_and_legal();
         let (standing, line) = max_standing_ms(&pins, "spindle");
         assert!(standing <= 502, "{what}: lit for {standing} ms at rest, line {line}");
-        assert!(run.of_kind("cutter_off").any(|off| off["reason"] == "standing"), "{what}");
+        assert!(run.of_kind("cutter_off").any(|off| off["reason"] == "at_rest"), "{what}");
     }
 }
 

@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Write as _};
 use std::path::Path;
 
-use retrace_controller::machine::{CutterConfig, MachineCheck, MachineConfig};
+use retrace_controller::machine::{CutterConfig, MachineCheck, MachineConfig, machine_file_schema};
 use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::switching::{CodeClass, CodeSwitching, InReverse};
 use retrace_link::channel;
@@ -39,17 +39,30 @@ fn file(kind: Option<args::MachineKind>) -> &'static str {
 pub fn run(args: &args::Machine) -> Result<u8, CommandFailure> {
     match args {
         args::Machine::New { kind, of_kind, output } => {
-            let text = file(kind.or(*of_kind));
-            let Some(path) = output else {
-                crate::out::line(text.trim_end());
-                return Ok(0);
-            };
-            create(path, text).map_err(|error| unwritable(&path.display().to_string(), &error))?;
-            say!("{} written; check it with: retrace machine check {0}", path.display());
+            write_or_print(file(kind.or(*of_kind)), output.as_deref())?;
+            if let Some(path) = output {
+                say!("check it with: retrace machine check {}", path.display());
+            }
+        }
+        args::Machine::Schema { output } => {
+            let schema = serde_json::to_string_pretty(&machine_file_schema()).expect("a JSON value can be written");
+            write_or_print(&schema, output.as_deref())?;
         }
         args::Machine::Check { file, card, json } => return check(file, card.as_deref(), *json),
     }
     Ok(0)
+}
+
+/// Writes a new file, or prints the text if no file is named.
+fn write_or_print(text: &str, output: Option<&Path>) -> Result<(), CommandFailure> {
+    let Some(path) = output else {
+        crate::out::line(text.trim_end());
+        return Ok(());
+    };
+    let text = format!("{}\n", text.trim_end());
+    create(path, &text).map_err(|error| unwritable(&path.display().to_string(), &error))?;
+    say!("{} written", path.display());
+    Ok(())
 }
 
 /// Checks a machine file, by itself and against the card at a port. Prints one line per finding.

@@ -20,7 +20,7 @@ use retrace_controller::manual::jog_planner::BEYOND;
 use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::operator::{self, ScriptInstruction};
 use retrace_controller::resume::{ResumePlan, ResumePoint};
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_link::{Greeting, MotionCard, Outputs, PathStart, channel};
 
 use crate::args::{self, OnOff};
@@ -308,7 +308,7 @@ impl ResumeStep<'_> {
         }
         let said =
             PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
-        let is_behind = before(said.reached, stood.start.reached) || before(said.executed, stood.start.executed);
+        let is_behind = is_before(said.reached, stood.start.reached) || is_before(said.executed, stood.start.executed);
         let is_off_path = said.place.record.wrapping_sub(self.record.job.origin) >= BEYOND;
         let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == entry::JobEnding::Stopped);
         // The card's place is on another path, or does not matter: use the journal's place, where the card came to
@@ -362,10 +362,10 @@ impl ResumeStep<'_> {
         let every = self.record.marks / MARKS + 1;
         for (number, mark) in (0_u64..).zip(self.record.marks()?) {
             let mark = mark?;
-            if is_old && before(farthest, mark.place) {
+            if is_old && is_before(farthest, mark.place) {
                 break;
             }
-            if number.is_multiple_of(every) || before(start.place.record, mark.place) {
+            if number.is_multiple_of(every) || is_before(start.place.record, mark.place) {
                 marks.push(mark);
             }
         }

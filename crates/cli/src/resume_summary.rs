@@ -11,7 +11,7 @@ use retrace_controller::machine::MachineConfig;
 use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::resume::ResumePlan;
 use retrace_core::ONE;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_gcode::Progress;
 use retrace_link::channel;
 use serde_json::{Value, json};
@@ -214,7 +214,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
     fn block(&self) -> Option<Block> {
         let place = self.prepared.start().place.record;
         let marks = self.record.marks().ok()?.map_while(Result::ok);
-        let last = marks.take_while(|mark| !before(place, mark.place)).last();
+        let last = marks.take_while(|mark| !is_before(place, mark.place)).last();
         let first = last.map_or(0, |mark| mark.block.saturating_sub(1));
         let kept: ProgramStream = match File::open(self.kept) {
             Ok(file) => Box::new(BufReader::new(file).take(self.record.spooled.bytes)),

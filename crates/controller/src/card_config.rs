@@ -4,6 +4,7 @@
 
 use retrace_core::limits::RateLimits;
 use retrace_link::{CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, OutputChange, PathStart, channel};
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::machine::{AxisConfig, MachineConfig, within};
@@ -13,45 +14,64 @@ use crate::numbered_error::NumberedError;
 /// between the report of M3 and the first motion (CUT-6).
 const HANDOVER_MS: f64 = 100.0;
 
-/// What an input means, as it is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+/// Use of an input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 enum InputMeaning {
+    /// An input that programs wait for.
     Plain,
+    /// Limit switch at the lower end of an axis.
     LowerLimit,
+    /// Limit switch at the upper end of an axis.
     UpperLimit,
+    /// Home switch of an axis.
     Home,
+    /// Door switch.
     Door,
+    /// Emergency stop.
     EmergencyStop,
+    /// Probe.
     Probe,
 }
 
-/// An input, as it is written.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+/// An input of the card, `[[card.input]]`.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-struct WrittenInput {
+struct InputSection {
+    /// Number of the input.
+    #[schemars(range(max = 15))]
     number: u8,
+    /// Use of the input.
     #[serde(rename = "use")]
     used_for: InputMeaning,
+    /// Axis of a limit or home switch.
     axis: Option<char>,
+    /// Whether the input is active at low level.
     #[serde(default)]
     active_low: bool,
 }
 
-/// `[card]` as it is written.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+/// The motion card, `[card]`.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub(crate) struct WrittenCard {
+pub(crate) struct CardSection {
+    /// Time without a frame from the computer after which the card stops, in ms.
     watchdog_ms: f64,
+    /// Interval of the card's reports in ms.
     report_every_ms: f64,
+    /// Length of a step pulse in µs.
     step_pulse_us: f64,
+    /// Time from a change of direction to the next step in µs.
     direction_setup_us: f64,
+    /// Axes whose direction output is inverted.
     inverted_axes: Vec<char>,
+    /// Outputs that a fault switches off; by default the cutters and the spindle.
     off_at_fault: Option<Vec<u8>>,
-    input: Vec<WrittenInput>,
+    /// Inputs.
+    input: Vec<InputSection>,
 }
 
-impl Default for WrittenCard {
+impl Default for CardSection {
     fn default() -> Self {
         Self {
             watchdog_ms: 250.0,
@@ -80,7 +100,7 @@ pub struct CardConfig {
     pub off_at_fault: Vec<u8>,
 }
 
-impl WrittenCard {
+impl CardSection {
     /// Checks what is written. Without a list of its own a fault switches off what cuts, and the spindle.
     pub(crate) fn checked(
         self,
@@ -202,7 +222,7 @@ impl MachineConfig {
     pub fn card_settings<const A: usize>(&self, start: PathStart) -> CardSettings<A> {
         let card = &self.card;
         // A checked machine has them.
-        let limits = self.rate_limits().unwrap_or(RateLimits::unknown());
+        let limits = self.rate_limits().unwrap_or(RateLimits::unconfigured());
         let mut settings = CardSettings {
             axes: self.axes.len().min(A) as u8,
             report_periods: card.report_periods,

@@ -92,7 +92,7 @@ impl CutterOffReason {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Card(CutterOffCause::Standing) => "standing",
+            Self::Card(CutterOffCause::Standing) => "at_rest",
             Self::Card(CutterOffCause::Reverse) | Self::Retrace => "reverse",
             Self::Card(CutterOffCause::Inhibited) => "dry_run",
             Self::Card(CutterOffCause::Alarm) => "alarm",

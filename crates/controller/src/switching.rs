@@ -6,46 +6,47 @@
 use std::collections::BTreeMap;
 
 use retrace_link::{InputWait, MAX_INPUTS};
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::machine::within;
 use crate::numbered_error::{NumberedError, nearest};
 
-/// How an instruction stands to the motion.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+/// Class of an instruction: with or without a stop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum CodeClass {
-    /// The motion comes to rest, the instruction is executed, the motion goes on.
+    /// The motion stops, the instruction is executed, the motion continues.
     #[default]
     Exclusive,
-    /// Executed in passing, at its place, without a stop.
+    /// The instruction is executed at its place without a stop.
     Synchronous,
 }
 
-/// What becomes of a code where reverse run passes it, outputs being replayed (REV-14).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+/// Effect of a code where reverse run passes it, with `retrace_outputs = "replayed"` (REV-14).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 pub enum InReverse {
-    /// Nothing: what it has switched stays.
+    /// The outputs stay as they are.
     #[serde(rename = "unchanged")]
     Unchanged,
-    /// Its outputs are set back to what they were before it, and forward again to what it made them.
+    /// The outputs return to the values before the code; forward again, to the values after it.
     #[serde(rename = "undone")]
     Undone,
-    /// It cannot be passed backward.
+    /// The code cannot be passed backward.
     #[serde(rename = "barrier")]
     Barrier,
 }
 
-/// What a code waits for, as it is written.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+/// Input that an instruction waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WaitsFor {
-    /// Number of the card's input.
+    /// Number of the input.
     input: u8,
-    /// Is it to become active, or inactive?
+    /// Whether the input has to become active, or inactive.
     #[serde(default = "yes")]
     active: bool,
-    /// After so long it has failed, ms; 0: it may take for ever.
+    /// Timeout in ms; 0 for none.
     #[serde(default = "ten_seconds")]
     timeout_ms: f64,
 }
@@ -58,21 +59,21 @@ const fn ten_seconds() -> f64 {
     10_000.0
 }
 
-/// A code's entry in the machine file, `[code.M3]`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+/// What a code switches, `[code.M3]`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CodeSettings {
-    /// How it stands to the motion.
+    /// Class of the code.
     pub class: CodeClass,
-    /// How long an exclusive instruction takes at least, in ms.
+    /// Minimum duration of an exclusive instruction in ms.
     pub duration_ms: f64,
-    /// The input that says that it is done.
+    /// Input that confirms that the instruction is complete.
     pub waits_for: Option<WaitsFor>,
-    /// What becomes of it in reverse.
+    /// Effect in reverse.
     pub in_reverse: Option<InReverse>,
-    /// The output that a user code M100 to M199 switches, 0 to 63.
+    /// Output that a user code M100 to M199 switches, 0 to 63.
     pub output: Option<u8>,
-    /// Whether the user code switches it off and not on.
+    /// Whether the user code switches the output off instead of on.
     pub off: bool,
 }
 

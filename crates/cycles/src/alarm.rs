@@ -1,29 +1,30 @@
-//! Alarms of running cycles, and the one table of the control's alarm numbers.
+//! Alarms of running cycles, and the table of the control's alarm numbers.
 //!
-//! Invariant: cycles name alarms by the numbers of this table's first column; what users see is the second, so that numbers
-//! can be corrected here without touching a cycle.
+//! Invariant: cycles raise alarms by the numbers of this table's first column, and users see those of the second.
+//! Numbers can so be corrected here without changing a cycle.
 
 use crate::cycle::CycleId;
 use crate::error_codes::ErrorCode;
 use std::fmt;
 
-/// A run that has ended with an alarm: none of the cycle's motion has taken place if it came from a check of the parameters.
+/// A run that has ended with an alarm. If the alarm comes from a check of the parameters, none of the cycle's motion
+/// has taken place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Alarm {
-    /// Ours; [`ErrorCode::CycleAlarm`] for what a cycle raises with SETAL.
+    /// Error code of this project; [`ErrorCode::CycleAlarm`] for an alarm that a cycle raises with SETAL.
     pub code: ErrorCode,
-    /// The control's alarm number, where there is one.
+    /// The control's alarm number, if it has one.
     pub number: Option<u32>,
-    /// The cycle that was running.
+    /// Cycle that was running.
     pub cycle: CycleId,
     /// Line of its source, from 1.
     pub line: u32,
-    /// What is wrong: cycle, parameter and value.
+    /// Description: cycle, parameter and value.
     pub text: String,
 }
 
 impl Alarm {
-    /// What to do about it: the remedy of the control's alarm where there is one, else of our number.
+    /// Returns the remedy: that of the control's alarm if it has a number, otherwise that of the error code.
     #[must_use]
     pub fn help(&self) -> &'static str {
         self.number.and_then(alarm_text).map_or(self.code.remedy(), |text| text.remedy)
@@ -31,7 +32,7 @@ impl Alarm {
 }
 
 impl fmt::Display for Alarm {
-    /// `alarm 61101: CYCLE81: …`
+    /// Writes `alarm 61101: CYCLE81: …`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(number) = self.number {
             write!(f, "alarm {number}: ")?;
@@ -40,25 +41,25 @@ impl fmt::Display for Alarm {
     }
 }
 
-/// Why a run has ended early.
+/// Reason why a run has ended early.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Halt {
     /// An alarm of the cycle.
     Alarm(Box<Alarm>),
-    /// The host stopped at a block, and knows why.
+    /// The host stopped at a block, and has the reason.
     Stopped,
 }
 
 /// An alarm of the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AlarmText {
-    /// Number as the cycles write it.
+    /// Number as written in the cycles.
     pub written: u32,
-    /// Number as it is shown.
+    /// Number as displayed.
     pub number: u32,
-    /// What is wrong.
+    /// Description.
     pub title: &'static str,
-    /// What to do.
+    /// Remedy.
     pub remedy: &'static str,
 }
 
@@ -66,8 +67,8 @@ const fn text(written: u32, title: &'static str, remedy: &'static str) -> AlarmT
     AlarmText { written, number: written, title, remedy }
 }
 
-/// Every alarm that the shipped cycles and stock removal raise. Numbers apart from 61815 are from memory of the
-/// control; 61890 and 62801 … 62805 are ours.
+/// All alarms that the shipped cycles and stock removal raise. Numbers apart from 61815 are from memory of the control;
+/// 61890 and 62801 … 62805 are this project's own.
 pub(crate) const ALARMS: &[AlarmText] = &[
     text(10930, "interpolation not allowed in the contour", "Write the contour with G0, G1, G2 and G3 only."),
     text(10931, "contour faulty", "Leave G41 and G42 out of the contour, and split arcs of more than 180 degrees."),
@@ -110,7 +111,7 @@ pub(crate) const ALARMS: &[AlarmText] = &[
     text(62805, "value limited", "Give a value within the range."),
 ];
 
-/// What is known of an alarm, by the number that a cycle writes.
+/// Returns the texts of an alarm, by the number that a cycle writes.
 #[must_use]
 pub fn alarm_text(written: u32) -> Option<&'static AlarmText> {
     ALARMS.iter().find(|alarm| alarm.written == written)

@@ -1,8 +1,8 @@
-//! The cycles that come with retrace, as sources.
+//! The sources of the cycles that are shipped with retrace.
 //!
-//! Invariant: all of them compile without a warning; a test holds them to it.
+//! Invariant: all of them compile without a warning, which a test checks.
 
-/// Names and sources, in the order of the names.
+/// Names and sources, sorted by name.
 pub(crate) const SOURCES: &[(&str, &str)] = &[
     ("CYCLE81", include_str!("../cycles/CYCLE81.SPF")),
     ("CYCLE82", include_str!("../cycles/CYCLE82.SPF")),
@@ -18,7 +18,7 @@ pub(crate) const SOURCES: &[(&str, &str)] = &[
     ("HOLES2", include_str!("../cycles/HOLES2.SPF")),
 ];
 
-/// The source of a shipped cycle, by its name in capitals or not.
+/// Returns the source of a shipped cycle, by its name in either case.
 #[must_use]
 pub fn shipped_source(name: &str) -> Option<&'static str> {
     SOURCES.iter().find(|(known, _)| known.eq_ignore_ascii_case(name)).map(|(_, source)| *source)

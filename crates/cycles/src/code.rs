@@ -1,33 +1,33 @@
 //! The compiled form of a cycle: flat code for a stack machine, with slots for parameters and variables.
 //!
-//! Invariant: every instruction has its source line; whatever bytes the instructions are read from, they are memory-safe to run,
-//! because the machine checks every slot, index and jump again.
+//! Invariant: every instruction has its source line. Instructions read from arbitrary bytes are memory-safe to run,
+//! because the virtual machine checks every slot, index and jump again.
 
 use crate::cycle::{Parameter, Type};
 
-/// A compiled source, before its calls are joined to the cycles they name.
+/// A compiled source, before its calls are linked to the cycles that they name.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub(crate) struct Unit {
-    /// In capitals.
+    /// Name, in capitals.
     pub(crate) name: String,
     pub(crate) parameters: Vec<Parameter>,
     pub(crate) saves: bool,
     pub(crate) is_pattern: bool,
-    /// Slots of a frame: the parameters first, then variables, arrays and R parameters.
+    /// Number of slots of a frame: the parameters first, then variables, arrays and R parameters.
     pub(crate) slots: u16,
     pub(crate) ops: Vec<Op>,
     /// Source line of each instruction.
     pub(crate) lines: Vec<u32>,
     pub(crate) texts: Vec<String>,
     pub(crate) calls: Vec<CallSite>,
-    /// The parameter that names a contour for `STOCKPATH`.
+    /// Parameter that names a contour for `STOCKPATH`.
     pub(crate) contour: Option<u16>,
 }
 
 /// A call of another cycle.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct CallSite {
-    /// In capitals.
+    /// Name, in capitals.
     pub(crate) name: String,
     pub(crate) line: u32,
     pub(crate) start: u32,
@@ -35,17 +35,17 @@ pub(crate) struct CallSite {
     pub(crate) arguments: Vec<Passed>,
 }
 
-/// What a call gives for a parameter.
+/// Argument that a call passes for a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Passed {
     Nothing,
     Number,
     Text,
-    /// The caller's own text parameter, handed on.
+    /// The caller's own text parameter, passed on.
     Parameter(u16),
 }
 
-/// How a value is converted when it is stored.
+/// Converts a value to the type in which it is stored.
 pub(crate) fn converted(of: Type, value: f64) -> f64 {
     match of {
         Type::Real | Type::Text(_) => value,
@@ -54,7 +54,7 @@ pub(crate) fn converted(of: Type, value: f64) -> f64 {
     }
 }
 
-/// Makes a plain enumeration whose values have names in the language, and can be kept as a byte.
+/// Defines a plain enumeration whose values have names in the language, and which is stored as a byte.
 macro_rules! named {
     ($(#[$note:meta])* $enum:ident { $($variant:ident $name:literal,)* }) => {
         $(#[$note])*
@@ -64,7 +64,7 @@ macro_rules! named {
         impl $enum {
             pub(crate) const ALL: &'static [($enum, &'static str)] = &[$(($enum::$variant, $name),)*];
 
-            /// The one of this name, in capitals.
+            /// Returns the value of this name, in capitals.
             pub(crate) fn named(name: &str) -> Option<Self> {
                 Self::ALL.iter().find(|(_, known)| *known == name).map(|(this, _)| *this)
             }
@@ -91,7 +91,7 @@ named! {
 }
 
 impl Function {
-    /// Number of its arguments.
+    /// Returns the number of arguments.
     pub(crate) const fn arguments(self) -> usize {
         match self {
             Self::Atan2 | Self::Least | Self::Greatest => 2,
@@ -106,7 +106,7 @@ impl Function {
 }
 
 named! {
-    /// Operators between two numbers, and the two before one.
+    /// Operators between two numbers, and the two unary ones.
     Operator {
         Add "+", Subtract "-", Multiply "*", Divide "/", WholeDivide "DIV", Modulo "MOD", Equal "==", Unequal "<>", Less "<",
         LessEqual "<=", Greater ">", GreaterEqual ">=", And "AND", Or "OR", Xor "XOR", Not "NOT", Negate "NEGATE",
@@ -123,7 +123,7 @@ named! {
     }
 }
 
-/// A value that can be kept as bytes.
+/// A value that is stored as bytes.
 pub(crate) trait Operand: Copy {
     fn put(self, out: &mut Vec<u8>);
     fn take(input: &mut Input<'_>) -> Option<Self>;
@@ -196,10 +196,10 @@ impl Operand for Type {
     }
 }
 
-/// Makes the instructions, and how they are kept as bytes, from one list.
+/// Defines the instructions, and their storage as bytes, from one list.
 macro_rules! instructions {
     ($($(#[$note:meta])* $name:ident $(($($field:ident: $type:ty),+))?,)*) => {
-        /// An instruction. "Takes" is from the top of the stack, the last named on top; "gives" is onto it.
+        /// An instruction. "Pops" is from the top of the stack, the last named on top; "pushes" is onto it.
         #[derive(Clone, Copy, Debug, PartialEq)]
         pub(crate) enum Op { $($(#[$note])* $name $(($($type),+))?,)* }
 
@@ -228,72 +228,72 @@ macro_rules! instructions {
 }
 
 instructions! {
-    /// Gives a number.
+    /// Pushes a number.
     Number(value: f64),
-    /// Gives a text of the unit.
+    /// Pushes a text of the unit.
     Text(index: u16),
-    /// Gives what a slot holds.
+    /// Pushes the value of a slot.
     Load(slot: u16),
-    /// Takes a value, and keeps it in a slot.
+    /// Pops a value, and stores it in a slot.
     Store(slot: u16, of: Type),
-    /// Takes an index, gives the element of an array of so many slots.
+    /// Pops an index, pushes the element of an array of so many slots.
     LoadAt(base: u16, length: u16),
-    /// Takes an index and a value, and keeps the value there.
+    /// Pops an index and a value, and stores the value there.
     StoreAt(base: u16, length: u16, of: Type),
-    /// Takes row and column, gives the index of an element of an array with so many rows and columns.
+    /// Pops row and column, pushes the index of an element of an array with so many rows and columns.
     Element(rows: u16, columns: u16),
-    /// Takes one or two numbers, gives one.
+    /// Pops one or two numbers, pushes one.
     Operate(operator: Operator),
-    /// Takes as many numbers as the function has arguments, gives one.
+    /// Pops as many numbers as the function has arguments, pushes one.
     Call1(function: Function),
-    /// Takes two texts, gives 1 if they are equal, or if they are not.
+    /// Pops two texts, pushes 1 if they are equal, or if they are not.
     CompareTexts(unequal: bool),
-    /// Goes on elsewhere.
+    /// Jumps.
     Jump(target: u32),
-    /// Takes a number, and goes on elsewhere if it is 0.
+    /// Pops a number, and jumps if it is 0.
     JumpIfNot(target: u32),
-    /// Takes a number, and goes on elsewhere unless it is 0.
+    /// Pops a number, and jumps unless it is 0.
     JumpIf(target: u32),
-    /// Takes the arguments of a call, and runs another cycle.
+    /// Pops the arguments of a call, and runs another cycle.
     CallCycle(site: u16),
     /// Ends the cycle.
     Return,
-    /// Takes the number of a parameter, from 1; gives 1 if the call gave it.
+    /// Pops the number of a parameter, from 1; pushes 1 if the call passed it.
     Programmed,
-    /// Gives a system variable.
+    /// Pushes a system variable.
     Ask(system: System),
-    /// Takes the number of an axis of the plane, 1 … 3; gives its programmed position.
+    /// Pops the number of an axis of the plane, 1 … 3; pushes its programmed position.
     PositionAt,
-    /// Gives the programmed position of the axis of this letter.
+    /// Pushes the programmed position of the axis of this letter.
     PositionOf(letter: u8),
     /// Begins a block.
     Begin,
     /// Adds a G code, in tenths.
     CodeG(tenths: u16),
-    /// Takes a number, and adds it as an M code.
+    /// Pops a number, and adds it as an M code.
     CodeM,
-    /// Takes a number, and adds a word.
+    /// Pops a number, and adds a word.
     Word(letter: u8),
-    /// Takes the number of an axis of the plane and a value, and adds the axis' word.
+    /// Pops the number of an axis of the plane and a value, and adds the axis' word.
     AxisWord,
-    /// Takes the number of an axis of the plane and a value, and adds the word of the centre along that axis.
+    /// Pops the number of an axis of the plane and a value, and adds the word of the centre along that axis.
     CentreWord,
-    /// Takes a number of revolutions, and adds the seconds that they last.
+    /// Pops a number of revolutions, and adds their duration in seconds.
     DwellTurns,
-    /// Takes an angle, and adds M19 with it.
+    /// Pops an angle, and adds M19 with it.
     Orient,
-    /// Gives the block to the host.
+    /// Passes the block to the host.
     Emit,
-    /// Empties the message.
+    /// Clears the message.
     Clear,
-    /// Takes a value, and adds it to the message.
+    /// Pops a value, and appends it to the message.
     Join,
-    /// Shows the message.
+    /// Sends the message.
     Show,
-    /// Takes a number, and raises the alarm or warning of that number with the message.
+    /// Pops a number, and raises the alarm or warning of that number with the message.
     Raise,
-    /// Takes the eight arguments of STOCKPATH, gives the number of moves.
+    /// Pops the eight arguments of STOCKPATH, pushes the number of moves.
     StockPath,
-    /// Takes the number of a move and of a column, gives what stands there.
+    /// Pops the number of a move and of a column, pushes the value there.
     StockRead,
 }

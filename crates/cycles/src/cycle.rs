@@ -1,4 +1,4 @@
-//! What is known of a compiled cycle without running it: its name, its kind, its parameters, its attributes.
+//! Properties of a compiled cycle: name, kind, parameters, attributes.
 //!
 //! Invariant: nothing here changes once a library is open.
 
@@ -6,7 +6,7 @@ use crate::code::Unit;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// A cycle of a [`crate::Library`]; it is valid for that library only.
+/// Identifier of a cycle in a [`crate::CycleLibrary`]; valid for that library only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CycleId(pub(crate) u16);
 
@@ -15,11 +15,11 @@ pub struct CycleId(pub(crate) u16);
 pub enum Type {
     /// A number.
     Real,
-    /// A whole number; what is assigned is rounded.
+    /// A whole number; an assigned value is rounded.
     Int,
-    /// 0 or 1; what is assigned is 1 unless it is 0.
+    /// 0 or 1; an assigned value becomes 1 unless it is 0.
     Bool,
-    /// A text of at most so many bytes.
+    /// A text of at most this many bytes.
     Text(u16),
 }
 
@@ -43,27 +43,27 @@ impl fmt::Display for Type {
 /// A parameter of the PROC line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameter {
-    /// Its name, in capitals.
+    /// Name, in capitals.
     pub name: String,
-    /// Its type.
+    /// Type of the parameter.
     pub of: Type,
-    /// Value where the call gives none; a text is empty then.
+    /// Value if the call passes none; a text is empty then.
     pub default: f64,
 }
 
-/// The three kinds of cycles (PRE-2, PRE-3, PRE-4).
+/// Kind of a cycle (PRE-2, PRE-3, PRE-4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// No parameters: compiled completely.
     Plain,
     /// Parameters, none of which is a contour: compiled with slots for the parameters and for the caller's state.
     Parameters,
-    /// A contour subprogram among the parameters; which one, from 0. The pre-scan reads the contour.
+    /// A contour subprogram among the parameters, with its index from 0. The pre-scan reads the contour.
     Contour(usize),
 }
 
 impl Kind {
-    /// 1, 2 or 3, as the requirements number them.
+    /// Returns 1, 2 or 3, as the requirements number the kinds.
     #[must_use]
     pub const fn number(self) -> u8 {
         match self {
@@ -74,19 +74,19 @@ impl Kind {
     }
 }
 
-/// Where a cycle comes from.
+/// Origin of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// It came with retrace.
+    /// Shipped with retrace.
     Shipped,
     /// A source of the user's folder.
     User,
 }
 
-/// What a call gives for a parameter, before its value is known.
+/// Argument of a call, before its value is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Given {
-    /// An empty place.
+    /// An empty argument.
     Nothing,
     /// A number.
     Number,
@@ -98,7 +98,7 @@ pub enum Given {
 #[derive(Clone, Debug)]
 pub struct Cycle {
     pub(crate) unit: Unit,
-    /// The cycles that its calls mean, in the order of the unit's calls.
+    /// The cycles that its calls name, in the order of the unit's calls.
     pub(crate) callees: Vec<CycleId>,
     pub(crate) kind: Kind,
     pub(crate) origin: Origin,
@@ -107,68 +107,63 @@ pub struct Cycle {
 }
 
 impl Cycle {
-    /// Its name, in capitals.
+    /// Returns the name, in capitals.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.unit.name
     }
 
-    /// Its parameters, in the order of the call.
+    /// Returns the parameters, in the order of the call.
     #[must_use]
     pub fn parameters(&self) -> &[Parameter] {
         &self.unit.parameters
     }
 
-    /// With or without parameters, or with a contour among them.
+    /// Returns the kind: with or without parameters, or with a contour among them.
     #[must_use]
     pub const fn kind(&self) -> Kind {
         self.kind
     }
 
-    /// Shipped, or the user's.
+    /// Returns whether the cycle is shipped or the user's.
     #[must_use]
     pub const fn origin(&self) -> Origin {
         self.origin
     }
 
-    /// How a call with these arguments does not fit, if it does not: for whoever checks a program before it runs.
+    /// Returns why a call with these arguments is wrong, or `None` if it is right. It serves the check of a program
+    /// before it runs.
     pub fn misfit(&self, given: impl IntoIterator<Item = Given>) -> Option<String> {
         misfit(&self.unit, given)
     }
 
-    /// Its source: a path, or its name for a shipped one.
+    /// Returns the source: a path, or the name of a shipped cycle.
     #[must_use]
     pub fn source(&self) -> &Path {
         &self.path
     }
 
-    /// Was its compiled form taken from the folder, and not compiled now?
+    /// Whether the compiled form was loaded from the folder rather than compiled now.
     #[must_use]
     pub const fn was_fresh(&self) -> bool {
         self.was_fresh
     }
 
-    /// `SAVE`: the modal state of the caller is restored at the end.
+    /// Whether the modal state of the caller is restored at the end (`SAVE`).
     #[must_use]
     pub const fn saves(&self) -> bool {
         self.unit.saves
     }
 
-    /// `PATTERN`: its blocks with axis words call the caller's modal cycle (HOLES1, HOLES2).
+    /// Whether its blocks with axis words call the caller's modal cycle (`PATTERN`; HOLES1, HOLES2).
     #[must_use]
     pub const fn is_pattern(&self) -> bool {
         self.unit.is_pattern
     }
-
-    /// Number of instructions of the compiled form.
-    #[must_use]
-    pub fn code_len(&self) -> usize {
-        self.unit.ops.len()
-    }
 }
 
 impl fmt::Display for Cycle {
-    /// The head of the cycle as its PROC line has it.
+    /// Writes the head of the cycle, as in its PROC line.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())?;
         if self.parameters().is_empty() {
@@ -182,7 +177,7 @@ impl fmt::Display for Cycle {
     }
 }
 
-/// How arguments do not fit a unit's parameters, if they do not.
+/// Returns why arguments do not fit a unit's parameters, or `None` if they do.
 pub(crate) fn misfit(callee: &Unit, given: impl IntoIterator<Item = Given>) -> Option<String> {
     let (name, most) = (&callee.name, callee.parameters.len());
     for (index, given) in given.into_iter().enumerate() {

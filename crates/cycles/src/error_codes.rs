@@ -1,38 +1,38 @@
-//! The one table of errors and warnings of cycle sources, cycle folders and cycle runs: number, title, cause and remedy.
+//! The table of errors and warnings of cycle sources, cycle folders and cycle runs: number, title, cause and remedy.
 //!
 //! Invariant: a number never changes its meaning; `docs/errors.md` has a row for each.
 
-/// Makes the enumeration and its table from one list.
+/// Generates the enumeration and its table from one list.
 macro_rules! codes {
     ($($name:ident $number:literal $title:literal $cause:literal $remedy:literal;)*) => {
-        /// What a diagnostic is about. Numbers from `E` are errors, from `W` warnings.
+        /// Code of a diagnostic. Numbers from `E` are errors, from `W` warnings.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
         #[allow(missing_docs)] // each has its title in the table below
         pub enum ErrorCode { $($name,)* }
 
         impl ErrorCode {
-            /// Every code, in the order of the table.
+            /// All codes, in the order of the table.
             pub const ALL: &'static [ErrorCode] = &[$(ErrorCode::$name,)*];
 
-            /// The number that users see, such as `E1905`.
+            /// Returns the number that users see, such as `E1905`.
             #[must_use]
             pub const fn number(self) -> &'static str {
                 match self { $(ErrorCode::$name => $number,)* }
             }
 
-            /// What is wrong, in general.
+            /// Returns what is wrong, in general.
             #[must_use]
             pub const fn title(self) -> &'static str {
                 match self { $(ErrorCode::$name => $title,)* }
             }
 
-            /// How it comes about.
+            /// Returns the cause.
             #[must_use]
             pub const fn cause(self) -> &'static str {
                 match self { $(ErrorCode::$name => $cause,)* }
             }
 
-            /// What to do about it.
+            /// Returns the remedy.
             #[must_use]
             pub const fn remedy(self) -> &'static str {
                 match self { $(ErrorCode::$name => $remedy,)* }

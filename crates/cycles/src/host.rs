@@ -1,20 +1,20 @@
-//! What a running cycle needs of the interpreter that called it, and the blocks that it gives back.
+//! The interface between a running cycle and the interpreter that called it, and the blocks that a cycle emits.
 //!
 //! Invariant: nothing here allocates; a block is a value of fixed size.
 
 use crate::cycle::{Cycle, CycleId};
 
-/// What a cycle may ask of the state that its caller has left, or that its own blocks have made.
+/// State that a cycle may read: left by its caller, or set by its own blocks.
 ///
-/// Lengths are in the program's units, in the work coordinates in force, and for X as a programmed word would have it now: a
-/// diameter in diameter programming.
+/// Lengths are in the program's units, in the work coordinates in force. X is a diameter in diameter programming, as a
+/// programmed word is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Query {
     /// Programmed position of this axis, by its letter in capitals: the end of the last block.
     Position(u8),
     /// Programmed feed F, in the units of the feed mode.
     Feed,
-    /// Programmed spindle speed S, in revolutions a minute.
+    /// Programmed spindle speed S, in revolutions per minute.
     SpindleSpeed,
     /// Spindle direction: 3 (M3), 4 (M4) or 5 (M5).
     SpindleDirection,
@@ -38,42 +38,42 @@ pub enum Query {
     SpindleMode,
     /// Motion in force: 0, 1, 2, 3 or 33.
     Motion,
-    /// 1 in diameter programming, else 0.
+    /// 1 in diameter programming, otherwise 0.
     Diameter,
-    /// 1 in inch programming, else 0.
+    /// 1 in inch programming, otherwise 0.
     Inch,
-    /// 1 while a modal cycle (MCALL) is in force, else 0.
+    /// 1 while a modal cycle (MCALL) is in force, otherwise 0.
     ModalCycle,
 }
 
 /// One word of a block: its letter in capitals and its value.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CycleWord {
-    /// `X Y Z A B C U V W`, `I J K` (centre from the start of the arc, or pitch), `R` (radius of an arc, or angle of M19), `F`, `S`,
-    /// `P` (seconds of G4), `D`.
+    /// `X Y Z A B C U V W`, `I J K` (centre from the start of the arc, or pitch), `R` (radius of an arc, or angle of
+    /// M19), `F`, `S`, `P` (seconds of G4), `D`.
     pub letter: u8,
-    /// Its value.
+    /// Value of the word.
     pub value: f64,
 }
 
-/// Most G codes of a block.
+/// Maximum number of G codes of a block.
 pub(crate) const MAX_G: usize = 8;
-/// Most M codes of a block.
+/// Maximum number of M codes of a block.
 pub(crate) const MAX_M: usize = 4;
-/// Most words of a block besides.
+/// Maximum number of other words of a block.
 pub(crate) const MAX_WORDS: usize = 16;
 
-/// A block of a cycle, in RS274/NGC: what the cycle language writes otherwise is translated.
+/// A block of a cycle, in RS274/NGC. Different notations of the cycle language are translated.
 ///
-/// `SPOS=a` is M19 R(a), `CR=r` is R, G4 F and G4 S are G4 P in seconds, DIAMON and DIAMOF are G7 and G8, `AX[n]` and `IP[n]` are the
-/// letters of the plane in force, G60 is G61.
+/// `SPOS=a` is M19 R(a), `CR=r` is R, G4 F and G4 S are G4 P in seconds, DIAMON and DIAMOF are G7 and G8, `AX[n]` and
+/// `IP[n]` are the letters of the plane in force, G60 is G61.
 #[derive(Clone, Copy, Debug)]
 pub struct CycleBlock {
     /// Cycle whose block it is.
     pub cycle: CycleId,
     /// Line of its source, from 1.
     pub line: u32,
-    /// Does it call the modal cycle? It does if its cycle is a pattern and the block has a word of an axis of the plane.
+    /// Whether it calls the modal cycle: its cycle is a pattern and the block has a word of an axis of the plane.
     pub triggers: bool,
     codes_g: [u16; MAX_G],
     codes_m: [u16; MAX_M],
@@ -82,7 +82,7 @@ pub struct CycleBlock {
 }
 
 impl CycleBlock {
-    /// An empty block.
+    /// Creates an empty block.
     #[must_use]
     pub const fn new(cycle: CycleId, line: u32) -> Self {
         Self {
@@ -96,42 +96,36 @@ impl CycleBlock {
         }
     }
 
-    /// Empties the block; what it held is only forgotten, so that a block costs what it holds.
+    /// Clears the block. The content is not overwritten, so that the cost depends on what the block holds.
     pub(crate) fn begin(&mut self, cycle: CycleId, line: u32) {
         (self.cycle, self.line, self.triggers, self.counts) = (cycle, line, false, [0; 3]);
     }
 
-    /// G codes in tenths, in the order of the source: G33.1 is 331.
+    /// Returns the G codes in tenths, in the order of the source: G33.1 is 331.
     #[must_use]
     pub fn g(&self) -> &[u16] {
         &self.codes_g[..usize::from(self.counts[0])]
     }
 
-    /// M codes in the order of the source.
+    /// Returns the M codes in the order of the source.
     #[must_use]
     pub fn m(&self) -> &[u16] {
         &self.codes_m[..usize::from(self.counts[1])]
     }
 
-    /// The other words, in the order of the source.
+    /// Returns the other words, in the order of the source.
     #[must_use]
     pub fn words(&self) -> &[CycleWord] {
         &self.words[..usize::from(self.counts[2])]
     }
 
-    /// Value of the word with this letter.
+    /// Returns the value of the word with this letter.
     #[must_use]
     pub fn word(&self, letter: u8) -> Option<f64> {
         self.words().iter().find(|word| word.letter == letter).map(|word| word.value)
     }
 
-    /// Does it move, or would it if the distance were not zero?
-    #[must_use]
-    pub fn has_axes(&self) -> bool {
-        self.words().iter().any(|word| b"XYZABCUVW".contains(&word.letter))
-    }
-
-    /// Adds a G code; one too many is left out, which the compiler does not let happen.
+    /// Adds a G code. A code beyond the maximum is dropped, which the compiler excludes.
     pub(crate) fn add_g(&mut self, tenths: u16) {
         push(&mut self.codes_g, &mut self.counts[0], tenths);
     }
@@ -141,7 +135,7 @@ impl CycleBlock {
         push(&mut self.codes_m, &mut self.counts[1], code);
     }
 
-    /// Adds a word; a second one with its letter takes the place of the first.
+    /// Adds a word; a second one with the same letter replaces the first.
     pub(crate) fn add_word(&mut self, letter: u8, value: f64) {
         let count = usize::from(self.counts[2]);
         match self.words[..count].iter_mut().find(|word| word.letter == letter) {
@@ -158,29 +152,29 @@ fn push<T>(list: &mut [T], count: &mut u8, item: T) {
     }
 }
 
-/// What a cycle tells the operator: `MSG`, and `SETAL` with a number from 62000 to 62999.
+/// A message for the operator: `MSG`, or `SETAL` with a number from 62000 to 62999.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Message<'a> {
-    /// Number of a warning, such as 62100; none for `MSG`. Warnings are diagnostics with the number `W1904`.
+    /// Number of a warning, such as 62100; `None` for `MSG`. Warnings are diagnostics with the number `W1904`.
     pub warning: Option<u32>,
-    /// The text; an empty one takes back the last.
+    /// Text of the message; an empty text clears the last one.
     pub text: &'a str,
-    /// Cycle that says so.
+    /// Cycle that sends it.
     pub cycle: CycleId,
     /// Line of its source.
     pub line: u32,
 }
 
-/// The host has stopped at a block, and knows why; the run ends.
+/// The host has stopped at a block, and has the reason; the run ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CycleStopped;
 
-/// What the built-in `STOCKPATH` of CYCLE95 asks for; the host adds the contour's elements and the tool.
+/// Arguments of the built-in `STOCKPATH` of CYCLE95; the host adds the contour's elements and the tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StockCall<'a> {
     /// Name of the contour subprogram, or `START:END` labels of the calling program.
     pub contour: &'a str,
-    /// Largest infeed, radius.
+    /// Maximum infeed, radius.
     pub mid: f64,
     /// Finishing allowance along the longitudinal axis.
     pub fal_z: f64,
@@ -190,18 +184,18 @@ pub struct StockCall<'a> {
     pub fal: f64,
     /// Machining type, 1 … 12 or 201 … 212.
     pub vari: i32,
-    /// Path after which a roughing cut is interrupted; 0 for never.
+    /// Distance after which a roughing cut is interrupted; 0 for never.
     pub dam: f64,
     /// Lift-off.
     pub vrt: f64,
 }
 
-/// Why there is no path along a contour.
+/// Reason why a contour has no path.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StockFailure {
     /// Alarm number of the control, such as 61605.
     pub alarm: u32,
-    /// What is wrong.
+    /// Description.
     pub text: String,
 }
 
@@ -227,49 +221,50 @@ pub struct StockMove {
     pub end: [f64; 2],
     /// Centre of an arc from its start; zero for a line.
     pub centre: [f64; 2],
-    /// Which feed.
+    /// Feed of the move.
     pub feed: StockFeed,
     /// Compensation that begins (41, 42) or ends (40) with this move; 0 for no change.
     pub compensation: u8,
-    /// Dwell behind it, to break the chip?
+    /// Whether a dwell follows, to break the chip.
     pub dwell: bool,
 }
 
 /// The interpreter that called a cycle.
 pub trait Host {
-    /// Answers a question; what it does not know is 0.
+    /// Returns a value of the state; unknown values are 0.
     fn ask(&self, what: Query) -> f64;
 
-    /// Carries out a block. Its modal codes hold from then on; its coordinates are read under the modal state in force.
+    /// Executes a block. Its modal codes stay in force; its coordinates are read under the modal state in force.
     ///
     /// # Errors
-    /// The run ends; the host keeps the reason.
+    /// The run ends; the host has the reason.
     fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStopped>;
 
-    /// Shows a message or a warning.
+    /// Displays a message or a warning.
     fn message(&mut self, message: &Message<'_>);
 
-    /// A cycle begins: the one that was called, and every one that it calls. One that [`Cycle::saves`] needs the modal state
-    /// kept from here.
+    /// A cycle begins: the one that was called, and every one that it calls. For a cycle with [`Cycle::saves`], the
+    /// host saves the modal state here.
     fn enter(&mut self, _cycle: &Cycle) {}
 
-    /// The cycle that was entered last has ended in its order: the place to restore the modal state. Not called after an alarm.
+    /// The cycle entered last has ended normally. The host restores the modal state here. It is not called after an
+    /// alarm.
     ///
     /// # Errors
-    /// The run ends; the host keeps the reason.
+    /// The run ends; the host has the reason.
     fn leave(&mut self, _cycle: &Cycle) -> Result<(), CycleStopped> {
         Ok(())
     }
 
-    /// Reads the contour, determines the path and keeps it; the number of its moves.
+    /// Reads the contour, calculates the path and stores it. Returns the number of its moves.
     ///
     /// # Errors
-    /// The alarm of the control that fits.
+    /// The alarm of the control that applies.
     fn stock(&mut self, _call: &StockCall<'_>) -> Result<u32, StockFailure> {
         Err(StockFailure { alarm: 61606, text: "contours cannot be read here".to_owned() })
     }
 
-    /// A move of the path that [`Host::stock`] has determined, by its number from 0.
+    /// Returns a move of the path that [`Host::stock`] has calculated, by its number from 0.
     fn stock_move(&self, _index: u32) -> Option<StockMove> {
         None
     }

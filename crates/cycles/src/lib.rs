@@ -1,9 +1,27 @@
 //! Machining cycles: routines in a subset of the SINUMERIK language, compiled once and run at every call.
 //!
-//! Invariant: text and arguments of any kind never panic here; whatever is wrong is a [`Diagnostic`] or an [`Alarm`].
+//! Invariant: no text and no argument causes a panic here; every error is a [`Diagnostic`] or an [`Alarm`].
 //!
-//! A [`Library`] holds the shipped cycles and those of a folder of the user's, compiled. A [`Machine`] runs one of them over a
-//! [`Host`]: the interpreter of the calling program, which answers what the cycle asks and carries out its blocks.
+//! A [`CycleLibrary`] holds the shipped cycles and those of a user's folder, compiled. A [`Vm`] runs one of them over a
+//! [`Host`]: the interpreter of the calling program, which provides the state that the cycle reads and executes its
+//! blocks.
+//!
+//! ```text
+//! source ─► compile ─► CycleLibrary ─► Vm ──blocks, messages──► Host
+//!                                        ◄──state, contours────
+//! ```
+//!
+//! # Examples
+//!
+//! ```
+//! use retrace_cycles::{CycleLibrary, Kind};
+//!
+//! let library = CycleLibrary::shipped();
+//! let id = library.find("cycle81").and_then(|id| library.get(id));
+//! let cycle = id.expect("CYCLE81 is shipped");
+//! assert_eq!(cycle.kind(), Kind::Parameters);
+//! assert_eq!(cycle.parameters()[0].name, "RTP");
+//! ```
 #![forbid(unsafe_code)]
 
 mod alarm;

@@ -1,7 +1,8 @@
-//! The cycles that can be called: the shipped ones and those of the user's folder, compiled and joined.
+//! The library of callable cycles: the shipped ones and those of the user's folder, compiled and linked.
 //!
-//! Invariant: every call within a cycle leads to a cycle of the same library that takes its arguments. A cycle with an error is
-//! not in it, and neither is one that calls it; nor does a shipped cycle stand in for a user's that has errors.
+//! Invariant: every call within a cycle leads to a cycle of the same library that accepts its arguments. A cycle with
+//! an error is not in the library, nor is one that calls it. A shipped cycle does not replace a user's cycle that has
+//! errors.
 
 mod folders;
 mod linker;
@@ -17,35 +18,35 @@ use std::path::{Path, PathBuf};
 
 pub use folders::Folders;
 
-/// Something wrong with a source.
+/// An error or warning in a source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LibraryFinding {
-    /// The source: its path, or the name of a shipped one.
+    /// Source: its path, or the name of a shipped one.
     pub source: PathBuf,
-    /// What is wrong.
+    /// The error or warning.
     pub diagnostic: Diagnostic,
 }
 
-/// The cycles that can be called.
+/// Library of callable cycles.
 #[derive(Clone, Debug, Default)]
 pub struct CycleLibrary {
     cycles: Vec<Cycle>,
     findings: Vec<LibraryFinding>,
     identity: u128,
     source_files: Vec<(PathBuf, u128)>,
-    /// A name has a digit behind its first letter.
+    /// Whether a name has a digit after its first letter.
     has_early_digit: bool,
 }
 
 impl CycleLibrary {
-    /// The shipped cycles alone.
+    /// Creates a library of the shipped cycles alone.
     #[must_use]
     pub fn shipped() -> Self {
         Self::open(Folders::default())
     }
 
-    /// The shipped cycles and those of a folder; what is fresh among the compiled forms is taken, the rest compiled and kept.
-    /// Cycles with errors are left out; [`Library::findings`] tells them.
+    /// Opens the shipped cycles and those of a folder. Up-to-date compiled forms are loaded; the other sources are
+    /// compiled and their forms stored. Cycles with errors are left out and reported by [`CycleLibrary::findings`].
     #[must_use]
     pub fn open(folders: Folders<'_>) -> Self {
         let mut findings = Vec::new();
@@ -57,7 +58,8 @@ impl CycleLibrary {
         Self { source_files, ..Self::of(sources, folders, findings) }
     }
 
-    /// A library of these cycles alone, names of files and sources, as if they were a user's; for tests and tools.
+    /// Creates a library of these cycles alone, given as file names and sources and treated as a user's cycles; for
+    /// tests and tools.
     #[must_use]
     pub fn of_sources(sources: &[(&str, &str)]) -> Self {
         let sources =
@@ -65,7 +67,7 @@ impl CycleLibrary {
         Self::of(sources.collect(), Folders::default(), Vec::new())
     }
 
-    /// A library of cycles that no source stands behind.
+    /// Creates a library of cycles without sources.
     #[cfg(test)]
     pub(crate) fn of_cycles(cycles: Vec<Cycle>) -> Self {
         Self { cycles, ..Self::default() }
@@ -81,7 +83,8 @@ impl CycleLibrary {
                 false
             }
         });
-        // By name, so that a name is found by halving and the numbers do not depend on the order of a folder.
+        // Sorted by name, so that a name is found by binary search and the numbers do not depend on the order of a
+        // folder.
         forms.sort_by(|a, b| a.unit.name.cmp(&b.unit.name));
         let keys: Vec<u8> = forms.iter().flat_map(|form| form.key.to_le_bytes()).collect();
         let cycles = linker::join(forms, &mut findings);
@@ -90,7 +93,7 @@ impl CycleLibrary {
         Self { cycles, findings, identity: stored::hash(&[&keys]), source_files: Vec::new(), has_early_digit }
     }
 
-    /// The cycle of this name, in capitals or not. Does not allocate.
+    /// Returns the cycle of this name, in either case. It does not allocate.
     #[must_use]
     pub fn find(&self, name: &str) -> Option<CycleId> {
         let wanted = || name.bytes().map(|byte| byte.to_ascii_uppercase());
@@ -98,36 +101,37 @@ impl CycleLibrary {
         Some(CycleId(at as u16))
     }
 
-    /// Whether a cycle has a digit behind the first letter of its name, as a word of a block has.
+    /// Whether a cycle has a digit after the first letter of its name, as a word of a block has.
     #[must_use]
     pub const fn has_early_digit(&self) -> bool {
         self.has_early_digit
     }
 
-    /// A cycle, where the number is of this library.
+    /// Returns a cycle, if the identifier belongs to this library.
     #[must_use]
     pub fn get(&self, id: CycleId) -> Option<&Cycle> {
         self.cycles.get(usize::from(id.0))
     }
 
-    /// All cycles with their numbers, in the order of their names.
+    /// Returns all cycles with their identifiers, sorted by name.
     pub fn iter(&self) -> impl Iterator<Item = (CycleId, &Cycle)> {
         self.cycles.iter().enumerate().map(|(index, cycle)| (CycleId(index as u16), cycle))
     }
 
-    /// What is wrong with the sources, and what is suspicious.
+    /// Returns the errors and warnings of the sources.
     #[must_use]
     pub fn findings(&self) -> &[LibraryFinding] {
         &self.findings
     }
 
-    /// Every source of the user's folder that was read, with a number that changes with its text; those with errors are among them.
+    /// Returns every source of the user's folder that was read, with a hash of its text; those with errors are
+    /// included.
     #[must_use]
     pub fn source_files(&self) -> &[(PathBuf, u128)] {
         &self.source_files
     }
 
-    /// A number that changes with the shipped cycles and with how this version compiles them.
+    /// Returns a hash that changes with the shipped cycles and with the compiler version.
     #[must_use]
     pub fn shipped_identity() -> u128 {
         let keys: Vec<u8> =
@@ -135,7 +139,7 @@ impl CycleLibrary {
         stored::hash(&[&keys])
     }
 
-    /// A number that changes with any cycle: the key for what is derived from a program and these cycles.
+    /// Returns a hash that changes with any cycle: the key for data derived from a program and these cycles.
     #[must_use]
     pub const fn identity(&self) -> u128 {
         self.identity

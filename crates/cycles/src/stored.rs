@@ -1,9 +1,10 @@
-//! Compiled forms as files: a flat, versioned format of our own.
+//! Compiled forms as files, in a flat, versioned format.
 //!
-//! Invariant: a form is taken only if it is whole, of this compiler, and of exactly this source; all else is compiled anew.
+//! Invariant: a form is loaded only if it is complete, of this compiler version, and of exactly this source. Otherwise
+//! the source is compiled again.
 //!
-//! A file is: 8 bytes of magic, the version (`u32`), the key (`u128`), the length of what follows (`u32`), the unit and its warnings,
-//! and the hash of all bytes before it (`u128`). Numbers are little-endian.
+//! A file is: 8 bytes of magic, the version (`u32`), the key (`u128`), the length of what follows (`u32`), the unit and
+//! its warnings, and the hash of all bytes before it (`u128`). Numbers are little-endian.
 
 use crate::code::{CallSite, Input, Op, Operand, Passed, Unit};
 use crate::compile::VERSION;
@@ -15,13 +16,13 @@ const MAGIC: &[u8; 8] = b"RETRCYC\x1a";
 const HEAD: usize = 8 + 4 + 16 + 4;
 const HASH: usize = 16;
 
-/// Fowler-Noll-Vo hash, variant 1a, of 128 bits: it tells sources apart, it does not guard against forgery.
+/// Fowler-Noll-Vo hash, variant 1a, of 128 bits. It distinguishes sources; it does not protect against forgery.
 pub(crate) fn hash(parts: &[&[u8]]) -> u128 {
     const BASIS: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
     const PRIME: u128 = 0x0000_0000_0100_0000_0000_0000_0000_013b;
     let mut hash = BASIS;
     for part in parts {
-        // The length keeps "ab" + "c" apart from "a" + "bc".
+        // The length distinguishes "ab" + "c" from "a" + "bc".
         let length = (part.len() as u64).to_le_bytes();
         for byte in length.iter().chain(*part) {
             hash = (hash ^ u128::from(*byte)).wrapping_mul(PRIME);
@@ -30,21 +31,21 @@ pub(crate) fn hash(parts: &[&[u8]]) -> u128 {
     hash
 }
 
-/// The key of a source: content, name of the file, version of the compiler.
+/// Returns the key of a source: content, name of the file, version of the compiler.
 pub(crate) fn key(source: &[u8], file_name: &str) -> u128 {
     hash(&[source, file_name.as_bytes(), &VERSION.to_le_bytes()])
 }
 
-/// Why a file holds no form that can be taken.
+/// Reason why a file has no usable form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FormError {
-    /// Of another source, or of another version: as it should be after a change.
+    /// Of another source, or of another version: expected after a change.
     Stale,
-    /// Damaged, or no compiled form at all.
+    /// Damaged, or not a compiled form.
     Torn,
 }
 
-/// A unit and the warnings of its source, as bytes.
+/// Serialises a unit and the warnings of its source.
 pub(crate) fn write(unit: &Unit, warnings: &[Diagnostic], key: u128) -> Vec<u8> {
     let mut body = Vec::new();
     put_unit(unit, &mut body);
@@ -67,7 +68,7 @@ pub(crate) fn write(unit: &Unit, warnings: &[Diagnostic], key: u128) -> Vec<u8> 
     out
 }
 
-/// Reads what [`write`] has made for this key.
+/// Parses the bytes of [`write`] for this key.
 pub(crate) fn read(bytes: &[u8], key: u128) -> Result<(Unit, Vec<Diagnostic>), FormError> {
     let whole = bytes.len().checked_sub(HASH).filter(|length| *length >= HEAD).ok_or(FormError::Torn)?;
     let (content, sum) = bytes.split_at(whole);
@@ -191,7 +192,7 @@ fn take_text(input: &mut Input<'_>) -> Option<String> {
     String::from_utf8(input.bytes(length)?.to_vec()).ok()
 }
 
-/// A count and so many items. Nothing is reserved for the count, which may be anything in a damaged file.
+/// Reads a count and as many items. No memory is reserved for the count, which may be anything in a damaged file.
 fn take_list<T>(input: &mut Input<'_>, item: impl Fn(&mut Input<'_>) -> Option<T>) -> Option<Vec<T>> {
     let count = u32::take(input)?;
     (0..count).map(|_| item(input)).collect()
@@ -238,7 +239,8 @@ mod tests {
 
     #[test]
     fn the_hash_is_the_published_one_for_a_single_part() {
-        // FNV-1a of the eight bytes of the length and the part itself; checked against the definition, a step a line.
+        // FNV-1a of the eight bytes of the length and the part itself; checked against the definition, one step per
+        // line.
         let mut expected: u128 = 0x6c62272e07bb014262b821756295c58d;
         for byte in [1_u8, 0, 0, 0, 0, 0, 0, 0, b'a'] {
             expected ^= u128::from(byte);

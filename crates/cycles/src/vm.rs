@@ -1,7 +1,7 @@
-//! The machine that runs compiled cycles over a host.
+//! The virtual machine that runs compiled cycles over a host.
 //!
-//! Invariant: a run ends, whatever the code is: steps, blocks and depth are bounded. Once its buffers have grown, it does not
-//! allocate.
+//! Invariant: a run ends, whatever the code is: steps, blocks and depth are bounded. Once its buffers have grown, it
+//! does not allocate.
 
 mod block;
 mod calculate;
@@ -17,10 +17,10 @@ use crate::error_codes::ErrorCode;
 use crate::host::{CycleBlock, Host};
 use crate::library::CycleLibrary;
 
-/// What a call gives for a parameter.
+/// Argument of a call.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Argument<'a> {
-    /// An empty place: not programmed.
+    /// An empty argument: not programmed.
     Missing,
     /// A number.
     Number(f64),
@@ -28,23 +28,23 @@ pub enum Argument<'a> {
     Text(&'a str),
 }
 
-/// How much work a run may be.
+/// Limits of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct VmLimits {
-    /// Instructions; every block gives some of them back.
+    /// Maximum number of instructions; every block refunds some of them.
     pub steps: u32,
-    /// Blocks.
+    /// Maximum number of blocks.
     pub blocks: u32,
-    /// Cycles that call each other.
+    /// Maximum depth of cycles that call each other.
     pub depth: usize,
 }
 
-/// Instructions that a block gives back: a cycle that goes on giving blocks has its steps for them, and one that idles between them comes
-/// to an end all the same.
+/// Instructions that a block refunds. A cycle that continues to emit blocks has enough steps for them; one that idles
+/// between them still ends.
 const STEPS_OF_A_BLOCK: u32 = 200;
 
 impl Default for VmLimits {
-    /// Ten million steps, a million blocks, twelve deep.
+    /// Ten million steps, a million blocks, a depth of twelve.
     fn default() -> Self {
         Self { steps: 10_000_000, blocks: 1_000_000, depth: 12 }
     }
@@ -57,7 +57,7 @@ enum Value {
     Text(TextPlace),
 }
 
-/// Where a text is kept, so that values need no lifetime.
+/// Storage of a text, so that values need no lifetime.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum TextPlace {
     Empty,
@@ -67,25 +67,25 @@ enum TextPlace {
     Constant(CycleId, u16),
 }
 
-/// A cycle that is running.
+/// A running cycle.
 #[derive(Clone, Copy, Debug)]
 struct Frame {
     cycle: CycleId,
-    /// The instruction that is carried out next.
+    /// Next instruction.
     at: usize,
-    /// Its first slot.
+    /// First slot.
     base: usize,
-    /// Which parameters the call gave, a bit each.
+    /// Parameters that the call passed, one bit each.
     programmed: u64,
 }
 
-/// What stops a step: an alarm without its place, or the host.
+/// Reason why a step ends the run: an alarm without its place, or the host.
 enum VmTrap {
     Alarm(ErrorCode, Option<u32>, String),
     Stopped,
 }
 
-/// What a step gives.
+/// Result of a step.
 type Step<T = ()> = Result<T, Box<VmTrap>>;
 
 #[cold]
@@ -93,7 +93,7 @@ fn trap<T>(code: ErrorCode, text: impl Into<String>) -> Step<T> {
     Err(Box::new(VmTrap::Alarm(code, None, text.into())))
 }
 
-/// Runs cycles, one at a time; its buffers are kept from run to run.
+/// Virtual machine that runs cycles, one at a time; its buffers are reused from run to run.
 #[derive(Debug)]
 pub struct Vm {
     stack: Vec<Value>,
@@ -102,7 +102,7 @@ pub struct Vm {
     message: String,
     block: CycleBlock,
     limits: VmLimits,
-    /// What is left of the limits.
+    /// Steps that remain.
     steps: u32,
     blocks: u32,
 }
@@ -113,7 +113,7 @@ impl Default for Vm {
     }
 }
 
-/// A run: the machine with what it works on.
+/// A run: the virtual machine with the data that it works on.
 struct VmRun<'r> {
     machine: &'r mut Vm,
     library: &'r CycleLibrary,
@@ -122,7 +122,7 @@ struct VmRun<'r> {
 }
 
 impl Vm {
-    /// A machine with these limits.
+    /// Creates a virtual machine with these limits.
     #[must_use]
     pub fn new(limits: VmLimits) -> Self {
         Self {
@@ -137,7 +137,7 @@ impl Vm {
         }
     }
 
-    /// What the last run has cost at least: its blocks, and the steps that they have not given back.
+    /// Returns a lower bound of the cost of the last run: its blocks, and the steps that they have not refunded.
     #[must_use]
     pub fn cost(&self) -> u64 {
         u64::from(self.steps) + u64::from(self.blocks)
@@ -146,7 +146,7 @@ impl Vm {
     /// Runs a cycle of the library to its end.
     ///
     /// # Errors
-    /// An alarm of the cycle, or the host stopped.
+    /// The cycle raised an alarm, or the host stopped.
     pub fn run(
         &mut self,
         library: &CycleLibrary,
@@ -210,21 +210,21 @@ impl<'r> VmRun<'r> {
         Ok(())
     }
 
-    /// Makes the frame of a cycle whose parameters stand in the slots from `base`.
+    /// Creates the frame of a cycle whose parameters are in the slots from `base`.
     fn enter(&mut self, cycle: &Cycle, id: CycleId, base: usize, programmed: u64) {
         self.machine.slots.resize(base + usize::from(cycle.unit.slots), Value::Number(0.0));
         self.machine.frames.push(Frame { cycle: id, at: 0, base, programmed });
         self.host.enter(cycle);
     }
 
-    /// Carries out instructions until the outermost cycle ends; `place` is where it stands, for alarms.
+    /// Executes instructions until the outermost cycle ends; `place` is the current line, for alarms.
     fn go(&mut self, place: &mut (CycleId, u32)) -> Step {
         while let Some(mut frame) = self.machine.frames.last().copied() {
             let Some(cycle) = self.library.get(frame.cycle) else {
                 return trap(ErrorCode::CycleUnknown, "the cycle is not in this library");
             };
             let depth = self.machine.frames.len();
-            // In one frame as long as no other is made.
+            // Stays in one frame until another is created.
             while self.machine.frames.len() == depth {
                 let op = cycle.unit.ops.get(frame.at).copied().unwrap_or(Op::Return);
                 *place = (frame.cycle, cycle.unit.lines.get(frame.at).copied().unwrap_or(place.1));
@@ -235,7 +235,7 @@ impl<'r> VmRun<'r> {
         Ok(())
     }
 
-    /// One instruction.
+    /// Executes one instruction.
     fn step(&mut self, op: Op, frame: &mut Frame, cycle: &'r Cycle, line: u32) -> Step {
         self.machine.steps += 1;
         if self.machine.steps > self.machine.limits.steps {
@@ -294,12 +294,12 @@ impl<'r> VmRun<'r> {
         self.machine.stack.push(Value::Number(number));
     }
 
-    /// Takes a value; 0 where there is none, which compiled code does not let happen.
+    /// Pops a value; 0 from an empty stack, which compiled code excludes.
     fn take(&mut self) -> Value {
         self.machine.stack.pop().unwrap_or(Value::Number(0.0))
     }
 
-    /// Takes a number; a text is 0.
+    /// Pops a number; a text is 0.
     fn number(&mut self) -> f64 {
         match self.take() {
             Value::Number(number) => number,
@@ -307,7 +307,7 @@ impl<'r> VmRun<'r> {
         }
     }
 
-    /// The text of a value; a number has none.
+    /// Returns the text of a value; a number has none.
     fn text(&self, value: Value) -> &'r str {
         match value {
             Value::Number(_) | Value::Text(TextPlace::Empty) => "",
@@ -339,7 +339,7 @@ impl<'r> VmRun<'r> {
         Ok(())
     }
 
-    /// An instruction on an array.
+    /// Executes an instruction on an array.
     fn array(&mut self, op: Op, frame: &Frame) -> Step {
         match op {
             Op::LoadAt(base, length) => {
@@ -362,7 +362,7 @@ impl<'r> VmRun<'r> {
         Ok(())
     }
 
-    /// Takes an index below `length`.
+    /// Pops an index below `length`.
     fn index(&mut self, length: u16) -> Step<usize> {
         let index = self.number().round();
         if index < 0.0 || index >= f64::from(length) {
@@ -371,7 +371,7 @@ impl<'r> VmRun<'r> {
         Ok(index as usize)
     }
 
-    /// Calls another cycle; `frame` is the caller's, which goes on behind the call.
+    /// Calls another cycle; `frame` is the caller's, which continues after the call.
     fn call(&mut self, site: usize, frame: Frame, caller: &Cycle) -> Step {
         let (Some(call), Some(&id)) = (caller.unit.calls.get(site), caller.callees.get(site)) else {
             return trap(ErrorCode::CycleUnknown, "a call leads nowhere");
@@ -421,7 +421,7 @@ mod tests {
     use proptest::prelude::*;
     use std::path::PathBuf;
 
-    /// Answers every question with 1, and lets everything pass.
+    /// A host that returns 1 for every query and accepts everything.
     struct PermissiveHost;
 
     impl Host for PermissiveHost {
@@ -436,7 +436,7 @@ mod tests {
         fn message(&mut self, _: &crate::host::Message<'_>) {}
     }
 
-    /// Bytes, read as instructions as far as they are any.
+    /// Parses bytes as instructions, as far as they are valid.
     fn instructions(bytes: &[u8]) -> Vec<Op> {
         let mut input = Input(bytes);
         std::iter::from_fn(|| {
@@ -453,7 +453,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { cases: 3000, failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// Code that no compiler has made does no harm: it ends, and does not panic.
+        /// Code that no compiler has generated does no harm: it ends, and does not panic.
         #[test]
         fn any_code_is_safe_to_run(
             bytes in prop::collection::vec(prop_oneof![3 => 0..36_u8, 1 => any::<u8>()], 0..400),

@@ -1,7 +1,7 @@
-//! The modal state as a person reads it, and as a breakpoint holds it (DNC, *Beyond the source*).
+//! The modal state for display and for a breakpoint (DNC, *Beyond the source*).
 //!
-//! Invariant: it is a value of a fixed size, taken between two blocks; two that are equal are in force alike, but for where the machine
-//! stands and what a program has put away for itself.
+//! Invariant: it is a value of a fixed size, read between two blocks. Two equal values mean the same modes, apart from
+//! the machine position and the state that a program has saved for itself.
 
 use crate::canon::{FeedMode, LengthUnit, PathControl, Plane};
 use crate::compensation::Side;
@@ -9,70 +9,70 @@ use crate::modal::{ArcCentres, DistanceMode, ModalState, MotionMode, SpindleRota
 use crate::pose::Pose;
 use std::fmt;
 
-/// What is in force between two blocks. Lengths are in `units`, angles in degrees.
+/// Modal codes in force between two blocks. Lengths are in `units`, angles in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ActiveCodes {
-    /// The motion mode, drilling cycles included; none after G80.
+    /// Motion mode, drilling cycles included; `None` after G80.
     pub motion: Option<MotionMode>,
-    /// The plane of arcs.
+    /// Plane of arcs.
     pub plane: Plane,
-    /// The program's length unit.
+    /// Length unit of the program.
     pub units: LengthUnit,
-    /// What axis words mean.
+    /// Meaning of axis words.
     pub distance: DistanceMode,
-    /// What centre words mean.
+    /// Meaning of centre words.
     pub arc_centres: ArcCentres,
-    /// What F words mean.
+    /// Meaning of F words.
     pub feed_mode: FeedMode,
-    /// Units a minute or a turn; 0 is none.
+    /// Feed rate in units per minute or per turn; 0 where none is set.
     pub feed_rate: f64,
-    /// The coordinate system in force, 1 … 9 for G54 … G59.3.
+    /// Coordinate system in force, 1 … 9 for G54 … G59.3.
     pub coordinate_system: u8,
-    /// Its origin in machine coordinates.
+    /// Origin of the coordinate system, in machine coordinates.
     pub origin: Pose,
-    /// Its rotation about Z, degrees counter-clockwise.
+    /// Rotation of the coordinate system about Z, in degrees counter-clockwise.
     pub rotation_degrees: f64,
-    /// The offset of G52 and G92.
+    /// Offset of G52 and G92.
     pub g92_offset: Pose,
-    /// The tool length offset in force.
+    /// Tool length offset in force.
     pub tool_offset: Pose,
-    /// The side of cutter compensation; none after G40.
+    /// Side of cutter compensation; `None` after G40.
     pub compensation: Option<Side>,
-    /// How joints are run through.
+    /// Treatment of junctions between moves.
     pub path_control: PathControl,
-    /// Tolerance of the merging of nearly straight runs (G64 Q).
+    /// Tolerance for merging nearly straight moves (G64 Q).
     pub naivecam_tolerance: f64,
-    /// G99; else G98.
+    /// Whether G99 is in force, otherwise G98.
     pub retract_to_r: bool,
-    /// G7: X words are diameters.
+    /// Whether G7 is in force: X words are diameters.
     pub lathe_diameter: bool,
-    /// What the spindle was told to do.
+    /// Commanded direction of the spindle.
     pub spindle: SpindleRotation,
-    /// Turns a minute, or under G96 metres or feet a minute.
+    /// Spindle speed in turns per minute; under G96 in metres or feet per minute.
     pub spindle_speed: f64,
-    /// G96.
+    /// Whether G96 is in force.
     pub constant_surface_speed: bool,
-    /// The highest number of turns a minute that G96 allows; 0 under G97.
+    /// Maximum spindle speed in turns per minute under G96; 0 under G97.
     pub highest_spindle_speed: f64,
-    /// M7.
+    /// Whether mist is on (M7).
     pub mist: bool,
-    /// M8.
+    /// Whether flood is on (M8).
     pub flood: bool,
-    /// Whether the operator's feed override acts.
+    /// Whether the operator's feed override is enabled.
     pub feed_override: bool,
-    /// Whether the operator's spindle speed override acts.
+    /// Whether the operator's spindle speed override is enabled.
     pub speed_override: bool,
-    /// M52.
+    /// Whether adaptive feed is enabled (M52).
     pub adaptive_feed: bool,
-    /// M53.
+    /// Whether feed hold is enabled (M53).
     pub feed_hold: bool,
-    /// The tool of the last T word; 0 is none.
+    /// Tool of the last T word; 0 is none.
     pub selected_tool: u32,
-    /// The tool in the spindle; 0 is none.
+    /// Tool in the spindle; 0 is none.
     pub current_tool: u32,
 }
 
-/// How a coordinate system, 1 … 9, is written: G54 … G59.3.
+/// Code of a coordinate system 1 … 9: G54 … G59.3.
 #[must_use]
 pub fn system_name(system: u8) -> &'static str {
     let names = ["G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"];
@@ -116,7 +116,7 @@ impl From<&ModalState> for ActiveCodes {
 }
 
 impl ActiveCodes {
-    /// The coordinate system as it is written: G54 … G59.3.
+    /// Code of the coordinate system in force: G54 … G59.3.
     #[must_use]
     pub fn system_name(&self) -> &'static str {
         system_name(self.coordinate_system)
@@ -128,7 +128,7 @@ impl ActiveCodes {
         matches!(self.motion, Some(MotionMode::Cycle(_)))
     }
 
-    /// The modes whose code a person looks for first: motion, plane, units, compensation, tool length, coordinate system.
+    /// Writes the modes that are checked first: motion, plane, units, compensation, tool length, coordinate system.
     fn write_geometry(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(motion) = self.motion {
             write!(f, "{} ", motion.name())?;
@@ -154,7 +154,7 @@ impl ActiveCodes {
         f.write_str(self.system_name())
     }
 
-    /// Path control, cycle, distances, feed mode, spindle mode.
+    /// Writes path control, cycle, distances, feed mode and spindle mode.
     fn write_modes(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.path_control {
             PathControl::ExactPath => f.write_str(" G61")?,
@@ -193,7 +193,7 @@ impl ActiveCodes {
         }
     }
 
-    /// Spindle, coolant, and the overrides that are not as at a program's beginning.
+    /// Writes spindle, coolant, and the overrides that differ from the state at program start.
     fn write_switches(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self.spindle {
             SpindleRotation::Stopped => " M5",
@@ -217,7 +217,8 @@ impl ActiveCodes {
     }
 }
 
-/// As the field writes it: `G1 G17 G21 G40 G49 G54 G64 G80 G90 G91.1 G94 G97 M3 M9 T2 F600 S12000`. T is the tool in the spindle.
+/// Writes the codes in the usual notation: `G1 G17 G21 G40 G49 G54 G64 G80 G90 G91.1 G94 G97 M3 M9 T2 F600 S12000`. T
+/// is the tool in the spindle.
 impl fmt::Display for ActiveCodes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.write_geometry(f)?;
@@ -227,7 +228,7 @@ impl fmt::Display for ActiveCodes {
     }
 }
 
-/// A number with at most four decimals, and no zeros behind them.
+/// A number that is displayed with at most four decimals and without trailing zeros.
 struct Figure(f64);
 
 impl fmt::Display for Figure {

@@ -1,18 +1,18 @@
-//! Degrees and radians with the precision of 80-bit arithmetic, in which the peer interpreter calculates them.
+//! Degrees and radians with the precision of 80-bit arithmetic, which LinuxCNC uses.
 //!
-//! Invariant: an angle in radians is a sum of two `f64`, rounded to 64 bits of mantissa. Sine and cosine of whole right angles come
-//! out as the peer has them, to the sign of what is left of zero.
+//! Invariant: an angle in radians is a sum of two `f64`, rounded to 64 bits of mantissa. Sine and cosine of whole right
+//! angles equal those of LinuxCNC, including the sign of the residue near zero.
 
 use crate::pose::{Axis, Pose};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// What π, rounded to 64 bits, has beyond its `f64`.
+/// Difference between π rounded to 64 bits and its `f64`.
 const PI_LOW: f64 = 1.225_148_454_908_62e-16;
 
-/// The units in the last place of an 80-bit number in one of an `f64`: 2¹¹.
+/// Ratio of the last place of an `f64` to that of an 80-bit number: 2¹¹.
 const FINER: f64 = 2048.0;
 
-/// A value of 64 bits of mantissa as a sum.
+/// A value with 64 bits of mantissa, stored as a sum.
 #[derive(Clone, Copy)]
 struct ExtendedFloat {
     high: f64,
@@ -20,7 +20,7 @@ struct ExtendedFloat {
 }
 
 impl ExtendedFloat {
-    /// The sum of a value and a much smaller one, rounded.
+    /// Returns the sum of a value and a much smaller one, rounded.
     fn sum(high: f64, low: f64) -> ExtendedFloat {
         let sum = high + low;
         let rest = low - (sum - high);
@@ -29,7 +29,7 @@ impl ExtendedFloat {
         ExtendedFloat { high: sum, low }
     }
 
-    /// The sum of a value and a much smaller one, with all of it that two `f64` hold.
+    /// Returns the sum of a value and a much smaller one, with all the bits that two `f64` hold.
     fn of(high: f64, low: f64) -> ExtendedFloat {
         let sum = high + low;
         ExtendedFloat { high: sum, low: low - (sum - high) }
@@ -55,13 +55,13 @@ fn radians(degrees: f64) -> ExtendedFloat {
     ExtendedFloat::times_pi(degrees).over(180.0)
 }
 
-/// Half a right angle and the rest of it: π/2 as three parts, of which a small multiple of the first two is exact.
+/// π/2 as three parts. A small multiple of the first two parts is exact.
 const QUARTER: [f64; 3] = [1.570_796_326_734_125_6, 6.077_100_506_303_966e-11, 2.022_266_248_795_950_6e-21];
 
-/// Angles up to this many quarter turns are reduced exactly.
+/// Number of quarter turns up to which angles are reduced exactly.
 const MAX_QUARTERS: f64 = 1e6;
 
-/// The quarter turn that an angle is nearest to, and how far it is from there: at most π/4.
+/// Returns the nearest quarter turn of an angle, and the remainder: at most π/4.
 fn reduced(angle: ExtendedFloat) -> (i64, ExtendedFloat) {
     let quarters = (angle.high / QUARTER[0]).round();
     let near = (angle.high - quarters * QUARTER[0]) - quarters * QUARTER[1];
@@ -70,7 +70,7 @@ fn reduced(angle: ExtendedFloat) -> (i64, ExtendedFloat) {
     (quarters as i64, ExtendedFloat::of(near, low))
 }
 
-/// Taylor coefficients of the sine from the third power on.
+/// Taylor coefficients of the sine, from the third power.
 const SINE: [f64; 9] = [
     -1.0 / 6.0,
     1.0 / 120.0,
@@ -83,7 +83,7 @@ const SINE: [f64; 9] = [
     -1.0 / 121_645_100_408_832_000.0,
 ];
 
-/// Taylor coefficients of the cosine from the fourth power on.
+/// Taylor coefficients of the cosine, from the fourth power.
 const COSINE: [f64; 8] = [
     1.0 / 24.0,
     -1.0 / 720.0,
@@ -99,13 +99,13 @@ fn series(coefficients: &[f64], z: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * z + coefficient)
 }
 
-/// Sine within an eighth of a turn of zero: the angle, and a small correction to it.
+/// Sine within an eighth of a turn of zero, as the angle plus a small correction.
 fn small_sine(ExtendedFloat { high: x, low }: ExtendedFloat) -> ExtendedFloat {
     let z = x * x;
     ExtendedFloat::of(x, x * z * series(&SINE, z) + low * (1.0 - z / 2.0))
 }
 
-/// Cosine within an eighth of a turn of zero: one less half the square, and a small correction to it.
+/// Cosine within an eighth of a turn of zero, as 1 minus half the square plus a small correction.
 fn small_cosine(ExtendedFloat { high: x, low }: ExtendedFloat) -> ExtendedFloat {
     let z = x * x;
     let z_low = x.mul_add(x, -z);
@@ -114,15 +114,15 @@ fn small_cosine(ExtendedFloat { high: x, low }: ExtendedFloat) -> ExtendedFloat 
     ExtendedFloat::of(most, lost - z_low / 2.0 - x * low + z * z * series(&COSINE, z))
 }
 
-/// Sine and cosine of an angle in degrees.
+/// Returns sine and cosine of an angle in degrees.
 fn sine_and_cosine(degrees: f64) -> (ExtendedFloat, ExtendedFloat) {
     sine_and_cosine_of(radians(degrees))
 }
 
-/// Sine and cosine of an angle in radians.
+/// Returns sine and cosine of an angle in radians.
 fn sine_and_cosine_of(angle: ExtendedFloat) -> (ExtendedFloat, ExtendedFloat) {
     if angle.high.abs() > MAX_QUARTERS {
-        // What the sum has beyond its first part is up to whole radians here.
+        // The low part may be as large as whole radians here.
         let ((sine, cosine), (small_sine, small_cosine)) = (angle.high.sin_cos(), angle.low.sin_cos());
         return (
             ExtendedFloat::of(sine * small_cosine + cosine * small_sine, 0.0),
@@ -139,17 +139,17 @@ fn sine_and_cosine_of(angle: ExtendedFloat) -> (ExtendedFloat, ExtendedFloat) {
     }
 }
 
-/// The sine of an angle in degrees.
+/// Returns the sine of an angle in degrees.
 pub(crate) fn sine(degrees: f64) -> f64 {
     if degrees == 0.0 { degrees } else { sine_and_cosine(degrees).0.high }
 }
 
-/// The cosine of an angle in degrees.
+/// Returns the cosine of an angle in degrees.
 pub(crate) fn cosine(degrees: f64) -> f64 {
     sine_and_cosine(degrees).1.high
 }
 
-/// The tangent of an angle in degrees.
+/// Returns the tangent of an angle in degrees.
 pub(crate) fn tangent(degrees: f64) -> f64 {
     if degrees == 0.0 {
         return degrees;
@@ -160,19 +160,19 @@ pub(crate) fn tangent(degrees: f64) -> f64 {
     quotient + rest / cosine.high
 }
 
-/// Degrees of an angle in radians.
+/// Converts radians to degrees.
 pub(crate) fn to_degrees(radians: f64) -> f64 {
     if radians == 0.0 {
         return radians;
     }
-    // The product is an `f64` in the peer too; only the division is finer.
+    // The product is an `f64` in LinuxCNC too; only the division has more bits.
     let product = radians * 180.0;
     let quotient = product / PI;
     let rest = (-quotient).mul_add(PI, product) - quotient * PI_LOW;
     quotient + rest / PI
 }
 
-/// An angle in radians and a whole number of right angles as a sum.
+/// Returns the sum of an angle in radians and a whole number of right angles.
 fn with_quarters(angle: f64, quarters: i32, more: f64) -> ExtendedFloat {
     let exact_sum = |first: f64, second: f64| {
         let sum = first + second;
@@ -186,19 +186,20 @@ fn with_quarters(angle: f64, quarters: i32, more: f64) -> ExtendedFloat {
     ExtendedFloat::of(sum, lost + lost_too + quarters.mul_add(FRAC_PI_2, -turned) + quarters * (PI_LOW / 2.0))
 }
 
-/// An angle in radians, a whole number of right angles and another angle, added up with 80 bits.
+/// Returns the sum of an angle in radians, a whole number of right angles and another angle, with 80 bits.
 pub(crate) fn plus_quarters(angle: f64, quarters: i32, more: f64) -> f64 {
     with_quarters(angle, quarters, more).high
 }
 
-/// A factor times the sine of an angle in radians and a whole number of right angles, with 80 bits.
+/// Returns a factor times the sine of an angle in radians plus a whole number of right angles, with 80 bits.
 pub(crate) fn times_sine(factor: f64, angle: f64, quarters: i32) -> f64 {
     let sine = sine_and_cosine_of(with_quarters(angle, quarters, 0.0)).0;
     let product = factor * sine.high;
     product + (factor.mul_add(sine.high, -product) + factor * sine.low)
 }
 
-/// The angle from start to end about a centre, radians: positive counter-clockwise, with whole turns beyond the first one added.
+/// Returns the angle from start to end about a centre, in radians: positive counter-clockwise, plus whole turns beyond
+/// the first.
 pub(crate) fn sweep(start: (f64, f64), end: (f64, f64), centre: (f64, f64), turns: i32) -> f64 {
     let mut from = (start.1 - centre.1).atan2(start.0 - centre.0);
     let mut to = (end.1 - centre.1).atan2(end.0 - centre.0);
@@ -215,15 +216,15 @@ pub(crate) fn sweep(start: (f64, f64), end: (f64, f64), centre: (f64, f64), turn
     }
 }
 
-/// Turns a point about the origin by an angle in degrees, counter-clockwise.
+/// Rotates a point about the origin by an angle in degrees, counter-clockwise.
 pub(crate) fn rotate(x: f64, y: f64, degrees: f64) -> (f64, f64) {
-    // One factor in plain `f64` here, as the peer has it.
+    // One factor is a plain `f64` here, as in LinuxCNC.
     let radians = degrees * (PI / 180.0);
     let (sine, cosine) = (radians.sin(), radians.cos());
     (x * cosine - y * sine, x * sine + y * cosine)
 }
 
-/// Turns X and Y of a pose about the origin by an angle in degrees, counter-clockwise.
+/// Rotates X and Y of a pose about the origin by an angle in degrees, counter-clockwise.
 pub(crate) fn turned_xy(mut pose: Pose, degrees: f64) -> Pose {
     (pose[Axis::X], pose[Axis::Y]) = rotate(pose[Axis::X], pose[Axis::Y], degrees);
     pose
@@ -242,7 +243,8 @@ mod tests {
         assert_eq!((sine(90.0), cosine(180.0), tangent(45.0), tangent(-225.0)), (1.0, -1.0, 1.0, -1.0));
     }
 
-    /// What 80-bit arithmetic leaves of a zero: −2.5·10⁻²⁰ at 90°, printed by the peer as a tangent of −39867976298117103616.
+    /// 80-bit arithmetic leaves −2.5·10⁻²⁰ instead of zero at 90°, which LinuxCNC prints as a tangent of
+    /// −39867976298117103616.
     #[test]
     fn the_rest_of_zero_is_that_of_80_bits() {
         assert!((tangent(90.0) / -39_867_976_298_117_103_616.0 - 1.0).abs() < 1e-9, "{}", tangent(90.0));
@@ -271,7 +273,7 @@ mod tests {
     #[test]
     fn right_angles_are_added_with_more_than_64_bits() {
         assert_eq!(plus_quarters(0.0, 2, 0.0), PI);
-        // The nearest `f64` to pi lacks this of pi.
+        // Difference between π and its nearest `f64`.
         assert_eq!(plus_quarters(-PI, 2, 0.0), PI_LOW);
         assert_eq!(plus_quarters(1.0, 2, -1.0), PI);
         assert_eq!(times_sine(2.0, PI, -2), -2.0 * PI_LOW);

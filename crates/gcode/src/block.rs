@@ -1,7 +1,8 @@
-//! A block: one line of a program, compiled.
+//! A block: one compiled line of a program.
 //!
-//! Invariant: a block says what its line says and no more; what depends on parameters is kept as operations and calculated when
-//! the block is carried out. Cleared and filled again, a block allocates nothing once its buffers have grown.
+//! Invariant: a block holds exactly the content of its line. Values that depend on parameters are stored as operations
+//! and calculated when the block is executed. Clearing and refilling a block allocates nothing once its buffers have
+//! grown.
 
 use crate::comment::Comment;
 use crate::control::Control;
@@ -14,7 +15,7 @@ use crate::groups::{GroupG, GroupM, Tenths, group_of_g, group_of_m};
 use crate::params::NameId;
 use std::fmt;
 
-/// The N word of a line, with its digits as they are written.
+/// The N word of a line, with the number of digits as written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BlockNumber {
     value: u64,
@@ -26,13 +27,13 @@ impl BlockNumber {
         BlockNumber { value, digits }
     }
 
-    /// The number.
+    /// Value of the number.
     #[must_use]
     pub const fn value(self) -> u64 {
         self.value
     }
 
-    /// How many digits it is written with.
+    /// Number of digits as written.
     pub(crate) const fn digits(self) -> u8 {
         self.digits
     }
@@ -44,7 +45,7 @@ impl fmt::Display for BlockNumber {
     }
 }
 
-/// First byte and byte after the last; a line is shorter than 256 bytes.
+/// First byte, and byte after the last. A line is shorter than 256 bytes.
 pub(crate) type Place = (u8, u8);
 
 pub(crate) fn place(span: Span) -> Place {
@@ -55,13 +56,13 @@ fn span(place: Place) -> Span {
     Span::new(place.0.into(), place.1.into())
 }
 
-/// M codes that one block may hold.
+/// Maximum number of M codes in one block.
 const MAX_M: u8 = 4;
 
-/// The largest value of a word, and of an offset: sums and squares of such stay finite.
+/// Maximum magnitude of a word and of an offset. Sums and squares of such values stay finite.
 pub(crate) const LARGEST: f64 = 1e15;
 
-/// The words of a block with their values.
+/// The words of a block, with their values.
 #[derive(Clone, Debug)]
 pub(crate) struct Words {
     present: u32,
@@ -93,7 +94,7 @@ impl Default for Words {
     }
 }
 
-/// Word letters: a to z, `@` and `^` for polar coordinates, `$` for the spindle.
+/// Number of word letters: a to z, `@` and `^` for polar coordinates, `$` for the spindle.
 const LETTERS: usize = 29;
 
 const fn index(letter: u8) -> usize {
@@ -105,7 +106,7 @@ const fn index(letter: u8) -> usize {
     }
 }
 
-/// The set of these letters.
+/// Returns the set of these letters.
 pub(crate) const fn letters(of: &[u8]) -> u32 {
     let (mut set, mut at) = (0, 0);
     while at < of.len() {
@@ -120,69 +121,69 @@ impl Words {
         (self.present, self.g_present, self.m_present, self.m_count) = (0, 0, 0, 0);
     }
 
-    /// Whether the word of this lower-case letter is there.
+    /// Whether the block has a word of this lower-case letter.
     #[inline]
     pub(crate) const fn has(&self, letter: u8) -> bool {
         self.present & 1 << index(letter) != 0
     }
 
-    /// The value of the word of this lower-case letter.
+    /// Returns the value of the word of this lower-case letter.
     #[inline]
     pub(crate) fn get(&self, letter: u8) -> Option<f64> {
         self.has(letter).then(|| self.value[index(letter)])
     }
 
-    /// Whether any word of a set is there, which [`letters`] makes when this is compiled.
+    /// Whether the block has any word of a set. [`letters`] makes the set at compile time.
     #[inline]
     pub(crate) const fn has_of(&self, set: u32) -> bool {
         self.present & set != 0
     }
 
-    /// Whether any of these words is there.
+    /// Whether the block has any of these words.
     #[inline]
     pub(crate) fn has_any(&self, letters: &[u8]) -> bool {
         letters.iter().any(|letter| self.has(*letter))
     }
 
-    /// Where the word of this letter stands; the beginning of the line when it does not.
+    /// Returns the span of the word of this letter, or the beginning of the line if the block does not have it.
     pub(crate) fn span(&self, letter: u8) -> Span {
         if self.has(letter) { span(self.at[index(letter)]) } else { Span::default() }
     }
 
-    /// The first of these words that is there.
+    /// Returns the first of these words that the block has.
     pub(crate) fn first_of(&self, letters: &[u8]) -> Option<u8> {
         letters.iter().copied().find(|letter| self.has(*letter))
     }
 
-    /// The G code of a group, in tenths.
+    /// Returns the G code of a group, in tenths.
     #[inline]
     pub(crate) fn g(&self, group: GroupG) -> Option<Tenths> {
         (self.g_present & 1 << group as u8 != 0).then(|| self.g[group as usize])
     }
 
-    /// Where the G code of a group stands; the beginning of the line when there is none.
+    /// Returns the span of the G code of a group, or the beginning of the line if there is none.
     pub(crate) fn g_span(&self, group: GroupG) -> Span {
         self.g(group).map_or_else(Span::default, |_| span(self.g_at[group as usize]))
     }
 
-    /// The M code of a group.
+    /// Returns the M code of a group.
     #[inline]
     pub(crate) fn m(&self, group: GroupM) -> Option<u8> {
         (self.m_present & 1 << group as u8 != 0).then(|| self.m[group as usize])
     }
 
-    /// Whether there is any M code.
+    /// Whether the block has any M code.
     #[inline]
     pub(crate) const fn has_m(&self) -> bool {
         self.m_present != 0
     }
 
-    /// Where the M code of a group stands; the beginning of the line when there is none.
+    /// Returns the span of the M code of a group, or the beginning of the line if there is none.
     pub(crate) fn m_span(&self, group: GroupM) -> Span {
         self.m(group).map_or_else(Span::default, |_| span(self.m_at[group as usize]))
     }
 
-    /// Notes that the word of this letter is there.
+    /// Marks the word of this letter as present.
     #[inline]
     pub(crate) fn claim(&mut self, letter: u8, at: Span) -> BlockResult<()> {
         if self.has(letter) {
@@ -216,28 +217,28 @@ impl Words {
         Ok(())
     }
 
-    /// Puts a word there that no line has written; one that is there is replaced.
+    /// Adds a word that is not in the line, or replaces the existing one.
     pub(crate) fn put(&mut self, letter: u8, value: f64) {
         self.present |= 1 << index(letter);
         (self.value[index(letter)], self.at[index(letter)]) = (value, (0, 0));
     }
 
-    /// Takes a word away.
+    /// Removes a word.
     pub(crate) fn remove(&mut self, letter: u8) {
         self.present &= !(1 << index(letter));
     }
 
-    /// G7: the X word is a diameter.
+    /// Halves the X word, which is a diameter under G7.
     pub(crate) fn halve_x(&mut self) {
         self.value[index(b'x')] /= 2.0;
     }
 
-    /// Adds a G code; G80 gives way to another motion code.
+    /// Adds a G code. Another motion code replaces G80.
     pub(crate) fn add_g(&mut self, value: f64, at: Span) -> BlockResult<()> {
         if value < 0.0 {
             return negative(b'g', value, at);
         }
-        // Rounded by hand: a call of the library would cost more than all the rest.
+        // Rounding is written out: a library call would cost more than the rest of the function.
         let tenths = (value * 10.0 + 0.5) as Tenths;
         if (value * 10.0 - f64::from(tenths)).abs() > 0.001 || tenths > 999 {
             return fault(ErrorCode::UnknownG, at, format!("there is no G{value}"));
@@ -302,7 +303,7 @@ fn negative(letter: u8, value: f64, at: Span) -> BlockResult<()> {
     )
 }
 
-/// How a G code is written.
+/// Returns the notation of a G code.
 pub(crate) fn name_of_g(tenths: Tenths) -> String {
     match tenths % 10 {
         0 => format!("G{}", tenths / 10),
@@ -310,18 +311,18 @@ pub(crate) fn name_of_g(tenths: Tenths) -> String {
     }
 }
 
-/// One word of a block, packed.
+/// One packed word of a block.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Item {
-    /// Number of the letter, its value, its place.
+    /// Number of the letter, its value and its place.
     Word(u8, f64, Place),
-    /// Number of the group, the code, its place.
+    /// Number of the group, the code and its place.
     G(u8, Tenths, Place),
     M(u8, u8, Place),
 }
 
 impl Words {
-    /// Adds the words to a list.
+    /// Appends the words to a list.
     pub(crate) fn pack(&self, items: &mut Vec<Item>) {
         let bits = |mask: u32| (0..LETTERS as u8).filter(move |bit| mask & 1 << bit != 0);
         items.extend(bits(self.g_present.into()).map(|group| {
@@ -338,7 +339,7 @@ impl Words {
         }));
     }
 
-    /// Takes packed words, in place of what there was.
+    /// Replaces the content with packed words.
     #[inline]
     pub(crate) fn unpack(&mut self, items: &[Item]) {
         self.clear();
@@ -365,20 +366,20 @@ impl Words {
     }
 }
 
-/// Where a calculated value goes.
+/// Destination of a calculated value.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Slot {
     Word(u8),
     G,
     M,
-    /// Assignment to the numbered parameter whose number the operations leave below the value.
+    /// Assignment to the numbered parameter whose number the operations leave below the value on the stack.
     Numbered,
     Named(NameId),
     /// Value in brackets of an O word.
     Argument,
 }
 
-/// A value that is calculated when the block is carried out.
+/// A value that is calculated when the block is executed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeferredValue {
     slot: Slot,
@@ -387,12 +388,12 @@ pub(crate) struct DeferredValue {
     at: Place,
 }
 
-/// An assignment with its value, not done yet.
+/// An assignment with its value, not yet applied.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Assignment {
     Numbered(usize, f64),
     Named(NameId, f64),
-    /// The value of the next argument of an O word.
+    /// Value of the next argument of an O word.
     Argument(f64),
 }
 
@@ -403,7 +404,7 @@ pub(crate) struct NcBlock {
     pub(crate) words: Words,
     pub(crate) remark: Option<Comment>,
     pub(crate) control: Option<Control>,
-    /// The cycle that the line calls.
+    /// Cycle that the line calls.
     pub(crate) cycle: Option<CycleCall>,
     pub(crate) ops: Vec<Op>,
     pub(crate) late: Vec<DeferredValue>,
@@ -420,37 +421,38 @@ impl NcBlock {
         self.late.clear();
     }
 
-    /// Adds a value that the operations from `first_op` on calculate.
+    /// Adds a value that the operations from `first_op` calculate.
     pub(crate) fn add_late(&mut self, slot: Slot, first_op: usize, at: Span) {
         let (first_op, end_op) = (first_op as u16, self.ops.len() as u16);
         self.late.push(DeferredValue { slot, first_op, end_op, at: place(at) });
     }
 
-    /// Adds a value that these operations calculate.
+    /// Adds a value that the operations from `first_op` to `end_op` calculate.
     pub(crate) fn add_late_range(&mut self, slot: Slot, first_op: usize, end_op: usize, at: Span) {
         let (first_op, end_op) = (first_op as u16, end_op as u16);
         self.late.push(DeferredValue { slot, first_op, end_op, at: place(at) });
     }
 
-    /// Whether its words have all their values.
+    /// Whether all words have their values without a calculation.
     #[inline]
     pub(crate) fn is_constant(&self) -> bool {
         self.late.is_empty()
     }
 
-    /// The first of the values that are calculated; 0 where there is none.
+    /// Returns the first calculated value, or 0 if there is none.
     pub(crate) fn first_value(&self, environment: &impl Environment) -> BlockResult<f64> {
         let Some(late) = self.late.first() else { return Ok(0.0) };
         let ops = &self.ops[usize::from(late.first_op)..usize::from(late.end_op)];
         evaluate(ops, environment).map(|(_, value)| value)
     }
 
-    /// Where the last of the values that are calculated stands.
+    /// Returns the span of the last calculated value.
     pub(crate) fn last_span(&self) -> Span {
         self.late.last().map_or_else(Span::default, |late| span(late.at))
     }
 
-    /// Calculates what is open, in the order of the line: word values into `words`, assignments into `assignments`.
+    /// Calculates the deferred values in the order of the line: word values into `words`, assignments into
+    /// `assignments`.
     pub(crate) fn calculate(
         &self,
         environment: &impl Environment,
@@ -476,7 +478,7 @@ impl NcBlock {
     }
 }
 
-/// The number of a parameter that may be assigned to.
+/// Returns the number of a parameter if it may be assigned to.
 fn assignable(number: f64, at: Span) -> BlockResult<usize> {
     use crate::params::Parameters;
     let number = whole(number, at, "#")?;

@@ -1,7 +1,7 @@
-//! The branch table (PRE-5): every place where a program may go on elsewhere, and where that is.
+//! The branch table (PRE-5): every jump of a program, with its destination.
 //!
-//! Invariant: numbers count from 1, file by file in the order of their lines; a target is a line of a file, or none where it is
-//! calculated when the program runs or where there is none.
+//! Invariant: numbers start at 1, file by file in the order of the lines. A target is a line of a file; there is none
+//! where it is calculated at run time or does not exist.
 
 use crate::compiled_code::{BY_NUMBER, CompiledCode, Jump};
 use crate::control::Label;
@@ -11,39 +11,39 @@ use std::sync::Arc;
 /// One row of the branch table.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Branch {
-    /// Its number, from 1.
+    /// Number of the row, from 1.
     pub number: u32,
-    /// The file that it stands in; 0 is the program itself.
+    /// File of the branch; 0 is the program itself.
     pub file: u16,
-    /// Its line, from 1.
+    /// Line of the branch, from 1.
     pub line: u32,
-    /// What kind of branch it is: `if`, `while`, `call` …
+    /// Kind of branch: `if`, `while`, `call` …
     pub kind: &'static str,
-    /// The label of a call.
+    /// Label of a call.
     pub label: Option<String>,
-    /// Where the program goes on when it branches.
+    /// Destination of the branch.
     pub target: BranchDestination,
 }
 
-/// Where a branch leads.
+/// Destination of a branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BranchDestination {
     /// A line of a file.
     Line {
-        /// The file; 0 is the program itself.
+        /// Number of the file; 0 is the program itself.
         file: u16,
-        /// The line, from 1.
+        /// Number of the line, from 1.
         line: u32,
     },
-    /// The compiled form of a cycle.
+    /// Compiled form of a cycle.
     Cycle,
-    /// It is calculated when the program runs.
+    /// Calculated when the program runs.
     Calculated,
-    /// There is none: an error that the pre-scan tells.
+    /// Does not exist, which the pre-scan reports as an error.
     Missing,
 }
 
-/// The rows of all files.
+/// Returns the rows of all files.
 pub(crate) fn table(codes: &[Arc<CompiledCode>], subs: &Subs) -> Vec<Branch> {
     let mut rows = Vec::new();
     for code in codes {
@@ -81,19 +81,19 @@ pub(crate) fn table(codes: &[Arc<CompiledCode>], subs: &Subs) -> Vec<Branch> {
 
 enum BranchTarget {
     Line(u32),
-    /// That very line, wherever it stands.
+    /// Exactly this line, wherever it is.
     Exactly(u32),
     Calculated,
     Call(u32),
     Cycle(u32),
 }
 
-/// The number of a compiled line in its file; behind the last, the line behind it.
+/// Returns the file line number of a compiled line; for the position after the last one, the next line number.
 fn behind(code: &CompiledCode, line: u32) -> u32 {
     match line.checked_sub(1) {
         Some(before) if line >= code.len() => code.line_number(before) + 1,
         Some(before) if code.line_number(line) < code.line_number(before) => code.line_number(before) + 1,
-        // The next stretch may begin further on: what counts is the line behind this one.
+        // The next region may begin further down, so the line after this one counts.
         Some(before) => code.line_number(line).min(code.line_number(before) + 1),
         None => code.line_number(line),
     }

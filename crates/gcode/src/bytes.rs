@@ -1,19 +1,19 @@
-//! Eight characters at a time: what every line is searched for, and short numbers.
+//! Search for characters and parsing of short numbers, eight characters at a time.
 //!
-//! Invariant: the first character is the lowest byte of a word; nothing outside of the text is looked at.
+//! Invariant: the first character is the lowest byte of a `u64`. No byte outside the text is read.
 
 use std::borrow::Cow;
 
 const ONES: u64 = 0x0101_0101_0101_0101;
 const HIGH: u64 = 0x8080_8080_8080_8080;
 
-/// The first eight characters.
+/// Returns the first eight characters.
 #[inline]
 fn word(text: &[u8]) -> Option<u64> {
     text.first_chunk().map(|bytes| u64::from_le_bytes(*bytes))
 }
 
-/// Where the first line feed is.
+/// Returns the position of the first line feed.
 #[inline]
 pub(crate) fn line_feed(text: &[u8]) -> Option<usize> {
     let mut at = 0;
@@ -33,7 +33,7 @@ pub(crate) fn line_feed(text: &[u8]) -> Option<usize> {
 /// Whether every character is printable ASCII.
 #[inline]
 pub(crate) fn is_plain(text: &[u8]) -> bool {
-    // Below a blank, above a tilde, or no ASCII at all.
+    // Below a blank, above a tilde, or not ASCII at all.
     let strange = |word: u64| (word.wrapping_sub(ONES * 0x20) | word.wrapping_add(ONES) | word) & HIGH;
     let mut found = 0;
     let mut at = 0;
@@ -48,16 +48,16 @@ pub(crate) fn is_plain(text: &[u8]) -> bool {
 /// A number at the beginning of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ShortNumber {
-    /// Its digits, without the decimal point.
+    /// Digits, without the decimal point.
     pub(crate) mantissa: u32,
-    /// How many of them stand behind the point.
+    /// Number of digits after the decimal point.
     pub(crate) decimals: u32,
-    /// How many characters it has.
+    /// Number of characters.
     pub(crate) length: u32,
 }
 
-/// A number of seven characters at most behind which something else follows within eight characters, or the end of the text; `at` is
-/// where it begins. None of longer ones, and of those without a digit.
+/// Parses a number of at most seven characters that begins at `at`. It is followed by another character within eight
+/// characters, or by the end of the text. Returns `None` for longer numbers and for those without a digit.
 #[inline]
 pub(crate) fn short_number(text: &[u8], at: usize) -> Option<ShortNumber> {
     let word = match text.get(at..).and_then(word) {
@@ -69,7 +69,7 @@ pub(crate) fn short_number(text: &[u8], at: usize) -> Option<ShortNumber> {
             last.checked_shr(8 * before as u32)?
         }
     };
-    // Digits become 0 … 9; a byte that is none gets its highest bit.
+    // Digits become 0 … 9; any other byte gets its highest bit set.
     let values = word ^ (ONES * u64::from(b'0'));
     let others = |values: u64| ((values & !HIGH).wrapping_add(ONES * 0x76) | values) & HIGH;
     let whole = (others(values).trailing_zeros() / 8).min(8);
@@ -79,7 +79,7 @@ pub(crate) fn short_number(text: &[u8], at: usize) -> Option<ShortNumber> {
     let is_point = (word >> (8 * whole)) & 0xff == u64::from(b'.');
     let (digits, count) = if is_point {
         let low = (1_u64 << (8 * whole)) - 1;
-        // The point is taken out; what comes in from above is not a digit.
+        // Removes the point. The byte shifted in from above is not a digit.
         let merged = (values & low) | (values >> 8 & !low) | 0x80 << 56;
         (merged, others(merged).trailing_zeros() / 8)
     } else {
@@ -89,7 +89,7 @@ pub(crate) fn short_number(text: &[u8], at: usize) -> Option<ShortNumber> {
     if count == 0 || length > 7 {
         return None;
     }
-    // Zeros go before the digits, so that there are eight of them.
+    // Leading zeros fill the digits up to eight.
     let digits = digits << (64 - 8 * count);
     let pairs = (digits.wrapping_mul(10) + (digits >> 8)) & 0x00ff_00ff_00ff_00ff;
     let fours = (pairs.wrapping_mul(100) + (pairs >> 16)) & 0x0000_ffff_0000_ffff;
@@ -97,13 +97,13 @@ pub(crate) fn short_number(text: &[u8], at: usize) -> Option<ShortNumber> {
     Some(ShortNumber { mantissa, decimals: count - whole, length })
 }
 
-/// The length of the UTF-8 byte-order mark that the text begins with, or 0.
+/// Returns the length of the UTF-8 byte-order mark at the beginning of the text, or 0.
 #[inline]
 pub(crate) fn byte_order_mark(text: &[u8]) -> usize {
     if text.first() == Some(&0xef) && text.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 }
 }
 
-/// Bytes as text: UTF-8, or else Latin-1, in which every byte is a character.
+/// Converts bytes to text: as UTF-8, otherwise as Latin-1, in which every byte is a character.
 pub(crate) fn shown(text: &[u8]) -> Cow<'_, str> {
     match std::str::from_utf8(text) {
         Ok(text) => Cow::Borrowed(text),

@@ -1,7 +1,8 @@
-//! Canonical functions: the machine-independent steps that a program becomes.
+//! Canonical functions: the machine-independent steps that the interpreter makes of a program.
 //!
-//! Invariant: names, order and arguments are those of LinuxCNC's canonical functions. Lengths are in the program's units in force
-//! (the last [`Canon::UseLengthUnits`]), angles in degrees, positions in the program's coordinate system.
+//! Invariant: names, order and arguments are those of LinuxCNC's canonical functions. Lengths are in the program's
+//! units in force (the last [`Canon::UseLengthUnits`]), angles in degrees, positions in the program's coordinate
+//! system.
 
 use crate::block::BlockNumber;
 use crate::pose::{Axis, Pose};
@@ -12,14 +13,14 @@ use std::sync::Arc;
 /// A unit of length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LengthUnit {
-    /// 25.4 mm.
+    /// Inch, 25.4 mm.
     Inch,
     /// Millimetre.
     Millimetre,
 }
 
 impl LengthUnit {
-    /// How many millimetres one unit is.
+    /// Returns the length of one unit in millimetres.
     #[must_use]
     pub const fn millimetres(self) -> f64 {
         match self {
@@ -29,7 +30,7 @@ impl LengthUnit {
     }
 }
 
-/// A plane of arcs, with its axes in the order in which [`Canon::ArcFeed`] counts them.
+/// A plane of arcs, with its axes in the order that [`Canon::ArcFeed`] uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Plane {
     /// G17: first X, second Y, normal Z.
@@ -38,16 +39,16 @@ pub enum Plane {
     Zx,
     /// G19: first Y, second Z, normal X.
     Yz,
-    /// G17.1: U and V. No arc lies in it.
+    /// G17.1: U and V. Arcs in this plane are not possible.
     Uv,
-    /// G18.1: W and U. No arc lies in it.
+    /// G18.1: W and U. Arcs in this plane are not possible.
     Wu,
-    /// G19.1: V and W. No arc lies in it.
+    /// G19.1: V and W. Arcs in this plane are not possible.
     Vw,
 }
 
 impl Plane {
-    /// First, second and normal axis.
+    /// Returns the first, second and normal axis.
     #[must_use]
     pub const fn axes(self) -> [Axis; 3] {
         match self {
@@ -60,178 +61,181 @@ impl Plane {
         }
     }
 
-    /// Whether arcs may lie in it.
+    /// Whether arcs are possible in this plane.
     #[must_use]
     pub const fn has_arcs(self) -> bool {
         matches!(self, Plane::Xy | Plane::Zx | Plane::Yz)
     }
 }
 
-/// How the path is followed at the joints of blocks.
+/// Treatment of junctions between blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PathControl {
-    /// G61: exactly along the path, without a needless stop.
+    /// G61: exactly along the path, stopping only where necessary.
     ExactPath,
     /// G61.1: a full stop at the end of each block.
     ExactStop,
-    /// G64: blended; deviation at most the tolerance in program units, 0 when the program names none.
+    /// G64: blended. The deviation is at most the tolerance, or 0 where the program names none.
     Continuous {
         /// Blend tolerance in program units, at least 0.
         tolerance: f64,
     },
 }
 
-/// How the feed rate is meant.
+/// Meaning of the feed rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FeedMode {
-    /// G93: F is the inverse of the minutes that the block takes.
+    /// G93: F is the inverse of the duration of the block in minutes.
     InverseTime,
-    /// G94: units a minute.
+    /// G94: units per minute.
     UnitsPerMinute,
-    /// G95: units a turn of the spindle.
+    /// G95: units per turn of the spindle.
     UnitsPerRevolution,
 }
 
-/// What ends a probing move, and whether it is a fault when nothing does.
+/// Condition that ends a probing move, and whether it is an error if it does not occur.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Probing {
-    /// G38.4, G38.5: the loss of contact ends it; else contact does.
+    /// Whether loss of contact ends the move (G38.4, G38.5); otherwise contact does.
     pub away: bool,
-    /// G38.2, G38.4: reaching the end is a fault.
+    /// Whether it is an error to reach the end of the move (G38.2, G38.4).
     pub must_answer: bool,
 }
 
 /// An input of the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WaitInput {
-    /// On or off (P word).
+    /// Digital input (P word).
     Digital(i32),
-    /// A value (E word).
+    /// Analog input (E word).
     Analog(i32),
 }
 
-/// What is waited for at an input.
+/// Condition that a wait at an input ends with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WaitFor {
-    /// Nothing: its value is taken as it is.
+    /// No wait: the present value is read.
     Immediate,
-    /// That it goes on.
+    /// The input changes to on.
     Rise,
-    /// That it goes off.
+    /// The input changes to off.
     Fall,
-    /// That it is on.
+    /// The input is on.
     High,
-    /// That it is off.
+    /// The input is off.
     Low,
 }
 
-/// M66.
+/// A wait for an input (M66).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WaitForInput {
-    /// The input that is asked.
+    /// Input to read.
     pub input: WaitInput,
-    /// What is waited for.
+    /// Condition to wait for.
     pub wait_for: WaitFor,
-    /// For how long at most, seconds.
+    /// Maximum time in seconds.
     pub timeout: f64,
 }
 
 /// A circular or helical arc.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ArcFeed {
-    /// The plane in which it turns.
+    /// Plane of the arc.
     pub plane: Plane,
-    /// The end position on all axes.
+    /// End position on all axes.
     pub end: Pose,
     /// Centre on the first axis of the plane.
     pub first_centre: f64,
     /// Centre on the second axis of the plane.
     pub second_centre: f64,
-    /// Begun turns: positive counter-clockwise, negative clockwise, seen from the positive end of the normal axis; never 0.
+    /// Number of turns begun: positive counter-clockwise, negative clockwise, seen from the positive end of the normal
+    /// axis; never 0.
     pub turns: i32,
 }
 
 /// One canonical function.
 #[derive(Clone, Debug, PartialEq)]
-#[allow(missing_docs)] // the names are the definition; arguments that need a word have one
+#[allow(missing_docs)] // the names are the definition; arguments that need an explanation have one
 pub enum Canon {
-    /// The interpreter has gone back to its initial state (program opened or closed).
+    /// The interpreter has returned to its initial state (program opened or closed).
     OnReset,
     /// The program ended at its closing percent sign.
     Finish,
     UseLengthUnits(LengthUnit),
-    /// Origin of the coordinate system 1 … 9 (G54 … G59.3) that is now in force.
+    /// Sets the origin of the coordinate system 1 … 9 (G54 … G59.3) that is now in force.
     SetG5xOffset {
         system: u8,
         offset: Pose,
     },
     SetG92Offset(Pose),
-    /// Rotation of the coordinate system about Z, degrees.
+    /// Sets the rotation of the coordinate system about Z, in degrees.
     SetXyRotation(f64),
     SetFeedReference,
     SetFeedMode(FeedMode),
-    /// Program units a minute.
+    /// Sets the feed rate in program units per minute.
     SetFeedRate(f64),
     StraightTraverse(Pose),
     StraightFeed(Pose),
     ArcFeed(ArcFeed),
-    /// Along a spline in the plane of X and Y; the other axes stay.
+    /// Moves along a spline in the plane of X and Y; the other axes stay.
     NurbsFeed(Nurbs),
     TurnProbeOn,
-    /// Towards the end, until the probe answers as the kind of probing has it (G38.2 … G38.5).
+    /// Moves towards the end until the probe responds as the kind of probing requires (G38.2 … G38.5).
     StraightProbe(Pose, Probing),
     TurnProbeOff,
     SelectPlane(Plane),
     SetMotionControlMode(PathControl),
-    /// Tolerance of the merging of nearly straight runs, program units.
+    /// Sets the tolerance for merging nearly straight moves, in program units.
     SetNaivecamTolerance(f64),
-    /// Seconds.
+    /// Dwells for this time in seconds.
     Dwell(f64),
-    /// Turns a minute, at least 0.
+    /// Sets the spindle speed in turns per minute, at least 0.
     SetSpindleSpeed(f64),
     StartSpindleClockwise,
     StartSpindleCounterclockwise,
     StopSpindleTurning,
-    /// Constant surface speed with this highest number of turns a minute; 0 is constant turns (G97).
+    /// Selects constant surface speed with this maximum in turns per minute; 0 selects constant speed (G97).
     SetSpindleMode(f64),
-    /// Turn the spindle to an angle and hold it there: 0 the shortest way, 1 and 2 as M19 has it, 2 and 3 as G87 does.
+    /// Turns the spindle to an angle and holds it there. Direction: 0 the shortest, 1 and 2 as in M19, 2 and 3 as in
+    /// G87.
     OrientSpindle {
         degrees: f64,
         mode: u8,
     },
-    /// Wait for the angle, for so many seconds at most.
+    /// Waits for the angle, at most this time in seconds.
     WaitSpindleOrientComplete(f64),
-    /// From here on feed moves keep step with the spindle: program units a turn.
+    /// Synchronises the following feed moves with the spindle, in program units per turn.
     StartSpeedFeedSynch {
         pitch: f64,
     },
     StopSpeedFeedSynch,
-    /// In to X Y Z and back, in step with the spindle that turns round there.
+    /// Taps to X Y Z and back, synchronised with the spindle, which reverses there.
     RigidTap([f64; 3]),
     StartChange,
-    /// Put the selected tool into the spindle; the number of the tool, 0 for none.
+    /// Changes to the selected tool; the number of the tool, 0 for none.
     ChangeTool {
         tool: u32,
-        /// The tool that was in the spindle before, which may be the same.
+        /// Tool that was in the spindle before, which may be the same.
         was: u32,
-        /// Its line of the tool table, from 1; 0 for none.
+        /// Entry in the tool table, from 1; 0 for none.
         index: u32,
-        /// What the table's comment says of it.
+        /// Comment on the tool in the tool table.
         remark: Option<Box<str>>,
     },
     SelectTool(u32),
-    /// The tool in the spindle is now called so (M61).
+    /// Declares this number for the tool in the spindle (M61).
     ChangeToolNumber {
         tool: u32,
-        /// Its line of the tool table, from 1; 0 for none.
+        /// Entry in the tool table, from 1; 0 for none.
         index: u32,
     },
-    /// G10 L1, L10, L11: the data of a tool, in machine units; its place in the table, from 1, or 0 for the tool in the spindle.
+    /// G10 L1, L10, L11: sets the data of a tool, in machine units. The entry in the table is counted from 1; 0 is the
+    /// tool in the spindle.
     SetToolTableEntry {
         index: u32,
         tool: Tool,
     },
-    /// G10 L0: the tool table is read again from its file.
+    /// G10 L0: reloads the tool table from its file.
     ReloadToolData,
     UseToolLengthOffset(Pose),
     MistOn,
@@ -246,27 +250,27 @@ pub enum Canon {
     DisableAdaptiveFeed,
     EnableFeedHold,
     DisableFeedHold,
-    /// Output on, in step with the motion (M62).
+    /// Switches an output on, synchronised with motion (M62).
     SetMotionOutputBit(i32),
-    /// Output off, in step with the motion (M63).
+    /// Switches an output off, synchronised with motion (M63).
     ClearMotionOutputBit(i32),
-    /// Output on, at once (M64).
+    /// Switches an output on immediately (M64).
     SetAuxOutputBit(i32),
-    /// Output off, at once (M65).
+    /// Switches an output off immediately (M65).
     ClearAuxOutputBit(i32),
-    /// Analog output, in step with the motion (M67).
+    /// Sets an analog output, synchronised with motion (M67).
     SetMotionOutputValue {
         output: i32,
         value: f64,
     },
-    /// Analog output, at once (M68).
+    /// Sets an analog output immediately (M68).
     SetAuxOutputValue {
         output: i32,
         value: f64,
     },
-    /// An input is asked for (M66); the answer becomes parameter 5399.
+    /// Reads an input (M66); the result becomes parameter 5399.
     Wait(WaitForInput),
-    /// M100 … M199: what the machine has declared under this number.
+    /// M100 … M199: the action that the machine file declares for this number.
     UserCode {
         number: u8,
         p: Option<f64>,
@@ -275,13 +279,13 @@ pub enum Canon {
     /// The straight move that follows ends at machine coordinates, on the axes that it moves (G53, G28, G30).
     MachineCoordinates,
     Comment(Arc<str>),
-    /// A comment of the interpreter itself on a change of mode.
+    /// A comment of the interpreter on a change of mode.
     Note(&'static str),
-    /// For the operator (MSG, DEBUG).
+    /// A message for the operator (MSG, DEBUG).
     Message(Arc<str>),
-    /// For standard output (PRINT).
+    /// Text for standard output (PRINT).
     Print(Arc<str>),
-    /// A log file of this name begins, or goes on at its end (LOGOPEN, LOGAPPEND).
+    /// Opens a log file of this name, truncated or for appending (LOGOPEN, LOGAPPEND).
     LogOpen {
         file: Arc<str>,
         append: bool,
@@ -298,28 +302,22 @@ pub enum Canon {
     ProgramEnd,
 }
 
-impl Canon {
-    /// Whether the run waits here for cycle start: M0, M1, M60.
-    #[must_use]
-    pub const fn waits_for_cycle_start(&self) -> bool {
-        matches!(self, Canon::ProgramStop | Canon::OptionalProgramStop)
-    }
-}
+impl Canon {}
 
 /// One canonical function with the block that it comes from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CanonStep {
-    /// Line of the program, counted from 1; 0 before the first line and after the last. Steps of a subprogram in another file have the
-    /// line that called it.
+    /// Line of the program, counted from 1; 0 before the first line and after the last. Steps of a subprogram in
+    /// another file have the line of the call.
     pub line: u32,
-    /// The N word of that line.
+    /// N word of that line.
     pub number: Option<BlockNumber>,
-    /// What is to be done.
+    /// The canonical function.
     pub canon: Canon,
 }
 
 impl Canon {
-    /// Whether the machine takes time for it by itself: a motion, a dwell, a wait, a stop, a tool change or a user code.
+    /// Whether the machine needs time for this step: a motion, a dwell, a wait, a stop, a tool change or a user code.
     #[must_use]
     pub const fn takes_time(&self) -> bool {
         matches!(

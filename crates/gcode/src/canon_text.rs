@@ -1,6 +1,6 @@
-//! Canonical functions as text, one a line, as LinuxCNC's `rs274 -g` prints them.
+//! Canonical functions as text, one per line, as LinuxCNC's `rs274 -g` prints them.
 //!
-//! Invariant: the counter goes up by one with every line but those of PRINT, which go out as they are.
+//! Invariant: the counter increases by one with every line except those of PRINT, which are printed unchanged.
 
 use crate::canon::{ArcFeed, Canon, CanonStep, FeedMode, LengthUnit, PathControl, Plane};
 use crate::output_text::{Head, TextBuffer, TextPiece};
@@ -8,29 +8,29 @@ use crate::pose::{Axis, Pose};
 use crate::tool::Tool;
 use std::io::{self, Write};
 
-/// Writes steps in the form of `rs274 -g`: `    7 N0020  STRAIGHT_FEED(1.0000, …)`.
+/// Writer of steps in the format of `rs274 -g`: `    7 N0020  STRAIGHT_FEED(1.0000, …)`.
 #[derive(Debug)]
 pub struct CanonText<W> {
     out: W,
     head: Head,
-    /// Lines that are to be written.
+    /// Lines not yet written.
     text: TextBuffer,
     ends: Ends,
 }
 
 impl<W: Write> CanonText<W> {
-    /// A writer that counts from 1.
+    /// Creates a writer whose counter starts at 1.
     pub fn new(out: W) -> CanonText<W> {
         CanonText { out, head: Head::new(), text: TextBuffer::new(), ends: Ends::default() }
     }
 
-    /// Takes one step; its line is written with those that follow, at the latest by [`CanonText::into_inner`].
+    /// Appends one step. Its line is buffered and written later, at the latest by [`CanonText::into_inner`].
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the underlying writer.
     pub fn write(&mut self, step: &CanonStep) -> io::Result<()> {
         if let Canon::Wait(_) | Canon::UserCode { .. } | Canon::MachineCoordinates = &step.canon {
-            // The peer waits for nothing, knows no user codes and has no word for machine coordinates: it prints nothing.
+            // LinuxCNC prints nothing for waits, user codes and machine coordinates.
             return Ok(());
         }
         let text = &mut self.text;
@@ -48,10 +48,10 @@ impl<W: Write> CanonText<W> {
         if self.text.is_enough() { self.flush() } else { Ok(()) }
     }
 
-    /// Writes what has been gathered.
+    /// Writes the buffered lines.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the underlying writer.
     pub fn flush(&mut self) -> io::Result<()> {
         let written = self.out.write_all(self.text.text());
         self.text.clear();
@@ -59,22 +59,22 @@ impl<W: Write> CanonText<W> {
         self.out.flush()
     }
 
-    /// The writer back, with everything written.
+    /// Writes the buffered lines and returns the writer.
     ///
     /// # Errors
-    /// Those of the writer.
+    /// Errors of the underlying writer.
     pub fn into_inner(mut self) -> io::Result<W> {
         self.flush()?;
         Ok(self.out)
     }
 }
 
-/// The last coordinates of straight moves: most moves leave some of them as they are.
+/// The last coordinates of straight moves. Most moves leave some of them unchanged.
 #[derive(Debug, Default)]
 struct Ends([(u64, TextPiece); 6]);
 
 impl Ends {
-    /// The name of a move and its end.
+    /// Writes the name of a move and its end.
     #[inline]
     fn write<const N: usize>(&mut self, out: &mut TextBuffer, name: &[u8; N], end: &Pose) -> io::Result<()> {
         out.fixed(name);
@@ -84,7 +84,7 @@ impl Ends {
         coordinate(out, y, end[Axis::Y])?;
         out.fixed(b", ");
         coordinate(out, z, end[Axis::Z])?;
-        // Machines without axes that turn are the most.
+        // Most machines have no rotary axes.
         if end[Axis::A].to_bits() | end[Axis::B].to_bits() | end[Axis::C].to_bits() == 0 {
             out.fixed(b", 0.0000, 0.0000, 0.0000)");
             return Ok(());
@@ -98,10 +98,10 @@ impl Ends {
     }
 }
 
-/// A coordinate, from the last text if it is the same.
+/// Writes a coordinate, using the last text if the value is the same.
 #[inline]
 fn coordinate(out: &mut TextBuffer, last: &mut (u64, TextPiece), value: f64) -> io::Result<()> {
-    // No piece is empty but that of the beginning.
+    // Only the initial piece is empty.
     if last.0 != value.to_bits() || last.1 == TextPiece::default() {
         let Some(piece) = TextPiece::of_number(value) else { return write!(out, "{value:.4}") };
         *last = (value.to_bits(), piece);
@@ -177,7 +177,7 @@ fn call(out: &mut TextBuffer, canon: &Canon) -> io::Result<()> {
     }
 }
 
-/// The functions without an argument of their own.
+/// Returns the name of a function without arguments.
 const fn plain_name(canon: &Canon) -> &'static str {
     match canon {
         Canon::OnReset => "ON_RESET()",
@@ -212,7 +212,7 @@ const fn plain_name(canon: &Canon) -> &'static str {
     }
 }
 
-/// Numbers with commas between them and a parenthesis behind.
+/// Writes numbers separated by commas and a closing parenthesis.
 fn list(out: &mut TextBuffer, numbers: &[f64]) -> io::Result<()> {
     for (index, value) in numbers.iter().enumerate() {
         if index > 0 {
@@ -251,7 +251,7 @@ fn path_control(out: &mut TextBuffer, mode: PathControl) -> io::Result<()> {
             out.fixed(b"SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)");
             Ok(())
         }
-        // The tolerance of most programs, which every drilling cycle comes back to.
+        // The tolerance of most programs, which every drilling cycle restores.
         PathControl::Continuous { tolerance } if tolerance.to_bits() == 0 => {
             out.fixed(b"SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, 0.000000)");
             Ok(())

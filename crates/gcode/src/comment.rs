@@ -1,6 +1,6 @@
 //! Comments that are passed on: plain ones, messages, and those that show parameters.
 //!
-//! Invariant: what the first word of a comment asks for is either done or refused by its name.
+//! Invariant: a command at the beginning of a comment is either executed or refused by name.
 
 use crate::bytes::shown;
 use crate::canon::Canon;
@@ -17,15 +17,15 @@ use std::sync::Arc;
 pub(crate) enum Comment {
     Comment(Arc<str>),
     Message(Arc<str>),
-    /// Shown to the operator, while parameter 5599 is above 0.
+    /// Shown to the operator while parameter 5599 is above 0.
     Debug(Arc<[CommentPart]>),
-    /// Goes to standard output.
+    /// Written to standard output.
     Print(Arc<[CommentPart]>),
     LogOpen {
         file: Arc<str>,
         append: bool,
     },
-    /// Goes to the log file.
+    /// Written to the log file.
     Log(Arc<[CommentPart]>),
     LogClose,
     /// Ends the program with an error.
@@ -38,18 +38,18 @@ pub(crate) enum CommentPart {
     Text(Box<str>),
     Numbered(usize),
     Parameter(Reference),
-    /// From here on values show so many decimals.
+    /// Sets the number of decimals for the values that follow.
     Decimals(usize),
 }
 
-/// Decimals of values until a format asks for others.
+/// Default number of decimals.
 const DECIMALS: usize = 6;
 
-/// Comments of LinuxCNC that run Python.
+/// Comments that run Python in LinuxCNC.
 const PYTHON: [&str; 3] = ["py,", "pyrun,", "pyreload"];
 
 impl Comment {
-    /// The comment whose text stands between its parentheses.
+    /// Compiles the text between the parentheses of a comment.
     pub(crate) fn of(text: &[u8], at: Span, names: &mut Names) -> BlockResult<Option<Comment>> {
         let text = shown(text);
         let text = text.trim_start();
@@ -83,10 +83,10 @@ impl Comment {
         Ok(Some(Comment::Comment(text.into())))
     }
 
-    /// What is passed on, with the values that parameters have now.
+    /// Returns the canonical function of the comment, with the present values of its parameters.
     ///
     /// # Errors
-    /// ABORT is one.
+    /// ABORT is reported as an error.
     pub(crate) fn canon(&self, environment: &impl Environment, show_debug: bool) -> BlockResult<Option<Canon>> {
         Ok(Some(match self {
             Comment::Comment(text) => Canon::Comment(Arc::clone(text)),
@@ -104,7 +104,7 @@ impl Comment {
     }
 }
 
-/// A comment that would run Python is refused by its name, in parentheses and behind a semicolon.
+/// Refuses a comment that would run Python, both in parentheses and after a semicolon.
 pub(crate) fn refuse_python(text: &str, at: Span) -> BlockResult<()> {
     match PYTHON.iter().find(|word| after(text.trim_start(), word).is_some()) {
         Some(word) => {
@@ -115,7 +115,7 @@ pub(crate) fn refuse_python(text: &str, at: Span) -> BlockResult<()> {
     }
 }
 
-/// What follows a word at the beginning, of either case.
+/// Returns the text after a command word of either case.
 fn after<'a>(text: &'a str, word: &str) -> Option<&'a str> {
     let head = text.get(..word.len())?;
     head.eq_ignore_ascii_case(word).then(|| &text[word.len()..])
@@ -136,7 +136,7 @@ fn pieces(text: &str, at: Span, names: &mut Names) -> BlockResult<Vec<CommentPar
     Ok(pieces)
 }
 
-/// What a percent sign begins, and what follows it: %d, %f and %.0f to %.9f choose decimals.
+/// Parses what begins with a percent sign, and returns it with the rest. %d, %f and %.0f to %.9f select the decimals.
 fn format(rest: &str) -> (CommentPart, &str) {
     match *rest.as_bytes() {
         [b'd', ..] => (CommentPart::Decimals(0), &rest[1..]),
@@ -147,10 +147,10 @@ fn format(rest: &str) -> (CommentPart, &str) {
     }
 }
 
-/// What a number sign begins, and what follows it.
+/// Parses what begins with a number sign, and returns it with the rest.
 fn parameter<'a>(rest: &'a str, at: Span, names: &mut Names) -> BlockResult<(CommentPart, &'a str)> {
     if let Some(named) = rest.strip_prefix('<') {
-        // What the peer shows of a name that is not closed is the memory behind it.
+        // For a name without a closing `>`, LinuxCNC shows the memory behind it.
         let Some((name, rest)) = named.split_once('>') else {
             return fault(ErrorCode::NameNotClosed, at, ErrorCode::NameNotClosed.title());
         };
@@ -184,10 +184,10 @@ fn expand(pieces: &[CommentPart], environment: &impl Environment) -> Arc<str> {
         };
         let from = text.len();
         if let Some(value) = value {
-            // Writing to a string cannot fail; a value that is equal to zero shows as zero.
+            // Writing to a string cannot fail. A value equal to zero is shown as zero.
             let _ = write!(text, "{:.decimals$}", if value.abs() < EQUAL { 0.0 } else { value });
         }
-        // The field is 29 characters wide; a parameter without a value shows as crosses.
+        // The field is 29 characters wide. A parameter without a value is shown as crosses.
         if text.len() == from || text.len() - from >= 30 {
             text.truncate(from);
             text.push_str("######");

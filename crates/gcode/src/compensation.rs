@@ -1,12 +1,12 @@
-//! Cutter radius compensation as a mode: which side, how far, and how the program has got on with it.
+//! Cutter radius compensation as a mode: side, radius, and programmed position.
 //!
-//! Invariant: the radius is not negative; a negative diameter has changed the side instead.
+//! Invariant: the radius is not negative; a negative diameter has swapped the side instead.
 
 use crate::canon::Plane;
 use crate::interp::{Point, UNSHIFTED};
 use crate::pose::Pose;
 
-/// On which side of the path the tool is, seen along the motion.
+/// Side of the path on which the tool is, seen in the direction of motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// G41.
@@ -16,7 +16,7 @@ pub enum Side {
 }
 
 impl Side {
-    /// The other one.
+    /// Returns the opposite side.
     #[must_use]
     pub const fn other(self) -> Side {
         match self {
@@ -29,24 +29,24 @@ impl Side {
 /// Cutter radius compensation in force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Compensation {
-    /// Where the tool is.
+    /// Side of the tool.
     pub side: Side,
-    /// The radius of the tool in program units; with 0, moves stay as they are.
+    /// Radius of the tool in program units. With 0, moves stay unchanged.
     pub radius: f64,
-    /// The position as it is programmed, in program coordinates; none before the first move, which leads to the compensated path.
+    /// Programmed position in program coordinates. `None` before the first move, which leads to the compensated path.
     pub programmed: Option<Pose>,
 }
 
 impl Compensation {
-    /// Converts it to another unit of length.
+    /// Converts to another unit of length.
     pub(crate) fn scale(&mut self, factor: f64) {
         self.radius *= factor;
         self.programmed = self.programmed.map(|programmed| programmed.scaled_lengths(factor));
     }
 }
 
-/// From the centre of a lathe tool's tip to its controlled point, on the first and second axis of the plane of compensation.
-/// Orientations count as LinuxCNC's tool table does; only in G18 do they mean something.
+/// Returns the vector from the centre of a lathe tool's tip to its controlled point, on the first and second axis of
+/// the plane of compensation. Orientations are those of LinuxCNC's tool table; they have a meaning in G18 only.
 pub(crate) fn tip_shift(plane: Plane, orientation: i32, radius: f64) -> Point {
     if plane != Plane::Zx {
         return UNSHIFTED;

@@ -1,7 +1,7 @@
-//! Compiled lines: the stretches of a file that may be carried out more than once, one behind the other.
+//! Compiled lines: the regions of a file that may be executed more than once, stored one after another.
 //!
-//! Invariant: a packed block is the block that its line compiled to; every jump stays within its stretch or goes to its end. Carrying
-//! out packed lines copies them into one working block and allocates nothing.
+//! Invariant: a packed block equals the block that its line compiled to. Every jump stays within its region or goes to
+//! its end. Executing packed lines copies them into one working block and allocates nothing.
 
 use crate::block::{BlockNumber, DeferredValue, Item, NcBlock};
 use crate::comment::Comment;
@@ -11,23 +11,23 @@ use crate::expr::Op;
 use crate::line_numbers::LineNumbers;
 use std::ops::Range;
 
-/// Number of a subprogram in the list of all that a program calls.
+/// Index of a subprogram in the list of all subprograms that a program calls.
 pub(crate) type SubId = u32;
 
-/// Where a line sends the program, besides what its block does. Places count compiled lines, from 0.
+/// Control flow of a line, in addition to its block. Positions count compiled lines, from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Jump {
-    /// A block; the next line is next.
+    /// A block; execution continues with the next line.
     None,
     /// Refused when it was compiled.
     Faulty,
     /// Nothing: a deleted line, do, endif, or a label.
     Pass,
-    /// The definition of a subprogram on the way: on behind its end.
+    /// The definition of a subprogram, which is skipped to its end.
     Over {
         to: u32,
     },
-    /// Index into [`ErrorCode::calls`].
+    /// Index into [`CompiledCode::calls`].
     Call {
         call: u32,
     },
@@ -54,13 +54,13 @@ pub(crate) enum Jump {
     EndRepeat {
         begin: u32,
     },
-    /// endwhile, break, continue: loops that do not hold the line `to` are left.
+    /// endwhile, break, continue: loops that do not contain the line `to` are left.
     Leave {
         to: u32,
     },
     /// return, endsub, M99.
     Return,
-    /// Index into [`ErrorCode::cycles`].
+    /// Index into [`CompiledCode::cycles`].
     Cycle {
         call: u32,
     },
@@ -70,20 +70,20 @@ pub(crate) enum Jump {
     },
     /// MCALL alone.
     ModalEnd,
-    /// GOTO; [`BY_NUMBER`]: the line is looked up by its number, the last value of the block.
+    /// GOTO. With [`BY_NUMBER`], the line is looked up by its number, the last value of the block.
     GoTo {
         to: u32,
-        /// The first value of the block is a condition.
+        /// Whether the first value of the block is a condition.
         is_conditional: bool,
     },
-    /// The first value of the block is the condition on which the rest of it is carried out.
+    /// The first value of the block is the condition for the rest of it.
     IfThen,
 }
 
-/// A line that is not known before the program comes to it.
+/// Marks a line that is not known before the program reaches the GOTO.
 pub(crate) const BY_NUMBER: u32 = u32::MAX;
 
-/// A call: what it names, and which subprogram that is, once that is known.
+/// A call: the name, and the subprogram once it is known.
 #[derive(Clone, Debug)]
 pub(crate) struct CallSite {
     pub(crate) label: Label,
@@ -95,11 +95,11 @@ pub(crate) struct CallSite {
 
 #[derive(Clone, Debug)]
 struct CompiledLine {
-    /// Its number in the file, from 1.
+    /// Line number in the file, from 1.
     line: u32,
     number: Option<BlockNumber>,
     jump: Jump,
-    /// Where its parts end; they begin where those of the line before do.
+    /// End of its parts; they begin where those of the previous line end.
     text: u32,
     items: u32,
     ops: u32,
@@ -111,12 +111,12 @@ struct CompiledLine {
 /// Compiled lines of one file, with their text for diagnostics.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CompiledCode {
-    /// The file that it stands in, 0 for the program itself.
+    /// Number of the file, 0 for the program itself.
     pub(crate) file: u16,
     pub(crate) calls: Vec<CallSite>,
     /// Calls of cycles, with their lines.
     pub(crate) cycles: Vec<(u32, CycleCall)>,
-    /// Where its lines with numbers stand, as far as GOTO may go to them.
+    /// Positions of the numbered lines that GOTO may go to.
     pub(crate) line_numbers: LineNumbers,
     lines: Vec<CompiledLine>,
     text: Vec<u8>,
@@ -131,17 +131,17 @@ impl CompiledCode {
         CompiledCode { file, ..CompiledCode::default() }
     }
 
-    /// How many lines it has.
+    /// Number of lines.
     pub(crate) fn len(&self) -> u32 {
         self.lines.len() as u32
     }
 
-    /// Bytes of its text.
+    /// Length of the text in bytes.
     pub(crate) fn text_len(&self) -> usize {
         self.text.len()
     }
 
-    /// Adds line `line` of the file.
+    /// Appends line `line` of the file.
     pub(crate) fn push(&mut self, line: u32, text: &[u8], block: &NcBlock, jump: Jump) {
         self.text.extend_from_slice(text);
         block.words.pack(&mut self.items);
@@ -173,7 +173,7 @@ impl CompiledCode {
         }
     }
 
-    /// Takes away all lines from this one on, and the calls in them.
+    /// Removes this line, all lines after it, and the calls in them.
     pub(crate) fn truncate(&mut self, line: u32) {
         self.lines.truncate(line as usize);
         let (text, items, ops, late) =
@@ -187,22 +187,22 @@ impl CompiledCode {
         self.cycles.retain(|(line, _)| *line <= last);
     }
 
-    /// The N word of a line.
+    /// Returns the N word of a line.
     pub(crate) fn block_number(&self, line: u32) -> Option<u64> {
         self.lines.get(line as usize)?.number.map(BlockNumber::value)
     }
 
-    /// The number of a line in its file.
+    /// Returns the number of a line in its file.
     pub(crate) fn line_number(&self, line: u32) -> u32 {
         self.lines.get(line as usize).map_or(0, |line| line.line)
     }
 
-    /// The text of a line.
+    /// Returns the text of a line.
     pub(crate) fn text(&self, line: u32) -> &[u8] {
         self.text.get(self.range(line, |line| line.text)).unwrap_or_default()
     }
 
-    /// Makes `block` what the line compiled to.
+    /// Loads the compiled line into `block`.
     #[inline]
     pub(crate) fn load(&self, line: u32, block: &mut NcBlock) {
         let Some(packed) = self.lines.get(line as usize) else { return };

@@ -1,7 +1,9 @@
-//! Contours of cycles of the third kind (PRE-4, PRE-8): a subprogram, or a stretch between two labels, read as lines and arcs.
+//! Contours of cycles of the third kind (PRE-4, PRE-8): a subprogram, or the lines between two labels, read as lines
+//! and arcs.
 //!
-//! Invariant: a contour is carried out in a copy of the interpreter, so nothing of it moves or switches anything; what it may not
-//! hold is refused with the control's alarm (cycles, section 7.3). A path that has been determined once is kept with the pre-scan.
+//! Invariant: a contour is executed in a copy of the interpreter, so it moves and switches nothing. A code that it must
+//! not contain is refused with the control's alarm (cycles, section 7.3). A path, once calculated, is cached with the
+//! pre-scan.
 
 use crate::canon::{ArcFeed, Canon, CanonStep, Plane};
 use crate::control::{Label, plain_name};
@@ -19,30 +21,31 @@ use retrace_cycles::stock::{
 use retrace_cycles::{StockCall, StockFailure, StockFeed, StockMove};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Lines that a contour may have.
+/// Maximum number of lines of a contour.
 const MAX_LINES: u32 = 10_000;
-/// Elements that are taken before the path is determined, which refuses far fewer; and canonical functions of a profile.
+/// Maximum number of elements read before the path is calculated, which accepts far fewer; also of canonical functions
+/// of a profile.
 const MAX_ELEMENTS: usize = 50_000;
-/// Moves of all paths that are kept.
+/// Maximum number of moves in all cached paths.
 const MAX_MOVES: usize = 500_000;
-/// Paths that are kept.
+/// Maximum number of cached paths.
 const MAX_PATHS: usize = 64;
 
-/// Paths that have been determined, by their jobs.
+/// Cached paths, by their parameters.
 #[derive(Debug, Default)]
 pub(crate) struct Paths(Mutex<Vec<(StockRemovalParams, PlannedContour)>>);
 
 impl Clone for Paths {
-    /// They are determined anew.
+    /// Returns an empty cache; the paths are calculated again.
     fn clone(&self) -> Paths {
         Paths::default()
     }
 }
 
 impl Paths {
-    /// The path of a job, determined now unless it has been before.
+    /// Returns the path for these parameters, calculated if it is not cached.
     fn of(&self, job: StockRemovalParams) -> Result<PlannedContour, StockFailure> {
-        // A thread that has panicked while it held the list has left it whole.
+        // A thread that panicked while it held the list has left it intact.
         let mut paths = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, path)) = paths.iter().find(|(known, _)| *known == job) {
             return Ok(path.clone());
@@ -56,7 +59,7 @@ impl Paths {
     }
 }
 
-/// What reads contours for a cycle of a program.
+/// Reader of contours for a cycle of a program.
 pub(crate) struct ContourReader<'a> {
     pub(crate) flow: &'a FlowController,
     pub(crate) prescan: Option<&'a Prescan>,
@@ -140,7 +143,7 @@ impl ContourReader<'_> {
     }
 }
 
-/// The lines of a text, the first of which has this number.
+/// Reads the lines of a text; `first` is the number of the first one.
 fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Contour) -> Result<(), StockFailure> {
     let mut steps = Vec::new();
     for (index, line) in crate::lines::Split::new(text).enumerate() {
@@ -158,10 +161,11 @@ fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Con
     Ok(())
 }
 
-/// The canonical functions of the subprogram with a number: the profile of a turning cycle.
+/// Returns the canonical functions of the subprogram with this number: the profile of a turning cycle.
 ///
 /// # Errors
-/// There is none of that number, or a block of it is wrong; told at the Q word, with the line of the block.
+/// No subprogram has this number, or one of its blocks is wrong. The error is reported at the Q word, with the line of
+/// the block.
 pub(crate) fn drawn(flow: &FlowController, number: f64, scratch: &mut Interpreter) -> BlockResult<Vec<CanonStep>> {
     let at = scratch.last_words().span(b'q');
     let label = Label::Number(number.round().clamp(0.0, 1e15) as u64);
@@ -175,7 +179,7 @@ pub(crate) fn drawn(flow: &FlowController, number: f64, scratch: &mut Interprete
     }
 }
 
-/// The canonical functions of a subprogram; none where it is not a profile.
+/// Returns the canonical functions of a subprogram, or `None` if it is not a profile.
 fn draw(mut flow: FlowController, scratch: &mut Interpreter) -> BlockResult<Option<Vec<CanonStep>>> {
     let mut steps = Vec::new();
     for _ in 0..MAX_LINES {
@@ -194,7 +198,7 @@ fn draw(mut flow: FlowController, scratch: &mut Interpreter) -> BlockResult<Opti
     Ok(None)
 }
 
-/// The label of a subprogram of this name.
+/// Returns the label of a subprogram of this name.
 pub(crate) fn label(name: &str) -> Label {
     match name.parse() {
         Ok(number) => Label::Number(number),
@@ -218,10 +222,10 @@ fn refused(fault: &StockRemovalError) -> StockFailure {
     StockFailure { alarm: fault.number(), text }
 }
 
-/// A contour while it is read.
+/// A contour being read.
 struct Contour {
     plane: Plane,
-    /// Where it stands; none before its first point.
+    /// Current point; `None` before the first one.
     at: Option<Point>,
     elements: Vec<Element>,
 }
@@ -231,7 +235,7 @@ impl Contour {
         Contour { plane, at: None, elements: Vec::new() }
     }
 
-    /// Takes what a block asks for; of a block of the program the first is checked for its words.
+    /// Applies the steps of a block. Of a block of the program, the first step is checked for its words.
     fn take(&mut self, steps: &[CanonStep], scratch: &Interpreter, is_block: bool) -> Result<(), StockFailure> {
         let line = scratch.line_number();
         if scratch.state().compensation.is_some() {
@@ -263,7 +267,7 @@ impl Contour {
                 | Canon::RigidTap(_)
                 | Canon::NurbsFeed(_)
                 | Canon::StraightProbe(..) => return Err(refused(&StockRemovalError::Interpolation(line))),
-                // M, S and F are read over.
+                // M, S and F are ignored.
                 _ => {}
             }
         }
@@ -307,7 +311,7 @@ fn point(pose: &Pose, plane: Plane) -> Point {
     Point::new(pose[first], pose[second])
 }
 
-/// Determines a path.
+/// Calculates a path.
 fn planned(job: &StockRemovalParams) -> Result<PlannedContour, StockFailure> {
     let path = plan(job).map_err(|fault| refused(&fault))?;
     let mut at = job.position.unwrap_or_default();
@@ -318,7 +322,7 @@ fn planned(job: &StockRemovalParams) -> Result<PlannedContour, StockFailure> {
             MoveKind::Clockwise => (2, [step.centre.u - at.u, step.centre.v - at.v]),
             MoveKind::Counterclockwise => (3, [step.centre.u - at.u, step.centre.v - at.v]),
         };
-        // Axis by axis means it: the other axis stays, wherever the program has left it.
+        // Each axis is set separately: an axis without a value keeps its position.
         at = match step.axes {
             Axes::First => Point::new(step.end.u, at.v),
             Axes::Second => Point::new(at.u, step.end.v),
@@ -335,7 +339,7 @@ fn planned(job: &StockRemovalParams) -> Result<PlannedContour, StockFailure> {
     });
     let moves = moves.collect();
     let warnings = path.warnings.iter().filter_map(|warning| match warning {
-        // The cycle itself has said so.
+        // The cycle itself has reported it.
         Warning::SignDropped(_) => None,
         Warning::ReliefLeftToFinishing(count) => {
             Some(format!("{count} relief cuts close up under the allowances and are left to finishing"))

@@ -1,6 +1,6 @@
-//! Lines that say where a program goes on: O words, M98 and M99, calls of cycles.
+//! Lines that control the flow of a program: O words, M98 and M99, calls of cycles.
 //!
-//! Invariant: such a line holds its label, one keyword and values in brackets, and nothing else but comments.
+//! Invariant: such a line holds its label, one keyword, values in brackets, and comments; nothing else.
 
 use crate::block::{NcBlock, Slot};
 use crate::cycle_call;
@@ -11,23 +11,23 @@ use crate::lex::Cursor;
 use crate::params::Names;
 use retrace_cycles::CycleLibrary;
 
-/// Most arguments of a call: parameters 1 … 30 take them.
+/// Maximum number of arguments of a call, which become parameters 1 … 30.
 pub(crate) const MAX_ARGUMENTS: usize = 30;
 
-/// What follows the O: a number, or a name in angle brackets, in lower case and without blanks.
+/// Label after the O: a number, or a name in angle brackets, in lower case and without blanks.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Label {
     Number(u64),
     Name(Box<str>),
-    /// A number that is calculated when the line is carried out: the first of its values.
+    /// A number that is calculated when the line is executed: the first of its values.
     Calculated,
 }
 
-/// What the labels of Fanuc's loops begin with, before their number.
+/// Prefix of the labels of Fanuc loops, before their number.
 pub(crate) const MACRO_LOOP: &str = "DO ";
 
 impl Label {
-    /// Whether it is the number of a macro's loop, which the next loop may have again.
+    /// Whether this is the number of a macro loop, which a later loop may reuse.
     pub(crate) fn is_of_macro_loop(&self) -> bool {
         matches!(self, Label::Name(name) if name.starts_with(MACRO_LOOP))
     }
@@ -37,7 +37,7 @@ impl std::fmt::Display for Label {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Label::Number(number) => write!(formatter, "O{number}"),
-            // The number of a macro's loop: no name of an O word has a blank.
+            // The number of a macro loop: no name of an O word has a blank.
             Label::Name(name) if name.starts_with(MACRO_LOOP) => formatter.write_str(name),
             Label::Name(name) => write!(formatter, "O<{name}>"),
             Label::Calculated => write!(formatter, "O[…]"),
@@ -45,7 +45,7 @@ impl std::fmt::Display for Label {
     }
 }
 
-/// What the line asks for.
+/// Keyword of the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Keyword {
     Sub,
@@ -63,9 +63,9 @@ pub(crate) enum Keyword {
     EndRepeat,
     Break,
     Continue,
-    /// An O number or name alone: the beginning of a subprogram for M98, or a program's own number or name.
+    /// An O number or name alone: the beginning of a subprogram for M98, or the program's own number or name.
     Start,
-    /// M98: the values are P, the number, and L, how often.
+    /// M98: the values are P, the number, and L, the number of repeats.
     M98,
     M99,
     /// The call of a cycle.
@@ -83,7 +83,7 @@ pub(crate) enum Keyword {
 }
 
 impl Keyword {
-    /// How it is written.
+    /// Returns the keyword as written.
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Keyword::Sub => "sub",
@@ -112,7 +112,7 @@ impl Keyword {
         }
     }
 
-    /// Whether it is one of Fanuc's macros, with this label; none where both languages have it.
+    /// Whether the keyword, with this label, belongs to Fanuc macros; `None` where both languages have it.
     pub(crate) fn is_of_macros(self, label: &Label) -> Option<bool> {
         match self {
             Keyword::GoTo | Keyword::IfGoTo | Keyword::IfThen => Some(true),
@@ -136,13 +136,13 @@ impl Keyword {
         }
     }
 
-    /// Whether it opens a stretch of lines that an end of its own closes.
+    /// Whether the keyword opens a region that has an end keyword.
     pub(crate) const fn opens(self) -> bool {
         matches!(self, Keyword::Sub | Keyword::If | Keyword::While | Keyword::Do | Keyword::Repeat)
     }
 }
 
-/// Keywords by how they are written; a longer one stands before one that it begins with.
+/// Keywords as written. A longer one comes before one that is its prefix.
 const KEYWORDS: [(&[u8], Keyword); 15] = [
     (b"sub", Keyword::Sub),
     (b"endsub", Keyword::EndSub),
@@ -169,7 +169,7 @@ pub(crate) struct Control {
     pub(crate) at: Span,
 }
 
-/// Whether a line may be one of these, from its first characters alone.
+/// Whether a line may be a control line, judging by its first characters alone.
 #[inline]
 pub(crate) fn may_be(text: &[u8], cycles: Option<&CycleLibrary>) -> bool {
     let mut cursor = Cursor::new(text);
@@ -183,7 +183,7 @@ pub(crate) fn may_be(text: &[u8], cycles: Option<&CycleLibrary>) -> bool {
     }
 }
 
-/// Passes over a slash and an N word.
+/// Skips a slash and an N word.
 fn begin(cursor: &mut Cursor<'_>) {
     cursor.eat(b'/');
     if cursor.eat(b'n') {
@@ -194,7 +194,7 @@ fn begin(cursor: &mut Cursor<'_>) {
     }
 }
 
-/// Takes M98 or M99, or nothing.
+/// Parses M98 or M99, or consumes nothing.
 pub(crate) fn fanuc(cursor: &mut Cursor<'_>) -> Option<Keyword> {
     let before = cursor.clone();
     if cursor.eat(b'm') {
@@ -211,7 +211,7 @@ pub(crate) fn fanuc(cursor: &mut Cursor<'_>) -> Option<Keyword> {
     None
 }
 
-/// Compiles the rest of a line whose O has been taken.
+/// Compiles the rest of a line after its O.
 pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
     let control = head(cursor, names, block)?;
     let given = usize::from(control.label == Label::Calculated);
@@ -225,7 +225,7 @@ pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBl
     Ok(())
 }
 
-/// The values in brackets behind a keyword, of which `given` have been taken; returns how many there are.
+/// Parses the values in brackets after a keyword, of which `given` are parsed already. Returns their number.
 fn values(
     cursor: &mut Cursor<'_>,
     names: &mut Names,
@@ -262,7 +262,7 @@ pub(crate) fn comment(cursor: &mut Cursor<'_>, start: usize) -> BlockResult<()> 
     fault(ErrorCode::UnclosedComment, cursor.since(start), ErrorCode::UnclosedComment.title())
 }
 
-/// Compiles the rest of a line whose M98 or M99 has been taken.
+/// Compiles the rest of a line after its M98 or M99.
 pub(crate) fn parse_fanuc(
     keyword: Keyword,
     cursor: &mut Cursor<'_>,
@@ -323,7 +323,7 @@ const fn max_arguments(keyword: Keyword) -> usize {
     }
 }
 
-/// Label and keyword.
+/// Parses label and keyword.
 fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<Control> {
     let next = cursor.peek();
     let start = cursor.at().saturating_sub(1);
@@ -348,7 +348,7 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> Bloc
         }
         _ => match cursor.digits() {
             (1..=18, number) => {
-                // A decimal point with nothing behind it but zeros is taken for none.
+                // A decimal point followed by zeros only is ignored.
                 if cursor.eat(b'.') && cursor.digits().1 != 0 {
                     return fault(ErrorCode::BadControl, cursor.since(start), "O is followed by a whole number");
                 }
@@ -375,7 +375,7 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> Bloc
     Ok(Control { label, keyword, at: cursor.since(start) })
 }
 
-/// A name as labels have it: in lower case and without blanks.
+/// Normalises a name for labels: lower case, without blanks.
 pub(crate) fn plain_name(name: &[u8]) -> Box<str> {
     let name = String::from_utf8_lossy(name);
     name.chars().filter(|letter| !letter.is_whitespace()).collect::<String>().to_lowercase().into()

@@ -1,7 +1,7 @@
-//! From lines with O words to jumps: which end belongs to which beginning.
+//! Conversion of lines with O words to jumps: matches every end with its beginning.
 //!
-//! Invariant: every jump of a closed stretch has its target; what does not nest is told with its line, and is refused when the
-//! program comes to it.
+//! Invariant: every jump of a closed region has its target. Lines that do not nest are reported, and refused when the
+//! program reaches them.
 
 use crate::block::NcBlock;
 use crate::compiled_code::{BY_NUMBER, CallSite, CompiledCode, Jump};
@@ -15,65 +15,65 @@ use std::collections::HashSet;
 #[derive(Clone, Debug)]
 pub(crate) struct FlowTarget {
     pub(crate) label: Label,
-    /// Its first line behind the one with its label.
+    /// First line after the one with the label.
     pub(crate) entry: u32,
     pub(crate) for_m98: bool,
     pub(crate) line: u32,
 }
 
-/// A block of O words that has not come to its end.
+/// A block of O words whose end has not been read.
 #[derive(Debug)]
 pub(crate) struct OpenBlock {
     pub(crate) control: Control,
-    /// Where it begins, counted in compiled lines, and in lines of the file.
+    /// Beginning, counted in compiled lines, and in lines of the file.
     begin: u32,
     pub(crate) line: u32,
-    /// The last if or elseif: a false condition goes to the next line that decides.
+    /// Last if or elseif: a false condition jumps to the next line that decides.
     decider: Option<u32>,
-    /// Lines that go to the end, and to the line that ends the round.
+    /// Lines that jump to the end, and to the line that ends the iteration.
     to_end: Vec<u32>,
     to_round: Vec<u32>,
-    /// The sub that it stands in, or is, counted in what is open.
+    /// Index of the enclosing sub among the open blocks, or of this one if it is a sub.
     sub: Option<usize>,
 }
 
-/// What is open while lines are compiled.
+/// Blocks that are open while lines are compiled.
 #[derive(Debug, Default)]
 pub(crate) struct ControlFlowBuilder {
     open: Vec<OpenBlock>,
-    /// Labels by the subprogram that they stand in: one label has one block.
+    /// Labels by their subprogram: one label has one block.
     labels: HashSet<(Option<Label>, Label)>,
-    /// Subprograms found since they were taken last.
+    /// Subprograms found since the list was last drained.
     pub(crate) found: Vec<FlowTarget>,
-    /// What is wrong, with its line in the file.
+    /// Errors, with their line in the file.
     pub(crate) faults: Vec<(u32, Box<BlockError>)>,
-    /// Lines with a GOTO: compiled line, its line in the file, number, place.
+    /// Lines with a GOTO: compiled line, line in the file, number, span.
     gotos: Vec<(u32, u32, u64, Span)>,
-    /// There is a GOTO, also one whose number is calculated.
+    /// Whether the file has a GOTO, including one whose number is calculated.
     pub(crate) has_goto: bool,
     style: Style,
 }
 
-/// In which of two languages the file says where it goes on.
+/// Which of the two control languages the file uses.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Style {
-    /// Whether that is the one of Fanuc's macros, and the line that said so first.
+    /// Whether it is that of Fanuc macros, and the first line that shows it.
     first: Option<(bool, u32)>,
     is_told: bool,
 }
 
 impl ControlFlowBuilder {
-    /// Whether everything that was opened has its end.
+    /// Whether every opened block has its end.
     pub(crate) fn is_closed(&self) -> bool {
         self.open.is_empty()
     }
 
-    /// Gives up what is open, and returns the first of it.
+    /// Discards the open blocks, and returns the first of them.
     pub(crate) fn abandon(&mut self) -> Option<OpenBlock> {
         self.open.drain(..).next()
     }
 
-    /// Adds line `line` of the file, which has been compiled to `block`.
+    /// Appends line `line` of the file, which has been compiled to `block`.
     pub(crate) fn take(&mut self, code: &mut CompiledCode, line: u32, text: &[u8], block: &NcBlock) {
         let Some(control) = &block.control else {
             code.push(line, text, block, Jump::None);
@@ -109,7 +109,7 @@ impl ControlFlowBuilder {
         fault(Number::MixedMacros, control.at, message)
     }
 
-    /// Nothing open, in a file whose lines so far were in this style.
+    /// Creates a builder with no open blocks, for a file whose lines so far were in this style.
     pub(crate) fn in_style(style: Style) -> ControlFlowBuilder {
         ControlFlowBuilder { style, ..ControlFlowBuilder::default() }
     }
@@ -118,8 +118,8 @@ impl ControlFlowBuilder {
         self.style
     }
 
-    /// Gives each GOTO its line, among all lines that were taken; a number that is calculated, or that `code` does not have and
-    /// `is_whole` is false, is looked up when the program comes to it.
+    /// Resolves each GOTO to its line, among all lines appended so far. A number that is calculated, or one that `code`
+    /// lacks while `is_whole` is false, is looked up when the program reaches it.
     pub(crate) fn find_lines(&mut self, code: &mut CompiledCode, is_whole: bool) {
         let mut starts: Vec<u32> = self.found.iter().filter(|sub| sub.for_m98).map(|sub| sub.entry - 1).collect();
         starts.sort_unstable();
@@ -191,7 +191,7 @@ impl ControlFlowBuilder {
                 code.calls.push(CallSite { label: control.label.clone(), is_m98, sub: None, line, at: control.at });
                 Jump::Call { call }
             }
-            // Whatever its label, it returns from the subprogram that it stands in.
+            // A return leaves the enclosing subprogram, whatever its label.
             Keyword::Return => match self.sub() {
                 Some(_) => Jump::Return,
                 None => return nothing_open(control),
@@ -253,7 +253,7 @@ impl ControlFlowBuilder {
         })
     }
 
-    /// Label of the subprogram that the line stands in.
+    /// Returns the label of the enclosing subprogram.
     fn sub(&self) -> Option<&Label> {
         let sub = self.open.last()?.sub?;
         self.open.get(sub).map(|open| &open.control.label)
@@ -266,7 +266,7 @@ impl ControlFlowBuilder {
         }
     }
 
-    /// Takes what a line ends from what is open. What was opened inside of it and has no end is told.
+    /// Closes the block that a line ends. Blocks opened inside of it without an end are reported.
     fn close(&mut self, control: &Control, kinds: &[Keyword]) -> BlockResult<OpenBlock> {
         let Some(index) = self.open.iter().rposition(|open| open.is(control, kinds)) else {
             return nothing_open(control);
@@ -282,7 +282,7 @@ impl ControlFlowBuilder {
         }
     }
 
-    /// break, continue: inner loops are left with it.
+    /// Compiles break and continue, which also leave inner loops.
     fn leave(&mut self, at: u32, control: &Control) -> BlockResult<Jump> {
         let loops = [Keyword::While, Keyword::Do, Keyword::Repeat];
         let within = self.open.last().and_then(|open| open.sub).map_or(0, |sub| sub + 1);
@@ -300,7 +300,7 @@ impl OpenBlock {
         kinds.contains(&self.control.keyword) && self.control.label == control.label
     }
 
-    /// Sends the lines that leave it on their way.
+    /// Sets the targets of the lines that leave the block.
     fn patch(&self, code: &mut CompiledCode, end: u32, round: u32) {
         for (lines, target) in [(&self.to_end, end), (&self.to_round, round)] {
             for line in lines {
@@ -316,7 +316,7 @@ impl OpenBlock {
         }
     }
 
-    /// That it has no end.
+    /// Returns the error for a block without an end.
     pub(crate) fn without_end(&self) -> Box<BlockError> {
         let message = format!("{} has no end", self.control.label);
         Box::new(BlockError::new(Number::ControlWithoutEnd, self.control.at, message))

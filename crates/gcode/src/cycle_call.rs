@@ -1,6 +1,7 @@
-//! Calls of cycles: `CYCLE81(10, 0, 2, -20)`, `MCALL HOLES1(…)`, `MCALL`, and labels `NAME:` (cycles, section 1.1 and 6).
+//! Calls of cycles: `CYCLE81(10, 0, 2, -20)`, `MCALL HOLES1(…)`, `MCALL`, and labels `NAME:` (cycles, section 1.1 and
+//! 6).
 //!
-//! Invariant: a call that passes names a known cycle and gives it no more and no other arguments than it takes.
+//! Invariant: an accepted call names a known cycle, with no more arguments than it has parameters, and of their types.
 
 use crate::block::{NcBlock, Slot};
 use crate::control::{Control, Keyword, Label};
@@ -12,14 +13,14 @@ use crate::params::Names;
 use retrace_cycles::{CycleId, CycleLibrary, Type};
 use std::sync::Arc;
 
-/// Most bytes of a name.
+/// Maximum length of a name in bytes.
 const MAX_NAME_LENGTH: usize = 32;
 
-/// What a call gives for one parameter.
+/// Value that a call gives for one parameter.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum CycleArgument {
     Missing,
-    /// The next of the calculated values.
+    /// The next calculated value.
     Number,
     Text(Arc<str>),
 }
@@ -28,13 +29,13 @@ pub(crate) enum CycleArgument {
 #[derive(Clone, Debug)]
 pub(crate) struct CycleCall {
     pub(crate) id: CycleId,
-    /// Its name, in capitals.
+    /// Name, in capitals.
     pub(crate) name: Arc<str>,
     pub(crate) arguments: Arc<[CycleArgument]>,
     pub(crate) at: Span,
 }
 
-/// Whether two letters stand at the beginning, as in no block of words.
+/// Whether the line begins with two letters, which no block of words does.
 #[inline]
 pub(crate) fn may_begin(cursor: &mut Cursor<'_>) -> bool {
     let first = cursor.peek();
@@ -42,8 +43,8 @@ pub(crate) fn may_begin(cursor: &mut Cursor<'_>) -> bool {
         && cursor.peek_next().is_some_and(|next| next.is_ascii_alphabetic() || next == b'_')
 }
 
-/// Whether a line goes on with a name: two letters, or a letter and a digit where a cycle's name begins so. A block number and an O
-/// word are none.
+/// Whether a name begins here: two letters, or a letter and a digit where a cycle's name begins so. A block number and
+/// an O word are not names.
 #[inline]
 pub(crate) fn begins(cursor: &mut Cursor<'_>, cycles: Option<&CycleLibrary>) -> bool {
     if may_begin(cursor) {
@@ -56,7 +57,7 @@ pub(crate) fn begins(cursor: &mut Cursor<'_>, cycles: Option<&CycleLibrary>) -> 
         && cursor.peek_next().is_some_and(|next| next.is_ascii_digit())
 }
 
-/// A name, in lower case, as far as it goes.
+/// Parses a name, in lower case.
 fn name(cursor: &mut Cursor<'_>) -> ([u8; MAX_NAME_LENGTH], usize) {
     let (mut name, mut length) = ([0; MAX_NAME_LENGTH], 0);
     while let letter @ (b'a'..=b'z' | b'0'..=b'9' | b'_') = cursor.peek() {
@@ -69,7 +70,7 @@ fn name(cursor: &mut Cursor<'_>) -> ([u8; MAX_NAME_LENGTH], usize) {
     (name, length)
 }
 
-/// Takes a label at the beginning of a line, or nothing.
+/// Parses a label at the beginning of a line, or consumes nothing.
 pub(crate) fn label(cursor: &mut Cursor<'_>) -> Option<Box<str>> {
     let before = cursor.clone();
     let (name, length) = name(cursor);
@@ -80,7 +81,7 @@ pub(crate) fn label(cursor: &mut Cursor<'_>) -> Option<Box<str>> {
     None
 }
 
-/// The label of a line, in lower case.
+/// Returns the label of a line, in lower case.
 pub(crate) fn label_of(line: &[u8]) -> Option<Box<str>> {
     let mut cursor = Cursor::new(line);
     if !may_begin(&mut cursor) && cursor.eat(b'n') {
@@ -89,7 +90,7 @@ pub(crate) fn label_of(line: &[u8]) -> Option<Box<str>> {
     if may_begin(&mut cursor) { label(&mut cursor) } else { None }
 }
 
-/// Compiles a call, if this line is one; false and nothing taken if not.
+/// Compiles a call if this line is one. Otherwise returns false and consumes nothing.
 pub(crate) fn parse(
     cursor: &mut Cursor<'_>,
     names: &mut Names,
@@ -105,7 +106,7 @@ pub(crate) fn parse(
         block.control = Some(Control { label: Label::Calculated, keyword: Keyword::ModalEnd, at: cursor.since(start) });
         return Ok(true);
     }
-    // A blank between MCALL and the name means nothing, as everywhere.
+    // A blank between MCALL and the name is ignored, as everywhere.
     let text = if is_modal { &text[5..length] } else { &text[..length] };
     let open = cursor.peek() == b'(';
     let is_alone = matches!(cursor.peek(), 0 | b';');
@@ -120,7 +121,7 @@ pub(crate) fn parse(
         let id = cycles.find(&shown)?;
         Some((id, cycles.get(id)?))
     }) else {
-        // Not the name of a cycle: words of a block with a comment behind them, or a faulty block.
+        // Not the name of a cycle: words of a block followed by a comment, or an invalid block.
         if !is_modal && (is_alone || has_early_digit) {
             *cursor = before;
             return Ok(false);
@@ -148,7 +149,7 @@ pub(crate) fn parse(
     Ok(true)
 }
 
-/// The arguments behind the opening parenthesis; `check` is asked of each, with whether it is a text.
+/// Parses the arguments after the opening parenthesis. `check` is called for each, with whether it is a text.
 fn list(
     cursor: &mut Cursor<'_>,
     names: &mut Names,

@@ -1,11 +1,11 @@
 //! Diagnostics: what is wrong with a program, where, and what to do.
 //!
-//! Invariant: columns count bytes of the line from 1, and a span never leaves its line.
+//! Invariant: columns count bytes of the line from 1, and a span is always within its line.
 
 use crate::error_codes::ErrorCode;
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 
-/// A stretch of one line, in bytes from its beginning; `end` is the first byte that is no longer in it.
+/// A range of bytes of one line. `end` is the first byte after it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Span {
     /// First byte.
@@ -20,56 +20,57 @@ impl Span {
     }
 }
 
-/// How bad it is.
+/// Severity of a diagnostic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Severity {
-    /// The block is not carried out.
+    /// The block is not executed.
     Error,
-    /// Legal, and suspicious.
+    /// Legal, but suspicious.
     Warning,
 }
 
-/// One thing that is wrong with a program.
+/// One error or warning in a program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
-    /// What it is about; its number stands in `docs/errors.md`.
+    /// Code of the error; its number is listed in `docs/errors.md`.
     pub code: ErrorCode,
-    /// The file: 0 for the program itself, and above the files of its subprograms, as the pre-scan numbers them.
+    /// File: 0 for the program itself, and above it the files of its subprograms, as numbered by the pre-scan.
     pub file: u16,
     /// Line of the file, counted from 1.
     pub line: u32,
-    /// Where in that line.
+    /// Range within that line.
     pub span: Span,
-    /// What is wrong here.
+    /// Description of this occurrence.
     pub message: String,
 }
 
 impl Diagnostic {
-    /// Error or warning.
+    /// Returns whether it is an error or a warning.
     #[must_use]
     pub fn severity(&self) -> Severity {
         if self.code.number().starts_with('W') { Severity::Warning } else { Severity::Error }
     }
 
-    /// The number that users see, such as `E1101`.
+    /// Returns the number that users see, such as `E1101`.
     #[must_use]
     pub fn number(&self) -> &'static str {
         self.code.number()
     }
 
-    /// Column of the span's first byte, counted from 1.
+    /// Returns the column of the first byte of the span, counted from 1.
     #[must_use]
     pub fn column(&self) -> u32 {
         self.span.start + 1
     }
 
-    /// What to do about it.
+    /// Returns the remedy.
     #[must_use]
     pub fn help(&self) -> &'static str {
         self.code.remedy()
     }
 
-    /// The diagnostic with its source line, a mark under the span, and the help. `source_line` is the line's text without its end.
+    /// Renders the diagnostic with its source line, a mark under the span, and the help. `source_line` is the line
+    /// without its end.
     #[must_use]
     pub fn render(&self, file_name: &str, source_line: &str) -> String {
         let level = match self.severity() {
@@ -91,7 +92,7 @@ impl Diagnostic {
     }
 }
 
-/// The greatest character boundary of `text` that is at most `at`.
+/// Returns the greatest character boundary of `text` that is at most `at`.
 fn floor_char_boundary(text: &str, at: usize) -> usize {
     let mut at = at.min(text.len());
     while !text.is_char_boundary(at) {
@@ -100,7 +101,7 @@ fn floor_char_boundary(text: &str, at: usize) -> usize {
     at
 }
 
-/// A fault found while a line is read or carried out; the line's number is added where it is recorded.
+/// An error found while a line is read or executed. The line number is added where it is recorded.
 #[derive(Debug)]
 pub(crate) struct BlockError {
     pub(crate) code: ErrorCode,
@@ -114,14 +115,14 @@ impl BlockError {
         BlockError { code, span, message: message.into() }
     }
 
-    /// A fault whose general title says it all.
+    /// Creates an error whose general title is sufficient.
     #[cold]
     pub(crate) fn plain(code: ErrorCode, span: Span) -> BlockError {
         BlockError::new(code, span, code.title())
     }
 }
 
-/// What reading or carrying out gives.
+/// Result of reading or executing a block.
 pub(crate) type BlockResult<T> = Result<T, Box<BlockError>>;
 
 #[cold]

@@ -1,7 +1,7 @@
-//! Drilling cycles: which there are, and what a series of them keeps from hole to hole.
+//! Drilling cycles, and the words that a series of them retains from hole to hole.
 //!
-//! Invariant: lengths are in the program's units in force; words are kept for blocks of the same cycle in the same plane only, the
-//! initial level for the whole series.
+//! Invariant: lengths are in the program's units in force. Words are retained for blocks of the same cycle in the same
+//! plane only, the initial level for the whole series.
 
 use crate::canon::Plane;
 
@@ -16,24 +16,24 @@ pub enum DrillingCycle {
     Drilling,
     /// G82: with a dwell at the bottom.
     DrillingWithDwell,
-    /// G83: in pecks, out of the hole after each.
+    /// G83: in pecks, with a full retreat after each.
     PeckDrilling,
     /// G84: a right-hand thread with a floating tap holder.
     RightTapping,
-    /// G85: out again at the feed.
+    /// G85: with a retreat at the feed.
     Boring,
-    /// G86: out again with the spindle stopped.
+    /// G86: with a retreat after the spindle has stopped.
     BoringSpindleStop,
-    /// G87: from below, with the spindle oriented on the way through.
+    /// G87: from below, with the spindle oriented while passing through.
     BackBoring,
-    /// G88: the operator takes the tool out.
+    /// G88: the operator retracts the tool.
     BoringManual,
-    /// G89: with a dwell at the bottom, out again at the feed.
+    /// G89: with a dwell at the bottom and a retreat at the feed.
     BoringWithDwell,
 }
 
 impl DrillingCycle {
-    /// The cycle of a G code in tenths.
+    /// Returns the cycle of a G code in tenths.
     pub(crate) const fn of_g(tenths: u16) -> Option<DrillingCycle> {
         Some(match tenths {
             730 => DrillingCycle::ChipBreaking,
@@ -51,7 +51,7 @@ impl DrillingCycle {
         })
     }
 
-    /// Its G code in tenths.
+    /// Returns the G code in tenths.
     #[must_use]
     pub const fn tenths(self) -> u16 {
         match self {
@@ -69,7 +69,7 @@ impl DrillingCycle {
         }
     }
 
-    /// How it is written.
+    /// Returns the notation.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -87,7 +87,7 @@ impl DrillingCycle {
         }
     }
 
-    /// Whether it needs a dwell (P).
+    /// Whether the cycle needs a dwell (P).
     pub(crate) const fn needs_dwell(self) -> bool {
         matches!(
             self,
@@ -98,34 +98,34 @@ impl DrillingCycle {
         )
     }
 
-    /// Whether it takes a dwell (P).
+    /// Whether the cycle accepts a dwell (P).
     pub(crate) const fn takes_dwell(self) -> bool {
         self.needs_dwell() || matches!(self, DrillingCycle::LeftTapping | DrillingCycle::RightTapping)
     }
 
-    /// Whether it goes down in pecks (Q).
+    /// Whether the cycle works in pecks (Q).
     pub(crate) const fn has_pecks(self) -> bool {
         matches!(self, DrillingCycle::ChipBreaking | DrillingCycle::PeckDrilling)
     }
 }
 
-/// The words of a cycle that its next blocks may leave out.
+/// Words of a cycle that later blocks may omit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CycleWords {
-    /// R: the level to which the tool goes down fast.
+    /// R: level down to which the tool moves at rapid rate.
     pub clearance: Option<f64>,
-    /// The word of the plane's normal axis: the bottom.
+    /// Word of the plane's normal axis: the bottom.
     pub bottom: Option<f64>,
-    /// P: seconds at the bottom.
+    /// P: dwell at the bottom, in seconds.
     pub dwell: Option<f64>,
-    /// Q: the depth of one peck.
+    /// Q: depth of one peck.
     pub peck: Option<f64>,
     /// I, J, K of G87.
     pub offsets: [Option<f64>; 3],
 }
 
 impl CycleWords {
-    /// These words, with the ones of `kept` where there is none.
+    /// Returns these words, with those of `kept` where one is missing.
     #[must_use]
     pub(crate) fn or(self, kept: &CycleWords) -> CycleWords {
         let [i, j, k] = self.offsets;
@@ -142,16 +142,17 @@ impl CycleWords {
 /// A series of holes: cycles without another motion between them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DrillingSeries {
-    /// The plane in which its holes lie.
+    /// Plane of the holes.
     pub plane: Plane,
-    /// Where the normal axis stood before the first hole. It is a program coordinate that no change of an offset moves.
+    /// Position of the normal axis before the first hole. It is a program coordinate that does not change with an
+    /// offset.
     pub initial_level: f64,
-    /// The words of the last block.
+    /// Words of the last block.
     pub words: CycleWords,
 }
 
 impl DrillingSeries {
-    /// Converts its lengths to another unit.
+    /// Converts the lengths to another unit.
     pub(crate) fn scale_lengths(&mut self, factor: f64) {
         self.initial_level *= factor;
         let CycleWords { clearance, bottom, peck, offsets: [i, j, k], .. } = &mut self.words;

@@ -1,6 +1,6 @@
 //! Evaluation of compiled expressions on a fixed stack.
 //!
-//! Invariant: it allocates nothing, and every result is a finite number or a fault: the compiler bounds the depth.
+//! Invariant: it allocates nothing, and every result is a finite number or an error. The compiler bounds the depth.
 
 use crate::angle;
 use crate::diag::{BlockResult, Span, fault};
@@ -9,29 +9,29 @@ use crate::expr::{Function, Op, OpKind, Operator, STACK};
 use crate::params::{NameId, Parameters};
 use crate::system::SystemParameter;
 
-/// Two values nearer than this are equal to EQ, NE, LE and GE, as in LinuxCNC 2.9.9; GT and LT compare exactly.
+/// Values closer than this are equal to EQ, NE, LE and GE, as in LinuxCNC 2.9.9. GT and LT compare exactly.
 pub(crate) const EQUAL: f64 = 1e-6;
 
-/// How far from a whole number a value may be that has to be one.
+/// Maximum deviation of a value from a whole number, where one is required.
 const WHOLE: f64 = 1e-4;
 
-/// Where the evaluation finds parameters.
+/// Source of parameter values for the evaluation.
 pub(crate) trait Environment {
     fn numbered(&self, number: usize) -> Option<f64>;
-    /// Whether an expression may use the numbered parameter now; a comment may always show it.
+    /// Whether an expression may use the numbered parameter now. A comment may always show it.
     fn is_readable(&self, _number: usize) -> bool {
         true
     }
     fn named(&self, name: NameId) -> Option<f64>;
     fn name(&self, name: NameId) -> &str;
-    /// The name with a value that is nearest to one without.
+    /// Returns the name with a value that is most similar to a name without one.
     fn nearest_name(&self, _name: NameId) -> Option<&str> {
         None
     }
     fn system(&self, parameter: SystemParameter) -> f64;
 }
 
-/// Runs the operations; the last value is the result, and the one below it, if there is one, comes first.
+/// Executes the operations. The last value is the result; the value below it, if any, is returned first.
 pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> BlockResult<(f64, f64)> {
     let mut stack = [0.0; STACK + 3];
     let mut top = 1;
@@ -101,7 +101,7 @@ fn numbered(number: f64, op: Op, environment: &impl Environment) -> BlockResult<
     }
 }
 
-/// The whole number that a value has to be, within 0.0001.
+/// Converts a value that must be a whole number within 0.0001.
 pub(crate) fn whole(value: f64, span: Span, of: &str) -> BlockResult<i32> {
     let rounded = value.round();
     if (value - rounded).abs() > WHOLE {
@@ -125,7 +125,7 @@ fn apply(function: Function, x: f64, op: Op) -> BlockResult<f64> {
         return fault(ErrorCode::OutOfDomain, op.span(), format!("{function:?} has no value at {x}"));
     }
     Ok(match function {
-        // A negative zero stays one, as in the peer.
+        // A negative zero stays negative, as in LinuxCNC.
         Function::Abs if x < 0.0 => -x,
         Function::Abs => x,
         Function::Acos => angle::to_degrees(x.acos()),
@@ -135,7 +135,7 @@ fn apply(function: Function, x: f64, op: Op) -> BlockResult<f64> {
         Function::Fix => x.floor(),
         Function::Fup => x.ceil(),
         Function::Ln => x.ln(),
-        // Half away from zero, by truncation after adding a half; zero has no sign.
+        // Half away from zero, by truncation after adding a half; the result zero has no sign.
         Function::Round => (x + 0.5_f64.copysign(x)).trunc() + 0.0,
         Function::Sin => angle::sine(x),
         Function::Sqrt => x.sqrt(),

@@ -1,7 +1,7 @@
 //! Expressions, compiled once into postfix operations.
 //!
-//! Invariant: what would need more than [`STACK`] values at once is refused. Operators of one rank go from left to right; a sign
-//! binds to the value behind it before any operator does.
+//! Invariant: an expression that needs more than [`STACK`] values at once is refused. Operators of equal rank are
+//! evaluated from left to right. A sign binds more tightly than any operator.
 
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
@@ -10,13 +10,13 @@ use crate::nearest::nearest;
 use crate::params::{NameId, Names};
 use crate::system::SystemParameter;
 
-/// Values that an expression may hold at once.
+/// Maximum number of values on the stack.
 pub(crate) const STACK: usize = 40;
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Op {
     pub(crate) kind: OpKind,
-    /// First byte and byte after the last: a line is shorter than 256 bytes.
+    /// First byte and byte after the last; a line is shorter than 256 bytes.
     at: (u8, u8),
 }
 
@@ -34,7 +34,7 @@ pub(crate) enum OpKind {
     Named(NameId),
     System(SystemParameter),
     Exists(NameId),
-    /// Whether there is a numbered parameter of this value.
+    /// Whether a numbered parameter of this number exists.
     ExistsNumbered,
     Negate,
     Function(Function),
@@ -78,7 +78,7 @@ pub(crate) enum Operator {
     Power,
 }
 
-/// Operators by how they are written; a longer one stands before one that it begins with.
+/// Operators as written. A longer one comes before one that is its prefix.
 const OPERATORS: [(&[u8], Operator, u8); 15] = [
     (b"**", Operator::Power, 6),
     (b"*", Operator::Multiply, 5),
@@ -116,20 +116,20 @@ const FUNCTIONS: [(&[u8], Function); 12] = [
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Operand {
     Constant(f64),
-    /// To be calculated from the operations that have been added.
+    /// Calculated by the operations that have been added.
     Calculated,
 }
 
-/// What a parameter reference names.
+/// Parameter that a reference names.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Reference {
-    /// Its number is calculated by the operations that have been added.
+    /// The number is calculated by the operations that have been added.
     Numbered,
     Named(NameId),
     System(SystemParameter),
 }
 
-/// Compiles values of one line, adding operations to a pool.
+/// Compiler for the values of one line, which appends operations to a pool.
 pub(crate) struct Compiler<'a, 'b> {
     pub(crate) cursor: &'b mut Cursor<'a>,
     pub(crate) ops: &'b mut Vec<Op>,
@@ -142,7 +142,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
         Compiler { cursor, ops, names, held: 0 }
     }
 
-    /// The value behind a word letter: a plain number needs no operation.
+    /// Compiles the value after a word letter. A plain number needs no operation.
     #[inline]
     pub(crate) fn operand(&mut self) -> BlockResult<Operand> {
         match self.cursor.peek() {
@@ -166,7 +166,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
         }
     }
 
-    /// One value: number, parameter, function, bracket, with or without signs.
+    /// Compiles one value: number, parameter, function or bracket, with or without signs.
     pub(crate) fn value(&mut self) -> BlockResult<()> {
         let next = self.cursor.peek();
         let start = self.cursor.at();
@@ -191,7 +191,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
         }
     }
 
-    /// `[expression]`.
+    /// Compiles `[expression]`.
     pub(crate) fn bracket(&mut self) -> BlockResult<()> {
         let open = self.cursor.here();
         if !self.cursor.eat(b'[') {
@@ -201,12 +201,12 @@ impl<'a, 'b> Compiler<'a, 'b> {
         if self.cursor.eat(b']') { Ok(()) } else { self.bad_operator(open) }
     }
 
-    /// A value, or several with operators between them, without brackets around.
+    /// Compiles a value, or several with operators between them, without enclosing brackets.
     pub(crate) fn expression(&mut self) -> BlockResult<()> {
         self.binary(0)
     }
 
-    /// A chain of operators of at least this rank.
+    /// Compiles a chain of operators of at least this rank.
     fn binary(&mut self, rank: u8) -> BlockResult<()> {
         let start = self.cursor.at();
         self.value()?;
@@ -276,7 +276,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
         self.push(OpKind::Function(*function), start)
     }
 
-    /// That no function begins here; the function that may be meant is named.
+    /// Reports that no function begins here, with the most similar function name.
     #[cold]
     fn unknown_function(&mut self) -> BlockResult<()> {
         let (at, mut name) = (self.cursor.here(), String::new());
@@ -304,7 +304,8 @@ impl<'a, 'b> Compiler<'a, 'b> {
         }
     }
 
-    /// EXISTS\[#<name>\]: whether the parameter has a value. A numbered one has a value if there is one of its number.
+    /// Compiles EXISTS\[#<name>\], which tests whether the parameter has a value. A numbered parameter has a value if
+    /// its number exists.
     fn exists(&mut self, start: usize) -> BlockResult<()> {
         let open = self.cursor.here();
         if !self.cursor.eat(b'[') || self.cursor.peek() != b'#' {
@@ -330,7 +331,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
         }
     }
 
-    /// `#` and what it names; a number's value is left to the operations.
+    /// Compiles `#` and the parameter that it names. A calculated number is left to the operations.
     pub(crate) fn reference(&mut self) -> BlockResult<Reference> {
         let start = self.cursor.at();
         self.cursor.skip();

@@ -1,7 +1,7 @@
-//! One file on its way through the pre-scan: where its stretches begin and end, and compiling them.
+//! Pre-scan of one file: finds and compiles its regions.
 //!
-//! Invariant: every line of a stretch is compiled once; a stretch without an end is told and left out, and what follows its first line is
-//! looked at anew.
+//! Invariant: every line of a region is compiled once. A region without an end is reported and left out, and scanning
+//! continues at the line after its first one.
 
 use crate::bytes::byte_order_mark;
 use crate::compiled_code::{CompiledCode, Jump};
@@ -15,13 +15,14 @@ use crate::program::{is_percent, unreadable};
 use crate::text::{Text, TextLines};
 use std::io;
 
-/// Bytes of a file that a GOTO may go to and fro in.
+/// Maximum length of a file with GOTO, in bytes.
 const MAX_WHOLE: u64 = 16 << 20;
 
-/// Bytes of text of a file that are compiled, so that memory stays bounded: what is in no subprogram, loop or branch is not.
+/// Maximum length of the compiled text of a file, in bytes, so that memory is bounded. Lines outside of subprograms,
+/// loops and branches are not compiled.
 const MAX_COMPILED: usize = if cfg!(test) { 1 << 20 } else { 128 << 20 };
 
-/// Lines of O numbers that M98 calls, with the line of the M99 that follows.
+/// Returns the lines of O numbers that M98 calls, each with the line of the M99 that follows.
 fn called_starts(text: &Text, called: Option<u64>) -> io::Result<Vec<(u32, u32)>> {
     let mut reader = LineReader::new(crate::pose::AxisSet::ALL, false, None);
     let mut called: Vec<Option<u64>> = called.into_iter().map(Some).collect();
@@ -51,7 +52,7 @@ fn called_starts(text: &Text, called: Option<u64>) -> io::Result<Vec<(u32, u32)>
     Ok(ranges)
 }
 
-/// Does the line begin with an O word, behind a block delete mark and a line number?
+/// Whether the line begins with an O word, after a block delete mark and a line number.
 fn has_o_word(text: &[u8]) -> bool {
     let text = text[byte_order_mark(text)..].trim_ascii_start();
     let text = text.strip_prefix(b"/").unwrap_or(text).trim_ascii_start();
@@ -65,27 +66,27 @@ fn has_o_word(text: &[u8]) -> bool {
     matches!(behind_number.first(), Some(b'O' | b'o'))
 }
 
-/// One file on its way through the pre-scan.
+/// Pre-scan of one file.
 pub(crate) struct FileScan<'a> {
     prescan: &'a mut Prescan,
     file: u16,
     code: CompiledCode,
     nest: ControlFlowBuilder,
-    /// The number that M98 of another file looks for.
+    /// Number that M98 of another file calls.
     called: Option<u64>,
-    /// Stretches that M98 calls: their first and their last line; looked for when the first O number alone is met.
+    /// First and last lines of the regions that M98 calls; determined when the first O number alone is found.
     starts: Option<Vec<(u32, u32)>>,
-    /// The whole file is one stretch, because a GOTO may go anywhere in it.
+    /// Whether the whole file is one region, because a GOTO may go anywhere in it.
     is_whole: bool,
-    /// More would have to be compiled than is kept; what follows is not looked at.
+    /// Whether the limit of compiled text is reached; the rest of the file is not scanned.
     is_full: bool,
-    /// A line with an O word could not be read: what seems to have no beginning or no end may have it there.
+    /// Whether a line with an O word could not be read. Such a line may hold a missing beginning or end.
     has_unread_control: bool,
     text: Text,
 }
 
 impl<'a> FileScan<'a> {
-    /// A file before its first line; `called` is the number that M98 of another file looks for in it.
+    /// Creates a scan before the first line. `called` is the number that M98 of another file calls.
     pub(crate) fn new(prescan: &'a mut Prescan, file: u16, text: Text, called: Option<u64>) -> FileScan<'a> {
         let (code, nest) = (CompiledCode::new(file), ControlFlowBuilder::default());
         FileScan {
@@ -102,7 +103,7 @@ impl<'a> FileScan<'a> {
         }
     }
 
-    /// Compiles its stretches, and tells the pre-scan of them.
+    /// Compiles the regions, and adds them to the pre-scan.
     pub(crate) fn scan(mut self) -> CompiledCode {
         let (mut line, found, subs) = (0, self.prescan.found(), self.prescan.subs.list.len());
         let mut scanned = self.all(&mut line);
@@ -122,7 +123,8 @@ impl<'a> FileScan<'a> {
         self.code
     }
 
-    /// Compiles the file as one stretch, from its first line that is not blank or a percent sign to its end or the next percent sign.
+    /// Compiles the file as one region, from its first line that is not blank or a percent sign to its end or the next
+    /// percent sign.
     fn whole(&mut self, line: &mut u32) -> io::Result<()> {
         if self.text.len() > MAX_WHOLE {
             let message = "a file with GOTO may have 16 MiB";
@@ -149,7 +151,7 @@ impl<'a> FileScan<'a> {
         }
     }
 
-    /// Goes through all lines; `line` is the one taken last.
+    /// Scans all lines; `line` is the current one.
     fn all(&mut self, line: &mut u32) -> io::Result<()> {
         let mut lines = TextLines::new(self.text.clone());
         let mut percent = false;
@@ -185,9 +187,9 @@ impl<'a> FileScan<'a> {
         }
     }
 
-    /// Whether a stretch begins in this line.
+    /// Whether a region begins in this line.
     fn is_region(&mut self, line: u32, text: &[u8]) -> io::Result<bool> {
-        // What is wrong with a line that is not part of a stretch is told when the program comes to it.
+        // An error in a line outside of all regions is reported when the program reaches it.
         let read = self.prescan.reader.read(text);
         self.has_unread_control |= read.is_err() && has_o_word(text);
         let Ok(true) = read else { return Ok(false) };
@@ -204,13 +206,13 @@ impl<'a> FileScan<'a> {
         })
     }
 
-    /// Compiles the stretch that begins with the line that has just been read; the line behind it, or none if it has no end.
+    /// Compiles the region that begins with the line read last. Returns the line after it, or `None` if it has no end.
     fn region(&mut self, first: u32, lines: &mut TextLines) -> io::Result<Option<u32>> {
         let start = self.code.len();
         let known = self.prescan.found();
         let from = lines.position();
         let mut line = first;
-        // Of stretches that overlap the last end counts.
+        // Of overlapping regions, the last end counts.
         let mut last = first;
         loop {
             let is_end = !lines.advance()? || self.is_whole && is_percent(lines.line());
@@ -274,7 +276,7 @@ impl<'a> FileScan<'a> {
         Ok(Some(line))
     }
 
-    /// Tells what does not nest, and which GOTO has no line.
+    /// Reports blocks that do not nest, and every GOTO without a line.
     fn report_faults(&mut self) {
         for (line, fault) in self.nest.faults.drain(..) {
             if !(self.has_unread_control && fault.code == Number::ControlWithoutBegin) {
@@ -300,7 +302,7 @@ mod tests {
     use super::*;
     use crate::interp::Setup;
 
-    /// Memory stays bounded however long a loop is; what stands in none may be as long as it likes.
+    /// Memory is bounded however long a loop is. Lines outside of regions are not limited.
     #[test]
     fn what_is_compiled_of_a_file_is_bounded() {
         let found = |text: String| {

@@ -1,7 +1,7 @@
-//! Where a program goes on: calls, branches and loops, over compiled lines.
+//! Execution of calls, branches and loops over compiled lines.
 //!
-//! Invariant: a jump is one look at the compiled line; a call's loops end with it. Nothing is allocated once the calls have been as
-//! deep as they get.
+//! Invariant: a jump reads the compiled line once. The loops of a call end with it. Nothing is allocated once the
+//! maximum depth of calls has been reached.
 
 use crate::canon::CanonStep;
 use crate::compiled_code::{BY_NUMBER, CompiledCode, Jump, SubId};
@@ -17,82 +17,82 @@ use crate::prescan::{Sub, Subs, wrong_call};
 use crate::program_location::{CallFrame, LoopKind};
 use std::sync::Arc;
 
-/// Calls that may be open at once, as in LinuxCNC.
+/// Maximum number of nested calls, as in LinuxCNC.
 const MAX_CALLS: usize = 9;
 
-/// What a call puts away.
+/// State of the caller that a call saves.
 #[derive(Debug)]
 struct OpenCall {
     sub: Sub,
-    /// The caller's own parameters.
+    /// Local parameters of the caller.
     frame: Frame,
-    /// Rounds of M98, and how many of them are still to come.
+    /// Number of repeats of M98, and how many of them remain.
     of: u32,
     rounds: u32,
 }
 
-/// A stretch of compiled lines that is being carried out.
+/// A region of compiled lines being executed.
 #[derive(Debug)]
 struct CallLevel {
     code: Arc<CompiledCode>,
-    /// The next line.
+    /// Next line.
     next: u32,
-    /// The line behind the stretch.
+    /// Line after the region.
     end: u32,
-    /// Loops that were open before.
+    /// Number of loops that were open before.
     loops: usize,
-    /// What it was called with; none for a stretch of the program itself.
+    /// State of its call; `None` for a region of the program itself.
     call: Option<OpenCall>,
 }
 
-/// What became of a compiled line.
+/// Result of a compiled line.
 #[derive(Debug)]
 pub(crate) enum LineOutcome {
-    /// A block, which is now to be carried out.
+    /// A block, to be executed now.
     Block,
-    /// The call of a cycle, which is now to be run.
+    /// The call of a cycle, to be run now.
     Cycle(CycleCall),
-    /// It only said where to go on.
+    /// A jump only.
     Jumped,
-    /// It was refused when it was compiled.
+    /// Refused when it was compiled.
     Faulty,
-    /// Nothing is open: the program's own next line is next.
+    /// Nothing is open: the program's own next line follows.
     Idle,
-    /// M99 in the program itself ends it.
+    /// M99 in the program itself ends the program.
     ProgramEnd,
-    /// A program that arrives goes on at the next line with this number; place of the GOTO.
+    /// A streamed program continues at the next line with this number; span of the GOTO.
     Ahead(u64, Span),
 }
 
-/// What is open, and the subprograms that there are.
+/// Open regions, and the known subprograms.
 #[derive(Debug, Default)]
 pub(crate) struct FlowController {
     levels: Vec<CallLevel>,
-    /// The loops that are open, with their rounds.
+    /// Open loops, with their iterations.
     loops: LoopStack,
-    /// A condition was false: the line come to decides on.
+    /// Whether a condition was false and the next line reached decides.
     is_undecided: bool,
     calls: usize,
     /// Compiled lines by file.
     pub(crate) codes: Vec<Arc<CompiledCode>>,
     pub(crate) subs: Subs,
-    /// The program was looked through, so all of its subprograms are known; else they arrive with it.
+    /// Whether the program was pre-scanned, so that all of its subprograms are known. Otherwise they arrive with it.
     pub(crate) is_whole: bool,
 }
 
 impl FlowController {
-    /// Whether compiled lines are being carried out.
+    /// Whether compiled lines are being executed.
     #[inline]
     pub(crate) fn is_open(&self) -> bool {
         !self.levels.is_empty()
     }
 
-    /// The compiled line taken last.
+    /// Returns the current compiled line.
     pub(crate) fn place(&self) -> Option<(&CompiledCode, u32)> {
         self.levels.last().map(|level| (&*level.code, level.next.saturating_sub(1)))
     }
 
-    /// What the line taken last stands in, from inside to outside; `name` names a file.
+    /// Returns the calls and loops around the current line, from inside to outside. `name` names a file.
     pub(crate) fn within(&self, name: impl Fn(u16) -> String) -> Vec<CallFrame> {
         let mut within = Vec::new();
         let mut open = self.loops.open();
@@ -110,7 +110,7 @@ impl FlowController {
         within
     }
 
-    /// The cycle that is called in this line, if that is the line taken last.
+    /// Returns the cycle that is called in this line, if it is the current one.
     pub(crate) fn cycle(&self, (file, number): (u16, u32)) -> Option<&str> {
         let (code, line) = self.place()?;
         if (code.file, code.line_number(line)) != (file, number) {
@@ -122,12 +122,12 @@ impl FlowController {
         }
     }
 
-    /// Begins a stretch of the program itself.
+    /// Enters a region of the program itself.
     pub(crate) fn begin(&mut self, code: Arc<CompiledCode>, start: u32, end: u32) {
         self.levels.push(CallLevel { code, next: start, end, loops: self.loops.open(), call: None });
     }
 
-    /// Takes the next compiled line.
+    /// Executes the next compiled line.
     #[inline]
     pub(crate) fn step(
         &mut self,
@@ -233,7 +233,7 @@ impl FlowController {
         Ok(LineOutcome::Jumped)
     }
 
-    /// Goes on at another line of the level: at `to`, or at the one of the number that the block's last value is.
+    /// Jumps to another line of the level: to `to`, or to the line number that is the block's last value.
     fn go_to(&mut self, to: u32, from: u32, interpreter: &mut Interpreter) -> BlockResult<LineOutcome> {
         let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
         let to = if to == BY_NUMBER {
@@ -245,7 +245,7 @@ impl FlowController {
             };
             match line {
                 Ok(line) => line,
-                // Of a program that arrives only this stretch is known.
+                // Only this region of a streamed program is known.
                 Err((NoLine::Missing, number)) if !self.is_whole && self.calls == 0 => {
                     self.levels.clear();
                     self.loops.end_all(0);
@@ -287,7 +287,7 @@ impl FlowController {
         }
     }
 
-    /// That a called subprogram is not there, or not there yet.
+    /// Returns the error for a called subprogram that does not exist, or not yet.
     fn no_such_sub(&self, label: &Label, at: Span) -> Box<BlockError> {
         if self.is_whole {
             Box::new(BlockError::new(Number::NoSuchSub, at, format!("there is no subprogram {label}")))
@@ -296,7 +296,7 @@ impl FlowController {
         }
     }
 
-    /// Enters a subprogram with the values of the line evaluated last, of which the first `given` are no arguments.
+    /// Enters a subprogram with the values of the line evaluated last. The first `given` of them are not arguments.
     fn enter(
         &mut self,
         id: SubId,
@@ -329,11 +329,11 @@ impl FlowController {
         Ok(LineOutcome::Jumped)
     }
 
-    /// return, endsub, M99.
+    /// Executes return, endsub and M99.
     fn leave(&mut self, interpreter: &mut Interpreter, steps: &mut Vec<CanonStep>) -> BlockResult<LineOutcome> {
         let value = interpreter.control_value()?;
         let value = interpreter.has_control_value().then_some(value);
-        // Stretches of the program itself lie below all calls.
+        // Regions of the program itself are below all calls.
         let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
         self.loops.end_all(level.loops);
         let Some(mut call) = level.call.take() else { return Ok(LineOutcome::ProgramEnd) };
@@ -352,7 +352,7 @@ impl FlowController {
         Ok(LineOutcome::Jumped)
     }
 
-    /// A subprogram by itself, without a caller.
+    /// Creates a controller that runs one subprogram, without a caller.
     pub(crate) fn alone(&self, id: SubId) -> Option<FlowController> {
         let sub = self.subs.get(id)?;
         let code = Arc::clone(self.codes.get(sub.code as usize)?);
@@ -363,7 +363,7 @@ impl FlowController {
         Some(flow)
     }
 
-    /// That a call has no subprogram yet: a program that arrives knows only what has arrived.
+    /// Returns the error for a call whose subprogram has not arrived yet.
     pub(crate) fn not_yet(label: &Label, at: Span) -> Box<BlockError> {
         Box::new(BlockError::new(Number::NotYetThere, at, format!("subprogram {label} has not arrived yet")))
     }

@@ -1,8 +1,9 @@
-//! Modal groups: which codes there are, and which of them exclude each other in one block.
+//! Modal groups: the known codes, and which of them exclude each other in one block.
 //!
-//! Invariant: every G and M code of LinuxCNC's RS274/NGC is known here but M98 and M99, which are no words of a block.
+//! Invariant: every G and M code of LinuxCNC's RS274/NGC is listed here except M98 and M99, which are not words of a
+//! block.
 
-/// Modal groups of G codes, numbered as RS274/NGC does.
+/// Modal groups of G codes, numbered as in RS274/NGC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum GroupG {
@@ -22,7 +23,7 @@ pub(crate) enum GroupG {
     LatheDiameter = 15,
 }
 
-/// Modal groups of M codes, numbered as RS274/NGC does.
+/// Modal groups of M codes, numbered as in RS274/NGC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum GroupM {
@@ -35,10 +36,10 @@ pub(crate) enum GroupM {
     User = 10,
 }
 
-/// G codes in tenths: G61.1 is 611.
+/// A G code in tenths: G61.1 is 611.
 pub(crate) type Tenths = u16;
 
-/// Group of a G code.
+/// Returns the group of a G code.
 pub(crate) const fn group_of_g(tenths: Tenths) -> Option<GroupG> {
     use GroupG as G;
     Some(match tenths {
@@ -63,14 +64,14 @@ pub(crate) const fn group_of_g(tenths: Tenths) -> Option<GroupG> {
     })
 }
 
-/// Group of an M code.
+/// Returns the group of an M code.
 pub(crate) const fn group_of_m(code: u8) -> Option<GroupM> {
     use GroupM as M;
     Some(match code {
         0 | 1 | 2 | 30 | 60 => M::Stop,
         62..=68 => M::Output,
         6 | 61 => M::Tool,
-        // M70 to M73 share a group with the spindle's codes, as in LinuxCNC.
+        // M70 to M73 share a group with the spindle codes, as in LinuxCNC.
         3..=5 | 19 | 70..=73 => M::Spindle,
         7..=9 => M::Coolant,
         48..=53 => M::Override,

@@ -1,45 +1,45 @@
-//! The part of a LinuxCNC machine configuration (INI file) that an interpreter takes.
+//! The part of a LinuxCNC machine configuration (INI file) that the interpreter uses.
 //!
-//! Invariant: what the configuration asks for and is not carried out is refused by its name; what concerns other parts of a machine
-//! is passed over.
+//! Invariant: an entry that changes the interpreter and is not supported is refused by name. Entries for other parts of
+//! a machine are ignored.
 
 use crate::diag::{Diagnostic, Span};
 use crate::error_codes::ErrorCode;
 
-/// What an INI file says to the interpreter.
+/// Entries of an INI file for the interpreter.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ini {
-    /// Numbers that a program may read as `#<_ini[section]name>`, under that name in lower case. Only sections and names without
-    /// lower-case letters can be asked for, as in LinuxCNC.
+    /// Numbers that a program may read as `#<_ini[section]name>`, under that name in lower case. Only sections and
+    /// names without lower-case letters are readable, as in LinuxCNC.
     pub values: Vec<(String, f64)>,
-    /// `SUBROUTINE_PATH`: folders in which subprograms in files of their own are looked for, in order.
+    /// `SUBROUTINE_PATH`: folders that are searched for files of subprograms, in order.
     pub subroutine_path: Vec<String>,
-    /// Entries for the interpreter that a machine takes and LinuxCNC's stand-alone interpreter does not, as they are written.
+    /// Entries that a machine uses and LinuxCNC's stand-alone interpreter does not, as written.
     pub passed_over: Vec<String>,
-    /// Entries of the section RS274NGC that have no effect here, as they are written.
+    /// Entries of the section RS274NGC that have no effect here, as written.
     pub without_effect: Vec<String>,
-    /// `ORIENT_OFFSET`: what M19 adds to its R word, degrees.
+    /// `ORIENT_OFFSET`: angle added to the R word of M19, in degrees.
     pub orient_offset_degrees: f64,
-    /// `DISABLE_G92_PERSISTENCE`: the offset of G92 is zero at the start.
+    /// `DISABLE_G92_PERSISTENCE`: whether the offset of G92 is zero at the start.
     pub disable_g92_persistence: bool,
-    /// `DISABLE_FANUC_STYLE_SUB`: M98, M99 and an O number alone are refused.
+    /// `DISABLE_FANUC_STYLE_SUB`: whether M98, M99 and an O number alone are refused.
     pub disable_fanuc_subs: bool,
 }
 
-/// Bits of `FEATURES` that change how a program reads and are not carried out, with their names.
+/// Bits of `FEATURES` that change how a program reads and are not supported, with their names.
 const REFUSED_FEATURES: [(u32, &str); 3] = [(1, "RETAIN_G43"), (16, "NO_DOWNCASE_OWORD"), (32, "OWORD_WARNONLY")];
 
-/// Bits of `FEATURES` that LinuxCNC 2.9 knows.
+/// Bits of `FEATURES` that LinuxCNC 2.9 defines.
 const KNOWN_FEATURES: u32 = 63;
 
-/// Entries that only a whole machine takes.
+/// Entries that only a whole machine uses.
 const OF_MACHINES: [&str; 4] = ["PARAMETER_FILE", "RS274NGC_STARTUP_CODE", "STARTUP_CODE", "TOOL_TABLE"];
 
 impl Ini {
-    /// Reads the text of an INI file.
+    /// Parses the text of an INI file.
     ///
     /// # Errors
-    /// E1730 for each line that is none of an INI file, E1731 for each entry that is not carried out.
+    /// E1730 for each line that is not valid in an INI file, E1731 for each entry that is not supported.
     pub fn read(text: &str) -> Result<Ini, Vec<Diagnostic>> {
         let (mut ini, mut diagnostics) = (Ini::default(), Vec::new());
         let mut section = "";
@@ -75,7 +75,7 @@ impl Ini {
             && let Some(number) = value.parse::<f64>().ok().filter(|number| number.is_finite())
         {
             let key = format!("_ini[{}]{}", section.to_lowercase(), name.to_lowercase());
-            // Of several entries of one name the first counts.
+            // Of several entries of one name, the first counts.
             if self.values.iter().all(|(known, _)| *known != key) {
                 self.values.push((key, number));
             }

@@ -1,12 +1,12 @@
-//! Reading characters and numbers of one line.
+//! Reading of the characters and numbers of one line.
 //!
-//! Invariant: blanks between any two characters mean nothing, as RS274/NGC has it; the cursor never leaves the line.
+//! Invariant: blanks between any two characters are ignored, as in RS274/NGC. The cursor never leaves the line.
 
 use crate::bytes::{byte_order_mark, short_number};
 use crate::diag::{BlockError, BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 
-/// A place in one line.
+/// A position in one line.
 #[derive(Clone)]
 pub(crate) struct Cursor<'a> {
     text: &'a [u8],
@@ -19,7 +19,7 @@ const POWERS_OF_TEN: [f64; 23] = [
     1e21, 1e22,
 ];
 
-/// Integers up to here are exact as `f64`.
+/// Largest integer below which all are exact as `f64`.
 const EXACT: u64 = 1 << 53;
 
 const fn is_blank(byte: u8) -> bool {
@@ -31,12 +31,12 @@ impl<'a> Cursor<'a> {
         Cursor { text, at: byte_order_mark(text) }
     }
 
-    /// The next character that is not blank, in lower case, without taking it; 0 at the end.
+    /// Returns the next character that is not blank, in lower case, without consuming it; 0 at the end.
     #[inline]
     pub(crate) fn peek(&mut self) -> u8 {
         match self.text.get(self.at) {
             Some(&byte) if !is_blank(byte) => byte.to_ascii_lowercase(),
-            // One blank between two words is the rule.
+            // One blank between two words is the usual case.
             Some(_) => match self.text.get(self.at + 1) {
                 Some(&byte) if !is_blank(byte) => {
                     self.at += 1;
@@ -56,19 +56,19 @@ impl<'a> Cursor<'a> {
         rest.get(blanks).map_or(0, u8::to_ascii_lowercase)
     }
 
-    /// Takes the character that [`Cursor::peek`] has shown.
+    /// Consumes the character that [`Cursor::peek`] has returned.
     #[inline]
     pub(crate) fn skip(&mut self) {
         self.at += 1;
     }
 
-    /// The character behind the next one, if blanks are not counted; to be asked after [`Cursor::peek`].
+    /// Returns the character after the next one, ignoring blanks; valid after [`Cursor::peek`].
     #[inline]
     pub(crate) fn peek_next(&self) -> Option<u8> {
         self.text.get(self.at + 1..)?.iter().copied().find(|byte| !is_blank(*byte))
     }
 
-    /// Takes the next character if it is this one.
+    /// Consumes the next character if it is this one.
     #[inline]
     pub(crate) fn eat(&mut self, wanted: u8) -> bool {
         // A branch, because rustc 1.95 loses the addition of `self.at += usize::from(found)` here in optimised builds.
@@ -80,7 +80,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Takes these characters, or nothing.
+    /// Consumes these characters, or nothing.
     pub(crate) fn eat_word(&mut self, wanted: &[u8]) -> bool {
         let start = self.at;
         let found = wanted.iter().all(|&letter| self.eat(letter));
@@ -90,42 +90,42 @@ impl<'a> Cursor<'a> {
         found
     }
 
-    /// Where the next character stands.
+    /// Returns the position of the next character.
     #[inline]
     pub(crate) fn at(&self) -> usize {
         self.at
     }
 
-    /// From `start` to here.
+    /// Returns the span from `start` to here.
     #[inline]
     pub(crate) fn since(&self, start: usize) -> Span {
         Span::new(start, self.at)
     }
 
-    /// The next character alone.
+    /// Returns the span of the next character alone.
     pub(crate) fn here(&mut self) -> Span {
         self.peek();
         Span::new(self.at, (self.at + 1).min(self.text.len()))
     }
 
-    /// Does the next character follow this one, blanks aside?
+    /// Whether the next character follows this one, blanks aside.
     pub(crate) fn follows(&mut self, before: u8) -> bool {
         self.peek();
         let taken = self.text.get(..self.at).unwrap_or_default();
         taken.iter().rev().find(|byte| !is_blank(**byte)) == Some(&before)
     }
 
-    /// The byte at a place of the line.
+    /// Returns the byte at a position of the line.
     pub(crate) fn byte(&self, at: usize) -> Option<u8> {
         self.text.get(at).copied()
     }
 
-    /// What has not been taken.
+    /// Returns the text not yet consumed.
     pub(crate) fn rest(&self) -> &'a [u8] {
         self.text.get(self.at..).unwrap_or_default()
     }
 
-    /// Takes everything up to and with `closing`; `None` when it is not there.
+    /// Consumes everything up to and including `closing`; `None` if it does not occur.
     pub(crate) fn take_to(&mut self, closing: u8) -> Option<&'a [u8]> {
         let rest = self.text.get(self.at..).unwrap_or_default();
         let length = rest.iter().position(|&byte| byte == closing)?;
@@ -133,12 +133,12 @@ impl<'a> Cursor<'a> {
         Some(&rest[..length])
     }
 
-    /// Goes to the end of the line.
+    /// Moves to the end of the line.
     pub(crate) fn finish(&mut self) {
         self.at = self.text.len();
     }
 
-    /// Takes digits; how many there were, and their value, which stops growing at 2⁶⁴ − 1.
+    /// Consumes digits. Returns their number, and their value, which saturates at 2⁶⁴ − 1.
     pub(crate) fn digits(&mut self) -> (u32, u64) {
         let (mut count, mut value) = (0, 0_u64);
         while let digit @ b'0'..=b'9' = self.peek() {
@@ -149,7 +149,7 @@ impl<'a> Cursor<'a> {
         (count, value)
     }
 
-    /// Takes a number without a sign: digits with at most one decimal point among them.
+    /// Consumes a number without a sign: digits with at most one decimal point.
     #[inline]
     pub(crate) fn number(&mut self) -> BlockResult<f64> {
         self.peek();
@@ -163,7 +163,7 @@ impl<'a> Cursor<'a> {
         self.longer_number()
     }
 
-    /// Whether a number goes on at this place, with a second point or behind blanks.
+    /// Whether a number continues at this position, with a second point or after blanks.
     #[inline]
     fn goes_on(&self, end: usize) -> bool {
         self.text.get(end).is_some_and(|&byte| byte == b'.' || (is_blank(byte) && text_goes_on(self.text, end)))
@@ -181,7 +181,7 @@ impl<'a> Cursor<'a> {
             at += 1;
             decimals = take_digits(text, &mut at, &mut mantissa);
         }
-        // What ends plainly and is exact needs no more.
+        // A number with a plain end and an exact value needs no further work.
         if !self.goes_on(self.at + at) && (1..=15).contains(&(at - points)) {
             self.at += at;
             return Ok(mantissa as f64 / POWERS_OF_TEN[decimals]);
@@ -189,7 +189,7 @@ impl<'a> Cursor<'a> {
         self.spaced_number()
     }
 
-    /// A number with blanks among its digits, or with very many of them, or none.
+    /// Reads a number with blanks among its digits, or with very many of them, or none.
     fn spaced_number(&mut self) -> BlockResult<f64> {
         let start = self.at;
         let (mut mantissa, mut digits, mut decimals, mut point) = (0_u64, 0_u32, 0_usize, false);
@@ -228,7 +228,7 @@ impl<'a> Cursor<'a> {
         self.long_number(start, end)
     }
 
-    /// A number that needs more than one division of exact values, or none at all.
+    /// Reads a number that needs more than one division of exact values, or none.
     #[cold]
     fn long_number(&self, start: usize, end: usize) -> BlockResult<f64> {
         let span = Span::new(start, end.max((start + 1).min(self.text.len())));
@@ -245,7 +245,7 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// Takes digits, and returns how many.
+/// Consumes digits, and returns their number.
 #[inline]
 fn take_digits(text: &[u8], at: &mut usize, value: &mut u64) -> usize {
     let start = *at;
@@ -256,7 +256,7 @@ fn take_digits(text: &[u8], at: &mut usize, value: &mut u64) -> usize {
     *at - start
 }
 
-/// Whether a number goes on behind the blank at this place: the next character but blanks is a digit or a point.
+/// Whether a number continues after the blank at this position: the next character except blanks is a digit or a point.
 #[inline]
 fn text_goes_on(text: &[u8], at: usize) -> bool {
     let next = text.get(at..).unwrap_or_default().iter().find(|byte| !is_blank(**byte));
@@ -273,7 +273,7 @@ mod tests {
     }
 
     proptest! {
-        /// What is read is the `f64` nearest to the decimal number, whatever its length.
+        /// The value read is the `f64` nearest to the decimal number, whatever its length.
         #[test]
         fn a_number_is_read_exactly(text in "[0-9]{1,24}(\\.[0-9]{0,30})?") {
             prop_assert_eq!(number(&text), Ok(text.parse::<f64>().expect("a decimal number")));

@@ -1,8 +1,18 @@
-//! NC programs in RS274/NGC: from text to canonical functions, as LinuxCNC 2.9 reads them.
+//! NC programs in RS274/NGC: converts text to canonical functions, with the same results as LinuxCNC 2.9.
 //!
-//! Invariant: a line is compiled once into a block; carrying out a block allocates nothing but the text of its comments and
-//! the points of its splines. Whatever the input, the answer is canonical functions or numbered diagnostics, never a panic. This crate
-//! knows no motion and no port.
+//! Invariant: a line is compiled once into a block. Executing a block allocates nothing but the text of its comments
+//! and the points of its splines. Any input results in canonical functions or numbered diagnostics, never in a panic.
+//! This crate does not depend on motion or ports.
+//!
+//! A line passes through these modules:
+//!
+//! ```text
+//! line ─► lex ─► expr ─► parse ─► block ─► interp: check, execute ─► Canon
+//!         characters,    words    compiled                           canonical
+//!         expressions             line                               functions
+//! ```
+//!
+//! # Examples
 //!
 //! ```
 //! use retrace_gcode::{Program, Setup, CanonText};
@@ -16,9 +26,6 @@
 //! assert!(text.contains("    9 N..... STRAIGHT_FEED(10.0000, 0.0000, 0.0000, 0.0000, 0.0000, 0.0000)"));
 //! # Ok::<(), std::io::Error>(())
 //! ```
-//!
-//! The rooms, in the order in which a line passes through them: `lex` (characters and numbers), `expr` (expressions), `parse` (words),
-//! `block` (the compiled line), `interp` (carrying it out: `check`, then `execute`), [`Canon`] (what comes out).
 #![forbid(unsafe_code)]
 
 mod active;

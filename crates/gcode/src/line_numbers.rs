@@ -1,7 +1,7 @@
-//! Where GOTO goes on: line numbers (N words) and the compiled lines that have them.
+//! Targets of GOTO: line numbers (N words) and the compiled lines that have them.
 //!
-//! Invariant: a GOTO stays within its part of the file, the program or one subprogram of M98, and never goes into a WHILE loop that it is
-//! not in. Of several lines with one number the next one ahead counts, or else the first.
+//! Invariant: a GOTO stays within its part of the file (the program or one subprogram of M98), and never enters a WHILE
+//! loop from outside. Of several lines with one number, the next one ahead counts, or otherwise the first.
 
 use crate::compiled_code::{CompiledCode, Jump};
 use crate::diag::{BlockError, Span};
@@ -9,18 +9,18 @@ use crate::error_codes;
 use crate::lex::Cursor;
 use std::ops::Range;
 
-/// The line numbers of compiled lines.
+/// Line numbers of compiled lines.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LineNumbers {
-    /// Part of the file, number, compiled line; in order.
+    /// Part of the file, number, compiled line; sorted.
     lines: Vec<(u32, u64, u32)>,
-    /// First lines of the parts of the file behind the first.
+    /// First lines of the parts of the file after the first.
     parts: Vec<u32>,
     /// WHILE loops, with the lines that begin them.
     loops: Vec<Range<u32>>,
 }
 
-/// Why there is nothing to go to.
+/// Reason why a GOTO has no target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum NoLine {
     Missing,
@@ -28,7 +28,7 @@ pub(crate) enum NoLine {
 }
 
 impl NoLine {
-    /// As a fault of the line with the GOTO.
+    /// Returns the error for the line with the GOTO.
     pub(crate) fn fault(self, number: u64, at: Span) -> BlockError {
         match self {
             NoLine::Missing => BlockError::new(
@@ -45,7 +45,7 @@ impl NoLine {
     }
 }
 
-/// The N word of a line, from its text alone.
+/// Returns the N word of a line, from its text alone.
 pub(crate) fn number_of(text: &[u8]) -> Option<u64> {
     let mut cursor = Cursor::new(text);
     cursor.eat(b'/');
@@ -58,17 +58,17 @@ pub(crate) fn number_of(text: &[u8]) -> Option<u64> {
     }
 }
 
-/// Line numbers that have gone by in a program that arrives.
+/// Line numbers that a streamed program has passed.
 #[derive(Debug, Default)]
 pub(crate) struct SeenNumbers(Vec<u64>);
 
-/// So many are remembered.
+/// Maximum number of stored line numbers.
 const MAX_SEEN: usize = 1 << 16;
 
 impl SeenNumbers {
-    /// A line with this number has gone by.
+    /// Records that a line with this number was passed.
     pub(crate) fn see(&mut self, number: u64) {
-        // They come in their order, as a rule.
+        // They usually arrive in order.
         let place = match self.0.last() {
             Some(&last) if last < number => Err(self.0.len()),
             _ => self.0.binary_search(&number),
@@ -80,14 +80,14 @@ impl SeenNumbers {
         }
     }
 
-    /// Whether one has.
+    /// Whether a line with this number was passed.
     pub(crate) fn has(&self, number: u64) -> bool {
         self.0.binary_search(&number).is_ok()
     }
 }
 
 impl LineNumbers {
-    /// Of all lines of `code`, whose subprograms for M98 begin at the lines `starts`, in their order.
+    /// Collects the numbers of all lines of `code`. `starts` are the first lines of its subprograms for M98, in order.
     pub(crate) fn of(code: &CompiledCode, starts: Vec<u32>) -> LineNumbers {
         let mut numbers = LineNumbers { lines: Vec::new(), parts: starts, loops: Vec::new() };
         for line in 0..code.len() {
@@ -106,7 +106,7 @@ impl LineNumbers {
         self.parts.partition_point(|start| *start <= line) as u32
     }
 
-    /// The line that a GOTO in line `from` goes to.
+    /// Returns the line that a GOTO in line `from` goes to.
     pub(crate) fn find(&self, from: u32, number: u64) -> Result<u32, NoLine> {
         let part = self.part_of(from);
         let first = self.lines.partition_point(|line| *line < (part, number, 0));

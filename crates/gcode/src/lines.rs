@@ -1,7 +1,7 @@
-//! The lines of a program, one after the other.
+//! The lines of a program, one after another.
 //!
-//! Invariant: one line is held; a line that is too long is never held whole. Of a program that arrives, a line without its end is given
-//! only where it ends the program: the sender may have been cut off inside it (DNC-10).
+//! Invariant: one line is held; a line that is too long is never held whole. In a streamed program, a line without its
+//! end is returned only where it ends the program: the sender may have been cut off inside it (DNC-10).
 
 use crate::bytes::line_feed;
 use crate::diag::{BlockError, Span};
@@ -10,18 +10,18 @@ use crate::parse::MAX_LINE_LENGTH;
 use crate::text::{Text, TextLines};
 use std::io::{self, BufRead, Read as _};
 
-/// Bytes of a line that are held: one more than the longest shows that it is too long, two are its end.
+/// Maximum number of bytes held of a line: one more than the longest shows that it is too long, two are its end.
 pub(crate) const MAX_HELD_LINE: usize = MAX_LINE_LENGTH + 3;
 
-/// Bytes of a line that are passed over at most: more is not a program.
+/// Maximum number of bytes skipped in a line; a longer line is not a program.
 const MAX_SKIPPED: usize = 1 << 20;
 
-/// Where lines come from.
+/// Source of lines.
 #[derive(Debug)]
 enum LineSource<R> {
-    /// A text that is at hand.
+    /// A text that is available.
     Text(TextLines),
-    /// A program that arrives, and the line that has been taken.
+    /// A streamed program, and its current line.
     Arriving(R, Vec<u8>),
 }
 
@@ -29,9 +29,9 @@ enum LineSource<R> {
 #[derive(Debug)]
 pub(crate) struct Lines<R> {
     input: LineSource<R>,
-    /// The line that was taken last, from 1; 0 before the first.
+    /// Number of the current line, from 1; 0 before the first.
     current: u32,
-    /// A program that arrives ended inside a line.
+    /// Whether a streamed program ended inside a line.
     is_cut_off: bool,
 }
 
@@ -40,15 +40,15 @@ impl<R: BufRead> Lines<R> {
         Lines { input: LineSource::Arriving(input, Vec::new()), current: 0, is_cut_off: false }
     }
 
-    /// The lines of a text.
+    /// Creates the lines of a text.
     pub(crate) fn of_text(text: Text) -> Lines<R> {
         Lines { input: LineSource::Text(TextLines::new(text)), current: 0, is_cut_off: false }
     }
 
-    /// Takes the next line; false when there is none.
+    /// Reads the next line; false when there is none.
     ///
     /// # Errors
-    /// Those of the reader.
+    /// Errors of the reader.
     #[inline]
     pub(crate) fn advance(&mut self) -> io::Result<bool> {
         let found = match &mut self.input {
@@ -66,16 +66,16 @@ impl<R: BufRead> Lines<R> {
         Ok(found)
     }
 
-    /// Passes over lines, so that `line` is the next one.
+    /// Skips lines, so that `line` is the next one.
     ///
     /// # Errors
-    /// Those of the reader.
+    /// Errors of the reader.
     pub(crate) fn skip_to(&mut self, line: u32) -> io::Result<()> {
         while self.current.saturating_add(1) < line && self.advance()? {}
         Ok(())
     }
 
-    /// The line taken last, without its end; cut off when it is too long.
+    /// Returns the current line, without its end; truncated when it is too long.
     #[inline]
     pub(crate) fn text(&self) -> &[u8] {
         match &self.input {
@@ -84,7 +84,7 @@ impl<R: BufRead> Lines<R> {
         }
     }
 
-    /// The beginning of the line inside which a program that arrives has ended; it is not executed.
+    /// Returns the beginning of the line inside which a streamed program has ended; it is not executed.
     pub(crate) fn cut_off(&self) -> Option<&[u8]> {
         match &self.input {
             LineSource::Arriving(_, line) if self.is_cut_off => Some(line),
@@ -92,26 +92,26 @@ impl<R: BufRead> Lines<R> {
         }
     }
 
-    /// That it ended inside a line, if it did.
+    /// Returns the error that the program ended inside a line, if it did.
     pub(crate) fn cut_off_fault(&self) -> Option<Box<BlockError>> {
         let cut_off = String::from_utf8_lossy(self.cut_off()?);
         let message = format!("the program that arrives ends inside a line: nothing of \"{cut_off}\" is executed");
         Some(Box::new(BlockError::new(ErrorCode::NoProgramEnd, Span::default(), message)))
     }
 
-    /// The number of the line taken last, from 1.
+    /// Returns the number of the current line, from 1.
     pub(crate) fn number(&self) -> u32 {
         self.current
     }
 }
 
-/// What came of a program that arrives.
+/// Result of reading from a streamed program.
 enum LineArrival {
     /// A line.
     Line,
-    /// Its end, behind a line.
+    /// The end, after a line.
     Nothing,
-    /// Its end, inside a line.
+    /// The end, inside a line.
     CutOff,
 }
 
@@ -133,7 +133,7 @@ fn arrive(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<LineArriva
     Ok(LineArrival::Line)
 }
 
-/// Passes over the rest of a line that is too long.
+/// Skips the rest of a line that is too long.
 fn skip_line(input: &mut impl BufRead) -> io::Result<()> {
     let mut skipped = 0;
     loop {
@@ -154,14 +154,16 @@ fn skip_line(input: &mut impl BufRead) -> io::Result<()> {
     }
 }
 
-/// Whether a last line without its end is whole all the same: exactly `M2`, `M30` or `%`, so that nothing can be missing that matters.
+/// Whether a last line without its end is nevertheless complete: exactly `M2`, `M30` or `%`, so that nothing relevant
+/// can be missing.
 #[must_use]
 pub fn is_program_end(line: &[u8]) -> bool {
     let line = line.strip_suffix(b"\r").unwrap_or(line);
     line == b"%" || line.eq_ignore_ascii_case(b"M2") || line.eq_ignore_ascii_case(b"M30")
 }
 
-/// Length of the first line, without its end and cut off when it is too long, and with all of it; none of an empty text.
+/// Returns the length of the first line without its end, truncated when it is too long, and its full length; `None` for
+/// an empty text.
 #[inline]
 pub(crate) fn split(text: &[u8]) -> Option<(usize, usize)> {
     if text.is_empty() {
@@ -176,7 +178,8 @@ pub(crate) fn split(text: &[u8]) -> Option<(usize, usize)> {
     Some((line, taken))
 }
 
-/// The lines of a text, without their ends, cut off when they are too long: the same as [`Lines`] gives.
+/// Iterator over the lines of a text, without their ends, truncated when they are too long: the same as [`Lines`]
+/// returns.
 #[derive(Clone, Debug)]
 pub(crate) struct Split<'a> {
     rest: &'a [u8],

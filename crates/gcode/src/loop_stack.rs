@@ -1,47 +1,47 @@
-//! The loops that a program is in, and which round each of them is in.
+//! The loops around the current line, and the iteration of each.
 //!
-//! Invariant: the loops of a level nest, the innermost last; a loop is there from its first round to the line that leaves it. Of a do
-//! the first round is not noted: nothing tells of it before its while.
+//! Invariant: the loops of a level nest, the innermost last. A loop is listed from its first iteration to the line that
+//! leaves it. The first iteration of a do is not listed: nothing marks it before its while.
 
 use crate::compiled_code::{CompiledCode, Jump};
 use crate::program_location::{CallFrame, LoopKind};
 use std::ops::Range;
 
-/// A loop that is open.
+/// An open loop.
 #[derive(Clone, Debug)]
 struct OpenLoop {
     kind: LoopKind,
-    /// Its compiled lines, with the one that begins it (of a do the one behind).
+    /// Compiled lines, with the one that begins it; of a do, from the one after it.
     lines: Range<u32>,
-    /// From 1.
+    /// Iteration, from 1.
     round: u64,
-    /// How many there are; 0 where that is open.
+    /// Number of iterations; 0 where it is not known.
     of: u64,
 }
 
-/// All that are open, over all levels.
+/// All open loops, over all levels.
 #[derive(Debug, Default)]
 pub(crate) struct LoopStack(Vec<OpenLoop>);
 
 impl LoopStack {
-    /// How many are open.
+    /// Returns the number of open loops.
     pub(crate) fn open(&self) -> usize {
         self.0.len()
     }
 
-    /// Ends all but the first `kept`.
+    /// Removes all loops except the first `kept`.
     pub(crate) fn end_all(&mut self, kept: usize) {
         self.0.truncate(kept);
     }
 
-    /// A while has been decided; `below` are open outside of the level. Returns whether it goes on.
+    /// Records the decision of a while; `below` loops are open outside of the level. Returns whether it continues.
     pub(crate) fn decide(&mut self, kind: LoopKind, lines: Range<u32>, below: usize, goes_on: bool) -> bool {
         let is_open = self.0.len() > below && self.0.last().is_some_and(|open| open.lines == lines);
         match self.0.last_mut() {
             Some(open) if is_open && goes_on => open.round += 1,
             Some(_) if is_open => self.end_all(self.0.len() - 1),
             _ if goes_on => {
-                // The first round of a do is over when its while is decided.
+                // The first iteration of a do is over when its while is decided.
                 let round = if kind == LoopKind::Do { 2 } else { 1 };
                 self.0.push(OpenLoop { kind, lines, round, of: 0 });
             }
@@ -50,12 +50,12 @@ impl LoopStack {
         goes_on
     }
 
-    /// A repeat begins its first round, of `of`.
+    /// Begins the first of `of` iterations of a repeat.
     pub(crate) fn begin_repeat(&mut self, lines: Range<u32>, of: u64) {
         self.0.push(OpenLoop { kind: LoopKind::Repeat, lines, round: 1, of });
     }
 
-    /// The end of a repeat whose last line lies before `end`: whether there is another round.
+    /// Ends an iteration of the repeat whose last line is before `end`. Returns whether another follows.
     pub(crate) fn end_of_round(&mut self, end: u32, below: usize) -> bool {
         if self.0.len() <= below {
             return false;
@@ -73,14 +73,14 @@ impl LoopStack {
         }
     }
 
-    /// The program goes on at `to`: loops of the level that do not hold this line are left.
+    /// Removes the loops of the level that do not contain the line `to`, at which the program continues.
     pub(crate) fn leave(&mut self, to: u32, below: usize) {
         while self.0.len() > below && self.0.last().is_some_and(|open| !open.lines.contains(&to)) {
             self.0.pop();
         }
     }
 
-    /// Adds the loops around a line of `code`, from inside to outside; `level` are the ones of its level.
+    /// Appends the loops around a line of `code`, from inside to outside; `level` is the range of its level.
     pub(crate) fn within(&self, code: &CompiledCode, line: u32, level: Range<usize>, within: &mut Vec<CallFrame>) {
         let noted = self.0.get(level).unwrap_or_default();
         let mut around: Vec<OpenLoop> = noted.iter().filter(|open| open.lines.contains(&line)).cloned().collect();

@@ -1,7 +1,8 @@
-//! The control words of Fanuc's custom macros: `WHILE [condition] DO1` … `END1`, `GOTO 100`, `IF [condition] GOTO 100` and
-//! `IF [condition] THEN #1=2`.
+//! The control words of Fanuc's custom macros: `WHILE [condition] DO1` … `END1`, `GOTO 100`, `IF [condition] GOTO 100`
+//! and `IF [condition] THEN #1=2`.
 //!
-//! Invariant: a condition is the first value of its line, and the number of a GOTO the last, so that both can be calculated.
+//! Invariant: a condition is the first value of its line, and the number of a GOTO the last, so that both can be
+//! calculated.
 
 use crate::block::{NcBlock, Slot};
 use crate::control::{Control, Keyword, Label, MACRO_LOOP, comment};
@@ -12,7 +13,7 @@ use crate::lex::Cursor;
 use crate::params::Names;
 use crate::parse::assignment;
 
-/// Compiles a line that begins with one of these words; false and nothing taken if it does not.
+/// Compiles a line that begins with one of these words. Otherwise returns false and consumes nothing.
 pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<bool> {
     let (start, before) = (cursor.at(), cursor.clone());
     let opens_bracket = |cursor: &mut Cursor<'_>| cursor.peek() == b'[';
@@ -55,7 +56,7 @@ fn wrong<T>(cursor: &Cursor<'_>, start: usize, message: &str) -> BlockResult<T> 
     fault(ErrorCode::MacroControl, cursor.since(start), message)
 }
 
-/// A condition in brackets: the first value of the line.
+/// Compiles a condition in brackets: the first value of the line.
 fn condition(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
     let (first_op, from) = (block.ops.len(), cursor.at());
     Compiler::new(cursor, &mut block.ops, names).bracket()?;
@@ -63,7 +64,7 @@ fn condition(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) ->
     Ok(())
 }
 
-/// The number behind DO or END.
+/// Parses the number after DO or END.
 fn loop_number(cursor: &mut Cursor<'_>, start: usize, keyword: Keyword, block: &mut NcBlock) -> BlockResult<bool> {
     let number = match cursor.digits() {
         (1, number @ 1..=3) => number,
@@ -75,7 +76,7 @@ fn loop_number(cursor: &mut Cursor<'_>, start: usize, keyword: Keyword, block: &
     Ok(true)
 }
 
-/// The number of a line behind GOTO: written, or calculated.
+/// Compiles the line number after GOTO: written, or calculated.
 fn go_to(
     cursor: &mut Cursor<'_>,
     names: &mut Names,
@@ -100,7 +101,7 @@ fn go_to(
     Ok(true)
 }
 
-/// The assignments behind THEN.
+/// Compiles the assignments after THEN.
 fn then(cursor: &mut Cursor<'_>, names: &mut Names, start: usize, block: &mut NcBlock) -> BlockResult<bool> {
     if cursor.peek() != b'#' {
         return wrong(cursor, start, "THEN is followed by an assignment, as in IF [#1 GT 5] THEN #1=5");
@@ -114,7 +115,7 @@ fn then(cursor: &mut Cursor<'_>, names: &mut Names, start: usize, block: &mut Nc
     Ok(true)
 }
 
-/// Comments, and the end of the line.
+/// Parses comments up to the end of the line.
 fn end_of_line(cursor: &mut Cursor<'_>) -> BlockResult<()> {
     loop {
         let start = cursor.at();

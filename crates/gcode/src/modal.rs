@@ -1,6 +1,7 @@
-//! The modal state: everything that a block takes over from the blocks before it.
+//! The modal state: everything that a block inherits from the blocks before it.
 //!
-//! Invariant: all lengths are in the program's units in force; [`State`] and the parameters together decide what a block does.
+//! Invariant: all lengths are in the program's units in force. [`ModalState`] and the parameters together determine the
+//! effect of a block.
 
 use crate::angle::rotate;
 use crate::canon::{FeedMode, LengthUnit, PathControl, Plane, Probing};
@@ -10,7 +11,7 @@ use crate::interp::{Context, Queue};
 use crate::pose::{Axis, Pose};
 use crate::spline::ControlPoint;
 
-/// The motion modes that are carried out; none is G80.
+/// Motion modes; G80 is the absence of one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MotionMode {
     /// G0.
@@ -21,7 +22,7 @@ pub enum MotionMode {
     ArcClockwise,
     /// G3.
     ArcCounterclockwise,
-    /// G33: in step with the spindle.
+    /// G33: synchronised with the spindle.
     SpindleFeed,
     /// G33.1.
     RigidTap,
@@ -29,20 +30,20 @@ pub enum MotionMode {
     ThreadingCycle,
     /// G73, G74, G81 … G89.
     Cycle(DrillingCycle),
-    /// G5; never a mode that is in force.
+    /// G5; executed once, never a mode in force.
     CubicSpline,
-    /// G5.1; never a mode that is in force.
+    /// G5.1; executed once, never a mode in force.
     QuadraticSpline,
     /// G5.2.
     ControlPoint,
-    /// G5.3; never a mode that is in force.
+    /// G5.3; executed once, never a mode in force.
     EndOfPoints,
     /// G38.2 to G38.5.
     Probe(Probing),
 }
 
 impl MotionMode {
-    /// How it is written.
+    /// Returns the notation.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -65,32 +66,32 @@ impl MotionMode {
         }
     }
 
-    /// G2 or G3.
+    /// Whether it is G2 or G3.
     #[must_use]
     pub const fn is_arc(self) -> bool {
         matches!(self, MotionMode::ArcClockwise | MotionMode::ArcCounterclockwise)
     }
 }
 
-/// What axis words mean.
+/// Meaning of axis words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DistanceMode {
-    /// G90: the end.
+    /// G90: the end position.
     Absolute,
-    /// G91: from the current position.
+    /// G91: the distance from the current position.
     Incremental,
 }
 
-/// What the centre words of an arc mean.
+/// Meaning of the centre words of an arc.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArcCentres {
-    /// G90.1: the centre.
+    /// G90.1: the position of the centre.
     Absolute,
-    /// G91.1: from the start.
+    /// G91.1: the distance from the start.
     Incremental,
 }
 
-/// What the spindle was told to do.
+/// Commanded direction of the spindle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpindleRotation {
     /// M5.
@@ -104,93 +105,93 @@ pub enum SpindleRotation {
 /// The whole modal state between two blocks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModalState {
-    /// The motion mode; none after G80.
+    /// Motion mode; `None` after G80.
     pub motion: Option<MotionMode>,
-    /// The plane of arcs.
+    /// Plane of arcs.
     pub plane: Plane,
-    /// The program's length unit.
+    /// Length unit of the program.
     pub units: LengthUnit,
-    /// What axis words mean.
+    /// Meaning of axis words.
     pub distance: DistanceMode,
-    /// What centre words mean.
+    /// Meaning of centre words.
     pub arc_centres: ArcCentres,
-    /// What F words mean.
+    /// Meaning of F words.
     pub feed_mode: FeedMode,
-    /// Units a minute; 0 is none.
+    /// Feed rate in units per minute; 0 where none is set.
     pub feed_rate: f64,
-    /// The coordinate system in force, 1 … 9 for G54 … G59.3.
+    /// Coordinate system in force, 1 … 9 for G54 … G59.3.
     pub coordinate_system: u8,
-    /// Its origin in machine coordinates.
+    /// Origin of the coordinate system, in machine coordinates.
     pub origin: Pose,
-    /// Its rotation about Z, degrees counter-clockwise.
+    /// Rotation of the coordinate system about Z, in degrees counter-clockwise.
     pub rotation_degrees: f64,
-    /// The offset of G52 and G92.
+    /// Offset of G52 and G92.
     pub g92_offset: Pose,
-    /// The tool length offset in force.
+    /// Tool length offset in force.
     pub tool_offset: Pose,
-    /// The position in program coordinates; under cutter compensation that of the tool, not of the programmed path.
+    /// Position in program coordinates; under cutter compensation that of the tool, not of the programmed path.
     pub position: Pose,
-    /// Cutter radius compensation; none after G40.
+    /// Cutter radius compensation; `None` after G40.
     pub compensation: Option<Compensation>,
-    /// G40 has ended a compensated path, and no straight move has come since.
+    /// Whether G40 has ended a compensated path and no straight move has followed.
     pub has_left_compensation: bool,
-    /// It has probed: its position, and the parameters of the answer, are taken for granted.
+    /// Whether the program has probed: its position, and the parameters of the result, are assumptions.
     pub has_probed: bool,
-    /// From the end of the programmed path to where the tool stands since that G40, along the machine's axes, program units;
-    /// none after a motion.
+    /// Vector from the end of the programmed path to the tool since that G40, along the machine's axes, in program
+    /// units; `None` after a motion.
     pub tool_shift: Option<Pose>,
-    /// Moves that the next corner of a compensated path may still change, and what came after them.
+    /// Moves that the next corner of a compensated path may still change, and the functions after them.
     pub(crate) waiting: Queue,
-    /// How joints are run through.
+    /// Treatment of junctions between moves.
     pub path_control: PathControl,
-    /// Tolerance of the merging of nearly straight runs.
+    /// Tolerance for merging nearly straight moves.
     pub naivecam_tolerance: f64,
-    /// G99; else G98.
+    /// Whether G99 is in force, otherwise G98.
     pub retract_to_r: bool,
-    /// The series of drilling cycles; none after another motion.
+    /// Series of drilling cycles; `None` after another motion.
     pub series: Option<DrillingSeries>,
-    /// What the spindle was told to do.
+    /// Commanded direction of the spindle.
     pub spindle: SpindleRotation,
-    /// Turns a minute, or with constant surface speed metres or feet a minute.
+    /// Spindle speed in turns per minute; with constant surface speed in metres or feet per minute.
     pub spindle_speed: f64,
-    /// G96.
+    /// Whether G96 is in force.
     pub constant_surface_speed: bool,
-    /// The highest number of turns a minute that G96 allows; 0 under G97.
+    /// Maximum spindle speed in turns per minute under G96; 0 under G97.
     pub highest_spindle_speed: f64,
-    /// M7.
+    /// Whether mist is on (M7).
     pub mist: bool,
-    /// M8.
+    /// Whether flood is on (M8).
     pub flood: bool,
-    /// Whether the operator's feed override acts.
+    /// Whether the operator's feed override is enabled.
     pub feed_override: bool,
-    /// Whether the operator's spindle speed override acts.
+    /// Whether the operator's spindle speed override is enabled.
     pub speed_override: bool,
-    /// M52.
+    /// Whether adaptive feed is enabled (M52).
     pub adaptive_feed: bool,
-    /// M53.
+    /// Whether feed hold is enabled (M53).
     pub feed_hold: bool,
-    /// The tool of the last T word; 0 is none.
+    /// Tool of the last T word; 0 is none.
     pub selected_tool: u32,
-    /// The tool in the spindle; 0 is none.
+    /// Tool in the spindle; 0 is none.
     pub current_tool: u32,
-    /// What the last subprogram has returned.
+    /// Return value of the last subprogram.
     pub returned_value: Option<f64>,
-    /// How many calls of subprograms are open.
+    /// Number of open calls of subprograms.
     pub call_level: u32,
-    /// G7: X words are diameters.
+    /// Whether G7 is in force: X words are diameters.
     pub lathe_diameter: bool,
-    /// The direction in which the last G5 has ended, program units.
+    /// Direction in which the last G5 has ended, in program units.
     pub spline_direction: (f64, f64),
-    /// The order of the spline that G5.2 collects points for.
+    /// Order of the spline that G5.2 collects points for.
     pub spline_order: u32,
-    /// What G5.2 has collected.
+    /// Control points that G5.2 has collected.
     pub control_points: Vec<ControlPoint>,
-    /// What M70 and M73 have put away, for each level of calls.
+    /// States that M70 and M73 have saved, for each level of calls.
     pub(crate) contexts: Vec<Option<Context>>,
 }
 
 impl ModalState {
-    /// What holds before the first block, at the machine's zero.
+    /// Returns the state before the first block, at the machine's zero.
     #[must_use]
     pub fn initial(units: LengthUnit) -> ModalState {
         ModalState {
@@ -244,7 +245,8 @@ impl ModalState {
         self.units == LengthUnit::Millimetre
     }
 
-    /// Where the programmed path stands: the position, but for cutter compensation.
+    /// Returns the position on the programmed path, which differs from the tool position under cutter compensation
+    /// only.
     #[must_use]
     #[inline]
     pub fn path_position(&self) -> &Pose {
@@ -254,13 +256,14 @@ impl ModalState {
         }
     }
 
-    /// The position of the machine (its controlled point with the tool offset taken off) in machine coordinates and program units.
+    /// Returns the position of the machine (its controlled point without the tool offset) in machine coordinates and
+    /// program units.
     #[must_use]
     pub fn machine_position(&self) -> Pose {
         self.to_machine(&self.position)
     }
 
-    /// A point of the program in machine coordinates, both in program units.
+    /// Converts a point of the program to machine coordinates, both in program units.
     #[must_use]
     pub fn to_machine(&self, point: &Pose) -> Pose {
         let mut machine = point.plus(&self.g92_offset);

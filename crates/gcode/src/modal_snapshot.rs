@@ -1,8 +1,9 @@
-//! What blocks leave behind for those that come after them: from one block by hand to the next, and from all of them to a program.
+//! State that blocks leave for the blocks after them: from one MDI block to the next, and from all of them to a
+//! program.
 //!
-//! Invariant: whoever takes it over stands between two blocks, outside of all calls: no compensated path, no collected points and no
-//! cycle of MCALL goes over. To a program goes only what a parameter file keeps, the tool table, and the tool in the spindle, so that a
-//! program's meaning never hangs on modes that nobody sees in it.
+//! Invariant: the receiver is between two blocks and outside of all calls: no compensated path, no collected points and
+//! no cycle of MCALL is passed on. A program receives only the parameters that a parameter file stores, the tool table,
+//! and the tool in the spindle, so that its meaning never depends on modes that are not visible in it.
 
 use crate::block::NcBlock;
 use crate::canon::{Canon, FeedMode, PathControl, Plane};
@@ -42,25 +43,25 @@ impl ModalSnapshot {
         ModalSnapshot { state, parameters: parameters.clone(), tools: tools.clone(), names: names.clone() }
     }
 
-    /// The modal state.
+    /// Returns the modal state.
     #[must_use]
     pub fn state(&self) -> &ModalState {
         &self.state
     }
 
-    /// The parameters.
+    /// Returns the parameters.
     #[must_use]
     pub fn parameters(&self) -> &Parameters {
         &self.parameters
     }
 
-    /// The tools.
+    /// Returns the tools.
     #[must_use]
     pub fn tools(&self) -> &ToolTable {
         &self.tools
     }
 
-    /// The same with other parameters and tools; the offsets in force follow from them when the next block is read.
+    /// Replaces parameters and tools. The offsets in force are derived from them when the next block is read.
     #[must_use]
     pub fn with_tables(mut self, parameters: Parameters, tools: ToolTable) -> Self {
         (self.parameters, self.tools) = (parameters, tools);
@@ -68,8 +69,8 @@ impl ModalSnapshot {
         self
     }
 
-    /// Adds the canonical functions that bring whoever follows the program to this state, where it differs from that of a program's
-    /// beginning: units, systems and the offset of G92 are told already.
+    /// Emits the canonical functions that lead from the state at program start to this state. Units, coordinate systems
+    /// and the offset of G92 have been emitted already.
     pub(crate) fn announce(state: &ModalState, initial: &ModalState, mut tell: impl FnMut(Canon)) {
         if state.plane != Plane::Xy {
             tell(Canon::SelectPlane(state.plane));
@@ -92,21 +93,21 @@ impl ModalSnapshot {
     }
 }
 
-/// What a program begins with that is not in its text: parameters, tools, and the tool in the spindle.
+/// Initial data of a program that are not in its text: parameters, tools, and the tool in the spindle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StartTables {
-    /// The parameters, offsets among them.
+    /// Parameters, offsets among them.
     pub parameters: Parameters,
-    /// The tools.
+    /// Tool table.
     pub tools: ToolTable,
-    /// The tool in the spindle; 0 is none.
+    /// Tool in the spindle; 0 is none.
     pub current_tool: u32,
-    /// The tool of the last T word; 0 is none.
+    /// Tool of the last T word; 0 is none.
     pub selected_tool: u32,
 }
 
 impl Setup {
-    /// What an interpreter with this setup begins with.
+    /// Returns the initial data of an interpreter with this setup.
     #[must_use]
     pub fn start_tables(&self) -> StartTables {
         let (parameters, tools) = match &self.carried {
@@ -118,7 +119,7 @@ impl Setup {
         StartTables { parameters: parameters.clone(), tools: tools.clone(), current_tool, selected_tool }
     }
 
-    /// The same setup for a program that begins with these tables.
+    /// Returns this setup for a program that begins with these tables.
     #[must_use]
     pub fn with_start_tables(self, tables: StartTables) -> Setup {
         let StartTables { parameters, tools, current_tool, selected_tool } = tables;
@@ -131,13 +132,14 @@ impl Setup {
         setup.continuing(&ModalSnapshot { state, parameters, tools, names: Names::default() })
     }
 
-    /// The same for a block by hand that goes on from `carried`.
+    /// Returns this setup for an MDI block that continues from `carried`.
     #[must_use]
     pub fn continuing(self, carried: &ModalSnapshot) -> Setup {
         Setup { carried: Some(Arc::new(carried.clone())), ..self }
     }
 
-    /// The same for a program that follows: with the parameters that outlive a program, the tool table and the tool in the spindle.
+    /// Returns this setup for a program that follows: with the persistent parameters, the tool table and the tool in
+    /// the spindle.
     #[must_use]
     pub fn following(self, carried: &ModalSnapshot) -> Setup {
         let state = ModalState {
@@ -151,7 +153,7 @@ impl Setup {
     }
 }
 
-/// Whether this text is a block that can be carried out by hand: one line, which needs no other line of its own, and leaves nothing open.
+/// Checks that this text can be executed as an MDI block: one line that needs no other line and leaves nothing open.
 pub(crate) fn check_by_hand(text: &str, setup: &Setup) -> Result<(), Vec<Diagnostic>> {
     let mut reader = LineReader::of(setup);
     let BlockError { code, span, message } = match check_mdi_block(text, &mut reader) {
@@ -190,7 +192,7 @@ fn check_mdi_block(text: &str, reader: &mut LineReader) -> BlockResult<()> {
 }
 
 impl Interpreter {
-    /// What is left for the blocks that come after these.
+    /// Returns the state for the blocks after these.
     #[must_use]
     pub fn modal_snapshot(&self) -> ModalSnapshot {
         ModalSnapshot::new(self.state().clone(), self.parameters(), self.tools(), self.names())

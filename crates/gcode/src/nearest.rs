@@ -1,8 +1,8 @@
-//! What a misspelt name may have meant.
+//! Suggestions for a misspelt name.
 //!
 //! Invariant: at most two letters differ, and fewer than half of the name.
 
-/// The known name that is nearest to this one, letters of either case alike.
+/// Returns the known name that is most similar to this one, ignoring case.
 pub(crate) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let name = name.to_ascii_lowercase();
     let most = (name.len() / 3).clamp(1, 2);
@@ -11,7 +11,7 @@ pub(crate) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> O
     near.min_by_key(|(distance, _)| *distance).map(|(_, other)| other)
 }
 
-/// Letters that are inserted, removed, replaced or swapped with their neighbour between two names.
+/// Returns the number of letters inserted, removed, replaced or swapped with their neighbour between two names.
 fn distance(left: &str, right: &str) -> usize {
     let (left, right) = (left.as_bytes(), right.as_bytes());
     if left.len().abs_diff(right.len()) > 2 || left.len().max(right.len()) > 64 {

@@ -1,14 +1,14 @@
-//! Text that is gathered before it is written, and numbers as text: what every line of the canonical functions is made of.
+//! Buffered text output and formatting of numbers, for every line of the canonical functions.
 //!
-//! Invariant: a number reads as `printf` prints it. A short piece is copied at a fixed length, of which its own part counts: what lies
-//! behind the end of the text means nothing.
+//! Invariant: a number is formatted as by `printf`. A short piece is copied with a fixed length, of which only its own
+//! part counts: the bytes after the end of the text have no meaning.
 
 use std::io::{self, Write};
 
-/// Bytes that are gathered before they are written.
+/// Number of buffered bytes at which they are written.
 const ENOUGH: usize = 1 << 15;
 
-/// The length at which short pieces are copied.
+/// Length with which short pieces are copied.
 const PIECE: usize = 16;
 
 /// All pairs of digits, the first in the lower byte.
@@ -22,7 +22,8 @@ const PAIRS: [u16; 100] = {
     pairs
 };
 
-/// The numbers below 1 000 without leading zeros, the first digit in the lowest byte, and in the highest how many there are.
+/// The numbers below 1 000 without leading zeros: the first digit in the lowest byte, the number of digits in the
+/// highest.
 const SHORT: [u32; 1000] = {
     let mut texts = [0; 1000];
     let mut value = 0;
@@ -54,21 +55,22 @@ pub(crate) struct TextPiece {
 }
 
 impl TextPiece {
-    /// From characters with the first in the lowest byte.
+    /// Creates a piece from characters, the first in the lowest byte.
     #[inline]
     fn of(text: u128, length: u32) -> TextPiece {
         TextPiece { text: text.to_le_bytes(), length: length as u8 }
     }
 
-    /// A number with four decimals, rounded as `printf` does: from the exact value, a tie to even. None where that takes more than
-    /// the nearest of two whole numbers, or more digits than there is room for.
+    /// Formats a number with four decimals, rounded as `printf` does: from the exact value, ties to even. Returns
+    /// `None` where that takes more than the nearest of two whole numbers, or more digits than fit.
     #[inline]
     pub(crate) fn of_number(value: f64) -> Option<TextPiece> {
         let scaled = value.abs() * 10_000.0;
-        // Of what is not a number or too large, the conversion gives the nearest there is, and the rest is then no fraction.
+        // For a value that is not a number or too large, the conversion saturates, and the rest is then not a fraction.
         let whole = scaled as u32;
         let fraction = scaled - f64::from(whole);
-        // The product is off by less than 10⁻⁶ where it is below 10⁹, so what is farther from a tie rounds as the exact value does.
+        // The product is off by less than 10⁻⁶ where it is below 10⁹, so a value farther from a tie rounds as the exact
+        // value does.
         if !(scaled < 999_999_999.0 && (fraction - 0.5).abs() >= 1e-6) {
             return None;
         }
@@ -98,7 +100,7 @@ impl TextPiece {
 /// Text before it is written.
 #[derive(Debug)]
 pub(crate) struct TextBuffer {
-    /// Longer than the text, so that pieces of a fixed length may be copied to its end.
+    /// Longer than the text, so that pieces of a fixed length can be copied to its end.
     bytes: Vec<u8>,
     length: usize,
 }
@@ -108,7 +110,7 @@ impl TextBuffer {
         TextBuffer { bytes: vec![0; ENOUGH + 1024], length: 0 }
     }
 
-    /// What has been gathered.
+    /// Returns the buffered text.
     pub(crate) fn text(&self) -> &[u8] {
         self.bytes.get(..self.length).unwrap_or_default()
     }
@@ -117,25 +119,25 @@ impl TextBuffer {
         self.length = 0;
     }
 
-    /// Whether it is time to write it.
+    /// Whether the buffer should be written.
     #[inline]
     pub(crate) fn is_enough(&self) -> bool {
         self.length >= ENOUGH
     }
 
-    /// Adds a text whose length is known when this is compiled.
+    /// Appends a text whose length is known at compile time.
     #[inline]
     pub(crate) fn fixed<const N: usize>(&mut self, text: &[u8; N]) {
         self.copied(text, N);
     }
 
-    /// Adds a short text.
+    /// Appends a short text.
     #[inline]
     pub(crate) fn piece(&mut self, piece: &TextPiece) {
         self.copied(&piece.text, piece.length.into());
     }
 
-    /// Adds the first `length` of these characters.
+    /// Appends the first `length` of these characters.
     #[inline]
     fn copied<const N: usize>(&mut self, text: &[u8; N], length: usize) {
         match self.bytes.get_mut(self.length..).and_then(|rest| rest.first_chunk_mut::<N>()) {
@@ -145,7 +147,7 @@ impl TextBuffer {
         self.length += length;
     }
 
-    /// Adds a text of any length.
+    /// Appends a text of any length.
     pub(crate) fn any(&mut self, text: &[u8]) {
         match self.bytes.get_mut(self.length..self.length + text.len()) {
             Some(place) => place.copy_from_slice(text),
@@ -160,7 +162,7 @@ impl TextBuffer {
         self.bytes.extend_from_slice(text);
     }
 
-    /// A number with four decimals.
+    /// Appends a number with four decimals.
     #[inline]
     pub(crate) fn number(&mut self, value: f64) -> io::Result<()> {
         match TextPiece::of_number(value) {
@@ -184,22 +186,22 @@ impl Write for TextBuffer {
     }
 }
 
-/// Where the blank behind the counter stands; the digits stand before it.
+/// Position of the blank after the counter; the digits end before it.
 const BLANK: usize = 20;
 
-/// What stands where a block has no number.
+/// Text in place of a missing block number.
 const NO_NUMBER: &[u8; 7] = b"N..... ";
 
-/// The beginning of a line: the counter, five characters wide, a blank, and the number of the block, seven characters wide.
+/// Beginning of a line: the counter, five characters wide, a blank, and the number of the block, seven characters wide.
 #[derive(Debug)]
 pub(crate) struct Head {
     text: [u8; BLANK + 1 + NO_NUMBER.len()],
-    /// Where the counter begins.
+    /// Position of the first digit of the counter.
     first: usize,
 }
 
 impl Head {
-    /// Before the first line.
+    /// Creates the head before the first line.
     pub(crate) fn new() -> Head {
         let mut text = [b' '; BLANK + 1 + NO_NUMBER.len()];
         text[BLANK - 1] = b'0';
@@ -207,7 +209,7 @@ impl Head {
         Head { text, first: BLANK - 5 }
     }
 
-    /// Counts one line.
+    /// Increments the counter.
     #[inline]
     fn count(&mut self) {
         let mut at = BLANK - 1;
@@ -229,7 +231,8 @@ impl Head {
         self.first = self.first.min(at);
     }
 
-    /// Counts a line and adds its beginning; the number of the block is its value and how many digits it is written with.
+    /// Increments the counter and appends the beginning of a line. The number of the block is its value and its number
+    /// of digits as written.
     #[inline]
     pub(crate) fn begin(&mut self, out: &mut TextBuffer, number: Option<(u64, u8)>) {
         self.count();
@@ -245,7 +248,7 @@ impl Head {
     }
 }
 
-/// N and its digits, seven characters wide.
+/// Appends N and the digits, seven characters wide.
 fn block_number(out: &mut TextBuffer, mut value: u64, digits: usize) {
     let mut text = [b'0'; 24];
     let mut first = text.len();
@@ -278,7 +281,7 @@ mod tests {
     proptest! {
         #[test]
         fn a_number_is_rounded_from_its_exact_value(value in any::<f64>(), scale in -1_000_000_000..1_000_000_000_i64) {
-            // Ties and their neighbours, and any value at all.
+            // Ties and their neighbours, and arbitrary values.
             let tie = scale as f64 / 20_000.0;
             for value in [value, tie, tie.next_up(), tie.next_down(), scale as f64 / 32.0, scale as f64 * 1e-9, tie * 1e-3] {
                 prop_assert_eq!(text(value), format!("{value:.4}"));

@@ -1,6 +1,6 @@
 //! Numbered and named parameters, and the parameter file.
 //!
-//! Invariant: numbered parameters 1 … 5601 always have a value; a named one has a value from its first assignment on.
+//! Invariant: numbered parameters 1 … 5601 always have a value; a named one has a value from its first assignment.
 
 use crate::diag::{BlockResult, Diagnostic, Span, fault};
 use crate::error_codes::ErrorCode;
@@ -9,12 +9,12 @@ use crate::system::SystemParameter;
 use std::collections::HashMap;
 use std::fmt::Write as _;
 
-/// The highest numbered parameter.
+/// Highest numbered parameter.
 const LAST: usize = 5601;
 
-/// First parameter of the position at which the probe has answered last; program units and degrees, X Y Z A B C U V W.
+/// First parameter of the position of the last probe contact; program units and degrees, X Y Z A B C U V W.
 pub(crate) const PROBE_POSITION: usize = 5061;
-/// 1 if the probe has answered, 0 if not.
+/// 1 if the probe has made contact, otherwise 0.
 pub(crate) const PROBE_ANSWERED: usize = 5070;
 /// First parameter of the position that G28 goes to; machine units and degrees, X Y Z A B C U V W.
 pub(crate) const G28_HOME: usize = 5161;
@@ -26,44 +26,44 @@ pub(crate) const G92_ACTIVE: usize = 5210;
 pub(crate) const G92_OFFSET: usize = 5211;
 /// Number of the coordinate system in force, 1 … 9.
 pub(crate) const COORDINATE_SYSTEM: usize = 5220;
-/// What the input of the last M66 has given.
+/// Result of the last M66.
 pub(crate) const INPUT: usize = 5399;
 /// Comments with DEBUG are shown while this is above 0.
 pub(crate) const SHOW_DEBUG: usize = 5599;
 
-/// First parameter of a coordinate system's origin; its rotation stands 9 further on.
+/// Returns the first parameter of a coordinate system's origin. Its rotation is 9 higher.
 pub(crate) const fn system_origin(system: u8) -> usize {
     5201 + 20 * system as usize
 }
 
-/// Parameters that a parameter file keeps, each range with both ends.
+/// Parameters that a parameter file stores; both ends of each range are included.
 const KEPT: [(usize, usize); 6] = [(31, 5000), (5161, 5169), (5181, 5189), (5210, 5219), (5220, 5230), (5241, 5390)];
 
-/// Numbered parameters that belong to a call: its arguments, and what a subprogram keeps for itself.
+/// Local numbered parameters of a call: its arguments, and the variables of a subprogram.
 const LOCAL: std::ops::RangeInclusive<usize> = 1..=30;
 
-/// The number of a parameter's name in [`Names`].
+/// Index of a parameter's name in [`Names`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct NameId {
     index: u32,
-    /// Its name begins with an underscore: it is the same in all subprograms.
+    /// Whether the name begins with an underscore and is global to all subprograms.
     is_global: bool,
 }
 
-/// Every parameter name that a program has used, in lower case and without blanks.
+/// All parameter names that a program has used, in lower case and without blanks.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Names {
     numbers: HashMap<Box<str>, NameId>,
     texts: Vec<Box<str>>,
-    /// Names whose values are given and stay.
+    /// Names with fixed values.
     fixed: HashMap<Box<str>, f64>,
-    /// The name that is being looked up, kept for its memory.
+    /// Buffer for the name being looked up, retained to avoid allocation.
     plain: String,
-    /// What names as they were written last stood for; empty before the first.
+    /// Cache of the last names as written; empty before the first.
     recent: Vec<Option<RecentParameters>>,
 }
 
-/// A name as it was written, and what it stands for.
+/// A name as written, and its parameter.
 #[derive(Clone, Copy, Debug)]
 struct RecentParameters {
     text: [u8; MAX_RECENT],
@@ -71,29 +71,29 @@ struct RecentParameters {
     is: Reference,
 }
 
-/// Bytes of names that are looked up as they are written.
+/// Maximum length in bytes of a cached name.
 const MAX_RECENT: usize = 24;
 
-/// Places for them.
+/// Number of cache entries.
 const RECENT: usize = 64;
 
-/// The place of a name as it is written.
+/// Returns the cache entry of a name as written.
 fn place_of(text: &[u8]) -> usize {
     let mixed = text.iter().fold(text.len(), |mixed, &byte| mixed.wrapping_mul(31).wrapping_add(byte.into()));
     (mixed ^ (mixed >> 6)) % RECENT
 }
 
-/// Names that a program may have: one that is fed line by line may go on inventing them.
+/// Maximum number of names: a streamed program could create names without end.
 const MAX_NAMES: usize = 50_000;
 
 impl Names {
-    /// The same, and these names have values that are given, in lower case.
+    /// Adds names with fixed values, in lower case.
     pub(crate) fn with_fixed(self, values: &[(String, f64)]) -> Names {
         let fixed = values.iter().map(|(name, value)| (name.as_str().into(), *value)).collect();
         Names { fixed, recent: Vec::new(), ..self }
     }
 
-    /// What `#<text>` names.
+    /// Returns the parameter that `#<text>` names.
     ///
     /// # Errors
     /// There are too many names.
@@ -115,7 +115,7 @@ impl Names {
         Ok(is)
     }
 
-    /// The same for a name that was not looked up just before.
+    /// Returns the parameter of a name that is not cached.
     fn look_up(&mut self, text: &[u8], at: Span) -> BlockResult<Reference> {
         let name = &mut self.plain;
         name.clear();
@@ -150,7 +150,7 @@ impl Names {
         Ok(Reference::Named(id))
     }
 
-    /// Every name that a program has used.
+    /// Returns all names that a program has used.
     pub(crate) fn all(&self) -> impl Iterator<Item = (NameId, &str)> {
         self.texts
             .iter()
@@ -169,14 +169,14 @@ pub struct Parameters {
     numbered: Box<[f64]>,
     global: Vec<Option<f64>>,
     local: Vec<Option<f64>>,
-    /// Empty, with the room that an earlier call has needed.
+    /// Empty frame of an earlier call, with its allocated memory.
     spare: Vec<Option<f64>>,
 }
 
-/// The parameters of a caller, put away during a call.
+/// Parameters of a caller, saved during a call.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
-    /// None where caller and called share them, as with M98.
+    /// Local numbered parameters; `None` where caller and called share them, as with M98.
     numbered: Option<[f64; 30]>,
     local: Vec<Option<f64>>,
 }
@@ -191,20 +191,20 @@ impl Default for Parameters {
 }
 
 impl Parameters {
-    /// Numbered parameter 1 … 5601; 0 beyond.
+    /// Returns numbered parameter 1 … 5601; 0 for other numbers.
     #[must_use]
     pub fn get(&self, number: usize) -> f64 {
         if number == 0 { 0.0 } else { self.numbered.get(number).copied().unwrap_or(0.0) }
     }
 
-    /// Sets numbered parameter 1 … 5601; beyond, nothing happens.
+    /// Sets numbered parameter 1 … 5601; does nothing for other numbers.
     pub fn set(&mut self, number: usize, value: f64) {
         if let Some(place) = self.numbered.get_mut(number) {
             *place = value;
         }
     }
 
-    /// Forgets the offset of G52 and G92, and that it is in force.
+    /// Clears the offset of G52 and G92, and its flag.
     pub fn clear_g92(&mut self) {
         self.set(G92_ACTIVE, 0.0);
         for number in G92_OFFSET..G92_OFFSET + 9 {
@@ -212,12 +212,12 @@ impl Parameters {
         }
     }
 
-    /// Whether a numbered parameter is there.
+    /// Whether a numbered parameter exists.
     pub(crate) fn has(number: usize) -> bool {
         (1..=LAST).contains(&number)
     }
 
-    /// Whether a program may not assign to it: the positions, the tool's data and the offset in force.
+    /// Whether a program must not assign to it: the positions, the tool's data and the offset in force.
     pub(crate) const fn is_read_only(number: usize) -> bool {
         matches!(number, 5021..=5029 | 5400..=5413 | 5420..=5428)
     }
@@ -236,8 +236,8 @@ impl Parameters {
         values[index] = Some(value);
     }
 
-    /// Puts the caller's own parameters away and gives the called subprogram its arguments; what is not given is 0. Without arguments
-    /// the numbered ones are shared.
+    /// Saves the caller's local parameters and sets the arguments of the called subprogram; missing ones are 0. Without
+    /// arguments the numbered ones are shared.
     pub(crate) fn enter(&mut self, arguments: Option<&[f64]>) -> Frame {
         let numbered = arguments.map(|arguments| {
             let mut numbered = [0.0; 30];
@@ -251,7 +251,7 @@ impl Parameters {
         Frame { numbered, local: std::mem::replace(&mut self.local, room) }
     }
 
-    /// Puts the caller's own parameters back.
+    /// Restores the caller's local parameters.
     pub(crate) fn leave(&mut self, frame: Frame) {
         if let Some(numbered) = &frame.numbered {
             self.numbered[LOCAL].copy_from_slice(numbered);
@@ -260,7 +260,7 @@ impl Parameters {
         self.spare.clear();
     }
 
-    /// What outlives a program: what a parameter file keeps, and nothing else.
+    /// Returns the parameters that outlive a program: those that a parameter file stores, and no others.
     #[must_use]
     pub fn persistent(&self) -> Parameters {
         let mut kept = Parameters::default();
@@ -270,20 +270,20 @@ impl Parameters {
         kept
     }
 
-    /// Numbers of the parameters that a parameter file keeps, in rising order.
+    /// Returns the numbers of the parameters that a parameter file stores, in rising order.
     pub fn persistent_numbers() -> impl Iterator<Item = usize> {
         KEPT.iter().flat_map(|(first, last)| *first..=*last)
     }
 
-    /// Whether a numbered parameter is an offset that belongs to the machine: coordinate systems, G52 and G92, the positions of G28
+    /// Whether a numbered parameter is an offset of the machine: coordinate systems, G52 and G92, the positions of G28
     /// and G30. Those below are variables of programs.
     #[must_use]
     pub fn is_machine_offset(number: usize) -> bool {
         number >= G28_HOME && Self::persistent_numbers().any(|kept| kept == number)
     }
 
-    /// Every numbered parameter that differs from its initial value, in the format of a parameter file, with as many digits as give
-    /// the same values back.
+    /// Returns every numbered parameter that differs from its initial value, in the format of a parameter file, with
+    /// enough digits to restore the same values.
     #[must_use]
     pub fn write_all(&self) -> String {
         let initial = Parameters::default();
@@ -295,10 +295,10 @@ impl Parameters {
         text
     }
 
-    /// Reads a parameter file: lines of a number and a value, in rising order, `#` and `;` begin a comment.
+    /// Parses a parameter file: lines of a number and a value, in rising order; `#` and `;` begin a comment.
     ///
     /// # Errors
-    /// E1703 for each line that is not such a line.
+    /// E1703 for each invalid line.
     pub fn read(text: &str) -> Result<Parameters, Vec<Diagnostic>> {
         let mut parameters = Parameters::default();
         let mut diagnostics = Vec::new();
@@ -328,7 +328,7 @@ impl Parameters {
         if diagnostics.is_empty() { Ok(parameters) } else { Err(diagnostics) }
     }
 
-    /// The text of a parameter file: what outlives a program, with as many digits as give the same values back.
+    /// Returns the text of a parameter file: the persistent parameters, with enough digits to restore the same values.
     #[must_use]
     pub fn write(&self) -> String {
         let mut text = String::new();
@@ -345,7 +345,7 @@ impl Parameters {
     }
 }
 
-/// Prints at least six decimals, and more where they are needed to give the value back.
+/// Prints at least six decimals, and more where they are needed to restore the value.
 struct ExactNumber(f64);
 
 impl std::fmt::Display for ExactNumber {

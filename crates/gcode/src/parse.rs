@@ -1,6 +1,7 @@
-//! From the text of one line to its block.
+//! Compilation of the text of one line to its block.
 //!
-//! Invariant: every character of the line is understood, or the line is refused with the place of the first that is not.
+//! Invariant: every character of an accepted line has a meaning. A refused line is reported with the position of the
+//! first character that has none.
 
 use crate::block::{BlockNumber, NcBlock, Slot, Words};
 use crate::bytes::{byte_order_mark, is_plain, shown};
@@ -18,20 +19,20 @@ use crate::pose::{Axis, AxisSet};
 use retrace_cycles::CycleLibrary;
 use std::sync::Arc;
 
-/// Longest line in bytes, without its end, as in LinuxCNC.
+/// Maximum length of a line in bytes, without its end, as in LinuxCNC.
 pub(crate) const MAX_LINE_LENGTH: usize = 252;
 
-/// Compiles lines one after the other.
+/// Compiler of lines, one after another.
 #[derive(Clone, Debug)]
 pub(crate) struct LineReader {
     pub(crate) axes: AxisSet,
     pub(crate) block_delete: bool,
     pub(crate) names: Names,
-    /// The cycles that a program may call.
+    /// Cycles that a program may call.
     pub(crate) cycles: Option<Arc<CycleLibrary>>,
     /// Whether M98, M99 and an O number alone are refused.
     pub(crate) disable_fanuc_subs: bool,
-    /// The line compiled last.
+    /// Line compiled last.
     pub(crate) block: NcBlock,
 }
 
@@ -41,7 +42,7 @@ impl LineReader {
         LineReader { axes, block_delete, names, cycles, disable_fanuc_subs: false, block }
     }
 
-    /// As an interpreter of this setup has it, with the names of parameters that are known already.
+    /// Creates the compiler for an interpreter with this setup, with the parameter names known so far.
     pub(crate) fn of(setup: &Setup) -> LineReader {
         let known = setup.carried.as_ref().map(|carried| carried.names.clone()).unwrap_or_default();
         let names = known.with_fixed(&setup.fixed_values);
@@ -52,7 +53,7 @@ impl LineReader {
     /// Compiles a line; false when it is deleted.
     ///
     /// # Errors
-    /// What is wrong with it; the block is then not to be used.
+    /// The line has an error; the block must not be used then.
     #[inline]
     pub(crate) fn read(&mut self, text: &[u8]) -> BlockResult<bool> {
         if self.block_delete && has_delete_mark(text) {
@@ -135,10 +136,10 @@ fn parse(
     }
 }
 
-/// What the compiler of expressions says where no function and nothing like one begins.
+/// Message of the expression compiler where neither a function nor a similar name begins.
 const NO_FUNCTION: &str = "no function begins here";
 
-/// Whether a line is deleted when block delete is on: its first character is a slash.
+/// Whether block delete applies to a line: its first character is a slash.
 fn has_delete_mark(text: &[u8]) -> bool {
     Cursor::new(text).peek() == b'/'
 }
@@ -169,7 +170,7 @@ fn check_unusual(text: &[u8]) -> BlockResult<()> {
     }
 }
 
-/// The first byte of 0x80 and above that stands in no comment. Comments may be in any 8-bit character set.
+/// Returns the first byte of 0x80 and above outside of comments. Comments may be in any 8-bit character set.
 fn first_high_byte_outside_comments(text: &[u8]) -> Option<usize> {
     let mut is_open = false;
     for (at, byte) in text.iter().enumerate().skip(byte_order_mark(text)) {
@@ -190,7 +191,7 @@ fn bad_character(cursor: &mut Cursor<'_>, start: usize) -> BlockResult<()> {
     if cursor.peek() == b',' && follows_digit(cursor, start) {
         return fault(ErrorCode::DecimalComma, at, "a comma is not a decimal point");
     }
-    // U+FEFF, U+200B to U+200F, and the blank that does not break.
+    // U+FEFF, U+200B to U+200F, and the no-break space.
     let rest = cursor.rest();
     if rest.starts_with(b"\xef\xbb\xbf") || rest.starts_with(b"\xe2\x80") || rest.starts_with(b"\xc2\xa0") {
         return fault(ErrorCode::HiddenMark, at, ErrorCode::HiddenMark.title());
@@ -205,7 +206,7 @@ fn bad_character(cursor: &mut Cursor<'_>, start: usize) -> BlockResult<()> {
     fault(ErrorCode::BadCharacter, Span::new(start, at.end as usize), what)
 }
 
-/// The N word, which stands at the beginning; a fraction is allowed and means nothing.
+/// Parses the N word at the beginning of the line. A fraction is allowed and ignored.
 fn block_number(cursor: &mut Cursor<'_>, block: &mut NcBlock) -> BlockResult<()> {
     if !cursor.eat(b'n') {
         return Ok(());
@@ -249,7 +250,7 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
         Err(found) => return Err(named(found, letter, start, value_at, cursor)),
     };
     let at = cursor.since(start);
-    // U and W are increments in a profile of turning, whatever axes there are: carrying the block out tells.
+    // U and W are increments in a profile of turning, whatever axes exist; executing the block checks them.
     if let Some(axis) = Axis::of_letter(letter)
         && !axes.has(axis)
         && !matches!(axis, Axis::U | Axis::W)
@@ -276,7 +277,7 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
     }
 }
 
-/// A missing number is told with the word letter that it belongs to.
+/// Adds to the error of a missing number the word letter that it belongs to.
 #[cold]
 fn named(
     mut found: Box<crate::diag::BlockError>,
@@ -305,12 +306,12 @@ fn named(
     found
 }
 
-/// Whether the character before this place is a digit.
+/// Whether the character before this position is a digit.
 fn follows_digit(cursor: &Cursor<'_>, at: usize) -> bool {
     cursor.byte(at.wrapping_sub(1)).is_some_and(|byte| byte.is_ascii_digit())
 }
 
-/// `#number=value` or `#<name>=value`.
+/// Compiles `#number=value` or `#<name>=value`.
 pub(crate) fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
     let start = cursor.at();
     let first_op = block.ops.len();
@@ -341,7 +342,7 @@ pub(crate) fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut
     Ok(())
 }
 
-/// `(comment)`; of several in one block the last is passed on.
+/// Compiles `(comment)`; of several in one block the last is passed on.
 fn comment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
     let start = cursor.at();
     cursor.skip();

@@ -1,7 +1,7 @@
 //! A position: one coordinate for each of the nine axes.
 //!
-//! Invariant: the order is X Y Z A B C U V W everywhere. X Y Z U V W are lengths, A B C are degrees; the length unit is said where a
-//! [`Pose`] stands.
+//! Invariant: the order is X Y Z A B C U V W everywhere. X Y Z U V W are lengths, A B C are degrees; the length unit is
+//! documented where a [`Pose`] is used.
 
 use std::ops::{Index, IndexMut};
 
@@ -15,37 +15,37 @@ pub enum Axis {
     Y,
     /// Linear.
     Z,
-    /// Turns about X, degrees.
+    /// Rotary about X, degrees.
     A,
-    /// Turns about Y, degrees.
+    /// Rotary about Y, degrees.
     B,
-    /// Turns about Z, degrees.
+    /// Rotary about Z, degrees.
     C,
-    /// Linear, beside X.
+    /// Linear, parallel to X.
     U,
-    /// Linear, beside Y.
+    /// Linear, parallel to Y.
     V,
-    /// Linear, beside Z.
+    /// Linear, parallel to Z.
     W,
 }
 
 impl Axis {
-    /// All nine, in order.
+    /// All nine axes, in order.
     pub const ALL: [Axis; 9] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C, Axis::U, Axis::V, Axis::W];
 
-    /// Whether the axis turns: its coordinate is in degrees and knows no length unit.
+    /// Whether the axis is rotary: its coordinate is in degrees and does not change with the length unit.
     #[must_use]
     pub const fn is_rotary(self) -> bool {
         matches!(self, Axis::A | Axis::B | Axis::C)
     }
 
-    /// The word letter, upper case.
+    /// Returns the word letter, upper case.
     #[must_use]
     pub const fn letter(self) -> u8 {
         b"XYZABCUVW"[self as usize]
     }
 
-    /// The axis of a word letter, of either case.
+    /// Returns the axis of a word letter, of either case.
     #[must_use]
     pub const fn of_letter(letter: u8) -> Option<Axis> {
         Some(match letter {
@@ -63,7 +63,7 @@ impl Axis {
     }
 }
 
-/// The axes that a machine has.
+/// Set of the axes of a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AxisSet(u16);
 
@@ -72,23 +72,23 @@ impl AxisSet {
     pub const XYZ: AxisSet = AxisSet(0b111);
     /// X, Y, Z, A, B and C.
     pub const XYZABC: AxisSet = AxisSet(0b11_1111);
-    /// All nine.
+    /// All nine axes.
     pub const ALL: AxisSet = AxisSet(0b1_1111_1111);
 
-    /// The set of these axes.
+    /// Creates the set of these axes.
     #[must_use]
     pub fn of(axes: &[Axis]) -> AxisSet {
         AxisSet(axes.iter().fold(0, |bits, axis| bits | 1 << *axis as u16))
     }
 
-    /// Whether the axis is in it.
+    /// Whether the set contains the axis.
     #[must_use]
     pub const fn has(self, axis: Axis) -> bool {
         self.0 & 1 << axis as u16 != 0
     }
 }
 
-/// Nine coordinates. The unit of the linear ones is said where the pose stands.
+/// Nine coordinates. The unit of the linear ones is documented where the pose is used.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose(pub [f64; 9]);
 
@@ -96,20 +96,20 @@ impl Pose {
     /// Zero on every axis.
     pub const ZERO: Pose = Pose([0.0; 9]);
 
-    /// X, Y and Z given, the rest zero.
+    /// Creates a pose from X, Y and Z; the other coordinates are zero.
     #[must_use]
     pub const fn xyz(x: f64, y: f64, z: f64) -> Pose {
         Pose([x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     }
 
-    /// The same, with this coordinate.
+    /// Replaces one coordinate.
     #[must_use]
     pub fn with(mut self, axis: Axis, value: f64) -> Pose {
         self[axis] = value;
         self
     }
 
-    /// The linear coordinates times `factor`; the rotary ones stay.
+    /// Multiplies the linear coordinates by `factor`; the rotary ones stay.
     #[must_use]
     pub fn scaled_lengths(mut self, factor: f64) -> Pose {
         for axis in Axis::ALL {
@@ -120,7 +120,7 @@ impl Pose {
         self
     }
 
-    /// Coordinate by coordinate: `self + other`.
+    /// Adds coordinate by coordinate: `self + other`.
     #[must_use]
     pub fn plus(mut self, other: &Pose) -> Pose {
         for axis in Axis::ALL {
@@ -129,7 +129,7 @@ impl Pose {
         self
     }
 
-    /// Coordinate by coordinate: `self - other`.
+    /// Subtracts coordinate by coordinate: `self - other`.
     #[must_use]
     pub fn minus(mut self, other: &Pose) -> Pose {
         for axis in Axis::ALL {

@@ -1,7 +1,8 @@
-//! The pre-scan: a program is looked through once, before it runs (PRE-5 … PRE-8).
+//! The pre-scan: one pass over a whole program before it runs (PRE-5 … PRE-8).
 //!
-//! Invariant: afterwards every subprogram, loop and branch is compiled, in the program and in all files that it calls, and every
-//! jump whose target can be known has it; what cannot be carried out is told. Running looks nothing up by name.
+//! Invariant: afterwards every subprogram, loop and branch is compiled, in the program and in all files that it calls,
+//! and every jump has its target if the target can be known. What cannot be executed is reported. At run time nothing
+//! is looked up by name.
 
 use crate::branch::Branch;
 use crate::compiled_code::{CompiledCode, SubId};
@@ -23,18 +24,18 @@ use std::fmt::Debug;
 use std::io;
 use std::sync::Arc;
 
-/// Where subprograms in files of their own are found.
+/// Source of subprograms in files of their own.
 pub trait SubFiles: Debug + Send + Sync {
-    /// The file of the subprogram of this name (in lower case), if there is one.
+    /// Returns the file of the subprogram of this name (in lower case), if it exists.
     fn find(&self, name: &str) -> Option<SubFile>;
 }
 
 /// The file of a subprogram.
 #[derive(Clone, Debug)]
 pub struct SubFile {
-    /// How messages call it.
+    /// Name of the file for messages.
     pub name: String,
-    /// Its text, or why it cannot be read.
+    /// Text of the file, or why it cannot be read.
     pub text: Result<Text, String>,
 }
 
@@ -45,13 +46,13 @@ struct File {
     text: Text,
 }
 
-/// A stretch of lines that was compiled: a subprogram, a loop, a branch, a call.
+/// A compiled region of lines: a subprogram, a loop, a branch, a call.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Region {
-    /// Its first line in the file, and the first behind it.
+    /// First line in the file, and first line after it.
     pub(crate) line: u32,
     pub(crate) end_line: u32,
-    /// The same in compiled lines.
+    /// The same range in compiled lines.
     pub(crate) start: u32,
     pub(crate) end: u32,
 }
@@ -59,9 +60,9 @@ pub(crate) struct Region {
 /// A subprogram.
 #[derive(Clone, Debug)]
 pub(crate) struct Sub {
-    /// Number of its compiled lines: that of its file, or for a program that arrives, of the stretch.
+    /// Index of its compiled lines: that of its file; in a streamed program, that of the region.
     pub(crate) code: u32,
-    /// Its first compiled line.
+    /// First compiled line.
     pub(crate) entry: u32,
     pub(crate) for_m98: bool,
 }
@@ -74,7 +75,7 @@ pub(crate) struct Subs {
 }
 
 impl Subs {
-    /// Adds a subprogram; false when there is one of that label in the file.
+    /// Adds a subprogram; false when the file has one of that label already.
     pub(crate) fn add(&mut self, file: u16, label: Label, sub: Sub) -> bool {
         let id = self.list.len() as SubId;
         let is_new = !self.by_label.contains_key(&(file, label.clone()));
@@ -85,13 +86,13 @@ impl Subs {
         is_new
     }
 
-    /// Forgets all but the first `kept`.
+    /// Removes all but the first `kept`.
     pub(crate) fn forget_from(&mut self, kept: usize) {
         self.list.truncate(kept);
         self.by_label.retain(|_, id| (*id as usize) < kept);
     }
 
-    /// The subprogram that a call in this file means: one of the file itself, or one of the program.
+    /// Returns the subprogram of a call in this file: one of the file itself, or one of the program.
     pub(crate) fn find(&self, file: u16, label: &Label) -> Option<SubId> {
         let key = |file| (file, label.clone());
         self.by_label.get(&key(file)).or_else(|| self.by_label.get(&key(0))).copied()
@@ -101,33 +102,34 @@ impl Subs {
         self.list.get(id as usize)
     }
 
-    /// The label of a subprogram.
+    /// Returns the label of a subprogram.
     pub(crate) fn label(&self, sub: &Sub) -> Option<&Label> {
         let is_it = |id: &SubId| self.get(*id).is_some_and(|one| (one.code, one.entry) == (sub.code, sub.entry));
         self.by_label.iter().find(|(_, id)| is_it(id)).map(|((_, label), _)| label)
     }
 }
 
-/// Bytes of a contour between two labels, more than any contour has.
+/// Maximum number of bytes between two labels, more than any contour has.
 const MAX_CONTOUR: u64 = 16 << 20;
 
-/// Places and lines by label, in order.
+/// Positions and lines by label, sorted.
 type LabelPlaces = HashMap<Box<str>, Vec<(u64, u32)>>;
 
-/// What a program was found to be.
+/// Result of the pre-scan of a program.
 #[derive(Clone, Debug)]
 pub struct Prescan {
     files: Vec<File>,
     pub(crate) codes: Vec<Arc<CompiledCode>>,
-    /// The stretches of the program itself, in order.
+    /// Regions of the program itself, in order.
     pub(crate) regions: Vec<Region>,
     pub(crate) subs: Subs,
     pub(crate) reader: LineReader,
-    /// First and last line of the stretches between labels that cycles read; once all are found, in order and apart.
+    /// First and last lines of the contours between labels that cycles read; once all are found, sorted and without
+    /// overlap.
     contours: Vec<(u32, u32)>,
-    /// Where the labels of the program stand, looked for when the first cycle names one: place and line of each, in order.
+    /// Positions and lines of the labels of the program, sorted; determined when the first cycle names one.
     labels: Option<LabelPlaces>,
-    /// Names of the files of subprograms that have been looked for.
+    /// Names of the subprogram files that were searched for already.
     missed: HashSet<Box<str>>,
     /// Paths of cycles of the third kind.
     pub(crate) paths: Paths,
@@ -135,7 +137,7 @@ pub struct Prescan {
 }
 
 impl Prescan {
-    /// Looks through a program.
+    /// Pre-scans a program.
     #[must_use]
     pub fn of(name: &str, text: Text, setup: &Setup) -> Prescan {
         let mut prescan = Prescan {
@@ -151,7 +153,7 @@ impl Prescan {
             diagnostics: Vec::new(),
         };
         prescan.add_file(name.to_owned(), text, None);
-        // Files that a file calls come behind it.
+        // Files that a file calls are appended after it.
         let mut file = 0;
         while file < prescan.codes.len() {
             prescan.link(file as u16, setup.files.as_deref());
@@ -161,7 +163,7 @@ impl Prescan {
         prescan
     }
 
-    /// Puts the stretches between labels in order and joins those that overlap.
+    /// Sorts the contours between labels and merges those that overlap.
     fn join_contours(&mut self) {
         self.contours.sort_unstable();
         self.contours.dedup_by(|next, before| {
@@ -171,19 +173,19 @@ impl Prescan {
         });
     }
 
-    /// What is wrong with it, as far as that can be known without carrying it out.
+    /// Returns the diagnostics, as far as they can be determined without execution.
     #[must_use]
     pub fn diagnostics(&self) -> &[Diagnostic] {
         &self.diagnostics
     }
 
-    /// Name of a file: 0 is the program itself.
+    /// Returns the name of a file: 0 is the program itself.
     #[must_use]
     pub fn file_name(&self, file: u16) -> &str {
         self.files.get(usize::from(file)).map_or("", |file| &file.name)
     }
 
-    /// Text of a line of a file, counted from 1; nothing where there is none, or it cannot be read any more.
+    /// Returns the text of a line of a file, counted from 1; empty where it does not exist or can no longer be read.
     #[must_use]
     pub fn line_text(&self, file: u16, line: u32) -> Vec<u8> {
         let Some(file) = self.files.get(usize::from(file)) else { return Vec::new() };
@@ -197,7 +199,7 @@ impl Prescan {
         Vec::new()
     }
 
-    /// The program's lines, without their ends, in their order, as far as they can be read.
+    /// Returns the program's lines in order, without their ends, as far as they can be read.
     pub fn texts(&self) -> impl Iterator<Item = Vec<u8>> {
         let mut lines = TextLines::new(self.text());
         std::iter::from_fn(move || lines.advance().is_ok_and(|more| more).then(|| lines.line().to_vec()))
@@ -209,7 +211,7 @@ impl Prescan {
         behind.checked_sub(1).and_then(|index| self.contours.get(index)).is_some_and(|(_, last)| line <= *last)
     }
 
-    /// The lines between two labels of the program, and the number of the first of them.
+    /// Returns the lines between two labels of the program, and the number of the first of them.
     pub(crate) fn between(&self, start: &str, end: &str) -> Option<(u32, Vec<u8>)> {
         let text = &self.files.first()?.text;
         let places = |name: &str| self.labels.as_ref()?.get(name.trim().to_lowercase().as_str());
@@ -224,7 +226,7 @@ impl Prescan {
         Some((line + 1, stretch.get(behind..)?.to_vec()))
     }
 
-    /// Looks for the labels of the program, once.
+    /// Searches for the labels of the program, once.
     fn find_labels(&mut self) {
         if self.labels.is_none() {
             let labels = self.files.first().map(|file| labels_of(&file.text));
@@ -235,30 +237,30 @@ impl Prescan {
         }
     }
 
-    /// How many lines the program has.
+    /// Returns the number of lines of the program.
     #[must_use]
     pub fn lines(&self) -> u64 {
         self.text().lines()
     }
 
-    /// The program's bytes, where they are held whole.
+    /// Returns the program's bytes, where they are held whole.
     #[must_use]
     pub fn held_text(&self) -> Option<&[u8]> {
         self.files.first()?.text.held()
     }
 
-    /// The program's text.
+    /// Returns the program's text.
     pub(crate) fn text(&self) -> Text {
         self.files.first().map(|file| file.text.clone()).unwrap_or_default()
     }
 
-    /// The branch table: every place where the program may go on elsewhere, numbered in order, with its target (PRE-5).
+    /// Returns the branch table: every jump of the program, numbered in order, with its target (PRE-5).
     #[must_use]
     pub fn branches(&self) -> Vec<Branch> {
         crate::branch::table(&self.codes, &self.subs)
     }
 
-    /// Compiles what a file holds; `called` is the number that M98 looks for in it.
+    /// Compiles the content of a file; `called` is the number that M98 calls in it.
     fn add_file(&mut self, name: String, text: Text, called: Option<u64>) {
         let file = self.files.len() as u16;
         self.files.push(File { name, text: text.clone() });
@@ -266,7 +268,7 @@ impl Prescan {
         self.codes.push(Arc::new(code));
     }
 
-    /// Finds the subprogram of each call of a file, in another file if need be.
+    /// Resolves the subprogram of each call of a file, in another file if necessary.
     fn link(&mut self, file: u16, files: Option<&dyn SubFiles>) {
         let Some(code) = self.codes.get(usize::from(file)) else { return };
         let mut calls = code.calls.clone();
@@ -301,7 +303,7 @@ impl Prescan {
         self.find_contours(file, files);
     }
 
-    /// Looks for the contour of each call of a cycle that takes one.
+    /// Finds the contour of each call of a cycle that needs one.
     fn find_contours(&mut self, file: u16, files: Option<&dyn SubFiles>) {
         let (Some(code), Some(cycles)) = (self.codes.get(usize::from(file)).cloned(), self.reader.cycles.clone())
         else {
@@ -333,14 +335,15 @@ impl Prescan {
         }
     }
 
-    /// Reads the file of a subprogram's name, if there is one.
+    /// Reads the file of a subprogram's name, if it exists.
     fn find_file(&mut self, label: &Label, files: Option<&dyn SubFiles>, caller: u16, line: u32, at: Span) {
         let name = match label {
             Label::Number(number) => number.to_string(),
             Label::Name(name) => name.to_string(),
             Label::Calculated => return,
         };
-        // What has been looked for in vain is not looked for again: a file that calls what it should hold would be read without end.
+        // A name is searched for once only: a file that calls what it should contain would otherwise be read without
+        // end.
         if !self.missed.insert(name.clone().into()) {
             return;
         }
@@ -369,17 +372,17 @@ impl Prescan {
         }
     }
 
-    /// Whether so much is wrong that the scan stops.
+    /// Whether there are so many errors that the scan stops.
     pub(crate) fn has_too_many_errors(&self) -> bool {
         self.diagnostics.len() >= crate::interp::MAX_ERRORS
     }
 
-    /// How much has been found wrong.
+    /// Returns the number of diagnostics.
     pub(crate) fn found(&self) -> usize {
         self.diagnostics.len()
     }
 
-    /// Forgets what has been found wrong since.
+    /// Discards the diagnostics after the first `found`.
     pub(crate) fn forget(&mut self, found: usize) {
         self.diagnostics.truncate(found);
     }
@@ -392,7 +395,7 @@ impl Prescan {
     }
 }
 
-/// That a subprogram of one kind is called as one of the other.
+/// Returns the error for a subprogram of one kind that is called as the other.
 pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> BlockError {
     let message = match is_m98 {
         true => format!("{label} is a sub: it is called with O… call"),
@@ -401,7 +404,7 @@ pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> BlockError {
     BlockError::new(Number::WrongCall, at, message)
 }
 
-/// Where the lines with labels begin, and their numbers.
+/// Returns the positions and numbers of the lines with labels.
 fn labels_of(text: &Text) -> io::Result<LabelPlaces> {
     let mut labels = LabelPlaces::new();
     let (mut lines, mut number) = (TextLines::new(text.clone()), 0_u32);

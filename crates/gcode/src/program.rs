@@ -1,7 +1,7 @@
 //! A whole program: lines from any reader, percent signs, and its end.
 //!
-//! Invariant: lines that are in no subprogram, loop or branch are read, carried out and forgotten; the others are compiled once,
-//! by the pre-scan, or as they arrive.
+//! Invariant: lines outside of subprograms, loops and branches are read, executed and discarded. The others are
+//! compiled once, by the pre-scan or as they arrive.
 
 use crate::active::ActiveCodes;
 use crate::bytes::{byte_order_mark, shown};
@@ -25,23 +25,23 @@ use std::borrow::Cow;
 use std::io::BufRead;
 use std::sync::Arc;
 
-/// Blocks in loops and calls that may follow one another without a motion, a dwell, a wait or a stop.
+/// Maximum number of consecutive blocks in loops and calls without a motion, a dwell, a wait or a stop.
 const MAX_BLOCKS_WITHOUT_MOTION: u32 = 10_000_000;
 
-/// So many of them are no longer what a loop with motion has between two moves.
+/// Number of such blocks that exceeds what a loop with motion has between two moves.
 const LONG_WITHOUT_MOTION: u32 = 100_000;
 
-/// Blocks in loops and calls that a check goes through.
+/// Maximum number of blocks in loops and calls that a check executes.
 const MAX_CHECKED_LOOP_BLOCKS: u64 = 10_000_000;
 
-/// What became of a line.
+/// Result of one line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// It was carried out; there may be more.
+    /// The line was executed; more may follow.
     Line,
-    /// It was refused; a diagnostic says why. Going on takes up the next line.
+    /// The line was refused; a diagnostic has the reason. The program may continue with the next line.
     Refused,
-    /// There was none: the program has ended, well or not as its diagnostics say.
+    /// No line is left: the program has ended, with or without an error in its diagnostics.
     End,
 }
 
@@ -52,36 +52,36 @@ enum Phase {
     Closed,
 }
 
-/// A program on its way through the interpreter.
+/// A program being interpreted.
 #[derive(Debug)]
 pub struct Program<R> {
     lines: Lines<R>,
     interpreter: Interpreter,
     flow: FlowController,
-    /// What the pre-scan has found; none for a program that arrives.
+    /// Result of the pre-scan; `None` for a streamed program.
     prescan: Option<Arc<Prescan>>,
-    /// The first of its stretches that may lie ahead.
+    /// Index of the first region that may follow.
     region: usize,
     arriving: StreamCompiler,
     phase: Phase,
-    /// It opened with a percent sign, so it may close with one.
+    /// Whether it opened with a percent sign, so that it may close with one.
     percent: bool,
-    /// A line that was read to see how the program begins, and is still to be carried out.
+    /// Whether a line was read ahead to find the beginning of the program and is still to be executed.
     is_held: bool,
-    /// It is one block by hand, which needs no end.
+    /// Whether it is one MDI block, which needs no end.
     by_hand: bool,
-    /// It could not be read to its end, and that has been reported.
+    /// Whether it could not be read to its end, and that has been reported.
     is_unreadable: bool,
-    /// A GOTO of a program that arrives goes on at the next line with this number; it stands in this line, at this place.
+    /// Target of a GOTO in a streamed program: the next line with this number; line and span of the GOTO.
     ahead: Option<(u64, u32, Span)>,
-    /// Blocks that have been carried out in loops and calls.
+    /// Number of blocks executed in loops and calls.
     loop_blocks: u64,
-    /// Of these, the last ones without a motion, a dwell, a wait or a stop.
+    /// Number of the last of them without a motion, a dwell, a wait or a stop.
     blocks_without_motion: u32,
 }
 
 impl<R: BufRead> Program<R> {
-    /// A program that arrives line by line, before its first line: jumps reach what has arrived.
+    /// Creates a streamed program before its first line; jumps reach only lines that have arrived.
     pub fn new(input: R, setup: Setup) -> Program<R> {
         Program::over(Lines::new(input), setup)
     }
@@ -105,12 +105,12 @@ impl<R: BufRead> Program<R> {
         }
     }
 
-    /// One block by hand (MDI), which may call a subprogram in a file of its own, or a cycle. It goes on from what
-    /// [`Setup::going_on`] has been given, and [`Interpreter::carried`] is what it leaves. What it would do is known as of any
-    /// program, by carrying it out; nothing of that is in force before its `carried` is taken over.
+    /// Creates one MDI block, which may call a subprogram in a file of its own, or a cycle. It continues from the state
+    /// given to [`Setup::continuing`] and leaves the state [`Interpreter::modal_snapshot`]. As for any program, its
+    /// effect is determined by executing it; nothing is in force before that snapshot is taken over.
     ///
     /// # Errors
-    /// What no block by hand can be, and what the pre-scan of a program tells.
+    /// The text is not valid as an MDI block, or its pre-scan has found an error.
     pub fn mdi(text: &str, setup: Setup) -> Result<Program<R>, Vec<Diagnostic>> {
         check_by_hand(text, &setup)?;
         let prescan = Prescan::of("by hand", text.into(), &setup);
@@ -121,7 +121,7 @@ impl<R: BufRead> Program<R> {
         }
     }
 
-    /// A program that has been looked through, before its first line; `setup` is the one that it was looked through with.
+    /// Creates a pre-scanned program before its first line. `setup` must be the one of the pre-scan.
     #[must_use]
     pub fn prescanned(prescan: Arc<Prescan>, setup: Setup) -> Program<R> {
         let mut program = Program::over(Lines::of_text(prescan.text()), setup);
@@ -136,8 +136,8 @@ impl<R: BufRead> Program<R> {
         program
     }
 
-    /// Takes the next line and adds its canonical functions to `steps`; the first call adds those that come before any program, the
-    /// last those after.
+    /// Executes the next line and appends its canonical functions to `steps`. The first call appends those that precede
+    /// any program, the last those that follow it.
     pub fn advance(&mut self, steps: &mut Vec<CanonStep>) -> Progress {
         match self.phase {
             Phase::Closed => return Progress::End,
@@ -172,7 +172,7 @@ impl<R: BufRead> Program<R> {
         }
     }
 
-    /// Counts a block of a loop or a call that has made these steps; whether there have been too many without a motion.
+    /// Counts a block of a loop or a call with these steps. Returns whether too many were without a motion.
     #[inline]
     fn count_loop_block(&mut self, steps: &[CanonStep]) -> bool {
         self.loop_blocks += 1;
@@ -183,31 +183,31 @@ impl<R: BufRead> Program<R> {
         self.blocks_without_motion > MAX_BLOCKS_WITHOUT_MOTION
     }
 
-    /// Lines of the program itself that have been taken so far.
+    /// Returns the number of lines of the program itself that have been read.
     #[must_use]
     pub fn lines_taken(&self) -> u64 {
         u64::from(self.lines.number())
     }
 
-    /// Blocks that have been carried out in loops and calls so far.
+    /// Returns the number of blocks executed in loops and calls.
     #[must_use]
     pub fn loop_blocks(&self) -> u64 {
         self.loop_blocks
     }
 
-    /// Whether it is in a loop that has not moved the machine for long: looking through it ends with E1806, or it moves again.
+    /// Whether it is in a loop that has not moved the machine for long. Checking it ends with E1806, or it moves again.
     #[must_use]
     pub fn is_without_motion(&self) -> bool {
         self.blocks_without_motion >= LONG_WITHOUT_MOTION
     }
 
-    /// Notes that whoever checks the program does not go on behind the line taken last (W1004).
+    /// Records that the check does not continue after the current line (W1004).
     pub fn report_check_stopped(&mut self) {
         let message = format!("checking stopped here after {} blocks in loops and calls", self.loop_blocks);
         self.interpreter.report(BlockError::new(ErrorCode::CheckStopped, Span::default(), message));
     }
 
-    /// Carries out the next compiled line.
+    /// Executes the next compiled line.
     fn compiled_line(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
         match self.flow.step(&mut self.interpreter, steps)? {
             LineOutcome::Block => match self.block(steps)? {
@@ -233,7 +233,7 @@ impl<R: BufRead> Program<R> {
         }
     }
 
-    /// Takes a line that lies before the one that a GOTO goes to; false where it is that one.
+    /// Skips a line before the target of a GOTO; false where the line is the target.
     fn pass_ahead(&mut self, (number, line, at): (u64, u32, Span)) -> BlockResult<bool> {
         if is_percent(self.lines.text()) {
             self.ahead = None;
@@ -248,7 +248,7 @@ impl<R: BufRead> Program<R> {
         Ok(found != Some(number))
     }
 
-    /// Carries out the block that has been read; of a turning cycle the subprogram with its profile is run before.
+    /// Executes the block that was read. For a turning cycle, the subprogram with its profile is run before.
     #[inline]
     fn block(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<interp::ProgramFlow> {
         if self.interpreter.is_turning() {
@@ -278,7 +278,7 @@ impl<R: BufRead> Program<R> {
         self.interpreter.call_cycle(call, &contours, steps)
     }
 
-    /// Carries out the next line that is in no stretch.
+    /// Executes the next line outside of all regions.
     fn own_line(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
         if !std::mem::take(&mut self.is_held) && !self.read_line() {
             if let Some((number, line, at)) = self.ahead.take() {
@@ -319,7 +319,7 @@ impl<R: BufRead> Program<R> {
         }
     }
 
-    /// Enters the stretch that the pre-scan has compiled from this line on, if there is one.
+    /// Enters the region that the pre-scan has compiled from this line, if one exists.
     #[inline]
     fn enter_region(&mut self) -> bool {
         let Some(prescan) = &self.prescan else { return false };
@@ -343,12 +343,12 @@ impl<R: BufRead> Program<R> {
         false
     }
 
-    /// A line with an O word that the pre-scan has not compiled, or that has just arrived.
+    /// Executes a line with an O word that the pre-scan has not compiled, or that has just arrived.
     fn control(&mut self, control: Control, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
         match control.keyword {
             Keyword::Start => return Ok(Progress::Line),
             Keyword::M99 => return self.end_by_m99(steps),
-            // The pre-scan has found no end, or no subprogram, and told so.
+            // The pre-scan has found no end, or no subprogram, and reported it.
             _ if self.prescan.is_some() && (control.keyword.opens() || control.keyword == Keyword::Call) => {
                 return Ok(Progress::Refused);
             }
@@ -368,13 +368,13 @@ impl<R: BufRead> Program<R> {
         self.close(steps)
     }
 
-    /// M99 in the program itself ends it, as M2 does.
+    /// Ends the program at an M99 in the program itself, as M2 does.
     fn end_by_m99(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
         self.interpreter.end_program(steps)?;
         Ok(self.end_of_program(steps))
     }
 
-    /// Ends the program here and adds the canonical functions that come after any program.
+    /// Ends the program here and appends the canonical functions that follow any program.
     pub fn close(&mut self, steps: &mut Vec<CanonStep>) -> Progress {
         if self.phase == Phase::Running {
             emit(steps, Canon::OnReset);
@@ -384,9 +384,9 @@ impl<R: BufRead> Program<R> {
         Progress::End
     }
 
-    /// After the end: tells of lines behind it that are neither a subprogram nor anything else that a jump reaches.
+    /// Reports, after the end, lines behind it that are neither a subprogram nor another target of a jump.
     pub fn look_behind_the_end(&mut self) {
-        // A loop without end has kept it from its end.
+        // An endless loop has prevented it from reaching its end.
         if self.blocks_without_motion > MAX_BLOCKS_WITHOUT_MOTION {
             return;
         }
@@ -406,7 +406,7 @@ impl<R: BufRead> Program<R> {
         }
     }
 
-    /// The line last taken.
+    /// Returns the current line.
     #[must_use]
     pub fn line_text(&self) -> Cow<'_, str> {
         shown(match self.flow.place() {
@@ -415,7 +415,7 @@ impl<R: BufRead> Program<R> {
         })
     }
 
-    /// The text of a diagnostic's line, as far as it is still at hand.
+    /// Returns the text of a diagnostic's line, if it is still available.
     #[must_use]
     pub fn text_of(&self, diagnostic: &Diagnostic) -> Cow<'_, str> {
         match &self.prescan {
@@ -427,13 +427,14 @@ impl<R: BufRead> Program<R> {
         }
     }
 
-    /// What is in force: to be asked between two lines.
+    /// Returns the modal codes in force; valid between two lines.
     #[must_use]
     pub fn active(&self) -> ActiveCodes {
         self.interpreter.state().into()
     }
 
-    /// Where the program is: the line taken last, and the calls and loops that it is in. It allocates: to be asked now and then.
+    /// Returns the location of the program: the current line, and the calls and loops around it. It allocates, so it
+    /// should not be called for every line.
     #[must_use]
     pub fn whereabouts(&self) -> ProgramLocation {
         let name = |file| self.prescan.as_ref().map_or(String::new(), |prescan| prescan.file_name(file).to_owned());
@@ -443,13 +444,13 @@ impl<R: BufRead> Program<R> {
         ProgramLocation { file: name(file), line, within: self.flow.within(name), cycle }
     }
 
-    /// The interpreter, to ask for its state and its diagnostics.
+    /// Returns the interpreter, to read its state and its diagnostics.
     #[must_use]
     pub fn interpreter(&self) -> &Interpreter {
         &self.interpreter
     }
 
-    /// The interpreter, to change its state between two lines.
+    /// Returns the interpreter, to change its state between two lines.
     pub fn interpreter_mut(&mut self) -> &mut Interpreter {
         &mut self.interpreter
     }
@@ -481,7 +482,7 @@ impl<R: BufRead> Program<R> {
         false
     }
 
-    /// Takes the next line; false at the end of the program.
+    /// Reads the next line; false at the end of the program.
     fn read_line(&mut self) -> bool {
         match self.lines.advance() {
             Ok(found) => found,
@@ -492,11 +493,11 @@ impl<R: BufRead> Program<R> {
         }
     }
 
-    /// Reports that the program ends too early: inside a line, or else as `code` says.
+    /// Reports that the program ends too early: inside a line, or otherwise with `code`.
     #[cold]
     fn report_no_end(&mut self, code: ErrorCode) {
         match self.lines.cut_off_fault() {
-            // Why there are no more lines has been reported.
+            // The reason why no more lines follow has been reported.
             _ if self.is_unreadable => {}
             Some(cut_off) => self.report_next(*cut_off),
             None => self.report(BlockError::plain(code, Span::default())),
@@ -509,20 +510,20 @@ impl<R: BufRead> Program<R> {
         self.report_next(unreadable(error));
     }
 
-    /// Notes something about the line behind the one last taken.
+    /// Records an error for the line after the current one.
     fn report_next(&mut self, fault: BlockError) {
         self.interpreter.set_line(0, self.lines.number().saturating_add(1));
         self.interpreter.report(fault);
     }
 
-    /// Notes something about the line last taken.
+    /// Records an error for the current line.
     fn report(&mut self, fault: BlockError) {
         self.interpreter.set_line(0, self.lines.number());
         self.interpreter.report(fault);
     }
 }
 
-/// That the program cannot be read any further.
+/// Returns the error that the program cannot be read any further.
 pub(crate) fn unreadable(error: &std::io::Error) -> BlockError {
     BlockError::new(ErrorCode::Unreadable, Span::default(), format!("{}: {error}", ErrorCode::Unreadable.title()))
 }
@@ -536,7 +537,7 @@ pub(crate) fn is_percent(text: &[u8]) -> bool {
     text.contains(&b'%') && text[byte_order_mark(text)..].trim_ascii() == b"%"
 }
 
-/// Every canonical function of a program, in order, with the diagnostics at the end.
+/// Iterator over every canonical function of a program, in order. The diagnostics are complete at the end.
 #[derive(Debug)]
 pub struct Steps<R> {
     program: Program<R>,
@@ -554,7 +555,7 @@ impl<R: BufRead> IntoIterator for Program<R> {
 }
 
 impl<R> Steps<R> {
-    /// What has been found wrong so far.
+    /// Returns the diagnostics so far.
     #[must_use]
     pub fn diagnostics(&self) -> &[Diagnostic] {
         self.program.interpreter.diagnostics()
@@ -577,7 +578,7 @@ impl<R: BufRead> Iterator for Steps<R> {
     }
 }
 
-/// Goes through a whole program and tells everything that is wrong with it; nothing moves.
+/// Checks a whole program and returns everything that is wrong with it; nothing moves.
 #[must_use]
 pub fn check(text: impl Into<Text>, setup: Setup) -> Vec<Diagnostic> {
     let prescan = Arc::new(Prescan::of("program", text.into(), &setup));

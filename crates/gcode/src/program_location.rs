@@ -1,11 +1,12 @@
-//! Where a program is, for a person and for a breakpoint: file and line, and the calls and loops that it is in (DNC, *Beyond the source*).
+//! Location in a program, for display and for a breakpoint: file and line, and the calls and loops around it (DNC,
+//! *Beyond the source*).
 //!
-//! Invariant: two whereabouts of one program that are equal are the same instance of the same block, unless a subprogram was called
-//! twice from one line in a round that no loop counts.
+//! Invariant: two equal locations of one program are the same instance of the same block, unless a subprogram was
+//! called twice from one line in an iteration that no loop counts.
 
 use std::fmt;
 
-/// What kind of loop it is.
+/// Kind of a loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LoopKind {
     /// while … endwhile.
@@ -16,47 +17,47 @@ pub enum LoopKind {
     Repeat,
 }
 
-/// What a line stands in.
+/// A subprogram or loop around a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CallFrame {
     /// A subprogram.
     Sub {
-        /// Its label, as in `O100`.
+        /// Label, as in `O100`.
         name: String,
-        /// File and line of the call; the file's name is empty for a program that arrives.
+        /// File and line of the call; the file's name is empty for a streamed program.
         from: (String, u32),
-        /// Which time it runs, from 1, of the `of` times that M98 L asks for.
+        /// Number of the repeat, from 1, of the `of` repeats that M98 L requests.
         time: u32,
-        /// How often it runs from this call.
+        /// Number of repeats of this call.
         of: u32,
     },
     /// A loop.
     Loop {
-        /// Its kind.
+        /// Kind of the loop.
         kind: LoopKind,
-        /// The line that begins it, in the same file.
+        /// Line that begins it, in the same file.
         line: u32,
-        /// Which round it is, from 1.
+        /// Number of the iteration, from 1.
         round: u64,
-        /// How many there are, where that is known.
+        /// Number of iterations, where it is known.
         of: Option<u64>,
     },
 }
 
-/// Where a program is.
+/// Location in a program.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ProgramLocation {
-    /// Name of the file; empty for a program that arrives.
+    /// Name of the file; empty for a streamed program.
     pub file: String,
-    /// The line last taken, from 1; 0 before the first.
+    /// Current line, from 1; 0 before the first.
     pub line: u32,
-    /// What the line stands in, from inside to outside.
+    /// Calls and loops around the line, from inside to outside.
     pub within: Vec<CallFrame>,
-    /// The cycle that is in force or being run: G81 … G89, MCALL, or the call of a cycle.
+    /// Cycle in force or being run: G81 … G89, MCALL, or the call of a cycle.
     pub cycle: Option<String>,
 }
 
-/// 1st, 2nd, 3rd …
+/// An ordinal number: 1st, 2nd, 3rd …
 struct Nth(u64);
 
 impl fmt::Display for Nth {
@@ -73,7 +74,7 @@ impl fmt::Display for Nth {
 }
 
 impl CallFrame {
-    /// In words; `file` is the file that the reader knows himself to be in, which becomes that of the call.
+    /// Writes the frame in words. `file` is the file of the text so far; it becomes that of the call.
     fn write<'w>(&'w self, file: &mut &'w str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             CallFrame::Sub { name, from: (from, line), time, of } => {
@@ -101,7 +102,8 @@ impl CallFrame {
     }
 }
 
-/// `pocket.ngc line 14, in O100 called from line 3 for the 2nd of 4 times, in the while loop of line 2, 5th round`.
+/// Example: `pocket.ngc line 14, in O100 called from line 3 for the 2nd of 4 times, in the while loop of line 2, 5th
+/// round`.
 impl fmt::Display for ProgramLocation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.file.is_empty() {

@@ -1,11 +1,11 @@
-//! Which way the spindle turns, and what must be known to switch it.
+//! Direction of the spindle, and the canonical functions that switch it.
 //!
-//! Invariant: a [`SpindleTurn`] is a turning spindle; one that stands still has none.
+//! Invariant: a [`SpindleTurn`] is a turning spindle; a stopped one has none.
 
 use crate::canon::Canon;
 use crate::modal::SpindleRotation;
 
-/// Which way a turning spindle turns, seen from it towards the work.
+/// Direction of a turning spindle, seen from it towards the work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpindleTurn {
     /// M3.
@@ -15,7 +15,7 @@ pub enum SpindleTurn {
 }
 
 impl SpindleTurn {
-    /// The other way round.
+    /// Returns the opposite direction.
     #[must_use]
     pub const fn opposite(self) -> SpindleTurn {
         match self {
@@ -24,7 +24,7 @@ impl SpindleTurn {
         }
     }
 
-    /// How it is told.
+    /// Returns the name for messages.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -33,7 +33,7 @@ impl SpindleTurn {
         }
     }
 
-    /// The call that makes it turn so.
+    /// Returns the canonical function that starts the spindle in this direction.
     #[must_use]
     pub const fn start(self) -> Canon {
         match self {
@@ -44,7 +44,7 @@ impl SpindleTurn {
 }
 
 impl SpindleRotation {
-    /// Which way it turns, if it does.
+    /// Returns the direction, if the spindle turns.
     #[must_use]
     pub const fn turn(self) -> Option<SpindleTurn> {
         match self {

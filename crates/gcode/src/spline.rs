@@ -1,7 +1,7 @@
-//! Splines: what G5, G5.1 and G5.2 to G5.3 become.
+//! Splines: the curves of G5, G5.1 and G5.2 to G5.3.
 //!
-//! Invariant: a spline has at least as many control points as its order, every weight is above 0, and its curve begins at the first
-//! point and ends at the last.
+//! Invariant: a spline has at least as many control points as its order, every weight is above 0, and its curve begins
+//! at the first point and ends at the last.
 
 use std::sync::Arc;
 
@@ -12,12 +12,12 @@ pub struct ControlPoint {
     pub x: f64,
     /// Y.
     pub y: f64,
-    /// How strongly it draws the curve, above 0.
+    /// Weight of the point, above 0. A greater weight draws the curve closer to it.
     pub weight: f64,
 }
 
 impl ControlPoint {
-    /// A point of weight 1.
+    /// Creates a point of weight 1.
     #[must_use]
     pub const fn plain(x: f64, y: f64) -> ControlPoint {
         ControlPoint { x, y, weight: 1.0 }
@@ -27,28 +27,28 @@ impl ControlPoint {
 /// A rational B-spline whose knots are evenly spaced and clamped at both ends (LinuxCNC, G5.2 and G5.3).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Nurbs {
-    /// Degree and one: 3 is quadratic, 4 is cubic.
+    /// Degree plus one: 3 is quadratic, 4 is cubic.
     pub order: u32,
-    /// The control points, the first of them where the curve begins.
+    /// Control points; the curve begins at the first.
     pub points: Arc<[ControlPoint]>,
 }
 
-/// Orders up to this are calculated without asking for memory.
+/// Orders up to this are calculated without allocation.
 const USUAL_ORDER: usize = 8;
 
 impl Nurbs {
-    /// Pieces of the curve between neighbouring knots; each is as smooth as a polynomial.
+    /// Returns the number of pieces of the curve between neighbouring knots; each is as smooth as a polynomial.
     #[must_use]
     pub fn spans(&self) -> usize {
         (self.points.len() + 1).saturating_sub(self.order as usize)
     }
 
-    /// The point of the curve at a parameter from 0 to [`Nurbs::spans`], as X and Y.
+    /// Returns the point of the curve at a parameter from 0 to [`Nurbs::spans`], as X and Y.
     #[must_use]
     pub fn at(&self, parameter: f64) -> (f64, f64) {
         let order = self.order.max(1) as usize;
         let last = self.spans().saturating_sub(1);
-        // The piece that the parameter lies in; the end belongs to the last one.
+        // The piece that contains the parameter; the end belongs to the last one.
         let span = (parameter.max(0.0) as usize).min(last);
         let mut usual = [(0.0, 0.0, 0.0); USUAL_ORDER];
         let mut unusual = Vec::new();
@@ -66,7 +66,7 @@ impl Nurbs {
         (x / weight, y / weight)
     }
 
-    /// De Boor's scheme, in homogeneous coordinates: the last of the points becomes the one of the curve.
+    /// Applies de Boor's algorithm in homogeneous coordinates: the last of the points becomes the one of the curve.
     fn draw_together(&self, points: &mut [(f64, f64, f64)], span: usize, parameter: f64) {
         let degree = points.len().saturating_sub(1);
         for round in 1..=degree {
@@ -80,7 +80,8 @@ impl Nurbs {
         }
     }
 
-    /// Knot `index` of as many as there are points and orders: 0 for the first of them, then rising by one, then the end.
+    /// Returns knot `index` of as many as there are points plus the order: 0 for the first of them, then rising by one,
+    /// then the end.
     fn knot(&self, index: usize) -> f64 {
         let degree = self.order.max(1) as usize - 1;
         index.saturating_sub(degree).min(self.spans()) as f64
@@ -129,7 +130,7 @@ mod tests {
         }
     }
 
-    /// A quarter of a circle is the textbook's example of weights.
+    /// A quarter of a circle is the textbook example of weights.
     #[test]
     fn weights_make_a_circle() {
         let quarter = spline(3, &[(1.0, 0.0, 1.0), (1.0, 1.0, 0.5_f64.sqrt()), (0.0, 1.0, 1.0)]);

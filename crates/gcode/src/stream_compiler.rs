@@ -1,6 +1,6 @@
-//! Subprograms, loops and branches of a program that arrives (DNC, standard input): compiled when their end has arrived.
+//! Subprograms, loops and branches of a streamed program (DNC, standard input): compiled when their end has arrived.
 //!
-//! Invariant: what is kept is bounded: subprograms stay, anything else goes when it has been carried out.
+//! Invariant: the memory is bounded. Subprograms are retained; everything else is discarded after its execution.
 
 use crate::compiled_code::{CompiledCode, Jump};
 use crate::control::{Control, Keyword};
@@ -16,38 +16,39 @@ use crate::program::unreadable;
 use std::io::BufRead;
 use std::sync::Arc;
 
-/// Bytes of text that subprograms and one loop may have together.
+/// Maximum total length of the text of subprograms and one loop, in bytes.
 const MAX_KEPT: usize = 16 << 20;
 
-/// What has been kept.
+/// Compiled regions of a streamed program.
 #[derive(Debug, Default)]
 pub(crate) struct StreamCompiler {
     nest: ControlFlowBuilder,
     code: Option<Arc<CompiledCode>>,
-    /// Bytes of the subprograms.
+    /// Total length of the subprograms in bytes.
     kept: usize,
     seen: SeenNumbers,
 }
 
 impl StreamCompiler {
-    /// The stretch compiled last.
+    /// Returns the region compiled last.
     pub(crate) fn code(&mut self) -> Option<Arc<CompiledCode>> {
         self.code.take()
     }
 
-    /// A line of the program with this number has gone by.
+    /// Records that a line of the program with this number was passed.
     pub(crate) fn see(&mut self, number: Option<u64>) {
         if let Some(number) = number {
             self.seen.see(number);
         }
     }
 
-    /// Whether a line with this number has gone by.
+    /// Whether a line with this number was passed.
     pub(crate) fn has_seen(&self, number: u64) -> bool {
         self.seen.has(number)
     }
 
-    /// Compiles the stretch that begins with the line taken last, whose O word this is; it ends at the compiled lines returned.
+    /// Compiles the region that begins with the current line, whose O word this is. Returns the range of its compiled
+    /// lines.
     pub(crate) fn compile<R: BufRead>(
         &mut self,
         control: Control,
@@ -62,7 +63,7 @@ impl StreamCompiler {
             return Err(FlowController::not_yet(&control.label, control.at));
         }
         let mut code = CompiledCode::new(0);
-        // Labels of what has gone may come again.
+        // Labels of discarded regions may be used again.
         self.nest = ControlFlowBuilder::in_style(self.nest.style());
         let first = lines.number();
         interpreter.reader_mut().block.control = Some(control);
@@ -116,7 +117,7 @@ impl StreamCompiler {
         Ok((0, end))
     }
 
-    /// Tells what does not nest.
+    /// Reports blocks that do not nest.
     fn report(&mut self, interpreter: &mut Interpreter) {
         for (line, fault) in self.nest.faults.drain(..) {
             interpreter.set_line(0, line);

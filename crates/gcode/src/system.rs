@@ -1,6 +1,6 @@
-//! Predefined named parameters: what a program may ask about the state of the machine.
+//! Predefined named parameters, from which a program reads the state of the machine.
 //!
-//! Invariant: they can be read only, and their values are those of LinuxCNC 2.9.
+//! Invariant: they are read-only, and their values are those of LinuxCNC 2.9.
 
 use crate::canon::{FeedMode, Plane, Probing};
 use crate::compensation::Side;
@@ -49,14 +49,14 @@ pub(crate) enum SystemParameter {
     Compensation,
     LatheDiameter,
     LatheRadius,
-    /// Where the tool in the spindle has its place in the changer.
+    /// Pocket of the tool in the spindle.
     CurrentPocket,
-    /// Where the selected tool has it; -1 for none.
+    /// Pocket of the selected tool; -1 for none.
     SelectedPocket,
 }
 
 impl SystemParameter {
-    /// The predefined parameter of this name, in lower case.
+    /// Returns the predefined parameter of this name, in lower case.
     pub(crate) fn of_name(name: &str) -> Option<SystemParameter> {
         use SystemParameter as P;
         let name = name.strip_prefix('_')?;
@@ -111,7 +111,7 @@ impl SystemParameter {
         })
     }
 
-    /// Its value in this state; `line` counts from 1.
+    /// Returns the value in this state; `line` counts from 1.
     pub(crate) fn value(self, state: &ModalState, line: u32) -> f64 {
         use SystemParameter as P;
         let truth = |condition: bool| f64::from(u8::from(condition));
@@ -175,7 +175,7 @@ impl SystemParameter {
             P::ReturnedValue => state.returned_value.unwrap_or(0.0),
             P::HasReturnedValue => truth(state.returned_value.is_some()),
             P::CallLevel => state.call_level.into(),
-            // Those who know the tool table answer these themselves.
+            // The caller, which has the tool table, returns these values itself.
             P::CurrentPocket => 0.0,
             P::SelectedPocket => -1.0,
             P::Compensation => match state.compensation.map(|compensation| compensation.side) {

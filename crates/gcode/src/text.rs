@@ -1,7 +1,7 @@
-//! The text of a file: held where it is small, read again from the file where it is large (PRE-7).
+//! The text of a file: held in memory where it is small, read again from the file where it is large (PRE-7).
 //!
-//! Invariant: what is read again is what was read the first time, or an error: every block of a stored file is held against its checksum.
-//! The memory of a stored file does not grow with its lines, but by 8 bytes for 64 KiB and for 4096 lines.
+//! Invariant: reading again returns the same bytes as the first time, or an error: every block of a stored file is
+//! compared with its checksum. The memory for a stored file is 8 bytes per 64 KiB and 8 bytes per 4096 lines.
 
 use crate::bytes::line_feed;
 use crate::lines::{MAX_HELD_LINE, split};
@@ -9,9 +9,9 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Bytes of a block, which has a checksum of its own.
+/// Length of a block in bytes; each has its own checksum.
 const BLOCK: usize = 1 << 16;
-/// The index has the place of every line whose number is a multiple of this, counted from 0.
+/// The index has the position of every line whose number is a multiple of this, counted from 0.
 const LINES_AN_ENTRY: u64 = 4096;
 
 /// The text of a file, shared.
@@ -54,17 +54,17 @@ struct StoredText {
     file: Mutex<File>,
     length: u64,
     lines: u64,
-    /// A checksum for each block.
+    /// Checksum of each block.
     checksums: Vec<u64>,
-    /// Where every 4096th line begins.
+    /// Positions of every 4096th line.
     index: Vec<u64>,
 }
 
 impl Text {
-    /// Bytes of a file that is held whole.
+    /// Maximum length in bytes of a file that is held whole.
     pub const MAX_HELD: u64 = 16 << 20;
 
-    /// Its bytes, where it is held whole.
+    /// Returns the bytes, where the text is held whole.
     #[must_use]
     pub fn held(&self) -> Option<&[u8]> {
         match &self.0 {
@@ -73,10 +73,10 @@ impl Text {
         }
     }
 
-    /// Reads a file once, from its beginning; `observe` is given its bytes in their order.
+    /// Reads a file once, from its beginning. `observe` receives its bytes in order.
     ///
     /// # Errors
-    /// Those of the system; a file that has grown while it was read.
+    /// Errors of the system; the file has grown while it was read.
     pub fn read(file: File, observe: impl FnMut(&[u8])) -> io::Result<Text> {
         Text::read_holding(file, Text::MAX_HELD, observe)
     }
@@ -116,7 +116,7 @@ impl Text {
         Ok(Text(TextKind::Stored(Arc::new(StoredText { file: Mutex::new(file), length, lines, checksums, index }))))
     }
 
-    /// Its length in bytes.
+    /// Returns the length in bytes.
     pub(crate) fn len(&self) -> u64 {
         match &self.0 {
             TextKind::Held(bytes) => bytes.len() as u64,
@@ -124,7 +124,7 @@ impl Text {
         }
     }
 
-    /// How many lines it has.
+    /// Returns the number of lines.
     pub(crate) fn lines(&self) -> u64 {
         match &self.0 {
             TextKind::Held(bytes) => crate::lines::Split::new(bytes).count() as u64,
@@ -132,10 +132,10 @@ impl Text {
         }
     }
 
-    /// The bytes between two places.
+    /// Returns the bytes between two positions.
     ///
     /// # Errors
-    /// They cannot be read, or are not those of the first time.
+    /// The bytes cannot be read, or have changed since the first time.
     pub(crate) fn bytes(&self, from: u64, to: u64) -> io::Result<Vec<u8>> {
         let stored = match &self.0 {
             TextKind::Held(bytes) => return Ok(bytes.get(from as usize..to as usize).unwrap_or_default().to_vec()),
@@ -164,7 +164,7 @@ fn changed() -> io::Error {
     )
 }
 
-/// Tells blocks apart.
+/// Returns the checksum of a block.
 fn checksum(block: &[u8]) -> u64 {
     let mix = |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29);
     let (words, rest) = block.as_chunks::<8>();
@@ -179,7 +179,7 @@ impl StoredText {
     fn block(&self, number: u64) -> io::Result<Vec<u8>> {
         let at = number * BLOCK as u64;
         let mut block = Vec::with_capacity(BLOCK);
-        // A thread that has panicked while it read has left nothing behind: the place is set each time.
+        // A thread that panicked while it read has left no state: the position is set each time.
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         file.seek(SeekFrom::Start(at))?;
         (&mut *file).take(self.length.saturating_sub(at).min(BLOCK as u64)).read_to_end(&mut block)?;
@@ -191,26 +191,27 @@ impl StoredText {
     }
 }
 
-/// The lines of a text, one after the other; one line is held, besides the blocks that it stands in.
+/// The lines of a text, one after another. One line is held, and the blocks that contain it.
 #[derive(Debug)]
 pub(crate) struct TextLines {
     text: Text,
-    /// Where the next line begins.
+    /// Position of the next line.
     next: u64,
-    /// Where the line taken last begins, and its length without its end.
+    /// Position of the current line, and its length without its end.
     line: (u64, usize),
-    /// Bytes of a stored file, and where they begin.
+    /// Bytes of a stored file, and their position.
     window: Vec<u8>,
     window_at: u64,
 }
 
 impl TextLines {
-    /// Before the first line.
+    /// Creates the lines, before the first one.
     pub(crate) fn new(text: Text) -> TextLines {
         TextLines { text, next: 0, line: (0, 0), window: Vec::new(), window_at: 0 }
     }
 
-    /// At the line of this number, from 1, or the last place before it that is known; the number of the line that comes next.
+    /// Creates the lines at the line of this number, from 1, or at the last indexed position before it. Returns the
+    /// number of the next line as well.
     pub(crate) fn near(text: Text, line: u64) -> (TextLines, u64) {
         let (next, number) = match &text.0 {
             TextKind::Held(_) => (0, 1),
@@ -222,17 +223,17 @@ impl TextLines {
         (TextLines { next, ..TextLines::new(text) }, number)
     }
 
-    /// Where the next line begins: to come back to it with [`TextLines::seek`].
+    /// Returns the position of the next line, for [`TextLines::seek`].
     pub(crate) fn position(&self) -> u64 {
         self.next
     }
 
-    /// The next line is the one that begins there.
+    /// Makes the line at this position the next one.
     pub(crate) fn seek(&mut self, position: u64) {
         self.next = position;
     }
 
-    /// Takes the next line; false when there is none.
+    /// Reads the next line; false when there is none.
     ///
     /// # Errors
     /// The file cannot be read, or was changed.
@@ -254,7 +255,7 @@ impl TextLines {
         }
     }
 
-    /// The line taken last, without its end; cut off when it is too long.
+    /// Returns the current line, without its end; truncated when it is too long.
     #[inline]
     pub(crate) fn line(&self) -> &[u8] {
         let (from, length) = self.line;
@@ -298,7 +299,7 @@ impl TextLines {
     }
 }
 
-/// The place behind the next line feed.
+/// Returns the position after the next line feed.
 fn behind_line_feed(stored: &StoredText, from: u64) -> io::Result<u64> {
     let mut at = from;
     while at < stored.length {

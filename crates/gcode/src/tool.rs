@@ -1,6 +1,6 @@
 //! The tool table and its file.
 //!
-//! Invariant: each tool number stands once; lengths are in machine units.
+//! Invariant: each tool number occurs once; lengths are in machine units.
 
 use crate::block::LARGEST;
 use crate::canon::LengthUnit;
@@ -13,13 +13,13 @@ use std::fmt::Write as _;
 /// One tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tool {
-    /// Its number, as T and H words give it.
+    /// Number, as in T and H words.
     pub number: u32,
-    /// Where it stands in the changer.
+    /// Pocket in the changer.
     pub pocket: u32,
-    /// Its offset, machine units and degrees.
+    /// Offset, in machine units and degrees.
     pub offset: Pose,
-    /// Its diameter, machine units.
+    /// Diameter, in machine units.
     pub diameter: f64,
     /// Front angle of a lathe tool, degrees.
     pub front_angle: f64,
@@ -29,17 +29,18 @@ pub struct Tool {
     pub orientation: f64,
 }
 
-/// Every tool that the machine knows.
+/// All tools of the machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToolTable {
     tools: Vec<Tool>,
-    /// What the comments of the table call them, by number.
+    /// Names of the tools from the comments of the table, by number.
     names: BTreeMap<u32, Box<str>>,
 }
 
 impl ToolTable {
-    /// The three tools that LinuxCNC's `rs274` knows without a tool table: 1, 2 and 3, of 0.511, 0.1 and 1.273 inches' length.
-    /// They are taken for a machine of these units, so that a program with G43 reads the same with and without a table there.
+    /// Returns the three tools that LinuxCNC's `rs274` has without a tool table: 1, 2 and 3, of 0.511, 0.1 and 1.273
+    /// inches' length. They are used for a machine of these units, so that a program with G43 gives the same result
+    /// with and without a table.
     #[must_use]
     pub fn samples(machine_units: LengthUnit) -> ToolTable {
         let inch = LengthUnit::Inch.millimetres() / machine_units.millimetres();
@@ -56,7 +57,7 @@ impl ToolTable {
         }
     }
 
-    /// The tool of this number. Number 0 is not a tool, and always there.
+    /// Returns the tool of this number. Number 0 means no tool, and always exists.
     #[must_use]
     pub fn get(&self, number: u32) -> Option<Tool> {
         if number == 0 {
@@ -73,18 +74,18 @@ impl ToolTable {
         }
     }
 
-    /// All tools, as the table has them.
+    /// Returns all tools, in the order of the table.
     pub fn tools(&self) -> impl Iterator<Item = &Tool> {
         self.tools.iter()
     }
 
-    /// What the table's comment calls a tool.
+    /// Returns the name of a tool from the table's comment.
     #[must_use]
     pub fn name(&self, number: u32) -> Option<&str> {
         self.names.get(&number).map(AsRef::as_ref)
     }
 
-    /// Which tool of the table this is, from 1; 0 when it is not there.
+    /// Returns the position of a tool in the table, from 1; 0 when the table does not have it.
     pub(crate) fn index_of(&self, number: u32) -> u32 {
         if number == 0 {
             return 0;
@@ -92,10 +93,10 @@ impl ToolTable {
         self.tools.iter().position(|tool| tool.number == number).map_or(0, |index| index as u32 + 1)
     }
 
-    /// Reads a tool table in LinuxCNC's format: lines such as `T1 P1 Z0.511 D0.125 ;comment`.
+    /// Parses a tool table in LinuxCNC's format: lines such as `T1 P1 Z0.511 D0.125 ;comment`.
     ///
     /// # Errors
-    /// E1702 for each line that is not such a line.
+    /// E1702 for each invalid line.
     pub fn read(text: &str) -> Result<ToolTable, Vec<Diagnostic>> {
         let mut table = ToolTable::default();
         let mut diagnostics = Vec::new();
@@ -128,7 +129,7 @@ impl ToolTable {
         if diagnostics.is_empty() { Ok(table) } else { Err(diagnostics) }
     }
 
-    /// The text of the table, as [`ToolTable::read`] gives it back.
+    /// Returns the text of the table, in the format of [`ToolTable::read`].
     #[must_use]
     pub fn write(&self) -> String {
         let mut text = String::new();
@@ -143,8 +144,8 @@ impl ToolTable {
         text
     }
 
-    /// The text of a tool table with these tools as they are now: their lines are replaced, comments kept, and every other line left
-    /// as it is; a tool without a line gets one at the end.
+    /// Returns the text of a tool table updated with these tools: their lines are replaced, comments and every other
+    /// line stay. A tool without a line gets one at the end.
     #[must_use]
     pub fn rewrite(text: &str, tools: &[Tool]) -> String {
         let mut left: Vec<&Tool> = tools.iter().collect();
@@ -174,7 +175,7 @@ impl ToolTable {
     }
 }
 
-/// A tool's line of the table, without its comment.
+/// Returns a tool's line of the table, without its comment.
 fn words_of(tool: &Tool) -> String {
     let mut text = format!("T{} P{}", tool.number, tool.pocket);
     let lengths = Axis::ALL.map(|axis| (char::from(axis.letter()), tool.offset[axis]));
@@ -186,7 +187,7 @@ fn words_of(tool: &Tool) -> String {
     text
 }
 
-/// The tool that a line tells of, or the word that is wrong and why.
+/// Parses the tool of a line. Returns the invalid word and the reason otherwise.
 fn tool_of_line(line: &str) -> Result<Tool, (&str, String)> {
     let mut tool = Tool::default();
     let mut named = false;

@@ -9,6 +9,7 @@ mod figures;
 mod links;
 mod machine_names;
 mod module_docs;
+mod named_paths;
 mod requirements;
 mod sizes;
 mod unsafe_code;
@@ -67,6 +68,7 @@ pub(crate) const CHECKS: &[Check] = &[
     Check { name: "machine", rule: "no path or host of one machine is in the tree", find: machine_names::find },
     Check { name: "book", rule: "every page of docs/ is a chapter of the book", find: book_pages::find },
     Check { name: "links", rule: "every relative link in Markdown leads somewhere", find: links::find },
+    Check { name: "paths", rule: "every file that a document names exists", find: named_paths::find },
     Check {
         name: "figures",
         rule: "the pictures in the documents are those that a command makes",

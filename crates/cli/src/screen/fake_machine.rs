@@ -174,11 +174,11 @@ impl FakeMachine {
             OperatorCommand::RapidOverride(rate) => ModeCommand::RapidOverride(rate),
             OperatorCommand::Wheel { .. } => ModeCommand::Wheel,
             OperatorCommand::Leave { ask } => ModeCommand::Leave { ask },
-            OperatorCommand::Confirm => ModeCommand::Agree,
+            OperatorCommand::Confirm => ModeCommand::Confirm,
             _ => return Err(CommandError::NotNow("the fake machine does not support that")),
         };
         let mode = self.operation.mode();
-        self.operation.order(order)?;
+        self.operation.apply(order)?;
         if self.operation.mode() != mode {
             self.wheel = 0;
         }
@@ -231,10 +231,10 @@ impl FakeMachine {
         if self.period.is_multiple_of(10) {
             self.wheel -= self.wheel.signum() * (self.wheel.abs() / 10).max(1).min(self.wheel.abs());
         }
-        let demand = self.operation.demand(&facts);
+        let demand = self.operation.advance_period(&facts);
         match demand.notice {
-            Some(retrace_core::mode::OperatorNotice::Oldest) => self.event(EventKind::HistoryStartReached),
-            Some(retrace_core::mode::OperatorNotice::GoesOn) => self.event(EventKind::RunResumed),
+            Some(retrace_core::mode::OperatorNotice::HistoryStart) => self.event(EventKind::HistoryStartReached),
+            Some(retrace_core::mode::OperatorNotice::RunResumed) => self.event(EventKind::RunResumed),
             Some(retrace_core::mode::OperatorNotice::OutputsDiffer) => {
                 let differ = (0..expected.len()).filter(|&c| expected[c] != self.outputs[c]);
                 let mut differ = differ.map(|c| (c as u8, self.outputs[c], expected[c]));
@@ -298,7 +298,7 @@ impl FakeMachine {
     fn told(&mut self, increments: [i32; 9]) {
         let place = Place::start_of(0).moved(self.cursor);
         let planned = (self.reached + 500).min(self.tape.records.len() as u32);
-        let standing = match (self.paused && self.rate == 0, self.operation.held()) {
+        let standing = match (self.paused && self.rate == 0, self.operation.is_held()) {
             (true, _) => HoldReason::Paused,
             (_, true) => HoldReason::Hold,
             _ => HoldReason::None,

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use retrace_controller::telemetry::HoldReason;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_link::channel;
 
 use super::path_length::PathLengths;
@@ -450,5 +450,5 @@ impl ScreenModel {
 
 /// Number of records from one place to a later one; 0 where it is not later.
 fn span(from: u32, to: u32) -> u32 {
-    if before(from, to) { to.wrapping_sub(from) } else { 0 }
+    if is_before(from, to) { to.wrapping_sub(from) } else { 0 }
 }

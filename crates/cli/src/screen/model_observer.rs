@@ -12,7 +12,7 @@ use retrace_controller::operator::OperatorCommand;
 use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
 use retrace_core::ONE;
 use retrace_core::mode::Mode;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_gcode::{FeedMode, MotionMode, Pose};
 use retrace_link::channel;
 
@@ -109,7 +109,7 @@ impl ModeHistory {
             }
             self.states.push_back((reached, new));
         }
-        let behind = self.states.partition_point(|&(at, _)| !before(place, at));
+        let behind = self.states.partition_point(|&(at, _)| !is_before(place, at));
         let Some((at, state)) = self.states.get(behind.saturating_sub(1)) else { return };
         if self.shown != Some(*at) {
             self.shown = Some(*at);
@@ -229,7 +229,7 @@ fn take_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A>
     if model.mode == Mode::Run {
         model.differ.clear();
     }
-    if model.lengths.furthest().to(period.place) > 0 {
+    if model.lengths.furthest().distance_to(period.place) > 0 {
         model.lengths.grow(period.place, step_mm, period.oldest);
         model.reached_line = period.line;
         let knot = TrailPoint { along_mm: model.lengths.total_mm(), at: model.in_space(), rapid: model.is_rapid() };

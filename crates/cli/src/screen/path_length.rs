@@ -5,7 +5,7 @@
 use std::collections::VecDeque;
 
 use retrace_core::Place;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 
 /// Maximum number of steps.
 pub const MOST: usize = 4096;
@@ -30,7 +30,7 @@ impl PathLengths {
     /// Adds a path of this length before it, from this place on.
     #[must_use]
     pub fn behind(mut self, oldest: u32, mm: f64) -> Self {
-        if before(oldest, self.end.0.record) {
+        if is_before(oldest, self.end.0.record) {
             self.end.1 += mm;
             self.steps = VecDeque::from([(oldest, 0.0), (self.end.0.record, self.end.1)]);
         }
@@ -55,7 +55,7 @@ impl PathLengths {
         if self.steps.back().is_none_or(|&(last, _)| place.record.wrapping_sub(last) >= self.stride) {
             self.steps.push_back((place.record, self.end.1));
         }
-        while self.steps.get(1).is_some_and(|&(second, _)| !before(oldest, second)) {
+        while self.steps.get(1).is_some_and(|&(second, _)| !is_before(oldest, second)) {
             self.steps.pop_front();
         }
         if self.steps.len() >= MOST {
@@ -71,7 +71,7 @@ impl PathLengths {
     /// Length up to a place, mm; clamped to the stored range.
     #[must_use]
     pub fn at(&self, place: Place) -> f64 {
-        let behind = self.steps.partition_point(|&(step, _)| !before(place.record, step));
+        let behind = self.steps.partition_point(|&(step, _)| !is_before(place.record, step));
         let Some(&(from, from_mm)) = behind.checked_sub(1).and_then(|n| self.steps.get(n)) else {
             return self.steps.front().map_or(0.0, |&(_, mm)| mm);
         };

@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 
 /// Maximum number of stored changes.
 const MAX_CHANGES: usize = 4096;
@@ -73,13 +73,13 @@ impl ProgramOutputs {
             (self.is_switching, self.is_complete) = (false, false);
         }
         while let Some(change) = self.passed.checked_sub(1).and_then(|last| self.changes.get(last))
-            && before(place, change.place)
+            && is_before(place, change.place)
         {
             self.here.insert(change.channel, change.from);
             self.passed -= 1;
         }
         while let Some(change) = self.changes.get(self.passed)
-            && !before(place, change.place)
+            && !is_before(place, change.place)
         {
             self.here.insert(change.channel, change.to);
             self.passed += 1;

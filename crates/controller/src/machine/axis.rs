@@ -2,6 +2,7 @@
 //!
 //! Invariant: axes that were checked are in the order of [`AXIS_LETTERS`], each there once, every figure in its range.
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::machine_file::within;
@@ -10,13 +11,13 @@ use crate::numbered_error::NumberedError;
 /// Axis letters, in the order of positions.
 pub const AXIS_LETTERS: [char; 9] = ['x', 'y', 'z', 'a', 'b', 'c', 'u', 'v', 'w'];
 
-/// One axis.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+/// An axis, `[[axis]]`.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AxisConfig {
-    /// Its letter: x, y, z, a, b, c, u, v or w.
+    /// Letter of the axis: x, y, z, a, b, c, u, v or w.
     pub name: char,
-    /// Pulses in a millimetre (degree, on a rotary axis).
+    /// Pulses per mm (degree), 0.001 to 10⁶.
     pub pulses_per_mm: f64,
     /// Highest velocity in mm/s.
     pub max_velocity_mm_per_s: f64,
@@ -24,36 +25,44 @@ pub struct AxisConfig {
     pub max_acceleration_mm_per_s2: f64,
     /// Highest jerk in mm/s³.
     pub max_jerk_mm_per_s3: f64,
-    /// Soft limits: least and greatest machine position in mm.
+    /// Soft limits: lowest and highest machine position in mm.
     pub travel_mm: [f64; 2],
-    /// Lost motion where the axis turns round, mm.
+    /// Backlash in mm, compensated by the card.
     #[serde(default)]
     pub backlash_mm: f64,
-    /// Speed of jogging in mm/s, where one is given.
+    /// Jog speed in mm/s.
     #[serde(default)]
     jog_mm_per_s: Option<f64>,
-    /// How it finds home, as it is written.
+    /// Homing over a switch.
     #[serde(default)]
-    pub(super) home: Option<WrittenHome>,
+    pub(super) home: Option<HomeSection>,
 }
 
-/// An end of an axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+/// End of an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum SwitchEnd {
+    /// The lower end.
     Lower,
+    /// The upper end.
     Upper,
 }
 
-/// `home` of an axis, as it is written.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+/// Homing of an axis: fast to the switch, to rest, slowly off it again.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct WrittenHome {
+pub(super) struct HomeSection {
+    /// End of the axis where the switch is.
     switch: SwitchEnd,
+    /// Machine position at which the switch opens, in mm; by default the soft limit of that end.
     position_mm: Option<f64>,
+    /// Speed to the switch in mm/s.
     search_mm_per_s: Option<f64>,
+    /// Speed off the switch in mm/s.
     latch_mm_per_s: Option<f64>,
+    /// Acceleration in mm/s².
     acceleration_mm_per_s2: Option<f64>,
+    /// Maximum travel to the switch in mm.
     max_travel_mm: Option<f64>,
 }
 

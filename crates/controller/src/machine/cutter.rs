@@ -3,20 +3,21 @@
 //! Invariant: every cutting output belongs to exactly one cutter, and no channel has two uses.
 
 use retrace_link::{CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, channel};
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::machine_file::within;
 use crate::numbered_error::NumberedError;
 
-/// What a cutter is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+/// Kind of a cutter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum CutterKind {
-    /// A plasma or oxy-fuel torch: off as soon as the machine stands.
+    /// A plasma or oxy-fuel torch: off as soon as the machine is at rest.
     Torch,
     /// A water jet.
     Jet,
-    /// A laser beam: off as soon as the machine stands.
+    /// A laser beam: off as soon as the machine is at rest.
     Beam,
     /// A scribe, pen or punch: it marks and does not cut.
     Marker,
@@ -40,19 +41,33 @@ impl CutterKind {
     }
 }
 
-/// `[[cutter]]` as it is written.
-#[derive(Clone, Debug, Deserialize)]
+/// A cutter, `[[cutter]]`.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct WrittenCutter {
+pub(super) struct CutterSection {
+    /// Name at the screen and in messages.
     name: String,
+    /// Kind of the cutter.
     kind: CutterKind,
+    /// Output that lights, opens or starts the cutter; 64 is the output of M3.
+    #[schemars(range(max = 64))]
     fire: u8,
+    /// Output that arms the cutter.
+    #[schemars(range(max = 64))]
     arm: Option<u8>,
+    /// Output of the assist gas.
+    #[schemars(range(max = 64))]
     assist: Option<u8>,
+    /// Output of the abrasive.
+    #[schemars(range(max = 64))]
     abrasive: Option<u8>,
+    /// Maximum time on while the machine is at rest, in ms.
+    #[schemars(range(min = 0.0, max = 5000.0))]
     standing_ms: Option<f64>,
+    /// Whether the operator can open a jet while the path is retraced.
     #[serde(default)]
     retrace_cut: bool,
+    /// Whether the cutter may be on in a rapid move.
     #[serde(default)]
     rapid_lit: bool,
 }
@@ -100,7 +115,7 @@ impl CutterConfig {
 }
 
 /// The cutters of a machine file, and those of `cutting_outputs` that it does not describe.
-pub(super) fn checked(written: Vec<WrittenCutter>, cutting_outputs: &[u8]) -> Result<Vec<CutterConfig>, NumberedError> {
+pub(super) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Result<Vec<CutterConfig>, NumberedError> {
     let mut cutters: Vec<CutterConfig> = Vec::new();
     for cutter in written {
         let refuse = |what: &str, remedy: &str| {
@@ -114,7 +129,7 @@ pub(super) fn checked(written: Vec<WrittenCutter>, cutting_outputs: &[u8]) -> Re
         }
         let standing_ms = cutter.standing_ms.unwrap_or(cutter.kind.usual_standing_ms());
         within(&format!("cutter {}: standing_ms", cutter.name), standing_ms, 0.0, 5000.0)?;
-        let WrittenCutter { name, kind, fire, arm, assist, abrasive, retrace_cut, rapid_lit, .. } = cutter;
+        let CutterSection { name, kind, fire, arm, assist, abrasive, retrace_cut, rapid_lit, .. } = cutter;
         cutters.push(CutterConfig { name, kind, fire, arm, assist, abrasive, standing_ms, retrace_cut, rapid_lit });
     }
     for &fire in cutting_outputs {

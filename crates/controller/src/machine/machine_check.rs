@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 
 use super::axis::AxisConfig;
 use super::machine_file::{MachineFile, WheelSettings};
-use super::manual_config::{ManualConfig, Written, WrittenHoming, WrittenManual};
+use super::manual_config::{HomingSection, ManualConfig, ManualSection, Written};
 use super::{MachineConfig, axis, cutter, output_names};
-use crate::card_config::WrittenCard;
+use crate::card_config::CardSection;
 use crate::numbered_error::NumberedError;
 use crate::switching::SwitchingTable;
 
@@ -170,12 +170,12 @@ fn set_up_errors(file: &MachineFile, axes: &[AxisConfig], cutting: &[u8]) -> Vec
             errors.push(refusal);
         }
         // What has nothing to do with the switches is checked all the same.
-        WrittenCard::default().checked(axes, cutting, period_ms)
+        CardSection::default().checked(axes, cutting, period_ms)
     });
     let Ok(card) = card else { return errors };
     let nothing = || Written {
-        homing: WrittenHoming::default(),
-        manual: WrittenManual::default(),
+        homing: HomingSection::default(),
+        manual: ManualSection::default(),
         homed: Some(true),
         tool_axis: None,
         retract_mm: None,

@@ -5,23 +5,25 @@
 use std::collections::BTreeMap;
 
 use retrace_motion::{Blending, GlideRatio, RatioOf};
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::axis::AxisConfig;
-use super::cutter::WrittenCutter;
-use super::manual_config::{WrittenHoming, WrittenManual};
-use super::serial::WrittenSerial;
-use crate::card_config::WrittenCard;
+use super::cutter::CutterSection;
+use super::manual_config::{HomingSection, ManualSection};
+use super::serial::SerialSection;
+use crate::card_config::CardSection;
 use crate::numbered_error::{NumberedError, nearest};
 use crate::switching::CodeSettings;
 
 /// The handwheel.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WheelSettings {
-    /// Counts a second that make rate 1.
+    /// Counts per second of the handwheel that give full rate (1.0).
+    #[schemars(range(min = 1.0, max = 100_000.0))]
     pub full_rate_counts_per_s: f64,
-    /// Length of the mean (REV-12) in ms.
+    /// Length of the moving average of the handwheel's speed, in ms: 1 to 500 control periods (REV-12).
     pub filter_ms: f64,
 }
 
@@ -31,64 +33,71 @@ impl Default for WheelSettings {
     }
 }
 
-/// What outputs do while retracing (REV-14).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+/// Outputs while retracing (REV-14).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum RetraceOutputs {
-    /// The operator switches by hand.
+    /// The operator switches them manually.
     #[default]
     Manual,
     /// Recorded actions are replayed, in reverse too.
     Replayed,
 }
 
-/// Who changes the tool at M6.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+/// Tool change at M6.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ToolChange {
-    /// The machine does, or nobody has to.
+    /// The machine changes the tool, or no change is needed.
     #[default]
     Automatic,
-    /// The operator: M6 stops, names the tool, and waits for cycle start (PRB-21).
+    /// The operator changes the tool: M6 stops, shows the tool, and waits for cycle start (PRB-21).
     Manual,
 }
 
-/// A name for an output, as it is written.
-#[derive(Clone, Debug, Deserialize)]
+/// Name of an output, `[[output]]`.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct WrittenOutput {
+pub(super) struct OutputSection {
+    /// Number of the output.
+    #[schemars(range(max = 63))]
     pub(super) number: u8,
+    /// Name at the screen and in messages.
     pub(super) name: String,
 }
 
-/// How corners between lines are passed under G64 (SMO-2).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+/// Method of blending corners between lines under G64 (SMO-2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum BlendingMethod {
-    /// As fast as can be found.
+    /// The fastest glide that an optimiser finds.
     #[default]
     Optimum,
-    /// The source's glide, of a set ratio.
+    /// The glide of the source document, with a set ratio.
     Source,
 }
 
-/// What a glide ratio is a ratio of.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+/// Base of a glide ratio.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum GlideRatioOf {
     /// The lengths of the tracks.
     #[default]
     Length,
-    /// Their highest speeds.
+    /// The highest speeds of the tracks.
     Speed,
 }
 
-/// Blending as it is written.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+/// Blending, `[blending]`.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct BlendingSettings {
+    /// Method of blending.
     method: BlendingMethod,
+    /// Ratio of the `source` method, above 0 and at most 1.
+    #[schemars(range(min = 0.0, max = 1.0))]
     glide_ratio: f64,
+    /// Base of the ratio.
     ratio_of: GlideRatioOf,
 }
 
@@ -116,33 +125,65 @@ impl BlendingSettings {
     }
 }
 
-/// The file as it is written.
-#[derive(Clone, Debug, Deserialize)]
+/// The machine file of retrace, TOML. A missing key has the value of the built-in machine. On rotary axes read degree for mm.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(title = "Machine file of retrace")]
 pub(super) struct MachineFile {
+    /// Name of the machine in reports.
     pub(super) name: String,
+    /// Control period *T* in ms: the time of one record.
+    #[schemars(range(min = 0.1, max = 20.0))]
     pub(super) control_period_ms: f64,
+    /// Highest speed along the path in mm/s; rapid moves use it.
+    #[schemars(range(min = 0.001, max = 100_000.0))]
     pub(super) path_velocity_mm_per_s: f64,
+    /// Share of acceleration and jerk that the plan leaves, so that the rate can change at any time, in per cent.
+    #[schemars(range(min = 1.0, max = 50.0))]
     pub(super) override_reserve_percent: f64,
+    /// Tolerance of a G64 without P in mm.
+    #[schemars(range(min = 0.0, max = 100.0))]
     pub(super) blend_tolerance_mm: f64,
+    /// Duration of the motion that can be retraced, in hours.
+    #[schemars(range(min = 0.0, max = 24.0))]
     pub(super) history_hours: f64,
+    /// Duration of the motion that is planned ahead, in s.
+    #[schemars(range(min = 0.05, max = 10.0))]
     pub(super) look_ahead_s: f64,
+    /// Maximum size of a streamed program that is stored, in MiB.
+    #[schemars(range(min = 1.0, max = 1_048_576.0))]
     pub(super) stream_quota_mib: f64,
+    /// Whether the position is known without homing; by default if no axis has a `home`.
     pub(super) homed: Option<bool>,
+    /// Axis that takes the tool away from the work, upward; by default z.
     pub(super) tool_axis: Option<char>,
+    /// Machine position of the tool axis in mm at which the other axes can move safely.
     pub(super) retract_mm: Option<f64>,
+    /// Outputs while retracing.
     pub(super) retrace_outputs: RetraceOutputs,
+    /// Outputs that cut and have no `[[cutter]]`: 64 is then a torch, any other output a jet.
     pub(super) cutting_outputs: Vec<u8>,
-    pub(super) cutter: Vec<WrittenCutter>,
-    pub(super) output: Vec<WrittenOutput>,
+    /// Cutters: torch, jet, beam, marker, spindle.
+    pub(super) cutter: Vec<CutterSection>,
+    /// Names of outputs.
+    pub(super) output: Vec<OutputSection>,
+    /// Tool change at M6.
     pub(super) tool_change: ToolChange,
+    /// Axes, in any order.
     pub(super) axis: Vec<AxisConfig>,
+    /// Blending of corners.
     pub(super) blending: BlendingSettings,
-    pub(super) homing: WrittenHoming,
-    pub(super) manual: WrittenManual,
+    /// Homing.
+    pub(super) homing: HomingSection,
+    /// Manual operation.
+    pub(super) manual: ManualSection,
+    /// The handwheel.
     pub(super) wheel: WheelSettings,
-    pub(super) card: WrittenCard,
-    pub(super) serial: WrittenSerial,
+    /// The motion card.
+    pub(super) card: CardSection,
+    /// Programs over a serial line.
+    pub(super) serial: SerialSection,
+    /// What the M, S and T codes switch, by code: `[code.M3]`.
     pub(super) code: BTreeMap<String, CodeSettings>,
 }
 
@@ -167,14 +208,20 @@ impl Default for MachineFile {
             tool_change: ToolChange::Automatic,
             axis: ['x', 'y', 'z'].map(AxisConfig::plain).into(),
             blending: BlendingSettings::default(),
-            homing: WrittenHoming::default(),
-            manual: WrittenManual::default(),
+            homing: HomingSection::default(),
+            manual: ManualSection::default(),
             wheel: WheelSettings::default(),
-            card: WrittenCard::default(),
-            serial: WrittenSerial::default(),
+            card: CardSection::default(),
+            serial: SerialSection::default(),
             code: BTreeMap::new(),
         }
     }
+}
+
+/// JSON schema of the machine file, for editors (`docs/machine-file.schema.json`).
+#[must_use]
+pub fn machine_file_schema() -> serde_json::Value {
+    schemars::schema_for!(MachineFile).to_value()
 }
 
 impl MachineFile {

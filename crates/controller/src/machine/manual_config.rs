@@ -4,6 +4,7 @@
 
 use retrace_core::ONE;
 use retrace_link::HomingCommand;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::axis::{AxisConfig, HomeConfig, refuse};
@@ -12,17 +13,19 @@ use super::{AXIS_LETTERS, MachineConfig};
 use crate::card_config::CardConfig;
 use crate::numbered_error::NumberedError;
 
-/// `[homing]` as it is written.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+/// Homing, `[homing]`.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct WrittenHoming {
+pub(super) struct HomingSection {
+    /// Order in which the axes are homed.
     order: Option<Vec<char>>,
 }
 
-/// `[manual]` as it is written.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+/// Manual operation, `[manual]`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct WrittenManual {
+pub(super) struct ManualSection {
+    /// Whether a program may move a machine that has not been homed.
     pub(super) allow_unhomed: bool,
 }
 
@@ -45,8 +48,8 @@ pub struct ManualConfig {
 
 /// The parts of a machine file that tell how it is set up.
 pub(super) struct Written {
-    pub(super) homing: WrittenHoming,
-    pub(super) manual: WrittenManual,
+    pub(super) homing: HomingSection,
+    pub(super) manual: ManualSection,
     pub(super) homed: Option<bool>,
     pub(super) tool_axis: Option<char>,
     pub(super) retract_mm: Option<f64>,

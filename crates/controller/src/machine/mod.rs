@@ -19,8 +19,8 @@ pub use self::axis::{AXIS_LETTERS, AxisConfig, HomeConfig};
 pub use self::cutter::{CutterConfig, CutterKind};
 pub use self::machine_check::MachineCheck;
 pub(crate) use self::machine_file::within;
-use self::machine_file::{MachineFile, WrittenOutput};
-pub use self::machine_file::{RetraceOutputs, ToolChange, WheelSettings};
+use self::machine_file::{MachineFile, OutputSection};
+pub use self::machine_file::{RetraceOutputs, ToolChange, WheelSettings, machine_file_schema};
 pub use self::manual_config::ManualConfig;
 use self::manual_config::Written;
 pub use self::serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
@@ -260,9 +260,9 @@ impl MachineConfig {
 }
 
 /// The names of outputs: each output once, each name once, and none that a cutter has.
-fn output_names(written: Vec<WrittenOutput>, cutters: &[CutterConfig]) -> Result<BTreeMap<u8, String>, NumberedError> {
+fn output_names(written: Vec<OutputSection>, cutters: &[CutterConfig]) -> Result<BTreeMap<u8, String>, NumberedError> {
     let mut names = BTreeMap::new();
-    for WrittenOutput { number, name } in written {
+    for OutputSection { number, name } in written {
         let refuse =
             |why: &str| Err(NumberedError::new("E2112", format!("[[output]] {number}: {why}"), "one name each"));
         if usize::from(number) >= retrace_link::channel::DIGITAL {

@@ -2,13 +2,14 @@
 //!
 //! Invariant: settings that exist are in their ranges.
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::within;
 use crate::numbered_error::{NumberedError, nearest};
 
 /// Parity of the characters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Parity {
     /// The number of ones is even.
@@ -19,15 +20,15 @@ pub enum Parity {
     None,
 }
 
-/// How the sender is told to pause.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+/// Flow control: how the sender is paused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Handshake {
     /// By DC3 (XOFF) and DC1 (XON).
     XonXoff,
     /// By the RTS and CTS lines.
     RtsCts,
-    /// By both.
+    /// By both methods.
     Both,
     /// Not at all.
     None,
@@ -47,15 +48,15 @@ impl Handshake {
     }
 }
 
-/// The code of the characters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+/// Character code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum CharacterCode {
     /// ISO 646 (ASCII).
     Iso,
     /// EIA RS-244.
     Eia,
-    /// Whichever the first end of block belongs to.
+    /// Detected at the first end of block.
     Auto,
 }
 
@@ -74,11 +75,13 @@ pub struct ProgramEnds {
     pub m30: bool,
 }
 
-/// `end` as it is written.
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+/// End of the program: `%`, `EOT`, `ETX`, `M02` or `M30`, or several of them.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(untagged)]
-enum WrittenEnds {
+enum ProgramEndKeys {
+    /// One end.
     One(String),
+    /// Several ends.
     Several(Vec<String>),
 }
 
@@ -127,31 +130,45 @@ impl Default for SerialSettings {
     }
 }
 
-/// `[serial]` as it is written: a key that is left out keeps its default.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+/// Programs over a serial line, `[serial]`.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct WrittenSerial {
+pub(super) struct SerialSection {
+    /// Bits per second.
+    #[schemars(range(min = 110, max = 115_200))]
     baud: Option<u32>,
+    /// Data bits.
+    #[schemars(range(min = 7, max = 8))]
     bits: Option<u8>,
+    /// Parity.
     parity: Option<Parity>,
+    /// Stop bits.
+    #[schemars(range(min = 1, max = 2))]
     stop: Option<u8>,
+    /// Flow control.
     handshake: Option<Handshake>,
+    /// Character code.
     code: Option<CharacterCode>,
+    /// Timeout of the first character in s; 0 for none.
     start_timeout_s: Option<f64>,
+    /// Timeout of the next character in s; 0 for none.
     silence_timeout_s: Option<f64>,
-    end: Option<WrittenEnds>,
+    /// End of the program.
+    end: Option<ProgramEndKeys>,
+    /// Whether DC1 is repeated while no character arrives.
     dc_codes: Option<bool>,
+    /// NULs before and after a program that this control sends.
     leader: Option<u32>,
 }
 
-impl WrittenSerial {
+impl SerialSection {
     /// The settings, with every key in its range.
     pub(super) fn checked(self) -> Result<SerialSettings, NumberedError> {
         let mut settings = SerialSettings::default();
         let end = match self.end {
             None => settings.end,
-            Some(WrittenEnds::One(one)) => ends(&one)?,
-            Some(WrittenEnds::Several(several)) => ends(&several.join(","))?,
+            Some(ProgramEndKeys::One(one)) => ends(&one)?,
+            Some(ProgramEndKeys::Several(several)) => ends(&several.join(","))?,
         };
         settings = SerialSettings {
             baud: self.baud.unwrap_or(settings.baud),
@@ -312,9 +329,9 @@ mod tests {
         }
         let text = "baud = 9600\nbits = 8\nparity = \"none\"\nstop = 1\nhandshake = \"both\"\ncode = \"eia\"\n\
             end = [\"EOT\", \"M30\"]\ndc_codes = false\nsilence_timeout_s = 0.0\n";
-        let written: WrittenSerial = toml::from_str(text).expect("a table");
+        let written: SerialSection = toml::from_str(text).expect("a table");
         assert_eq!(written.checked(), Ok(settings));
-        assert_eq!(WrittenSerial::default().checked(), Ok(SerialSettings::default()));
+        assert_eq!(SerialSection::default().checked(), Ok(SerialSettings::default()));
     }
 
     #[test]

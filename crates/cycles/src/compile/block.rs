@@ -1,6 +1,6 @@
 //! Assignments, and the words of a motion block.
 //!
-//! Invariant: assignments are carried out in their order, before the block that they stand in.
+//! Invariant: assignments are executed in order, before the block in their line.
 
 use super::Compiler;
 use super::lex::{CompileResult, Kind, Sign, Span, fault};
@@ -10,14 +10,14 @@ use crate::cycle::Type;
 use crate::error_codes::ErrorCode;
 use crate::host::{MAX_G, MAX_M, MAX_WORDS};
 
-/// Letters that a block's words begin with.
+/// First letters of the words of a block.
 const ADDRESSES: &[u8] = b"GMSFXYZABCUVWIJKD";
 
 pub(super) fn is_address(letter: u8) -> bool {
     ADDRESSES.contains(&letter)
 }
 
-/// G codes that a cycle may give, in tenths, and what they are in RS274/NGC.
+/// G codes that a cycle may use, in tenths, and their equivalents in RS274/NGC.
 const KNOWN_G: &[(u16, u16)] = &[
     (0, 0),
     (10, 10),
@@ -43,7 +43,7 @@ const KNOWN_G: &[(u16, u16)] = &[
     (970, 970),
 ];
 
-/// What the block has so far.
+/// Words of the block so far.
 #[derive(Debug, Default)]
 struct Words {
     g: usize,
@@ -54,7 +54,7 @@ struct Words {
 }
 
 impl Compiler<'_> {
-    /// Assignments and words, to the end of the block.
+    /// Compiles assignments and words to the end of the block.
     pub(super) fn items(&mut self) -> CompileResult {
         let mut words = Words::default();
         while let Some(kind) = self.peek() {
@@ -123,7 +123,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// `=` and a value, for a variable whose name was just taken.
+    /// Compiles `=` and a value, for a variable whose name was just parsed.
     fn assign(&mut self, variable: Variable, name: &str, span: Span) -> CompileResult {
         self.indices(variable, name, span)?;
         self.expect(Sign::Assign, name)?;
@@ -135,7 +135,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    /// Begins the block with its first word; counts the words.
+    /// Begins the block with its first word, and counts the words.
     fn begin(&mut self, words: &mut Words, span: Span) -> CompileResult {
         if !words.has_begun {
             words.has_begun = true;
@@ -167,10 +167,10 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    /// A word of one letter; its value was read with it, or follows.
+    /// Compiles a word of one letter; its value was read with it, or follows.
     fn word(&mut self, words: &mut Words, letter: u8, value: Option<f64>, span: Span) -> CompileResult {
         if letter == b'G' {
-            // 33.1 is not an exact number, its tenths are.
+            // 33.1 is not an exact number; its tenths are.
             return match value.map(|value| (value * 10.0, (value * 10.0).round())) {
                 Some((exact, tenths)) if (exact - tenths).abs() < 1e-9 && tenths < 10_000.0 => {
                     let known = KNOWN_G.iter().find(|(here, _)| f64::from(*here) == tenths);
@@ -201,7 +201,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    /// `=value`, a number that follows, or the one that was read with the letter.
+    /// Compiles `=value`, a number that follows, or the one read with the letter.
     fn value_of_word(&mut self, value: Option<f64>) -> CompileResult {
         if let Some(value) = value {
             self.emit(Op::Number(value));

@@ -1,6 +1,6 @@
-//! Calls of other cycles, of STOCKPATH, and what a cycle tells: MSG and SETAL.
+//! Calls of other cycles and of STOCKPATH, and messages: MSG and SETAL.
 //!
-//! Invariant: a call puts as many values on the stack as it has arguments that are not empty.
+//! Invariant: a call pushes as many values onto the stack as it has arguments that are not empty.
 
 use super::Compiler;
 use super::expression::Ty;
@@ -9,11 +9,11 @@ use crate::code::{CallSite, Op, Passed};
 use crate::cycle::Type;
 use crate::error_codes::ErrorCode;
 
-/// Arguments of STOCKPATH behind the contour: MID, FALZ, FALX, FAL, VARI, DAM, _VRT.
+/// Number of arguments of STOCKPATH after the contour: MID, FALZ, FALX, FAL, VARI, DAM, _VRT.
 const STOCK_NUMBERS: usize = 7;
 
 impl Compiler<'_> {
-    /// `NAME(a, , "text")`, or `NAME` alone.
+    /// Compiles `NAME(a, , "text")`, or `NAME` alone.
     pub(super) fn call(&mut self, name: &str, span: Span) -> CompileResult {
         self.skip();
         let mut arguments = Vec::new();
@@ -45,7 +45,7 @@ impl Compiler<'_> {
         })
     }
 
-    /// The text parameter that stands here alone as an argument.
+    /// Returns the text parameter that is here alone as an argument.
     fn handed_on(&self) -> Option<u16> {
         let ends = matches!(self.kind_at(1), Some(Kind::Sign(Sign::Comma | Sign::Close)));
         let variable = if ends && self.peek() == Some(Kind::Name) { self.names.get(self.word_here()) } else { None };
@@ -53,7 +53,7 @@ impl Compiler<'_> {
         (usize::from(slot) < self.unit.parameters.len()).then_some(slot)
     }
 
-    /// `STOCKPATH(NPP, MID, FALZ, FALX, FAL, VARI, DAM, _VRT)`: a number, the number of moves.
+    /// Compiles `STOCKPATH(NPP, MID, FALZ, FALX, FAL, VARI, DAM, _VRT)`, whose value is the number of moves.
     pub(super) fn stock_path(&mut self, span: Span) -> CompileResult<Ty> {
         let open = self.here_span();
         self.expect(Sign::Open, "STOCKPATH")?;
@@ -75,7 +75,7 @@ impl Compiler<'_> {
         Ok(Ty::Int)
     }
 
-    /// `MSG("text" << value)`, `SETAL(61101, "text" << value)`.
+    /// Compiles `MSG("text" << value)` and `SETAL(61101, "text" << value)`.
     pub(super) fn tell(&mut self, word: &str) -> CompileResult {
         self.skip();
         let open = self.here_span();

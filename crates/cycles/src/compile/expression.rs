@@ -9,7 +9,7 @@ use crate::code::{Function, Op, Operator};
 use crate::cycle::Type;
 use crate::error_codes::ErrorCode;
 
-/// Deepest nesting of parentheses and structures.
+/// Maximum nesting of parentheses and structures.
 pub(super) const DEEPEST: usize = 40;
 
 /// Type of a value.
@@ -32,7 +32,7 @@ impl From<Type> for Ty {
     }
 }
 
-/// How close an operator binds; comparisons bind least of all, as on the control.
+/// Precedence of operators; comparisons bind least of all, as on the control.
 const COMPARISON: u8 = 1;
 const OR: u8 = 3;
 const XOR: u8 = 4;
@@ -41,21 +41,21 @@ const SUM: u8 = 6;
 const PRODUCT: u8 = 7;
 const NOT: u8 = 8;
 
-/// What may be joined in a message: everything that binds closer than `<<`.
+/// Precedence of the parts of a message: everything that binds closer than `<<`.
 const JOINED: u8 = OR;
 
 impl Compiler<'_> {
-    /// An expression of any type.
+    /// Compiles an expression of any type.
     pub(super) fn value(&mut self) -> CompileResult<Ty> {
         self.operators(0)
     }
 
-    /// A part of a message.
+    /// Compiles a part of a message.
     pub(super) fn message_part(&mut self) -> CompileResult<Ty> {
         self.operators(JOINED)
     }
 
-    /// An expression that is a number.
+    /// Compiles an expression that is a number.
     pub(super) fn number(&mut self) -> CompileResult {
         let start = self.here();
         match self.value()? {
@@ -64,7 +64,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// An expression for a place of this type.
+    /// Compiles an expression for a destination of this type.
     pub(super) fn value_for(&mut self, of: Type) -> CompileResult {
         let start = self.here();
         let is_text = self.value()? == Ty::Text;
@@ -79,7 +79,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// The operator that stands here, and how close it binds.
+    /// Returns the operator here, and its precedence.
     fn operator(&self) -> Option<(Operator, u8)> {
         let found = match self.peek()? {
             Kind::Sign(sign) => match sign {
@@ -107,7 +107,7 @@ impl Compiler<'_> {
         Some(found)
     }
 
-    /// Operators that bind at least this close, and what they stand between.
+    /// Compiles operators with at least this precedence, and their operands.
     fn operators(&mut self, least: u8) -> CompileResult<Ty> {
         let start = self.here();
         let mut left = self.operand()?;
@@ -174,7 +174,7 @@ impl Compiler<'_> {
         })
     }
 
-    /// A logical operand: BOOL or INT.
+    /// Checks a logical operand: BOOL or INT.
     fn truth(ty: Ty, span: Span) -> CompileResult {
         match ty {
             Ty::Bool | Ty::Int => Ok(()),
@@ -185,7 +185,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// A value with the operators before it.
+    /// Compiles a value with the operators before it.
     fn operand(&mut self) -> CompileResult<Ty> {
         self.depth += 1;
         if self.depth > DEEPEST {
@@ -221,7 +221,7 @@ impl Compiler<'_> {
         if ty == Ty::Text {
             return fault(ErrorCode::TypeMismatch, span, "a text has no sign");
         }
-        // A constant is negated here and now.
+        // A constant is negated at compile time.
         if let ([Op::Number(value)], true) = (&mut self.unit.ops[before..], self.folds) {
             *value = -*value;
         } else {
@@ -269,7 +269,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// The slot of `R5`.
+    /// Returns the slot of `R5`.
     pub(super) fn r_parameter(&mut self, number: f64, span: Span) -> CompileResult<u16> {
         if number.fract() != 0.0 || number >= f64::from(R_PARAMETERS) {
             return fault(ErrorCode::NameUnknown, span, format!("R parameters go from R0 to R{}", R_PARAMETERS - 1));
@@ -310,7 +310,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Reads a variable, with its indices.
+    /// Compiles reading of a variable, with its indices.
     fn variable(&mut self, variable: Variable, name: &str, span: Span) -> CompileResult<Ty> {
         self.indices(variable, name, span)?;
         self.emit(match variable.shape {
@@ -320,7 +320,7 @@ impl Compiler<'_> {
         Ok(variable.of.into())
     }
 
-    /// The indices behind a variable's name; they leave one number on the stack, or none for a simple variable.
+    /// Compiles the indices after a variable's name. They leave one number on the stack, or none for a simple variable.
     pub(super) fn indices(&mut self, variable: Variable, name: &str, span: Span) -> CompileResult {
         let wanted = variable.shape.indices();
         let mut found = 0;

@@ -18,8 +18,8 @@ pub(super) struct Open {
     pub(super) shape: Structure,
 }
 
-/// What a structure needs at its end; instructions by their numbers. An exit is a jump whose target is known at the end only, and
-/// absent where the condition had an error.
+/// Instructions, by number, that are completed at the end of a structure. An exit is a jump whose target is known at
+/// the end only; it is absent where the condition had an error.
 #[derive(Debug)]
 pub(super) enum Structure {
     If { exit: Option<usize> },
@@ -47,7 +47,7 @@ impl Structure {
 #[derive(Debug)]
 pub(super) struct Jump {
     label: String,
-    /// Its instruction.
+    /// Number of its instruction.
     at: usize,
     direction: Direction,
     line: u32,
@@ -121,7 +121,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    /// `IF condition`, or `IF condition GOTOF label`.
+    /// Compiles `IF condition`, or `IF condition GOTOF label`.
     fn if_block(&mut self, span: Span) -> CompileResult {
         // A jump in the block makes it a block of its own, without ENDIF.
         let jumps = self.tokens.iter().any(|token| {
@@ -139,7 +139,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    /// `FOR variable = first TO last`: the last value is calculated once.
+    /// Compiles `FOR variable = first TO last`: the last value is calculated once.
     fn for_block(&mut self, span: Span) -> CompileResult {
         let top = self.unit.ops.len();
         self.open(Structure::For { top, exit: None, variable: None, of: Type::Real }, span)?;
@@ -165,7 +165,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    /// The variable that FOR counts with.
+    /// Parses the variable that FOR counts with.
     fn counter(&mut self) -> CompileResult<Variable> {
         let span = self.here_span();
         let variable = match self.peek() {
@@ -185,7 +185,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// A condition, and the jump behind it that is taken where it does not hold.
+    /// Compiles a condition, and the jump that is taken where it is false.
     fn condition(&mut self) -> CompileResult<usize> {
         self.number()?;
         Ok(self.jump_later(Op::JumpIfNot(0)))
@@ -207,7 +207,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// Takes the innermost structure, which must be one of these.
+    /// Closes the innermost structure, which must be one of these.
     fn closes(&mut self, word: &str, begins: &[&str], span: Span) -> CompileResult<Structure> {
         match self.structures.pop_if(|open| begins.contains(&open.shape.name())) {
             Some(open) => Ok(open.shape),
@@ -221,13 +221,13 @@ impl Compiler<'_> {
         }
     }
 
-    /// Emits a jump whose target is not known yet, and gives its number.
+    /// Emits a jump whose target is not known yet, and returns its number.
     fn jump_later(&mut self, op: Op) -> usize {
         self.emit(op);
         self.unit.ops.len() - 1
     }
 
-    /// Lets a jump lead to the next instruction.
+    /// Sets the target of a jump to the next instruction.
     fn land(&mut self, jump: Option<usize>) {
         let here = self.unit.ops.len();
         if let Some(jump) = jump {
@@ -241,7 +241,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// `GOTOF label`, as a jump of this kind.
+    /// Compiles `GOTOF label`, as a jump of this kind.
     pub(super) fn go_to(&mut self, word: &str, jump: Option<Op>) -> CompileResult {
         let direction = match word {
             "GOTO" => Direction::Either,
@@ -262,12 +262,13 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    /// Leads every jump to its label.
+    /// Sets the target of every jump to a label.
     pub(super) fn resolve_jumps(&mut self) {
         for jump in std::mem::take(&mut self.jumps) {
             self.line = jump.line;
             let places = self.labels.get(&jump.label).map_or(&[][..], Vec::as_slice);
-            // Places are in the order of the source, so that halving finds the nearest of many block numbers.
+            // Positions are in the order of the source, so that a binary search finds the nearest of several equal
+            // block numbers.
             let split = places.partition_point(|place| place.0 <= jump.at);
             let (forward, backward) = (places.get(split), split.checked_sub(1).and_then(|last| places.get(last)));
             let found = match jump.direction {

@@ -1,6 +1,6 @@
 //! The head of a source: PROC and DEF.
 //!
-//! Invariant: parameters take the first slots, in their order.
+//! Invariant: parameters have the first slots, in order.
 
 use super::Compiler;
 use super::lex::{CompileResult, Kind, Sign, Span, fault};
@@ -9,15 +9,15 @@ use crate::code::{Op, converted};
 use crate::cycle::{Parameter, Type};
 use crate::error_codes::ErrorCode;
 
-/// Most parameters of a cycle.
+/// Maximum number of parameters of a cycle.
 const MAX_PARAMETERS: usize = 64;
-/// Longest text.
+/// Maximum length of a text.
 const MAX_TEXT_LENGTH: f64 = 1000.0;
-/// Most elements of an array.
+/// Maximum number of elements of an array.
 const MAX_ARRAY: usize = 1000;
 
 impl Compiler<'_> {
-    /// `PROC NAME(REAL A, STRING[20] B, INT C=1) SAVE DISPLOF`
+    /// Compiles `PROC NAME(REAL A, STRING[20] B, INT C=1) SAVE DISPLOF`.
     pub(super) fn proc(&mut self, span: Span) -> CompileResult {
         self.skip();
         if self.has_proc || self.has_begun || self.names.slots() > 0 {
@@ -44,7 +44,7 @@ impl Compiler<'_> {
             match self.word_here().to_ascii_uppercase().as_str() {
                 "SAVE" => self.unit.saves = true,
                 "PATTERN" => self.unit.is_pattern = true,
-                // A cycle is one block of its caller anyway.
+                // A cycle is always one block of its caller.
                 "DISPLOF" | "DISPLON" | "SBLOF" => {}
                 _ => return fault(ErrorCode::AttributeUnknown, self.here_span(), "this is not an attribute of PROC"),
             }
@@ -67,7 +67,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    /// `DEF REAL A, B=5, C[10], D[2,3]=SET(1,2,3)`
+    /// Compiles `DEF REAL A, B=5, C[10], D[2,3]=SET(1,2,3)`.
     pub(super) fn def(&mut self, span: Span) -> CompileResult {
         self.skip();
         if self.has_begun {
@@ -120,7 +120,7 @@ impl Compiler<'_> {
         Ok(Type::Text(length as u16))
     }
 
-    /// Takes a name that is to be defined, in capitals.
+    /// Parses a name to be defined, in capitals.
     fn new_name(&mut self, behind: &str) -> CompileResult<String> {
         if !matches!(self.peek(), Some(Kind::Name | Kind::Word { .. })) {
             return fault(ErrorCode::NotUnderstood, self.here_span(), format!("a name is needed behind {behind}"));
@@ -146,7 +146,7 @@ impl Compiler<'_> {
         }
     }
 
-    /// The sizes of an array, where there are any.
+    /// Parses the sizes of an array, if there are any.
     fn shape(&mut self) -> CompileResult<Shape> {
         let open = self.here_span();
         if !self.eat(Sign::OpenIndex) {
@@ -181,7 +181,7 @@ impl Compiler<'_> {
         Ok(shape)
     }
 
-    /// The value behind `=`, or the values of an array in parentheses.
+    /// Compiles the value after `=`, or the values of an array in parentheses.
     fn initial(&mut self, variable: Variable) -> CompileResult {
         if variable.shape == Shape::Simple {
             self.value_for(variable.of)?;
@@ -208,7 +208,7 @@ impl Compiler<'_> {
         self.close(Sign::Close, open)
     }
 
-    /// A text variable is empty until something is assigned to it; slots are numbers by themselves.
+    /// Clears a text variable, which is empty until something is assigned to it; slots are numbers by default.
     fn clear_texts(&mut self, variable: Variable, span: Span) -> CompileResult {
         let empty = self.constant_text("", span)?;
         for slot in 0..variable.shape.slots() as u16 {
@@ -218,7 +218,7 @@ impl Compiler<'_> {
         Ok(())
     }
 
-    /// A number with its sign.
+    /// Parses a number with its sign.
     fn constant_number(&mut self) -> CompileResult<f64> {
         let is_negative = self.eat(Sign::Minus);
         let value = match self.peek() {

@@ -1,17 +1,17 @@
-//! A line of a cycle source, cut into tokens.
+//! Splitting of a line of a cycle source into tokens.
 //!
-//! Invariant: tokens follow each other and never overlap; a comment gives none.
+//! Invariant: tokens are in order and never overlap; a comment has none.
 
 use crate::error_codes::ErrorCode;
 
-/// A stretch of the line, in bytes.
+/// A range of the line, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Span {
     pub(super) start: usize,
     pub(super) end: usize,
 }
 
-/// A fault in a line; the line's number is added where it is recorded.
+/// An error in a line; the line number is added where it is recorded.
 #[derive(Debug)]
 pub(super) struct CompileError {
     pub(super) code: ErrorCode,
@@ -19,7 +19,7 @@ pub(super) struct CompileError {
     pub(super) message: String,
 }
 
-/// What reading a part of a block gives.
+/// Result of reading a part of a block.
 pub(super) type CompileResult<T = ()> = Result<T, Box<CompileError>>;
 
 #[cold]
@@ -31,13 +31,13 @@ pub(super) fn fault<T>(code: ErrorCode, span: Span, message: impl Into<String>) 
 pub(super) enum Kind {
     /// A name: `WHILE`, `_DEPTH`, `$P_F`; also a letter alone.
     Name,
-    /// A letter with the number that follows it at once: `G33.1`, `X10`, `R5`.
+    /// A letter followed immediately by a number: `G33.1`, `X10`, `R5`.
     Word {
         letter: u8,
         value: f64,
     },
     Number(f64),
-    /// In quotes; the span is with them.
+    /// In quotes; the span includes them.
     Text,
     Sign(Sign),
 }
@@ -98,7 +98,7 @@ pub(super) struct Token {
     pub(super) span: Span,
 }
 
-/// Cuts a line. `is_variable` tells the names that are defined: `A1` is one of them, or the word A with the value 1.
+/// Splits a line. `is_variable` distinguishes defined names: `A1` is one of them, or the word A with the value 1.
 pub(super) fn tokens(line: &str, is_variable: impl Fn(&str) -> bool, out: &mut Vec<Token>) -> CompileResult {
     out.clear();
     let bytes = line.as_bytes();
@@ -143,7 +143,7 @@ fn name_or_word(line: &str, is_variable: &impl Fn(&str) -> bool, at: &mut usize)
     let length = 1 + bytes[start + 1..].iter().take_while(|byte| is_part(byte)).count();
     let is_letter_and_digit =
         bytes[start].is_ascii_alphabetic() && bytes.get(start + 1).is_some_and(u8::is_ascii_digit);
-    // Behind PROC stands the name of the cycle, whatever it reads as elsewhere.
+    // The name of the cycle follows PROC, whatever it means elsewhere.
     let is_name_of_cycle = line[..start].trim().eq_ignore_ascii_case("PROC");
     if is_letter_and_digit && !is_name_of_cycle && !is_variable(&line[start..start + length]) {
         *at = start + 1;

@@ -1,6 +1,7 @@
-//! The compiler: a cycle source to its compiled form, in one pass.
+//! The compiler: converts a cycle source to its compiled form, in one pass.
 //!
-//! Invariant: every error of a source is found in one go; reading goes on at the next block. What has errors gives no unit.
+//! Invariant: every error of a source is found in one pass; reading continues at the next block. A source with errors
+//! results in no unit.
 
 mod block;
 mod call;
@@ -19,26 +20,26 @@ use lex::{CompileError, CompileResult, Kind, Sign, Span, Token, fault};
 use names::Names;
 use std::collections::HashMap;
 
-/// Part of the key of every compiled form: a form of another version is never run. Count up with every change of what sources
-/// compile to.
+/// Version of the compiled form, a part of its key: a form of another version is never run. Increase it with every
+/// change of what sources compile to.
 pub(crate) const VERSION: u32 = 1;
 
-/// Longest source, and longest line of one, in bytes.
+/// Maximum length of a source, and of a line, in bytes.
 const MAX_SOURCE_LENGTH: usize = 1 << 20;
 const MAX_LINE_LENGTH: usize = 10_000;
-/// Errors of one source that are shown.
+/// Maximum number of errors reported per source.
 const MAX_ERRORS: usize = 50;
 
-/// What compiling a source gives.
+/// Result of compiling a source.
 #[derive(Debug)]
 pub(crate) struct Compiled {
-    /// None where there are errors.
+    /// Compiled unit; `None` if there are errors.
     pub(crate) unit: Option<Unit>,
     /// Errors and warnings, in the order of the lines.
     pub(crate) diagnostics: Vec<Diagnostic>,
 }
 
-/// Compiles a source; `file_name` is the name of its file without the ending.
+/// Compiles a source; `file_name` is the name of its file without the extension.
 pub(crate) fn compile(source: &[u8], file_name: &str) -> Compiled {
     let mut compiler = Compiler::new(file_name);
     if source.len() > MAX_SOURCE_LENGTH {
@@ -67,24 +68,24 @@ struct Compiler<'s> {
     text: &'s str,
     line: u32,
     tokens: Vec<Token>,
-    /// The next token.
+    /// Index of the next token.
     at: usize,
     unit: Unit,
     names: Names,
-    /// Numbers of the unit's texts.
+    /// Indices of the unit's texts.
     texts: HashMap<String, u16>,
     structures: Vec<Open>,
-    /// Where a label stands: instruction and line. Block numbers may stand several times.
+    /// Positions of each label: instruction and line. Block numbers may occur several times.
     labels: HashMap<String, Vec<(usize, u32)>>,
     jumps: Vec<Jump>,
     diagnostics: Vec<Diagnostic>,
     errors: usize,
-    /// Depth of the expression that is being read.
+    /// Depth of the current expression.
     depth: usize,
-    /// May constants be calculated now?
+    /// Whether constants may be calculated at compile time.
     folds: bool,
     has_proc: bool,
-    /// Has a block been read that does something?
+    /// Whether a block with an effect has been read.
     has_begun: bool,
 }
 
@@ -143,7 +144,7 @@ impl<'s> Compiler<'s> {
         }
     }
 
-    /// One block: number, label, statement.
+    /// Compiles one block: number, label, statement.
     fn block(&mut self) -> CompileResult {
         if let Some(Kind::Word { letter: b'N', value }) = self.peek() {
             self.labels.entry(format!("N{value}")).or_default().push((self.unit.ops.len(), self.line));
@@ -176,7 +177,7 @@ impl<'s> Compiler<'s> {
         match word.as_str() {
             "PROC" => return self.proc(span),
             "DEF" => return self.def(span),
-            // What a called cycle looks like is known from its own PROC line.
+            // The parameters of a called cycle are known from its own PROC line.
             "EXTERN" => return Ok(()),
             _ => {}
         }
@@ -207,7 +208,7 @@ impl<'s> Compiler<'s> {
         }
     }
 
-    /// What can be said of the source at its end only.
+    /// Performs the checks that need the whole source.
     fn finish(&mut self) {
         for open in std::mem::take(&mut self.structures) {
             self.line = open.line;
@@ -239,18 +240,18 @@ impl<'s> Compiler<'s> {
         self.at += 1;
     }
 
-    /// Where the next token begins.
+    /// Returns the position of the next token.
     fn here(&self) -> usize {
         self.here_span().start
     }
 
-    /// The next token, or the end of the line.
+    /// Returns the span of the next token, or the end of the line.
     fn here_span(&self) -> Span {
         let behind = self.tokens.last().map_or(0, |token| token.span.end);
         self.tokens.get(self.at).map_or(Span { start: behind, end: behind }, |token| token.span)
     }
 
-    /// From there to the last token that was taken.
+    /// Returns the span from there to the last consumed token.
     fn since(&self, start: usize) -> Span {
         let end = self.at.checked_sub(1).and_then(|last| self.tokens.get(last)).map_or(start, |token| token.span.end);
         Span { start, end: end.max(start) }
@@ -260,17 +261,17 @@ impl<'s> Compiler<'s> {
         self.tokens.get(self.at + ahead).map_or("", |token| &self.text[token.span.start..token.span.end])
     }
 
-    /// The next token as it is written.
+    /// Returns the next token as written.
     fn word_here(&self) -> &'s str {
         self.text_at(0)
     }
 
-    /// The next token, a text, without its quotation marks.
+    /// Returns the text of the next token, without its quotation marks.
     fn text_here(&self) -> &'s str {
         self.word_here().trim_matches('"')
     }
 
-    /// Takes the sign if it stands here.
+    /// Consumes the sign if it is next.
     fn eat(&mut self, sign: Sign) -> bool {
         let found = self.peek() == Some(Kind::Sign(sign));
         self.at += usize::from(found);
@@ -284,7 +285,7 @@ impl<'s> Compiler<'s> {
         fault(ErrorCode::NotUnderstood, self.here_span(), format!("`{}` is missing behind {behind}", sign.spelling()))
     }
 
-    /// Takes the closing sign of what was opened there.
+    /// Consumes the closing sign for what was opened there.
     fn close(&mut self, sign: Sign, open: Span) -> CompileResult {
         if self.eat(sign) {
             return Ok(());
@@ -297,7 +298,7 @@ impl<'s> Compiler<'s> {
         }
     }
 
-    /// The number of a text among the unit's.
+    /// Returns the index of a text among the unit's.
     fn constant_text(&mut self, text: &str, span: Span) -> CompileResult<u16> {
         if let Some(index) = self.texts.get(text) {
             return Ok(*index);
@@ -327,7 +328,7 @@ mod tests {
             compile(&source, "ANY");
         }
 
-        /// Most bytes are no text at all; these are, and hold what the language is made of.
+        /// Most byte sequences are not text; these are, and use the characters of the language.
         #[test]
         fn any_characters_are_answered(source in "[A-Za-z0-9 .;:,=<>()\\[\\]+*/$_%\"\n\t\u{e4}-]{0,300}") {
             let compiled = compile(source.as_bytes(), "ANY");
@@ -348,7 +349,7 @@ mod tests {
         }
         let texts: String = (0..60_000).map(|number| format!("MSG(\"{number}\")\n")).collect();
         assert!(compile(texts.as_bytes(), "LONG").unit.is_some());
-        // A second would do on a machine that has nothing else to do.
+        // One second is enough on an idle machine.
         assert!(begin.elapsed().as_secs() < 20, "{:?}", begin.elapsed());
         let too_long = compile(&vec![b' '; MAX_SOURCE_LENGTH + 1], "LONG");
         assert_eq!(too_long.diagnostics.first().map(|d| d.code), Some(ErrorCode::SourceTooLong));

@@ -1,4 +1,4 @@
-//! The variables of a cycle: parameters, what DEF defines, and R parameters.
+//! The variables of a cycle: parameters, definitions of DEF, and R parameters.
 //!
 //! Invariant: every variable has slots of its own within the frame.
 
@@ -8,15 +8,15 @@ use std::collections::HashMap;
 
 /// Number of R parameters.
 pub(super) const R_PARAMETERS: u16 = 100;
-/// Most slots of a frame.
+/// Maximum number of slots of a frame.
 const MAX_SLOTS: usize = 8000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Shape {
     Simple,
-    /// So many elements.
+    /// Number of elements.
     Row(u16),
-    /// So many rows and columns.
+    /// Number of rows and columns.
     Table(u16, u16),
 }
 
@@ -47,13 +47,13 @@ pub(super) struct Variable {
 
 #[derive(Debug, Default)]
 pub(super) struct Names {
-    /// By their names in capitals.
+    /// Variables by name, in capitals.
     variables: HashMap<String, Variable>,
     slots: u16,
     first_r: Option<u16>,
 }
 
-/// Words of the language that no variable may have as its name.
+/// Words of the language that cannot be names of variables.
 const KEYWORDS: &[&str] = &[
     "PROC",
     "DEF",
@@ -109,7 +109,7 @@ impl Names {
         self.variables.get(name).or_else(|| self.variables.get(&name.to_ascii_uppercase())).copied()
     }
 
-    /// May this be the name of a variable?
+    /// Whether this is a word of the language, which cannot be the name of a variable.
     pub(super) fn is_word_of_the_language(name: &str) -> bool {
         KEYWORDS.contains(&name)
             || name.starts_with('$')
@@ -117,7 +117,7 @@ impl Names {
             || Operator::named(name).is_some()
     }
 
-    /// Defines a variable; nothing where the frame is full.
+    /// Defines a variable; `None` where the frame is full.
     pub(super) fn define(&mut self, name: &str, of: Type, shape: Shape) -> Option<Variable> {
         let slot = self.reserve(shape.slots())?;
         let variable = Variable { slot, of, shape };
@@ -125,7 +125,7 @@ impl Names {
         Some(variable)
     }
 
-    /// Slots without a name.
+    /// Reserves slots without a name.
     pub(super) fn reserve(&mut self, count: usize) -> Option<u16> {
         let slot = self.slots;
         if usize::from(slot) + count > MAX_SLOTS {
@@ -135,7 +135,7 @@ impl Names {
         Some(slot)
     }
 
-    /// The first slot of the R parameters, which a cycle that names none does not have.
+    /// Returns the first slot of the R parameters, which are reserved at their first use.
     pub(super) fn r_parameters(&mut self) -> Option<u16> {
         if self.first_r.is_none() {
             self.first_r = self.reserve(usize::from(R_PARAMETERS));

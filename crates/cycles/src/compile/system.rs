@@ -1,6 +1,6 @@
 //! Functions and system variables within expressions.
 //!
-//! Invariant: as in `expression`: the code leaves one value on the stack, of the type that is returned.
+//! Invariant: as in `expression`, the code leaves one value on the stack, of the type that is returned.
 
 use super::Compiler;
 use super::expression::Ty;
@@ -32,7 +32,7 @@ impl Compiler<'_> {
         })
     }
 
-    /// `$P_F`, `$P_AD[24]`, `$P_EP[1]`, `$P_SUBPAR[2]`, `$PATH[i,k]`.
+    /// Compiles `$P_F`, `$P_AD[24]`, `$P_EP[1]`, `$P_SUBPAR[2]`, `$PATH[i,k]`.
     pub(super) fn system_value(&mut self, name: &str, span: Span) -> CompileResult<Ty> {
         match name {
             "$P_SUBPAR" => {
@@ -86,7 +86,7 @@ impl Compiler<'_> {
         })
     }
 
-    /// `$P_EP[X]` by the axis' letter, `$P_EP[n]` as the n-th axis of the plane.
+    /// Compiles `$P_EP[X]` by the axis' letter, `$P_EP[n]` as the n-th axis of the plane.
     fn position(&mut self) -> CompileResult<Ty> {
         let word = if self.kind_at(1) == Some(Kind::Name) { self.text_at(1) } else { "" };
         let letter = match word.as_bytes() {
@@ -106,7 +106,7 @@ impl Compiler<'_> {
         Ok(Ty::Real)
     }
 
-    /// `[` number `]`
+    /// Compiles `[` number `]`.
     pub(super) fn index_in_brackets(&mut self) -> CompileResult {
         let open = self.here_span();
         self.expect(Sign::OpenIndex, "this")?;

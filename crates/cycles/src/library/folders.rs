@@ -1,6 +1,6 @@
 //! The two folders (PRE-1): sources, and compiled forms.
 //!
-//! Invariant: a missing folder is not an error; a compiled form is written whole or not at all.
+//! Invariant: a missing folder is not an error; a compiled form is written completely or not at all.
 
 use super::LibraryFinding;
 use crate::code::Unit;
@@ -13,11 +13,11 @@ use std::borrow::Cow;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// Ending of sources.
+/// File extension of sources.
 const SOURCE_ENDING: &str = "SPF";
-/// Ending of compiled forms.
+/// File extension of compiled forms.
 const FORM_ENDING: &str = "CYC";
-/// Largest source that is read at all.
+/// Maximum length of a source that is read.
 const MAX_SOURCE_BYTES: u64 = 2 << 20;
 
 /// The two folders. Either may be absent.
@@ -25,7 +25,7 @@ const MAX_SOURCE_BYTES: u64 = 2 << 20;
 pub struct Folders<'a> {
     /// Sources, files `*.SPF`.
     pub sources: Option<&'a Path>,
-    /// Compiled forms, files `*.CYC`; made where it is missing.
+    /// Compiled forms, files `*.CYC`; the folder is created if it is missing.
     pub compiled: Option<&'a Path>,
 }
 
@@ -43,7 +43,7 @@ pub(super) struct Form {
     pub(super) unit: Unit,
     pub(super) origin: Origin,
     pub(super) path: PathBuf,
-    /// Was the compiled form taken from its folder?
+    /// Whether the compiled form was loaded from its folder.
     pub(super) was_fresh: bool,
     pub(super) key: u128,
 }
@@ -53,19 +53,19 @@ impl Source {
         Self { path: path.to_owned(), origin, text: Cow::Owned(text) }
     }
 
-    /// Its path, and a number that changes with its text.
+    /// Returns the path, and a hash of the text.
     pub(super) fn identified(&self) -> (PathBuf, u128) {
         (self.path.clone(), stored::hash(&[&self.text]))
     }
 
-    /// The name of the file without its ending, in capitals.
+    /// Returns the name of the file without its extension, in capitals.
     fn stem(&self) -> String {
         self.path.file_stem().unwrap_or_default().to_string_lossy().to_ascii_uppercase()
     }
 }
 
 impl Folders<'_> {
-    /// The sources of the user's folder, in the order of their names.
+    /// Returns the sources of the user's folder, sorted by name.
     pub(super) fn users(self, findings: &mut Vec<LibraryFinding>) -> Vec<Source> {
         let Some(folder) = self.sources else { return Vec::new() };
         let mut refuse = |path: &Path, error: &std::io::Error| {
@@ -103,10 +103,10 @@ fn read_source(path: &Path) -> std::io::Result<Vec<u8>> {
     std::fs::read(path)
 }
 
-/// Compiles the sources, or takes their forms; a name that comes again is refused, and a shipped one replaced.
+/// Compiles the sources, or loads their forms. A repeated name is refused; a shipped one is replaced.
 pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut Vec<LibraryFinding>) -> Vec<Form> {
     let mut forms: Vec<Form> = Vec::new();
-    // Names that are taken, also by sources with errors.
+    // Names in use, also of sources with errors.
     let mut taken: Vec<(String, PathBuf)> = Vec::new();
     for source in sources {
         let stem = source.stem();
@@ -150,7 +150,7 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
     forms
 }
 
-/// The form in a file, if it can be taken.
+/// Returns the form in a file, if it is usable.
 fn taken_form(
     path: &Path,
     key: u128,
@@ -172,7 +172,7 @@ fn taken_form(
     }
 }
 
-/// Writes a form under another name first, so that nobody ever reads half of it.
+/// Writes a form under another name first, so that a partial form is never read.
 fn keep(path: &Path, bytes: &[u8], source: &Path, findings: &mut Vec<LibraryFinding>) {
     let unfinished = path.with_extension(format!("{}.new", std::process::id()));
     let folder = path.parent().unwrap_or(path);
@@ -180,7 +180,7 @@ fn keep(path: &Path, bytes: &[u8], source: &Path, findings: &mut Vec<LibraryFind
         .and_then(|()| std::fs::write(&unfinished, bytes))
         .and_then(|()| std::fs::rename(&unfinished, path));
     if let Err(error) = written {
-        // What is left of the attempt is of no use; that it cannot be removed either does not matter.
+        // The partial file is of no use; a failure to remove it is ignored.
         let _ = std::fs::remove_file(&unfinished);
         let diagnostic =
             Diagnostic::of_file(ErrorCode::NotStored, format!("{} cannot be written: {error}", path.display()));

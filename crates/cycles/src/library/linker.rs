@@ -1,6 +1,6 @@
-//! Joining: the calls of every cycle are led to the cycles that they name, and the kinds are told apart.
+//! The linker: resolves the calls of every cycle, and determines the kinds of the cycles.
 //!
-//! Invariant: what is left has no call that leads nowhere or does not fit.
+//! Invariant: every call of a remaining cycle is resolved and has matching arguments.
 
 use super::LibraryFinding;
 use super::folders::Form;
@@ -9,9 +9,9 @@ use crate::cycle::{Cycle, CycleId, Given, Kind, misfit};
 use crate::diag::Diagnostic;
 use crate::error_codes::ErrorCode;
 
-/// Joins forms that are sorted by their names.
+/// Links forms that are sorted by name.
 pub(super) fn join(mut forms: Vec<Form>, findings: &mut Vec<LibraryFinding>) -> Vec<Cycle> {
-    // A cycle that falls away takes those along that call it, until none is left that calls one.
+    // Removing a cycle also removes those that call it, until no remaining cycle calls a removed one.
     loop {
         let wrong: Vec<Option<Diagnostic>> = forms.iter().map(|form| first_fault(&form.unit, &forms)).collect();
         if wrong.iter().all(Option::is_none) {
@@ -51,7 +51,7 @@ fn place(call: &CallSite, forms: &[Form]) -> Option<usize> {
     forms.binary_search_by(|form| form.unit.name.as_str().cmp(&call.name)).ok()
 }
 
-/// The first call of a unit that does not fit.
+/// Returns the first call of a unit that does not fit.
 fn first_fault(unit: &Unit, forms: &[Form]) -> Option<Diagnostic> {
     unit.calls.iter().find_map(|call| {
         let (code, message) = match place(call, forms) {
@@ -70,7 +70,7 @@ fn given(passed: &Passed) -> Given {
     }
 }
 
-/// For each form, the parameter that names a contour: for STOCKPATH, or for a cycle that it hands it on to.
+/// Returns, for each form, the parameter that names a contour: for STOCKPATH, or for a cycle that it is passed on to.
 fn contours(forms: &[Form]) -> Vec<Option<u16>> {
     let mut contours: Vec<Option<u16>> = forms.iter().map(|form| form.unit.contour).collect();
     loop {

@@ -1,14 +1,15 @@
 //! Names that a program can call.
 //!
-//! Invariant: a name in a library never reads as words of a block, so no block changes its meaning by a cycle that is added.
+//! Invariant: a name in a library never reads as words of a block, so an added cycle does not change the meaning of any
+//! block.
 
-/// Most bytes of a name that a program can call.
+/// Maximum length of a callable name in bytes.
 const MAX_NAME_LENGTH: usize = 32;
 
-/// Words that open a control line of a program, with or without a number behind them.
+/// Words that open a control line of a program, with or without a number after them.
 const CONTROL_WORDS: [&str; 6] = ["IF", "THEN", "GOTO", "WHILE", "DO", "END"];
 
-/// Why a program cannot call a cycle of this name, which is in capitals; none if it can.
+/// Returns why a program cannot call a cycle of this name, which is in capitals; `None` if it can.
 pub(super) fn cannot_be_called(name: &str) -> Option<String> {
     let letters = name.bytes().filter(u8::is_ascii_alphabetic).count();
     let has_early_digit = name.as_bytes().get(1).is_some_and(u8::is_ascii_digit);
@@ -30,7 +31,7 @@ pub(super) fn cannot_be_called(name: &str) -> Option<String> {
     Some(format!("{name} {why}, so no program can call it"))
 }
 
-/// Whether a name is letters with a number behind each, such as `M7` or `X1Y2`.
+/// Whether a name consists of letters each followed by a number, such as `M7` or `X1Y2`.
 fn reads_as_words(name: &str) -> bool {
     let bytes = name.as_bytes();
     let followed = |at: usize| bytes.get(at + 1).is_some_and(u8::is_ascii_digit);

@@ -1,6 +1,7 @@
-//! Reading the contour: what the control refuses, chamfers and roundings, centres put right.
+//! Reading of the contour: the checks of the control, chamfers and roundings, correction of centres.
 //!
-//! Invariant: what comes out is joined end to end, every segment has length, and no arc is longer than half a turn.
+//! Invariant: the resulting segments are joined end to end, every segment has length, and no arc is longer than half a
+//! turn.
 
 use std::f64::consts::PI;
 
@@ -8,18 +9,19 @@ use super::corner::break_corner;
 use super::segment::{Arc, Segment};
 use super::{Corner, Element, Kind, LARGEST, Point, StockRemovalError};
 
-/// How far apart an end and the next start may lie, and how short an element is nothing.
+/// Maximum distance between an end and the next start, and length below which an element is ignored.
 const JOINT: f64 = 1e-6;
 
-/// How much the radii at the two ends of an arc may differ, as controls allow for programs written with three places.
+/// Maximum difference of the radii at the two ends of an arc, as controls allow for programs written with three
+/// decimals.
 const RADII: f64 = 0.01;
 
-/// The contour as segments in programmed order.
+/// Returns the contour as segments in programmed order.
 pub(super) fn read(elements: &[Element]) -> Result<Vec<Segment>, StockRemovalError> {
     if let Some(other) = elements.iter().find(|element| element.kind == Kind::Other) {
         return Err(StockRemovalError::Interpolation(other.line));
     }
-    // The block that tells the start is one of the three, and is not an element.
+    // The block that defines the start is one of the three, and is not an element.
     if elements.len() < 2 {
         return Err(StockRemovalError::TooFewBlocks);
     }
@@ -61,7 +63,7 @@ fn check_numbers(element: &Element) -> Result<(), StockRemovalError> {
     check_number("a chamfer or rounding", corner)
 }
 
-/// A number must be finite and of a size that leaves room for arithmetic.
+/// Checks that a number is finite and small enough for the arithmetic.
 pub(super) fn check_number(name: &'static str, value: f64) -> Result<(), StockRemovalError> {
     if value.abs() <= LARGEST { Ok(()) } else { Err(StockRemovalError::Number(name)) }
 }
@@ -83,7 +85,7 @@ fn segment(element: &Element) -> Result<Option<Segment>, StockRemovalError> {
     if (start.distance(element.centre) - end.distance(element.centre)).abs() > RADII {
         return Err(StockRemovalError::Centre(line));
     }
-    // The centre is moved to where both radii are equal: onto the line that halves the chord.
+    // The centre is moved to where both radii are equal: onto the perpendicular bisector of the chord.
     let middle = start.plus(end).times(0.5);
     let upright = end.minus(start).left().unit();
     let centre = middle.plus(upright.times(element.centre.minus(middle).dot(upright)));

@@ -1,15 +1,16 @@
 //! Chamfers and roundings between two segments of a contour.
 //!
-//! Invariant: both segments are only made shorter, and what is put between them begins and ends on them; what does not fit is a fault.
+//! Invariant: both segments are only shortened, and the inserted element begins and ends on them. An element that does
+//! not fit is an error.
 
 use super::curve::{Curve, meet};
 use super::segment::{Arc, Segment};
 use super::{Corner, Point, StockRemovalError};
 
-/// Headings that differ by a sine below this go on straight: there is no corner to break.
+/// Maximum sine between two headings that count as straight, without a corner to break.
 const STRAIGHT: f64 = 1e-6;
 
-/// Break the corner where `before` ends and `after` begins; what comes between them is the answer.
+/// Breaks the corner where `before` ends and `after` begins; returns the inserted element.
 pub(super) fn break_corner(
     before: &mut Segment,
     after: &mut Segment,
@@ -45,7 +46,7 @@ pub(super) fn break_corner(
 
 type Between = (Point, Point, Option<Arc>);
 
-/// The arc of this radius that touches both segments on the inner side of the corner.
+/// Returns the arc of this radius that touches both segments on the inner side of the corner.
 fn rounding(before: &Segment, after: &Segment, radius: f64, left: bool) -> Option<Between> {
     let aside = if left { radius } else { -radius };
     let at = before.end;
@@ -58,7 +59,8 @@ fn rounding(before: &Segment, after: &Segment, radius: f64, left: bool) -> Optio
         .map(|(from, to, centre)| (from, to, Some(Arc { centre, counterclockwise: left })))
 }
 
-/// The line between the points that lie at this distance of the corner on both segments (on an arc, measured as a chord).
+/// Returns the line between the points at this distance from the corner on both segments (on an arc, measured as a
+/// chord).
 fn chamfer(before: &Segment, after: &Segment, leg: f64) -> Option<Between> {
     let at = before.end;
     let around = Curve::Circle { centre: at, radius: leg };

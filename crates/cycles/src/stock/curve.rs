@@ -1,6 +1,7 @@
-//! Plane curves without ends, and where two of them meet.
+//! Infinite plane curves, and their intersections.
 //!
-//! Invariant: the answer holds at most two points; parallel lines, concentric circles and curves that miss each other have none.
+//! Invariant: two curves have at most two intersections; parallel lines, concentric circles and curves that miss each
+//! other have none.
 
 use super::Point;
 
@@ -21,7 +22,7 @@ impl Point {
         self.u * other.u + self.v * other.v
     }
 
-    /// Positive where `other` points to the left of this direction.
+    /// Returns the cross product, positive where `other` points to the left of this direction.
     pub(super) fn cross(self, other: Self) -> f64 {
         self.u * other.v - self.v * other.u
     }
@@ -30,12 +31,12 @@ impl Point {
         self.u.hypot(self.v)
     }
 
-    /// A quarter turn to the left.
+    /// Rotates by a quarter turn to the left.
     pub(super) fn left(self) -> Self {
         Self::new(-self.v, self.u)
     }
 
-    /// The same direction with length one; the zero vector stays what it is.
+    /// Returns the same direction with length one; the zero vector stays unchanged.
     pub(super) fn unit(self) -> Self {
         let length = self.length();
         if length > 0.0 { self.times(1.0 / length) } else { self }
@@ -56,7 +57,7 @@ pub(super) enum Curve {
 /// None, one or two points.
 pub(super) type Meetings = [Option<Point>; 2];
 
-/// Where two curves meet.
+/// Returns the intersections of two curves.
 pub(super) fn meet(a: Curve, b: Curve) -> Meetings {
     match (a, b) {
         (Curve::Line { through: p, along: d }, Curve::Line { through: q, along: e }) => lines(p, d.unit(), q, e.unit()),
@@ -87,12 +88,13 @@ fn circles(c: Point, r: f64, d: Point, s: f64) -> Meetings {
         return [None, None];
     }
     let towards = d.minus(c).unit();
-    // The chord both circles share stands at this distance of the first centre.
+    // Distance from the first centre to the common chord of both circles.
     let along = (apart + (r - s) * (r + s) / apart) / 2.0;
     around(c.plus(towards.times(along)), towards.left(), r, along)
 }
 
-/// The two points at the ends of a chord whose middle lies `away` from the centre of a circle; one that just misses touches.
+/// Returns the two ends of a chord whose middle is `away` from the centre of a circle. A chord that just misses the
+/// circle touches it.
 fn around(middle: Point, along: Point, radius: f64, away: f64) -> Meetings {
     let square = (radius - away) * (radius + away);
     if square < -1e-12 * (1.0 + radius * radius) {

@@ -1,12 +1,12 @@
-//! The upper envelope of pieces: at each place along the cut axis the highest of them, and walls where it jumps.
+//! The upper envelope of pieces: the highest piece at each place along the cut axis, and walls where it jumps.
 //!
-//! Invariant: the envelope is joined exactly, and no piece given lies above it by more than [`TINY`] times its slope.
+//! Invariant: the envelope is joined exactly, and no given piece is above it by more than [`TINY`] times its slope.
 
 use super::Point;
 use super::curve::meet;
 use super::piece::{Piece, TINY};
 
-/// The upper envelope of pieces that cover a stretch of the cut axis without a gap.
+/// Returns the upper envelope of pieces that cover a range of the cut axis without a gap.
 pub(super) fn upper(pieces: &[Piece]) -> Vec<Piece> {
     let mut chain: Vec<Piece> = Vec::new();
     let places = places(pieces);
@@ -23,7 +23,7 @@ pub(super) fn upper(pieces: &[Piece]) -> Vec<Piece> {
     chain
 }
 
-/// Every place where the highest piece may change, in cut direction.
+/// Returns every place where the highest piece may change, in cut direction.
 fn places(pieces: &[Piece]) -> Vec<f64> {
     let mut places: Vec<f64> = pieces.iter().flat_map(|piece| [piece.from.u, piece.to.u]).collect();
     for (number, a) in pieces.iter().enumerate() {
@@ -40,7 +40,7 @@ fn places(pieces: &[Piece]) -> Vec<f64> {
     places
 }
 
-/// Add a piece behind the chain: as a longer last piece, joined, or behind a wall.
+/// Appends a piece to the chain: as a longer last piece, joined, or behind a wall.
 fn join(chain: &mut Vec<Piece>, mut piece: Piece) {
     let Some(last) = chain.last_mut() else {
         chain.push(piece);

@@ -1,21 +1,22 @@
-//! Why a job of stock removal is refused: the control's alarm number and a sentence.
+//! Reasons for refusing a stock removal job: the control's alarm number and a sentence.
 //!
-//! Invariant: every fault has a number of the control's alarm list, and its sentence is made when it is asked for, not before.
+//! Invariant: every error has a number of the control's alarm list. Its sentence is formatted when it is displayed, not
+//! before.
 
 use std::fmt;
 
-/// Why there is no path. A contour reader uses the faults of a contour too.
+/// Reason why a job has no path. The contour reader uses the errors of a contour too.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StockRemovalError {
-    /// VARI is none of 1 to 12 and 201 to 212.
+    /// VARI is not in 1 to 12 or 201 to 212.
     MachiningType(i32),
     /// The falling flank of this line is steeper than the clearance angle.
     ClearanceAngle {
         /// Line of the contour's source.
         line: u32,
-        /// Steepest angle of the flank against the cut axis, degrees.
+        /// Steepest angle of the flank against the cut axis, in degrees.
         flank: f64,
-        /// Clearance angle of the tool, degrees.
+        /// Clearance angle of the tool, in degrees.
         clearance: f64,
     },
     /// The nose does not fit into the contour at this line, so finishing would leave the element out.
@@ -24,21 +25,21 @@ pub enum StockRemovalError {
     MissingAxis(u32),
     /// A tool, offset, plane or frame change inside the contour.
     ChangeInside(u32),
-    /// An element does not begin where the one before it ends.
+    /// An element does not begin where the previous one ends.
     Gap(u32),
-    /// The contour goes back in the cut direction at this line.
+    /// The contour moves backward in the cut direction at this line.
     Overhang(u32),
-    /// The element of this line runs back over the one before it.
+    /// The element of this line runs back over the previous one.
     DoublesBack(u32),
-    /// Start and end of the contour have the same place along the cut axis.
+    /// Start and end of the contour have the same position along the cut axis.
     NoExtent,
     /// The chamfer or rounding of this line does not fit its elements.
     Corner(u32),
-    /// The centre does not lie at the same distance of both ends of the arc.
+    /// The centre does not have the same distance from both ends of the arc.
     Centre(u32),
     /// A number is not finite or beyond [`super::LARGEST`].
     Number(&'static str),
-    /// The tool stands inside the blank at the call.
+    /// The tool is inside the blank at the call.
     StartInBlank,
     /// MID is 0, or so small that the levels cannot be counted.
     InfeedDepth,
@@ -52,14 +53,14 @@ pub enum StockRemovalError {
     TooFewBlocks,
     /// More elements than the cycle's table holds.
     TooManyElements,
-    /// The job needs more moves than one path holds.
+    /// The job needs more moves than the maximum of one path.
     TooManyMoves,
     /// The first block has none of G0 to G3.
     MissingMotion(u32),
 }
 
 impl StockRemovalError {
-    /// The control's alarm number.
+    /// Returns the control's alarm number.
     pub const fn number(&self) -> u32 {
         match self {
             Self::MachiningType(_) => 61002,
@@ -83,7 +84,7 @@ impl StockRemovalError {
         }
     }
 
-    /// The alarm that follows it: 61606, contour preparation failed, after each alarm of the contour reader.
+    /// Returns the alarm that follows it: 61606, contour preparation failed, after each alarm of the contour reader.
     pub const fn followed_by(&self) -> Option<u32> {
         match self.number() {
             10930..=10934 | 15800 => Some(61606),
@@ -91,7 +92,7 @@ impl StockRemovalError {
         }
     }
 
-    /// The line of the contour's source it speaks of, where it speaks of one.
+    /// Returns the line of the contour's source, if the error has one.
     pub const fn line(&self) -> Option<u32> {
         match *self {
             Self::ClearanceAngle { line, .. }

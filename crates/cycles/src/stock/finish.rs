@@ -1,13 +1,13 @@
-//! The last pass: the programmed contour in one go, with compensation for the nose, relief cuts included.
+//! The last pass: the programmed contour in one pass, with compensation for the nose, relief cuts included.
 //!
-//! Invariant: the elements come as programmed (or all of them reversed), at their own places, without allowance.
+//! Invariant: the elements are as programmed (or all of them reversed), at their own positions, without allowance.
 
 use super::frame::Frame;
 use super::move_writer::MoveWriter;
 use super::segment::Segment;
 use super::{Compensation, Feed, Point, StockRemovalError};
 
-/// Along the contour and back to the start point. The pen stands at the start point before and after.
+/// Emits the moves along the contour and back to the start point. The tool is at the start point before and after.
 pub(super) fn finish(
     pen: &mut MoveWriter,
     segments: &[Segment],
@@ -37,12 +37,13 @@ pub(super) fn finish(
     }
 }
 
-/// Material left of the travel: the tool is on the right, G42. Travelling with the cut in normalised coordinates, the part is on the left.
+/// Returns the side of compensation. With the material left of the travel, the tool is on the right: G42. Travelling
+/// with the cut in normalised coordinates, the part is on the left.
 fn side(frame: Frame, with_the_cut: bool) -> Compensation {
     if with_the_cut != frame.mirrors() { Compensation::Right } else { Compensation::Left }
 }
 
-/// The largest v of the contour; arcs reach beyond their ends.
+/// Returns the largest v of the contour; arcs extend beyond their ends.
 fn highest(segments: &[Segment], frame: Frame) -> f64 {
     let tops = segments.iter().map(|segment| {
         let ends = frame.into(segment.start).v.max(frame.into(segment.end).v);

@@ -1,13 +1,14 @@
-//! Between the plane and normalised coordinates: u along the cut, v along the infeed, the free side +v, cutting towards -u.
+//! Conversion between the plane and normalised coordinates: u along the cut, v along the infeed, the free side +v,
+//! cutting towards -u.
 //!
-//! Invariant: `out` undoes `into` exactly, since both only swap axes and change signs.
+//! Invariant: `out` reverses `into` exactly, since both only swap axes and change signs.
 
 use super::{MoveKind, Point};
 
-/// How the plane is turned and mirrored.
+/// Rotation and mirroring of the plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Frame {
-    /// Do the cuts run along the second axis?
+    /// Whether the cuts run along the second axis.
     pub face: bool,
     /// Sign of the cut axis.
     pub cut: f64,
@@ -26,12 +27,12 @@ impl Frame {
         if self.face { Point::new(infeed, cut) } else { Point::new(cut, infeed) }
     }
 
-    /// Does a left turn become a right turn?
+    /// Whether a left turn becomes a right turn.
     pub(super) fn mirrors(self) -> bool {
         (self.cut * self.infeed < 0.0) != self.face
     }
 
-    /// The arc of the plane that is counterclockwise, or clockwise, in normalised coordinates.
+    /// Returns the arc of the plane that is counterclockwise, or clockwise, in normalised coordinates.
     pub(super) fn arc(self, counterclockwise: bool) -> MoveKind {
         if counterclockwise != self.mirrors() { MoveKind::Counterclockwise } else { MoveKind::Clockwise }
     }

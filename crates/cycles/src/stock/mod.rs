@@ -1,11 +1,13 @@
-//! Stock removal along a contour (CYCLE95): from contour elements and a job to the list of moves.
+//! Stock removal along a contour (CYCLE95): converts contour elements and parameters to a list of moves.
 //!
-//! Invariant: `plan` is a pure function of the job. Every check runs before the first move exists; whatever finite numbers come in,
-//! the answer is a path of at most [`MAX_MOVES`] finite moves or a [`Fault`], and numbers that are not finite are refused.
+//! Invariant: `plan` is a pure function of its parameters. Every check is made before the first move exists. For any
+//! finite numbers the result is a path of at most [`MAX_MOVES`] finite moves or a [`StockRemovalError`]; numbers that
+//! are not finite are refused.
 //!
-//! The rooms, in the order in which a `job` passes through them: `contour` (reading and checks, with `corner` for chamfers and roundings),
-//! `shape` (normalised coordinates, with `frame`), `rough` (allowances, with `envelope` and `nose`), `sections` (profile, relief cuts,
-//! levels), `roughing` and `relief` (the cuts), `finish` (the last pass), `pen` (what writes the moves down).
+//! A job passes through these modules in order: `contour` (reading and checks, with `corner` for chamfers and
+//! roundings), `shape` (normalised coordinates, with `frame`), `rough` (allowances, with `envelope` and `nose`),
+//! `sections` (profile, relief cuts, levels), `roughing` and `relief` (the cuts), `finish` (the last pass),
+//! `move_writer` (output of the moves).
 
 mod contour;
 mod corner;
@@ -27,13 +29,13 @@ mod shape;
 
 pub use fault::StockRemovalError;
 
-/// The largest number of moves of one path; a job that needs more is refused.
+/// Maximum number of moves of one path; a job that needs more is refused.
 pub const MAX_MOVES: usize = 200_000;
 
-/// The largest magnitude of a coordinate or length that is accepted, in the program's unit.
+/// Maximum magnitude of a coordinate or length, in the program's unit.
 pub const LARGEST: f64 = 1e6;
 
-/// The lift-off where none is programmed, mm (CYCLE95, `_VRT`).
+/// Lift-off where none is programmed, mm (CYCLE95, `_VRT`).
 pub const LIFT_OFF: f64 = 1.0;
 
 /// A point of the machining plane, as plain coordinates (radius values), in the program's unit.
@@ -46,16 +48,16 @@ pub struct Point {
 }
 
 impl Point {
-    /// The point at these plane coordinates.
+    /// Creates the point at these plane coordinates.
     pub const fn new(u: f64, v: f64) -> Self {
         Self { u, v }
     }
 }
 
-/// How a contour element was programmed.
+/// Motion of a contour element as programmed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// G0; in a contour it is machined like G1.
+    /// G0; machined like G1 in a contour.
     Rapid,
     /// G1.
     Line,
@@ -67,7 +69,7 @@ pub enum Kind {
     Other,
 }
 
-/// What stands at the corner between an element and the next one.
+/// Treatment of the corner between an element and the next one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Corner {
     /// The corner stays sharp.
@@ -81,24 +83,25 @@ pub enum Corner {
     Rounding(f64),
 }
 
-/// One element of the contour, as its subprogram tells it. The first block, which only tells where the contour begins, is none.
+/// One element of the contour, as read from its subprogram. The first block, which only defines the start of the
+/// contour, is not an element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Element {
     /// Line or arc.
     pub kind: Kind,
-    /// Where it begins: where the element before it ends.
+    /// Start: the end of the previous element.
     pub start: Point,
-    /// Where it ends.
+    /// End.
     pub end: Point,
-    /// Centre of an arc; not looked at for lines.
+    /// Centre of an arc; ignored for lines.
     pub centre: Point,
-    /// What stands at its end, between it and the next element.
+    /// Corner at its end, between it and the next element.
     pub corner: Corner,
     /// Line of the source, for messages.
     pub line: u32,
 }
 
-/// Where the point lies that the program moves, seen from the centre of the nose, in nose radii: each of -1, 0 or 1.
+/// Position of the programmed point relative to the centre of the nose, in nose radii: each of -1, 0 or 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ToolTip {
     /// Along the first axis.
@@ -108,8 +111,8 @@ pub struct ToolTip {
 }
 
 impl ToolTip {
-    /// The tip of a turning tool from its orientation 1 to 9 in the tool table of LinuxCNC (first axis Z, second axis X).
-    /// Any other number means the centre, as 9 does.
+    /// Returns the tip of a turning tool from its orientation 1 to 9 in the tool table of LinuxCNC (first axis Z,
+    /// second axis X). Any other number means the centre, as 9 does.
     pub fn of_orientation(number: i32) -> Self {
         let (u, v) = match number {
             1 => (1.0, -1.0),
@@ -126,14 +129,14 @@ impl ToolTip {
     }
 }
 
-/// What CYCLE95 is asked to do. Lengths in the program's unit; those entered without sign are taken by their magnitude.
+/// Parameters of CYCLE95. Lengths are in the program's unit; only the magnitude counts for those entered without sign.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StockRemovalParams {
     /// The contour as programmed.
     pub contour: Vec<Element>,
     /// VARI: 1 to 12, or 201 to 212.
     pub vari: i32,
-    /// MID: largest infeed depth (radius value). 0 is refused unless the job is finishing alone.
+    /// MID: maximum infeed depth (radius value). 0 is refused unless the job is finishing alone.
     pub mid: f64,
     /// FALZ: finishing allowance along the first axis.
     pub fal_z: f64,
@@ -141,23 +144,23 @@ pub struct StockRemovalParams {
     pub fal_x: f64,
     /// FAL: finishing allowance along the contour.
     pub fal: f64,
-    /// DAM: path after which a roughing cut dwells; 0 is never.
+    /// DAM: distance after which a roughing cut dwells; 0 is never.
     pub dam: f64,
     /// _VRT: lift-off; 0 is [`LIFT_OFF`].
     pub vrt: f64,
     /// Radius of the tool's nose.
     pub nose_radius: f64,
-    /// Where the programmed point lies at the nose.
+    /// Position of the programmed point at the nose.
     pub tip: ToolTip,
-    /// DP24: clearance angle of the tool, degrees; 0 switches the check of falling flanks off.
+    /// DP24: clearance angle of the tool, in degrees; 0 switches the check of falling flanks off.
     pub clearance_angle: f64,
-    /// Is roughing compensated for the nose too, as on the 840D? Finishing always is.
+    /// Whether roughing is compensated for the nose too, as on the 840D. Finishing always is.
     pub rough_compensated: bool,
-    /// Where the tool stands at the call, when that is to be checked against the blank.
+    /// Position of the tool at the call, if it is to be checked against the blank.
     pub position: Option<Point>,
 }
 
-/// How a move is interpolated.
+/// Interpolation of a move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MoveKind {
     /// G0.
@@ -170,7 +173,7 @@ pub enum MoveKind {
     Counterclockwise,
 }
 
-/// Which feed a move has.
+/// Feed of a move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Feed {
     /// Rapid traverse.
@@ -183,21 +186,21 @@ pub enum Feed {
     Finish,
 }
 
-/// Which axes of the plane a move carries.
+/// Axes of the plane that a move has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axes {
-    /// Both at once.
+    /// Both axes.
     Both,
-    /// The first axis alone; the second keeps its place.
+    /// The first axis alone; the second keeps its position.
     First,
     /// The second axis alone.
     Second,
 }
 
-/// What a move says about cutter radius compensation.
+/// Change of cutter radius compensation in a move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Compensation {
-    /// Nothing.
+    /// No change.
     Unchanged,
     /// G40: off.
     Off,
@@ -212,46 +215,46 @@ pub enum Compensation {
 pub struct Move {
     /// Line, arc or rapid.
     pub kind: MoveKind,
-    /// Where it ends.
+    /// End of the move.
     pub end: Point,
-    /// Centre of an arc; equal to `end` for anything else.
+    /// Centre of an arc; equal to `end` for any other move.
     pub centre: Point,
-    /// Which feed.
+    /// Feed of the move.
     pub feed: Feed,
-    /// Which axes.
+    /// Axes of the move.
     pub axes: Axes,
     /// Compensation switched with this move.
     pub compensation: Compensation,
-    /// Does the tool dwell (DT) at its end?
+    /// Whether the tool dwells (DT) at its end.
     pub dwell_after: bool,
 }
 
-/// What is legal and worth telling.
+/// A legal condition that is reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Warning {
-    /// A parameter that is entered without sign was negative; its magnitude is taken.
+    /// A parameter that is entered without sign was negative; its magnitude is used.
     SignDropped(&'static str),
-    /// So many relief cuts close up under allowances and nose, and are left to finishing.
+    /// This number of relief cuts closes up under allowances and nose, and is left to finishing.
     ReliefLeftToFinishing(usize),
-    /// The nose does not reach all of the contour at this line, so roughing leaves more there.
+    /// The nose does not reach all of the contour at this line, so roughing leaves more material there.
     NoseLeavesStock(u32),
 }
 
-/// What `plan` answers.
+/// Result of `plan`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Path {
-    /// The cycle's start point, where it also ends.
+    /// Start point of the cycle, where it also ends.
     pub start: Point,
-    /// The moves, from wherever the tool stands to the start point and through the work.
+    /// Moves, from the tool position to the start point and through the work.
     pub moves: Vec<Move>,
-    /// What is worth telling.
+    /// Reported conditions.
     pub warnings: Vec<Warning>,
 }
 
-/// The path of a job, or why there is none.
+/// Returns the path of a job.
 ///
 /// # Errors
-/// A [`Fault`] with the control's alarm number; nothing has moved then.
+/// A [`StockRemovalError`] with the control's alarm number; nothing has moved then.
 pub fn plan(job: &StockRemovalParams) -> Result<Path, StockRemovalError> {
     params::carry_out(job)
 }

@@ -1,16 +1,16 @@
-//! The pen: writes moves down in plane coordinates, from points in normalised ones.
+//! Output of moves in plane coordinates, from points in normalised ones.
 //!
-//! Invariant: a move that goes nowhere is not written, and no path grows beyond [`MAX_MOVES`].
+//! Invariant: a move without length is not written, and no path grows beyond [`MAX_MOVES`].
 
 use super::frame::Frame;
 use super::piece::{Bend, Piece, TINY};
 use super::{Axes, Compensation, Feed, MAX_MOVES, Move, MoveKind, Point, StockRemovalError};
 
-/// Writes the moves of a path.
+/// Writer of the moves of a path.
 #[derive(Debug)]
 pub(super) struct MoveWriter {
     frame: Frame,
-    /// Path after which a roughing cut dwells; 0 is never.
+    /// Distance after which a roughing cut dwells; 0 is never.
     dam: f64,
     at: Point,
     compensation: Compensation,
@@ -18,7 +18,8 @@ pub(super) struct MoveWriter {
 }
 
 impl MoveWriter {
-    /// A pen at the start point of the cycle. How the tool comes there depends on where it stands, so both axes are always written.
+    /// Creates a writer at the start point of the cycle. The approach depends on the tool position, so both axes are
+    /// always written.
     pub(super) fn at_start(frame: Frame, dam: f64, start: Point, approach: &[Axes]) -> Self {
         let end = frame.out(start);
         let compensation = Compensation::Unchanged;
@@ -30,12 +31,12 @@ impl MoveWriter {
         Self { frame, dam, at: start, compensation, moves }
     }
 
-    /// The plane axis along which the infeed runs.
+    /// Returns the plane axis of the infeed.
     pub(super) fn infeed_axis(frame: Frame) -> Axes {
         if frame.face { Axes::First } else { Axes::Second }
     }
 
-    /// The plane axis along which the cuts run.
+    /// Returns the plane axis of the cuts.
     pub(super) fn cut_axis(frame: Frame) -> Axes {
         if frame.face { Axes::Second } else { Axes::First }
     }
@@ -48,7 +49,7 @@ impl MoveWriter {
         self.moves
     }
 
-    /// Switch compensation with the next move that is written.
+    /// Switches compensation with the next move that is written.
     pub(super) fn compensate(&mut self, compensation: Compensation) {
         self.compensation = compensation;
     }
@@ -69,7 +70,7 @@ impl MoveWriter {
         self.straight(MoveKind::Line, to, feed)
     }
 
-    /// A roughing cut along the cut axis, with a dwell after each stretch of DAM but not at its end.
+    /// Writes a roughing cut along the cut axis, with a dwell after each section of length DAM but not at its end.
     pub(super) fn cut(&mut self, u: f64) -> Result<(), StockRemovalError> {
         let (from, length) = (self.at, (self.at.u - u).abs());
         if self.dam > 0.0 {
@@ -88,7 +89,7 @@ impl MoveWriter {
         self.line(Point::new(u, from.v), Feed::Rough)
     }
 
-    /// Along pieces of a chain, in their direction.
+    /// Writes moves along pieces of a chain, in their direction.
     pub(super) fn follow(&mut self, pieces: &[Piece], feed: Feed) -> Result<(), StockRemovalError> {
         for piece in pieces {
             match piece.bend {
@@ -117,7 +118,7 @@ impl MoveWriter {
     fn write(&mut self, kind: MoveKind, to: Point, centre: Point, feed: Feed) -> Result<(), StockRemovalError> {
         let (across, up) = ((to.u - self.at.u).abs() > TINY, (to.v - self.at.v).abs() > TINY);
         let axes = match (across, up) {
-            // Compensation waits for a move that goes somewhere.
+            // Compensation is switched with a move that has length.
             (false, false) => return Ok(()),
             (true, false) if kind != MoveKind::Clockwise && kind != MoveKind::Counterclockwise => {
                 Self::cut_axis(self.frame)

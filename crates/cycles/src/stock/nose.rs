@@ -1,20 +1,22 @@
-//! The nose: the chain the programmed point runs along so that a round nose touches the contour, and whether the nose fits into it.
+//! The nose: the chain of the programmed point for which a round nose touches the contour, and the check that the nose
+//! fits.
 //!
-//! Invariant: the centre of the nose keeps at least its radius from every point of the chain, so nothing is cut that must stay.
+//! Invariant: the centre of the nose is at least its radius away from every point of the chain, so nothing is cut that
+//! must remain.
 
 use super::envelope;
 use super::piece::{Bend, Piece, TINY};
 use super::{Point, StockRemovalError};
 
-/// How many points of an element are tried before the nose is said not to reach it.
+/// Number of points of an element that are tried before it counts as not reached by the nose.
 const SAMPLES: u32 = 33;
 
-/// An element reached from this near is reached.
+/// Distance within which an element counts as reached.
 const REACHED: f64 = 1e-6;
 
-/// The chain of the programmed point: the contour of the nose's centre, moved from the centre to that point.
+/// Returns the chain of the programmed point: the contour of the nose's centre, moved from the centre to that point.
 ///
-/// In front of the chain lies air at the height of its first point, and behind it land at the height of its last.
+/// In front of the chain is air at the height of its first point, and behind it land at the height of its last.
 pub(super) fn offset(pieces: &[Piece], radius: f64, tip: Point) -> Vec<Piece> {
     let Some((first, last)) = pieces.first().zip(pieces.last()) else { return Vec::new() };
     let reach = Point::new(4.0 * radius, 0.0);
@@ -22,7 +24,7 @@ pub(super) fn offset(pieces: &[Piece], radius: f64, tip: Point) -> Vec<Piece> {
     chain.extend_from_slice(pieces);
     chain.push(Piece::straight(last.to, last.to.minus(reach), last.line));
     let centres = envelope::upper(&round(&chain, radius));
-    // The ends of the air and of the land behind are none of the part: the path stops short of going around them.
+    // The ends of the air and of the land behind do not belong to the part: the path does not go around them.
     let (start, end) = (first.from.u + radius, last.to.u - 2.0 * radius);
     let move_by = tip.times(radius);
     let mut path: Vec<Piece> = Vec::with_capacity(centres.len());
@@ -37,7 +39,7 @@ pub(super) fn offset(pieces: &[Piece], radius: f64, tip: Point) -> Vec<Piece> {
     path
 }
 
-/// Refuse a contour into which the nose does not fit: every element must be touched somewhere.
+/// Refuses a contour into which the nose does not fit: every element must be touched somewhere.
 pub(super) fn check(pieces: &[Piece], radius: f64) -> Result<(), StockRemovalError> {
     let centres = envelope::upper(&round(pieces, radius));
     let height = |u: f64| {
@@ -51,7 +53,7 @@ pub(super) fn check(pieces: &[Piece], radius: f64) -> Result<(), StockRemovalErr
             height(centre.u) <= centre.v + REACHED
         })
     };
-    // What is shorter than the tolerance is reached with its neighbours.
+    // An element shorter than the tolerance is reached with its neighbours.
     let long = |piece: &&Piece| piece.from.distance(piece.to) > 10.0 * REACHED;
     match pieces.iter().filter(long).find(|piece| !reached(piece)) {
         Some(piece) => Err(StockRemovalError::NoseTooLarge(piece.line)),
@@ -59,13 +61,15 @@ pub(super) fn check(pieces: &[Piece], radius: f64) -> Result<(), StockRemovalErr
     }
 }
 
-/// All that can be the boundary of the part grown by the nose: elements moved outwards and arcs around the corners.
+/// Returns everything that can be the boundary of the part grown by the nose: elements moved outwards and arcs around
+/// the corners.
 fn round(pieces: &[Piece], radius: f64) -> Vec<Piece> {
     let mut grown = Vec::with_capacity(3 * pieces.len() + 4);
     for (number, piece) in pieces.iter().enumerate() {
         grown.extend(outwards(piece, radius));
         let corner = match number.checked_sub(1).map(|before| &pieces[before]) {
-            // The free side is on the right: a left turn is a corner to go around, and so is the edge of a blade, up and down again.
+            // The free side is on the right: a left turn is a corner to go around, and so is the edge of a blade, up
+            // and down again.
             Some(before) => {
                 let (arrive, leave) = (before.heading(before.to), piece.heading(piece.from));
                 let turn = arrive.cross(leave);
@@ -103,7 +107,7 @@ fn outwards(piece: &Piece, radius: f64) -> Option<Piece> {
     }
 }
 
-/// The upper half of the circle around a point, as two quarters.
+/// Adds the upper half of the circle around a point, as two quarters.
 fn around(centre: Point, radius: f64, line: u32, into: &mut Vec<Piece>) {
     let bend = Bend::Over { centre, radius };
     let (right, top) = (centre.plus(Point::new(radius, 0.0)), centre.plus(Point::new(0.0, radius)));

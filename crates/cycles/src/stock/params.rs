@@ -1,6 +1,6 @@
-//! Carrying out a job: its numbers and checks, then the cuts in their order.
+//! Execution of a job: its numbers and checks, then the cuts in order.
 //!
-//! Invariant: every check runs before the first move is written.
+//! Invariant: every check is made before the first move is written.
 
 use super::contour::{check_number, read};
 use super::move_writer::MoveWriter;
@@ -12,13 +12,13 @@ use super::{
     Axes, LIFT_OFF, Path, Point, StockRemovalError, StockRemovalParams, Warning, finish, nose, relief, roughing,
 };
 
-/// A nose smaller than this is none.
+/// Radius below which a nose counts as none.
 const POINTED: f64 = 1e-6;
 
 /// Degrees by which a flank may exceed the clearance angle: tool tables hold rounded angles.
 const ANGLE: f64 = 1e-3;
 
-/// VARI taken apart.
+/// Components of VARI.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Variant {
     lie: Orientation,
@@ -28,7 +28,7 @@ struct Variant {
 
 impl Variant {
     fn of(vari: i32) -> Result<Self, StockRemovalError> {
-        // The hundreds digit 2 follows the contour to the level before, as 0 does here.
+        // The hundreds digit 2 follows the contour to the previous level, as 0 does here.
         let plain = if (201..=212).contains(&vari) { vari - 200 } else { vari };
         if !(1..=12).contains(&plain) {
             return Err(StockRemovalError::MachiningType(vari));
@@ -39,7 +39,7 @@ impl Variant {
     }
 }
 
-/// The numbers of a job, checked, without sign and with their defaults.
+/// Parameters of a job, checked, without sign and with their defaults.
 #[derive(Clone, Copy, Debug)]
 struct Sizes {
     mid: f64,
@@ -76,7 +76,7 @@ impl Sizes {
     }
 }
 
-/// The path of a job, or why there is none.
+/// Returns the path of a job, or why it has none.
 pub(super) fn carry_out(job: &StockRemovalParams) -> Result<Path, StockRemovalError> {
     let Variant { lie, roughs, finishes } = Variant::of(job.vari)?;
     let mut warnings = Vec::new();
@@ -116,7 +116,7 @@ pub(super) fn carry_out(job: &StockRemovalParams) -> Result<Path, StockRemovalEr
     Ok(Path { start, moves: pen.into_moves(), warnings })
 }
 
-/// All roughing; the pen stands at the start point again.
+/// Emits all roughing; the tool is then at the start point again.
 fn rough(
     job: &StockRemovalParams,
     shape: &Shape,
@@ -145,7 +145,7 @@ fn rough(
     Ok(pen)
 }
 
-/// Refuse a falling flank that is steeper than the tool clears. An angle of 0 switches the check off.
+/// Refuses a falling flank that is steeper than the tool clears. An angle of 0 switches the check off.
 fn check_clearance(pieces: &[Piece], clearance: f64) -> Result<(), StockRemovalError> {
     if clearance <= 0.0 {
         return Ok(());

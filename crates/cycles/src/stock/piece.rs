@@ -1,24 +1,24 @@
 //! A piece of a chain in normalised coordinates: cutting runs towards -u, the free side is +v.
 //!
-//! Invariant: along a piece u never grows, and v either never falls or never rises; an arc lies within one quadrant of its circle, and is
-//! neither flat nor upright.
+//! Invariant: along a piece u never grows, and v either never falls or never rises. An arc is within one quadrant of
+//! its circle, and is neither flat nor upright.
 
 use super::Point;
 use super::curve::Curve;
 
-/// Differences below this are none: far below any machine, far above the noise of the arithmetic.
+/// Differences below this count as zero: far below any machine, far above the noise of the arithmetic.
 pub(super) const TINY: f64 = 1e-9;
 
-/// How a piece bends.
+/// Curvature of a piece.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Bend {
     Straight,
-    /// An arc that bulges to the free side: its centre lies below.
+    /// An arc that is convex on the free side: its centre is below.
     Over {
         centre: Point,
         radius: f64,
     },
-    /// An arc that is hollow to the free side: its centre lies above.
+    /// An arc that is concave on the free side: its centre is above.
     Under {
         centre: Point,
         radius: f64,
@@ -40,7 +40,7 @@ impl Piece {
         Self { from, to, bend: Bend::Straight, line }
     }
 
-    /// The same piece, straight where it is so short that its bend is lost in the last digit.
+    /// Returns the same piece, straight where it is so short that its curvature is lost in the last digit.
     pub(super) fn settled(self) -> Self {
         let bend = if self.is_flat() || self.is_upright() { Bend::Straight } else { self.bend };
         Self { bend, ..self }
@@ -66,7 +66,7 @@ impl Piece {
         self.from.u - self.to.u <= TINY
     }
 
-    /// The whole line or circle it is a piece of.
+    /// Returns the whole line or circle of the piece.
     pub(super) fn curve(&self) -> Curve {
         match self.bend {
             Bend::Straight => Curve::Line { through: self.from, along: self.to.minus(self.from) },
@@ -74,10 +74,10 @@ impl Piece {
         }
     }
 
-    /// The height over a place; the higher end over the place of an upright piece.
+    /// Returns the height at a place; for an upright piece the height of its higher end.
     pub(super) fn height(&self, u: f64) -> f64 {
         let (low, high) = (self.from.v.min(self.to.v), self.from.v.max(self.to.v));
-        // The ends answer exactly, so that a chain stays joined whatever the rounding in between.
+        // The ends are returned exactly, so that a chain stays joined whatever the rounding in between.
         let height = if self.is_upright() {
             high
         } else if u >= self.from.u {
@@ -100,7 +100,7 @@ impl Piece {
         height.clamp(low, high)
     }
 
-    /// The point of the piece at a height between those of its ends.
+    /// Returns the point of the piece at a height between those of its ends.
     pub(super) fn at_height(&self, v: f64) -> Point {
         if v == self.from.v {
             return self.from;
@@ -120,12 +120,12 @@ impl Piece {
         Point::new(u.clamp(self.to.u, self.from.u), v)
     }
 
-    /// What lies before a point of it.
+    /// Returns the part before a point of it.
     pub(super) fn until(&self, to: Point) -> Self {
         Self { to, ..*self }
     }
 
-    /// What lies behind a point of it.
+    /// Returns the part after a point of it.
     pub(super) fn after(&self, from: Point) -> Self {
         Self { from, ..*self }
     }
@@ -139,7 +139,7 @@ impl Piece {
         Self { from: self.from.plus(by), to: self.to.plus(by), bend, line: self.line }
     }
 
-    /// The direction of travel at a point of it.
+    /// Returns the direction of travel at a point of it.
     pub(super) fn heading(&self, at: Point) -> Point {
         match self.bend {
             Bend::Straight => self.to.minus(self.from).unit(),
@@ -148,7 +148,7 @@ impl Piece {
         }
     }
 
-    /// The point this share of the piece behind its beginning, and the direction to the free side there.
+    /// Returns the point after this share of the piece, and the direction to the free side there.
     pub(super) fn sample(&self, share: f64) -> (Point, Point) {
         let chord = self.from.plus(self.to.minus(self.from).times(share));
         let at = match self.bend {
@@ -157,7 +157,7 @@ impl Piece {
                 centre.plus(chord.minus(centre).unit().times(radius))
             }
         };
-        // Travelling towards -u the free side is on the right.
+        // Travelling towards -u, the free side is on the right.
         (at, self.heading(at).left().times(-1.0))
     }
 }

@@ -1,19 +1,20 @@
-//! Roughing of relief cuts: plunge along the falling flank, cut to the rising one, climb it to the level before, level by level.
+//! Roughing of relief cuts, level by level: plunge along the falling flank, cut to the rising one, climb it to the
+//! previous level.
 //!
-//! Invariant: rapid moves inside a relief cut stay within what its levels have cleared; what lies behind an inner hump becomes a pocket of
-//! its own, whose top is the last level cut over the hump.
+//! Invariant: rapid moves inside a relief cut stay within the region that its levels have cleared. The part behind an
+//! inner hump becomes a pocket of its own, whose top is the last level cut over the hump.
 
 use super::move_writer::MoveWriter;
 use super::piece::{Piece, TINY};
 use super::sections::{SHALLOW, levels};
 use super::{Feed, Point, StockRemovalError};
 
-/// What all relief cuts of a job share.
+/// Parameters that all relief cuts of a job share.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cutting {
-    /// The cycle's start point.
+    /// Start point of the cycle.
     pub start: Point,
-    /// Largest infeed depth.
+    /// Maximum infeed depth.
     pub mid: f64,
     /// Lift-off.
     pub lift: f64,
@@ -25,11 +26,11 @@ struct Pocket {
     chain: Vec<Piece>,
 }
 
-/// Cut the relief cuts; the pen stands at the start point before and after.
+/// Cuts the relief cuts; the tool is at the start point before and after.
 pub(super) fn rough(pen: &mut MoveWriter, reliefs: &[Vec<Piece>], cutting: Cutting) -> Result<(), StockRemovalError> {
     for relief in reliefs {
         let Some(top) = relief.first().map(|piece| piece.from.v) else { continue };
-        // The last one put here is the nearest along the cut direction.
+        // The last one pushed is the nearest along the cut direction.
         let mut waiting = vec![Pocket { top, chain: relief.clone() }];
         while let Some(pocket) = waiting.pop() {
             clear(pen, pocket, cutting, &mut waiting)?;
@@ -60,7 +61,7 @@ fn clear(
             pen.rapid_cut_axis(flank.u)?;
             pen.rapid_infeed_axis(top + lift)?;
         } else {
-            // Clear of the falling flank, where the level before has made room.
+            // Clear of the falling flank, where the previous level has made space.
             let clear = lift.min(length / 2.0);
             pen.rapid_cut_axis(flank.u - clear)?;
             pen.rapid_infeed_axis(before + clear)?;
@@ -82,13 +83,13 @@ fn clear(
     pen.rapid_infeed_axis(cutting.start.v)
 }
 
-/// The chain without what lies at the height of the top before it falls.
+/// Returns the chain without the part at the height of the top before it falls.
 fn without_land(chain: Vec<Piece>, top: f64) -> Vec<Piece> {
     let land = chain.iter().take_while(|piece| piece.to.v >= top - TINY).count();
     chain.into_iter().skip(land).collect()
 }
 
-/// The lowest point before the chain first rises again.
+/// Returns the lowest point before the chain first rises again.
 fn first_bottom(chain: &[Piece], top: f64) -> f64 {
     let mut low = top;
     for piece in chain {
@@ -124,7 +125,7 @@ fn split(chain: &[Piece], level: f64) -> Option<Split> {
     Some(Split { descent, floor, climb })
 }
 
-/// A climb up to where it first falls again, and what lies behind that hump.
+/// Splits a climb where it first falls again; returns the part after that hump as well.
 fn up_to_hump(climb: Vec<Piece>) -> (Vec<Piece>, Option<Vec<Piece>>) {
     let (mut high, mut peak) = (f64::NEG_INFINITY, 0);
     for (number, piece) in climb.iter().enumerate() {
@@ -139,7 +140,8 @@ fn up_to_hump(climb: Vec<Piece>) -> (Vec<Piece>, Option<Vec<Piece>>) {
     (climb, None)
 }
 
-/// The pocket behind a hump, whose top is the last level cut over it: at the hump's peak it begins with an upright flank.
+/// Returns the pocket behind a hump, whose top is the last level cut over it. At the hump's peak it begins with an
+/// upright flank.
 fn behind_hump(behind: Vec<Piece>, top: f64) -> Pocket {
     let mut chain = Vec::with_capacity(behind.len() + 1);
     if let Some(first) = behind.first() {

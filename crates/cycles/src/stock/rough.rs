@@ -1,7 +1,8 @@
 //! The rough contour: the part's boundary moved to its free side by the finishing allowances.
 //!
-//! Invariant: it is the boundary of the part made longer by the allowance along the cut axis to both sides and raised by the allowance
-//! along the infeed axis; so it is a chain like the contour, ends at its largest v, and lies nowhere below the contour.
+//! Invariant: it is the boundary of the part lengthened by the allowance along the cut axis to both sides and raised by
+//! the allowance along the infeed axis. It is therefore a chain like the contour, ends at its largest v, and is nowhere
+//! below the contour.
 
 use super::Point;
 use super::envelope;
@@ -14,7 +15,8 @@ pub(super) struct Allowance {
     pub infeed: f64,
 }
 
-/// The rough contour of a shape: each wall is moved towards its free side, tops grow on both sides, floors shrink.
+/// Returns the rough contour of a shape: each wall is moved towards its free side, tops grow on both sides, floors
+/// shrink.
 pub(super) fn raise(pieces: &[Piece], allowance: Allowance) -> Vec<Piece> {
     let Allowance { cut, infeed } = allowance;
     let mut raised: Vec<Piece> = Vec::with_capacity(pieces.len() + 2);
@@ -54,13 +56,13 @@ pub(super) fn raise(pieces: &[Piece], allowance: Allowance) -> Vec<Piece> {
         let land = |side| end.plus(Point::new(side, infeed));
         raised.push(Piece::straight(land(side), land(-cut), line));
     }
-    // Where two walls come nearer to each other than both allowances, the valley between them closes up.
+    // Where two walls are closer to each other than both allowances, the valley between them closes up.
     if joined {
         return raised;
     }
     let mut chain = envelope::upper(&raised);
     if let Some((start, first)) = raised.first().zip(chain.first().copied()) {
-        // An envelope does not know the front wall below its first point.
+        // An envelope does not include the front wall below its first point.
         if first.from.v > start.from.v + TINY {
             chain.insert(0, Piece::straight(start.from, first.from, start.line));
         }

@@ -1,12 +1,12 @@
-//! Roughing without relief cuts: level by level along the cut axis, then along the rough contour to the level before.
+//! Roughing without relief cuts: level by level along the cut axis, then along the rough contour to the previous level.
 //!
-//! Invariant: rapid moves run only in front of the blank or above what the levels before have cleared.
+//! Invariant: rapid moves run only in front of the blank or above the region that the previous levels have cleared.
 
 use super::move_writer::MoveWriter;
 use super::piece::{Piece, TINY};
 use super::{Feed, Point, StockRemovalError};
 
-/// Cut the section of a profile; the pen stands at the start point before and after.
+/// Cuts the section of a profile; the tool is at the start point before and after.
 pub(super) fn rough(
     pen: &mut MoveWriter,
     profile: &[Piece],
@@ -29,7 +29,8 @@ pub(super) fn rough(
     pen.rapid_infeed_axis(start.v)
 }
 
-/// The part of a profile that rises from one height to another, from the last point at the lower to the first at the upper one.
+/// Returns the part of a profile that rises from one height to another, from the last point at the lower to the first
+/// at the upper one.
 fn climb(profile: &[Piece], from: f64, to: f64) -> Vec<Piece> {
     let mut climb = Vec::new();
     for piece in profile.iter().skip_while(|piece| piece.to.v <= from + TINY) {

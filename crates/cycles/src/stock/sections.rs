@@ -1,15 +1,16 @@
-//! Sections: the profile without relief cuts, the relief cuts under it, and the levels each is cut in.
+//! Sections: the profile without relief cuts, the relief cuts under it, and the levels in which each is cut.
 //!
-//! Invariant: the profile never falls; each relief cut is a chain that begins and ends at its rim and lies nowhere above it; levels divide
-//! a depth equally, by no more than the infeed depth, and the last one is the bottom itself.
+//! Invariant: the profile never falls. Each relief cut is a chain that begins and ends at its rim and is nowhere above
+//! it. Levels divide a depth equally, by at most the infeed depth, and the last one is the bottom itself.
 
 use super::piece::{Piece, TINY};
 use super::{Point, StockRemovalError};
 
-/// A relief cut, a hump or a rest less deep than this, or a relief cut less wide, is left: it is below any machine's resolution.
+/// Minimum depth of a relief cut, a hump or a remainder, and minimum width of a relief cut. Smaller ones are left
+/// uncut: they are below any machine's resolution.
 pub(super) const SHALLOW: f64 = 1e-6;
 
-/// The largest number of levels of one section.
+/// Maximum number of levels of one section.
 const MAX_LEVELS: f64 = 10_000.0;
 
 /// Profile and relief cuts of a rough contour.
@@ -17,11 +18,11 @@ const MAX_LEVELS: f64 = 10_000.0;
 pub(super) struct Sections {
     /// Running maximum along the cut direction; relief cuts are bridged parallel to the cut axis.
     pub profile: Vec<Piece>,
-    /// The relief cuts in cut direction.
+    /// Relief cuts in cut direction.
     pub reliefs: Vec<Vec<Piece>>,
 }
 
-/// Divide a chain into its sections.
+/// Divides a chain into its sections.
 pub(super) fn divide(chain: &[Piece]) -> Sections {
     let mut sections = Sections::default();
     let mut open: Option<(Point, Vec<Piece>)> = None;
@@ -40,7 +41,7 @@ pub(super) fn divide(chain: &[Piece]) -> Sections {
         }
     }
     if let Some((rim, mut relief)) = open {
-        // Not reached by a shape, which ends at its largest v; whatever comes, the relief cut has two sides.
+        // Not reached by a shape, which ends at its largest v. In any case the relief cut has two sides.
         let end = relief.last().map_or(rim, |piece| piece.to);
         let close = Point::new(end.u, rim.v);
         relief.push(Piece::straight(end, close, 0));
@@ -70,13 +71,13 @@ impl Sections {
     }
 }
 
-/// The levels of a section, from below its top to its bottom: equal steps of at most the infeed depth.
+/// Returns the levels of a section, from below its top to its bottom: equal steps of at most the infeed depth.
 pub(super) fn levels(top: f64, bottom: f64, mid: f64) -> Result<Vec<f64>, StockRemovalError> {
     let depth = top - bottom;
     if depth <= SHALLOW {
         return Ok(Vec::new());
     }
-    // A depth that is a whole number of infeeds but for the last digit needs no further level.
+    // A depth that is a whole number of infeeds except for the last digit needs no further level.
     let count = (depth / mid - 1e-9).ceil().max(1.0);
     if count > MAX_LEVELS {
         return Err(StockRemovalError::InfeedDepth);

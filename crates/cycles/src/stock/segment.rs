@@ -1,4 +1,4 @@
-//! A line or arc of the contour in plane coordinates, as the contour's subprogram means it.
+//! A line or arc of the contour in plane coordinates, as programmed.
 //!
 //! Invariant: it has length, and an arc has one radius at both its ends.
 
@@ -23,7 +23,7 @@ pub(super) struct Arc {
 }
 
 impl Arc {
-    /// The angle swept from one point to another in its sense, 0 to a whole turn.
+    /// Returns the angle swept from one point to another in its direction, 0 to a whole turn.
     pub(super) fn sweep(&self, from: Point, to: Point) -> f64 {
         let (a, b) = (from.minus(self.centre), to.minus(self.centre));
         let angle = a.cross(b).atan2(a.dot(b));
@@ -40,7 +40,7 @@ impl Segment {
         }
     }
 
-    /// Direction of travel at a point of it.
+    /// Returns the direction of travel at a point of it.
     pub(super) fn heading(&self, at: Point) -> Point {
         match self.arc {
             None => self.end.minus(self.start).unit(),
@@ -51,7 +51,7 @@ impl Segment {
         }
     }
 
-    /// The curve at this distance to its left; none where an arc would have no radius left.
+    /// Returns the curve at this distance to its left; `None` where an arc would have no radius left.
     pub(super) fn beside(&self, left: f64) -> Option<Curve> {
         match self.arc {
             None => {
@@ -66,7 +66,7 @@ impl Segment {
         }
     }
 
-    /// The point of the whole line or circle nearest to a place.
+    /// Returns the point of the whole line or circle nearest to a place.
     pub(super) fn nearest(&self, place: Point) -> Point {
         match self.arc {
             None => {
@@ -77,7 +77,7 @@ impl Segment {
         }
     }
 
-    /// Does a point of the whole line or circle lie between the ends?
+    /// Whether a point of the whole line or circle is between the ends.
     pub(super) fn holds(&self, point: Point) -> bool {
         const SLACK: f64 = 1e-9;
         match self.arc {
@@ -93,7 +93,7 @@ impl Segment {
         }
     }
 
-    /// The same run the other way.
+    /// Returns the same segment in the opposite direction.
     pub(super) fn reversed(&self) -> Self {
         let arc = self.arc.map(|arc| Arc { counterclockwise: !arc.counterclockwise, ..arc });
         Self { start: self.end, end: self.start, arc, line: self.line }

@@ -1,7 +1,8 @@
-//! The contour in normalised coordinates: machining direction, arcs split at the axis extremes, overhangs refused, the closing wall.
+//! The contour in normalised coordinates: machining direction, arcs split at the axis extremes, overhangs refused, the
+//! closing wall.
 //!
-//! Invariant: the pieces are joined exactly, u never grows along them, no wall runs back over another, and what is roughed ends at its
-//! largest v.
+//! Invariant: the pieces are joined exactly, u never grows along them, no wall runs back over another, and the roughed
+//! part ends at its largest v.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -11,24 +12,25 @@ use super::rough::Allowance;
 use super::segment::{Arc, Segment};
 use super::{Point, StockRemovalError};
 
-/// The largest number of elements after splitting.
+/// Maximum number of elements after splitting.
 pub(super) const MAX_ELEMENTS: usize = 100;
 
-/// How far the contour may go back along the cut axis: what centres written with three places make of a quarter circle.
+/// Maximum backward distance of the contour along the cut axis: the error of a quarter circle whose centre has three
+/// decimals.
 const OVERHANG: f64 = 1e-5;
 
-/// Places along one axis that differ by less are one place.
+/// Positions along one axis that differ by less are equal.
 const SAME: f64 = 1e-6;
 
-/// The contour, made ready for cutting.
+/// The contour, prepared for cutting.
 #[derive(Clone, Debug)]
 pub(super) struct Shape {
     pub frame: Frame,
     /// The contour itself, joined exactly.
     pub contour: Vec<Piece>,
-    /// What is roughed: the contour up to a wall that closes it at its largest v.
+    /// Part to be roughed: the contour up to a wall that closes it at its largest v.
     pub pieces: Vec<Piece>,
-    /// Is it machined against the programmed direction?
+    /// Whether it is machined against the programmed direction.
     pub reversed: bool,
 }
 
@@ -38,13 +40,13 @@ impl Shape {
         (first, self.pieces.last().map_or(first, |piece| piece.to))
     }
 
-    /// Does a place lie inside the blank, whose surface is the contour's highest point?
+    /// Whether a place is inside the blank, whose surface is the contour's highest point.
     pub(super) fn holds(&self, at: Point) -> bool {
         let (first, last) = self.ends();
         last.u + SAME < at.u && at.u < first.u - SAME && at.v < last.v - SAME
     }
 
-    /// The start point of finishing alone: above the contour, in front of where the finishing pass begins.
+    /// Returns the start point of finishing alone: above the contour, in front of where the finishing pass begins.
     pub(super) fn start_of_finishing(&self, allowance: Allowance, lift: f64, with_the_cut: bool) -> Point {
         let (first, last) = self.ends();
         let before = allowance.cut + lift;
@@ -53,14 +55,14 @@ impl Shape {
     }
 }
 
-/// Which of the four positions of VARI the contour is cut in.
+/// Position of VARI, of four, in which the contour is cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Orientation {
     pub face: bool,
     pub inside: bool,
 }
 
-/// The shape of a contour.
+/// Returns the shape of a contour.
 pub(super) fn normalise(segments: &[Segment], lie: Orientation) -> Result<Shape, StockRemovalError> {
     let infeed = if lie.inside { -1.0 } else { 1.0 };
     let mut frame = Frame { face: lie.face, cut: 1.0, infeed };
@@ -116,7 +118,7 @@ impl Chain {
         if to.u > from.u + OVERHANG {
             return Err(StockRemovalError::Overhang(line));
         }
-        // What goes back by less is made upright; what hardly rises is made flat.
+        // A piece that goes back by less is made upright; one that hardly rises is made flat.
         let steep = to.u > from.u - TINY;
         let bend = if steep { Bend::Straight } else { bend };
         let level = bend == Bend::Straight && (to.v - from.v).abs() <= TINY;
@@ -134,11 +136,12 @@ impl Chain {
     }
 }
 
-/// Where the contour ends below its largest v, a wall leads up to it; the part before the wall is then a relief cut.
+/// Closes the contour: where it ends below its largest v, a wall leads up to it. The part before the wall is then a
+/// relief cut.
 fn close(contour: &[Piece]) -> Vec<Piece> {
     let mut pieces = contour.to_vec();
     let top = pieces.iter().map(|piece| piece.from.v.max(piece.to.v)).fold(f64::NEG_INFINITY, f64::max);
-    // Between a wall down at the very end and the closing wall there is no room to cut.
+    // Between a wall down at the very end and the closing wall there is no space to cut.
     while pieces.len() > 1 && pieces.last().is_some_and(|piece| piece.is_upright() && piece.falls()) {
         pieces.pop();
     }
@@ -148,7 +151,7 @@ fn close(contour: &[Piece]) -> Vec<Piece> {
     pieces
 }
 
-/// The extremes of its axes that an arc of at most half a turn passes, in order.
+/// Returns the axis extremes that an arc of at most half a turn passes, in order.
 fn extremes(arc: Arc, start: Point, end: Point, radius: f64) -> [Option<Point>; 2] {
     const AXES: [Point; 4] = [Point::new(1.0, 0.0), Point::new(0.0, 1.0), Point::new(-1.0, 0.0), Point::new(0.0, -1.0)];
     let whole = arc.sweep(start, end);

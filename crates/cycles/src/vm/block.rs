@@ -1,6 +1,6 @@
-//! Blocks: words are gathered, translated into RS274/NGC, and given to the host.
+//! Blocks: words are collected, translated to RS274/NGC, and passed to the host.
 //!
-//! Invariant: axes of the plane are those of the plane that holds in the block itself.
+//! Invariant: axes of the plane are those of the plane in force in the block itself.
 
 use super::{Frame, STEPS_OF_A_BLOCK, Step, VmRun, VmTrap, trap};
 use crate::code::Op;
@@ -8,7 +8,7 @@ use crate::cycle::Cycle;
 use crate::error_codes::ErrorCode;
 use crate::host::Query;
 
-/// Axes of a plane: first, second, and the one that drills.
+/// Returns the axes of a plane: first, second, and the drilling axis.
 pub(crate) const fn axes_of_plane(plane: i64) -> [u8; 3] {
     match plane {
         18 => *b"ZXY",
@@ -17,7 +17,7 @@ pub(crate) const fn axes_of_plane(plane: i64) -> [u8; 3] {
     }
 }
 
-/// The word of an arc's centre along an axis.
+/// Returns the word of an arc's centre along an axis.
 const fn centre_of_axis(axis: u8) -> u8 {
     match axis {
         b'X' => b'I',
@@ -27,7 +27,7 @@ const fn centre_of_axis(axis: u8) -> u8 {
 }
 
 impl VmRun<'_> {
-    /// An instruction that asks for the state, or builds a block.
+    /// Executes an instruction that reads the state, or builds a block.
     pub(super) fn block_op(&mut self, op: Op, frame: &Frame, cycle: &Cycle, line: u32) -> Step {
         match op {
             Op::Ask(system) => {
@@ -94,18 +94,18 @@ impl VmRun<'_> {
         let block = &mut self.machine.block;
         block.triggers = cycle.is_pattern() && block.words().iter().any(|word| axes.contains(&word.letter));
         let done = self.host.block(&self.machine.block).map_err(|_| Box::new(VmTrap::Stopped));
-        // A plane that it named must not be taken for one of the next block's.
+        // The plane that it selected must not apply to the next block.
         self.machine.block.begin(self.machine.block.cycle, self.machine.block.line);
         done
     }
 
-    /// The plane that holds in the block that is being built.
+    /// Returns the plane in force in the block that is being built.
     fn plane(&self) -> i64 {
         let own = self.machine.block.g().iter().rev().find(|code| (170..=190).contains(*code));
         own.map_or_else(|| self.host.ask(Query::Plane) as i64, |tenths| i64::from(tenths / 10))
     }
 
-    /// Takes the number of an axis of the plane, and gives its letter.
+    /// Pops the number of an axis of the plane, and returns its letter.
     fn axis(&mut self) -> Step<u8> {
         let number = self.number().round();
         let axes = axes_of_plane(self.plane());
@@ -117,10 +117,10 @@ impl VmRun<'_> {
     }
 }
 
-/// M codes that a cycle may give; the end of a program is not its business.
+/// M codes that a cycle may use; it cannot end the program.
 const KNOWN_M: &[i64] = &[0, 1, 3, 4, 5, 6, 7, 8, 9, 19];
 
-/// May a cycle give this M code?
+/// Whether a cycle may use this M code.
 pub(crate) fn is_known_m(code: f64) -> bool {
     code.fract() == 0.0 && KNOWN_M.contains(&(code as i64))
 }

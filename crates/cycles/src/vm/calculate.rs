@@ -1,19 +1,19 @@
 //! Operators and functions of the language.
 //!
-//! Invariant: every result is finite; what has none is an alarm.
+//! Invariant: every result is finite; an operation without a finite result raises an alarm.
 
 use super::{Step, VmRun, trap};
 use crate::code::{Function, Operator};
 use crate::error_codes::ErrorCode;
 
-/// Numbers that differ by less than this part of the larger are equal, as on the control.
+/// Relative difference below which numbers are equal, as on the control.
 const SAME: f64 = 1e-12;
 
 fn same(a: f64, b: f64) -> bool {
     a == b || (a - b).abs() <= SAME * a.abs().max(b.abs())
 }
 
-/// Sine and cosine of an angle in degrees: exact at multiples of 90, so that a circle of holes closes.
+/// Returns sine and cosine of an angle in degrees: exact at multiples of 90, so that a circle of holes closes.
 pub(super) fn sin_cos(degrees: f64) -> (f64, f64) {
     let turned = degrees % 360.0;
     let quarter = (turned / 90.0).round();
@@ -89,7 +89,7 @@ impl VmRun<'_> {
             Function::Exp => x.exp(),
             Function::Least => x.min(y),
             Function::Greatest => x.max(y),
-            // Least, greatest, value; not `clamp`, which panics where least is above greatest.
+            // Arguments: minimum, maximum, value. Not `clamp`, which panics where the minimum is above the maximum.
             Function::Bound => z.min(y).max(x),
         };
         self.result(value)

@@ -1,6 +1,6 @@
 //! Messages, warnings and alarms.
 //!
-//! Invariant: a number from 62000 to 62999 warns and the run goes on; any other ends it.
+//! Invariant: a number from 62000 to 62999 is a warning and the run continues; any other ends it.
 
 use super::{Step, Value, VmRun, VmTrap};
 use crate::alarm::alarm_text;
@@ -11,12 +11,12 @@ use crate::host::Message;
 use std::fmt::Write;
 
 impl VmRun<'_> {
-    /// An instruction that builds or shows a message.
+    /// Executes an instruction that builds or sends a message.
     pub(super) fn tell(&mut self, op: Op, cycle: CycleId, line: u32) -> Step {
         match op {
             Op::Clear => self.machine.message.clear(),
             Op::Join => match self.take() {
-                // Six decimals are enough for a person; writing to a string does not fail.
+                // Six decimals are enough for display; writing to a string does not fail.
                 Value::Number(number) => {
                     let rounded = (number * 1e6).round() / 1e6;
                     let shown = if rounded.is_finite() { rounded } else { number };

@@ -1,6 +1,6 @@
-//! What a cycle reads: the state of its caller, and the path of stock removal.
+//! Values that a cycle reads: the state of its caller, and the path of stock removal.
 //!
-//! Invariant: reading changes nothing, but for the path that the host determines once.
+//! Invariant: reading changes nothing, except that the host calculates the path once.
 
 use super::{Step, VmRun, VmTrap, trap};
 use crate::alarm::alarm_text;
@@ -9,7 +9,7 @@ use crate::error_codes::ErrorCode;
 use crate::host::{Query, StockCall, StockFeed};
 
 impl VmRun<'_> {
-    /// The value of a system variable.
+    /// Returns the value of a system variable.
     pub(super) fn system(&self, system: System) -> f64 {
         let ask = |what| self.host.ask(what);
         match system {
@@ -33,7 +33,7 @@ impl VmRun<'_> {
         }
     }
 
-    /// The built-in of CYCLE95: has the path determined.
+    /// Executes the built-in of CYCLE95: the host calculates the path.
     pub(super) fn stock_path(&mut self) -> Step {
         let mut numbers = [0.0; 7];
         for number in numbers.iter_mut().rev() {
@@ -53,7 +53,7 @@ impl VmRun<'_> {
         Ok(())
     }
 
-    /// A column of a move of the path.
+    /// Returns a column of a move of the path.
     pub(super) fn stock_read(&mut self) -> Step {
         let (column, index) = (self.number(), self.number());
         let found = if (0.0..4e9).contains(&index) { self.host.stock_move(index as u32) } else { None };

@@ -1,6 +1,6 @@
 //! Centres, turns and lengths of arcs.
 //!
-//! Invariant: an arc that passes has a radius, and start and end lie on it within the tolerances of LinuxCNC.
+//! Invariant: an accepted arc has a radius, and its start and end are on it within the tolerances of LinuxCNC.
 
 use crate::angle::{plus_quarters, sweep};
 use crate::canon::LengthUnit;
@@ -9,23 +9,23 @@ use crate::error_codes::ErrorCode;
 use crate::modal::ArcCentres;
 use std::f64::consts::SQRT_2;
 
-/// Radii may differ by this share of the greater one, however long they are.
+/// Maximum relative difference of the radii, as a share of the greater one.
 const RELATIVE_TOLERANCE: f64 = 0.001;
 
-/// A half turn is taken for one when half the chord is nearer to the radius than this share.
+/// An arc is a half turn when the relative difference between half the chord and the radius is below this.
 const TINY: f64 = 1e-12;
 
 /// Tolerances of radii in program units.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Radii {
-    /// A smaller radius is none; half a chord may be longer than the radius by this.
+    /// Minimum radius. Half a chord may exceed the radius by this.
     least: f64,
-    /// Radii may differ by this, however short they are.
+    /// Maximum absolute difference of the radii.
     difference: f64,
 }
 
 impl Radii {
-    /// The tolerances of LinuxCNC 2.9.
+    /// Returns the tolerances of LinuxCNC 2.9.
     pub(super) const fn of(units: LengthUnit) -> Radii {
         match units {
             LengthUnit::Inch => Radii { least: 0.00005, difference: 0.002 * SQRT_2 },
@@ -34,20 +34,20 @@ impl Radii {
     }
 }
 
-/// What is known of an arc before its centre is.
+/// Data of an arc before its centre is known.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ArcShape {
     pub(super) start: (f64, f64),
     pub(super) end: (f64, f64),
-    /// Begun turns, negative clockwise.
+    /// Number of turns begun, negative clockwise.
     pub(super) turns: i32,
     pub(super) radii: Radii,
-    /// Where the arc is told of.
+    /// Span for diagnostics.
     pub(super) at: Span,
 }
 
 impl ArcShape {
-    /// The length of the arc about this centre, with its rise along the normal axis.
+    /// Returns the length of the arc about this centre, with its rise along the normal axis.
     pub(super) fn length(&self, centre: (f64, f64), rise: f64) -> f64 {
         let radius = (centre.0 - self.start.0).hypot(centre.1 - self.start.1);
         let turn = sweep(self.start, self.end, centre, self.turns);
@@ -55,7 +55,7 @@ impl ArcShape {
     }
 }
 
-/// The centre that centre words give.
+/// Returns the centre that centre words give.
 ///
 /// # Errors
 /// E1605 for a radius of zero, E1606 when the radii disagree.
@@ -77,7 +77,7 @@ pub(super) fn from_centre(shape: &ArcShape, words: (f64, f64), meaning: ArcCentr
     Ok(centre)
 }
 
-/// The centre that a radius gives; a negative radius means the longer way round.
+/// Returns the centre that a radius gives. A negative radius selects the longer arc.
 ///
 /// # Errors
 /// E1607 when the arc ends where it starts, E1608 when the radius is too small.
@@ -93,7 +93,7 @@ pub(super) fn from_radius(shape: &ArcShape, radius: f64) -> BlockResult<(f64, f6
         let message = format!("the radius {size} does not reach over a chord of {:.4}", 2.0 * half);
         return fault(ErrorCode::ArcRadiusTooSmall, shape.at, message);
     }
-    // The centre lies beside the chord: on its right for a short clockwise arc, and so on.
+    // The side of the chord on which the centre is: on its right for a short clockwise arc, and so on.
     let sine = if half / size > 1.0 - TINY { 1.0 } else { half / size };
     let chord = (end_y - y).atan2(end_x - x);
     let to_centre = plus_quarters(chord, if (shape.turns < 0) == (radius > 0.0) { -1 } else { 1 }, 0.0);
@@ -111,7 +111,7 @@ mod tests {
         from_centre(&shape, (radius, 0.0), ArcCentres::Incremental).map_err(|fault| fault.code)
     }
 
-    /// Short arcs may err by a length, long ones by a share: measured at the peer.
+    /// Short arcs may deviate by a length, long ones by a share, as measured in LinuxCNC.
     #[test]
     fn radii_differ_by_a_length_or_a_share_at_most() {
         let (mm, inch) = (LengthUnit::Millimetre, LengthUnit::Inch);

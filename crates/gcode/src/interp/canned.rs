@@ -1,8 +1,8 @@
-//! Drilling cycles, carried out: G73, G74 and G81 to G89.
+//! Execution of the drilling cycles G73, G74 and G81 to G89.
 //!
-//! Invariant: the calls are those of LinuxCNC 2.9, in its order. Whatever the plane, a hole is two coordinates in it and levels along
-//! its normal axis; after each hole the tool stands above it, at the clearance with G99 and at the higher of it and the initial level
-//! with G98.
+//! Invariant: the calls are those of LinuxCNC 2.9, in its order. In any plane, a hole is two coordinates in it and
+//! levels along its normal axis. After each hole the tool is above it: at the clearance with G99, and at the higher of
+//! the clearance and the initial level with G98.
 
 use super::polar::PolarWords;
 use super::{Core, Emit};
@@ -16,7 +16,7 @@ use crate::modal::{DistanceMode, ModalState, MotionMode};
 use crate::pose::{Axis, Pose};
 use crate::spindle::SpindleTurn;
 
-/// The way kept between the tool and the depth that was reached before, for G73 and G83.
+/// Returns the distance between the tool and the depth reached before, for G73 and G83.
 const fn chip_clearance(units: LengthUnit) -> f64 {
     match units {
         LengthUnit::Inch => 0.010,
@@ -24,7 +24,7 @@ const fn chip_clearance(units: LengthUnit) -> f64 {
     }
 }
 
-/// A block that asks for more holes and pecks than this has a slip of the pen in it.
+/// Maximum number of holes and pecks in one block; more indicates a mistake in the program.
 const MAX_HOLES_AND_PECKS: f64 = 10_000.0;
 
 /// Levels along the normal axis.
@@ -32,11 +32,11 @@ const MAX_HOLES_AND_PECKS: f64 = 10_000.0;
 struct Levels {
     clearance: f64,
     bottom: f64,
-    /// Where the tool stands after each hole.
+    /// Level after each hole.
     retract: f64,
 }
 
-/// One hole on its way: where the tool stands, and the axes that the plane gives.
+/// State of one hole: tool position, and the axes of the plane.
 struct Hole<'a, 'e> {
     emit: &'a mut Emit<'e>,
     at: Pose,
@@ -55,13 +55,13 @@ impl Hole<'_, '_> {
         self.emit.call(Canon::StraightFeed(self.at));
     }
 
-    /// Moves fast in the plane.
+    /// Moves in the plane at rapid rate.
     fn traverse_over(&mut self, first: f64, second: f64) {
         (self.at[self.axes[0]], self.at[self.axes[1]]) = (first, second);
         self.emit.call(Canon::StraightTraverse(self.at));
     }
 
-    /// Down to the bottom in pecks; after each the tool goes up to the clearance, or just off the chip.
+    /// Drills to the bottom in pecks. After each the tool retracts to the clearance, or just enough to break the chip.
     fn peck(&mut self, depth: f64, off: f64, clears: bool) {
         let Levels { clearance, bottom, .. } = self.levels;
         let mut level = clearance - depth;
@@ -78,7 +78,7 @@ impl Hole<'_, '_> {
 }
 
 impl Core {
-    /// Carries out a block of a cycle: one hole, or as many as L says.
+    /// Executes a block of a cycle: one hole, or as many as L gives.
     pub(super) fn canned_cycle(&mut self, cycle: DrillingCycle, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let kept = self.kept_words(cycle);
         let given = cycle_words(words, self.state.plane.axes()[2]).or(&kept);
@@ -106,7 +106,8 @@ impl Core {
         Ok(())
     }
 
-    /// The words that the block may leave out: those of the block before, if that was the same cycle in the same plane.
+    /// Returns the words that the block may omit: those of the previous block, if that was the same cycle in the same
+    /// plane.
     fn kept_words(&self, cycle: DrillingCycle) -> CycleWords {
         match &self.state.series {
             Some(series) if series.plane == self.state.plane && self.state.motion == Some(MotionMode::Cycle(cycle)) => {
@@ -116,7 +117,7 @@ impl Core {
         }
     }
 
-    /// Where the normal axis stood before the series that the block belongs to.
+    /// Returns the position of the normal axis before the series that the block belongs to.
     fn initial_level(&self) -> f64 {
         match &self.state.series {
             Some(series) if series.plane == self.state.plane => series.initial_level,
@@ -124,7 +125,7 @@ impl Core {
         }
     }
 
-    /// Clearance and bottom, after the checks that need nothing else.
+    /// Returns clearance and bottom, after the checks that need nothing else.
     fn levels(&self, cycle: DrillingCycle, given: &CycleWords, initial: f64, words: &Words) -> BlockResult<Levels> {
         let at = cycle_span(words);
         let name = cycle.name();
@@ -155,7 +156,7 @@ impl Core {
         Ok(Levels { clearance, bottom, retract: clearance })
     }
 
-    /// Goes over the holes of the block and makes each of them.
+    /// Makes each hole of the block.
     fn holes(
         &mut self,
         cycle: DrillingCycle,
@@ -171,7 +172,7 @@ impl Core {
         let here = (state.position[first], state.position[second]);
         let polar = PolarWords::of(words);
         let (mut place, step) = match (state.distance, &polar) {
-            // A step of zero is added as well: it makes 0 of −0, as in the peer.
+            // A step of zero is added too: it turns −0 into 0, as in LinuxCNC.
             (DistanceMode::Absolute, Some(polar)) => (polar.absolute(here), (0.0, 0.0)),
             (DistanceMode::Absolute, None) => {
                 ((word(first).unwrap_or(here.0), word(second).unwrap_or(here.1)), (0.0, 0.0))
@@ -201,7 +202,7 @@ impl Core {
     }
 }
 
-/// How many holes the block makes.
+/// Returns the number of holes of the block.
 fn repeats(cycle: DrillingCycle, given: &CycleWords, levels: &Levels, words: &Words) -> BlockResult<u32> {
     let repeats = words.get(b'l').unwrap_or(1.0);
     let pecks = match given.peck {
@@ -269,7 +270,7 @@ fn make(
     Ok(())
 }
 
-/// Which way the spindle turns; the cycle needs it to.
+/// Returns the direction of the spindle, which the cycle needs to turn.
 fn turning(cycle: DrillingCycle, state: &ModalState, words: &Words) -> BlockResult<SpindleTurn> {
     match state.spindle.turn() {
         Some(turn) => Ok(turn),
@@ -280,7 +281,8 @@ fn turning(cycle: DrillingCycle, state: &ModalState, words: &Words) -> BlockResu
     }
 }
 
-/// G74, G84: down, the other way round, and up again, all at the feed that the program has chosen to fit the pitch.
+/// Executes G74 and G84: down, reverse the spindle, and up again, all at the programmed feed, which must match the
+/// pitch.
 fn tap(
     cycle: DrillingCycle,
     hole: &mut Hole<'_, '_>,
@@ -316,7 +318,8 @@ fn tap(
     Ok(())
 }
 
-/// G87: through the hole beside its axis with the spindle oriented, up to the middle at the feed, and back the same way.
+/// Executes G87: through the hole off its axis with the spindle oriented, up to the middle at the feed, and back on the
+/// same path.
 fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &ModalState, words: &Words) -> BlockResult<()> {
     let turn = turning(DrillingCycle::BackBoring, state, words)?;
     let [first, second, normal] = hole.axes;
@@ -347,7 +350,7 @@ fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &ModalState, wo
     Ok(())
 }
 
-/// The words of a block that cycles keep.
+/// Returns the words of a block that cycles retain.
 fn cycle_words(words: &Words, normal: Axis) -> CycleWords {
     CycleWords {
         clearance: words.get(b'r'),
@@ -358,7 +361,7 @@ fn cycle_words(words: &Words, normal: Axis) -> CycleWords {
     }
 }
 
-/// The words that the cycle needs beside R and the bottom.
+/// Checks the words that the cycle needs in addition to R and the bottom.
 fn check_cycle_words(cycle: DrillingCycle, given: &CycleWords, words: &Words) -> BlockResult<()> {
     let missing = match cycle {
         _ if cycle.needs_dwell() && given.dwell.is_none() => "P word: the dwell at the bottom, in seconds",
@@ -376,7 +379,7 @@ fn check_cycle_words(cycle: DrillingCycle, given: &CycleWords, words: &Words) ->
     fault(ErrorCode::WordMissing, cycle_span(words), format!("{} needs a {missing}", cycle.name()))
 }
 
-/// Where the cycle is told of: its G code, or the first word that asks for another hole.
+/// Returns the span for diagnostics: the G code, or the first word that requests another hole.
 fn cycle_span(words: &Words) -> crate::diag::Span {
     match words.first_of(b"xyz@^rpq") {
         Some(letter) if words.g(GroupG::Motion).is_none() => words.span(letter),

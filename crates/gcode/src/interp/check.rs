@@ -1,6 +1,6 @@
-//! Checks of a block as a whole, before anything of it is carried out.
+//! Checks of a block as a whole, before any of it is executed.
 //!
-//! Invariant: a block that passes has a use for each of its words, and one owner of its axis words.
+//! Invariant: every word of an accepted block is used, and its axis words belong to one code.
 
 use super::spindle::check_spindle_words;
 use super::thread::check_thread;
@@ -13,16 +13,16 @@ use crate::eval::whole;
 use crate::groups::{GroupG, GroupM, Tenths};
 use crate::modal::{DistanceMode, ModalState, MotionMode};
 
-/// The letters of axis words, with those of polar coordinates.
+/// Letters of axis words and of polar coordinates.
 pub(super) const AXES: &[u8] = b"xyzabcuvw@^";
 
-/// The motion that the block carries out, with G80 kept apart from none.
+/// Motion of the block; G80 is distinct from no motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum MotionToBe {
     None,
     Cancel,
     Move(MotionMode),
-    /// G70, G71, G72 and their kin, in tenths: carried out once, and no mode.
+    /// G70, G71, G72 and their variants, in tenths: executed once, not modal.
     Turn(Tenths),
 }
 
@@ -31,7 +31,7 @@ impl MotionToBe {
         matches!(self, MotionToBe::Move(motion) if motion.is_arc())
     }
 
-    /// The drilling cycle that the block carries out.
+    /// Returns the drilling cycle of the block.
     fn cycle(self) -> Option<DrillingCycle> {
         match self {
             MotionToBe::Move(MotionMode::Cycle(cycle)) => Some(cycle),
@@ -39,7 +39,7 @@ impl MotionToBe {
         }
     }
 
-    /// The motions that are none without axis words.
+    /// Whether this motion needs axis words.
     fn needs_axes(self) -> bool {
         let MotionToBe::Move(motion) = self else { return false };
         matches!(
@@ -73,7 +73,8 @@ const fn motion_of(tenths: u16) -> MotionToBe {
     }
 }
 
-/// Finds what uses the block's axis words: the motion in the block, a code that takes them over, or the motion mode in force.
+/// Determines which code uses the axis words: the motion in the block, a code that takes them over, or the motion mode
+/// in force.
 pub(super) fn motion_to_be(words: &Words, state: &ModalState) -> BlockResult<MotionToBe> {
     const ANY: u32 = letters(AXES);
     let axis = if words.has_of(ANY) { words.first_of(AXES) } else { None };
@@ -113,7 +114,7 @@ pub(super) fn motion_to_be(words: &Words, state: &ModalState) -> BlockResult<Mot
     Ok(to_be)
 }
 
-/// The motion mode in force, if the block has words for it.
+/// Returns the motion mode in force, if the block has words for it.
 fn modal_motion(words: &Words, state: &ModalState, axis: Option<u8>) -> BlockResult<MotionToBe> {
     let offset = words.g(GroupG::ToolOffset);
     match (axis, state.motion) {
@@ -147,7 +148,7 @@ fn check_non_modal(words: &Words, to_be: MotionToBe, state: &ModalState) -> Bloc
 }
 
 fn check_dwell(words: &Words, to_be: MotionToBe, at: Span) -> BlockResult<()> {
-    // An arc whose code comes from a block before makes as many turns as the dwell takes seconds, as in the peer.
+    // An arc whose code comes from an earlier block makes as many turns as the dwell has seconds, as in LinuxCNC.
     if to_be.is_arc() && words.g(GroupG::Motion).is_some() {
         return fault(ErrorCode::TwoUseAxes, at, "G4 and an arc would both use the P word");
     }
@@ -192,7 +193,7 @@ fn unused(words: &Words, letter: u8, code: &str) -> BlockResult<()> {
 /// Refuses a word that no code of the block uses.
 #[inline]
 pub(super) fn words_have_uses(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
-    // Axis words, F, S and T have their uses in any block.
+    // Axis words, F, S and T are used in any block.
     const SPECIAL: u32 = letters(b"dehijklpqr$");
     if words.has_of(SPECIAL) {
         special_words_have_uses(words, to_be)?;
@@ -278,7 +279,7 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> BlockResult<()> 
     }
 }
 
-/// The number of turns that the P word of an arc gives.
+/// Returns the number of turns that the P word of an arc gives.
 pub(super) fn turns_of(value: f64, words: &Words) -> BlockResult<i32> {
     let at = words.span(b'p');
     match whole(value, at, "P")? {

@@ -1,7 +1,7 @@
-//! The geometry of cutter radius compensation: where a compensated move ends, and what stands between it and the move before.
+//! Geometry of cutter radius compensation: the end of a compensated move, and its junction with the previous move.
 //!
-//! Invariant: points in, points out. The order of operations is that of LinuxCNC's interpreter, to the last digit: what is left of a
-//! zero prints with its sign.
+//! Invariant: only points are read and returned. The order of operations is that of LinuxCNC's interpreter, to the last
+//! digit: the residue near zero prints with its sign.
 
 use super::compensation_queue::Point;
 use crate::angle::{plus_quarters, times_sine};
@@ -9,27 +9,27 @@ use crate::compensation::Side;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 
-/// A corner of up to this angle, radians, is none.
+/// Angle in radians up to which a corner is treated as smooth.
 const SMOOTH: f64 = 0.05;
 
-/// A chord that leaves the entry arc less than this cosine has no arc through it.
+/// Minimum cosine between a chord and the entry arc; below it, no arc passes through the end.
 const MIN_COSINE: f64 = 0.0001;
 
-/// The tool beside the path.
+/// The tool at its radius from the path.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cutter {
     pub(super) side: Side,
-    /// Greater than 0, program units.
+    /// Radius in program units, greater than 0.
     pub(super) radius: f64,
 }
 
 impl Cutter {
-    /// Whether it runs on the inside of an arc.
+    /// Whether the tool is on the inside of an arc.
     pub(super) fn is_inside(self, turns: i32) -> bool {
         (self.side == Side::Left) == (turns > 0)
     }
 
-    /// Which way it turns about an outer corner, as an arc counts turns.
+    /// Returns the direction in which the tool moves about an outer corner, counted as the turns of an arc.
     pub(super) const fn corner_turns(self) -> i32 {
         match self.side {
             Side::Left => -1,
@@ -37,20 +37,20 @@ impl Cutter {
         }
     }
 
-    /// The point at its radius from another one, in this direction.
+    /// Returns the point at the tool radius from another one, in this direction.
     fn beside(self, point: Point, direction: f64) -> Point {
         polar(point, self.radius, direction)
     }
 }
 
-/// Where two moves meet.
+/// Junction of two moves.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CompensationCorner {
-    /// As it is programmed.
+    /// Programmed point.
     pub(super) programmed: Point,
-    /// Where the tool's centre is at the end of the move before.
+    /// Centre of the tool at the end of the previous move.
     pub(super) centre: Point,
-    /// The compensated arc that leads there; none for a straight move, or when it has gone out.
+    /// Compensated arc that leads there; `None` for a straight move, or when the arc has been emitted already.
     pub(super) arc: Option<PriorArc>,
 }
 
@@ -62,7 +62,7 @@ pub(super) struct PriorArc {
     pub(super) turns: i32,
 }
 
-/// An arc as it is programmed.
+/// An arc as programmed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Programmed {
     pub(super) centre: Point,
@@ -70,14 +70,14 @@ pub(super) struct Programmed {
     pub(super) turns: i32,
 }
 
-/// What stands between two moves.
+/// Connection of two moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum CornerKind {
-    /// Nothing: one leads into the other.
+    /// No connection: one move continues into the other.
     Smooth,
     /// An arc about the corner, to this point.
     Convex(Point),
-    /// Both end at this point, before the corner.
+    /// Both moves end at this point, before the corner.
     Concave(Point),
 }
 
@@ -93,7 +93,7 @@ fn polar(centre: Point, radius: f64, angle: f64) -> Point {
     (centre.0 + radius * angle.cos(), centre.1 + radius * angle.sin())
 }
 
-/// A point of a circle exists only where its cosine or sine does.
+/// Checks a cosine or sine: outside −1 … 1 the point does not exist.
 fn ratio(value: f64, at: Span) -> BlockResult<f64> {
     if (-1.0..=1.0).contains(&value) {
         return Ok(value);
@@ -101,10 +101,10 @@ fn ratio(value: f64, at: Span) -> BlockResult<f64> {
     fault(ErrorCode::CompensationCorner, at, "the tool does not fit into the corner before this move")
 }
 
-/// Where the first move ends, which leads to the path.
+/// Returns the end of the first move, which leads to the path.
 ///
 /// # Errors
-/// E1654 when the move is no longer than the tool's radius.
+/// E1654 when the move is not longer than the tool's radius.
 pub(super) fn entry_line(cutter: Cutter, from: Point, to: Point, at: Span) -> BlockResult<(Point, f64)> {
     check_entry(cutter, from, to, at)?;
     let quarters = if cutter.side == Side::Left { 1 } else { -1 };
@@ -124,10 +124,11 @@ pub(super) fn check_entry(cutter: Cutter, from: Point, to: Point, at: Span) -> B
     )
 }
 
-/// End and centre of the arc that leads to the path: the centre moves so that the arc still begins where the tool stands.
+/// Returns end and centre of the arc that leads to the path. The centre moves so that the arc still begins at the tool
+/// position.
 ///
 /// # Errors
-/// E1659 when there is no such arc.
+/// E1659 when no such arc exists.
 pub(super) fn entry_arc(cutter: Cutter, from: Point, arc: &Programmed, at: Span) -> BlockResult<(Point, Point)> {
     let end = cutter.beside(arc.end, end_normal(cutter, arc));
     let half = distance(end, from) / 2.0;
@@ -139,10 +140,10 @@ pub(super) fn entry_arc(cutter: Cutter, from: Point, arc: &Programmed, at: Span)
     Ok((end, polar(end, half / cosine, to_centre)))
 }
 
-/// An arc that the tool would run on the inside of has to be greater than it.
+/// Checks that an arc is greater than the tool, where the tool is on its inside.
 ///
 /// # Errors
-/// E1659.
+/// E1659 when it is not.
 pub(super) fn check_arc(cutter: Cutter, radius: f64, turns: i32, at: Span) -> BlockResult<()> {
     if cutter.is_inside(turns) && radius <= cutter.radius { too_small(cutter, at) } else { Ok(()) }
 }
@@ -151,12 +152,12 @@ fn too_small<T>(cutter: Cutter, at: Span) -> BlockResult<T> {
     fault(ErrorCode::CompensationArc, at, format!("the tool's radius {:.4} is too great for this arc", cutter.radius))
 }
 
-/// From the end of an arc to the tool's centre.
+/// Returns the direction from the end of an arc to the tool's centre.
 fn end_normal(cutter: Cutter, arc: &Programmed) -> f64 {
     if cutter.is_inside(arc.turns) { direction(arc.end, arc.centre) } else { direction(arc.centre, arc.end) }
 }
 
-/// Where a straight move ends, and the joint before it.
+/// Returns the end of a straight move, and the connection before it.
 ///
 /// # Errors
 /// E1657 when the tool does not fit into the corner.
@@ -187,7 +188,8 @@ pub(super) fn to_line(
     let right_angle = plus_quarters(0.0, quarters, 0.0);
     let normal = after + right_angle;
     let end = cutter.beside(to, normal);
-    // A straight move up from the top of an outer arc: the tool could run either way round, and goes the shorter one.
+    // A straight move up from the top of an outer arc: both directions around the corner are possible, and the tool
+    // takes the shorter one.
     let turns_back =
         opening > plus_quarters(-SMOOTH, 2, 0.0) && corner.arc.is_some_and(|arc| !cutter.is_inside(arc.turns));
     let joint = if opening < -SMOOTH || opening > plus_quarters(SMOOTH, 2, 0.0) || turns_back {
@@ -209,12 +211,12 @@ pub(super) fn to_line(
     Ok((end, joint))
 }
 
-/// Where a compensated arc meets a compensated straight move.
+/// Returns the intersection of a compensated arc with a compensated straight move.
 fn arc_to_line(cutter: Cutter, corner: Point, arc: &PriorArc, along: f64, at: Span) -> BlockResult<Point> {
     let across = plus_quarters(along, if arc.turns > 0 { 1 } else { -1 }, 0.0);
     let inside = cutter.is_inside(arc.turns);
     let programmed_radius = if inside { arc.radius + cutter.radius } else { arc.radius - cutter.radius };
-    // How far the programmed line is from the arc's centre, and the compensated one.
+    // Distance of the programmed line from the arc's centre, and of the compensated one.
     let from_centre = programmed_radius * (across - direction(corner, arc.centre)).cos();
     let from_centre = if inside { from_centre - cutter.radius } else { from_centre + cutter.radius };
     let angle = ratio(from_centre / arc.radius, at)?.acos();
@@ -222,7 +224,7 @@ fn arc_to_line(cutter: Cutter, corner: Point, arc: &PriorArc, along: f64, at: Sp
     Ok(polar(arc.centre, arc.radius, plus_quarters(angle + across, 2, 0.0)))
 }
 
-/// Where an arc ends, and the joint before it.
+/// Returns the end of an arc, and the connection before it.
 ///
 /// # Errors
 /// E1657 when the tool does not fit into the corner, E1659 when it does not fit into the arc.
@@ -261,7 +263,7 @@ pub(super) fn to_arc(
     Ok((end, joint))
 }
 
-/// Where a compensated straight move, which came in the direction `before`, meets a compensated arc.
+/// Returns the intersection of a compensated straight move, with direction `before`, and a compensated arc.
 fn line_to_arc(
     cutter: Cutter,
     before: f64,
@@ -281,7 +283,7 @@ fn line_to_arc(
     Ok(polar(arc.centre, radius, plus_quarters(before, 2, if arc.turns > 0 { -angle } else { angle })))
 }
 
-/// Where two compensated arcs meet.
+/// Returns the intersection of two compensated arcs.
 fn arc_to_arc(cutter: Cutter, prior: &PriorArc, arc: &Programmed, radius: f64, at: Span) -> BlockResult<Point> {
     let radius = if cutter.is_inside(arc.turns) { radius - cutter.radius } else { radius + cutter.radius };
     let between = distance(arc.centre, prior.centre);
@@ -306,19 +308,21 @@ mod tests {
         prop_oneof![Just(Side::Left), Just(Side::Right)]
     }
 
-    /// How far a point is from the line through the origin in a direction; positive on the side of the tool.
+    /// Returns the distance of a point from the line through the origin in a direction, positive on the side of the
+    /// tool.
     fn beside_line(cutter: Cutter, direction: f64, point: Point) -> f64 {
         let left = direction.cos() * point.1 - direction.sin() * point.0;
         if cutter.side == Side::Left { left } else { -left }
     }
 
-    /// From a point of the path in this direction to the tool's centre.
+    /// Returns the vector from a point of the path in this direction to the tool's centre.
     fn tool(cutter: Cutter, direction: f64) -> Point {
         let quarter = std::f64::consts::FRAC_PI_2;
         cutter.beside(ORIGIN, if cutter.side == Side::Left { direction + quarter } else { direction - quarter })
     }
 
-    /// The centre of an arc that leaves the origin, or comes to it, in a direction, and the radius of the tool's path beside it.
+    /// Returns the centre of an arc that starts or ends at the origin in a direction, and the radius of the tool's path
+    /// around it.
     fn arc(cutter: Cutter, direction: f64, radius: f64, turns: i32) -> (Point, f64) {
         let quarter = std::f64::consts::FRAC_PI_2 * f64::from(turns);
         let inside = cutter.is_inside(turns);
@@ -371,7 +375,7 @@ mod tests {
                     }
                 }
             }
-            // The same arc the other way round, before a line.
+            // The same arc in the opposite direction, before a line.
             let (centre, path) = arc(cutter, from, size, turns);
             let prior = PriorArc { centre, radius: path, turns };
             let corner = CompensationCorner { programmed: ORIGIN, centre: tool(cutter, from), arc: Some(prior) };
@@ -379,7 +383,7 @@ mod tests {
                 prop_assert!((distance(point, centre) - path).abs() < 1e-9);
                 prop_assert!((beside_line(cutter, from + turn, point) - radius).abs() < 1e-8);
             }
-            // And before another arc.
+            // The same arc before another arc.
             let (other, other_path) = arc(cutter, from + turn, 2.0 * size, -turns);
             let next = Programmed { centre: other, end: polar(other, 2.0 * size, from), turns: -turns };
             if let Ok((_, CornerKind::Concave(point))) = to_arc(cutter, &corner, &next, Span::default()) {

@@ -1,7 +1,8 @@
-//! The queue of cutter radius compensation: moves whose end the next corner may still change, and what came after them.
+//! The queue of cutter radius compensation: moves whose end the next corner may still change, and the functions after
+//! them.
 //!
-//! Invariant: the first that waits is a move in the plane of compensation, so an empty queue lets everything pass at once. What waits
-//! goes out in the order in which it came. Once its buffer has grown, the queue allocates nothing.
+//! Invariant: the first element is a move in the plane of compensation, so that an empty queue passes everything at
+//! once. Elements leave in the order in which they entered. The queue allocates nothing once its buffer has grown.
 
 use crate::angle::sweep;
 use crate::block::BlockNumber;
@@ -13,33 +14,33 @@ use crate::pose::Pose;
 /// A point of the plane of compensation: its first and its second axis.
 pub(crate) type Point = (f64, f64);
 
-/// The N word of the block that lets something out: the peer prints that one, not the number of the block it comes from.
+/// N word of the block that releases an element. LinuxCNC prints that one, not the number of the originating block.
 pub(crate) type Number = Option<BlockNumber>;
 
-/// An arc may sweep more than it was programmed to by this, radians, when its end is moved and the unit is the inch. The peer
-/// converts it like a length.
+/// Angle in radians by which an arc may exceed its programmed sweep when its end is moved and the unit is the inch.
+/// LinuxCNC converts it like a length.
 const MORE_SWEEP: f64 = 0.001;
 
-/// The radii of an arc at its old and its new end may differ by this, program units.
+/// Maximum difference of the radii of an arc at its old and its new end, in program units.
 const RADII_DIFFER: f64 = 0.01;
 
-/// How a waiting canonical function takes part when the end of the last move in the plane is moved.
+/// Effect on a queued canonical function when the end of the last move in the plane is moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum QueueRole {
-    /// A straight move in this programmed direction; none is a move along other axes, which stays over the end.
+    /// A straight move in this programmed direction; `None` is a move along other axes, which stays above the end.
     Straight(Point),
-    /// An arc that was programmed to sweep this angle, radians.
+    /// An arc with this programmed sweep in radians.
     Arc(f64),
-    /// A move that stays as it is.
+    /// A move that stays unchanged.
     Fixed,
-    /// No move.
+    /// Not a move.
     Other,
 }
 
-/// So many functions may wait; a program that is fed line by line may never come to its next corner.
+/// Maximum number of queued functions: a streamed program may never reach its next corner.
 const MAX_WAITING: usize = 10_000;
 
-/// No shift: unlike zero, −0 leaves the sign of a zero alone.
+/// No shift. Unlike zero, −0 does not change the sign of a zero.
 pub(crate) const UNSHIFTED: Point = (-0.0, -0.0);
 
 #[derive(Clone, Debug, PartialEq)]
@@ -49,16 +50,17 @@ struct CompensationQueue {
     course: QueueRole,
 }
 
-/// What waits for the next corner.
+/// Functions that wait for the next corner.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Queue {
     waiting: Vec<CompensationQueue>,
     plane: Plane,
-    /// Where the compensated path stands before what waits; none where that is not known, and then nothing is checked.
+    /// Position of the compensated path before the queued moves. `None` where it is unknown, and then nothing is
+    /// checked.
     start: Option<Point>,
-    /// From the centre of the tool's tip to the controlled point, in the plane: not zero for lathe tools.
+    /// Vector from the centre of the tool's tip to the controlled point, in the plane; not zero for lathe tools.
     shift: Point,
-    /// By how much an arc may sweep more than it was programmed to, radians.
+    /// Angle by which an arc may exceed its programmed sweep, in radians.
     more_sweep: f64,
 }
 
@@ -69,7 +71,7 @@ impl Default for Queue {
 }
 
 impl Queue {
-    /// Empties it and sets it up for a plane and a tool.
+    /// Clears the queue and sets it up for a plane and a tool.
     pub(crate) fn begin(&mut self, plane: Plane, shift: Point, units: LengthUnit) {
         self.clear();
         (self.plane, self.shift) = (plane, shift);
@@ -81,21 +83,21 @@ impl Queue {
         self.waiting.is_empty()
     }
 
-    /// Whether more waits than a program can mean to have between two corners.
+    /// Whether the queue has more elements than a program can reasonably have between two corners.
     pub(crate) fn is_full(&self) -> bool {
         self.waiting.len() >= MAX_WAITING
     }
 
-    /// Whether the controlled point is not the centre of the tool's tip.
+    /// Whether the controlled point differs from the centre of the tool's tip.
     pub(crate) fn is_shifted(&self) -> bool {
         self.shift != UNSHIFTED
     }
 
-    /// Whether a canonical function waits its turn behind a waiting move. Others pass it by: the peer has it so, and nothing of
-    /// theirs depends on where the machine is.
+    /// Whether a canonical function is queued behind a waiting move. Other functions overtake it, as in LinuxCNC; they
+    /// do not depend on the position of the machine.
     pub(crate) fn holds(canon: &Canon) -> bool {
         if let Canon::Note(text) = canon {
-            // The one note of a mode that passes.
+            // The one note of a mode that overtakes.
             return !text.starts_with("interpreter: Lathe diameter mode");
         }
         matches!(
@@ -119,12 +121,12 @@ impl Queue {
         )
     }
 
-    /// Lets a canonical function of this line wait.
+    /// Queues a canonical function of this line.
     pub(crate) fn push(&mut self, line: u32, canon: Canon, course: QueueRole) {
         self.waiting.push(CompensationQueue { line, canon, course });
     }
 
-    /// The arc that waits: its centre, where it ends, and its turns.
+    /// Returns the queued arc: its centre, its end, and its turns.
     pub(crate) fn arc(&self) -> Option<(Point, Point, i32)> {
         let [first, second, _] = self.plane.axes();
         let moving = self.waiting.iter().find(|waiting| waiting.course != QueueRole::Fixed)?;
@@ -136,15 +138,16 @@ impl Queue {
         }
     }
 
-    /// Tells where the compensated path stands before what will wait next.
+    /// Sets the position of the compensated path before the moves queued next.
     pub(crate) fn set_start(&mut self, start: Point) {
         self.start = Some(start);
     }
 
-    /// Moves the end of the last move in the plane, and of those along other axes after it, to `end`, and lets everything out.
+    /// Moves the end of the last move in the plane, and of those along other axes after it, to `end`, and releases
+    /// everything.
     ///
     /// # Errors
-    /// E1658 when a move would run against its direction; nothing waits then.
+    /// E1658 when a move would reverse its direction; the queue is then empty.
     pub(crate) fn end_at(
         &mut self,
         end: Point,
@@ -203,13 +206,13 @@ impl Queue {
         }
     }
 
-    /// Drops everything.
+    /// Discards all elements.
     pub(crate) fn clear(&mut self) {
         self.waiting.clear();
         self.start = None;
     }
 
-    /// Lets everything out as it is.
+    /// Releases all elements unchanged.
     pub(crate) fn release(&mut self, steps: &mut Vec<CanonStep>, number: Number) {
         self.start = None;
         let (plane, shift) = (self.plane, self.shift);
@@ -221,7 +224,7 @@ impl Queue {
         }
     }
 
-    /// Converts everything to another unit of length.
+    /// Converts all elements to another unit of length.
     pub(crate) fn scale(&mut self, factor: f64) {
         let scaled = |point: Point| (point.0 * factor, point.1 * factor);
         self.start = self.start.map(scaled);
@@ -234,7 +237,7 @@ impl Queue {
                     arc.end = arc.end.scaled_lengths(factor);
                     (arc.first_centre, arc.second_centre) = scaled((arc.first_centre, arc.second_centre));
                 }
-                // The new unit goes out before it does.
+                // The new unit is emitted before this function.
                 Canon::SetFeedRate(rate) => *rate *= factor,
                 _ => {}
             }
@@ -242,7 +245,7 @@ impl Queue {
     }
 }
 
-/// From the centre of the tool's tip to the controlled point.
+/// Moves the centre of the tool's tip to the controlled point.
 fn shift_canon(canon: &mut Canon, plane: Plane, shift: Point) {
     if shift == UNSHIFTED {
         return;
@@ -282,7 +285,7 @@ mod tests {
         queue.push(3, Canon::StraightFeed(Pose::xyz(10.0, 0.0, 5.0)), QueueRole::Straight((0.0, 0.0)));
         queue.end_at((8.0, 0.0), Span::default(), &mut steps, None).expect("a forward move");
         let canons: Vec<_> = steps.drain(..).map(|step| (step.line, step.canon)).collect();
-        // The controlled point of the tool is beside the centre of its tip.
+        // The controlled point of the tool is not the centre of its tip.
         let risen = Canon::StraightFeed(Pose::xyz(9.0, 0.0, 5.0));
         assert_eq!(canons, [(1, feed(9.0, 0.0)), (2, Canon::FloodOn), (3, risen)]);
         queue.push(4, feed(8.0, 1.0), QueueRole::Straight((0.0, 1.0)));
@@ -302,7 +305,7 @@ mod tests {
                 queue.push(line, Canon::SetFeedRate(1.0), QueueRole::Other);
             }
             queue.release(&mut steps, None);
-            // What a block does with the queue of the state.
+            // A block takes the queue out of the state.
             let taken = std::mem::take(&mut queue);
             queue = taken;
             assert!(round == 0 || queue.waiting.capacity() == room);

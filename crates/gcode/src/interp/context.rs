@@ -1,7 +1,7 @@
-//! Modal states that a program puts away and takes up again: M70 to M73.
+//! Modal states that a program saves and restores: M70 to M73.
 //!
-//! Invariant: each level of calls has one place of its own. What is taken up again comes out as the canonical functions of the codes
-//! that a program would need for it; the motion mode, the offsets of G52 and G92 and the tool in the spindle stay as they are.
+//! Invariant: each level of calls has one saved state. Restoring it emits the canonical functions of the codes that a
+//! program would need. The motion mode, the offsets of G52 and G92, and the tool in the spindle stay unchanged.
 
 use super::check::MotionToBe;
 use super::{Core, Emit};
@@ -14,7 +14,7 @@ use crate::groups::GroupM;
 use crate::modal::{ArcCentres, DistanceMode, ModalState, SpindleRotation};
 use crate::pose::{Axis, Pose};
 
-/// The modes that M70 and M73 keep, lengths in the units that were in force.
+/// Modes that M70 and M73 save. Lengths are in the units in force when they were saved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Context {
     units: LengthUnit,
@@ -41,11 +41,11 @@ pub(crate) struct Context {
     speed_override: bool,
     adaptive_feed: bool,
     feed_hold: bool,
-    /// M73: taken up again when the subprogram ends.
+    /// Whether the state is restored when the subprogram ends (M73).
     on_return: bool,
 }
 
-/// Whether two values are not the same; a change of units and back leaves traces in the last digits.
+/// Whether two values differ. A change of units and back changes the last digits.
 fn differs(kept: f64, now: f64) -> bool {
     (kept - now).abs() > 1e-9 * kept.abs().max(1.0)
 }
@@ -80,7 +80,7 @@ impl Context {
         }
     }
 
-    /// A block that brings back what one block can; units are back already.
+    /// Returns a block that restores what one block can. The units are restored already.
     fn block(&self, state: &ModalState) -> BlockResult<Words> {
         let mut words = Words::default();
         self.add_feed_and_spindle(state, &mut words)?;
@@ -113,7 +113,7 @@ impl Context {
         Ok(words)
     }
 
-    /// A block that switches cutter compensation on again, if that is asked for: its D is not that of G96.
+    /// Returns a block that switches cutter compensation on again, where needed. Its D is not that of G96.
     fn compensation_block(&self, state: &ModalState) -> BlockResult<Option<Words>> {
         let (Some((side, radius)), None) = (self.compensation, state.compensation) else { return Ok(None) };
         let mut words = Words::default();
@@ -131,7 +131,7 @@ impl Context {
             };
             words.add_g(code, <_>::default())?;
         }
-        // F and S come out again even where they have not changed, as in the release.
+        // F and S are emitted even if they have not changed, as in LinuxCNC.
         words.put(b'f', self.feed_rate);
         words.put(b's', self.spindle_speed);
         let mode = |surface: bool, highest: f64| (surface, if surface { highest } else { 0.0 });
@@ -151,7 +151,7 @@ impl Context {
             };
             return words.add_m(code, <_>::default());
         }
-        // Of the codes that switch something the first comes with this block, the others behind it, as in the peer.
+        // Of the codes that switch something, the first comes with this block and the others follow it, as in LinuxCNC.
         let is_off = !self.mist && !self.flood;
         match () {
             () if is_off && (state.mist || state.flood) => words.add_m(9.0, <_>::default()),
@@ -161,7 +161,7 @@ impl Context {
         }
     }
 
-    /// Whether the path mode in force is the one that was put away.
+    /// Whether the path mode in force is the saved one.
     fn has_same_path_control(&self, state: &ModalState) -> bool {
         match (self.path_control, state.path_control) {
             (PathControl::Continuous { tolerance: kept }, PathControl::Continuous { tolerance: now }) => {
@@ -189,7 +189,7 @@ impl Context {
 }
 
 impl Core {
-    /// M70 … M73.
+    /// Executes M70 … M73.
     pub(super) fn context(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let level = self.state.call_level as usize;
         match code {
@@ -212,14 +212,14 @@ impl Core {
         }
     }
 
-    /// Empties the place of this level of calls.
+    /// Clears the saved state of this level of calls.
     pub(super) fn forget_context(&mut self) {
         if let Some(place) = self.state.contexts.get_mut(self.state.call_level as usize) {
             *place = None;
         }
     }
 
-    /// What M73 has put away for the end of this subprogram is taken up again.
+    /// Restores the state that M73 has saved for the end of this subprogram.
     pub(super) fn take_up_on_return(&mut self, emit: &mut Emit<'_>) -> BlockResult<()> {
         match self.state.contexts.get(self.state.call_level as usize).copied().flatten() {
             Some(kept) if kept.on_return && self.state.call_level > 0 => self.take_up(&kept, emit),
@@ -228,7 +228,7 @@ impl Core {
     }
 
     fn take_up(&mut self, kept: &Context, emit: &mut Emit<'_>) -> BlockResult<()> {
-        // These functions belong to no N word, as in the peer.
+        // These functions belong to no N word, as in LinuxCNC.
         let number = emit.number.take();
         if kept.units != self.state.units {
             self.set_units(kept.units, emit);
@@ -240,7 +240,7 @@ impl Core {
             outcome = self.execute(&block, MotionToBe::None, emit);
         }
         if has_same_path_control {
-            // It comes out again, as F and S do. No code: cutter compensation would refuse it.
+            // It is emitted again, as F and S are. A code is not used, because cutter compensation would refuse it.
             emit.call(Canon::SetMotionControlMode(self.state.path_control));
             if let PathControl::Continuous { .. } = self.state.path_control {
                 emit.call(Canon::SetNaivecamTolerance(self.state.naivecam_tolerance));
@@ -260,7 +260,7 @@ impl Core {
             }
         };
         if !kept.mist && !kept.flood && (state.mist || state.flood) {
-            // M9 tells both.
+            // M9 switches both off.
             switch(&mut true, false, [Canon::MistOff, Canon::MistOn]);
             switch(&mut true, false, [Canon::FloodOff, Canon::FloodOn]);
             (state.mist, state.flood) = (false, false);

@@ -1,7 +1,7 @@
-//! Cutter radius compensation, carried out: G40, G41, G42, G41.1, G42.1, and moves beside the programmed path.
+//! Execution of cutter radius compensation: G40, G41, G42, G41.1, G42.1, and compensated moves.
 //!
-//! Invariant: the position is that of the tool; where the programmed path stands is kept with the compensation. Of the moves in the
-//! plane the last one waits in the queue until the next corner tells where it ends.
+//! Invariant: the position is that of the tool; the position on the programmed path is stored with the compensation.
+//! The last move in the plane waits in the queue until the next corner determines its end.
 
 use super::arc::ArcShape;
 use super::compensation_corner::{
@@ -22,7 +22,7 @@ use crate::groups::GroupG;
 use crate::modal::MotionMode;
 use crate::pose::Pose;
 
-/// The move after a corner, as it is programmed.
+/// The move after a corner, as programmed.
 struct Next {
     cutter: Cutter,
     motion: MotionMode,
@@ -32,7 +32,7 @@ struct Next {
 }
 
 impl Core {
-    /// G40, G41, G42, G41.1, G42.1.
+    /// Executes G40, G41, G42, G41.1 and G42.1.
     pub(super) fn set_compensation(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let at = words.g_span(GroupG::CutterCompensation);
         if code == 400 {
@@ -69,7 +69,7 @@ impl Core {
         Ok(())
     }
 
-    /// Diameter in program units and orientation that D and L give.
+    /// Returns diameter in program units and orientation from D and L.
     fn given_cutter(&self, code: u16, words: &Words) -> BlockResult<(f64, i32)> {
         let Some(diameter) = words.get(b'd') else {
             let at = words.g_span(GroupG::CutterCompensation);
@@ -86,7 +86,7 @@ impl Core {
         Ok((diameter, orientation))
     }
 
-    /// Diameter in program units and orientation of the tool that D names, or of the one in the spindle.
+    /// Returns diameter in program units and orientation of the tool that D names, or of the one in the spindle.
     fn cutter_of_table(&self, code: u16, words: &Words) -> BlockResult<(f64, i32)> {
         let number = match words.get(b'd').unwrap_or_default() {
             0.0 => f64::from(self.state.current_tool),
@@ -112,7 +112,7 @@ impl Core {
         Ok((self.to_program_unit(crate::pose::Axis::X, tool.diameter), orientation))
     }
 
-    /// Lets out what waits, as it stands: the path goes no further for now.
+    /// Releases the queued moves unchanged: the path ends here for now.
     pub(super) fn finish_path(&mut self, at: Span, emit: &mut Emit<'_>) -> BlockResult<()> {
         if emit.waiting.is_empty() {
             return Ok(());
@@ -133,7 +133,8 @@ impl Core {
         pose
     }
 
-    /// The cutter in force and the programmed position; none of it without compensation, the latter before its first move.
+    /// Returns the cutter in force and the programmed position. Both are `None` without compensation, the latter also
+    /// before the first move.
     fn cutter(&self) -> Option<(Cutter, Option<Pose>)> {
         let Compensation { side, radius, programmed } = self.state.compensation?;
         Some((Cutter { side, radius }, programmed))
@@ -148,10 +149,10 @@ impl Core {
         CompensationCorner { programmed, centre: self.in_plane(&self.state.position), arc }
     }
 
-    /// A straight move beside the programmed path, which ends at `end`.
+    /// Emits a compensated straight move, whose programmed end is `end`.
     ///
     /// # Errors
-    /// The move, or the one before, is too short for the tool. The move after this one then leads to the path again.
+    /// The move, or the one before, is too short for the tool. The next move then leads to the path again.
     pub(super) fn straight_beside(
         &mut self,
         motion: MotionMode,
@@ -179,7 +180,7 @@ impl Core {
             Some(from) if from == to => (here, (0.0, 0.0)),
             Some(from) => {
                 let (to_centre, joint) = to_line(cutter, &self.corner(from, emit), to, at)?;
-                // Here the peer looks whether the move before is long enough; before an arc, it does not.
+                // LinuxCNC checks here that the previous move is long enough; before an arc it does not.
                 if let CornerKind::Convex(_) = joint {
                     emit.waiting.end_at(here, at, emit.steps, emit.number)?;
                 }
@@ -193,7 +194,7 @@ impl Core {
         Ok(())
     }
 
-    /// Checks an arc as the move that leads to the compensated path; any other passes.
+    /// Checks an arc as the move that leads to the compensated path; any other arc passes.
     pub(super) fn check_entry_arc(&self, shape: &ArcShape, centre: Point) -> BlockResult<()> {
         let Some((cutter, None)) = self.cutter() else { return Ok(()) };
         check_entry(cutter, shape.start, shape.end, shape.at)?;
@@ -201,10 +202,10 @@ impl Core {
         check_arc(cutter, radius, shape.turns, shape.at)
     }
 
-    /// An arc beside the programmed path, which is this one.
+    /// Emits the compensated arc of this programmed arc.
     ///
     /// # Errors
-    /// The arc, or the move before, is too short or too small for the tool. The move after this one then leads to the path again.
+    /// The arc, or the move before, is too short or too small for the tool. The next move then leads to the path again.
     pub(super) fn arc_beside(
         &mut self,
         shape: &ArcShape,
@@ -228,7 +229,8 @@ impl Core {
             None => {
                 let (to_centre, centre) = entry_arc(cutter, here, &arc, at)?;
                 if emit.waiting.is_shifted() {
-                    // The tip's centre begins the arc where the controlled point was, so the tool first goes there.
+                    // The arc begins with the tip's centre at the former controlled point, so the tool first moves
+                    // there.
                     let start = self.with_normal(&end, here);
                     emit.waiting.push(emit.line, Canon::StraightFeed(start), QueueRole::Fixed);
                     emit.waiting.set_start(here);
@@ -250,7 +252,8 @@ impl Core {
         Ok(())
     }
 
-    /// This end with a point of the plane, at the height of the current position: a corner is rounded before the tool rises.
+    /// Returns this end with a point of the plane, at the height of the current position: a corner is rounded before
+    /// the tool rises.
     fn with_normal(&self, end: &Pose, point: Point) -> Pose {
         let [_, _, normal] = self.state.plane.axes();
         let mut pose = self.with_plane(end, point);
@@ -258,7 +261,7 @@ impl Core {
         pose
     }
 
-    /// Ends the move before as the joint has it, and goes about an outer corner; a traverse does so on a straight line.
+    /// Ends the previous move at the corner, and moves about an outer corner; a rapid move does so on a straight line.
     fn join(&mut self, joint: CornerKind, next: &Next, emit: &mut Emit<'_>) -> BlockResult<()> {
         let start = match joint {
             CornerKind::Smooth => self.in_plane(&self.state.position),
@@ -287,7 +290,7 @@ impl Core {
         Ok(())
     }
 
-    /// After a fault: takes the programmed end for reached, so that the faults of the moves after it are their own.
+    /// Continues at the programmed end after an error, so that errors of later moves are their own.
     fn lose_path(&mut self, end: Pose, emit: &mut Emit<'_>) {
         emit.waiting.clear();
         self.state.position = end;
@@ -296,10 +299,10 @@ impl Core {
         }
     }
 
-    /// Refuses another block when too much waits.
+    /// Refuses another block when too much is queued.
     ///
     /// # Errors
-    /// E1662; nothing waits then, and the next move leads to the path again.
+    /// E1662; the queue is then empty, and the next move leads to the path again.
     pub(super) fn check_waiting(&mut self, emit: &mut Emit<'_>) -> BlockResult<()> {
         if !emit.waiting.is_full() {
             return Ok(());
@@ -308,7 +311,7 @@ impl Core {
         fault(ErrorCode::CompensationWaits, Span::default(), ErrorCode::CompensationWaits.title())
     }
 
-    /// Takes the end of a move over into the state.
+    /// Stores the end of a move in the state.
     fn follow(&mut self, programmed: Pose, tool: Pose) {
         self.state.position = tool;
         if let Some(compensation) = &mut self.state.compensation {

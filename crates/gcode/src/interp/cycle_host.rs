@@ -1,7 +1,8 @@
-//! Cycles: the interpreter as the host of a running cycle, MCALL, and what a cycle leaves as it was.
+//! Cycles: the interpreter as the host of a running cycle, MCALL, and the modes that a cycle restores.
 //!
-//! Invariant: a cycle's blocks go the way of the program's own blocks. What `SAVE` names is restored at the cycle's end (cycles,
-//! section 1.3); after an alarm nothing has moved unless a block of the cycle itself was wrong.
+//! Invariant: a cycle's blocks are executed as the program's own blocks are. The modes that `SAVE` names are restored
+//! at the cycle's end (cycles, section 1.3). After an alarm nothing has moved, unless a block of the cycle itself was
+//! wrong.
 
 use super::check;
 use super::interpreter_core::{Core, Emit};
@@ -20,29 +21,29 @@ use retrace_cycles::{
 };
 use std::sync::Arc;
 
-/// Most parameters of a cycle.
+/// Maximum number of parameters of a cycle.
 const MAX_ARGUMENTS: usize = 64;
 
-/// Canonical functions that one call may give: a program does not fill the memory with one line.
+/// Maximum number of canonical functions of one call, so that one line cannot exhaust the memory.
 const MAX_FUNCTIONS: usize = 500_000;
-/// Steps and blocks of the modal cycle over all holes of a pattern.
+/// Maximum number of steps and blocks of the modal cycle over all holes of a pattern.
 const MAX_MODAL_COST: u64 = 100_000_000;
 
-/// A cycle that follows every block with motion (MCALL).
+/// A cycle that is executed after every block with motion (MCALL).
 #[derive(Clone, Debug)]
 pub(super) struct Modal {
     call: CycleCall,
-    /// Its arguments, calculated once.
+    /// Arguments, calculated once.
     values: Vec<f64>,
-    /// How deep in calls it was given: it ends with that subprogram.
+    /// Depth of calls at which it was given: it ends with that subprogram.
     level: u32,
 }
 
-/// What cycles need besides the state; boxed, because few programs call any.
+/// State of cycles in addition to the modal state; boxed, because few programs call cycles.
 #[derive(Debug, Default)]
 pub(super) struct Cycles {
     machine: Vm,
-    /// Runs the modal cycle at the blocks of another one.
+    /// Virtual machine for the modal cycle at the blocks of another one.
     inner: Vm,
     modal: Option<Modal>,
     values: Vec<f64>,
@@ -51,13 +52,13 @@ pub(super) struct Cycles {
 }
 
 impl Clone for Cycles {
-    /// What runs is not copied, only what is in force.
+    /// Copies the modal cycle in force, not a running one.
     fn clone(&self) -> Cycles {
         Cycles { modal: self.modal.clone(), ..Cycles::default() }
     }
 }
 
-/// What `SAVE` keeps.
+/// Modes that `SAVE` restores.
 #[derive(Clone, Copy, Debug)]
 struct SavedModes {
     motion: Option<MotionMode>,
@@ -71,7 +72,7 @@ struct SavedModes {
     path_control: PathControl,
     naivecam_tolerance: f64,
     lathe_diameter: bool,
-    /// The kept words of a drilling cycle G81 … G89 that the program was in.
+    /// Retained words of a drilling cycle G81 … G89 that was in force.
     series: Option<DrillingSeries>,
     is_compensated: bool,
 }
@@ -95,7 +96,7 @@ impl SavedModes {
         }
     }
 
-    /// Puts it in force again, with the canonical functions that that takes.
+    /// Restores the modes and emits the canonical functions for them.
     fn restore(&self, state: &mut ModalState, emit: &mut Emit<'_>) {
         (state.motion, state.series) = (self.motion, self.series);
         if state.plane != self.plane {
@@ -139,16 +140,16 @@ pub(crate) struct PlannedContour {
     pub(crate) warnings: Arc<[String]>,
 }
 
-/// Where contours come from.
+/// Source of contours.
 pub(crate) trait Contours {
-    /// The path of CYCLE95 along a contour.
+    /// Returns the path of CYCLE95 along a contour.
     ///
     /// # Errors
     /// The control's alarm.
     fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<PlannedContour, StockFailure>;
 }
 
-/// No contours: a modal cycle has none.
+/// A source without contours: a modal cycle has none.
 pub(crate) struct NoContours;
 
 impl Contours for NoContours {
@@ -158,7 +159,7 @@ impl Contours for NoContours {
 }
 
 impl super::Interpreter {
-    /// Runs the cycle of the line that was loaded last.
+    /// Runs the cycle of the line loaded last.
     pub(crate) fn call_cycle(
         &mut self,
         call: &CycleCall,
@@ -176,7 +177,7 @@ impl super::Interpreter {
         outcome
     }
 
-    /// MCALL with a cycle: it follows every block with motion from now on.
+    /// Executes MCALL with a cycle, which is then run after every block with motion.
     pub(crate) fn begin_modal(&mut self, call: &CycleCall) -> BlockResult<()> {
         self.control_value()?;
         let is_pattern = |library: &CycleLibrary| library.get(call.id).is_some_and(Cycle::is_pattern);
@@ -189,14 +190,14 @@ impl super::Interpreter {
         Ok(())
     }
 
-    /// MCALL alone.
+    /// Executes MCALL alone.
     pub(crate) fn end_modal(&mut self) {
         if let Some(cycles) = &mut self.cycles {
             cycles.modal = None;
         }
     }
 
-    /// The cycle that is in force: of MCALL at this depth of calls, or a drilling cycle.
+    /// Returns the cycle in force: of MCALL at this depth of calls, or a drilling cycle.
     pub(crate) fn cycle(&self) -> Option<&str> {
         let level = self.core.state.call_level;
         let modal = self.cycles.as_ref().and_then(|cycles| cycles.modal.as_ref());
@@ -207,7 +208,8 @@ impl super::Interpreter {
         }
     }
 
-    /// Whether a modal cycle is in force at this depth of calls; one of a subprogram that has ended is given up.
+    /// Whether a modal cycle is in force at this depth of calls. The modal cycle of a subprogram that has ended is
+    /// removed.
     #[inline]
     pub(super) fn has_modal(&mut self) -> bool {
         let Some(cycles) = &mut self.cycles else { return false };
@@ -218,7 +220,7 @@ impl super::Interpreter {
         cycles.modal.as_ref().is_some_and(|modal| modal.level == level)
     }
 
-    /// Runs the modal cycle behind a block with motion.
+    /// Runs the modal cycle after a block with motion.
     pub(super) fn modal_cycle(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<()> {
         let Some(mut cycles) = self.cycles.take() else { return Ok(()) };
         let modal = cycles.modal.take();
@@ -272,7 +274,7 @@ impl super::Interpreter {
     }
 }
 
-/// The arguments of a call as the machine of cycles takes them.
+/// Converts the arguments of a call to those of the virtual machine.
 fn arguments<'a>(call: &'a CycleCall, values: &[f64]) -> [Argument<'a>; MAX_ARGUMENTS] {
     let mut arguments = [Argument::Missing; MAX_ARGUMENTS];
     let mut values = values.iter();
@@ -295,11 +297,11 @@ struct Caller<'a> {
     saved: &'a mut Vec<Option<SavedModes>>,
     words: &'a mut Words,
     path: Option<Arc<[StockMove]>>,
-    /// What centre words mean in the program, and so in its contours.
+    /// Meaning of centre words in the program, and so in its contours.
     centres: ArcCentres,
-    /// Where the list of canonical functions may end.
+    /// Maximum length of the list of canonical functions.
     max_steps: usize,
-    /// What the modal cycle has cost so far.
+    /// Steps and blocks that the modal cycle has used so far.
     modal_cost: u64,
     emit: Emit<'a>,
     at: Span,
@@ -312,7 +314,7 @@ impl Caller<'_> {
         let arguments = arguments(call, values);
         let given = arguments.get(..call.arguments.len()).unwrap_or_default();
         let library = self.library;
-        // A cycle's centres count from the start of their arc, whatever the program has chosen.
+        // The centres in a cycle are relative to the start of their arc, whatever the program has selected.
         let centres = std::mem::replace(&mut self.core.state.arc_centres, ArcCentres::Incremental);
         let outcome = machine.run(library, call.id, given, self);
         self.core.state.arc_centres = centres;
@@ -357,7 +359,7 @@ impl Caller<'_> {
         self.check_size()
     }
 
-    /// A cycle has left compensation on: G40, as before it.
+    /// A cycle has left compensation on: executes G40 to restore the state before it.
     fn end_compensation(&mut self) -> Result<(), CycleStopped> {
         self.core.set_compensation(400, &Words::default(), &mut self.emit).map_err(|fault| {
             self.fault = Some(fault);
@@ -393,9 +395,10 @@ impl Host for Caller<'_> {
                 SpindleRotation::Counterclockwise => 4.0,
                 SpindleRotation::Stopped => 5.0,
             },
-            // RS274/NGC has no D number: the offset of a tool is the tool's own line of the table, and G43 is not a condition for a
-            // radius. A program that selects no tool works with the one that is clamped, so none is refused (our decision: 61000 never
-            // comes, as retrace drills what any program drills).
+            // RS274/NGC has no D number: the offset of a tool is its own line of the tool table, and G43 is not
+            // required for a radius. A program that selects no tool works with the tool that is clamped, so none is
+            // refused. By this project's decision, 61000 is never raised, because retrace drills whatever a program
+            // drills.
             Query::OffsetNumber => state.current_tool.max(1).into(),
             Query::ToolRadius => self.core.to_program_unit(Axis::X, tool().diameter) / 2.0,
             Query::EdgePosition => tool().orientation,
@@ -453,7 +456,7 @@ impl Host for Caller<'_> {
         match message.warning {
             Some(_) if self.warnings.len() >= super::MAX_ERRORS => {}
             Some(number) => self.warnings.push(format!("{number}: {}", message.text)),
-            // A loop of messages alone ends with the machine's steps.
+            // A loop of messages alone ends with the step limit of the virtual machine.
             None if self.emit.steps.len() > self.max_steps => {}
             None => self.emit.call(Canon::Message(message.text.into())),
         }

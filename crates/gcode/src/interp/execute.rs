@@ -1,7 +1,7 @@
-//! Carrying out a block, in the order that RS274/NGC fixes.
+//! Execution of a block, in the order that RS274/NGC defines.
 //!
-//! Invariant: comment, feed mode, F, S, T, M codes, then G codes with the motion last, and the stops after everything. The order
-//! does not depend on how the words stand in the line.
+//! Invariant: comment, feed mode, F, S, T, M codes, then G codes with the motion last, and the stops after everything.
+//! The order does not depend on the order of the words in the line.
 
 use super::check::MotionToBe;
 use super::{Core, Emit, ProgramFlow, unsupported};
@@ -16,7 +16,7 @@ use crate::modal::SpindleRotation;
 use crate::tool::Tool;
 
 impl Core {
-    /// Carries out a checked block; its comment has gone out already.
+    /// Executes a checked block. Its comment has been emitted already.
     pub(super) fn execute(
         &mut self,
         words: &Words,
@@ -77,7 +77,7 @@ impl Core {
         }
     }
 
-    /// The tool of this number, which a word gives.
+    /// Returns the tool whose number a word gives.
     pub(super) fn tool(&self, number: f64, words: &Words, letter: u8) -> BlockResult<Tool> {
         let at = words.span(letter);
         let number = whole(number, at, "the word")?;
@@ -87,7 +87,7 @@ impl Core {
         }
     }
 
-    /// Parameter 5401 + `index`, from 5410 on: the data of the tool in the spindle.
+    /// Returns parameter 5401 + `index`, from 5410: the data of the tool in the spindle.
     pub(super) fn tool_parameter(&self, index: usize) -> Option<f64> {
         let tool = self.tools.get(self.state.current_tool)?;
         Some(match index {
@@ -136,7 +136,8 @@ impl Core {
         self.take_actual_position();
     }
 
-    /// Behind G40 the position is the end of the programmed path until a move goes there; a tool change asks the machine instead.
+    /// After G40 the position is the end of the programmed path until a move goes there. A tool change uses the actual
+    /// position of the machine.
     fn take_actual_position(&mut self) {
         if let Some(shift) = self.state.tool_shift.take() {
             let shift = turned_xy(shift, -self.state.rotation_degrees);
@@ -144,7 +145,7 @@ impl Core {
         }
     }
 
-    /// M61: the tool in the spindle is another one than was thought.
+    /// Executes M61: declares another tool in the spindle.
     fn rename_tool(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let Some(number) = words.get(b'q') else {
             return fault(ErrorCode::WordMissing, words.m_span(GroupM::Tool), "M61 needs a Q word: the tool number");
@@ -190,7 +191,7 @@ impl Core {
         }
     }
 
-    /// M48 … M53; of M50 to M53, P0 switches off and any other P or none switches on.
+    /// Executes M48 … M53. For M50 to M53, P0 switches off; any other P, or none, switches on.
     fn overrides(&mut self, code: u8, p: Option<f64>, emit: &mut Emit<'_>) {
         let on = match code {
             48 => true,

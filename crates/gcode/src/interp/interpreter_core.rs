@@ -1,6 +1,8 @@
-//! What blocks work on: the modal state, parameters and tools, and the conversion between machine and program units.
+//! Data that blocks work on: the modal state, parameters and tools, and the conversion between machine and program
+//! units.
 //!
-//! Invariant: parameters and the tool table are in machine units, the state in program units; here is where they meet.
+//! Invariant: parameters and the tool table are in machine units, the state in program units. The conversion is done
+//! here only.
 
 use super::UserCodes;
 use super::compensation_queue::{Queue, QueueRole};
@@ -24,21 +26,21 @@ pub(crate) struct Core {
     pub(crate) state: ModalState,
     pub(super) parameters: Parameters,
     pub(crate) tools: ToolTable,
-    /// What M19 adds to its R word, degrees.
+    /// Angle added to the R word of M19, in degrees.
     pub(super) orient_offset_degrees: f64,
     pub(super) user_codes: UserCodes,
-    /// What the subprogram of the next turning cycle has drawn.
+    /// Profile that the subprogram of the next turning cycle has drawn.
     pub(super) profile: Option<Profile>,
 }
 
-/// Takes the canonical functions of one block.
+/// Receiver of the canonical functions of one block.
 pub(super) struct Emit<'a> {
     pub(super) line: u32,
     pub(super) number: Option<BlockNumber>,
     pub(super) steps: &'a mut Vec<CanonStep>,
-    /// What waits for the next corner of a compensated path; empty without one.
+    /// Functions that wait for the next corner of a compensated path; empty without one.
     pub(super) waiting: &'a mut Queue,
-    /// What is legal and suspicious in this block.
+    /// Warning for this block: legal, but suspicious.
     pub(super) warning: Option<(ErrorCode, Span)>,
 }
 
@@ -53,7 +55,7 @@ impl Emit<'_> {
 }
 
 impl Core {
-    /// Offsets in force from the parameters, and the position that the machine then has in the program's coordinates.
+    /// Loads the offsets in force from the parameters, and sets the machine position in program coordinates.
     pub(super) fn take_up_parameters(&mut self, position: &Pose) {
         let system = self.parameters.get(COORDINATE_SYSTEM);
         self.state.coordinate_system = if (1.0..=9.0).contains(&system) { system as u8 } else { 1 };
@@ -67,7 +69,7 @@ impl Core {
         self.state.position = self.relative(&position);
     }
 
-    /// Nine parameters from `first` on, from machine to program units.
+    /// Returns nine parameters from `first`, converted from machine to program units.
     pub(super) fn pose_parameter(&self, first: usize) -> Pose {
         let mut pose = Pose::ZERO;
         for axis in Axis::ALL {
@@ -77,14 +79,15 @@ impl Core {
         self.lengths_to_program(&pose)
     }
 
-    /// Sets nine parameters from `first` on, from program to machine units.
+    /// Sets nine parameters from `first`, converted from program to machine units.
     pub(super) fn set_pose_parameter(&mut self, first: usize, pose: &Pose) {
         for axis in Axis::ALL {
             self.parameters.set(first + axis as usize, self.to_machine_unit(axis, pose[axis]));
         }
     }
 
-    /// Machine units a millimetre. An inch is taken with LinuxCNC's digits, so that results agree with its interpreter's to the last.
+    /// Machine units per millimetre. An inch has LinuxCNC's digits, so that results equal those of its interpreter to
+    /// the last digit.
     pub(super) fn machine_units_per_mm(&self) -> f64 {
         match self.machine_units {
             LengthUnit::Inch => 0.039_370_078_740_16,
@@ -117,7 +120,7 @@ impl Core {
     }
 }
 
-/// What the expressions of a block may ask for.
+/// Values that the expressions of a block may read.
 pub(super) struct BlockEnvironment<'a> {
     pub(super) core: &'a Core,
     pub(super) names: &'a Names,
@@ -138,7 +141,8 @@ impl Environment for BlockEnvironment<'_> {
         }
     }
 
-    /// Where the machine will stand is open while a move waits for its end; the peer refuses these from G41 to G40.
+    /// The machine position is unknown while a move waits for its end. LinuxCNC refuses these parameters from G41 to
+    /// G40.
     fn is_readable(&self, number: usize) -> bool {
         !matches!(number, 5420..=5428) || self.core.state.compensation.is_none()
     }

@@ -1,7 +1,7 @@
-//! The interpreter: lines in, canonical functions out.
+//! The interpreter: converts lines to canonical functions.
 //!
-//! Invariant: a line is read, checked as a whole and only then carried out, in the order that RS274/NGC fixes. A faulty block leaves
-//! a diagnostic, and the next line is taken up from the state that holds then.
+//! Invariant: a line is read, checked as a whole and only then executed, in the order that RS274/NGC defines. A faulty
+//! block leaves a diagnostic, and the next line is executed from the state that holds then.
 
 mod arc;
 mod canned;
@@ -52,39 +52,40 @@ use crate::turning::Profile;
 use retrace_cycles::CycleLibrary;
 use std::sync::Arc;
 
-/// Errors after which nothing more is checked; of warnings, no more are kept.
+/// Number of errors after which checking stops, and maximum number of stored warnings.
 pub(crate) const MAX_ERRORS: usize = 100;
 
-/// What an interpreter is made for.
+/// Configuration of an interpreter.
 #[derive(Clone, Debug)]
 pub struct Setup {
-    /// The unit of the tool table, the parameters and [`Setup::position`].
+    /// Unit of the tool table, the parameters and [`Setup::position`].
     pub machine_units: LengthUnit,
-    /// The unit in force before the program says G20 or G21.
+    /// Unit in force before the program has G20 or G21.
     pub program_units: LengthUnit,
-    /// The axes that a program may move.
+    /// Axes that a program may move.
     pub axes: AxisSet,
-    /// The tools.
+    /// Tool table.
     pub tools: ToolTable,
-    /// What earlier programs have left.
+    /// Parameters that earlier programs have left.
     pub parameters: Parameters,
-    /// The cycles that a program may call.
+    /// Cycles that a program may call.
     pub cycles: Option<Arc<CycleLibrary>>,
-    /// Where subprograms in files of their own are found.
+    /// Source of subprograms in files of their own.
     pub files: Option<Arc<dyn SubFiles>>,
-    /// Whether lines that begin with a slash are left out.
+    /// Whether lines that begin with a slash are skipped.
     pub block_delete: bool,
-    /// Where the machine stands, in machine coordinates and machine units.
+    /// Position of the machine, in machine coordinates and machine units.
     pub position: Pose,
-    /// The user codes that are declared, of M100 … M199.
+    /// User codes that are declared, of M100 … M199.
     pub user_codes: UserCodes,
-    /// What M19 adds to its R word, degrees.
+    /// Angle added to the R word of M19, in degrees.
     pub orient_offset_degrees: f64,
     /// Whether M98, M99 and an O number alone are refused.
     pub disable_fanuc_subs: bool,
-    /// Named parameters that a program may read only, such as the numbers of an INI file; names in lower case.
+    /// Named read-only parameters, such as the numbers of an INI file; names in lower case.
     pub fixed_values: Vec<(String, f64)>,
-    /// What earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::going_on`] and [`Setup::following`].
+    /// State that earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::continuing`] and
+    /// [`Setup::following`].
     pub carried: Option<Arc<ModalSnapshot>>,
 }
 
@@ -111,7 +112,8 @@ impl Default for Setup {
 }
 
 impl Setup {
-    /// LinuxCNC's `rs274` without an INI file: an inch machine with six axes, a program that starts in millimetres.
+    /// Returns the setup of LinuxCNC's `rs274` without an INI file: an inch machine with six axes, a program that
+    /// starts in millimetres.
     #[must_use]
     pub fn rs274() -> Setup {
         Setup {
@@ -123,31 +125,31 @@ impl Setup {
     }
 }
 
-/// Whether a program goes on.
+/// Whether a program continues after a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProgramFlow {
-    /// The next line is next.
+    /// Execution continues with the next line.
     Continue,
-    /// M2 or M30 was carried out.
+    /// M2 or M30 was executed.
     ProgramEnd,
 }
 
-/// What a line is that was read.
+/// Kind of a line that was read.
 #[derive(Debug)]
 pub(crate) enum LineRead {
-    /// A block to be carried out.
+    /// A block to be executed.
     Block,
     /// Deleted by its slash.
     Deleted,
-    /// It has an O word, whose values are not evaluated yet.
+    /// A line with an O word, whose values are not evaluated yet.
     Control(Control),
 }
 
-/// A block was refused; the diagnostic says why.
+/// A block was refused; the diagnostics have the reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BlockRefused;
 
-/// Reads and carries out a program line by line. It holds no text, so a program may be of any length.
+/// Interpreter that reads and executes a program line by line. It stores no text, so a program may be of any length.
 #[derive(Clone, Debug)]
 pub struct Interpreter {
     core: Core,
@@ -158,9 +160,9 @@ pub struct Interpreter {
     assignments: Vec<Assignment>,
     file: u16,
     line: u32,
-    /// The line of the program itself that steps belong to: of a subprogram in another file, the one that called it.
+    /// Line of the program itself that steps belong to; in a subprogram in another file, the line of the call.
     step_line: u32,
-    /// It draws the profile of a turning cycle, in which U and W are increments of X and Z.
+    /// Whether it draws the profile of a turning cycle, in which U and W are increments of X and Z.
     draws_profile: bool,
     diagnostics: Vec<Diagnostic>,
     errors: usize,
@@ -168,7 +170,7 @@ pub struct Interpreter {
 }
 
 impl Interpreter {
-    /// An interpreter before its first line.
+    /// Creates an interpreter before its first line.
     #[must_use]
     pub fn new(setup: Setup) -> Interpreter {
         let reader = LineReader::of(&setup);
@@ -197,18 +199,18 @@ impl Interpreter {
         }
     }
 
-    /// An interpreter that goes on from a state, to find out what a contour would do.
+    /// Creates an interpreter that continues from a state, to determine the moves of a contour.
     pub(crate) fn scratch(core: Core, reader: LineReader) -> Interpreter {
         let setup = Setup::default();
         Interpreter { core, reader, ..Interpreter::new(setup) }
     }
 
-    /// The words of the block carried out last.
+    /// Returns the words of the block executed last.
     pub(crate) fn last_words(&self) -> &Words {
         if self.reader.block.is_constant() { &self.reader.block.words } else { &self.words }
     }
 
-    /// Adds the canonical functions that come before those of any program: units and offsets in force.
+    /// Appends the canonical functions that precede those of any program: units and offsets in force.
     pub fn begin(&mut self, steps: &mut Vec<CanonStep>) {
         let state = &self.core.state;
         let mut waiting = Queue::default();
@@ -221,10 +223,10 @@ impl Interpreter {
         ModalSnapshot::announce(state, &ModalState::initial(state.units), |canon| emit.call(canon));
     }
 
-    /// Takes the next line of the program, without its end, and adds the canonical functions that it asks for to `steps`.
+    /// Executes the next line of the program, given without its end, and appends its canonical functions to `steps`.
     ///
     /// # Errors
-    /// The block was refused; what it had asked for before the fault was found stays in `steps`.
+    /// The block was refused. The functions emitted before the error was found stay in `steps`.
     pub fn line(&mut self, text: &[u8], steps: &mut Vec<CanonStep>) -> Result<ProgramFlow, BlockRefused> {
         let carried_out = self.read(self.line.saturating_add(1), text).and_then(|read| match read {
             LineRead::Block => self.carry_out(steps),
@@ -237,7 +239,7 @@ impl Interpreter {
         })
     }
 
-    /// Of the lines that are no blocks, the call of a cycle needs nothing but the cycle.
+    /// Of the lines that are not blocks, the call of a cycle needs nothing but the cycle.
     fn line_with_control(&mut self, control: &Control, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
         match self.reader.block.cycle.take() {
             Some(call) if control.keyword == Keyword::Cycle => {
@@ -248,13 +250,13 @@ impl Interpreter {
         }
     }
 
-    /// Puts other cycles in the place of those that a program may call. Lines that have been compiled go on to mean the cycles that
-    /// stood in their places.
+    /// Replaces the cycles that a program may call. Lines that have been compiled already call the new cycles at the
+    /// same indices.
     pub fn set_cycles(&mut self, cycles: Option<Arc<CycleLibrary>>) {
         self.reader.cycles = cycles;
     }
 
-    /// Tells which line is being looked at.
+    /// Sets the current line.
     pub(crate) fn set_line(&mut self, file: u16, line: u32) {
         (self.file, self.line) = (file, line);
         if file == 0 {
@@ -275,24 +277,24 @@ impl Interpreter {
         })
     }
 
-    /// The N word of the line that was read last.
+    /// Returns the N word of the line read last.
     pub(crate) fn block_number(&self) -> Option<u64> {
         self.reader.block.number.map(BlockNumber::value)
     }
 
-    /// What compiles lines.
+    /// Returns the compiler of lines.
     pub(crate) fn reader_mut(&mut self) -> &mut LineReader {
         &mut self.reader
     }
 
-    /// Makes a compiled line the one that [`Interpreter::carry_out`] and [`Interpreter::control_value`] work on.
+    /// Loads a compiled line for [`Interpreter::carry_out`] and [`Interpreter::control_value`].
     #[inline]
     pub(crate) fn load(&mut self, code: &CompiledLines, line: u32) {
         self.set_line(code.file, code.line_number(line));
         code.load(line, &mut self.reader.block);
     }
 
-    /// The first value in brackets of the O word that was taken last, after evaluation of all of them; 0 without any.
+    /// Evaluates all values of the current O word, and returns the first; 0 without any.
     pub(crate) fn control_value(&mut self) -> BlockResult<f64> {
         if self.reader.block.is_constant() {
             self.assignments.clear();
@@ -303,20 +305,20 @@ impl Interpreter {
         Ok(self.arguments().next().unwrap_or(0.0))
     }
 
-    /// The first value of the block, the others not being evaluated.
+    /// Evaluates and returns the first value of the block only.
     pub(crate) fn condition(&mut self) -> BlockResult<f64> {
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         self.reader.block.first_value(&environment)
     }
 
-    /// The last value of the block, after evaluation of all of them, and where it stands.
+    /// Evaluates all values of the block, and returns the last with its span.
     pub(crate) fn last_value(&mut self) -> BlockResult<(f64, Span)> {
         self.control_value()?;
         let value = self.arguments().last().unwrap_or(0.0);
         Ok((value, self.reader.block.last_span()))
     }
 
-    /// Whether the O word has a value in brackets; to be asked after its evaluation.
+    /// Whether the O word has a value in brackets; valid after its evaluation.
     pub(crate) fn has_control_value(&self) -> bool {
         self.arguments().next().is_some()
     }
@@ -328,12 +330,12 @@ impl Interpreter {
         })
     }
 
-    /// The value in brackets at this place, of the O word that was evaluated last.
+    /// Returns the value in brackets at this index, of the O word evaluated last.
     pub(crate) fn argument(&self, index: usize) -> Option<f64> {
         self.arguments().nth(index)
     }
 
-    /// Begins a subprogram with the values of the O word that was evaluated last, the first `given` of them left out.
+    /// Enters a subprogram with the values of the O word evaluated last, without the first `given` of them.
     pub(crate) fn enter_sub(&mut self, given: usize) -> Frame {
         let mut arguments = [0.0; MAX_ARGUMENTS];
         for (place, value) in arguments.iter_mut().zip(self.arguments().skip(given)) {
@@ -343,7 +345,7 @@ impl Interpreter {
         self.core.parameters.enter(Some(&arguments))
     }
 
-    /// Begins a subprogram that shares its caller's numbered parameters, as M98 does.
+    /// Enters a subprogram that shares its caller's numbered parameters, as M98 does.
     pub(crate) fn enter_shared(&mut self) -> Frame {
         self.enter_level();
         self.core.parameters.enter(None)
@@ -354,7 +356,7 @@ impl Interpreter {
         self.core.forget_context();
     }
 
-    /// Takes up again what M73 has put away; to be asked before the subprogram ends.
+    /// Restores the state that M73 has saved; to be called before the subprogram ends.
     pub(crate) fn take_up_on_return(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<()> {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let mut emit = Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
@@ -363,14 +365,14 @@ impl Interpreter {
         outcome
     }
 
-    /// Ends a subprogram; `value` is what it returns.
+    /// Leaves a subprogram; `value` is its return value.
     pub(crate) fn leave_sub(&mut self, frame: Frame, value: Option<f64>) {
         self.core.state.call_level = self.core.state.call_level.saturating_sub(1);
         self.core.state.returned_value = value;
         self.core.parameters.leave(frame);
     }
 
-    /// Carries out the compiled block.
+    /// Executes the compiled block.
     pub(crate) fn carry_out(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         let is_constant = self.reader.block.is_constant();
@@ -406,7 +408,7 @@ impl Interpreter {
         let words = if is_constant && !is_changed { &self.reader.block.words } else { &self.words };
         let motion = check::motion_to_be(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
-        // Taken out for the block: what the block asks for goes either into it or out.
+        // Taken out of the state for the block: the block's functions are either queued there or emitted.
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let (line, number) = (self.step_line, self.reader.block.number);
         let mut emit = Emit { line, number, steps: &mut *steps, waiting: &mut waiting, warning: None };
@@ -430,7 +432,8 @@ impl Interpreter {
         flow
     }
 
-    /// Lets out what still waits for the next corner of a compensated path: the program has ended without M2 or M30.
+    /// Releases the functions that wait for the next corner of a compensated path: the program has ended without M2 or
+    /// M30.
     pub(crate) fn release(&mut self, steps: &mut Vec<CanonStep>) {
         self.core.state.waiting.release(steps, None);
     }
@@ -438,7 +441,7 @@ impl Interpreter {
     /// Ends the program, as M2 does.
     ///
     /// # Errors
-    /// What still waits for the next corner of a compensated path cannot go out as it stands.
+    /// The functions that wait for the next corner of a compensated path cannot be released unchanged.
     pub(crate) fn end_program(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let mut emit = Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
@@ -447,25 +450,26 @@ impl Interpreter {
         ended
     }
 
-    /// The modal state between two blocks: with the parameters, all that the next block builds on.
+    /// Returns the modal state between two blocks. With the parameters, it is everything that the next block depends
+    /// on.
     #[must_use]
     pub fn state(&self) -> &ModalState {
         &self.core.state
     }
 
-    /// Puts a modal state in force, such as that of a breakpoint.
+    /// Sets the modal state, such as that of a breakpoint.
     pub fn set_state(&mut self, state: ModalState) {
         self.core.state = state;
     }
 
-    /// The tools, with what G10 has changed.
+    /// Returns the tools, with the changes of G10.
     #[must_use]
     pub fn tools(&self) -> &ToolTable {
         &self.core.tools
     }
 
-    /// Hands over the profile of the turning cycle that the next block asks for: the calls of its subprogram Q, of which the moves
-    /// count and nothing else.
+    /// Sets the profile for the turning cycle in the next block. `steps` are the calls of its subprogram Q; only the
+    /// moves count.
     pub fn set_profile(&mut self, steps: &[CanonStep]) {
         self.core.profile = Some(Profile::of_steps(steps));
     }
@@ -476,8 +480,8 @@ impl Interpreter {
         self.reader.block.words.g(GroupG::Motion).is_some_and(|code| (700..730).contains(&code))
     }
 
-    /// The number of the profile's subprogram of the turning cycle read last, if it names one, and an interpreter to run it with: it
-    /// stands where the cycle begins.
+    /// Returns the subprogram number of the profile of the turning cycle read last, if it has one, and an interpreter
+    /// to run it with. That interpreter is positioned where the cycle begins.
     pub(crate) fn turning(&mut self) -> BlockResult<Option<(f64, Interpreter)>> {
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
@@ -487,59 +491,59 @@ impl Interpreter {
             self.words.halve_x();
         }
         scratch.core.state.position = self.core.end_of(&self.words);
-        // The cycle has moved to its start with G0, so the profile may open with axis words alone.
+        // The cycle has moved to its start with G0, so the profile may begin with axis words alone.
         scratch.core.state.motion = Some(MotionMode::Traverse);
         scratch.draws_profile = true;
         Ok(Some((number, scratch)))
     }
 
-    /// All parameters.
+    /// Returns all parameters.
     #[must_use]
     pub fn parameters(&self) -> &Parameters {
         &self.core.parameters
     }
 
-    /// The line last taken, counted from 1.
+    /// Returns the number of the current line, counted from 1.
     #[must_use]
     pub fn line_number(&self) -> u32 {
         self.line
     }
 
-    /// File and line of the line last taken.
+    /// Returns file and line of the current line.
     pub(crate) fn place(&self) -> (u16, u32) {
         (self.file, self.line)
     }
 
-    /// The names of parameters.
+    /// Returns the names of parameters.
     pub(crate) fn names(&self) -> &Names {
         &self.reader.names
     }
 
-    /// What has been found wrong so far.
+    /// Returns the diagnostics so far.
     #[must_use]
     pub fn diagnostics(&self) -> &[Diagnostic] {
         &self.diagnostics
     }
 
-    /// What has been found wrong since the last call.
+    /// Returns the diagnostics since the last call.
     pub fn take_diagnostics(&mut self) -> Vec<Diagnostic> {
         std::mem::take(&mut self.diagnostics)
     }
 
-    /// Whether so much is wrong that checking stops.
+    /// Whether the maximum number of errors is reached and checking stops.
     #[must_use]
     pub fn has_too_many_errors(&self) -> bool {
         self.errors >= MAX_ERRORS
     }
 
-    /// Notes something about the line last taken.
+    /// Records an error for the current line.
     pub(crate) fn report(&mut self, fault: BlockError) {
         let BlockError { code, span, message } = fault;
         let diagnostic = Diagnostic { code, file: self.file, line: self.line, span, message };
         self.record(diagnostic);
     }
 
-    /// Notes a diagnostic, unless it is there already: a loop comes to the same line again and again.
+    /// Records a diagnostic, unless it exists already: a loop executes the same line repeatedly.
     pub(crate) fn record(&mut self, diagnostic: Diagnostic) {
         let same = |known: &Diagnostic| {
             (known.code, known.file, known.line) == (diagnostic.code, diagnostic.file, diagnostic.line)

@@ -1,7 +1,7 @@
 //! G codes that set a mode.
 //!
-//! Invariant: they come in a fixed order (dwell, plane, units, tool offset, coordinate system, path control, distance, retract),
-//! and before any that uses coordinates.
+//! Invariant: they are executed in a fixed order (dwell, plane, units, tool offset, coordinate system, path control,
+//! distance, retract), and before any code that uses coordinates.
 
 use super::{Core, Emit, unsupported};
 use crate::block::Words;
@@ -14,7 +14,7 @@ use crate::params::{COORDINATE_SYSTEM, system_origin};
 use crate::pose::{Axis, Pose};
 
 impl Core {
-    /// G93, G94, G95.
+    /// Executes G93, G94, G95.
     pub(super) fn set_feed_mode(&mut self, code: u16, emit: &mut Emit<'_>) {
         if code == 930 {
             emit.call(Canon::Note("interpreter: feed mode set to inverse time"));
@@ -33,7 +33,7 @@ impl Core {
         }
     }
 
-    /// All G codes but the motions.
+    /// Executes all G codes except the motions.
     pub(super) fn g_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         if words.g(GroupG::NonModal) == Some(40) {
             emit.call(Canon::Dwell(words.get(b'p').unwrap_or_default()));
@@ -77,14 +77,14 @@ impl Core {
         }
     }
 
-    /// G20, G21: all lengths of the state are converted.
+    /// Executes G20 and G21: converts all lengths of the state.
     pub(super) fn set_units(&mut self, units: LengthUnit, emit: &mut Emit<'_>) {
         emit.call(Canon::UseLengthUnits(units));
         let state = &mut self.state;
         if units == state.units {
             return;
         }
-        // One multiplication by this factor, as the peer has it: an inverse factor would round otherwise.
+        // One multiplication by this factor, as in LinuxCNC: an inverse factor would round differently.
         let factor = if units == LengthUnit::Inch { 1.0 / 25.4 } else { 25.4 };
         state.units = units;
         state.position = state.position.scaled_lengths(factor);
@@ -116,7 +116,7 @@ impl Core {
         words.g(GroupG::LatheDiameter).map_or(self.state.lathe_diameter, |code| code == 70)
     }
 
-    /// G7, G8.
+    /// Executes G7 and G8.
     fn set_lathe_diameter(&mut self, diameter: bool, emit: &mut Emit<'_>) {
         if self.state.lathe_diameter == diameter {
             return;
@@ -129,7 +129,8 @@ impl Core {
         }));
     }
 
-    /// G43, G43.1, G43.2, G49. The machine stays where it is, so the position changes by what the offset does.
+    /// Executes G43, G43.1, G43.2 and G49. The machine does not move, so the position changes by the change of the
+    /// offset.
     fn set_tool_offset(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let old = self.state.tool_offset;
         let new = match code {
@@ -151,7 +152,7 @@ impl Core {
         Ok(())
     }
 
-    /// G43.2: the offset of a tool, or given lengths, on top of the offset in force.
+    /// Returns the offset of G43.2: that of a tool, or given lengths, added to the offset in force.
     fn added_offset(&self, words: &Words, old: &Pose) -> BlockResult<Pose> {
         let at = words.g_span(GroupG::ToolOffset);
         match (words.get(b'h'), words.first_of(super::check::AXES)) {
@@ -162,7 +163,7 @@ impl Core {
         }
     }
 
-    /// G54 … G59.3.
+    /// Executes G54 … G59.3.
     fn select_coordinate_system(&mut self, code: u16, emit: &mut Emit<'_>) {
         let system = match code {
             591..=593 => code - 584,
@@ -183,7 +184,7 @@ impl Core {
         emit.call(Canon::SetXyRotation(self.state.rotation_degrees));
     }
 
-    /// G61, G61.1, G64. A tolerance below 0 counts as none, and Q defaults to P.
+    /// Executes G61, G61.1 and G64. A tolerance below 0 counts as none, and Q defaults to P.
     fn set_path_control(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) {
         let given = |letter| words.get(letter).filter(|tolerance| *tolerance >= 0.0);
         let tolerance = given(b'p').unwrap_or_default();
@@ -199,7 +200,7 @@ impl Core {
         }
     }
 
-    /// G90, G91, G90.1, G91.1, G98, G99.
+    /// Executes G90, G91, G90.1, G91.1, G98 and G99.
     fn set_distances(&mut self, words: &Words, emit: &mut Emit<'_>) {
         let state = &mut self.state;
         if let Some(code) = words.g(GroupG::Distance) {
@@ -232,7 +233,7 @@ impl Core {
     }
 }
 
-/// A pose with the axes that the block gives changed.
+/// Returns a pose in which the axes of the block are changed.
 pub(super) fn given_axes(words: &Words, old: &Pose, change: impl Fn(f64, f64) -> f64) -> Pose {
     let mut new = *old;
     for axis in Axis::ALL {

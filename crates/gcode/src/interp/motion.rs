@@ -1,6 +1,6 @@
 //! Straight moves and arcs.
 //!
-//! Invariant: what is emitted is an end in program coordinates, and the position follows it.
+//! Invariant: a move is emitted with its end in program coordinates, and the position follows it.
 
 use super::arc::{ArcShape, Radii, from_centre, from_radius};
 use super::check::turns_of;
@@ -14,17 +14,17 @@ use crate::groups::GroupG;
 use crate::modal::{ArcCentres, DistanceMode, MotionMode};
 use crate::pose::{Axis, Pose};
 
-/// Minutes that a feed move may take: a day.
+/// Maximum duration of a feed move in minutes: one day.
 const MAX_MOVE_MINUTES: f64 = 1440.0;
 
-/// The radius of an arc, times its turns, from which on its duration is looked at whatever the feed.
+/// Radius of an arc times its turns above which its duration is checked at any feed.
 const LONG_ARC_REACH: f64 = 1000.0;
 
-/// A way shorter than this on the linear axes counts as none.
+/// Maximum distance on the linear axes that counts as zero.
 const TINY_WAY: f64 = 1e-7;
 
 impl Core {
-    /// Carries out the block's motion.
+    /// Executes the block's motion.
     #[inline]
     pub(super) fn move_along(&mut self, motion: MotionMode, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         if self.state.tool_shift.is_some() {
@@ -72,7 +72,7 @@ impl Core {
 
     #[inline]
     fn straight(&mut self, motion: MotionMode, end: Pose, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
-        // No machine is so large that a faster move takes that long.
+        // At higher feeds no machine is large enough for a move to take that long.
         if motion == MotionMode::Feed && self.state.feed_rate < 10.0 {
             self.check_duration(straight_length(self.state.path_position(), &end), words)?;
         }
@@ -108,7 +108,7 @@ impl Core {
         }
     }
 
-    /// Refuses a feed move that takes longer than a day: its feed or its length is a slip of the pen.
+    /// Refuses a feed move that takes longer than a day, which indicates a mistake in its feed or its length.
     #[cold]
     fn check_duration(&self, length: f64, words: &Words) -> BlockResult<()> {
         let minutes = length / self.state.feed_rate;
@@ -133,7 +133,7 @@ impl Core {
         emit.call(Canon::SetFeedRate(rate));
     }
 
-    /// The end that the axis words give; an axis without a word stays where it is.
+    /// Returns the end that the axis words give. An axis without a word keeps its position.
     #[inline]
     pub(super) fn end_of(&self, words: &Words) -> Pose {
         let state = &self.state;
@@ -155,7 +155,7 @@ impl Core {
         end
     }
 
-    /// G53: the axis words are machine coordinates.
+    /// Returns the end of a G53 move, whose axis words are machine coordinates.
     fn end_in_machine_coordinates(&self, words: &Words) -> Pose {
         let state = &self.state;
         let mut end = state.position;
@@ -243,7 +243,7 @@ impl Core {
         Ok(())
     }
 
-    /// The centre words of the plane, in the order of its axes; none for an arc with R.
+    /// Returns the centre words of the plane, in the order of its axes; `None` for an arc with R.
     fn centre_words(&self, words: &Words, at: Span) -> BlockResult<Option<(f64, f64)>> {
         if words.has(b'r') {
             return Ok(None);
@@ -266,13 +266,14 @@ impl Core {
     }
 }
 
-/// A straight move of this mode.
+/// Returns a straight move of this mode.
 #[inline]
 pub(super) fn straight_canon(motion: MotionMode, end: Pose) -> Canon {
     if motion == MotionMode::Traverse { Canon::StraightTraverse(end) } else { Canon::StraightFeed(end) }
 }
 
-/// The way between two points as inverse time counts it: along X Y Z; if they stay, along U V W; if those do too, the turn of A B C.
+/// Returns the distance between two points for inverse time feed: along X Y Z; if they stay, along U V W; if those stay
+/// too, the rotation of A B C.
 fn straight_length(start: &Pose, end: &Pose) -> f64 {
     let way = |axes: [Axis; 3]| {
         let [p, q, r] = axes.map(|axis| end[axis] - start[axis]);

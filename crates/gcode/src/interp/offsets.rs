@@ -1,6 +1,6 @@
-//! Coordinate systems, offsets and reference points: G10 L2 and L20, G28, G30, G52, G92 and their kin.
+//! Coordinate systems, offsets and reference points: G10 L2 and L20, G28, G30, G52, G92 and their variants.
 //!
-//! Invariant: none of them but G28 and G30 moves the machine; the position in program coordinates is what changes.
+//! Invariant: only G28 and G30 move the machine; the other codes change the position in program coordinates.
 
 use super::modes::given_axes;
 use super::{Core, Emit};
@@ -12,7 +12,7 @@ use crate::params::{G28_HOME, G30_HOME, G92_ACTIVE, G92_OFFSET, system_origin};
 use crate::pose::{Axis, Pose};
 
 impl Core {
-    /// The codes of group 0 but G4 and G53, which belong to others.
+    /// Executes the codes of group 0 except G4 and G53, which are executed elsewhere.
     pub(super) fn non_modal(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         match code {
             100 => match words.get(b'l') {
@@ -32,7 +32,7 @@ impl Core {
         Ok(())
     }
 
-    /// Where the current position is in another coordinate system.
+    /// Returns the current position in another coordinate system.
     pub(super) fn position_in_system(&self, system: u8) -> Pose {
         let state = &self.state;
         let mut point = state.position.plus(&state.g92_offset);
@@ -43,7 +43,8 @@ impl Core {
         if self.parameters.get(G92_ACTIVE) != 0.0 { point.minus(&self.pose_parameter(G92_OFFSET)) } else { point }
     }
 
-    /// A point of machine coordinates in program coordinates. Rotary axes know no tool offset here, as in the peer.
+    /// Converts machine coordinates to program coordinates. The tool offset does not apply to rotary axes here, as in
+    /// LinuxCNC.
     pub(super) fn relative(&self, machine: &Pose) -> Pose {
         let state = &self.state;
         let mut point = *machine;
@@ -62,7 +63,8 @@ impl Core {
         point
     }
 
-    /// G10 L2: the origin of a coordinate system; G10 L20: the origin that makes the current position the given one.
+    /// Executes G10 L2, which sets the origin of a coordinate system, and G10 L20, which sets the origin that makes the
+    /// current position the given one.
     fn set_coordinate_system(&mut self, words: &Words, emit: &mut Emit<'_>) {
         let system = match words.get(b'p').unwrap_or_default().round() as u8 {
             0 => self.state.coordinate_system,
@@ -91,7 +93,7 @@ impl Core {
             return;
         }
         let state = &mut self.state;
-        // The offset of G92 turns with the system. The peer forgets that, and then errs about where the machine stands.
+        // The offset of G92 rotates with the system. LinuxCNC omits this and then has a wrong machine position.
         let turning = if rotation == state.rotation_degrees { Pose::ZERO } else { state.g92_offset };
         let mut point = state.position.plus(&turning);
         (point[Axis::X], point[Axis::Y]) = rotate(point[Axis::X], point[Axis::Y], state.rotation_degrees);
@@ -104,7 +106,7 @@ impl Core {
         emit.call(Canon::SetXyRotation(rotation));
     }
 
-    /// The origin that makes the position `here` of a system the one that the words give.
+    /// Returns the origin for which the position `here` of a system becomes the given one.
     fn origin_for(&self, words: &Words, here: &Pose, old: &Pose, rotation: f64) -> Pose {
         let wanted = given_axes(words, here, |_, given| given);
         let mut origin = *old;
@@ -120,7 +122,7 @@ impl Core {
         origin
     }
 
-    /// G28, G30: by way of the given point to the reference point, on the given axes or, without any, on all.
+    /// Executes G28 and G30: through the given point to the reference point, on the given axes or, without any, on all.
     fn go_home(&mut self, first: usize, words: &Words, emit: &mut Emit<'_>) {
         self.state.tool_shift = None;
         let way = self.end_of(words);
@@ -143,7 +145,7 @@ impl Core {
         self.state.position = end;
     }
 
-    /// G28.1, G30.1: the machine's position becomes the reference point.
+    /// Executes G28.1 and G30.1: stores the machine's position as the reference point.
     fn keep_home(&mut self, first: usize) {
         let state = &self.state;
         let sum = state.position.plus(&state.tool_offset).plus(&state.origin).plus(&state.g92_offset);
@@ -151,7 +153,8 @@ impl Core {
         self.set_pose_parameter(first, &point);
     }
 
-    /// G52: the offset given; G92: the offset that makes the current position the given one.
+    /// Executes G52, which sets the given offset, and G92, which sets the offset that makes the current position the
+    /// given one.
     fn set_g92(&mut self, is_g52: bool, words: &Words, emit: &mut Emit<'_>) {
         self.parameters.set(G92_ACTIVE, 1.0);
         let state = &mut self.state;
@@ -170,7 +173,7 @@ impl Core {
         self.set_pose_parameter(G92_OFFSET, &offset);
     }
 
-    /// G92.1 and G92.2: no offset; the first one forgets it too.
+    /// Executes G92.1 and G92.2: removes the offset; the first also clears its parameters.
     fn clear_g92(&mut self, forget: bool, emit: &mut Emit<'_>) {
         self.parameters.set(G92_ACTIVE, 0.0);
         self.state.position = self.state.position.plus(&self.state.g92_offset);
@@ -181,7 +184,7 @@ impl Core {
         }
     }
 
-    /// G92.3: the offset that is kept in the parameters.
+    /// Executes G92.3: restores the offset from the parameters.
     fn restore_g92(&mut self, emit: &mut Emit<'_>) {
         self.parameters.set(G92_ACTIVE, 1.0);
         let kept = self.pose_parameter(G92_OFFSET);

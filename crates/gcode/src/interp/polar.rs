@@ -1,6 +1,6 @@
 //! Polar coordinates: `@` is the distance from the origin in the plane of X and Y, `^` the angle in degrees.
 //!
-//! Invariant: they stand for X and Y of a motion, and for nothing else.
+//! Invariant: they replace X and Y of a motion, and nothing else.
 
 use super::Core;
 use super::check::MotionToBe;
@@ -12,7 +12,7 @@ use crate::groups::GroupG;
 use crate::modal::{DistanceMode, ModalState, MotionMode};
 use crate::pose::{Axis, Pose};
 
-/// Whether a block's polar words may stand where they do.
+/// Checks that a block may have its polar words.
 pub(super) fn check(words: &Words, to_be: MotionToBe, state: &ModalState) -> BlockResult<()> {
     let Some(letter) = words.first_of(b"@^") else { return Ok(()) };
     let at = words.span(letter);
@@ -22,7 +22,7 @@ pub(super) fn check(words: &Words, to_be: MotionToBe, state: &ModalState) -> Blo
     if to_be == MotionToBe::Move(MotionMode::ControlPoint) {
         return fault(ErrorCode::PolarWithoutMotion, at, "a control point is given with X and Y");
     }
-    // The plane is the one before the block, as in the peer.
+    // The plane is the one before the block, as in LinuxCNC.
     if state.plane != Plane::Xy {
         return fault(ErrorCode::PolarWithoutMotion, at, "polar coordinates lie in the plane of G17, selected before");
     }
@@ -40,32 +40,33 @@ pub(super) fn check(words: &Words, to_be: MotionToBe, state: &ModalState) -> Blo
 
 /// The polar words of a drilling cycle.
 pub(super) struct PolarWords {
-    /// `@`, program units.
+    /// `@`, in program units.
     distance: Option<f64>,
-    /// `^`, radians.
+    /// `^`, in radians.
     angle: Option<f64>,
     at: Span,
 }
 
 impl PolarWords {
-    /// The polar words of a block, if it has any.
+    /// Returns the polar words of a block, if it has any.
     pub(super) fn of(words: &Words) -> Option<PolarWords> {
         let letter = words.first_of(b"@^")?;
         let angle = words.get(b'^').map(f64::to_radians);
         Some(PolarWords { distance: words.get(b'@'), angle, at: words.span(letter) })
     }
 
-    /// The hole of G90, seen from the current position `(x, y)`. A word that is missing keeps its value; the origin has angle 0.
+    /// Returns the hole of G90, for the current position `(x, y)`. A missing word keeps its value; the origin has angle
+    /// 0.
     pub(super) fn absolute(&self, (x, y): (f64, f64)) -> (f64, f64) {
         let distance = self.distance.unwrap_or_else(|| x.hypot(y));
         let angle = self.angle.unwrap_or_else(|| y.atan2(x));
         (distance * angle.cos(), distance * angle.sin())
     }
 
-    /// The next hole of G91: first farther from the origin, then turned about it.
+    /// Returns the next hole of G91: first farther from the origin, then rotated about it.
     ///
     /// # Errors
-    /// E1711 where the hole before lies at the origin, which has no direction.
+    /// E1711 where the previous hole is at the origin, which has no direction.
     pub(super) fn step_from(&self, (mut x, mut y): (f64, f64)) -> BlockResult<(f64, f64)> {
         let steps = [(self.distance, 1.0, 0.0), (self.angle, 0.0, 1.0)];
         for (step, farther, turned) in steps {
@@ -82,7 +83,7 @@ impl PolarWords {
 }
 
 impl Core {
-    /// Whether polar words mean a point: at the origin there is no direction to keep or to turn.
+    /// Checks that polar words define a point: at the origin there is no direction to keep or to rotate.
     #[inline]
     pub(super) fn check_polar_words(&self, words: &Words) -> BlockResult<()> {
         const POLAR: u32 = letters(b"@^");
@@ -96,14 +97,14 @@ impl Core {
         }
     }
 
-    /// Changes X and Y of an end to what the polar words say.
+    /// Sets X and Y of an end from the polar words.
     pub(super) fn polar_end(&self, words: &Words, end: &mut Pose) {
         if let Some((x, y)) = self.polar_point(words) {
             (end[Axis::X], end[Axis::Y]) = (x, y);
         }
     }
 
-    /// The point that the polar words mean; a word that is missing keeps its value.
+    /// Returns the point that the polar words define. A missing word keeps its value.
     fn polar_point(&self, words: &Words) -> Option<(f64, f64)> {
         let position = self.state.path_position();
         let (x, y) = (position[Axis::X], position[Axis::Y]);
@@ -116,7 +117,7 @@ impl Core {
             }
             return Some(at(distance.unwrap_or_else(|| x.hypot(y)), angle.unwrap_or_else(|| y.atan2(x))));
         }
-        // First farther along the direction, then turned: both need one.
+        // First farther along the direction, then rotated: both need a direction.
         let mut point = (x, y);
         if let Some(distance) = distance {
             if is_origin(point) {

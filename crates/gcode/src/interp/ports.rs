@@ -1,6 +1,6 @@
 //! Outputs, inputs and user codes: M62 to M68, M100 to M199.
 //!
-//! Invariant: an output or input is a number of at least 0; only user codes that the machine has declared are carried out.
+//! Invariant: an output or input is a number of at least 0. Only user codes that the machine has declared are executed.
 
 use super::{Core, Emit};
 use crate::block::Words;
@@ -11,12 +11,12 @@ use crate::eval::whole;
 use crate::groups::GroupM;
 use crate::params::INPUT;
 
-/// The user codes that a machine has declared, of M100 … M199.
+/// User codes that a machine has declared, of M100 … M199.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct UserCodes(u128);
 
 impl UserCodes {
-    /// These, too; a number that is not a user code is left out.
+    /// Adds a code. A number that is not a user code is ignored.
     #[must_use]
     pub const fn with(self, number: u8) -> UserCodes {
         match number {
@@ -33,7 +33,7 @@ impl UserCodes {
 }
 
 impl Core {
-    /// M62 … M68.
+    /// Executes M62 … M68.
     pub(super) fn port(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         match code {
             62..=65 => digital_output(code, words, emit),
@@ -42,7 +42,7 @@ impl Core {
         }
     }
 
-    /// M66. Until a machine answers, the answer is 0, as in LinuxCNC's stand-alone interpreter.
+    /// Executes M66. Without a machine, the result is 0, as in LinuxCNC's stand-alone interpreter.
     fn wait(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let at = words.m_span(GroupM::Output);
         let input = match (words.has(b'p'), words.has(b'e')) {
@@ -75,7 +75,7 @@ impl Core {
         Ok(())
     }
 
-    /// M100 … M199.
+    /// Executes M100 … M199.
     pub(super) fn user_code(&self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         if !self.user_codes.has(code) {
             let message = format!("M{code} is not declared for this machine");
@@ -86,7 +86,7 @@ impl Core {
     }
 }
 
-/// M62 … M65: the output that P names.
+/// Executes M62 … M65 for the output that P names.
 fn digital_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
     if !words.has(b'p') {
         let at = words.m_span(GroupM::Output);
@@ -102,7 +102,7 @@ fn digital_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<(
     Ok(())
 }
 
-/// M67, M68: the output that E names takes the value of Q.
+/// Executes M67 and M68: sets the output that E names to the value of Q.
 fn analog_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
     let at = words.m_span(GroupM::Output);
     let Some(value) = words.get(b'q') else {

@@ -1,7 +1,7 @@
 //! Probing: G38.2 to G38.5.
 //!
-//! Invariant: a probing move has a way to go. As long as no machine has answered, the answer taken for granted is that of LinuxCNC's
-//! stand-alone interpreter: the end was reached without contact, and the tool went back by a hundredth of an inch.
+//! Invariant: a probing move has a length above zero. Without a machine, the assumed result is that of LinuxCNC's
+//! stand-alone interpreter: the end was reached without contact, and the tool retracted by a hundredth of an inch.
 
 use super::{Core, Emit};
 use crate::block::Words;
@@ -20,7 +20,7 @@ impl Core {
         }
         let (start, end) = (self.state.position, self.end_of(words));
         if start == end && self.state.has_probed {
-            // Where the tool stands is an answer that is taken for granted: with the machine's own there is a way.
+            // The tool position is an assumed result; with the machine's own result, the move has a length.
             return Ok(());
         }
         if start == end {
@@ -39,7 +39,7 @@ impl Core {
         Ok(())
     }
 
-    /// Where the tool stands after a probing move that has reached its end.
+    /// Returns the tool position after a probing move that has reached its end.
     fn retreated(&self, start: &Pose, end: &Pose) -> Pose {
         let retreat = match self.state.units {
             LengthUnit::Inch => 0.01,

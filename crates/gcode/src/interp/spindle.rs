@@ -1,6 +1,6 @@
-//! The spindle beyond on and off: G96, G97, M19, and the moves that keep step with it, G33 and G33.1.
+//! Spindle modes beyond on and off: G96, G97, M19, and the synchronised moves G33 and G33.1.
 //!
-//! Invariant: there is one spindle, number 0; a move that keeps step with it is refused while it stands.
+//! Invariant: the only spindle is number 0. A synchronised move is refused while the spindle is stopped.
 
 use super::check::MotionToBe;
 use super::{Core, Emit};
@@ -13,11 +13,11 @@ use crate::groups::{GroupG, GroupM};
 use crate::modal::{MotionMode, SpindleRotation};
 use crate::pose::Axis;
 
-/// The highest number of turns a minute under G96 without a D word: LinuxCNC's stand-in for none.
+/// Maximum speed in turns per minute under G96 without a D word: LinuxCNC's value for no limit.
 const NO_HIGHEST_SPEED: f64 = 1e30;
 
 impl Core {
-    /// G96 and G97, from where S counts as surface or as turning speed.
+    /// Executes G96 and G97. From here S is a surface speed or a rotary speed.
     pub(super) fn set_spindle_mode(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) {
         self.state.constant_surface_speed = code == 960;
         let highest = if code == 960 { words.get(b'd').map_or(NO_HIGHEST_SPEED, f64::abs) } else { 0.0 };
@@ -25,7 +25,8 @@ impl Core {
         emit.call(Canon::SetSpindleMode(highest));
     }
 
-    /// M19: the spindle turns to an angle and stands. Without R and P it only counts as stopped, as in LinuxCNC.
+    /// Executes M19: the spindle turns to an angle and stops. Without R and P it only counts as stopped, as in
+    /// LinuxCNC.
     pub(super) fn orient_spindle(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let mode = words.get(b'p').unwrap_or_default() as u8;
         self.state.spindle = SpindleRotation::Stopped;
@@ -43,7 +44,7 @@ impl Core {
         }
     }
 
-    /// G33: a straight move, G33.1: a tap in and out, K units a turn of the spindle.
+    /// Executes G33, a straight move, and G33.1, a tap in and out, at K units per turn of the spindle.
     pub(super) fn synchronised_move(
         &mut self,
         motion: MotionMode,
@@ -65,7 +66,7 @@ impl Core {
         Ok(())
     }
 
-    /// Refuses a motion that keeps step with a spindle that stands.
+    /// Refuses a synchronised motion while the spindle is stopped.
     pub(super) fn needs_turning_spindle(&self, name: &str, words: &Words) -> BlockResult<()> {
         match self.state.spindle {
             SpindleRotation::Stopped => fault(
@@ -78,7 +79,7 @@ impl Core {
     }
 }
 
-/// Checks what belongs to the spindle before a block is carried out.
+/// Checks the spindle words before a block is executed.
 pub(super) fn check_spindle_words(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
     if words.g(GroupG::SpindleMode) == Some(960) && !words.has(b's') {
         let at = words.g_span(GroupG::SpindleMode);

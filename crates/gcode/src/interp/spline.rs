@@ -1,6 +1,6 @@
 //! Splines: G5 (cubic), G5.1 (quadratic), G5.2 and G5.3 (control points one by one).
 //!
-//! Invariant: a spline begins at the position and ends at its last control point, and stays in the plane of X and Y.
+//! Invariant: a spline begins at the position, ends at its last control point, and stays in the plane of X and Y.
 
 use super::{Core, Emit};
 use crate::block::Words;
@@ -12,13 +12,13 @@ use crate::modal::MotionMode;
 use crate::pose::Axis;
 use crate::spline::{ControlPoint, Nurbs};
 
-/// The order of a G5.2 without an L word, and the least there is.
+/// Order of a G5.2 without an L word, and minimum order.
 const MIN_ORDER: u32 = 3;
-/// Control points that are collected.
+/// Maximum number of collected control points.
 const MAX_POINTS: usize = 50_000;
 
 impl Core {
-    /// G5, G5.1. They leave the motion mode as it was.
+    /// Executes G5 and G5.1. They do not change the motion mode.
     pub(super) fn spline(&mut self, motion: MotionMode, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         self.check_spline_feed(words)?;
         let at = words.g_span(GroupG::Motion);
@@ -45,7 +45,7 @@ impl Core {
             let (Some(p), Some(q)) = (words.get(b'p'), words.get(b'q')) else {
                 return fault(ErrorCode::SplineWords, at, "G5 needs P and Q");
             };
-            // Without I and J it goes on in the direction in which the last one ended.
+            // Without I and J it continues in the direction in which the last one ended.
             let second = along(away.unwrap_or(self.state.spline_direction));
             self.state.spline_direction = (-p, -q);
             [first, second, ControlPoint::plain(last.x + p, last.y + q), last].into()
@@ -70,7 +70,7 @@ impl Core {
         }
     }
 
-    /// G5.2: one more control point; the first of them is the position.
+    /// Executes G5.2: adds a control point; the first one is the position.
     pub(super) fn control_point(&mut self, words: &Words) -> BlockResult<()> {
         let is_first = self.state.motion != Some(MotionMode::ControlPoint);
         let at = words.first_of(b"xy").map_or_else(|| words.g_span(GroupG::Motion), |letter| words.span(letter));
@@ -117,7 +117,7 @@ impl Core {
         fault(ErrorCode::ZeroFeed, at, "a feed move needs a feed rate, and none is set")
     }
 
-    /// G5.3: the spline through what G5.2 has collected; no motion mode is left.
+    /// Executes G5.3: emits the spline through the points of G5.2. No motion mode is in force after it.
     pub(super) fn end_of_points(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let at = words.g_span(GroupG::Motion);
         let state = &mut self.state;

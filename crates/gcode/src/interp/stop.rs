@@ -1,6 +1,7 @@
 //! Stops and the end of a program: M0, M1, M2, M30, M60.
 //!
-//! Invariant: after the end the modes are those of a new program but for the units, the path control and the offsets of G92.
+//! Invariant: after the end the modes are those of a new program, except for the units, the path control and the
+//! offsets of G92.
 
 use super::{Core, Emit, ProgramFlow};
 use crate::canon::{Canon, FeedMode, Plane};

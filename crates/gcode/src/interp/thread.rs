@@ -1,7 +1,7 @@
 //! G76: a thread in many passes.
 //!
-//! Invariant: the passes are those of LinuxCNC 2.9: along Z whatever the plane, each deeper by less than the one before when R says so,
-//! the last ones at the full depth. The tool comes back to the drive line, on which the cycle began.
+//! Invariant: the passes are those of LinuxCNC 2.9: along Z in any plane, with decreasing depth increments when R is
+//! given, the last ones at the full depth. The tool returns to the drive line, on which the cycle began.
 
 use super::{Core, Emit};
 use crate::block::Words;
@@ -12,32 +12,32 @@ use crate::groups::GroupG;
 use crate::modal::MotionMode;
 use crate::pose::{Axis, Pose};
 
-/// More passes than this are a slip of the pen.
+/// Maximum number of passes; more indicates a mistake in the program.
 const MAX_PASSES: f64 = 10_000.0;
 
-/// A thread, as the words give it; lengths in program units.
+/// A thread, as given by the words; lengths in program units.
 #[derive(Clone, Copy, Debug)]
 struct Thread {
-    /// Along Z in one turn of the spindle.
+    /// Distance along Z per turn of the spindle.
     pitch: f64,
-    /// The drive line: X at the beginning.
+    /// Drive line: X at the beginning.
     drive_line: f64,
-    /// From the drive line to the crests.
+    /// Distance from the drive line to the crests.
     crests: f64,
-    /// +1 where the tool cuts towards greater X, as in a bore; else −1.
+    /// +1 where the tool cuts towards greater X, as in a bore; otherwise −1.
     inward: f64,
-    /// Depths below the crests.
+    /// Depth of the first pass below the crests.
     first_depth: f64,
     full_depth: f64,
     degression: f64,
-    /// Way back along Z for a unit of depth, from the angle of infeed.
+    /// Retreat along Z per unit of depth, from the angle of infeed.
     slope: f64,
     spring_passes: u32,
-    /// Length of the tapers along Z, and where they are.
+    /// Length of the tapers along Z, and their positions.
     taper: f64,
     tapered_entry: bool,
     tapered_exit: bool,
-    /// +1 where the thread runs towards greater Z, else −1.
+    /// +1 where the thread runs towards greater Z, otherwise −1.
     along: f64,
     from: f64,
     to: f64,
@@ -72,7 +72,7 @@ impl Core {
 impl Thread {
     fn of(words: &Words, start: &Pose, end: &Pose, is_diameter: bool) -> BlockResult<Thread> {
         let word = |letter| words.get(letter).unwrap_or_default();
-        // G7: what lies across the axis is given as a diameter.
+        // Under G7, lengths across the axis are given as diameters.
         let scale = if is_diameter { 0.5 } else { 1.0 };
         let [offset, first_depth, full_depth] = [b'i', b'j', b'k'].map(|letter| word(letter) * scale);
         let wrong = |letter: u8, message: &str| fault(ErrorCode::BadThread, words.span(letter), message);
@@ -118,18 +118,18 @@ impl Thread {
         })
     }
 
-    /// The full depth below the drive line.
+    /// Returns the full depth below the drive line.
     fn bottom(&self) -> f64 {
         self.crests + self.full_depth
     }
 
-    /// One pass at this depth below the drive line.
+    /// Emits one pass at this depth below the drive line.
     fn pass(&self, depth: f64, at: &mut Pose, feed_override: bool, emit: &mut Emit<'_>) {
         let mut go = |fast: bool, x: f64, z: f64, emit: &mut Emit<'_>| {
             (at[Axis::X], at[Axis::Z]) = (x, z);
             emit.call(if fast { Canon::StraightTraverse(*at) } else { Canon::StraightFeed(*at) });
         };
-        // The order of these sums is the peer's, to the last digit.
+        // The order of these sums is that of LinuxCNC, to the last digit.
         let cut = self.drive_line + self.inward * depth;
         let clear = cut - self.inward * self.bottom();
         let flank = cut - self.inward * self.full_depth;
@@ -163,7 +163,7 @@ impl Thread {
     }
 }
 
-/// The words without which G76 is refused before anything of its block is carried out.
+/// Checks the words without which G76 is refused before any of its block is executed.
 pub(super) fn check_thread(words: &Words) -> BlockResult<()> {
     let missing = match b"ijkp".iter().copied().find(|letter| !words.has(*letter)) {
         None => return Ok(()),

@@ -1,6 +1,6 @@
-//! The tool table as a program changes it: G10 L0, L1, L10 and L11.
+//! Changes of the tool table by a program: G10 L0, L1, L10 and L11.
 //!
-//! Invariant: only the words that the block has are changed; the tool offset in force stays until G43 takes it up anew.
+//! Invariant: only the words of the block are changed. The tool offset in force stays until the next G43.
 
 use super::{Core, Emit};
 use crate::angle::rotate;
@@ -13,10 +13,10 @@ use crate::params::system_origin;
 use crate::pose::{Axis, Pose};
 use crate::tool::Tool;
 
-/// The system that holds the tool setting fixture: G59.3.
+/// Coordinate system of the tool setting fixture: G59.3.
 const FIXTURE: u8 = 9;
 
-/// Whether a G10 with L1, L10 or L11 has the words that it needs.
+/// Checks that a G10 with L1, L10 or L11 has the words that it needs.
 pub(super) fn check(words: &Words, at: Span) -> BlockResult<()> {
     let Some(number) = words.get(b'p') else {
         return fault(ErrorCode::WordMissing, at, "G10 needs a P word: the tool");
@@ -38,7 +38,7 @@ pub(super) fn check(words: &Words, at: Span) -> BlockResult<()> {
 }
 
 impl Core {
-    /// G10 L0.
+    /// Executes G10 L0.
     pub(super) fn reload_tools(&mut self, at: Span, emit: &mut Emit<'_>) -> BlockResult<()> {
         let loaded = self.state.current_tool;
         if loaded != 0 {
@@ -49,8 +49,8 @@ impl Core {
         Ok(())
     }
 
-    /// G10 L1: the offset given; L10: the offset that makes the current position the given one; L11: the same in the fixture's
-    /// system, without the offset of G52 and G92.
+    /// Executes G10 L1, which sets the given offset; L10, which sets the offset that makes the current position the
+    /// given one; and L11, which does the same in the fixture's system, without the offset of G52 and G92.
     pub(super) fn set_tool_data(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let mut tool = self.tool(words.get(b'p').unwrap_or_default(), words, b'p')?;
         if let Some(orientation) = words.get(b'q') {

@@ -1,7 +1,7 @@
-//! G70, G71 and G72 as a block asks for them: their words, and the moves as calls.
+//! Blocks of G70, G71 and G72: their words, and their moves as canonical functions.
 //!
-//! Invariant: the profile is what the subprogram Q has drawn; whoever runs subprograms hands it over before the block is carried out,
-//! and it is used once.
+//! Invariant: the profile is drawn by the subprogram Q. The caller that runs subprograms sets it before the block is
+//! executed, and it is used once.
 
 use super::{Core, Emit};
 use crate::block::Words;
@@ -13,7 +13,7 @@ use crate::modal::{DistanceMode, MotionMode};
 use crate::pose::{Axis, Pose};
 use crate::turning::{Place, Pockets, RoughingError, TurningJob, TurningMove, turn};
 
-/// The retreat of G71 and G72 without an R word, program units.
+/// Retreat of G71 and G72 without an R word, in program units.
 const RETREAT: f64 = 0.5;
 
 impl Core {
@@ -46,7 +46,7 @@ impl Core {
         Ok(())
     }
 
-    /// Carries out a turning cycle over the profile that was handed over.
+    /// Executes a turning cycle over the profile that was set.
     pub(super) fn turning_cycle(&mut self, code: Tenths, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let at = words.g_span(GroupG::Motion);
         let job = job_of(code, words)?;
@@ -91,7 +91,7 @@ impl Core {
     }
 }
 
-/// What the words ask for.
+/// Returns the job that the words define.
 fn job_of(code: Tenths, words: &Words) -> BlockResult<TurningJob> {
     let word = |letter: u8, default: f64| words.get(letter).unwrap_or(default);
     let wrong = |letter: u8, message: &str| fault(ErrorCode::TurningWord, words.span(letter), message);
@@ -125,7 +125,7 @@ fn job_of(code: Tenths, words: &Words) -> BlockResult<TurningJob> {
     Ok(TurningJob::Rough { facing: code / 10 == 72, pockets, allowance, infeed, retreat })
 }
 
-/// The call of a move; what it does not move stays where `pose` has it.
+/// Returns the canonical function of a move. Axes that do not move keep their position in `pose`.
 fn call_of(step: TurningMove, pose: &mut Pose) -> Canon {
     let (TurningMove::Rapid(end) | TurningMove::Feed(end) | TurningMove::Arc { end, .. }) = step;
     (pose[Axis::X], pose[Axis::Z]) = (end.x, end.z);

@@ -1,6 +1,7 @@
-//! What a block may not ask for while cutter radius compensation is on.
+//! Codes that a block must not have while cutter radius compensation is on.
 //!
-//! Invariant: only what neither moves the coordinates under a waiting move nor has to happen at a certain place of the path passes.
+//! Invariant: a code is accepted only if it neither changes the coordinates of a waiting move nor must happen at a
+//! certain place of the path.
 
 use crate::block::{Words, name_of_g};
 use crate::canon::Plane;
@@ -12,11 +13,11 @@ use crate::modal::{ModalState, MotionMode};
 /// Refuses the M codes, and another plane: these come before G40 in a block.
 ///
 /// # Errors
-/// E1656.
+/// E1656 for each of them.
 pub(super) fn switches(words: &Words, state: &ModalState) -> BlockResult<()> {
     for group in [GroupM::Output, GroupM::Tool, GroupM::Override] {
         match words.m(group) {
-            // M61 gives a tool another number, and leaves it where it is.
+            // M61 changes the number of the tool, not its position.
             None | Some(61) => {}
             Some(code) => return refused(&format!("M{code}"), words.m_span(group)),
         }
@@ -33,7 +34,7 @@ pub(super) fn switches(words: &Words, state: &ModalState) -> BlockResult<()> {
 /// Refuses the G codes that come after G40 or G41 in a block.
 ///
 /// # Errors
-/// E1656.
+/// E1656 for each of them.
 pub(super) fn settings(words: &Words, state: &ModalState) -> BlockResult<()> {
     for group in [GroupG::ToolOffset, GroupG::CoordinateSystem, GroupG::PathControl, GroupG::Retract] {
         if let Some(code) = words.g(group) {
@@ -57,16 +58,16 @@ pub(super) fn settings(words: &Words, state: &ModalState) -> BlockResult<()> {
 /// Refuses the turning cycles.
 ///
 /// # Errors
-/// E1656.
+/// E1656 for each of them.
 pub(super) fn turning(words: &Words) -> BlockResult<()> {
     let code = words.g(GroupG::Motion).unwrap_or_default();
     refused(&name_of_g(code), words.g_span(GroupG::Motion))
 }
 
-/// Refuses every motion but straight ones and arcs: none of the others has a path beside it.
+/// Refuses every motion except straight moves and arcs, because no other has a compensated path.
 ///
 /// # Errors
-/// E1656.
+/// E1656 for each of them.
 pub(super) fn motion(motion: MotionMode, words: &Words) -> BlockResult<()> {
     if motion == MotionMode::Traverse || motion == MotionMode::Feed || motion.is_arc() {
         return Ok(());

@@ -1,24 +1,26 @@
 //! The path at a distance from a profile, on the side of the tool.
 //!
-//! Invariant: round an outer corner the path is an arc about it, in an inner corner the two neighbours end where they meet.
+//! Invariant: around an outer corner the path is an arc about it; at an inner corner the two neighbours end where they
+//! meet.
 
 use super::RoughingError;
 use super::frame::{ArcOf, Point, Segment, TINY};
 
-/// An outer corner whose arc would be shorter than this along the profile, in either unit, gets none: its neighbours are drawn out
-/// until they meet, if they do.
+/// Minimum length of the arc of an outer corner along the profile, in either unit. At smaller corners the neighbours
+/// are extended until they meet, if they do.
 const MIN_ARC: f64 = 0.01;
 
-/// The segments `distance` above these. What the distance leaves nothing of is absorbed: its neighbours end where they meet.
+/// Returns the segments at `distance` above these. A segment that vanishes at this distance is absorbed: its neighbours
+/// end where they meet.
 ///
 /// # Errors
-/// [`Refusal::Allowance`] where nothing is left, or where the profile turns back.
+/// [`RoughingError::Allowance`] where nothing remains, or where the profile turns back.
 pub(super) fn offset(segments: &[Segment], distance: f64) -> Result<Vec<Segment>, RoughingError> {
     if distance == 0.0 {
         return Ok(segments.to_vec());
     }
     let mut path: Vec<Segment> = Vec::with_capacity(segments.len() * 2);
-    // Whether something was absorbed behind the last segment of the path.
+    // Whether something was absorbed after the last segment of the path.
     let mut has_gap = false;
     for segment in segments {
         match displaced(segment, distance) {
@@ -32,7 +34,7 @@ pub(super) fn offset(segments: &[Segment], distance: f64) -> Result<Vec<Segment>
     }
 }
 
-/// Adds a displaced segment to the path; true where it is absorbed itself.
+/// Appends a displaced segment to the path; true where it is absorbed itself.
 fn join(path: &mut Vec<Segment>, moved: Segment, of: &Segment, mut has_gap: bool) -> Result<bool, RoughingError> {
     while let Some(before) = path.last_mut() {
         let (into, out) = (before.direction(before.to), moved.direction(moved.from));
@@ -73,7 +75,7 @@ fn join(path: &mut Vec<Segment>, moved: Segment, of: &Segment, mut has_gap: bool
     Ok(false)
 }
 
-/// A segment moved to its left; none where nothing is left of it.
+/// Moves a segment to its left; `None` where it vanishes.
 fn displaced(segment: &Segment, distance: f64) -> Option<Segment> {
     let shift = |at: Point| at.plus(segment.direction(at).left(), distance);
     if let Some(arc) = segment.arc
@@ -85,7 +87,7 @@ fn displaced(segment: &Segment, distance: f64) -> Option<Segment> {
     Some(Segment { from: shift(segment.from), to: shift(segment.to), ..*segment })
 }
 
-/// Whether a segment with its end drawn in still runs its own way.
+/// Whether a segment with its end shortened still has its own direction.
 fn shortens(short: &Segment, long: &Segment) -> bool {
     match long.arc {
         None => short.to.minus(short.from).dot(long.to.minus(long.from)) >= -TINY,
@@ -93,7 +95,7 @@ fn shortens(short: &Segment, long: &Segment) -> bool {
     }
 }
 
-/// Whether a segment with its beginning drawn in still runs the way of the profile's one.
+/// Whether a segment with its beginning shortened still has the direction of the profile's segment.
 fn shortens_from(short: &Segment, of: &Segment) -> bool {
     match of.arc {
         None => short.to.minus(short.from).dot(of.to.minus(of.from)) >= -TINY,
@@ -101,7 +103,7 @@ fn shortens_from(short: &Segment, of: &Segment) -> bool {
     }
 }
 
-/// Where two segments meet, next to a corner.
+/// Returns the intersection of two segments next to a corner.
 fn meeting(one: &Segment, other: &Segment, corner: Point) -> Option<Point> {
     let candidates = match (one.arc, other.arc) {
         (None, None) => {

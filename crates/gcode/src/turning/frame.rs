@@ -1,11 +1,11 @@
-//! The frame in which turning is reckoned, and segments in it.
+//! The frame in which turning is calculated, and segments in it.
 //!
-//! Invariant: a frame only mirrors and swaps, so that lengths and tangency are those of the program.
+//! Invariant: a frame only mirrors and swaps axes, so that lengths and tangency are those of the program.
 
 use super::RoughingError;
 use super::profile::Profile;
 
-/// Lengths below this are none; far below the last printed digit.
+/// Length below which a value counts as zero; far below the last printed digit.
 pub(super) const TINY: f64 = 1e-9;
 
 /// X and Z of the program.
@@ -35,7 +35,7 @@ impl Point {
         (self.a - other.a).hypot(self.h - other.h)
     }
 
-    /// Cross product: above 0 where `other` lies to the left.
+    /// Returns the cross product: above 0 where `other` is to the left.
     pub(super) fn cross(self, other: Point) -> f64 {
         self.a * other.h - self.h * other.a
     }
@@ -49,13 +49,13 @@ impl Point {
         Point { a: self.a / length, h: self.h / length }
     }
 
-    /// A quarter turn to the left.
+    /// Rotates by a quarter turn to the left.
     pub(super) fn left(self) -> Point {
         Point { a: -self.h, h: self.a }
     }
 }
 
-/// Mirrors and swaps between program and frame.
+/// Mirroring and swapping between program and frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     facing: bool,
@@ -65,7 +65,7 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// The frame of a profile that is turned from `start`.
+    /// Creates the frame of a profile that is turned from `start`.
     pub(super) fn new(profile: &Profile, start: Place, facing: bool) -> Result<Frame, RoughingError> {
         let Some(last) = profile.elements.last() else { return Err(RoughingError::Empty) };
         let plain = Frame { facing, along: 1.0, above: 1.0 };
@@ -85,13 +85,13 @@ impl Frame {
         if self.facing { Place { x: a, z: h } } else { Place { x: h, z: a } }
     }
 
-    /// Whether arcs go the other way round in the frame than in the program.
+    /// Whether arcs have the opposite direction in the frame.
     pub(super) fn mirrors(&self) -> bool {
         (self.along * self.above < 0.0) != self.facing
     }
 }
 
-/// What makes a segment an arc.
+/// Centre and direction of an arc segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ArcOf {
     pub(super) centre: Point,
@@ -104,9 +104,9 @@ pub(super) struct Segment {
     pub(super) from: Point,
     pub(super) to: Point,
     pub(super) arc: Option<ArcOf>,
-    /// The next segment is the rest of the same arc: the tool does not end a move between them.
+    /// Whether the next segment is the rest of the same arc, so that the tool does not end a move between them.
     pub(super) goes_on: bool,
-    /// The element of the profile that it belongs to.
+    /// Element of the profile that it belongs to.
     pub(super) element: usize,
 }
 
@@ -115,7 +115,7 @@ impl Segment {
         Segment { from, to, arc: None, goes_on: false, element: 0 }
     }
 
-    /// The direction of travel at one of its points.
+    /// Returns the direction of travel at one of its points.
     pub(super) fn direction(&self, at: Point) -> Point {
         match self.arc {
             None => self.to.minus(self.from).unit(),
@@ -126,7 +126,7 @@ impl Segment {
         }
     }
 
-    /// The angle through which an arc turns as far as `to`, 0 to a full turn.
+    /// Returns the angle through which an arc turns up to `to`, 0 to a full turn.
     pub(super) fn sweep(&self, to: Point) -> f64 {
         let Some(arc) = self.arc else { return 0.0 };
         let (from, to) = (self.from.minus(arc.centre), to.minus(arc.centre));
@@ -143,7 +143,7 @@ impl Segment {
         })
     }
 
-    /// Whether it never goes back along the profile.
+    /// Whether it never moves backward along the profile.
     pub(super) fn is_monotonic(&self) -> bool {
         let forward = |at: Point| self.from.distance(self.to) < TINY || self.direction(at).a >= -1e-6;
         let extremes = match self.arc {
@@ -161,7 +161,8 @@ impl Segment {
         forward(self.from) && forward(self.to) && extremes
     }
 
-    /// Where it has this height; its ends lie on both sides of it or at it, and it has no extreme of height between them.
+    /// Returns the point at this height. The ends must be on both sides of it or at it, without an extreme of height
+    /// between them.
     pub(super) fn at_height(&self, height: f64) -> Point {
         let (low, high) = (self.from.h.min(self.to.h), self.from.h.max(self.to.h));
         if height == self.from.h || high - low == 0.0 {

@@ -1,7 +1,7 @@
-//! Turning cycles G70, G71 and G72: a profile is finished in passes, or what stands over it is roughed off in levels.
+//! Turning cycles G70, G71 and G72: finishing of a profile in passes, and roughing of the material above it in levels.
 //!
-//! Invariant: the work is done in a [`Frame`] in which the profile runs towards greater `a`, the tool stands at greater `h`, and infeed
-//! goes towards smaller `h`; what goes in and comes out is X and Z of the program, in program units.
+//! Invariant: the calculation is done in a [`Frame`] in which the profile runs towards greater `a`, the tool is at
+//! greater `h`, and infeed is towards smaller `h`. Inputs and outputs are X and Z of the program, in program units.
 
 mod allowance;
 mod frame;
@@ -14,21 +14,21 @@ pub(crate) use profile::Profile;
 use frame::{Point, Segment};
 use rough::MAX_LEVELS;
 
-/// Which levels G71 and G72 rough.
+/// Pockets that G71 and G72 rough.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Pockets {
-    /// G71, G72: each pocket as it comes.
+    /// G71, G72: each pocket in its order.
     Included,
     /// G71.1, G72.1: none; the tool passes over them.
     Skipped,
-    /// G71.2, G72.2: nothing else.
+    /// G71.2, G72.2: pockets only.
     Only,
 }
 
-/// What is to be done along a profile.
+/// Operation along a profile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum TurningJob {
-    /// G70: passes at allowances that go down from `first` to `last`, which the last pass keeps.
+    /// G70: passes at allowances that decrease from `first` to `last`, which the last pass leaves.
     Finish { first: f64, last: f64, passes: u32 },
     /// G71 (along Z) and G72 (`facing`, along X).
     Rough { facing: bool, pockets: Pockets, allowance: f64, infeed: f64, retreat: f64 },
@@ -39,7 +39,7 @@ pub(crate) enum TurningJob {
 pub(crate) enum TurningMove {
     Rapid(Place),
     Feed(Place),
-    /// Counter-clockwise as G3 is in G18: seen with Z to the right and X upwards.
+    /// Counter-clockwise as G3 in G18: seen with Z to the right and X upwards.
     Arc {
         end: Place,
         centre: Place,
@@ -47,23 +47,23 @@ pub(crate) enum TurningMove {
     },
 }
 
-/// Why a profile cannot be turned.
+/// Reason why a profile cannot be turned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RoughingError {
-    /// It has less than one element after its first point.
+    /// It has no element after its first point.
     Empty,
     /// It turns back along its own direction, in the element of this index.
     NotMonotonic(usize),
-    /// The allowance leaves nothing of the profile, or what it leaves does not meet at the element of this index.
+    /// The allowance leaves nothing of the profile, or the remaining parts do not meet at the element of this index.
     Allowance(usize),
     /// The infeed is too small for the height to be roughed.
     TooManyLevels,
 }
 
-/// Turns a profile from `start`, handing out each move.
+/// Turns a profile from `start`, and passes each move to the output.
 ///
 /// # Errors
-/// The profile does not allow it; no move has been handed out then.
+/// The profile does not allow it; no move has been output then.
 pub(crate) fn turn(
     profile: &Profile,
     start: Place,
@@ -95,7 +95,7 @@ pub(crate) fn turn(
             }
         }
         TurningJob::Rough { pockets, allowance, infeed, retreat, .. } => {
-            // Where the profile ends below the stock stands a shoulder, which keeps its allowance too.
+            // Where the profile ends below the stock there is a shoulder, which keeps its allowance too.
             if let Some(last) = segments.last().copied()
                 && last.to.h < start.h
                 && frame.point(profile.first).h < start.h
@@ -136,7 +136,7 @@ impl<O: FnMut(TurningMove)> TurningTool<'_, O> {
         (self.out)(TurningMove::Feed(self.frame.place(to)));
     }
 
-    /// Along a segment, on which the tool is, as far as `to`.
+    /// Moves along a segment, on which the tool is, up to `to`.
     fn along(&mut self, segment: &Segment, to: Point) {
         match segment.arc {
             None => self.feed(to),

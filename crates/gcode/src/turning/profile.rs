@@ -1,6 +1,6 @@
-//! A profile: the first point, and the lines and arcs from there on.
+//! A profile: the first point, and the lines and arcs after it.
 //!
-//! Invariant: each element begins where the one before ends.
+//! Invariant: each element begins where the previous one ends.
 
 use super::frame::{ArcOf, Frame, Place, Segment};
 use crate::canon::{Canon, CanonStep, Plane};
@@ -12,7 +12,7 @@ pub(crate) enum Element {
     Line {
         end: Place,
     },
-    /// Counter-clockwise as G3 is in G18.
+    /// Counter-clockwise as G3 in G18.
     Arc {
         end: Place,
         centre: Place,
@@ -28,19 +28,19 @@ impl Element {
     }
 }
 
-/// A profile as the program draws it.
+/// A profile as drawn by the program.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Profile {
-    /// The end of its first move.
+    /// End of its first move.
     pub(crate) first: Place,
     pub(crate) elements: Vec<Element>,
-    /// The line of each element.
+    /// Line of each element.
     lines: Vec<u32>,
 }
 
 impl Profile {
-    /// The profile that the calls of a subprogram draw: the end of its first move, and the lines and arcs of the moves behind it. Calls
-    /// that move nothing are passed over.
+    /// Creates the profile that the canonical functions of a subprogram draw: the end of its first move, and the lines
+    /// and arcs of the moves after it. Functions that do not move are skipped.
     pub(crate) fn of_steps(steps: &[CanonStep]) -> Profile {
         let mut profile = Profile::default();
         let mut is_begun = false;
@@ -65,12 +65,12 @@ impl Profile {
         profile
     }
 
-    /// The program line of an element.
+    /// Returns the program line of an element.
     pub(crate) fn line_of(&self, element: usize) -> Option<u32> {
         self.lines.get(element).copied()
     }
 
-    /// Its segments in the frame; a line without length is left out.
+    /// Returns the segments in the frame; a line without length is left out.
     pub(super) fn segments(&self, frame: &Frame) -> Vec<Segment> {
         let mut from = frame.point(self.first);
         let mut segments = Vec::with_capacity(self.elements.len());

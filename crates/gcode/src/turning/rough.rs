@@ -1,11 +1,11 @@
-//! Roughing: levels over a profile, each cut from where the path goes down through it to where it comes up again.
+//! Roughing: levels over a profile, each cut from where the path descends through it to where it ascends again.
 //!
-//! Invariant: the tool is on the path or above it, always.
+//! Invariant: the tool is always on the path or above it.
 
 use super::frame::{Point, Segment, TINY};
 use super::{Pockets, TurningMove, TurningTool};
 
-/// Levels of one profile are bounded: beyond, the infeed is a slip of the pen.
+/// Maximum number of levels of one profile; more indicates a mistake in the infeed.
 pub(super) const MAX_LEVELS: f64 = 10_000.0;
 
 /// Roughs a path from `start` in levels `infeed` apart, with a retreat after each.
@@ -47,7 +47,7 @@ pub(super) fn rough<O: FnMut(TurningMove)>(
 
 struct Rougher<'s, 'a, O> {
     segments: &'s [Segment],
-    /// The next level to be cut.
+    /// Next level to be cut.
     level: f64,
     infeed: f64,
     retreat: f64,
@@ -55,7 +55,7 @@ struct Rougher<'s, 'a, O> {
 }
 
 impl<O: FnMut(TurningMove)> Rougher<'_, '_, O> {
-    /// Cuts all levels that a segment goes down through.
+    /// Cuts all levels that a segment descends through.
     fn go_down(&mut self, index: usize, is_entry: bool) {
         let segment = self.segments[index];
         while self.level > segment.to.h {
@@ -70,7 +70,7 @@ impl<O: FnMut(TurningMove)> Rougher<'_, '_, O> {
         }
     }
 
-    /// Cuts one level from a point of a segment, and comes back to it.
+    /// Cuts one level from a point of a segment, and returns to it.
     fn cut(&mut self, index: usize, at: Point, is_entry: bool) {
         let level = self.level;
         let Some(up) = self.segments[index + 1..].iter().find(|segment| segment.to.h >= level - TINY) else { return };
@@ -86,7 +86,7 @@ impl<O: FnMut(TurningMove)> Rougher<'_, '_, O> {
         }
     }
 
-    /// Along what goes further down right behind the entry, with its levels or without; the next segment is told.
+    /// Cuts along the part that descends right after the entry, with its levels or without. Returns the next segment.
     fn first_slope(&mut self, with_levels: bool) -> usize {
         let mut index = 1;
         while let Some(segment) = self.segments.get(index).copied()
@@ -101,8 +101,8 @@ impl<O: FnMut(TurningMove)> Rougher<'_, '_, O> {
         index
     }
 
-    /// Along the path from a segment on, with the levels of each pocket. They keep the grid of the levels before; with `from_brim`
-    /// a brim above all before begins a new one.
+    /// Cuts along the path from a segment, with the levels of each pocket. They keep the grid of the previous levels;
+    /// with `from_brim`, a brim above all previous ones begins a new grid.
     fn follow(&mut self, from: usize, from_brim: bool) {
         let mut highest = self.tool.at.h;
         for index in from..self.segments.len() {
@@ -125,7 +125,7 @@ impl<O: FnMut(TurningMove)> Rougher<'_, '_, O> {
         }
     }
 
-    /// Along the path where it rises above all that came before, and straight over the pockets.
+    /// Cuts along the path where it rises above everything before, and straight over the pockets.
     fn climb_over(&mut self, from: usize) {
         for index in from..self.segments.len() {
             let segment = self.segments[index];
@@ -137,14 +137,14 @@ impl<O: FnMut(TurningMove)> Rougher<'_, '_, O> {
                 && self.segments[index - 1].arc != segment.arc
                 && segment.from.h >= self.tool.at.h - TINY
             {
-                // An arc that goes down from its top has a rise of no length, to which the peer goes.
+                // An arc that descends from its top has a rise of zero length, to which LinuxCNC moves.
                 self.tool.feed(segment.from);
             }
         }
     }
 }
 
-/// Adds a segment; an arc that has a highest or lowest point inside is parted there.
+/// Appends a segment; an arc with an inner highest or lowest point is split there.
 fn split_at_extremes(segment: Segment, segments: &mut Vec<Segment>) {
     let Some(arc) = segment.arc else {
         segments.push(segment);
