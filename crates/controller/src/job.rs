@@ -183,10 +183,11 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let planner = Planner::new(machine.limits(), machine.start_mm()).map_err(|e| machine_error(e.to_string()))?;
     let cancel = AtomicBool::new(false);
     let (mut requester, mut heeding) = override_channel(look_ahead);
-    let mut feeder = PlanWriter::new(planner.blending_by(machine.blending), producer, sender, origin.outputs, &cancel)
-        .with_index(keeping.index, &origin.counts)
-        .with_inhibited(machine.inhibited_channels())
-        .with_limits(machine);
+    let mut feeder =
+        PlanWriter::new(planner.with_blending(machine.blending), producer, sender, origin.outputs, &cancel)
+            .with_index(keeping.index, &origin.counts)
+            .with_inhibited(machine.inhibited_channels())
+            .with_limits(machine);
     let (line, resumption) = match begin {
         JobStart::First => (None, None),
         JobStart::Line(line) => (Some(line), None),

@@ -100,8 +100,8 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
             // a run that was stopped does not hear of the end
             let _ = plan_writer.end(summary);
         });
-        let (telemetry, receiver) = telemetry_channel(false, machine.period_s());
-        scope.spawn(|| receiver.run(&mut log));
+        let (telemetry, telemetry_receiver) = telemetry_channel(false, machine.period_s());
+        scope.spawn(|| telemetry_receiver.run(&mut log));
         let streamer = RecordStreamer::new(consumer, receiver, start, outputs, 0);
         let session = Session::new(card, &machine, streamer, operators, run_mode, telemetry);
         let (outcome, stats, card) = session.run();
