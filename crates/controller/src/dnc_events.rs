@@ -155,7 +155,7 @@ impl fmt::Display for DncEvent {
             }
             DncStep::SpindleStopped => write!(f, "the spindle is stopped"),
             DncStep::SpindleStarted { spindle, speed } => {
-                write!(f, "the spindle turns again: {} rpm {}", revolutions(*speed), direction(*spindle))
+                write!(f, "the spindle runs again: {} rpm {}", revolutions(*speed), direction(*spindle))
             }
             DncStep::Jogged { axis, mm, cut_short, off } => {
                 let short = if *cut_short { ", cut short" } else { "" };
@@ -168,11 +168,11 @@ impl fmt::Display for DncEvent {
                     Some(mm) => write!(f, "tool length {mm:.3} mm: ")?,
                     None => write!(f, "new tool length: ")?,
                 }
-                write!(f, "the way back and the path go {by_mm:+.3} mm along {axis}, until another tool comes")
+                write!(f, "the return and the path are moved by {by_mm:+.3} mm along {axis}, until the next tool")
             }
             DncStep::Online => write!(f, "on line again; cycle start brings the axes back"),
-            DncStep::Approaching => write!(f, "on the way back to the breakpoint"),
-            DncStep::Arrived => write!(f, "at the breakpoint: the program goes on"),
+            DncStep::Approaching => write!(f, "returning to the breakpoint"),
+            DncStep::Arrived => write!(f, "at the breakpoint: the program continues"),
         }
     }
 }
@@ -194,8 +194,10 @@ pub fn explain(refused: InterruptionError, f: &mut fmt::Formatter<'_>) -> fmt::R
         InterruptionError::NotPaused => "the program is not paused: pause comes first",
         InterruptionError::AlreadyPaused => "the program is paused already",
         InterruptionError::SpindleRunning => "the spindle turns: spindle stop comes first",
-        InterruptionError::SpindleNotRunning => "the spindle stands: spindle start comes first",
-        InterruptionError::SpindleWasStopped => "the spindle stood when the program was paused, and is left standing",
+        InterruptionError::SpindleNotRunning => "the spindle is stopped: spindle start comes first",
+        InterruptionError::SpindleWasStopped => {
+            "the spindle was stopped when the program was paused, and stays stopped"
+        }
         InterruptionError::WrongSpindleDirection => "the spindle turned in the other direction",
         InterruptionError::NotOnline => "on-line mode is not restored: online comes first",
         InterruptionError::AlreadyOnline => {
@@ -204,8 +206,8 @@ pub fn explain(refused: InterruptionError, f: &mut fmt::Formatter<'_>) -> fmt::R
         InterruptionError::OtherProgram => {
             "another program is in the place of the one that was paused: put it back, or stop the job"
         }
-        InterruptionError::NotApproaching => "the axes are not on the way to the breakpoint: cycle start comes first",
-        InterruptionError::Approaching => "the axes are on the way to the breakpoint: pause stops them",
+        InterruptionError::NotApproaching => "the axes are not returning to the breakpoint: cycle start comes first",
+        InterruptionError::Approaching => "the axes are returning to the breakpoint: pause stops them",
         InterruptionError::NotAtBreakpoint { axis } => return write!(f, "axis number {axis} is not at the breakpoint"),
     })
 }

@@ -107,11 +107,11 @@ impl CutterOffReason {
     /// Text behind "off: ".
     const fn text(self) -> &'static str {
         match self {
-            Self::Card(CutterOffCause::Standing) => "the machine stands; `recover` starts it again and goes on",
+            Self::Card(CutterOffCause::Standing) => "the machine is at rest; `recover` starts it again and resumes",
             Self::Card(CutterOffCause::Reverse) | Self::Retrace => "the path is retraced",
             Self::Card(CutterOffCause::Inhibited) => "dry run",
             Self::Card(CutterOffCause::Alarm) => "alarm",
-            Self::Card(CutterOffCause::HostSilent) => "the card has not heard from the computer",
+            Self::Card(CutterOffCause::HostSilent) => "no message from the computer",
             Self::Card(CutterOffCause::EpochClosed | CutterOffCause::EpochOpened) => "the path was left",
             Self::Operator => "by the operator",
             Self::ProgramEnd => "the program has ended",
@@ -321,13 +321,13 @@ impl Event {
             EventKind::Operator(command) => format!("operator: {command}"),
             EventKind::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),
             EventKind::CommandRejected(why) => format!("not done: {why}"),
-            EventKind::HistoryStartReached => "standing at the oldest record: it goes no further back".into(),
-            EventKind::RetraceBarrier(code) => format!("standing behind {code}, which cannot be passed backward"),
+            EventKind::HistoryStartReached => "at the history start: no further reverse run".into(),
+            EventKind::RetraceBarrier(code) => format!("at rest behind {code}, which cannot be passed backward"),
             EventKind::CutterBoundary => {
-                "standing where the program switched the cutter, and it is on: `cutter off`, or `reverse` again to cut on".into()
+                "at rest where the program switched the cutter, and it is on: `cutter off`, or `reverse` again to cut on".into()
             }
-            EventKind::BackTargetReached => "standing where it was to go".into(),
-            EventKind::HistoryEndReached => "standing at the furthest place executed".into(),
+            EventKind::BackTargetReached => "at the target of the reverse run".into(),
+            EventKind::HistoryEndReached => "at the furthest place executed".into(),
             EventKind::OutputsDiffer(some) => {
                 let list: Vec<String> = some
                     .list()
@@ -344,14 +344,14 @@ impl Event {
             EventKind::RetraceSwitched(channel, value) => {
                 format!("retrace: {} := {value}", channel_name(*channel))
             }
-            EventKind::RunResumed => "normal run goes on".into(),
+            EventKind::RunResumed => "normal run resumed".into(),
             EventKind::ProgramEnd => "end of the program; reverse run is possible until the job is released".into(),
             EventKind::Switching(code) => format!("{code} begins"),
             EventKind::Switched(code) => format!("{code} done"),
             EventKind::OutputChanged(channel, value) => format!("{} := {value}", channel_name(*channel)),
-            EventKind::ProgramStop(code) => format!("program stop {code}: cycle start to go on"),
-            EventKind::ToolChange(tool) => format!("tool change: tool {tool}; cycle start to go on"),
-            EventKind::SingleBlock => "single block: cycle start to go on".into(),
+            EventKind::ProgramStop(code) => format!("program stop {code}: cycle start to continue"),
+            EventKind::ToolChange(tool) => format!("tool change: tool {tool}; cycle start to continue"),
+            EventKind::SingleBlock => "single block: cycle start to continue".into(),
             EventKind::Dnc(dnc) => dnc.to_string(),
             EventKind::Message(text) => format!("message: {text}"),
             EventKind::StreamStalled { source, since } => {

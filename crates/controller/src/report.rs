@@ -93,10 +93,9 @@ impl<const A: usize> Report<'_, A> {
             return None;
         }
         let was = if self.card.at_rest { "stood" } else { "was moving" };
-        Some(format!(
-            "the card has not confirmed where it came to rest; when it was heard of last it {was} at counts {:?}",
-            { &self.card.counts[..self.machine.axes.len().min(A)] }
-        ))
+        Some(format!("the card has not confirmed where it came to rest; in its last report it {was} at counts {:?}", {
+            &self.card.counts[..self.machine.axes.len().min(A)]
+        }))
     }
 
     /// The report as one JSON object.

@@ -37,7 +37,7 @@ pub(crate) struct ManualMove {
 enum ManualMoveState {
     /// Waiting until enough is planned.
     Planned,
-    /// Moving; `told`: a rate was sent to the card.
+    /// Moving; `rate_sent`: a rate was sent to the card.
     Moving { rate_sent: bool },
     /// Coming to rest before the end.
     Stopping,
