@@ -117,7 +117,7 @@ fn outputs_in_words(outputs: &Outputs, names: &ChannelNames) -> String {
         Err(why) => why.clone(),
         Ok(outputs) if outputs.is_empty() => "all off".into(),
         Ok(outputs) => {
-            let each = outputs.iter().map(|(number, value)| format!("{} {value}", names.of(*number)));
+            let each = outputs.iter().map(|(number, value)| format!("{} {value}", names.name(*number)));
             each.collect::<Vec<_>>().join(", ")
         }
     }

@@ -304,7 +304,7 @@ mod tests {
         let Command::Plot(args) = Cli::parse_from(plot).command else { panic!("it is a plot") };
         let program = Program::open(&args.reading, &machine).unwrap_or_else(|_| panic!("a program"));
         let script = crate::files::script(Some(Path::new(&example("02-back-up.op")))).expect("a script");
-        let job_folder = JobStore::of(folder).create("02-back-up.ngc", Timestamp::from_ms(0)).expect("a folder");
+        let job_folder = JobStore::open(folder).create("02-back-up.ngc", Timestamp::from_ms(0)).expect("a folder");
         let entry = JobHeader {
             format: FORMAT,
             id: job_folder.id().into(),

@@ -266,7 +266,7 @@ fn channel_names(job: &JobHeader) -> ChannelNames {
 }
 
 fn output_in_words(names: &ChannelNames, number: u8, value: i32) -> String {
-    let name = names.of(number);
+    let name = names.name(number);
     match number {
         channel::SPINDLE if name != channel_name(channel::SPINDLE) => format!("{name} on"),
         channel::SPINDLE if value > 0 => "spindle clockwise".into(),
@@ -386,7 +386,7 @@ mod tests {
     #[test]
     fn a_stopped_job_is_listed_and_told_in_words() {
         let folder = tempfile::tempdir().expect("a folder");
-        let jobs = JobStore::of(folder.path());
+        let jobs = JobStore::open(folder.path());
         let job = stopped(&jobs);
         let listed = jobs.list();
         let name = "20261122-004627-part";

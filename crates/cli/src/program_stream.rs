@@ -84,7 +84,7 @@ pub struct StreamOpening {
 }
 
 fn ahead(input: impl Read + Send + 'static, opening: &StreamOpening) -> ProgramStream {
-    match ReadAhead::of(input, Arc::clone(&opening.given_up)) {
+    match ReadAhead::spawn(input, Arc::clone(&opening.given_up)) {
         Ok(ahead) => Box::new(ahead.with_status(Arc::clone(&opening.status))),
         // No thread is available to read ahead.
         Err(error) => Box::new(BufReader::new(StreamBroken(error.to_string()))),

@@ -25,6 +25,14 @@ pub fn command_channel() -> (CommandSender, CommandReceiver) {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommandQueueFull;
 
+impl std::fmt::Display for CommandQueueFull {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("too many commands are pending")
+    }
+}
+
+impl std::error::Error for CommandQueueFull {}
+
 /// The screen's end of the queue. It can be cloned.
 #[derive(Clone, Debug)]
 pub struct CommandSender {

@@ -48,7 +48,7 @@ pub struct DncFlags {
 impl DncFlags {
     /// Flags of an interruption.
     #[must_use]
-    pub fn of<const A: usize>(order: &Interruption<A>) -> Self {
+    pub fn from_interruption<const A: usize>(order: &Interruption<A>) -> Self {
         Self { paused: order.is_paused(), mode_changed: order.mode_changed(), inhibited: order.is_inhibited() }
     }
 }

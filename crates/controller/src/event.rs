@@ -30,7 +30,7 @@ pub enum CardError {
 impl CardError {
     /// Converts a failure of the card.
     #[must_use]
-    pub fn of(fault: &impl CardFailure) -> Self {
+    pub fn from_failure(fault: &impl CardFailure) -> Self {
         Self::Fault { number: fault.number(), cause: fault.to_string(), remedy: fault.remedy().to_string() }
     }
 
@@ -43,6 +43,15 @@ impl CardError {
         }
     }
 }
+
+impl std::fmt::Display for CardError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (number, cause, _) = self.parts();
+        write!(f, "{number}: {cause}")
+    }
+}
+
+impl std::error::Error for CardError {}
 
 /// Maximum number of outputs in one event.
 const LISTED: usize = 8;
@@ -291,7 +300,7 @@ impl Event {
         let add_name = |output: &mut Value| {
             let channel = output["channel"].as_u64().and_then(|channel| u8::try_from(channel).ok());
             if let (Some(channel), Value::Object(fields)) = (channel, output) {
-                fields.insert("name".into(), names.of(channel).into());
+                fields.insert("name".into(), names.name(channel).into());
             }
         };
         value.get_mut("outputs").and_then(Value::as_array_mut).into_iter().flatten().for_each(add_name);
@@ -314,7 +323,7 @@ impl Event {
     /// Describes the event.
     #[must_use]
     pub fn text_naming(&self, names: &ChannelNames) -> String {
-        let channel_name = |channel: u8| names.of(channel);
+        let channel_name = |channel: u8| names.name(channel);
         match &self.kind {
             EventKind::Started => "started".into(),
             EventKind::Mode(mode) => (*mode).to_string(),
@@ -382,7 +391,7 @@ impl ChannelNames {
 
     /// Name of a channel; the usual one where there is no other.
     #[must_use]
-    pub fn of(&self, channel: u8) -> String {
+    pub fn name(&self, channel: u8) -> String {
         self.0.get(usize::from(channel)).cloned().unwrap_or_else(|| channel_name(channel))
     }
 }

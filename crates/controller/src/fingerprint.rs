@@ -61,7 +61,7 @@ struct Planned {
 }
 
 impl Planned {
-    fn take(&mut self) {
+    fn hash_records(&mut self) {
         while let Some(record) = self.planner.next_record() {
             for increment in record.increments {
                 self.hash = self.hash.extend(&increment.to_le_bytes());
@@ -72,20 +72,20 @@ impl Planned {
 
     fn rest(&mut self) {
         self.planner.stop(Flags::NONE);
-        self.take();
+        self.hash_records();
     }
 }
 
 impl MotionSink<4> for Planned {
     fn straight(&mut self, end_mm: [f64; 4], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
         self.planner.line(end_mm, feed, mode, line)?;
-        self.take();
+        self.hash_records();
         Ok(())
     }
 
     fn arc(&mut self, arc: &Arc<4>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
         self.planner.arc(arc, feed, mode, line)?;
-        self.take();
+        self.hash_records();
         Ok(())
     }
 

@@ -59,7 +59,7 @@ struct HomedFile {
 }
 
 impl HomedFile {
-    fn of(&self, card: &CardBoot) -> &[HomedAxis] {
+    fn axes_of(&self, card: &CardBoot) -> &[HomedAxis] {
         self.cards.iter().find(|note| note.card == *card).map_or(&[], |note| &note.axes)
     }
 }
@@ -81,12 +81,12 @@ impl HomedAxes {
             NumberedError::new("E2201", refusal.cause, remedy)
         })?;
         let folder = jobs.folder();
-        Ok(Self::of(folder.parent().unwrap_or(folder)))
+        Ok(Self::open(folder.parent().unwrap_or(folder)))
     }
 
     /// The record in this folder, which need not exist yet.
     #[must_use]
-    pub fn of(folder: &Path) -> Self {
+    pub fn open(folder: &Path) -> Self {
         Self { folder: folder.to_owned() }
     }
 
@@ -96,7 +96,7 @@ impl HomedAxes {
     #[must_use]
     pub fn unhomed(&self, card: &CardBoot, machine: &MachineConfig) -> Vec<char> {
         let (notes, needed) = (self.read(), required(machine));
-        let homed = notes.of(card);
+        let homed = notes.axes_of(card);
         needed
             .iter()
             .copied()
@@ -108,7 +108,7 @@ impl HomedAxes {
     #[must_use]
     pub fn is_homed(&self, card: &CardBoot, machine: &MachineConfig, letter: char) -> Option<bool> {
         let axis = axis_of(machine, letter)?;
-        Some(self.read().of(card).contains(&axis))
+        Some(self.read().axes_of(card).contains(&axis))
     }
 
     /// Records that these axes are about to be homed: until that is done they are not homed.
@@ -142,7 +142,7 @@ impl HomedAxes {
             let lock = state_file::open_lock(&self.folder.join(LOCK))?;
             lock.lock()?;
             let mut notes = self.read();
-            let mut note = HomedCard { card: card.clone(), axes: notes.of(card).to_vec() };
+            let mut note = HomedCard { card: card.clone(), axes: notes.axes_of(card).to_vec() };
             change(&mut note.axes);
             notes.cards.retain(|note| note.card != *card);
             notes.cards.insert(0, note);
@@ -207,7 +207,7 @@ mod tests {
     #[test]
     fn an_axis_is_homed_on_its_card_and_for_one_start_of_it() {
         let folder = tempfile::tempdir().expect("a folder");
-        let (homed, machine) = (HomedAxes::of(&folder.path().join("state")), machine(""));
+        let (homed, machine) = (HomedAxes::open(&folder.path().join("state")), machine(""));
         assert_eq!(homed.unhomed(&card(1), &machine), ['z', 'x']);
         homed.mark_homed(&card(1), &machine, &['x']).expect("noted");
         assert_eq!((homed.unhomed(&card(1), &machine), homed.unhomed(&card(2), &machine)), (vec!['z'], vec!['z', 'x']));
@@ -227,7 +227,7 @@ mod tests {
     #[test]
     fn a_home_that_was_changed_is_not_the_one_that_was_found() {
         let folder = tempfile::tempdir().expect("a folder");
-        let (homed, machine) = (HomedAxes::of(folder.path()), machine(""));
+        let (homed, machine) = (HomedAxes::open(folder.path()), machine(""));
         homed.mark_homed(&card(1), &machine, &['x', 'z']).expect("noted");
         let mut moved = machine.clone();
         moved.setting_up.homes[0].as_mut().expect("a home").position_mm = -3.0;
@@ -239,7 +239,7 @@ mod tests {
 
     #[test]
     fn the_machine_file_may_ask_for_less() {
-        let homed = HomedAxes::of(Path::new("/nowhere"));
+        let homed = HomedAxes::open(Path::new("/nowhere"));
         assert_eq!(homed.unhomed(&card(1), &machine("[manual]\nallow_unhomed = true\n")), []);
         assert_eq!(homed.unhomed(&card(1), &MachineConfig::built_in().expect("valid")), []);
     }
@@ -247,7 +247,7 @@ mod tests {
     #[test]
     fn a_note_that_is_damaged_says_nothing_and_is_written_anew() {
         let folder = tempfile::tempdir().expect("a folder");
-        let (homed, machine) = (HomedAxes::of(folder.path()), machine(""));
+        let (homed, machine) = (HomedAxes::open(folder.path()), machine(""));
         homed.mark_homed(&card(1), &machine, &['x', 'z']).expect("noted");
         let path = folder.path().join(NOTES);
         let whole = fs::read(&path).expect("written");
@@ -262,7 +262,7 @@ mod tests {
     #[test]
     fn the_cards_homed_last_are_remembered() {
         let folder = tempfile::tempdir().expect("a folder");
-        let (homed, machine) = (HomedAxes::of(folder.path()), machine(""));
+        let (homed, machine) = (HomedAxes::open(folder.path()), machine(""));
         for boot in 0..=CARDS as u32 {
             homed.mark_homed(&card(boot), &machine, &['x', 'z']).expect("noted");
         }

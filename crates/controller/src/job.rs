@@ -136,6 +136,8 @@ impl fmt::Display for JobStartError {
     }
 }
 
+impl std::error::Error for JobStartError {}
+
 /// Runs a program on a card whose position is that of the machine. A job that is resumed continues if the card's counts
 /// are those of its place, and is stopped immediately otherwise.
 ///
@@ -169,7 +171,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let (keep, look_ahead) = (machine.history_records, machine.look_ahead_records);
     let cells = ring_cells(keep, look_ahead).ok_or_else(|| machine_error("the history is larger than any ring"))?;
     let cells: Box<[Cell<Record<A>>]> = (0..cells).map(|_| Cell::default()).collect();
-    let origin = JobOrigin::of(machine, &begin, card.status());
+    let origin = JobOrigin::new(machine, &begin, card.status());
     let mut ring =
         Ring::new(cells, keep, look_ahead, origin.place).map_err(|e| machine_error(format!("no ring: {e:?}")))?;
     let (producer, consumer) = ring.split();
@@ -279,7 +281,7 @@ struct JobOrigin<const A: usize> {
 }
 
 impl<const A: usize> JobOrigin<A> {
-    fn of(machine: &MachineConfig, begin: &JobStart, status: &CardStatus<A>) -> Self {
+    fn new(machine: &MachineConfig, begin: &JobStart, status: &CardStatus<A>) -> Self {
         let JobStart::At(at) = begin else {
             let CardStatus { place, counts, outputs, executed, .. } = *status;
             return Self { place: place.record, counts, outputs, executed };

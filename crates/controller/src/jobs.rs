@@ -100,7 +100,7 @@ pub struct ListedJob {
 impl JobStore {
     /// The jobs of this folder, which need not exist yet.
     #[must_use]
-    pub fn of(folder: &Path) -> Self {
+    pub fn open(folder: &Path) -> Self {
         Self { folder: folder.to_owned() }
     }
 
@@ -411,7 +411,7 @@ mod tests {
 
     fn folder() -> (tempfile::TempDir, JobStore) {
         let folder = tempfile::tempdir().expect("a folder");
-        let jobs = JobStore::of(&folder.path().join("jobs"));
+        let jobs = JobStore::open(&folder.path().join("jobs"));
         (folder, jobs)
     }
 
@@ -549,7 +549,7 @@ mod tests {
         let (folder, _) = folder();
         let file = folder.path().join("file");
         fs::write(&file, b"").expect("a file");
-        assert_eq!(JobStore::of(&file).create("x", Timestamp::from_ms(0)).expect_err("a file").number, "E2105");
-        assert_eq!(JobStore::of(&file).list(), []);
+        assert_eq!(JobStore::open(&file).create("x", Timestamp::from_ms(0)).expect_err("a file").number, "E2105");
+        assert_eq!(JobStore::open(&file).list(), []);
     }
 }

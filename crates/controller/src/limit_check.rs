@@ -32,7 +32,7 @@ impl LimitFinding {
         "move the work offset, correct the program, or widen `travel_mm` in the machine file";
 
     /// The first axis whose soft limits a point exceeds, of those selected by `concerned`.
-    pub(crate) fn of<const A: usize>(
+    pub(crate) fn find<const A: usize>(
         machine: &MachineConfig,
         point: &[f64; A],
         concerned: impl Fn(usize) -> bool,
@@ -169,7 +169,7 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
             }
         }
         if self.beyond.len() < MAX_FINDINGS && self.beyond.last().is_none_or(|b| b.line != line) {
-            self.beyond.extend(LimitFinding::of(self.machine, point, |_| true, line));
+            self.beyond.extend(LimitFinding::find(self.machine, point, |_| true, line));
         }
     }
 }

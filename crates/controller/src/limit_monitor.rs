@@ -96,7 +96,7 @@ enum RateClass {
 const RATE_CLASSES: usize = 4;
 
 impl RateClass {
-    const fn of(is_whole: bool, is_constant: bool) -> Self {
+    const fn new(is_whole: bool, is_constant: bool) -> Self {
         match (is_whole, is_constant) {
             (true, true) => Self::Recorded,
             (true, false) => Self::Switched,
@@ -196,7 +196,7 @@ impl<const A: usize> LimitMonitor<A> {
             if window > self.measured_for {
                 break;
             }
-            let play = RateClass::of(self.whole_for >= window, self.constant_for >= window) as usize;
+            let play = RateClass::new(self.whole_for >= window, self.constant_for >= window) as usize;
             let bounds = &self.bounds[stride][order][play];
             let largest = &mut self.largest[stride][order][play];
             let mut offences = 0;

@@ -188,6 +188,8 @@ impl fmt::Display for CommandError {
     }
 }
 
+impl std::error::Error for CommandError {}
+
 impl From<ModeError> for CommandError {
     fn from(refused: ModeError) -> Self {
         Self::Mode(refused)

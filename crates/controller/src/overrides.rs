@@ -43,6 +43,14 @@ pub fn override_channel(look_ahead: u32) -> (OverrideRequester, OverrideApplier)
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OverrideQueueFull;
 
+impl std::fmt::Display for OverrideQueueFull {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("too many override changes are pending")
+    }
+}
+
+impl std::error::Error for OverrideQueueFull {}
+
 /// The motion path's end.
 #[derive(Debug)]
 pub struct OverrideRequester {

@@ -30,13 +30,13 @@ pub struct ValueRange {
 }
 
 impl ValueRange {
-    fn of(value: f64) -> Self {
+    fn new(value: f64) -> Self {
         Self { least: value, greatest: value }
     }
 
     /// Extends a range by a value, or begins one.
     fn extend(range: &mut Option<Self>, value: f64) {
-        let old = range.unwrap_or(Self::of(value));
+        let old = range.unwrap_or(Self::new(value));
         *range = Some(Self { least: old.least.min(value), greatest: old.greatest.max(value) });
     }
 }

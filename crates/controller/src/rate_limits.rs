@@ -53,7 +53,7 @@ pub struct StoppingTimes {
 impl StoppingTimes {
     /// Times for these limits. `None` where the machine brakes too slowly for a card.
     #[must_use]
-    pub fn of<const A: usize>(limits: &RateLimits<A>) -> Option<Self> {
+    pub fn from_limits<const A: usize>(limits: &RateLimits<A>) -> Option<Self> {
         let braking = Braking::<32>::new(limits)?;
         let average = u32::from(limits.average());
         let braked = (braking.length(retrace_core::ONE) >> 32) as u32 + average / 2 + 4;
@@ -90,7 +90,8 @@ mod tests {
     #[test]
     fn stiffer_machines_stop_sooner() {
         let mut axes = MachineConfig::built_in().expect("valid").axes;
-        let stopping = |axes: &[AxisConfig]| rate_limits::<3>(axes, 0.1, 0.001).as_ref().and_then(StoppingTimes::of);
+        let stopping =
+            |axes: &[AxisConfig]| rate_limits::<3>(axes, 0.1, 0.001).as_ref().and_then(StoppingTimes::from_limits);
         let slow = stopping(&axes).expect("fits").periods;
         for axis in &mut axes {
             axis.max_acceleration_mm_per_s2 *= 4.0;

@@ -72,7 +72,7 @@ impl ReadAhead {
     ///
     /// # Errors
     /// The system cannot create a thread.
-    pub fn of(input: impl Read + Send + 'static, given_up: Arc<AtomicBool>) -> io::Result<Self> {
+    pub fn spawn(input: impl Read + Send + 'static, given_up: Arc<AtomicBool>) -> io::Result<Self> {
         let (sends_full, full) = sync_channel(BUFFERS);
         let (empty, takes_empty) = sync_channel(BUFFERS);
         for _ in 1..BUFFERS {
@@ -167,7 +167,7 @@ mod tests {
     #[test]
     fn every_byte_comes_in_its_order() {
         let bytes: Vec<u8> = (0..1_000_003u32).map(|n| (n * 7 % 251) as u8).collect();
-        let mut ahead = ReadAhead::of(io::Cursor::new(bytes.clone()), Arc::default()).expect("a thread");
+        let mut ahead = ReadAhead::spawn(io::Cursor::new(bytes.clone()), Arc::default()).expect("a thread");
         let mut read = Vec::new();
         ahead.read_to_end(&mut read).expect("no error");
         assert!(read == bytes);
@@ -189,7 +189,7 @@ mod tests {
             }
         }
         let given_up = Arc::new(AtomicBool::new(false));
-        let mut ahead = ReadAhead::of(Stalls(false), Arc::clone(&given_up)).expect("a thread");
+        let mut ahead = ReadAhead::spawn(Stalls(false), Arc::clone(&given_up)).expect("a thread");
         let mut read = [0; 8];
         assert_eq!(ahead.read(&mut read).expect("a byte"), 1);
         given_up.store(true, Ordering::Relaxed);
@@ -209,7 +209,7 @@ mod tests {
                 Err(io::ErrorKind::ConnectionReset.into())
             }
         }
-        let mut ahead = ReadAhead::of(Breaks(0), Arc::default()).expect("a thread");
+        let mut ahead = ReadAhead::spawn(Breaks(0), Arc::default()).expect("a thread");
         let mut read = Vec::new();
         let error = ahead.read_to_end(&mut read).expect_err("it breaks");
         assert_eq!((read, error.kind()), (vec![1, 2], io::ErrorKind::ConnectionReset));

@@ -125,6 +125,8 @@ impl fmt::Display for ResumeError {
     }
 }
 
+impl std::error::Error for ResumeError {}
+
 /// A job that is ready to resume where it was left.
 #[derive(Clone, Debug)]
 pub struct ResumePlan<const A: usize> {

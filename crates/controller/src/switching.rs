@@ -183,7 +183,7 @@ impl SwitchingTable {
 
     /// Execution of a code; at rest and immediately where the machine file does not define it.
     #[must_use]
-    pub fn of(&self, code: &str) -> CodeSwitching {
+    pub fn code(&self, code: &str) -> CodeSwitching {
         let usual = CodeSwitching {
             class: if matches!(code, "M62" | "M63") { CodeClass::Synchronous } else { CodeClass::Exclusive },
             in_reverse: default_in_reverse(code, CodeClass::Exclusive),
@@ -293,7 +293,7 @@ mod tests {
     #[test]
     fn durations_become_periods_and_unknown_codes_are_refused() {
         let of = |table: Result<SwitchingTable, NumberedError>, code| {
-            let switching = table.expect("valid").of(code);
+            let switching = table.expect("valid").code(code);
             (switching.class, switching.periods)
         };
         assert_eq!(of(table("m3", CodeClass::Exclusive, 500.0), "M3"), (CodeClass::Exclusive, 250));
@@ -305,7 +305,7 @@ mod tests {
     }
 
     fn code(text: &str) -> Result<CodeSwitching, NumberedError> {
-        MachineConfig::parse(text, "m.toml").map(|machine| machine.switching.of("M3"))
+        MachineConfig::parse(text, "m.toml").map(|machine| machine.switching.code("M3"))
     }
 
     #[test]
@@ -331,7 +331,10 @@ mod tests {
         assert_eq!(in_reverse("[code.M3]\nin_reverse = \"barrier\"\n"), InReverse::Barrier);
         assert_eq!(in_reverse("[code.M3]\nclass = \"synchronous\"\nin_reverse = \"as is\"\n"), InReverse::Unchanged);
         let table = MachineConfig::built_in().expect("valid").switching;
-        assert_eq!((table.of("M6").in_reverse, table.of("T").in_reverse), (InReverse::Barrier, InReverse::Unchanged));
+        assert_eq!(
+            (table.code("M6").in_reverse, table.code("T").in_reverse),
+            (InReverse::Barrier, InReverse::Unchanged)
+        );
         let barrier = code("[code.M3]\nclass = \"synchronous\"\nin_reverse = \"barrier\"\n").expect_err("no rest");
         assert!(barrier.cause.contains("does not come to rest"), "{}", barrier.cause);
         assert_eq!(code("[code.M6]\nin_reverse = \"undone\"\n").expect_err("the tool is out").number, "E2112");

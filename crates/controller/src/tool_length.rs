@@ -100,6 +100,8 @@ impl fmt::Display for ToolLengthError {
     }
 }
 
+impl std::error::Error for ToolLengthError {}
+
 /// An answer of the planning thread.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum LengthAnswer {

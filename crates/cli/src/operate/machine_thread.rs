@@ -165,7 +165,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     /// Passes one control period at rest.
     fn stand(&mut self) {
         if let Err(fault) = self.card.period() {
-            let trouble = CardError::of(&fault);
+            let trouble = CardError::from_failure(&fault);
             // A latched alarm is reported below, and can be cleared.
             if self.card.status().alarm.is_none() && !self.failed {
                 self.failed = true;
@@ -340,7 +340,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Err(why) => return self.refused(&why),
         };
         if let Err(fault) = self.card.begin(PathStart::at(0)) {
-            return self.tell(EventKind::Alarm(CardError::of(&fault)));
+            return self.tell(EventKind::Alarm(CardError::from_failure(&fault)));
         }
         let mut ended = JobResult::default();
         let at_screen = TuiOptions { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };

@@ -69,6 +69,14 @@ impl CanonError {
     }
 }
 
+impl std::fmt::Display for CanonError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.explain())
+    }
+}
+
+impl std::error::Error for CanonError {}
+
 impl From<PlanWriteError> for CanonError {
     fn from(refused: PlanWriteError) -> Self {
         match refused {

@@ -34,7 +34,7 @@ impl CanonExecutor<'_> {
             }
             Canon::SelectTool(tool) => {
                 self.selected_tool = *tool;
-                self.exclusive("T", &[], self.machine.switching.of("T"), line, sink)
+                self.exclusive("T", &[], self.machine.switching.code("T"), line, sink)
             }
             Canon::ChangeTool { tool, was, remark, .. } => {
                 if tool != was {
@@ -146,7 +146,7 @@ impl CanonExecutor<'_> {
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
         let change = OutputChange { channel: channel::TOOL, value: tool as i32 };
-        let CodeSwitching { periods, until, in_reverse, .. } = self.machine.switching.of("M6");
+        let CodeSwitching { periods, until, in_reverse, .. } = self.machine.switching.code("M6");
         let manual = self.machine.tool_change == ToolChange::Manual;
         if manual {
             let remark = remark.map(|remark| format!(" ({remark})")).unwrap_or_default();
@@ -191,7 +191,7 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        self.execute_change(code, OutputChange { channel, value }, self.machine.switching.of(code), line, sink)
+        self.execute_change(code, OutputChange { channel, value }, self.machine.switching.code(code), line, sink)
     }
 
     /// Switches a digital output by M62 … M65.
@@ -202,7 +202,7 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        self.execute_change(code, change, self.machine.switching.of(code), line, sink)
+        self.execute_change(code, change, self.machine.switching.code(code), line, sink)
     }
 
     fn execute_change<const A: usize>(

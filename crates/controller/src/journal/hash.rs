@@ -79,6 +79,8 @@ impl fmt::Display for ParseHashError {
     }
 }
 
+impl std::error::Error for ParseHashError {}
+
 impl FromStr for FileHash {
     type Err = ParseHashError;
 

@@ -80,7 +80,7 @@ impl JobRecord {
         let Some((_, JournalEntry::Job(job))) = entries.next().transpose()? else {
             return Err(JournalError::NoBeginning);
         };
-        let mut record = Self::of(*job, path);
+        let mut record = Self::new(*job, path);
         for entry in &mut entries {
             let (number, entry) = entry?;
             record.apply(number, entry);
@@ -90,7 +90,7 @@ impl JobRecord {
         Ok(record)
     }
 
-    fn of(job: JobHeader, path: &Path) -> Self {
+    fn new(job: JobHeader, path: &Path) -> Self {
         let last_position = LastPosition { start: PathStart::at(job.origin), counts: job.counts.clone() };
         Self {
             job,
@@ -270,7 +270,7 @@ impl JobSummary {
             let Some((_, JournalEntry::Job(job))) = entries.next().transpose()? else {
                 return Err(JournalError::NoBeginning);
             };
-            let mut record = JobRecord::of(*job, path);
+            let mut record = JobRecord::new(*job, path);
             for entry in last_entries(path, length)? {
                 record.apply(0, entry);
             }

@@ -63,6 +63,8 @@ impl fmt::Display for JournalError {
     }
 }
 
+impl std::error::Error for JournalError {}
+
 impl JournalError {
     /// The numbered error for the user.
     #[must_use]

@@ -66,7 +66,7 @@ impl Timestamp {
         TimestampParts { year, month, day: of_year - (153 * shifted + 2) / 5 + 1, ms: self.0 % DAY_MS }
     }
 
-    fn of(parts: &TimestampParts) -> Self {
+    fn from_parts(parts: &TimestampParts) -> Self {
         let year = parts.year - u64::from(parts.month <= 2);
         let shifted = (parts.month + 9) % 12;
         let of_year = (153 * shifted + 2) / 5 + parts.day - 1;
@@ -95,6 +95,8 @@ impl fmt::Display for ParseTimestampError {
     }
 }
 
+impl std::error::Error for ParseTimestampError {}
+
 impl FromStr for Timestamp {
     type Err = ParseTimestampError;
 
@@ -111,7 +113,7 @@ impl FromStr for Timestamp {
                 day: number(8, 10)?,
                 ms: s * 1000 + number(20, 23)?,
             };
-            (parts.year >= 1970 && (1..=12).contains(&parts.month) && parts.day >= 1).then(|| Self::of(&parts))
+            (parts.year >= 1970 && (1..=12).contains(&parts.month) && parts.day >= 1).then(|| Self::from_parts(&parts))
         };
         // An invalid date, such as 31 February, is formatted differently from its input.
         read().filter(|stamp| stamp.to_string() == text).ok_or(ParseTimestampError)

@@ -129,7 +129,7 @@ impl MachineConfig {
         let periods = |seconds: f64| (seconds / period_s).ceil() as u32;
         let reserve = file.override_reserve_percent / 100.0;
         let limits = rate_limits::rate_limits::<9>(&axes, reserve, period_s);
-        let stopping = limits.as_ref().and_then(StoppingTimes::of).ok_or_else(|| {
+        let stopping = limits.as_ref().and_then(StoppingTimes::from_limits).ok_or_else(|| {
             NumberedError::new(
                 "E2113",
                 "the axes brake too slowly for a control period this short: the rate law does not fit the card's memory",

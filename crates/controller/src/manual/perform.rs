@@ -51,6 +51,18 @@ pub enum ManualTaskError {
     Card(CardError),
 }
 
+impl std::fmt::Display for ManualTaskError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Refused(error) => write!(f, "{error}"),
+            Self::Block(errors) => f.write_str(&errors.join("\n")),
+            Self::Card(error) => write!(f, "{error}"),
+        }
+    }
+}
+
+impl std::error::Error for ManualTaskError {}
+
 impl From<NumberedError> for ManualTaskError {
     fn from(refusal: NumberedError) -> Self {
         Self::Refused(refusal)
@@ -120,7 +132,7 @@ fn perform_block<const A: usize, C: MotionCard<A>>(
     (operators, run_mode): (CommandSources, RunMode),
     observer: &mut dyn Observer<A>,
 ) -> Result<ManualTaskDone, ManualTaskError> {
-    let card_error = |fault: &C::Fault| ManualTaskError::Card(CardError::of(fault));
+    let card_error = |fault: &C::Fault| ManualTaskError::Card(CardError::from_failure(fault));
     begin_path(card).map_err(|fault| card_error(&fault))?;
     let machine = MachineConfig { history_records: 0, ..machine.clone() }.standing_at(&card.status().counts);
     let block = context.block(&machine, text).map_err(ManualTaskError::Block)?;
@@ -251,7 +263,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         let ended = loop {
             let ended = trip
                 .advance(&mut self.hand, self.card)
-                .map_err(|fault| ManualTaskError::Card(CardError::of(&fault)))?;
+                .map_err(|fault| ManualTaskError::Card(CardError::from_failure(&fault)))?;
             if let Some(ended) = ended {
                 break ended;
             }
@@ -287,7 +299,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     }
 
     fn begin(&mut self) -> Result<(), ManualTaskError> {
-        begin_path(self.card).map_err(|fault| ManualTaskError::Card(CardError::of(&fault)))
+        begin_path(self.card).map_err(|fault| ManualTaskError::Card(CardError::from_failure(&fault)))
     }
 
     fn run_periods(&mut self, periods: u32) -> Result<ManualTaskDone, ManualTaskError> {
@@ -309,7 +321,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                 ))),
             }
         }
-        let status = *self.card.period().map_err(|fault| ManualTaskError::Card(CardError::of(&fault)))?;
+        let status = *self.card.period().map_err(|fault| ManualTaskError::Card(CardError::from_failure(&fault)))?;
         self.telemetry.send_output_changes(&status.outputs);
         self.telemetry.send(Telemetry::Period(PeriodRecord {
             off_path: true,

@@ -30,6 +30,14 @@ use tool_lengths::{Lengths, Planned};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cancelled;
 
+impl std::fmt::Display for Cancelled {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("planning is cancelled: the motion path has ended")
+    }
+}
+
+impl std::error::Error for Cancelled {}
+
 /// Reason why a move was rejected.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PlanWriteError {
@@ -40,6 +48,18 @@ pub enum PlanWriteError {
     /// Planning is cancelled.
     Cancelled,
 }
+
+impl std::fmt::Display for PlanWriteError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Move(error) => write!(f, "{error}"),
+            Self::BeyondLimit(finding) => f.write_str(&finding.what()),
+            Self::Cancelled => write!(f, "{Cancelled}"),
+        }
+    }
+}
+
+impl std::error::Error for PlanWriteError {}
 
 impl From<Cancelled> for PlanWriteError {
     fn from(_: Cancelled) -> Self {
@@ -298,7 +318,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             if let Some(tool) = tool {
                 really[tool] += further;
             }
-            if let Some(beyond) = LimitFinding::of(machine, &really, |axis| axis < A && point[axis] != from[axis], line)
+            if let Some(beyond) =
+                LimitFinding::find(machine, &really, |axis| axis < A && point[axis] != from[axis], line)
             {
                 return Err(PlanWriteError::BeyondLimit(beyond));
             }

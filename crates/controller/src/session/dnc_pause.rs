@@ -423,7 +423,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let here = self.path_start();
         let Some((trip, aim)) = &mut self.dnc.manual_move else { return Ok(()) };
         let Some(hand) = &mut self.dnc.jog_planner else { return Ok(()) };
-        let ended = trip.advance(hand, &mut self.card).map_err(|fault| CardError::of(&fault))?;
+        let ended = trip.advance(hand, &mut self.card).map_err(|fault| CardError::from_failure(&fault))?;
         if trip.is_off_path() {
             self.dnc.path_start.get_or_insert(here);
             self.target = None;
@@ -457,11 +457,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         let line = self.dnc_line();
         if let Some(start) = self.dnc.path_start.take() {
-            self.card.begin(start).map_err(|fault| CardError::of(&fault))?;
+            self.card.begin(start).map_err(|fault| CardError::from_failure(&fault))?;
             let _ = self.card.send(HostCommand::Replay { on: self.replays_outputs });
         }
         self.target = None;
-        let flags = DncFlags::of(&self.dnc.interruption);
+        let flags = DncFlags::from_interruption(&self.dnc.interruption);
         self.emit_at(line, EventKind::Dnc(DncEvent { step: DncStep::Arrived, flags }));
         // Cycle start confirms the resumption; of outputs that differ, a cutter that was armed is confirmed as well.
         let agreed = std::mem::take(&mut self.dnc.cutter_is_armed) && self.only_cutters_differ();
@@ -494,7 +494,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     pub(super) fn run_paused_period(&mut self) -> Result<Option<Outcome>, CardError> {
         self.apply_commands();
         self.advance_restart();
-        let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
+        let status = *self.card.period().map_err(|fault| CardError::from_failure(&fault))?;
         if let Some(off) = status.cutter_off {
             self.cutter_went_off(off);
         }
@@ -524,7 +524,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     pub(super) fn emit_dnc_step(&mut self, step: DncStep) {
-        let flags = DncFlags::of(&self.dnc.interruption);
+        let flags = DncFlags::from_interruption(&self.dnc.interruption);
         let line = self.dnc_line();
         self.emit_at(line, EventKind::Dnc(DncEvent { step, flags }));
     }

@@ -252,7 +252,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.bar_beyond_limits(prepared.counts()[axis], prepared.start().place);
         }
         let begun = self.go_to_breakpoint(prepared.counts()).and_then(|ended| match ended {
-            None => self.card.begin(*prepared.start()).map(|()| None).map_err(|fault| CardError::of(&fault)),
+            None => self.card.begin(*prepared.start()).map(|()| None).map_err(|fault| CardError::from_failure(&fault)),
             ended => Ok(ended),
         });
         match begun {
@@ -299,7 +299,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             return Ok(Some(outcome));
         }
         self.set_rate(demand);
-        let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
+        let status = *self.card.period().map_err(|fault| CardError::from_failure(&fault))?;
         self.account_period(&status);
         Ok(self.alarm(&status))
     }
