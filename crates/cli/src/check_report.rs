@@ -16,7 +16,7 @@ pub struct CheckReport<'a, const A: usize> {
     pub program: &'a Program,
     pub machine: &'a MachineConfig,
     pub blocks: u64,
-    pub survey: &'a ProgramAnalysis<'a, A>,
+    pub analysis: &'a ProgramAnalysis<'a, A>,
     /// Warnings, for a script.
     pub diagnostics: Vec<Value>,
 }
@@ -27,7 +27,7 @@ const MAX_LISTED: usize = 10;
 impl<const A: usize> CheckReport<'_, A> {
     /// Report as text.
     pub fn text(&self) -> String {
-        let Self { program, blocks, survey, .. } = self;
+        let Self { program, blocks, analysis: survey, .. } = self;
         let mut text = format!("{}: no errors, {blocks} blocks, {} moves", program.name(), survey.scan.moves);
         // Writing to a string cannot fail.
         let _ = write!(
@@ -83,8 +83,8 @@ impl<const A: usize> CheckReport<'_, A> {
             let _ = write!(text, "\n  {}", ranges.join(" · "));
         }
         let barriers = survey.barriers.iter().map(|barrier| format!("{} of line {}", barrier.code, barrier.line));
-        text += &listed("cannot be passed backward", barriers);
-        text += &listed("stops", survey.stops.iter().map(|line| format!("line {line}")));
+        text += &list_line("cannot be passed backward", barriers);
+        text += &list_line("stops", survey.stops.iter().map(|line| format!("line {line}")));
         text
     }
 
@@ -110,7 +110,7 @@ impl<const A: usize> CheckReport<'_, A> {
 
     /// Report as one JSON object.
     pub fn json(&self) -> Value {
-        let Self { survey, .. } = self;
+        let Self { analysis: survey, .. } = self;
         let room = survey.travel_left();
         let each = |value: fn(&TravelLeft) -> [f64; 2]| -> Value {
             room.iter().map(|room| (room.axis.to_string(), json!(value(room)))).collect::<Map<_, _>>().into()
@@ -195,7 +195,7 @@ fn range_text(what: &str, range: Option<ValueRange>, unit: &str) -> Option<Strin
 }
 
 /// Formats a line with the first of many items, and the number of the others.
-fn listed(what: &str, things: impl ExactSizeIterator<Item = String>) -> String {
+fn list_line(what: &str, things: impl ExactSizeIterator<Item = String>) -> String {
     let more = things.len().saturating_sub(MAX_LISTED);
     let shown: Vec<String> = things.take(MAX_LISTED).collect();
     match (shown.is_empty(), more) {

@@ -61,11 +61,11 @@ pub struct OutputOptions<'a> {
 /// Connection of a job to the screen.
 pub struct TuiOptions<'r> {
     /// Receiver of the operator's commands.
-    pub heard: CommandReceiver,
+    pub commands: CommandReceiver,
     /// Observer that updates the screen.
-    pub live: ModelObserver,
+    pub observer: ModelObserver,
     /// Result to show at the end.
-    pub ended: &'r mut JobResult,
+    pub result: &'r mut JobResult,
 }
 
 /// Result of a job, for a person.
@@ -82,7 +82,7 @@ pub struct JobResult {
 /// Job that is ready to run.
 pub struct JobRunner<'a> {
     /// Options for output and operation.
-    pub manners: OutputOptions<'a>,
+    pub options: OutputOptions<'a>,
     /// The machine.
     pub machine: &'a MachineConfig,
     /// The program.
@@ -90,9 +90,9 @@ pub struct JobRunner<'a> {
     /// Source of a streamed program.
     pub input: Option<ProgramStream>,
     /// Where it starts.
-    pub begin: JobStart,
+    pub start: JobStart,
     /// Journal.
-    pub kept: Option<JournaledJob>,
+    pub journal: Option<JournaledJob>,
     /// Screen that operates it, if any.
     pub at_screen: Option<TuiOptions<'a>>,
 }
@@ -108,9 +108,9 @@ impl JobRunner<'_> {
         card: C,
         agree: impl FnOnce(&ResumePlan<A>, Option<&mut JournaledJob>) -> Result<(), CommandFailure>,
     ) -> Result<(u8, C), CommandFailure> {
-        let Self { manners, machine, program, input, begin, mut kept, at_screen } = self;
+        let Self { options: manners, machine, program, input, start: begin, journal: mut kept, at_screen } = self;
         let (heard, show, ended) = match at_screen {
-            Some(TuiOptions { heard, live, ended }) => {
+            Some(TuiOptions { commands: heard, observer: live, result: ended }) => {
                 (Some(heard), ConsoleOptions::Screen(Box::new(live)), Some(ended))
             }
             None => (None, ConsoleOptions::choose(manners.json, program.lines()), None),
@@ -144,11 +144,11 @@ impl JobRunner<'_> {
         if let (Some(signals), false) = (&signals, matches!(begin, JobStart::At(_))) {
             signals.listen();
         }
-        let keeping = kept.as_ref().map_or_else(JournalConfig::default, JournaledJob::keeping);
+        let keeping = kept.as_ref().map_or_else(JournalConfig::default, JournaledJob::journal_config);
         let conduct = JobOptions { begin, operators, manner, keeping };
         let mut watching = RunObservers {
             console,
-            keeper: kept.as_ref().map(|kept| kept.keeper(machine)),
+            recorder: kept.as_ref().map(|kept| kept.recorder(machine)),
             waits: WaitWatch::new(program.source_status()),
             signals: signals.as_ref(),
             terminal: terminal.as_ref(),
@@ -171,9 +171,9 @@ impl JobRunner<'_> {
         if let Some(refused) = refused {
             return Err(refused);
         }
-        let JobEnd { outcome, tally, summary, card } = end.map_err(cannot_begin)?;
+        let JobEnd { outcome, tally, summary, card } = end.map_err(start_error)?;
         let wall_s = started.elapsed().as_secs_f64();
-        let RunObservers { console, keeper, .. } = watching;
+        let RunObservers { console, recorder: keeper, .. } = watching;
         drop(keeper);
         let (verdict, alarms, line, lost_records) = console.finish();
         let report = Report {
@@ -196,7 +196,7 @@ impl JobRunner<'_> {
         value["parameter_file"] = path(&manners.tables.parameters);
         value["tool_table"] = path(&manners.tables.tools);
         if ended.is_none() {
-            tell(&report, &manners.tables, manners.json.then_some(&value));
+            print_report(&report, &manners.tables, manners.json.then_some(&value));
         }
         // Standard output itself may be lost: the journal has the report and notes that.
         let lost = lost_records.clone().or_else(crate::out::lost);
@@ -210,10 +210,11 @@ impl JobRunner<'_> {
         match ended {
             Some(ended) => {
                 let refused = if let Outcome::Refused(text) = &outcome { format!("{text}\n") } else { String::new() };
-                let text =
-                    said.iter().fold(refused + &told(&report, &manners.tables), |text, line| format!("{text}\n{line}"));
+                let text = said
+                    .iter()
+                    .fold(refused + &report_text(&report, &manners.tables), |text, line| format!("{text}\n{line}"));
                 let tables = last.tables().filter(|_| outcome == Outcome::Completed);
-                *ended = JobResult { short: short(&report), text, tables };
+                *ended = JobResult { short: summary_line(&report), text, tables };
             }
             None => said.iter().for_each(|line| eprintln!("{line}")),
         }
@@ -241,7 +242,7 @@ impl JobRunner<'_> {
 
 /// Where Enter can be pressed for a job of this program.
 fn keyboard(program: &Program) -> Keyboard {
-    match program.arrives() {
+    match program.stream_source() {
         Some(StreamSource::StandardInput) => Keyboard::Program,
         _ if std::io::stdin().is_terminal() => Keyboard::Terminal,
         _ => Keyboard::None,
@@ -275,7 +276,7 @@ pub fn prepare_real_time() {
     }
 }
 
-fn cannot_begin(why: JobStartError) -> NumberedError {
+fn start_error(why: JobStartError) -> NumberedError {
     match why {
         JobStartError::Machine(why) => NumberedError::new("E2112", why, "a shorter history_hours in the machine file"),
         JobStartError::Unfound(why) => NumberedError::new(
@@ -289,7 +290,7 @@ fn cannot_begin(why: JobStartError) -> NumberedError {
 /// Observer of a run: console, journal, signals and prompts.
 struct RunObservers<'m, const A: usize> {
     console: Console<'m, A>,
-    keeper: Option<JournalRecorder<A>>,
+    recorder: Option<JournalRecorder<A>>,
     /// Watch on the source of a streamed program.
     waits: WaitWatch,
     signals: Option<&'m StopSignals>,
@@ -301,27 +302,27 @@ struct RunObservers<'m, const A: usize> {
 }
 
 /// Number of periods between two polls for events of the journal.
-const ASKED_AFTER: u64 = 64;
+const POLL_PERIODS: u64 = 64;
 
 impl<const A: usize> Observer<A> for RunObservers<'_, A> {
     fn on_telemetry(&mut self, told: &Telemetry<A>) {
         self.console.on_telemetry(told);
         if let Some(signals) = self.signals {
-            signals.told(told);
+            signals.observe(told);
         }
-        if let Some(keeper) = &mut self.keeper {
+        if let Some(keeper) = &mut self.recorder {
             keeper.told(told);
         }
         if let (Some(terminal), Telemetry::Event(event)) = (self.terminal, told) {
             let name = |tool| self.program.tool_table().and_then(|table| table.name(tool)).map(str::to_owned);
             if let Some(text) = terminal.observe(event, name) {
-                self.console.say(&text);
+                self.console.print_note(&text);
             }
         }
         let Telemetry::Period(period) = told else { return };
         self.last = Some((period.period, period.place, period.line));
-        if period.period.is_multiple_of(ASKED_AFTER) {
-            while let Some(happening) = self.keeper.as_mut().and_then(|keeper| keeper.output_changes()) {
+        if period.period.is_multiple_of(POLL_PERIODS) {
+            while let Some(happening) = self.recorder.as_mut().and_then(|keeper| keeper.output_changes()) {
                 let event = self.event(happening);
                 self.console.on_telemetry(&Telemetry::Event(event));
             }
@@ -348,25 +349,25 @@ impl<const A: usize> RunObservers<'_, A> {
         let Some(happening) = happening else { return };
         let event = Telemetry::Event(self.event(happening));
         self.console.on_telemetry(&event);
-        if let Some(keeper) = &mut self.keeper {
+        if let Some(keeper) = &mut self.recorder {
             keeper.told(&event);
         }
     }
 }
 
 /// Prints the report: as JSON for a script, otherwise for a person.
-fn tell<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Option<&Value>) {
+fn print_report<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Option<&Value>) {
     if let Outcome::Refused(text) = report.outcome {
         eprintln!("{}", escape::lines(text));
     }
     match json {
         Some(value) => crate::out::line(value),
-        None => crate::out::line(told(report, tables)),
+        None => crate::out::line(report_text(report, tables)),
     }
 }
 
 /// Result of a job in one line.
-fn short<const A: usize>(report: &Report<'_, A>) -> String {
+fn summary_line<const A: usize>(report: &Report<'_, A>) -> String {
     let Report { outcome, tally, machine, .. } = report;
     let seconds = |periods: u64| periods as f64 * machine.period_s();
     let how = match outcome {
@@ -379,7 +380,7 @@ fn short<const A: usize>(report: &Report<'_, A>) -> String {
 }
 
 /// Report for a person.
-fn told<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
+fn report_text<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
     let value = report.to_json();
     let seconds = |key: &str| value[key].as_f64().unwrap_or(0.0);
     let times = format!(

@@ -64,7 +64,7 @@ pub fn mdi(args: &args::Mdi) -> Result<u8, CommandFailure> {
     let began = files.read()?;
     let mut desk = ModalContext::new(mdi::setup(&machine).with_start_tables(began.clone()));
     if args.dry_run {
-        desk.block(&machine, &args.block).map_err(shown)?;
+        desk.block(&machine, &args.block).map_err(print_diagnostics)?;
         say!("{}: no errors; nothing was moved", args.block);
         return Ok(0);
     }
@@ -77,7 +77,7 @@ pub fn mdi(args: &args::Mdi) -> Result<u8, CommandFailure> {
 }
 
 /// Prints the diagnostics of a block.
-fn shown(lines: Vec<String>) -> CommandFailure {
+fn print_diagnostics(lines: Vec<String>) -> CommandFailure {
     lines.iter().for_each(|line| eprintln!("{line}"));
     CommandFailure::Program
 }
@@ -106,12 +106,12 @@ fn on_card<const A: usize>(
         eprintln!(
             "note: the simulated card in this process does not keep its position; one served by `retrace card serve --pty` does"
         );
-        return on(args, machine, task, desk, &mut card, &Homing::simulated());
+        return perform_on(args, machine, task, desk, &mut card, &Homing::simulated());
     }
     let mut card = linked_card::find::<A>(&args.port.card)?;
-    card.settle(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
+    card.settle(linked_card::nonce()).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
     let Some(greeting) = card.greeting().copied() else { return Ok(3) };
-    linked_card::fits(&args.port.card, &greeting.identity, machine)?;
+    linked_card::check_fit(&args.port.card, &greeting.identity, machine)?;
     let homing = Homing::of(&args.port.card, &greeting.identity);
     let stands = machine.clone().standing_at(&greeting.counts);
     if let ManualTask::Mdi(block) = task
@@ -119,15 +119,16 @@ fn on_card<const A: usize>(
     {
         homing.check(machine)?;
     }
-    card.open(machine.card_settings(PathStart::at(0))).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
-    let code = on(args, machine, task, desk, &mut *card, &homing)?;
+    card.open(machine.card_settings(PathStart::at(0)))
+        .map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
+    let code = perform_on(args, machine, task, desk, &mut *card, &homing)?;
     // The card is at rest, or has an alarm that says more than an error here would.
     let _ = card.close();
     Ok(code)
 }
 
 /// Executes the task on a card, and prints the position.
-fn on<const A: usize, C: MotionCard<A>>(
+fn perform_on<const A: usize, C: MotionCard<A>>(
     args: &args::ManualOptions,
     machine: &MachineConfig,
     task: &ManualTask,
@@ -140,7 +141,7 @@ where
 {
     let show = if args.format.json { ConsoleOptions::Json } else { ConsoleOptions::Plain };
     let mut console = Console::<A>::new(show, machine, None)?;
-    let (signals, stops) = StopSignals::watch(StopPolicy::ByHand).unzip();
+    let (signals, stops) = StopSignals::watch(StopPolicy::Manual).unzip();
     let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us)).stopped_by(stops);
     if let Some(signals) = &signals {
         signals.listen();
@@ -148,7 +149,7 @@ where
     let manner = RunMode { wall_time: !args.port.is_simulated(), operator: false, real_time: false };
     let mut shown_work = Stoppable { console: &mut console, signals: signals.as_ref() };
     let carry_out = || perform(task, machine, desk, card, (operators, manner), &mut shown_work);
-    let done = homing.noting(task, machine, carry_out);
+    let done = homing.perform_and_record(task, machine, carry_out);
     drop(signals);
     if let (.., Some(lost)) = console.finish() {
         return Err(lost.into());
@@ -157,13 +158,13 @@ where
         Ok(ManualTaskDone::Whole { .. }) => 0,
         Ok(ManualTaskDone::Stopped) => 4,
         Err(ManualTaskError::Refused(refusal)) => return Err(refusal.into()),
-        Err(ManualTaskError::Block(lines)) => return Err(shown(lines)),
+        Err(ManualTaskError::Block(lines)) => return Err(print_diagnostics(lines)),
         Err(ManualTaskError::Trouble(trouble)) => {
             let (number, cause, remedy) = trouble.parts();
             return Err(CommandFailure::Card(NumberedError::new(number, cause, remedy)));
         }
     };
-    stands(machine, &card.status().counts, code, args.format.json);
+    print_position(machine, &card.status().counts, code, args.format.json);
     Ok(code)
 }
 
@@ -177,13 +178,13 @@ impl<const A: usize> Observer<A> for Stoppable<'_, '_, A> {
     fn on_telemetry(&mut self, told: &Telemetry<A>) {
         self.console.on_telemetry(told);
         if let Some(signals) = self.signals {
-            signals.told(told);
+            signals.observe(told);
         }
     }
 }
 
 /// Prints the position of the machine.
-fn stands(machine: &MachineConfig, counts: &[i64], code: u8, json: bool) {
+fn print_position(machine: &MachineConfig, counts: &[i64], code: u8, json: bool) {
     let axes = || machine.axes.iter().zip(counts);
     let each = |value: fn(f64, i64) -> Value| {
         let all = axes().map(|(axis, &count)| (axis.name.to_string(), value(axis.pulses_per_mm, count)));

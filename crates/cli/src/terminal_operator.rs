@@ -14,7 +14,7 @@ use retrace_controller::event::{Event, EventKind};
 use retrace_controller::operator::OperatorCommand;
 
 /// Interval of the polls for a wait and for input.
-const LOOKS_EVERY: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Command that Enter sends; `None` while the job waits for nothing.
 type Awaited = Arc<Mutex<Option<OperatorCommand>>>;
@@ -34,7 +34,7 @@ pub enum Keyboard {
 #[derive(Debug)]
 pub struct TerminalOperator {
     keyboard: Keyboard,
-    keeps_breakpoint: bool,
+    saves_breakpoint: bool,
     awaited: Awaited,
     /// Command that Enter sent last: the job waits for it again where it is rejected.
     answered: Awaited,
@@ -57,14 +57,14 @@ impl TerminalOperator {
                 // it only waits: the motion thread alone is scheduled in real time
                 let _ = retrace_controller::real_time::leave();
                 while !over.load(Ordering::Relaxed) {
-                    thread::sleep(LOOKS_EVERY);
+                    thread::sleep(POLL_INTERVAL);
                     read_terminal(keyboard, &awaited, &answered, &said, &over);
                 }
             };
             // Without the thread Enter has no effect, and the job waits for a signal.
             thread::Builder::new().name("terminal".into()).spawn(read).ok()
         };
-        (Self { keyboard, keeps_breakpoint, awaited, answered, over, reader }, heard)
+        (Self { keyboard, saves_breakpoint: keeps_breakpoint, awaited, answered, over, reader }, heard)
     }
 
     /// Applies an event of the job. Returns the prompt to print, if the job waits now. `tool_name` looks up a tool of
@@ -93,13 +93,13 @@ impl TerminalOperator {
             _ => return None,
         };
         *lock(&self.awaited) = Some(deed);
-        Some(format!("{what}; {}", self.way_on()))
+        Some(format!("{what}; {}", self.resume_hint()))
     }
 
     /// How to resume, and how to stop.
-    fn way_on(&self) -> String {
+    fn resume_hint(&self) -> String {
         let pid = std::process::id();
-        let kept = if self.keeps_breakpoint { "; `retrace resume` at a terminal resumes from here" } else { "" };
+        let kept = if self.saves_breakpoint { "; `retrace resume` at a terminal resumes from here" } else { "" };
         match self.keyboard {
             Keyboard::Terminal if in_foreground() => "press Enter to resume, Ctrl-C to stop".into(),
             Keyboard::Terminal => format!(
@@ -141,7 +141,7 @@ fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said
         // In the background, reading and flushing would stop the whole process, and the machine with it.
         if !in_foreground() {
             is_flushed = false;
-            thread::sleep(LOOKS_EVERY);
+            thread::sleep(POLL_INTERVAL);
             continue;
         }
         if !is_flushed {
@@ -155,7 +155,7 @@ fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said
         let mut bytes = [0; 256];
         match rustix::io::read(&stdin, &mut bytes) {
             // The terminal is gone: there is no further input.
-            Ok(0) => thread::sleep(LOOKS_EVERY),
+            Ok(0) => thread::sleep(POLL_INTERVAL),
             Ok(read) if bytes.iter().take(read).any(|&byte| byte == b'\n') => {
                 let Some(deed) = lock(awaited).take() else { return };
                 *lock(answered) = Some(deed);

@@ -6,7 +6,7 @@ use retrace_controller::telemetry::HoldReason;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 
-use super::event_text::tool_change_words;
+use super::event_text::tool_change_text;
 use super::key_state::KeyState;
 use super::keys::KeyAction;
 use super::model::{Pause, ScreenModel, ScreenStage};
@@ -16,9 +16,9 @@ use super::program_facts::ProgramCheck;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HintLevel {
     /// Normal operation.
-    Well,
+    Normal,
     /// Waits for the operator.
-    Waits,
+    Waiting,
     /// Alarm.
     Alarm,
 }
@@ -27,17 +27,17 @@ pub enum HintLevel {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StatusHint {
     /// Status in a word or two.
-    pub word: &'static str,
+    pub status: &'static str,
     /// Reason, in one line.
-    pub why: String,
+    pub reason: String,
     /// Severity.
-    pub grade: HintLevel,
+    pub level: HintLevel,
     /// Actions that apply, the most useful first.
-    pub acts: Vec<KeyAction>,
+    pub actions: Vec<KeyAction>,
 }
 
-fn guide(grade: HintLevel, word: &'static str, why: impl Into<String>, acts: &[KeyAction]) -> StatusHint {
-    StatusHint { word, why: why.into(), grade, acts: acts.to_vec() }
+fn hint(grade: HintLevel, word: &'static str, why: impl Into<String>, acts: &[KeyAction]) -> StatusHint {
+    StatusHint { status: word, reason: why.into(), level: grade, actions: acts.to_vec() }
 }
 
 /// Returns the status of the machine.
@@ -45,15 +45,15 @@ fn guide(grade: HintLevel, word: &'static str, why: impl Into<String>, acts: &[K
 pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
     if let Some(alarm) = &model.alarm {
         if alarm.is_refusal {
-            return guide(
-                HintLevel::Waits,
+            return hint(
+                HintLevel::Waiting,
                 "REFUSED",
                 alarm.cause.as_str(),
                 &[KeyAction::ClearAlarm, KeyAction::Messages, KeyAction::Quit],
             );
         }
         let why = format!("{}: {}", alarm.number, alarm.cause);
-        return guide(HintLevel::Alarm, "ALARM", why, &[KeyAction::ClearAlarm, KeyAction::Messages, KeyAction::Quit]);
+        return hint(HintLevel::Alarm, "ALARM", why, &[KeyAction::ClearAlarm, KeyAction::Messages, KeyAction::Quit]);
     }
     match &model.stage {
         ScreenStage::Setup => setup(model, hand),
@@ -68,7 +68,7 @@ pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
                 KeyAction::View,
                 KeyAction::Tools,
             ];
-            guide(HintLevel::Waits, "ENDED", how, &acts)
+            hint(HintLevel::Waiting, "ENDED", how, &acts)
         }
         ScreenStage::Job => match (model.pause, model.mode) {
             (Some(pause), _) => paused(model, pause),
@@ -80,7 +80,7 @@ pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
 
 fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
     if !model.at_rest {
-        return guide(HintLevel::Well, "MOVING", "manual motion; Space stops it", &[KeyAction::Hold]);
+        return hint(HintLevel::Normal, "MOVING", "manual motion; Space stops it", &[KeyAction::Hold]);
     }
     let rest = [
         KeyAction::Jog,
@@ -96,13 +96,13 @@ fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
     let mut acts = if model.homed { vec![KeyAction::CycleStart, KeyAction::Home] } else { vec![KeyAction::Home] };
     acts.extend(rest);
     if !model.homed {
-        return guide(HintLevel::Waits, "NOT HOMED", "the machine position is not known", &acts);
+        return hint(HintLevel::Waiting, "NOT HOMED", "the machine position is not known", &acts);
     }
     let name = &model.facts.program.name;
     match &model.facts.check {
         ProgramCheck::NotLoaded => {
             acts[0] = KeyAction::OpenProgram;
-            return guide(HintLevel::Waits, "NO PROGRAM", "load a program, or set up the machine", &acts);
+            return hint(HintLevel::Waiting, "NO PROGRAM", "load a program, or set up the machine", &acts);
         }
         ProgramCheck::Refused(why) => {
             let first = why.first().map_or("", String::as_str);
@@ -116,7 +116,7 @@ fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
                 KeyAction::CycleStart,
             ];
             acts.extend([KeyAction::Home, KeyAction::Output, KeyAction::Quit]);
-            return guide(HintLevel::Waits, "NOT READY", first, &acts);
+            return hint(HintLevel::Waiting, "NOT READY", first, &acts);
         }
         _ => {}
     }
@@ -125,16 +125,16 @@ fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
         (false, ProgramCheck::Checking) => format!("{name} is being checked"),
         (false, _) => format!("{name} is ready"),
     };
-    guide(HintLevel::Waits, "READY", why, &acts)
+    hint(HintLevel::Waiting, "READY", why, &acts)
 }
 
 fn resuming(model: &ScreenModel) -> StatusHint {
     match &model.question {
         Some(question) => {
             let acts = [KeyAction::Agree, KeyAction::Decline, KeyAction::View, KeyAction::Quit];
-            guide(HintLevel::Waits, "RESUME", question.title.as_str(), &acts)
+            hint(HintLevel::Waiting, "RESUME", question.title.as_str(), &acts)
         }
-        None => guide(HintLevel::Well, "RESUMING", "planning up to the breakpoint; nothing moves", &[KeyAction::Quit]),
+        None => hint(HintLevel::Normal, "RESUMING", "planning up to the breakpoint; nothing moves", &[KeyAction::Quit]),
     }
 }
 
@@ -159,11 +159,11 @@ fn normal(model: &ScreenModel) -> StatusHint {
         KeyAction::Pause,
         KeyAction::Quit,
     ];
-    match model.standing {
+    match model.hold_reason {
         HoldReason::Hold if !model.at_rest => {
-            guide(HintLevel::Waits, "STOPPING", "feed hold: braking on the path", &held)
+            hint(HintLevel::Waiting, "STOPPING", "feed hold: braking on the path", &held)
         }
-        HoldReason::Hold if model.cutter_is_out => {
+        HoldReason::Hold if model.cutter_is_off => {
             let acts = [
                 KeyAction::CycleStart,
                 KeyAction::Recover,
@@ -172,14 +172,14 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 KeyAction::BackBy,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Waits, "FEED HOLD", "the cutter is off; c asks before it restarts, k restarts it", &acts)
+            hint(HintLevel::Waiting, "FEED HOLD", "the cutter is off; c asks before it restarts, k restarts it", &acts)
         }
-        HoldReason::Hold => guide(HintLevel::Waits, "FEED HOLD", "held by the operator", &held),
+        HoldReason::Hold => hint(HintLevel::Waiting, "FEED HOLD", "held by the operator", &held),
         HoldReason::ProgramStop => match model.tool_change {
-            Some(tool) => guide(HintLevel::Waits, "TOOL CHANGE", tool_change_words(model, tool), &held),
-            None => guide(HintLevel::Waits, "PROGRAM STOP", "stopped by the program", &held),
+            Some(tool) => hint(HintLevel::Waiting, "TOOL CHANGE", tool_change_text(model, tool), &held),
+            None => hint(HintLevel::Waiting, "PROGRAM STOP", "stopped by the program", &held),
         },
-        HoldReason::SingleBlock => guide(HintLevel::Waits, "SINGLE BLOCK", "at the end of a block", &held),
+        HoldReason::SingleBlock => hint(HintLevel::Waiting, "SINGLE BLOCK", "at the end of a block", &held),
         HoldReason::Ended => {
             let acts = [
                 KeyAction::Quit,
@@ -192,32 +192,34 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 KeyAction::OpenProgram,
                 KeyAction::Output,
             ];
-            guide(HintLevel::Waits, "ENDED", "program completed; reverse run is still possible", &acts)
+            hint(HintLevel::Waiting, "ENDED", "program completed; reverse run is still possible", &acts)
         }
         HoldReason::Paused => {
-            guide(HintLevel::Waits, "PAUSED", "at the breakpoint", &[KeyAction::CycleStart, KeyAction::Quit])
+            hint(HintLevel::Waiting, "PAUSED", "at the breakpoint", &[KeyAction::CycleStart, KeyAction::Quit])
         }
         HoldReason::None => match model.switching {
-            Some(code) => guide(HintLevel::Well, "RUNNING", format!("waiting for {code} to complete"), &running),
-            None => match model.waits_for() {
+            Some(code) => hint(HintLevel::Normal, "RUNNING", format!("waiting for {code} to complete"), &running),
+            None => match model.stalled_source() {
                 Some((source, seconds)) if model.at_rest => {
                     let why = format!("waiting for {source}, {seconds:.0} s so far");
-                    guide(HintLevel::Waits, "WAITING", why, &running)
+                    hint(HintLevel::Waiting, "WAITING", why, &running)
                 }
-                _ if model.short => {
-                    guide(HintLevel::Well, "RUNNING", "slowed down: the program arrives too slowly", &running)
+                _ if model.starved => {
+                    hint(HintLevel::Normal, "RUNNING", "slowed down: the program arrives too slowly", &running)
                 }
-                _ if model.at_rest => guide(HintLevel::Well, "RUNNING", "at rest until more path is planned", &running),
-                _ => guide(HintLevel::Well, "RUNNING", "executing the program", &running),
+                _ if model.at_rest => {
+                    hint(HintLevel::Normal, "RUNNING", "at rest until more path is planned", &running)
+                }
+                _ => hint(HintLevel::Normal, "RUNNING", "executing the program", &running),
             },
         },
     }
 }
 
 fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
-    if !model.differ.is_empty() {
+    if !model.differing_outputs.is_empty() {
         let acts = [KeyAction::Agree, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Output, KeyAction::Quit];
-        return guide(HintLevel::Waits, "OUTPUTS DIFFER", "from the state that the program expects here", &acts);
+        return hint(HintLevel::Waiting, "OUTPUTS DIFFER", "from the state that the program expects here", &acts);
     }
     let back = format!("{:.1} mm back", model.back_mm());
     let at_oldest = model.at_rest && model.place == Place::start_of(model.oldest);
@@ -233,7 +235,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
         KeyAction::Quit,
     ];
     match mode {
-        _ if model.standing == HoldReason::Hold => {
+        _ if model.hold_reason == HoldReason::Hold => {
             let acts = [
                 KeyAction::CycleStart,
                 KeyAction::Leave,
@@ -244,7 +246,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Quit,
             ];
             let word = if model.at_rest { "FEED HOLD" } else { "STOPPING" };
-            guide(HintLevel::Waits, word, format!("held while retracing, {back}"), &acts)
+            hint(HintLevel::Waiting, word, format!("held while retracing, {back}"), &acts)
         }
         Mode::Wheel => {
             let why = match (at_oldest, at_reached) {
@@ -261,17 +263,17 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Output,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Waits, "HANDWHEEL", why, &acts)
+            hint(HintLevel::Waiting, "HANDWHEEL", why, &acts)
         }
-        Mode::Rejoin if !model.at_rest => guide(
-            HintLevel::Well,
+        Mode::Rejoin if !model.at_rest => hint(
+            HintLevel::Normal,
             "RETURNING",
             format!("{back}, then the program resumes"),
             &[KeyAction::Hold, KeyAction::Reverse],
         ),
         Mode::Rejoin | Mode::AwaitOutputs => {
             let acts = [KeyAction::Leave, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Quit];
-            guide(HintLevel::Waits, "RETURNING", format!("at rest; {back}"), &acts)
+            hint(HintLevel::Waiting, "RETURNING", format!("at rest; {back}"), &acts)
         }
         Mode::Reverse if model.at_cutter_boundary => {
             let acts = [
@@ -282,13 +284,13 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Wheel,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Waits, "CUTTER ON", "the program switched the cutter here; it is still on", &acts)
+            hint(HintLevel::Waiting, "CUTTER ON", "the program switched the cutter here; it is still on", &acts)
         }
         Mode::Reverse if at_oldest => {
-            guide(HintLevel::Waits, "REVERSE", format!("at the start of the history, {back}"), &standing)
+            hint(HintLevel::Waiting, "REVERSE", format!("at the start of the history, {back}"), &standing)
         }
-        Mode::Forward if at_reached => guide(HintLevel::Waits, "FORWARD", "at the furthest place", &standing),
-        _ if model.at_rest => guide(HintLevel::Waits, "AT REST", back, &standing),
+        Mode::Forward if at_reached => hint(HintLevel::Waiting, "FORWARD", "at the furthest place", &standing),
+        _ if model.at_rest => hint(HintLevel::Waiting, "AT REST", back, &standing),
         Mode::Forward => {
             let acts = [
                 KeyAction::Hold,
@@ -299,7 +301,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Output,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Well, "FORWARD", back, &acts)
+            hint(HintLevel::Normal, "FORWARD", back, &acts)
         }
         _ => {
             let acts = [
@@ -312,7 +314,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::BackJet,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Well, "REVERSE", back, &acts)
+            hint(HintLevel::Normal, "REVERSE", back, &acts)
         }
     }
 }
@@ -334,9 +336,9 @@ pub fn steps(pause: Pause) -> Vec<(&'static str, KeyAction, bool)> {
 }
 
 fn paused(model: &ScreenModel, pause: Pause) -> StatusHint {
-    if model.standing != HoldReason::Paused {
-        return guide(
-            HintLevel::Well,
+    if model.hold_reason != HoldReason::Paused {
+        return hint(
+            HintLevel::Normal,
             "APPROACHING",
             "returning to the breakpoint",
             &[KeyAction::Hold, KeyAction::Quit],
@@ -358,5 +360,5 @@ fn paused(model: &ScreenModel, pause: Pause) -> StatusHint {
             acts.push(act);
         }
     }
-    guide(HintLevel::Waits, "PAUSED", why, &acts)
+    hint(HintLevel::Waiting, "PAUSED", why, &acts)
 }

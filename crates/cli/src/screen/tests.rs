@@ -19,7 +19,7 @@ use super::fake_machine::{self, FakeMachine, FakePath};
 use super::key_state::{KeyState, OpenDialog, PendingQuestion};
 use super::keys::{Key, TABLE};
 use super::model::{AlarmShown, AxisHoming, Pause, ScreenModel, ScreenStage};
-use super::model_observer::locked;
+use super::model_observer::lock_model;
 use super::program_facts::{AxisFacts, Planned, ProgramFacts, Text};
 use super::trail::TrailPoint;
 use super::{UiCommand, layout, view};
@@ -57,7 +57,7 @@ impl ScreenFixture {
         let picture = self.picture();
         let said = self.hand.key(key, self.now_ms, &picture);
         if let Some(said) = &said {
-            self.machine.hear(said);
+            self.machine.handle_command(said);
         }
         said
     }
@@ -76,7 +76,7 @@ impl ScreenFixture {
     }
 
     fn picture(&self) -> ScreenModel {
-        locked(&self.model).clone()
+        lock_model(&self.model).clone()
     }
 
     fn screen(&self, width: u16, height: u16) -> Buffer {
@@ -142,7 +142,7 @@ fn the_screens_are_as_they_were_looked_at() {
     bench.is_as("7-outputs-differ", 80, 24);
     bench.keys("y");
     bench.wait(500);
-    bench.machine.hear(&UiCommand::Deed(retrace_controller::operator::OperatorCommand::SpindleStart));
+    bench.machine.handle_command(&UiCommand::Deed(retrace_controller::operator::OperatorCommand::SpindleStart));
     bench.keys("p");
     bench.wait(500);
     bench.keys("S");
@@ -152,7 +152,7 @@ fn the_screens_are_as_they_were_looked_at() {
     bench.keys("?");
     bench.is_as("9-keys", 80, 24);
     bench.keys("x");
-    locked(&bench.model).alarm = Some(AlarmShown {
+    lock_model(&bench.model).alarm = Some(AlarmShown {
         number: "E3012".into(),
         cause: "the emergency-stop chain is open".into(),
         remedy: "make the machine safe, close the chain, clear the alarm, then home the machine".into(),
@@ -166,7 +166,7 @@ fn with_messages(texts: &[&str]) -> ScreenModel {
     let letters = ['x', 'y', 'z'];
     let axes = letters.map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] }).to_vec();
     let mut model = ScreenModel::new(Arc::new(ProgramFacts { axes, ..ProgramFacts::default() }));
-    texts.iter().for_each(|message| model.say(1.0, 0, *message));
+    texts.iter().for_each(|message| model.add_message(1.0, 0, *message));
     model
 }
 
@@ -279,7 +279,7 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     assert_eq!(said, [UiCommand::Deed(retrace_controller::operator::OperatorCommand::Output { number: 5, on: false })]);
     hand.dry = true;
     assert!(shown(&model, &hand).starts_with(" DRY RUNNING"), "{}", shown(&model, &hand));
-    (model.standing, model.tool_change, model.at_rest) = (HoldReason::ProgramStop, Some(3), true);
+    (model.hold_reason, model.tool_change, model.at_rest) = (HoldReason::ProgramStop, Some(3), true);
     Arc::make_mut(&mut model.facts).tool_names = [(3, "6 mm end mill".to_owned())].into();
     let change = shown(&model, &KeyState::new());
     assert!(change.contains("TOOL CHANGE") && change.contains("insert tool T3: 6 mm end mill"), "{change}");
@@ -413,21 +413,21 @@ prop_compose! {
         (model.mode, model.line, model.reached_line, model.rate) = (mode, line, line / 2, rate);
         (model.override_rate, model.feed_mm_min, model.outputs) = (over, feed, outputs);
         model.stage = [ScreenStage::Setup, ScreenStage::Job, ScreenStage::Ended(words.clone())][stage as usize].clone();
-        model.standing = [
+        model.hold_reason = [
             HoldReason::None, HoldReason::Hold, HoldReason::ProgramStop, HoldReason::SingleBlock, HoldReason::Paused, HoldReason::Ended,
         ][standing as usize];
         if alarm {
             let (number, cause, remedy) = ("E3012".into(), words.clone(), words.repeat(9));
             model.alarm = Some(AlarmShown { number, cause, remedy, is_refusal: differ > 20 });
         }
-        model.differ = (0..differ).map(|n| (n, 0, 1)).collect();
+        model.differing_outputs = (0..differ).map(|n| (n, 0, 1)).collect();
         model.pause = paused.map(|(spindle, stopped, online)| Pause { spindle, stopped, started: online, online });
         model.active.modal = words.repeat(3);
         for (n, at) in points.into_iter().enumerate() {
             model.trail.push(TrailPoint { along_mm: n as f64, at, rapid: n % 2 == 0 });
         }
         for n in 0..9 {
-            model.say(f64::from(n), line, words.clone());
+            model.add_message(f64::from(n), line, words.clone());
         }
         model
     }
@@ -464,7 +464,7 @@ proptest! {
     fn the_active_block_is_in_view_and_no_pane_is_written_over(
         model in any_model(), width in 80..300u16, height in 24..100u16,
     ) {
-        let model = ScreenModel { alarm: None, differ: Vec::new(), pause: None, ..model };
+        let model = ScreenModel { alarm: None, differing_outputs: Vec::new(), pause: None, ..model };
         let out = drawn(&model, &KeyState::new(), width, height, 0);
         let panes = layout::panes(width, height, model.facts.axes.len()).expect("large enough");
         for pane in [panes.program, panes.path, panes.position, panes.motion, panes.state] {
@@ -520,25 +520,25 @@ fn measure_the_redraw() {
         let turn = f64::from(n) * 0.07;
         let at = [turn.cos() * 50.0, (turn * 1.37).sin() * 40.0, 0.0].map(|mm| mm as f32);
         model.trail.push(TrailPoint { along_mm: f64::from(n), at, rapid: false });
-        model.lengths.grow(Place::start_of(n + 1), 1.0, 0);
+        model.lengths.extend(Place::start_of(n + 1), 1.0, 0);
     }
     let shared = Mutex::new(model);
     let mut terminal = Terminal::new(TestBackend::new(200, 60)).expect("a terminal in memory");
     let (mut sum, mut most) = (0.0, 0.0f64);
     for n in 0..200u32 {
         {
-            let mut model = locked(&shared);
+            let mut model = lock_model(&shared);
             (model.line, model.reached_line) = (n * 499, n * 499);
             (model.place, model.reached) = (Place::start_of(100_000), 200_000);
             model.mode = Mode::Reverse;
         }
         let started = std::time::Instant::now();
-        let picture = locked(&shared).clone();
+        let picture = lock_model(&shared).clone();
         terminal.draw(|frame| view::draw(frame.buffer_mut(), &picture, &KeyState::new(), PLAIN, 0)).expect("in memory");
         let ms = started.elapsed().as_secs_f64() * 1e3;
         sum += ms;
         most = most.max(ms);
     }
-    let knots = locked(&shared).trail.knots().count();
+    let knots = lock_model(&shared).trail.corners().count();
     println!("200 pictures of 200 x 60, {knots} corners: mean {:.2} ms, most {most:.2} ms", sum / 200.0);
 }

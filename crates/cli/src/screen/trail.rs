@@ -4,7 +4,7 @@
 //! is invisible; where that is not enough, the oldest corners are dropped.
 
 /// Maximum number of corners.
-pub const MOST: usize = 4096;
+pub const MAX_CORNERS: usize = 4096;
 
 /// Maximum number of points since the last corner that are checked against the line.
 const WAITING: usize = 24;
@@ -62,14 +62,14 @@ impl Trail {
             });
         if turns && let Some(corner) = self.waiting.pop() {
             self.waiting.clear();
-            self.keep(corner);
+            self.push_corner(corner);
         }
         self.waiting.push(knot);
     }
 
-    fn keep(&mut self, corner: TrailPoint) {
+    fn push_corner(&mut self, corner: TrailPoint) {
         self.corners.push(corner);
-        if self.corners.len() + 1 >= MOST {
+        if self.corners.len() + 1 >= MAX_CORNERS {
             let (all, extent) = (std::mem::take(&mut self.corners), self.extent);
             let coarsest = extent.map_or(0.0, |[least, greatest]| distance(least, greatest) * COARSEST);
             let tolerance_mm = (2.0 * self.tolerance_mm).min(coarsest.max(self.tolerance_mm));
@@ -79,15 +79,15 @@ impl Trail {
             }
             coarser.corners.extend(coarser.waiting.pop());
             coarser.waiting.clear();
-            if coarser.corners.len() > MOST / 4 * 3 {
-                coarser.corners.drain(..MOST / 4);
+            if coarser.corners.len() > MAX_CORNERS / 4 * 3 {
+                coarser.corners.drain(..MAX_CORNERS / 4);
             }
             *self = Self { extent, ..coarser };
         }
     }
 
     /// Corners, with the last point.
-    pub fn knots(&self) -> impl Iterator<Item = &TrailPoint> {
+    pub fn corners(&self) -> impl Iterator<Item = &TrailPoint> {
         self.corners.iter().chain(self.waiting.last())
     }
 
@@ -131,8 +131,8 @@ mod tests {
         let line = (0..1000).map(|n| [n as f32 * 0.1, 0.0, 0.0]);
         let corner = (1..1000).map(|n| [99.9, n as f32 * 0.1, 0.0]);
         let trail = trail(line.chain(corner));
-        assert!(trail.knots().count() < 100, "{}", trail.knots().count());
-        assert!(trail.knots().any(|k| distance(k.at, [99.9, 0.0, 0.0]) < 0.15));
+        assert!(trail.corners().count() < 100, "{}", trail.corners().count());
+        assert!(trail.corners().any(|k| distance(k.at, [99.9, 0.0, 0.0]) < 0.15));
         assert_eq!(trail.extent(), Some([[0.0; 3], [99.9, 99.9, 0.0]]));
     }
 
@@ -144,9 +144,9 @@ mod tests {
             (state >> 8) as f32 / 65536.0
         };
         let trail = trail((0..1_000_000).map(|_| [random(), random(), random()]));
-        assert!(trail.knots().count() <= MOST);
-        assert!(trail.knots().count() > MOST / 8);
-        let along: Vec<f64> = trail.knots().map(|k| k.along_mm).collect();
+        assert!(trail.corners().count() <= MAX_CORNERS);
+        assert!(trail.corners().count() > MAX_CORNERS / 8);
+        let along: Vec<f64> = trail.corners().map(|k| k.along_mm).collect();
         assert!(along.is_sorted());
         assert!(along.last().is_some_and(|&last| last > 999_990.0), "the newest is always there");
     }

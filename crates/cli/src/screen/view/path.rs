@@ -114,12 +114,12 @@ pub(super) fn draw(out: &mut Buffer, area: Rect, model: &ScreenModel, (view, fra
     let mut canvas = Canvas::over(inside);
     let Some(scale) = Scale::fitting((view, frame), &corners, canvas.size()) else { return };
     frame_of_limits(&mut canvas, &scale, &limits, look);
-    lines(&mut canvas, &scale, model.facts.preview.path.knots(), [3, 9], [look.plain(), look.faint()]);
-    lines(&mut canvas, &scale, model.trail.knots(), [1, 4], [look.well(); 2]);
+    lines(&mut canvas, &scale, model.facts.preview.path.corners(), [3, 9], [look.plain(), look.faint()]);
+    lines(&mut canvas, &scale, model.trail.corners(), [1, 4], [look.normal(); 2]);
     if model.stage == ScreenStage::Job && model.back_mm() > 0.0 {
         retraced(&mut canvas, &scale, model, look);
     }
-    let tool = look.waits().add_modifier(Modifier::BOLD);
+    let tool = look.waiting().add_modifier(Modifier::BOLD);
     canvas.sign(scale.dot(model.in_space()), '@', tool);
     canvas.show(out);
 }
@@ -167,10 +167,10 @@ fn lines<'k>(
 
 /// Draws the section from the tool to the furthest place.
 fn retraced(canvas: &mut Canvas, scale: &Scale, model: &ScreenModel, look: Theme) {
-    let from_mm = model.lengths.at(model.place);
-    let style = look.waits();
+    let from_mm = model.lengths.length_at(model.place);
+    let style = look.waiting();
     let mut last: Option<&TrailPoint> = None;
-    for knot in model.trail.knots() {
+    for knot in model.trail.corners() {
         if let Some(before) = last.filter(|_| knot.along_mm >= from_mm) {
             let share = if before.along_mm < from_mm && knot.along_mm > before.along_mm {
                 ((from_mm - before.along_mm) / (knot.along_mm - before.along_mm)) as f32
