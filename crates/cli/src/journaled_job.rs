@@ -46,9 +46,9 @@ impl ReservedJobFolder {
     /// # Errors
     /// `E2201`, `E2105`: the jobs folder is missing or cannot be written.
     pub fn new(journal: Option<&Path>, program: &str) -> Result<Self, NumberedError> {
-        let (jobs, when) = (JobStore::named(journal)?, Timestamp::now());
+        let (jobs, when) = (JobStore::open_or_default(journal)?, Timestamp::now());
         let folder = jobs.create(program, when)?;
-        let held = folder.hold()?;
+        let held = folder.lock()?;
         Ok(Self { jobs, folder, held, when })
     }
 
@@ -60,7 +60,7 @@ impl ReservedJobFolder {
         let path = self.folder.stream();
         let (spooling, progress) =
             SpoolWriter::create(&path, from).map_err(|error| unwritable(&path.display().to_string(), &error))?;
-        Ok((Box::new(spooling.limited_to(quota)), progress))
+        Ok((Box::new(spooling.with_quota(quota)), progress))
     }
 
     /// Starts the journal.
@@ -75,8 +75,8 @@ impl ReservedJobFolder {
     ) -> Result<JournaledJob, NumberedError> {
         let Self { jobs, folder, held, when } = self;
         let job = JobHeader { id: folder.id().into(), when, ..job };
-        let logbook = JournalWriter::begin(folder.new_journal()?, care, job, spool)?;
-        Ok(JournaledJob { jobs, folder, _lock: held, writer: logbook, known: None, overrides: Vec::new() })
+        let writer = JournalWriter::begin(folder.create_journal()?, care, job, spool)?;
+        Ok(JournaledJob { jobs, folder, _lock: held, writer, known: None, overrides: Vec::new() })
     }
 }
 
@@ -103,7 +103,7 @@ impl JournaledJob {
         care: Durability,
         record: &JobRecord,
     ) -> Self {
-        let writer = JournalWriter::waiting(care, record.durable());
+        let writer = JournalWriter::queueing(care, record.durable_place());
         let (known, overrides) = (record.last_mark.map(|mark| mark.place), record.overrides());
         Self { jobs, folder, _lock: held, writer, known, overrides }
     }
@@ -118,7 +118,7 @@ impl JournaledJob {
         resumed: ResumeEntry,
         spool: Option<SpoolProgress>,
     ) -> Result<(), NumberedError> {
-        self.writer.resume(self.folder.old_journal()?, record.tail, resumed, spool)
+        self.writer.resume(self.folder.open_journal()?, record.tail, resumed, spool)
     }
 
     /// Name of the job.
@@ -131,14 +131,14 @@ impl JournaledJob {
     #[must_use]
     pub fn journal_config(&self) -> JournalConfig {
         let notes = self.writer.index_writer(self.known, &self.overrides);
-        JournalConfig { index: Box::new(notes), durable: self.writer.durable() }
+        JournalConfig { index: Box::new(notes), durable: self.writer.durable_place() }
     }
 
     /// Recorder of events and positions.
     #[must_use]
     pub fn recorder<const A: usize>(&self, machine: &MachineConfig) -> JournalRecorder<A> {
         JournalRecorder::new(&self.writer, machine.axes.len(), machine.period_us)
-            .naming(ChannelNames::of_machine(machine))
+            .with_names(ChannelNames::of_machine(machine))
     }
 
     /// Writes the end of the job; its recorder has ended. Returns the lines to print. A write error changes nothing of
