@@ -50,11 +50,11 @@ fn print_report<const A: usize>(
         let what = "standard input is checked only while it runs";
         return Err(NumberedError::new("E2142", what, "name a file, or use `retrace run -`").into());
     };
-    let told = CheckReport { program, machine, blocks: checked.blocks, analysis: &checked.found, diagnostics };
+    let report = CheckReport { program, machine, blocks: checked.blocks, analysis: &checked.found, diagnostics };
     if args.format.json {
-        crate::out::line(told.json());
+        crate::out::line(report.json());
     } else {
-        crate::out::line(told.text());
+        crate::out::line(report.text());
     }
     Ok(())
 }

@@ -116,9 +116,9 @@ impl<'m, const A: usize> Console<'m, A> {
             bar.finish_and_clear();
         }
         // Where the machine was in motion at the last report, how it came to rest was not measured.
-        let stands = self.last.is_none_or(|(_, at_rest)| at_rest);
-        let verdict = if stands { self.monitor.finish() } else { self.monitor.finish_moving() };
-        (verdict, self.alarms, self.line, lost)
+        let is_at_rest = self.last.is_none_or(|(_, at_rest)| at_rest);
+        let limit_report = if is_at_rest { self.monitor.finish() } else { self.monitor.finish_moving() };
+        (limit_report, self.alarms, self.line, lost)
     }
 
     fn write_record(&mut self, status: &PeriodRecord<A>) {
@@ -168,8 +168,8 @@ impl<'m, const A: usize> Console<'m, A> {
 }
 
 impl<const A: usize> Observer<A> for Console<'_, A> {
-    fn on_telemetry(&mut self, told: &Telemetry<A>) {
-        match told {
+    fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
+        match telemetry {
             Telemetry::Period(period) => {
                 if self.last.is_some_and(|(last, _)| period.period > last + 1) {
                     self.monitor.skip_unmeasured();
@@ -184,7 +184,7 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
             Telemetry::Output(_) | Telemetry::Active(_) => {}
         }
         if let ConsoleOptions::Screen(screen) = &mut self.show {
-            screen.on_telemetry(told);
+            screen.on_telemetry(telemetry);
         }
     }
 }
@@ -200,8 +200,8 @@ impl<const A: usize> Console<'_, A> {
     }
 
     fn event(&mut self, event: &Event) {
-        if let EventKind::Alarm(trouble) = &event.kind {
-            let (number, cause, _) = trouble.parts();
+        if let EventKind::Alarm(error) = &event.kind {
+            let (number, cause, _) = error.parts();
             self.alarms.push(format!("{number}: {cause}"));
         }
         if let (EventKind::RetraceSwitched(channel, value), Some(switched)) = (&event.kind, &mut self.retrace_switched)

@@ -78,14 +78,10 @@ fn program_drawing(args: &args::Plot, view: Option<View>, size: Size) -> Result<
     if args.profile || !script.is_empty() {
         let card = simulated::<9>(&machine, Clock::Virtual)?;
         let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
-        let manner = RunMode { wall_time: false, operator: args.operator.is_some(), real_time: false };
-        let conduct = JobOptions {
-            start: JobStart::First,
-            commands: operators,
-            run_mode: manner,
-            journal: JournalConfig::default(),
-        };
-        job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut trace)
+        let run_mode = RunMode { wall_time: false, operator: args.operator.is_some(), real_time: false };
+        let job_options =
+            JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
+        job::run::<9, _>(&machine, program.decoder(), job_options, card, &mut trace)
             .map_err(|why| draw_error(why.to_string(), "set a shorter history_hours in the machine file"))?;
     }
     if args.profile {
@@ -263,8 +259,8 @@ impl<'m> PathTrace<'m> {
 }
 
 impl Observer<9> for PathTrace<'_> {
-    fn on_telemetry(&mut self, told: &Telemetry<9>) {
-        let Telemetry::Period(period) = told else { return };
+    fn on_telemetry(&mut self, telemetry: &Telemetry<9>) {
+        let Telemetry::Period(period) = telemetry else { return };
         let mut mm = [0.0; 9];
         for ((slot, axis), &count) in mm.iter_mut().zip(&self.machine.axes).zip(&period.counts) {
             *slot = count as f64 / axis.pulses_per_mm;

@@ -289,8 +289,8 @@ mod tests {
     struct JournalPath(JournalRecorder<9>);
 
     impl Observer<9> for JournalPath {
-        fn on_telemetry(&mut self, told: &Telemetry<9>) {
-            self.0.record(told);
+        fn on_telemetry(&mut self, telemetry: &Telemetry<9>) {
+            self.0.record(telemetry);
         }
     }
 
@@ -328,26 +328,26 @@ mod tests {
             executed: 0,
         };
         let store = job_folder.create_journal().expect("a file");
-        let logbook = JournalWriter::begin(store, Durability::Written, entry, None).expect("it works");
-        let mut kept = JournalPath(JournalRecorder::new(&logbook, 3, 1000));
-        let keeping =
-            JournalConfig { index: Box::new(logbook.index_writer(None, &[])), durable: logbook.durable_place() };
+        let writer = JournalWriter::begin(store, Durability::Written, entry, None).expect("it works");
+        let mut kept = JournalPath(JournalRecorder::new(&writer, 3, 1000));
+        let journal_config =
+            JournalConfig { index: Box::new(writer.index_writer(None, &[])), durable: writer.durable_place() };
         let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
-        let conduct = JobOptions {
+        let job_options = JobOptions {
             start: JobStart::First,
             commands: operators,
             run_mode: RunMode { wall_time: false, operator: true, real_time: false },
-            journal: keeping,
+            journal: journal_config,
         };
         let card = SimCard::new(0, machine.rate_limits().expect("limits"), Clock::Virtual).expect("a card");
-        job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut kept).expect("it runs");
+        job::run::<9, _>(&machine, program.decoder(), job_options, card, &mut kept).expect("it runs");
         drop(kept);
         match ended {
             Some(outcome) => {
                 let end = EndEntry { when: Timestamp::from_ms(0), outcome, exit_code: 0, report: Value::Null };
-                logbook.end(end).expect("it works");
+                writer.end(end).expect("it works");
             }
-            None => drop(logbook),
+            None => drop(writer),
         }
     }
 
@@ -392,8 +392,8 @@ mod tests {
     #[test]
     fn machine_time_goes_on_where_a_card_begins_anew() {
         let mut clock = MachineTime { period_s: 0.5, ..MachineTime::default() };
-        let told = [100, 102, 110].map(|period| clock.seconds(period));
-        assert_eq!(told, [0.0, 1.0, 5.0], "a card may have run before");
+        let telemetry = [100, 102, 110].map(|period| clock.seconds(period));
+        assert_eq!(telemetry, [0.0, 1.0, 5.0], "a card may have run before");
         clock.begins_anew = true;
         assert_eq!([0, 2].map(|period| clock.seconds(period)), [5.0, 6.0]);
         clock.begins_anew = true;

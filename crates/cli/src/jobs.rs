@@ -356,12 +356,12 @@ mod tests {
         let store = folder.create_journal().expect("a file");
         drop(JournalWriter::begin(store, Durability::Written, job, None).expect("it works"));
         let (store, tail) = (folder.open_journal().expect("a file"), folder.read().expect("whole").tail);
-        let logbook =
+        let writer =
             JournalWriter::reopen(store, Durability::Written, tail, DurablePlace::starting_at(0), resumed, None)
                 .expect("it works");
-        let mut keeper = JournalRecorder::<3>::new(&logbook, 3, 1000);
+        let mut recorder = JournalRecorder::<3>::new(&writer, 3, 1000);
         for (channel, value) in [(channel::SPINDLE, 1), (channel::SPEED, 12_000_000), (3, 1)] {
-            keeper.record(&Telemetry::Output(OutputChange { channel, value }));
+            recorder.record(&Telemetry::Output(OutputChange { channel, value }));
         }
         let status = CardStatus::<3> {
             place,
@@ -371,14 +371,14 @@ mod tests {
             counts: [1200, 0, -5],
             ..CardStatus::at_rest(retrace_link::PathStart::at(0))
         };
-        keeper.record(&Telemetry::Period(PeriodRecord {
+        recorder.record(&Telemetry::Period(PeriodRecord {
             mode: mode::Mode::Reverse,
             at_rest: true,
             ..PeriodRecord::from_status(&status)
         }));
-        drop(keeper);
+        drop(recorder);
         let end = EndEntry { when, outcome: JobEnding::Stopped, exit_code: 4, report: Value::Null };
-        logbook.end(end).expect("it works");
+        writer.end(end).expect("it works");
         folder
     }
 

@@ -474,13 +474,13 @@ impl Program {
     fn check_by<S>(
         &self,
         diagnostics: &mut Vec<Value>,
-        look: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<CheckFinding>, S), CommandFailure>,
+        scan: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<CheckFinding>, S), CommandFailure>,
     ) -> Result<Option<Checked<S>>, CommandFailure> {
         if self.prescan.is_none() {
             return Ok(None);
         }
         let mut decoder = self.shown_decoder();
-        let (blocks, findings, found) = look(&mut decoder)?;
+        let (blocks, findings, found) = scan(&mut decoder)?;
         decoder.progress = None;
         let all = diagnostic_json::all(self, &mut decoder, &findings);
         for one in &all {

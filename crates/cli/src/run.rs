@@ -79,8 +79,8 @@ impl RunContext<'_> {
             }
             let card = simulated::<A>(&machine, clock(&machine, args.realtime))?;
             let card = traced(card, &machine, args.vcd.as_deref())?;
-            let (kept, input) = keep(args, &program, &machine, (&self.text, entry::JobCard::Sim), card.status())?;
-            return self.job_runner(&machine, &program, kept, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
+            let (journal, input) = keep(args, &program, &machine, (&self.text, entry::JobCard::Sim), card.status())?;
+            return self.job_runner(&machine, &program, journal, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
         }
         if args.vcd.is_some() {
             let what = "--vcd: only the simulated card in this process can write a trace of its pins";
@@ -113,11 +113,11 @@ impl RunContext<'_> {
             return Ok(code);
         }
         let status = linked_card::read_status(&mut card, &args.port.card, settings)?;
-        let (kept, input) = keep(args, &program, &machine, (&self.text, named), &status)?;
+        let (journal, input) = keep(args, &program, &machine, (&self.text, named), &status)?;
         // From here on the card's watchdog expects messages from the host.
         prepare_real_time();
         card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
-        let (code, _) = self.job_runner(&machine, &program, kept, input).run(&mut *card, |_, _| Ok(()))?;
+        let (code, _) = self.job_runner(&machine, &program, journal, input).run(&mut *card, |_, _| Ok(()))?;
         // The card is at rest, or has an alarm that says more than an error here would.
         let _ = card.close();
         Ok(code)
@@ -143,14 +143,14 @@ impl RunContext<'_> {
         self,
         machine: &'m MachineConfig,
         program: &'m Program,
-        kept: Option<JournaledJob>,
+        journal: Option<JournaledJob>,
         input: Option<ProgramStream>,
     ) -> JobRunner<'m>
     where
         Self: 'm,
     {
         let args = self.args;
-        let manners = OutputOptions {
+        let options = OutputOptions {
             json: args.format.json,
             records: args.records.as_deref(),
             script: self.script,
@@ -160,8 +160,8 @@ impl RunContext<'_> {
             real_time: !args.port.is_simulated(),
             tables: TableFiles::of(&args.reading),
         };
-        let begin = args.start_line.map_or(JobStart::First, JobStart::Line);
-        JobRunner { options: manners, machine, program, input, start: begin, journal: kept, at_screen: None }
+        let start = args.start_line.map_or(JobStart::First, JobStart::Line);
+        JobRunner { options, machine, program, input, start, journal, at_screen: None }
     }
 }
 
@@ -231,11 +231,11 @@ impl<'a> JobSpec<'a> {
     pub fn run<const A: usize, C: MotionCard<A>>(
         self,
         card: C,
-        (kept, input): (Option<JournaledJob>, Option<ProgramStream>),
+        (journal, input): (Option<JournaledJob>, Option<ProgramStream>),
         at_screen: Option<TuiOptions<'_>>,
     ) -> Result<(u8, C), CommandFailure> {
         let Self { args, machine, script, program, .. } = self;
-        let manners = OutputOptions {
+        let options = OutputOptions {
             json: args.format.json,
             records: args.records.as_deref(),
             script,
@@ -246,9 +246,8 @@ impl<'a> JobSpec<'a> {
             real_time: !args.port.is_simulated(),
             tables: TableFiles::of(&args.reading),
         };
-        let begin = args.start_line.map_or(JobStart::First, JobStart::Line);
-        let machining =
-            JobRunner { options: manners, machine, program: &program, input, start: begin, journal: kept, at_screen };
-        machining.run(card, |_, _| Ok(()))
+        let start = args.start_line.map_or(JobStart::First, JobStart::Line);
+        let runner = JobRunner { options, machine, program: &program, input, start, journal, at_screen };
+        runner.run(card, |_, _| Ok(()))
     }
 }

@@ -60,7 +60,7 @@ impl StopSignals {
     #[must_use]
     pub fn watch(kind: StopPolicy) -> Option<(Self, CommandReceiver)> {
         let came = Arc::new(AtomicBool::new(false));
-        let (said, heard) = command_channel();
+        let (sender, receiver) = command_channel();
         let progress = Arc::<Mutex<Progress>>::default();
         let over = Arc::new(AtomicBool::new(false));
         let watcher = {
@@ -68,11 +68,11 @@ impl StopSignals {
             let watch = move || {
                 // it only waits: the motion thread alone is scheduled in real time
                 let _ = retrace_controller::real_time::leave();
-                watch_signals(kind, &came, &said, &progress, &over);
+                watch_signals(kind, &came, &sender, &progress, &over);
             };
             thread::Builder::new().name("signals".into()).spawn(watch).ok()?
         };
-        Some((Self { has_signal: came, progress, over, watcher: Some(watcher) }, heard))
+        Some((Self { has_signal: came, progress, over, watcher: Some(watcher) }, receiver))
     }
 
     /// From now on signals stop the job instead of ending the process. Where the system rejects that, they still end
@@ -89,9 +89,9 @@ impl StopSignals {
     }
 
     /// Applies an item of telemetry.
-    pub fn observe<const A: usize>(&self, told: &Telemetry<A>) {
+    pub fn observe<const A: usize>(&self, telemetry: &Telemetry<A>) {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
-        match told {
+        match telemetry {
             Telemetry::Period(period) => (progress.line, progress.is_moving) = (period.line, period.rate != 0),
             Telemetry::Event(event) => match &event.kind {
                 EventKind::Switching(code) => progress.instruction = Some((code.to_string(), event.line)),
@@ -116,7 +116,7 @@ impl Drop for StopSignals {
 fn watch_signals(
     kind: StopPolicy,
     came: &AtomicBool,
-    said: &CommandSender,
+    sender: &CommandSender,
     progress: &Mutex<Progress>,
     over: &AtomicBool,
 ) {
@@ -129,7 +129,7 @@ fn watch_signals(
         if is_stopping {
             let progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
             eprintln!("still stopping: {}", progress.text());
-        } else if said.send(OperatorCommand::Stop).is_ok() {
+        } else if sender.send(OperatorCommand::Stop).is_ok() {
             is_stopping = true;
             let kept = if kind == StopPolicy::Job { ", the breakpoint is saved" } else { "" };
             eprintln!("stopping: braking on the path, cutting outputs go off{kept}");

@@ -47,9 +47,9 @@ impl TerminalOperator {
     /// whether the job has a journal.
     #[must_use]
     pub fn new(keyboard: Keyboard, optional_stop: bool, keeps_breakpoint: bool) -> (Self, CommandReceiver) {
-        let (said, heard) = command_channel();
+        let (sender, receiver) = command_channel();
         // The channel has room for the first command.
-        let _ = said.send(OperatorCommand::OptionalStop(optional_stop));
+        let _ = sender.send(OperatorCommand::OptionalStop(optional_stop));
         let (awaited, answered, over) = (Awaited::default(), Awaited::default(), Arc::<AtomicBool>::default());
         let reader = {
             let (awaited, answered, over) = (Arc::clone(&awaited), Arc::clone(&answered), Arc::clone(&over));
@@ -58,20 +58,20 @@ impl TerminalOperator {
                 let _ = retrace_controller::real_time::leave();
                 while !over.load(Ordering::Relaxed) {
                     thread::sleep(POLL_INTERVAL);
-                    read_terminal(keyboard, &awaited, &answered, &said, &over);
+                    read_terminal(keyboard, &awaited, &answered, &sender, &over);
                 }
             };
             // Without the thread Enter has no effect, and the job waits for a signal.
             thread::Builder::new().name("terminal".into()).spawn(read).ok()
         };
-        (Self { keyboard, saves_breakpoint: keeps_breakpoint, awaited, answered, over, reader }, heard)
+        (Self { keyboard, saves_breakpoint: keeps_breakpoint, awaited, answered, over, reader }, receiver)
     }
 
     /// Applies an event of the job. Returns the prompt to print, if the job waits now. `tool_name` looks up a tool of
     /// the tool table.
     pub fn observe(&self, event: &Event, tool_name: impl Fn(u32) -> Option<String>) -> Option<String> {
         let line = event.line;
-        let (deed, what) = match &event.kind {
+        let (command, what) = match &event.kind {
             EventKind::ProgramStop(code) => (OperatorCommand::CycleStart, format!("{code} of line {line} waits")),
             EventKind::ToolChange(tool) => {
                 let name = tool_name(tool.unsigned_abs()).map_or(String::new(), |name| format!(" ({name})"));
@@ -92,7 +92,7 @@ impl TerminalOperator {
             }
             _ => return None,
         };
-        *lock(&self.awaited) = Some(deed);
+        *lock(&self.awaited) = Some(command);
         Some(format!("{what}; {}", self.resume_hint()))
     }
 
@@ -128,7 +128,7 @@ fn lock(awaited: &Awaited) -> std::sync::MutexGuard<'_, Option<OperatorCommand>>
 
 /// Reads the terminal while the job waits. Earlier input is discarded: it was typed for something else.
 #[cfg(unix)]
-fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said: &CommandSender, over: &AtomicBool) {
+fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, sender: &CommandSender, over: &AtomicBool) {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
     use rustix::termios::{QueueSelector, tcflush};
 
@@ -157,10 +157,10 @@ fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said
             // The terminal is gone: there is no further input.
             Ok(0) => thread::sleep(POLL_INTERVAL),
             Ok(read) if bytes.iter().take(read).any(|&byte| byte == b'\n') => {
-                let Some(deed) = lock(awaited).take() else { return };
-                *lock(answered) = Some(deed);
-                if said.send(deed).is_err() {
-                    *lock(awaited) = Some(deed);
+                let Some(command) = lock(awaited).take() else { return };
+                *lock(answered) = Some(command);
+                if sender.send(command).is_err() {
+                    *lock(awaited) = Some(command);
                 }
                 return;
             }
@@ -190,26 +190,26 @@ mod tests {
     use retrace_controller::event::DifferingOutputs;
     use retrace_core::Place;
 
-    fn event(happening: EventKind) -> Event {
-        Event { period: 1, time_s: 0.0, place: Place::default(), line: 7, kind: happening }
+    fn event(kind: EventKind) -> Event {
+        Event { period: 1, time_s: 0.0, place: Place::default(), line: 7, kind }
     }
 
     #[test]
     fn what_is_waited_for_is_said_with_the_way_on_and_the_way_out() {
-        let (operator, mut heard) = TerminalOperator::new(Keyboard::None, true, true);
-        assert_eq!(heard.next_command(), Some(OperatorCommand::OptionalStop(true)));
-        let said = |happening| operator.observe(&event(happening), |tool| (tool == 3).then(|| "end mill".to_owned()));
-        let stop = said(EventKind::ProgramStop("M0")).expect("it waits");
+        let (operator, mut receiver) = TerminalOperator::new(Keyboard::None, true, true);
+        assert_eq!(receiver.next_command(), Some(OperatorCommand::OptionalStop(true)));
+        let prompt = |kind| operator.observe(&event(kind), |tool| (tool == 3).then(|| "end mill".to_owned()));
+        let stop = prompt(EventKind::ProgramStop("M0")).expect("it waits");
         assert!(stop.starts_with("M0 of line 7 waits; no terminal to press Enter at: stop it with `kill "), "{stop}");
         assert!(stop.contains("`retrace resume`"), "{stop}");
         assert_eq!(*lock(&operator.awaited), Some(OperatorCommand::CycleStart));
-        let change = said(EventKind::ToolChange(3)).expect("it waits");
+        let change = prompt(EventKind::ToolChange(3)).expect("it waits");
         assert!(change.contains("insert tool 3 (end mill)"), "{change}");
-        assert!(said(EventKind::ToolChange(0)).is_some_and(|text| text.contains("remove the tool")));
+        assert!(prompt(EventKind::ToolChange(0)).is_some_and(|text| text.contains("remove the tool")));
         let differ = DifferingOutputs::first(&mut [(3, 0, 1)].into_iter());
-        assert!(said(EventKind::OutputsDiffer(differ)).is_some_and(|text| text.contains("restores the outputs")));
+        assert!(prompt(EventKind::OutputsDiffer(differ)).is_some_and(|text| text.contains("restores the outputs")));
         assert_eq!(*lock(&operator.awaited), Some(OperatorCommand::Confirm));
-        assert_eq!((said(EventKind::RunResumed), *lock(&operator.awaited)), (None, None));
-        assert_eq!(heard.next_command(), None, "nothing is said by itself");
+        assert_eq!((prompt(EventKind::RunResumed), *lock(&operator.awaited)), (None, None));
+        assert_eq!(receiver.next_command(), None, "nothing is said by itself");
     }
 }

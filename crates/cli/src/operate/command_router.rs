@@ -24,15 +24,15 @@ pub(super) struct CommandRouter {
 impl CommandRouter {
     /// Router for this model, and the receiver of commands while no job runs.
     pub(super) fn new(model: Arc<Mutex<ScreenModel>>) -> (Arc<Self>, Receiver<UiCommand>) {
-        let (words, said) = channel();
-        (Arc::new(Self { model, commands: words, job: Mutex::new(None) }), said)
+        let (commands, receiver) = channel();
+        (Arc::new(Self { model, commands, job: Mutex::new(None) }), receiver)
     }
 
     /// Starts routing to a job or a manual move. Returns its receiver of commands.
     pub(super) fn begin_job(&self) -> CommandReceiver {
-        let (said, heard) = command_channel();
-        *self.job() = Some(said);
-        heard
+        let (sender, receiver) = command_channel();
+        *self.job() = Some(sender);
+        receiver
     }
 
     /// Ends routing to the job.
@@ -41,9 +41,9 @@ impl CommandRouter {
     }
 
     /// Routes a command from the screen.
-    pub(super) fn route(&self, said: UiCommand) {
-        match said {
-            UiCommand::Deed(deed) => self.send_to_job(deed),
+    pub(super) fn route(&self, command: UiCommand) {
+        match command {
+            UiCommand::Deed(command) => self.send_to_job(command),
             UiCommand::Turn(counts) => {
                 if let Some(job) = &*self.job() {
                     job.turn_wheel(counts);
@@ -52,7 +52,7 @@ impl CommandRouter {
             UiCommand::CutterOff if self.job().is_some() => self.send_to_job(OperatorCommand::CutterOff),
             UiCommand::OptionalStop(on) => {
                 self.send_to_job(OperatorCommand::OptionalStop(on));
-                drop(self.commands.send(said));
+                drop(self.commands.send(command));
             }
             // A key that is held down does not queue up moves.
             UiCommand::Task(_) if self.job().is_some() => {}
@@ -68,9 +68,9 @@ impl CommandRouter {
     }
 
     /// Sends a command to the job that runs; without one there is nothing to hold or stop.
-    pub(super) fn send_to_job(&self, deed: OperatorCommand) {
-        let said = self.job().as_ref().map(|job| job.send(deed));
-        if said == Some(Err(CommandQueueFull)) {
+    pub(super) fn send_to_job(&self, command: OperatorCommand) {
+        let sent = self.job().as_ref().map(|job| job.send(command));
+        if sent == Some(Err(CommandQueueFull)) {
             let mut model = lock_model(&self.model);
             let (time_s, line) = (model.period as f64 * model.facts.period_s, model.line);
             model.add_message(time_s, line, "command queue full: the key was ignored, press it again");

@@ -62,7 +62,7 @@ pub(super) struct MachineThread<'m, const A: usize, C> {
     homing: &'m Homing,
     program: Arc<Program>,
     script: Vec<ScriptInstruction>,
-    at: MachineAndCard,
+    machine_and_card: MachineAndCard,
     card: &'m mut C,
     /// Modal state for MDI blocks and for the next program.
     mdi_context: mdi::ModalContext,
@@ -86,7 +86,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     pub(super) fn new(
         args: args::Run,
         (machine, homing): (&MachineConfig, &'m Homing),
-        (program, script, at): (Arc<Program>, Vec<ScriptInstruction>, MachineAndCard),
+        (program, script, machine_and_card): (Arc<Program>, Vec<ScriptInstruction>, MachineAndCard),
         card: &'m mut C,
         commands: Receiver<UiCommand>,
         router: &'m Arc<CommandRouter>,
@@ -103,7 +103,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             homing,
             program,
             script,
-            at,
+            machine_and_card,
             card,
             mdi_context,
             table_keeper,
@@ -165,11 +165,11 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     /// Passes one control period at rest.
     fn idle_period(&mut self) {
         if let Err(fault) = self.card.period() {
-            let trouble = CardError::of(&fault);
+            let error = CardError::of(&fault);
             // A latched alarm is reported below, and can be cleared.
             if self.card.status().alarm.is_none() && !self.failed {
                 self.failed = true;
-                self.emit(EventKind::Alarm(trouble));
+                self.emit(EventKind::Alarm(error));
             }
             thread::sleep(RETRY_DELAY);
         }
@@ -187,10 +187,10 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         }
     }
 
-    fn emit(&mut self, happening: EventKind) {
+    fn emit(&mut self, kind: EventKind) {
         let status = self.card.status();
         let time_s = status.period as f64 * self.machine.period_s();
-        let event = Event { period: status.period, time_s, place: status.place, line: status.line, kind: happening };
+        let event = Event { period: status.period, time_s, place: status.place, line: status.line, kind };
         Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Event(event));
     }
 
@@ -236,14 +236,14 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     fn perform_task(&mut self, task: &ManualTask) {
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
         let script = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
-        let operators = script.with_operator(self.router.begin_job());
-        let manner = RunMode { wall_time: true, operator: true, real_time: false };
+        let command_sources = script.with_operator(self.router.begin_job());
+        let run_mode = RunMode { wall_time: true, operator: true, real_time: false };
         let mut shown = ManualObserver(self.observer.clone());
         let unhomed = self.moves_machine(task, &machine).then(|| self.homing.check(&machine).err()).flatten();
         let done = match unhomed {
             Some(refusal) => Err(refusal.into()),
             None => self.homing.perform_and_record(task, &machine, || {
-                perform(task, &machine, &mut self.mdi_context, self.card, (operators, manner), &mut shown)
+                perform(task, &machine, &mut self.mdi_context, self.card, (command_sources, run_mode), &mut shown)
             }),
         };
         self.router.end_job();
@@ -266,7 +266,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             }
             // An alarm is reported at the next period at rest.
             Err(ManualTaskError::Trouble(CardError::Latched(_))) => {}
-            Err(ManualTaskError::Trouble(trouble)) => self.emit(EventKind::Alarm(trouble)),
+            Err(ManualTaskError::Trouble(error)) => self.emit(EventKind::Alarm(error)),
         }
         if let Err(refusal) = self.table_keeper.write_changes(self.mdi_context.modal_snapshot()) {
             self.add_message(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy));
@@ -344,18 +344,18 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         if let Err(fault) = self.card.begin(PathStart::at(0)) {
             return self.emit(EventKind::Alarm(CardError::of(&fault)));
         }
-        let mut ended = JobResult::default();
+        let mut result = JobResult::default();
         let at_screen =
-            TuiOptions { commands: self.router.begin_job(), observer: self.observer.clone(), result: &mut ended };
-        let at = self.at.clone();
+            TuiOptions { commands: self.router.begin_job(), observer: self.observer.clone(), result: &mut result };
+        let machine_and_card = self.machine_and_card.clone();
         let args = self.args.clone();
-        let job = JobSpec::of(&args, &machine, self.script_of_job(), program, &at);
-        let done = self.begin_journal(&job).and_then(|kept| job.run(&mut *self.card, kept, Some(at_screen)));
+        let job = JobSpec::of(&args, &machine, self.script_of_job(), program, &machine_and_card);
+        let done = self.begin_journal(&job).and_then(|journal| job.run(&mut *self.card, journal, Some(at_screen)));
         self.router.end_job();
         self.exit.ran = true;
         match done {
             Ok((code, _)) => {
-                self.apply_result(code, ended);
+                self.apply_result(code, result);
             }
             Err(failure) => {
                 let why = failure_text(failure);
@@ -378,35 +378,35 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     }
 
     /// Takes over the results of a job that ended with this exit code.
-    fn apply_result(&mut self, code: u8, ended: JobResult) {
-        if let Some((parameters, tools)) = ended.tables {
+    fn apply_result(&mut self, code: u8, result: JobResult) {
+        if let Some((parameters, tools)) = result.tables {
             self.mdi_context.set_tables(parameters, tools);
             self.table_keeper.mark_written(self.mdi_context.modal_snapshot());
         }
-        (self.exit.code, self.exit.report) = (code, Some(ended.text));
+        (self.exit.code, self.exit.report) = (code, Some(result.text));
         // A resumed job brings its own setting.
         self.optional_stop = lock_model(&self.router.model).optional_stop;
-        lock_model(&self.router.model).end(&ended.short);
+        lock_model(&self.router.model).end(&result.short);
     }
 
     /// Resumes an interrupted job at its breakpoint.
     fn resume(&mut self, resumed: ResumingJob<'m, A, C>) -> Result<(), CommandFailure> {
-        let mut ended = JobResult::default();
+        let mut result = JobResult::default();
         let at_screen =
-            TuiOptions { commands: self.router.begin_job(), observer: self.observer.clone(), result: &mut ended };
-        let (words, model) = (&self.commands, &self.router.model);
-        let mut ask = |taken: &ResumeSummary<'_, A>| {
-            let prepared = taken.prepared;
+            TuiOptions { commands: self.router.begin_job(), observer: self.observer.clone(), result: &mut result };
+        let (commands, model) = (&self.commands, &self.router.model);
+        let mut ask = |summary: &ResumeSummary<'_, A>| {
+            let prepared = summary.prepared;
             let outputs = (0..).zip(prepared.expected_outputs()).map(|(channel, &value)| (channel, value));
             lock_model(model).program_outputs = outputs.collect();
             lock_model(model).history_before = Some((prepared.oldest(), prepared.history_mm()));
-            Ok(resumed.is_confirmed || ask(model, words, "resume the job?", taken.lines()))
+            Ok(resumed.is_confirmed || ask(model, commands, "resume the job?", summary.lines()))
         };
         let done = (resumed.resume)(&mut *self.card, at_screen, &mut ask);
         self.router.end_job();
         let code = done?;
         self.exit.ran = true;
-        self.apply_result(code, ended);
+        self.apply_result(code, result);
         self.alarm = self.card.status().alarm;
         Ok(())
     }
@@ -478,10 +478,10 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
 }
 
 /// Asks the operator. Returns whether he confirms; quitting is a no.
-fn ask(model: &Mutex<ScreenModel>, words: &Receiver<UiCommand>, title: &str, lines: Vec<String>) -> bool {
+fn ask(model: &Mutex<ScreenModel>, commands: &Receiver<UiCommand>, title: &str, lines: Vec<String>) -> bool {
     lock_model(model).ask(Some(Question { title: title.into(), lines }));
     let is_agreed = loop {
-        match words.recv() {
+        match commands.recv() {
             Ok(UiCommand::Answer(is_agreed)) => break is_agreed,
             Ok(UiCommand::Quit) | Err(_) => break false,
             Ok(_) => {}
@@ -495,13 +495,13 @@ fn ask(model: &Mutex<ScreenModel>, words: &Receiver<UiCommand>, title: &str, lin
 struct ManualObserver(ModelObserver);
 
 impl<const A: usize> Observer<A> for ManualObserver {
-    fn on_telemetry(&mut self, told: &Telemetry<A>) {
-        match told {
+    fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
+        match telemetry {
             Telemetry::Event(Event { kind: EventKind::Started, .. }) => {}
             Telemetry::Period(period) => {
                 self.0.on_telemetry(&Telemetry::Period(PeriodRecord { off_path: true, ..*period }))
             }
-            told => self.0.on_telemetry(told),
+            telemetry => self.0.on_telemetry(telemetry),
         }
     }
 }

@@ -113,19 +113,19 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     if let Some(resumed) = &resumed {
         preview_thread::show_resuming(&model, resumed.origin);
     }
-    let (desk, words) = CommandRouter::new(Arc::clone(&model));
-    let mut screen = ScreenThread::begin(&model, &desk);
-    let machinist =
-        MachineThread::<A, C>::new(args.clone(), (machine, homing), (program, script, at), card, words, &desk);
-    let machinist = machinist.resuming(resumed);
+    let (router, commands) = CommandRouter::new(Arc::clone(&model));
+    let mut screen = ScreenThread::begin(&model, &router);
+    let machine_thread =
+        MachineThread::<A, C>::new(args.clone(), (machine, homing), (program, script, at), card, commands, &router);
+    let machine_thread = machine_thread.resuming(resumed);
     let done = thread::scope(|scope| {
-        let machine = scope.spawn(|| machinist.work());
+        let machine = scope.spawn(|| machine_thread.work());
         while !machine.is_finished() {
             thread::sleep(POLL_INTERVAL);
             if signals.have_arrived() || screen.is_gone() {
-                desk.stop_and_quit();
+                router.stop_and_quit();
             } else if screen.is_stuck() {
-                desk.send_to_job(OperatorCommand::Hold);
+                router.send_to_job(OperatorCommand::Hold);
             }
         }
         // A panic of the machine thread is a defect, never an input; it is passed on once the terminal is restored.
@@ -155,9 +155,9 @@ struct ScreenThread {
 }
 
 impl ScreenThread {
-    fn begin(model: &Arc<Mutex<ScreenModel>>, desk: &Arc<CommandRouter>) -> Self {
-        let (picture, desk) = (Arc::clone(model), Arc::clone(desk));
-        let thread = thread::spawn(move || Screen::default().run(&picture, |said| desk.route(said)));
+    fn begin(model: &Arc<Mutex<ScreenModel>>, router: &Arc<CommandRouter>) -> Self {
+        let (picture, router) = (Arc::clone(model), Arc::clone(router));
+        let thread = thread::spawn(move || Screen::default().run(&picture, |command| router.route(command)));
         Self { thread: Some(thread), model: Arc::clone(model), drawn: (Instant::now(), 0), held: false }
     }
 

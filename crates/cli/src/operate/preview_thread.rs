@@ -112,9 +112,9 @@ struct PreviewJob {
 }
 
 /// Calculates check, path and duration of a program in a thread, and shows them as they become known.
-fn compute_preview<const A: usize>(model: &Arc<Mutex<ScreenModel>>, reckoning: PreviewJob) {
+fn compute_preview<const A: usize>(model: &Arc<Mutex<ScreenModel>>, job: PreviewJob) {
     let number = LATEST_CALCULATION.fetch_add(1, Ordering::Relaxed) + 1;
-    let program = &reckoning.program;
+    let program = &job.program;
     if !program.is_loaded() {
         return publish(model, number, |facts| ProgramFacts { check: ProgramCheck::NotLoaded, ..facts });
     }
@@ -126,13 +126,13 @@ fn compute_preview<const A: usize>(model: &Arc<Mutex<ScreenModel>>, reckoning: P
     thread::spawn(move || {
         let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         if LATEST_CALCULATION.load(Ordering::Relaxed) == number {
-            calculate_preview::<A>(&model, number, reckoning);
+            calculate_preview::<A>(&model, number, job);
         }
     });
 }
 
-fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, reckoning: PreviewJob) {
-    let PreviewJob { machine, program, setup, is_checked } = reckoning;
+fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, job: PreviewJob) {
+    let PreviewJob { machine, program, setup, is_checked } = job;
     let refused = |why: String| {
         let findings = diagnostic_text::in_words(&why);
         let check = ProgramCheck::Refused(findings.clone());
@@ -155,12 +155,13 @@ fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, re
     } else {
         publish(model, number, |facts| ProgramFacts { check: ProgramCheck::Ready, ..facts });
     }
-    let wanted = |decoder| CancellableDecoder { decoder, number };
-    let preview = Preview::of(&machine, &mut wanted(program.decoder()));
+    let cancellable = |decoder| CancellableDecoder { decoder, number };
+    let preview = Preview::of(&machine, &mut cancellable(program.decoder()));
     publish(model, number, |facts| ProgramFacts { preview, start_position_mm: stands_at_mm, ..facts });
-    let surveyed = program_analysis::analyse_program::<A>(&machine, &mut wanted(program.decoder()));
-    let planned = surveyed
-        .map_or(Planned::Unknown, |(_, _, survey)| Planned::Known(survey.motion_periods as f64 * machine.period_s()));
+    let analysed = program_analysis::analyse_program::<A>(&machine, &mut cancellable(program.decoder()));
+    let planned = analysed.map_or(Planned::Unknown, |(_, _, analysis)| {
+        Planned::Known(analysis.motion_periods as f64 * machine.period_s())
+    });
     publish(model, number, |facts| ProgramFacts { planned, ..facts });
 }
 

@@ -19,7 +19,7 @@ pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
             Some(words) => words.into(),
             None => return Vec::new(),
         },
-        EventKind::Operator(deed) => format!("operator: {}", command_text(model, deed)),
+        EventKind::Operator(command) => format!("operator: {}", command_text(model, command)),
         EventKind::CommandRejected(why) => format!("rejected: {why}"),
         EventKind::OutputChanged(number, value) => output_text(model, *number, *value),
         EventKind::RetraceSwitched(number, value) => format!("retrace: {}", output_text(model, *number, *value)),
@@ -72,8 +72,8 @@ fn mode_text(mode: &str) -> Option<&'static str> {
     })
 }
 
-fn command_text(model: &ScreenModel, deed: &OperatorCommand) -> String {
-    match deed {
+fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
+    match command {
         OperatorCommand::Hold => "feed hold".into(),
         OperatorCommand::Resume | OperatorCommand::CycleStart => "cycle start".into(),
         OperatorCommand::Reverse(rate) => format!("reverse run, {:.0} %", percent(*rate)),

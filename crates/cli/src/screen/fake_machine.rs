@@ -31,9 +31,9 @@ use crate::sim_wiring::simulated;
 const SLOPE: Travel = ONE / 150;
 
 /// Facts of a program before it runs.
-pub fn facts(machine: &MachineConfig, program: &Program, text: &str, tape: &FakePath) -> ProgramFacts {
+pub fn facts(machine: &MachineConfig, program: &Program, text: &str, path: &FakePath) -> ProgramFacts {
     ProgramFacts {
-        planned: Planned::Known(tape.records.len() as f64 * machine.period_s()),
+        planned: Planned::Known(path.records.len() as f64 * machine.period_s()),
         check: ProgramCheck::Ready,
         preview: Preview::of(machine, &mut program.decoder()),
         ..ProgramFacts::of(machine, program.name(), text)
@@ -52,26 +52,22 @@ pub struct FakePath {
 impl FakePath {
     /// Runs the program once, at full speed.
     pub fn of(machine: &MachineConfig, program: &Program) -> Self {
-        let mut tape = Self::default();
+        let mut path = Self::default();
         if let Ok(card) = simulated::<9>(machine, Clock::Virtual) {
             let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
-            let manner = RunMode { wall_time: false, operator: false, real_time: false };
-            let conduct = JobOptions {
-                start: JobStart::First,
-                commands: operators,
-                run_mode: manner,
-                journal: JournalConfig::default(),
-            };
+            let run_mode = RunMode { wall_time: false, operator: false, real_time: false };
+            let job_options =
+                JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
             // A program that cannot run leaves it empty.
-            let _ = job::run::<9, _>(machine, program.decoder(), conduct, card, &mut tape);
+            let _ = job::run::<9, _>(machine, program.decoder(), job_options, card, &mut path);
         }
-        tape
+        path
     }
 }
 
 impl Observer<9> for FakePath {
-    fn on_telemetry(&mut self, told: &Telemetry<9>) {
-        match told {
+    fn on_telemetry(&mut self, telemetry: &Telemetry<9>) {
+        match telemetry {
             Telemetry::Output(change) => self.changes.push((self.records.len() as u32, *change)),
             Telemetry::Period(period) if period.rate != 0 => self.records.push((period.line, period.increments)),
             _ => {}
@@ -119,8 +115,8 @@ impl FakeMachine {
     }
 
     /// Executes a command of the operator.
-    pub fn handle_command(&mut self, said: &UiCommand) {
-        match said {
+    pub fn handle_command(&mut self, command: &UiCommand) {
+        match command {
             UiCommand::Start => {
                 self.event(EventKind::Started);
             }
@@ -128,9 +124,9 @@ impl FakeMachine {
             UiCommand::Task(ManualTask::ClearAlarm) => lock_model(&self.model).clear_alarm(),
             UiCommand::Task(ManualTask::Jog { axis, mm }) => self.jog(*axis, *mm),
             UiCommand::Task(task) => self.event(EventKind::Message(format!("{task:?}"))),
-            UiCommand::Deed(deed) => {
-                self.event(EventKind::Operator(*deed));
-                if let Err(why) = self.apply_command(*deed) {
+            UiCommand::Deed(command) => {
+                self.event(EventKind::Operator(*command));
+                if let Err(why) = self.apply_command(*command) {
                     self.event(EventKind::CommandRejected(why));
                 }
             }
@@ -146,8 +142,8 @@ impl FakeMachine {
     }
 
     /// Executes a command that needs no mode. Returns whether it was one.
-    fn apply_manual(&mut self, deed: OperatorCommand) -> bool {
-        match deed {
+    fn apply_manual(&mut self, command: OperatorCommand) -> bool {
+        match command {
             OperatorCommand::Output { number, on } => self.switch(number, i32::from(on)),
             OperatorCommand::SpindleStop => self.switch(retrace_link::channel::SPINDLE, 0),
             OperatorCommand::SpindleStart => self.switch(retrace_link::channel::SPINDLE, 1),
@@ -159,11 +155,11 @@ impl FakeMachine {
         true
     }
 
-    fn apply_command(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
-        if self.apply_manual(deed) {
+    fn apply_command(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
+        if self.apply_manual(command) {
             return Ok(());
         }
-        let order = match deed {
+        let order = match command {
             OperatorCommand::Hold => ModeCommand::Hold,
             OperatorCommand::Pause => {
                 self.paused = true;
@@ -211,11 +207,10 @@ impl FakeMachine {
         expected
     }
 
-    fn event(&mut self, happening: EventKind) {
+    fn event(&mut self, kind: EventKind) {
         let place = Place::start_of(0).moved(self.cursor);
         let line = self.path.records.get(place.record as usize).map_or(0, |record| record.0);
-        let event =
-            Event { period: self.period, time_s: self.period as f64 * self.period_s, place, line, kind: happening };
+        let event = Event { period: self.period, time_s: self.period as f64 * self.period_s, place, line, kind };
         Observer::<9>::on_telemetry(&mut self.live, &Telemetry::Event(event));
     }
 

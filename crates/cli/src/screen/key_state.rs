@@ -231,7 +231,7 @@ impl KeyState {
     fn perform(&mut self, act: KeyAction, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
         // The next action releases a program that has come to its end.
         let is_job = model.stage == ScreenStage::Job && !model.is_at_program_end();
-        let deed = match act {
+        let command = match act {
             KeyAction::CycleStart if !is_job => return Some(UiCommand::Start),
             KeyAction::SetUp => return Some(UiCommand::SetUp),
             KeyAction::CycleStart => OperatorCommand::CycleStart,
@@ -298,7 +298,7 @@ impl KeyState {
                 return None;
             }
         };
-        Some(UiCommand::Deed(deed))
+        Some(UiCommand::Deed(command))
     }
 
     /// Handles functions that send no command: dialogs and the drawing.
@@ -469,10 +469,10 @@ impl KeyState {
             _ => return None,
         };
         match done {
-            Ok(said) => {
+            Ok(command) => {
                 self.open = OpenDialog::Nothing;
                 self.notice = None;
-                Some(said)
+                Some(command)
             }
             Err(why) => {
                 *wrong = Some(why);

@@ -87,13 +87,13 @@ pub enum UiCommand {
 /// Screen loop.
 #[derive(Debug)]
 pub struct Screen {
-    hand: KeyState,
-    look: Theme,
+    key_state: KeyState,
+    theme: Theme,
 }
 
 impl Default for Screen {
     fn default() -> Self {
-        Self { hand: KeyState::new(), look: Theme::of_environment() }
+        Self { key_state: KeyState::new(), theme: Theme::of_environment() }
     }
 }
 
@@ -146,7 +146,7 @@ impl Screen {
                 let started = Instant::now();
                 let picture = lock_model(model).clone();
                 let now_ms = begun.elapsed().as_millis() as u64;
-                terminal.draw(|frame| view::draw(frame.buffer_mut(), &picture, &self.hand, self.look, now_ms))?;
+                terminal.draw(|frame| view::draw(frame.buffer_mut(), &picture, &self.key_state, self.theme, now_ms))?;
                 record_redraw(model, started.elapsed());
                 shown = Some((started, picture.changes));
                 touched = false;
@@ -158,10 +158,10 @@ impl Screen {
             while event::poll(Duration::ZERO)? {
                 touched = true;
                 let now_ms = begun.elapsed().as_millis() as u64;
-                let said = self.handle_event(&event::read()?, now_ms, model);
-                if let Some(said) = said {
-                    let quits = said == UiCommand::Quit;
-                    say(said);
+                let command = self.handle_event(&event::read()?, now_ms, model);
+                if let Some(command) = command {
+                    let quits = command == UiCommand::Quit;
+                    say(command);
                     if quits {
                         return Ok(());
                     }
@@ -173,10 +173,12 @@ impl Screen {
     fn handle_event(&mut self, event: &Event, now_ms: u64, model: &Mutex<ScreenModel>) -> Option<UiCommand> {
         let picture = || lock_model(model).clone();
         match event {
-            Event::Key(key) if key.kind != KeyEventKind::Release => self.hand.key(key_of(key)?, now_ms, &picture()),
+            Event::Key(key) if key.kind != KeyEventKind::Release => {
+                self.key_state.key(key_of(key)?, now_ms, &picture())
+            }
             Event::Mouse(mouse) => match mouse.kind {
-                MouseEventKind::ScrollUp => self.hand.mouse_wheel(true, &picture()),
-                MouseEventKind::ScrollDown => self.hand.mouse_wheel(false, &picture()),
+                MouseEventKind::ScrollUp => self.key_state.mouse_wheel(true, &picture()),
+                MouseEventKind::ScrollDown => self.key_state.mouse_wheel(false, &picture()),
                 _ => None,
             },
             _ => None,

@@ -92,9 +92,9 @@ impl ModeHistory {
         {
             *moved = mm;
         }
-        let mut told = active_at(model, active);
-        told.work_zero_mm.iter_mut().zip(&model.moved_mm).for_each(|(zero, moved)| *zero += moved);
-        told
+        let mut telemetry = active_at(model, active);
+        telemetry.work_zero_mm.iter_mut().zip(&model.moved_mm).for_each(|(zero, moved)| *zero += moved);
+        telemetry
     }
 
     /// Ends a period with the cursor at `place` and the furthest place at `reached`: shows the state at the cursor.
@@ -134,10 +134,10 @@ impl ModelObserver {
 }
 
 impl<const A: usize> Observer<A> for ModelObserver {
-    fn on_telemetry(&mut self, told: &Telemetry<A>) {
+    fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
         let mut model = lock_model(&self.model);
         model.changes += 1;
-        match told {
+        match telemetry {
             Telemetry::Period(period) => {
                 apply_period(&mut model, period);
                 if !period.off_path {
@@ -232,8 +232,8 @@ fn apply_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A
     if model.lengths.furthest().distance_to(period.place) > 0 {
         model.lengths.extend(period.place, step_mm, period.oldest);
         model.reached_line = period.line;
-        let knot = TrailPoint { along_mm: model.lengths.total_mm(), at: model.in_space(), rapid: model.is_rapid() };
-        model.trail.push(knot);
+        let corner = TrailPoint { along_mm: model.lengths.total_mm(), at: model.in_space(), rapid: model.is_rapid() };
+        model.trail.push(corner);
     }
 }
 
@@ -277,16 +277,16 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
     let mut keep = before;
     match &event.kind {
         EventKind::Started => begin(model, event),
-        EventKind::Operator(deed) => {
+        EventKind::Operator(command) => {
             keep = model.pause;
-            if *deed == OperatorCommand::Single {
+            if *command == OperatorCommand::Single {
                 model.single = !model.single;
             }
-            if let OperatorCommand::OptionalStop(on) = deed {
+            if let OperatorCommand::OptionalStop(on) = command {
                 model.optional_stop = *on;
             }
             if let Some(pause) = &mut model.pause
-                && *deed == OperatorCommand::Online
+                && *command == OperatorCommand::Online
             {
                 pause.online = true;
             }
@@ -316,8 +316,8 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
             model.ended.get_or_insert(event.period);
         }
         EventKind::Underrun => model.underruns += 1,
-        EventKind::Alarm(trouble) => {
-            let (number, cause, remedy) = trouble.parts();
+        EventKind::Alarm(error) => {
+            let (number, cause, remedy) = error.parts();
             model.alarm = Some(AlarmShown { number: number.into(), cause, remedy, is_refusal: false });
         }
         _ => {}

@@ -36,13 +36,13 @@ pub struct StatusHint {
     pub actions: Vec<KeyAction>,
 }
 
-fn hint(grade: HintLevel, word: &'static str, why: impl Into<String>, acts: &[KeyAction]) -> StatusHint {
-    StatusHint { status: word, reason: why.into(), level: grade, actions: acts.to_vec() }
+fn hint(grade: HintLevel, word: &'static str, why: impl Into<String>, actions: &[KeyAction]) -> StatusHint {
+    StatusHint { status: word, reason: why.into(), level: grade, actions: actions.to_vec() }
 }
 
 /// Returns the status of the machine.
 #[must_use]
-pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
+pub fn of(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
     if let Some(alarm) = &model.alarm {
         if alarm.is_refusal {
             return hint(
@@ -56,10 +56,10 @@ pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
         return hint(HintLevel::Alarm, "ALARM", why, &[KeyAction::ClearAlarm, KeyAction::Messages, KeyAction::Quit]);
     }
     match &model.stage {
-        ScreenStage::Setup => setup(model, hand),
+        ScreenStage::Setup => setup(model, key_state),
         ScreenStage::Resuming => resuming(model),
         ScreenStage::Ended(how) => {
-            let acts = [
+            let actions = [
                 KeyAction::Quit,
                 KeyAction::CycleStart,
                 KeyAction::SetUp,
@@ -68,7 +68,7 @@ pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
                 KeyAction::View,
                 KeyAction::Tools,
             ];
-            hint(HintLevel::Waiting, "ENDED", how, &acts)
+            hint(HintLevel::Waiting, "ENDED", how, &actions)
         }
         ScreenStage::Job => match (model.pause, model.mode) {
             (Some(pause), _) => paused(model, pause),
@@ -78,7 +78,7 @@ pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
     }
 }
 
-fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
+fn setup(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
     if !model.at_rest {
         return hint(HintLevel::Normal, "MOVING", "manual motion; Space stops it", &[KeyAction::Hold]);
     }
@@ -93,20 +93,20 @@ fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
         KeyAction::Output,
         KeyAction::Quit,
     ];
-    let mut acts = if model.homed { vec![KeyAction::CycleStart, KeyAction::Home] } else { vec![KeyAction::Home] };
-    acts.extend(rest);
+    let mut actions = if model.homed { vec![KeyAction::CycleStart, KeyAction::Home] } else { vec![KeyAction::Home] };
+    actions.extend(rest);
     if !model.homed {
-        return hint(HintLevel::Waiting, "NOT HOMED", "the machine position is not known", &acts);
+        return hint(HintLevel::Waiting, "NOT HOMED", "the machine position is not known", &actions);
     }
     let name = &model.facts.program.name;
     match &model.facts.check {
         ProgramCheck::NotLoaded => {
-            acts[0] = KeyAction::OpenProgram;
-            return hint(HintLevel::Waiting, "NO PROGRAM", "load a program, or set up the machine", &acts);
+            actions[0] = KeyAction::OpenProgram;
+            return hint(HintLevel::Waiting, "NO PROGRAM", "load a program, or set up the machine", &actions);
         }
         ProgramCheck::Refused(why) => {
             let first = why.first().map_or("", String::as_str);
-            acts = vec![
+            actions = vec![
                 KeyAction::Messages,
                 KeyAction::WorkZero,
                 KeyAction::Jog,
@@ -115,24 +115,24 @@ fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
                 KeyAction::OpenProgram,
                 KeyAction::CycleStart,
             ];
-            acts.extend([KeyAction::Home, KeyAction::Output, KeyAction::Quit]);
-            return hint(HintLevel::Waiting, "NOT READY", first, &acts);
+            actions.extend([KeyAction::Home, KeyAction::Output, KeyAction::Quit]);
+            return hint(HintLevel::Waiting, "NOT READY", first, &actions);
         }
         _ => {}
     }
-    let why = match (hand.dry, &model.facts.check) {
+    let why = match (key_state.dry, &model.facts.check) {
         (true, _) => format!("{name}, DRY RUN: the cutter stays off"),
         (false, ProgramCheck::Checking) => format!("{name} is being checked"),
         (false, _) => format!("{name} is ready"),
     };
-    hint(HintLevel::Waiting, "READY", why, &acts)
+    hint(HintLevel::Waiting, "READY", why, &actions)
 }
 
 fn resuming(model: &ScreenModel) -> StatusHint {
     match &model.question {
         Some(question) => {
-            let acts = [KeyAction::Agree, KeyAction::Decline, KeyAction::View, KeyAction::Quit];
-            hint(HintLevel::Waiting, "RESUME", question.title.as_str(), &acts)
+            let actions = [KeyAction::Agree, KeyAction::Decline, KeyAction::View, KeyAction::Quit];
+            hint(HintLevel::Waiting, "RESUME", question.title.as_str(), &actions)
         }
         None => hint(HintLevel::Normal, "RESUMING", "planning up to the breakpoint; nothing moves", &[KeyAction::Quit]),
     }
@@ -164,7 +164,7 @@ fn normal(model: &ScreenModel) -> StatusHint {
             hint(HintLevel::Waiting, "STOPPING", "feed hold: braking on the path", &held)
         }
         HoldReason::Hold if model.cutter_is_off => {
-            let acts = [
+            let actions = [
                 KeyAction::CycleStart,
                 KeyAction::Recover,
                 KeyAction::Reverse,
@@ -172,7 +172,12 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 KeyAction::BackBy,
                 KeyAction::Quit,
             ];
-            hint(HintLevel::Waiting, "FEED HOLD", "the cutter is off; c asks before it restarts, k restarts it", &acts)
+            hint(
+                HintLevel::Waiting,
+                "FEED HOLD",
+                "the cutter is off; c asks before it restarts, k restarts it",
+                &actions,
+            )
         }
         HoldReason::Hold => hint(HintLevel::Waiting, "FEED HOLD", "held by the operator", &held),
         HoldReason::ProgramStop => match model.tool_change {
@@ -181,7 +186,7 @@ fn normal(model: &ScreenModel) -> StatusHint {
         },
         HoldReason::SingleBlock => hint(HintLevel::Waiting, "SINGLE BLOCK", "at the end of a block", &held),
         HoldReason::Ended => {
-            let acts = [
+            let actions = [
                 KeyAction::Quit,
                 KeyAction::Reverse,
                 KeyAction::SetUp,
@@ -192,7 +197,7 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 KeyAction::OpenProgram,
                 KeyAction::Output,
             ];
-            hint(HintLevel::Waiting, "ENDED", "program completed; reverse run is still possible", &acts)
+            hint(HintLevel::Waiting, "ENDED", "program completed; reverse run is still possible", &actions)
         }
         HoldReason::Paused => {
             hint(HintLevel::Waiting, "PAUSED", "at the breakpoint", &[KeyAction::CycleStart, KeyAction::Quit])
@@ -218,13 +223,13 @@ fn normal(model: &ScreenModel) -> StatusHint {
 
 fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
     if !model.differing_outputs.is_empty() {
-        let acts = [KeyAction::Agree, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Output, KeyAction::Quit];
-        return hint(HintLevel::Waiting, "OUTPUTS DIFFER", "from the state that the program expects here", &acts);
+        let actions = [KeyAction::Agree, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Output, KeyAction::Quit];
+        return hint(HintLevel::Waiting, "OUTPUTS DIFFER", "from the state that the program expects here", &actions);
     }
     let back = format!("{:.1} mm back", model.back_mm());
     let at_oldest = model.at_rest && model.place == Place::start_of(model.oldest);
     let at_reached = model.at_rest && model.place == Place::start_of(model.reached);
-    let standing = [
+    let at_rest = [
         KeyAction::Leave,
         KeyAction::LeaveAsk,
         KeyAction::Forward,
@@ -236,7 +241,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
     ];
     match mode {
         _ if model.hold_reason == HoldReason::Hold => {
-            let acts = [
+            let actions = [
                 KeyAction::CycleStart,
                 KeyAction::Leave,
                 KeyAction::Forward,
@@ -246,7 +251,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Quit,
             ];
             let word = if model.at_rest { "FEED HOLD" } else { "STOPPING" };
-            hint(HintLevel::Waiting, word, format!("held while retracing, {back}"), &acts)
+            hint(HintLevel::Waiting, word, format!("held while retracing, {back}"), &actions)
         }
         Mode::Wheel => {
             let why = match (at_oldest, at_reached) {
@@ -254,7 +259,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 (_, true) => "arrows or mouse wheel; at the furthest place".into(),
                 _ => format!("arrows or mouse wheel; {back}"),
             };
-            let acts = [
+            let actions = [
                 KeyAction::Turn,
                 KeyAction::Leave,
                 KeyAction::LeaveAsk,
@@ -263,7 +268,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Output,
                 KeyAction::Quit,
             ];
-            hint(HintLevel::Waiting, "HANDWHEEL", why, &acts)
+            hint(HintLevel::Waiting, "HANDWHEEL", why, &actions)
         }
         Mode::Rejoin if !model.at_rest => hint(
             HintLevel::Normal,
@@ -272,11 +277,11 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
             &[KeyAction::Hold, KeyAction::Reverse],
         ),
         Mode::Rejoin | Mode::AwaitOutputs => {
-            let acts = [KeyAction::Leave, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Quit];
-            hint(HintLevel::Waiting, "RETURNING", format!("at rest; {back}"), &acts)
+            let actions = [KeyAction::Leave, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Quit];
+            hint(HintLevel::Waiting, "RETURNING", format!("at rest; {back}"), &actions)
         }
         Mode::Reverse if model.at_cutter_boundary => {
-            let acts = [
+            let actions = [
                 KeyAction::CutterOff,
                 KeyAction::Reverse,
                 KeyAction::Forward,
@@ -284,15 +289,15 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Wheel,
                 KeyAction::Quit,
             ];
-            hint(HintLevel::Waiting, "CUTTER ON", "the program switched the cutter here; it is still on", &acts)
+            hint(HintLevel::Waiting, "CUTTER ON", "the program switched the cutter here; it is still on", &actions)
         }
         Mode::Reverse if at_oldest => {
-            hint(HintLevel::Waiting, "REVERSE", format!("at the start of the history, {back}"), &standing)
+            hint(HintLevel::Waiting, "REVERSE", format!("at the start of the history, {back}"), &at_rest)
         }
-        Mode::Forward if at_reached => hint(HintLevel::Waiting, "FORWARD", "at the furthest place", &standing),
-        _ if model.at_rest => hint(HintLevel::Waiting, "AT REST", back, &standing),
+        Mode::Forward if at_reached => hint(HintLevel::Waiting, "FORWARD", "at the furthest place", &at_rest),
+        _ if model.at_rest => hint(HintLevel::Waiting, "AT REST", back, &at_rest),
         Mode::Forward => {
-            let acts = [
+            let actions = [
                 KeyAction::Hold,
                 KeyAction::Reverse,
                 KeyAction::Leave,
@@ -301,10 +306,10 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Output,
                 KeyAction::Quit,
             ];
-            hint(HintLevel::Normal, "FORWARD", back, &acts)
+            hint(HintLevel::Normal, "FORWARD", back, &actions)
         }
         _ => {
-            let acts = [
+            let actions = [
                 KeyAction::Hold,
                 KeyAction::Forward,
                 KeyAction::Leave,
@@ -314,7 +319,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::BackJet,
                 KeyAction::Quit,
             ];
-            hint(HintLevel::Normal, "REVERSE", back, &acts)
+            hint(HintLevel::Normal, "REVERSE", back, &actions)
         }
     }
 }
@@ -348,17 +353,17 @@ fn paused(model: &ScreenModel, pause: Pause) -> StatusHint {
     let next = steps.iter().position(|&(_, _, done)| !done).unwrap_or(0);
     let (what, act, _) = steps.get(next).copied().unwrap_or(("resume", KeyAction::CycleStart, false));
     let why = format!("step {} of {}: {what}", next + 1, steps.len());
-    let mut acts = vec![act];
+    let mut actions = vec![act];
     // While the tool is free, the following step is available too.
     if act == KeyAction::Jog {
-        acts.push(if pause.spindle != 0 { KeyAction::Spindle } else { KeyAction::Online });
+        actions.push(if pause.spindle != 0 { KeyAction::Spindle } else { KeyAction::Online });
     }
     for act in
         [KeyAction::Jog, KeyAction::Step, KeyAction::Spindle, KeyAction::Online, KeyAction::Output, KeyAction::Quit]
     {
-        if !acts.contains(&act) && (act != KeyAction::Spindle || pause.spindle != 0) {
-            acts.push(act);
+        if !actions.contains(&act) && (act != KeyAction::Spindle || pause.spindle != 0) {
+            actions.push(act);
         }
     }
-    hint(HintLevel::Waiting, "PAUSED", why, &acts)
+    hint(HintLevel::Waiting, "PAUSED", why, &actions)
 }

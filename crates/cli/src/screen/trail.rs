@@ -38,33 +38,33 @@ pub struct Trail {
 
 impl Trail {
     /// Extends the line to this point. A point that is not finite is skipped.
-    pub fn push(&mut self, knot: TrailPoint) {
-        if !knot.at.iter().all(|x| x.is_finite()) {
+    pub fn push(&mut self, corner: TrailPoint) {
+        if !corner.at.iter().all(|x| x.is_finite()) {
             return;
         }
         self.tolerance_mm = self.tolerance_mm.max(FINEST_MM);
-        let [least, greatest] = self.extent.get_or_insert([knot.at; 2]);
+        let [least, greatest] = self.extent.get_or_insert([corner.at; 2]);
         for i in 0..3 {
-            least[i] = least[i].min(knot.at[i]);
-            greatest[i] = greatest[i].max(knot.at[i]);
+            least[i] = least[i].min(corner.at[i]);
+            greatest[i] = greatest[i].max(corner.at[i]);
         }
         let Some(last) = self.waiting.last().or(self.corners.last()) else {
-            self.corners.push(knot);
+            self.corners.push(corner);
             return;
         };
-        if last.rapid == knot.rapid && distance(last.at, knot.at) < self.tolerance_mm {
+        if last.rapid == corner.rapid && distance(last.at, corner.at) < self.tolerance_mm {
             return;
         }
-        let turns = last.rapid != knot.rapid
+        let turns = last.rapid != corner.rapid
             || self.waiting.len() >= WAITING
             || self.corners.last().is_some_and(|from| {
-                self.waiting.iter().any(|w| distance_to_line(w.at, from.at, knot.at) > self.tolerance_mm)
+                self.waiting.iter().any(|w| distance_to_line(w.at, from.at, corner.at) > self.tolerance_mm)
             });
         if turns && let Some(corner) = self.waiting.pop() {
             self.waiting.clear();
             self.push_corner(corner);
         }
-        self.waiting.push(knot);
+        self.waiting.push(corner);
     }
 
     fn push_corner(&mut self, corner: TrailPoint) {
@@ -74,8 +74,8 @@ impl Trail {
             let coarsest = extent.map_or(0.0, |[least, greatest]| distance(least, greatest) * COARSEST);
             let tolerance_mm = (2.0 * self.tolerance_mm).min(coarsest.max(self.tolerance_mm));
             let mut coarser = Self { tolerance_mm, ..Self::default() };
-            for knot in all {
-                coarser.push(knot);
+            for corner in all {
+                coarser.push(corner);
             }
             coarser.corners.extend(coarser.waiting.pop());
             coarser.waiting.clear();

@@ -10,7 +10,7 @@ use super::{Theme, pane, put_at, truncate};
 use crate::screen::model::{Message, ScreenModel, ScreenStage};
 
 /// Draws the program, with `>` at the active block and `x` at the furthest one.
-pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
+pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: Theme) {
     let text = &model.facts.program;
     let lines = text.lines();
     let active = model.line as usize;
@@ -19,10 +19,10 @@ pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, look: T
         (_, ScreenStage::Job) => format!("program · line {active} of {lines}"),
         _ => format!("program · {lines} lines"),
     };
-    let inside = pane(out, area, &title, look);
+    let inside = pane(out, area, &title, theme);
     if lines == 0 {
-        put_at(out, inside, 1, 0, "Streamed program:", look.faint());
-        put_at(out, inside, 1, 1, "no listing.", look.faint());
+        put_at(out, inside, 1, 0, "Streamed program:", theme.faint());
+        put_at(out, inside, 1, 1, "no listing.", theme.faint());
         return;
     }
     let height = usize::from(inside.height);
@@ -46,13 +46,13 @@ pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, look: T
 }
 
 /// Draws the latest messages, the newest last.
-pub(super) fn messages(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
+pub(super) fn messages(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: Theme) {
     let rows = usize::from(area.height);
     let skip = model.messages.len().saturating_sub(rows);
     let blank = rows.saturating_sub(model.messages.len());
     for (row, message) in model.messages.iter().skip(skip).enumerate() {
         let is_last = row + skip + 1 == model.messages.len();
-        let style = if is_last { Style::new() } else { look.faint() };
+        let style = if is_last { Style::new() } else { theme.faint() };
         let line = message_text(message);
         let line = truncate(&line, usize::from(area.width).saturating_sub(2));
         put_at(out, area, 1, (row + blank) as u16, &line, style);

@@ -19,30 +19,30 @@ pub(super) fn draw(
     out: &mut Buffer,
     path: Rect,
     model: &ScreenModel,
-    hand: &KeyState,
-    guide: &StatusHint,
-    look: Theme,
+    key_state: &KeyState,
+    hint: &StatusHint,
+    theme: Theme,
 ) {
-    if model.alarm.is_some() && !hand.alarm_aside {
-        alarm(out, model, look);
+    if model.alarm.is_some() && !key_state.alarm_aside {
+        alarm(out, model, theme);
         return;
     }
-    match hand.open(model) {
-        OpenDialog::Help(from) => help(out, model, *from, look),
-        OpenDialog::Tools => tools(out, model, look),
-        OpenDialog::Messages(back) => log(out, model, *back, look),
-        OpenDialog::Prompt(ask, text, wrong) => prompt(out, *ask, text, wrong.as_deref(), look),
+    match key_state.open(model) {
+        OpenDialog::Help(from) => help(out, model, *from, theme),
+        OpenDialog::Tools => tools(out, model, theme),
+        OpenDialog::Messages(back) => log(out, model, *back, theme),
+        OpenDialog::Prompt(ask, text, wrong) => prompt(out, *ask, text, wrong.as_deref(), theme),
         OpenDialog::Nothing => match (&model.alarm, model.pause) {
-            (None, _) if model.question.is_some() => question(out, model, look),
-            (None, _) if !model.differing_outputs.is_empty() => differ(out, model, look),
-            (None, Some(pause)) if guide.level == HintLevel::Waiting => pause_steps(out, path, pause, look),
+            (None, _) if model.question.is_some() => question(out, model, theme),
+            (None, _) if !model.differing_outputs.is_empty() => differ(out, model, theme),
+            (None, Some(pause)) if hint.level == HintLevel::Waiting => pause_steps(out, path, pause, theme),
             _ => {}
         },
     }
 }
 
 /// Draws the steps of a pause at the bottom of the path's pane, so that program and readouts stay visible.
-fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, look: Theme) {
+fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, theme: Theme) {
     let steps = status_line::steps(pause);
     let next = steps.iter().position(|&(_, _, done)| !done);
     let line = |(n, (what, act, done)): (usize, &(&str, KeyAction, bool))| {
@@ -55,32 +55,32 @@ fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, look: Theme) {
     };
     let lines: Vec<String> = steps.iter().enumerate().map(line).collect();
     let height = (lines.len() as u16 + 2).min(path.height);
-    draw_filled_box(out, Rect { y: path.bottom() - height, height, ..path }, "PAUSED: steps to resume", &lines, look);
+    draw_filled_box(out, Rect { y: path.bottom() - height, height, ..path }, "PAUSED: steps to resume", &lines, theme);
 }
 
 /// Draws a centred box, as large as its lines and no larger than the screen.
-fn draw_box(out: &mut Buffer, title: &str, lines: &[String], look: Theme) {
+fn draw_box(out: &mut Buffer, title: &str, lines: &[String], theme: Theme) {
     let longest = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0).max(title.chars().count() + 4);
     let width = (longest + 4).min(usize::from(out.area.width)) as u16;
     let height = (lines.len() + 2).min(usize::from(out.area.height.saturating_sub(2))) as u16;
     let at = Rect::new((out.area.width - width) / 2, (out.area.height.saturating_sub(height)) / 2, width, height);
-    draw_filled_box(out, at, title, lines, look);
+    draw_filled_box(out, at, title, lines, theme);
 }
 
-fn draw_filled_box(out: &mut Buffer, at: Rect, title: &str, lines: &[String], look: Theme) {
+fn draw_filled_box(out: &mut Buffer, at: Rect, title: &str, lines: &[String], theme: Theme) {
     let at = at.intersection(out.area);
     Clear.render(at, out);
-    let inside = pane(out, at, title, look);
+    let inside = pane(out, at, title, theme);
     for (row, line) in lines.iter().enumerate() {
         let line = truncate(line, usize::from(inside.width).saturating_sub(1));
         put_at(out, inside, 1, row as u16, &line, Style::new());
     }
-    let waits = look.waiting().add_modifier(Modifier::BOLD);
+    let waits = theme.waiting().add_modifier(Modifier::BOLD);
     put_at(out, at, 2, 0, &format!(" {} ", truncate(title, usize::from(at.width).saturating_sub(6))), waits);
 }
 
 /// Draws all keys, one page at a time: those of this situation first, then the others by situation.
-fn help(out: &mut Buffer, model: &ScreenModel, page: usize, look: Theme) {
+fn help(out: &mut Buffer, model: &ScreenModel, page: usize, theme: Theme) {
     let width = usize::from(out.area.width).saturating_sub(5);
     let lines: Vec<String> = help_lines(Situation::of(model), width);
     let room = usize::from(out.area.height.saturating_sub(4)).max(1);
@@ -93,7 +93,7 @@ fn help(out: &mut Buffer, model: &ScreenModel, page: usize, look: Theme) {
     if let Some(first) = shown.first_mut() {
         *first = format!("{first:width$}", width = longest.max(60).min(width));
     }
-    draw_box(out, &format!("keys · page {} of {pages} · ↓ next  ↑ previous  Esc close", page + 1), &shown, look);
+    draw_box(out, &format!("keys · page {} of {pages} · ↓ next  ↑ previous  Esc close", page + 1), &shown, theme);
 }
 
 /// Lines of the key list by situation; a key is listed under the first situation in which it applies.
@@ -119,17 +119,17 @@ fn help_lines(situation: Situation, width: usize) -> Vec<String> {
     lines
 }
 
-fn tools(out: &mut Buffer, model: &ScreenModel, look: Theme) {
+fn tools(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     let room = usize::from(out.area.height.saturating_sub(4));
     let mut lines: Vec<String> = model.facts.tools.iter().take(room).cloned().collect();
     if lines.is_empty() {
         lines.push("No tool table is loaded (--tools FILE).".into());
     }
-    draw_box(out, "tools · any key: close", &lines, look);
+    draw_box(out, "tools · any key: close", &lines, theme);
 }
 
 /// Draws all messages in full, the newest last; `back` is the number of lines scrolled back.
-fn log(out: &mut Buffer, model: &ScreenModel, back: usize, look: Theme) {
+fn log(out: &mut Buffer, model: &ScreenModel, back: usize, theme: Theme) {
     let room = usize::from(out.area.height.saturating_sub(4)).max(1);
     let width = usize::from(out.area.width).saturating_sub(5);
     let all: Vec<String> = model.messages.iter().flat_map(|message| fold(&message_text(message), width, 26)).collect();
@@ -138,10 +138,10 @@ fn log(out: &mut Buffer, model: &ScreenModel, back: usize, look: Theme) {
     if lines.is_empty() {
         lines.push("No messages.".into());
     }
-    draw_box(out, "messages, newest last · ↑ ↓ PgUp PgDn scroll · any other key: close", &lines, look);
+    draw_box(out, "messages, newest last · ↑ ↓ PgUp PgDn scroll · any other key: close", &lines, theme);
 }
 
-fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str>, look: Theme) {
+fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str>, theme: Theme) {
     let (title, question, keys) = match ask {
         PendingQuestion::BackBy => ("back by", "Distance back along the path, mm:", "Enter OK · Esc cancel"),
         PendingQuestion::Output => {
@@ -169,10 +169,10 @@ fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str
     }
     lines.extend(wrong.map(|wrong| format!("! {wrong}")));
     lines.push(keys.into());
-    draw_box(out, title, &lines, look);
+    draw_box(out, title, &lines, theme);
 }
 
-fn alarm(out: &mut Buffer, model: &ScreenModel, look: Theme) {
+fn alarm(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     let Some(alarm) = &model.alarm else { return };
     let width = usize::from(out.area.width.clamp(20, 90)) - 6;
     let mut lines = fold(&format!("Cause:  {}", alarm.cause), width, 8);
@@ -180,23 +180,23 @@ fn alarm(out: &mut Buffer, model: &ScreenModel, look: Theme) {
     lines.push(String::new());
     if alarm.is_refusal {
         lines.push("a or Esc: close".into());
-        draw_box(out, "PROGRAM REFUSED", &lines, look);
+        draw_box(out, "PROGRAM REFUSED", &lines, theme);
     } else {
         lines.push("a: clear the alarm · Esc: hide this box".into());
-        draw_box(out, &format!("ALARM {}", alarm.number), &lines, look);
+        draw_box(out, &format!("ALARM {}", alarm.number), &lines, theme);
     }
 }
 
-fn question(out: &mut Buffer, model: &ScreenModel, look: Theme) {
+fn question(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     let Some(question) = &model.question else { return };
     let width = usize::from(out.area.width.clamp(20, 110)) - 6;
     let mut lines: Vec<String> = question.lines.iter().flat_map(|line| fold(line, width, 11)).collect();
     lines.push(String::new());
     lines.push("y confirm · n cancel".into());
-    draw_box(out, &question.title, &lines, look);
+    draw_box(out, &question.title, &lines, theme);
 }
 
-fn differ(out: &mut Buffer, model: &ScreenModel, look: Theme) {
+fn differ(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     let mut lines = vec![format!("{:<16}{:>8}{:>16}", "output", "now", "program expects")];
     let room = usize::from(out.area.height.saturating_sub(9));
     let lists = model.differing_outputs.iter().take(room);
@@ -209,5 +209,5 @@ fn differ(out: &mut Buffer, model: &ScreenModel, look: Theme) {
     lines.push(String::new());
     lines.push("y: switch to the expected states and resume".into());
     lines.push("o: switch one output · r: reverse run".into());
-    draw_box(out, "OUTPUTS DIFFER", &lines, look);
+    draw_box(out, "OUTPUTS DIFFER", &lines, theme);
 }

@@ -13,7 +13,7 @@ use crate::screen::model::{AxisHoming, ScreenModel, ScreenStage};
 use crate::screen::program_facts::CutterFacts;
 
 /// Draws machine position, work position and distance to go of every axis.
-pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, look: Theme) {
+pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state: &KeyState, theme: Theme) {
     let marks = if model.homing.contains(&AxisHoming::NotHomed) {
         " · ✓ homed  ? not"
     } else if model.homing.contains(&AxisHoming::Homed) {
@@ -21,9 +21,9 @@ pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: 
     } else {
         ""
     };
-    let inside = pane(out, area, &format!("position, mm{marks}"), look);
+    let inside = pane(out, area, &format!("position, mm{marks}"), theme);
     let header = format!("{:>12}{:>12}{:>11}", "machine", "work", "to go");
-    put_at(out, inside, 2, 0, &header, look.faint());
+    put_at(out, inside, 2, 0, &header, theme.faint());
     let is_jogged = model.stage == ScreenStage::Setup || model.pause.is_some();
     for (axis, facts) in model.facts.axes.iter().enumerate() {
         let row = axis as u16 + 1;
@@ -34,12 +34,12 @@ pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: 
         put_at(out, inside, 2, row, &line, Style::new().add_modifier(Modifier::BOLD));
         put_at(out, inside, 1, row, &name, Style::new().add_modifier(Modifier::BOLD));
         match model.homing.get(axis) {
-            Some(AxisHoming::Homed) => put_at(out, inside, 3, row, "✓", look.normal()),
-            Some(AxisHoming::NotHomed) => put_at(out, inside, 3, row, "?", look.waiting()),
+            Some(AxisHoming::Homed) => put_at(out, inside, 3, row, "✓", theme.normal()),
+            Some(AxisHoming::NotHomed) => put_at(out, inside, 3, row, "?", theme.waiting()),
             _ => {}
         }
-        if is_jogged && axis == hand.axis {
-            put_at(out, inside, 0, row, ">", look.waiting());
+        if is_jogged && axis == key_state.axis {
+            put_at(out, inside, 0, row, ">", theme.waiting());
         }
     }
 }
@@ -51,8 +51,8 @@ fn length_text(mm: f64) -> String {
 }
 
 /// Draws feed, rate, override, history and look-ahead.
-pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
-    let inside = pane(out, area, "motion", look);
+pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: Theme) {
+    let inside = pane(out, area, "motion", theme);
     let (history_s, history_mm) = model.history();
     let asked = model.override_rate;
     let back = model.back_mm();
@@ -69,17 +69,17 @@ pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Th
     ];
     for (row, (name, text, side)) in rows.iter().enumerate() {
         let row = row as u16;
-        put_at(out, inside, 1, row, name, look.faint());
+        put_at(out, inside, 1, row, name, theme.faint());
         put_at(out, inside, 10, row, text, Style::new().add_modifier(Modifier::BOLD));
         let at = 11 + text.chars().count().max(9) as u16;
         match side {
             ReadoutColumn::Text(text) => put_at(out, inside, at, row, text, Style::new()),
             ReadoutColumn::History(behind, back) => {
                 let line = history_line(*behind, *back, inside.width.saturating_sub(at + 1));
-                put_at(out, inside, at, row, &line, look.waiting());
+                put_at(out, inside, at, row, &line, theme.waiting());
             }
             ReadoutColumn::Bar(share) => {
-                let style = if *share < 0.0 { look.waiting() } else { look.normal() };
+                let style = if *share < 0.0 { theme.waiting() } else { theme.normal() };
                 put_at(out, inside, at, row, &bar(*share, inside.width.saturating_sub(at + 1)), style);
             }
         }
@@ -158,8 +158,8 @@ fn length(mm: f64) -> String {
 }
 
 /// Draws outputs, inputs and the modal state.
-pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, look: Theme) {
-    let inside = pane(out, area, "state", look);
+pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state: &KeyState, theme: Theme) {
+    let inside = pane(out, area, "state", theme);
     let width = usize::from(inside.width).saturating_sub(2);
     let mut lines = cutters(model);
     if lines.is_empty() {
@@ -168,7 +168,7 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &Ke
         lines.extend(fold(&format!("{} · {}", spindle(model), outputs(model)), width, 0));
     }
     if model.stage == ScreenStage::Setup || model.pause.is_some() {
-        let step = STEPS_MM.get(hand.step).copied().flatten();
+        let step = STEPS_MM.get(key_state.step).copied().flatten();
         let optional = if model.optional_stop { " · M1 stops" } else { "" };
         lines.push(format!("jog step {}{optional}", step.map_or("continuous".into(), |mm| format!("{mm} mm"))));
     } else {
