@@ -120,11 +120,11 @@ fn errors_and_warnings_are_in_the_json_with_their_range() {
     assert_eq!(first["file"], "e.ngc");
     let range = serde_json::json!({"start": {"line": 2, "column": 11}, "end": {"line": 2, "column": 13}});
     assert_eq!((&first["range"], &first["severity"]), (&range, &Value::from("error")));
-    assert_eq!((&first["message"], &first["help"]), (&Value::from("X is given twice"), &Value::from("Remove one.")));
+    assert_eq!((&first["cause"], &first["remedy"]), (&Value::from("X is given twice"), &Value::from("Remove one.")));
     assert!(said.err.contains("error[E1407]"), "{}", said.err);
     bench.file("w.ngc", "M3\nM5\nM2\n");
     let told = last(&bench.retrace(["check", "w.ngc", "--json"]).out);
-    assert_eq!((&told["diagnostics"][0]["code"], &told["blocks"]), (&Value::from("W1002"), &Value::from(2)));
+    assert_eq!((&told["diagnostics"][0]["number"], &told["blocks"]), (&Value::from("W1002"), &Value::from(2)));
 }
 
 #[test]
