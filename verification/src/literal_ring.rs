@@ -1,5 +1,5 @@
-//! The ring as the source has it: three cells and two crossing flags (REV-2, REV-3, REV-6, REV-7), and that it answers every
-//! question like the machine of place numbers.
+//! The ring as the source defines it: three cells and two crossing flags (REV-2, REV-3, REV-6, REV-7), and the proof
+//! that it answers every question like the machine of place numbers.
 //!
 //! Invariant: [`LiteralRing`] is written from the requirements alone and shares no code with the core.
 
@@ -9,7 +9,7 @@ use crate::harness::{harnesses, holds};
 use crate::ledger::{Mutant, Row, Search};
 use retrace_core::ring_indices::ConsumerIndices;
 
-/// Most cells that are modelled.
+/// Largest number of cells that is modelled.
 pub const MOST: usize = 8;
 
 /// The source's ring of up to [`MOST`] cells. The record of a place is its place number.
@@ -17,9 +17,9 @@ pub const MOST: usize = 8;
 pub struct LiteralRing {
     /// The records.
     cells: [u32; MOST],
-    /// How many cells there are.
+    /// Number of cells.
     size: usize,
-    /// How many of them have been filled: REV-3 asks whether every cell is full.
+    /// Number of filled cells: REV-3 asks whether every cell is full.
     filled: usize,
     /// *Head*: the cell of the oldest record.
     h: usize,
@@ -48,7 +48,8 @@ impl LiteralRing {
         if cell == 0 { self.size - 1 } else { cell - 1 }
     }
 
-    /// REV-3, in its order. R is put on the newest record, so it goes forward over whatever lies there.
+    /// Stores a record by REV-3, in its order. R is set to the newest record, so it advances over all records in
+    /// between.
     pub fn store(&mut self, record: u32) {
         self.cells[self.w] = record;
         if self.filled == self.size {
@@ -86,7 +87,8 @@ impl LiteralRing {
         Some(self.cells[self.r])
     }
 
-    /// Is this the ring that keeps `played`'s history? The source's W is `reached`, and its R the record before `read`.
+    /// Whether this is the ring that holds `played`'s history. The source's W is `reached`, and its R the record before
+    /// `read`.
     #[must_use]
     pub fn mirrors(&self, played: &ConsumerIndices) -> bool {
         let kept = played.reached().wrapping_sub(played.head()) as usize;
@@ -110,7 +112,7 @@ impl LiteralRing {
         same
     }
 
-    /// How many cells before W that cell lies, 1 … size.
+    /// Number of cells from that cell to W, 1 … size.
     fn age(&self, cell: usize) -> usize {
         if cell < self.w { self.w - cell } else { self.w + self.size - cell }
     }
@@ -154,7 +156,7 @@ fn any_pair(c: &mut impl Choice, size: u32) -> Option<(LiteralRing, ConsumerIndi
     Some((literal, played))
 }
 
-/// What is asked of both machines in one step.
+/// A question to both machines in one step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Question {
     /// Normal run: a record is executed for the first time and stored (REV-5).
@@ -163,7 +165,7 @@ enum Question {
     Forward,
 }
 
-/// Asks both machines, where the source says what is to happen; their answers must be the same, and the mirror stays whole.
+/// Asks both machines where the source defines the result. Their answers must be equal, and the mirror is preserved.
 fn ask(literal: &mut LiteralRing, played: &mut ConsumerIndices, question: Question) -> Option<()> {
     let empty = played.head() == played.reached();
     match question {
@@ -202,7 +204,7 @@ harnesses! {
     literal_5, unwind 9 => |c| answers_alike::<5>(c);
 }
 
-/// Breadth first over every state that both machines can reach together, from empty, the real ring's cells included.
+/// Breadth first over every state that both machines can reach together, from empty, including the real ring's cells.
 #[cfg(not(any(kani, verify_wasm)))]
 mod search {
     use super::{LiteralRing, MOST, Question, ask};
@@ -213,7 +215,7 @@ mod search {
 
     const LOOK_AHEAD: u32 = 3;
 
-    /// What of a state matters: place numbers only by their distances.
+    /// Relevant part of a state: place numbers only by their distances.
     fn key(literal: &LiteralRing, played: &ConsumerIndices) -> ([usize; 4], [bool; 2], [u32; 3]) {
         let LiteralRing { filled, h, r, w, over_h_negative, over_w_negative, .. } = *literal;
         let from_head = |place: u32| place.wrapping_sub(played.head());
@@ -224,7 +226,7 @@ mod search {
         )
     }
 
-    /// The same step on the real ring, its cells filled as pushes fill them.
+    /// The same step on the real ring, with its cells filled as by pushes.
     fn ask_ring(before: &ConsumerIndices, keep: u32, question: Question) -> (Option<u32>, [u32; 3]) {
         let size = (keep + LOOK_AHEAD).next_power_of_two();
         let (head, reached, write) = (before.head(), before.reached(), before.write());
@@ -301,11 +303,11 @@ mod search {
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {
     name: "ring-literal",
-    says: "The source's machine of three cells and two crossing flags and the ring of place numbers answer every question alike, after every sequence of operations, whatever the planner has added since; the empty ring, which the source leaves undefined, stops at once",
+    says: "The source's machine of three cells and two crossing flags and the ring of place numbers give equal answers to every question, after every sequence of operations, whatever the planner has added since; the empty ring, which the source leaves undefined, stops at once",
     requirement: "REV-2, REV-3, REV-5, REV-6, REV-7",
     bound: "histories of 1 to 5 records (the search: 8) from any state that mirrors, any place number; every reachable state from empty, on the real ring",
     assumes: "records are stored in normal run only, at the newest (REV-5)",
-    suffices: "the mirror is kept by every step from every state (a simulation), so by every sequence; nothing in either machine depends on the size but by wrapping at it",
+    suffices: "every step from every state preserves the mirror (a simulation), so every sequence does; either machine depends on the size only by wrapping at it",
     harnesses: &["literal_1", "literal_2", "literal_3", "literal_4", "literal_5"],
     searches: &[Search { name: "literal-search", run: search::breadth_first }],
     models: &[],

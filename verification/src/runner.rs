@@ -1,6 +1,6 @@
-//! The native runner's commands.
+//! Commands of the native runner.
 //!
-//! Invariant: a check that panics is told as a line like any other; no panic ends the runner.
+//! Invariant: a check that panics is reported as a line like any other; no panic ends the runner.
 
 use retrace_verification::ledger::{self, Row, Search, Size};
 use retrace_verification::native::{Failure, Harness};
@@ -19,13 +19,13 @@ Runs the checks of the proof ledger natively; `cargo xtask verify` calls it.
   replay NAME 1,2,3                            a harness over the numbers of a counterexample
 ";
 
-/// Runs of a harness, enumerated and once more drawn, without `--most`.
+/// Number of runs of a harness, enumerated and once more drawn, without `--most`.
 const MOST: u64 = 100_000;
 
-/// The last panic's message and place.
+/// Message and place of the last panic.
 static SAID: Mutex<String> = Mutex::new(String::new());
 
-/// Carries out one command line.
+/// Executes one command line.
 pub(crate) fn run(words: &[&str]) -> ExitCode {
     match words {
         ["list"] => {
@@ -81,7 +81,7 @@ fn check(words: &[&str]) -> ExitCode {
             numbers,
             started.elapsed().as_secs_f64()
         );
-        // whoever reads along must not wait for the last check
+        // readers of the output must not wait for the last check
         let _ = std::io::stdout().flush();
     }
     if passed { ExitCode::SUCCESS } else { ExitCode::FAILURE }
@@ -103,7 +103,7 @@ struct Answer {
     /// `every`, `drawn`, `search`, `refuted`, `vacuous` or `failed`.
     result: &'static str,
     words: String,
-    /// What replays a counterexample.
+    /// Numbers that replay a counterexample.
     numbers: Vec<u32>,
 }
 

@@ -9,7 +9,7 @@ use super::Program;
 use super::card::{Act, Card, Failure, Line};
 use super::search::Model;
 
-/// How "its buffer is empty" of GMC-4 and GMC-6 is read.
+/// Reading of "its buffer is empty" of GMC-4 and GMC-6.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Empty {
     /// As an event: the buffer was emptied by sending its last datum, which is the end marker.
@@ -25,13 +25,13 @@ pub(super) struct Flags {
     c2: bool,
 }
 
-/// What is in the coordinator's one-instruction buffer.
+/// Content of the coordinator's one-instruction buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Buffer {
     Empty,
     /// An instruction and its end marker.
     Instruction,
-    /// The end marker alone: the instruction has gone to the card.
+    /// The end marker alone: the instruction was sent to the card.
     EndMarker,
 }
 
@@ -40,7 +40,7 @@ pub(super) struct State {
     /// Front markers that the coarse thread has passed, and whether it sleeps at the next.
     passed: u8,
     sleeps: bool,
-    /// Instructions that channel A has let through.
+    /// Number of instructions that channel A has passed.
     taken: u8,
     buffer: Buffer,
     a: bool,
@@ -82,7 +82,7 @@ impl Literal {
         if self.delay == 0 { own_flags(&state.card) } else { state.seen }
     }
 
-    /// Is the next coarse datum a front marker?
+    /// Whether the next coarse datum is a front marker.
     fn is_at_marker(&self, state: &State) -> bool {
         self.program.markers.get(usize::from(state.passed)) == Some(&state.card.records)
     }
