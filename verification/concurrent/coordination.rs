@@ -113,7 +113,7 @@ impl Job {
 }
 
 /// Data that the mutex guards.
-struct Desk {
+struct SharedState {
     gates: Gates,
     /// The card's last report.
     report: Report,
@@ -128,7 +128,7 @@ struct Report {
     executed: u32,
 }
 
-impl Desk {
+impl SharedState {
     /// Whether the accepted instruction may be sent: gate C.
     fn is_due(&self) -> bool {
         self.gates.c_open(Place::start_of(self.report.place), self.report.at_rest)
@@ -157,7 +157,7 @@ struct Wire {
 }
 
 struct Host {
-    desk: Mutex<Desk>,
+    state: Mutex<SharedState>,
     /// K holds, or the instruction is done.
     changed: Condvar,
     wire: Mutex<Wire>,
@@ -170,7 +170,7 @@ impl Host {
     fn new(start: u32, is_undisturbed: bool) -> Self {
         let report = Report { place: start, at_rest: true, executed: 0 };
         Self {
-            desk: Mutex::new(Desk { gates: Gates::default(), report, sent: None }),
+            state: Mutex::new(SharedState { gates: Gates::default(), report, sent: None }),
             changed: Condvar::new(),
             wire: Mutex::new(Wire::default()),
             arrived: Condvar::new(),
@@ -178,12 +178,12 @@ impl Host {
         }
     }
 
-    fn desk(&self) -> MutexGuard<'_, Desk> {
-        self.desk.lock().expect("no thread panics")
+    fn state(&self) -> MutexGuard<'_, SharedState> {
+        self.state.lock().expect("no thread panics")
     }
 
-    fn sleep<'a>(&'a self, desk: MutexGuard<'a, Desk>) -> MutexGuard<'a, Desk> {
-        self.changed.wait(desk).expect("no thread panics")
+    fn sleep<'a>(&'a self, state: MutexGuard<'a, SharedState>) -> MutexGuard<'a, SharedState> {
+        self.changed.wait(state).expect("no thread panics")
     }
 
     /// Puts something on the wire.
@@ -195,15 +195,15 @@ impl Host {
     /// Passes a front marker in the coarse thread: shuts gate B, and sleeps until the instruction is done. Returns
     /// whether K held at once.
     fn pass_marker(&self, number: u32, place: u32) -> bool {
-        let mut desk = self.desk();
-        assert!(desk.gates.accept(number, place), "gate A: one instruction at a time");
-        let due = desk.k();
+        let mut state = self.state();
+        assert!(state.gates.accept(number, place), "gate A: one instruction at a time");
+        let due = state.k();
         if due {
             // the card had reported before the marker was set, and will not report again
             self.changed.notify_all();
         }
-        while !desk.gates.b_open(place) {
-            desk = self.sleep(desk);
+        while !state.gates.b_open(place) {
+            state = self.sleep(state);
         }
         due
     }
@@ -212,18 +212,18 @@ impl Host {
     /// thread was woken.
     fn coordinate(&self, number: u32) -> u32 {
         let mut woken = 0;
-        let mut desk = self.desk();
-        while !desk.is_due() {
-            desk = self.sleep(desk);
-            assert!(desk.k() || !self.is_undisturbed, "woken although K does not hold");
+        let mut state = self.state();
+        while !state.is_due() {
+            state = self.sleep(state);
+            assert!(state.k() || !self.is_undisturbed, "woken although K does not hold");
             woken += 1;
         }
-        desk.gates.mark_sent();
-        desk.sent = Some(number);
+        state.gates.mark_sent();
+        state.sent = Some(number);
         self.wire(|wire| wire.instructions.push_back(number));
-        while !desk.acknowledge() {
-            desk = self.sleep(desk);
-            assert!(desk.k() || !self.is_undisturbed, "woken although K does not hold");
+        while !state.acknowledge() {
+            state = self.sleep(state);
+            assert!(state.k() || !self.is_undisturbed, "woken although K does not hold");
             woken += 1;
         }
         self.changed.notify_all();
@@ -231,10 +231,10 @@ impl Host {
     }
 
     /// Applies a report from the card.
-    fn hear(&self, report: Report) {
-        let mut desk = self.desk();
-        desk.report = report;
-        if desk.k() {
+    fn apply_report(&self, report: Report) {
+        let mut state = self.state();
+        state.report = report;
+        if state.k() {
             self.changed.notify_all();
         }
     }
@@ -270,7 +270,7 @@ impl Card {
             if (self.reports.len() > job.lag || !acted)
                 && let Some(report) = self.reports.pop_front()
             {
-                host.hear(report);
+                host.apply_report(report);
             }
         }
         self.line

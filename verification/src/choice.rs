@@ -3,8 +3,8 @@
 //! Invariant: a property is a function of its choices alone, so that the numbers of a counterexample replay it
 //! anywhere.
 
-/// A source of arbitrary values. In a proof every method stands for *all* its values at once; natively they are enumerated, drawn at
-/// random, or replayed.
+/// A source of arbitrary values. In a proof every method stands for *all* its values at once; natively they are
+/// enumerated, drawn at random, or replayed.
 pub trait Choice {
     /// Any 32-bit word. Natively: values around 0, 2³¹ and the wrap, or random ones.
     fn word(&mut self) -> u32;

@@ -22,13 +22,13 @@ const BOUNDARIES: u32 = 6;
 
 /// A short record window: bit n of `rests` says whether the path is at rest at the n-th boundary.
 #[derive(Clone, Copy, Debug)]
-struct Short {
+struct ShortWindow {
     low: u32,
     records: u32,
     rests: u32,
 }
 
-impl RecordWindow<1> for Short {
+impl RecordWindow<1> for ShortWindow {
     fn low(&self) -> u32 {
         self.low
     }
@@ -55,7 +55,7 @@ impl RecordWindow<1> for Short {
 /// Rates and places are multiples of `GRAIN`: the last bit, or a sixteenth of a record.
 struct Scene<const M: usize, const GRAIN: u32> {
     cursor: Cursor<M>,
-    road: Short,
+    window: ShortWindow,
     at: Place,
     sign: Travel,
 }
@@ -71,26 +71,26 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
             law.step(if sign < 0 { -target } else { target });
             k += 1;
         }
-        let road = Short { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
+        let window = ShortWindow { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
         let (record, fraction) = (c.below(records + 1), c.upto(u32::MAX >> GRAIN) << GRAIN);
-        c.assume(record < road.records || record == road.records && fraction == 0)?;
-        let at = Place { record: road.low.wrapping_add(record), fraction };
-        let scene = Self { cursor: Cursor::with_filter(law), road, at, sign };
+        c.assume(record < window.records || record == window.records && fraction == 0)?;
+        let at = Place { record: window.low.wrapping_add(record), fraction };
+        let scene = Self { cursor: Cursor::with_filter(law), window, at, sign };
         c.assume(scene.legal(records))?;
         Some(scene)
     }
 
     /// The cursor's invariant, written independently: distances in plain numbers from the beginning of the window.
     fn legal(&self, records: u32) -> bool {
-        let at = Place::start_of(self.road.low).distance_to(self.at);
-        let end = Travel::from(self.road.records) << 32;
+        let at = Place::start_of(self.window.low).distance_to(self.at);
+        let end = Travel::from(self.window.records) << 32;
         let commanded = at + self.cursor.filter().lead();
         let mut stop_ahead = false;
         let mut n = 0;
         while n <= records {
             let stop = Travel::from(n) << 32;
             let ahead = if self.sign > 0 { at < stop && stop <= end } else { stop < at };
-            stop_ahead |= ahead && n <= self.road.records && self.road.rests >> n & 1 == 1;
+            stop_ahead |= ahead && n <= self.window.records && self.window.rests >> n & 1 == 1;
             n += 1;
         }
         0 <= at && at <= end && (0 <= commanded && commanded <= end || stop_ahead)
@@ -101,10 +101,10 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
 /// holds again, and the rate is neither against the direction of motion nor beyond what was requested or remembered.
 fn stays_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
-    let wished = c.between(0, ONE >> GRAIN) << GRAIN;
+    let requested = c.between(0, ONE >> GRAIN) << GRAIN;
     let braked = c.between(0, ONE >> GRAIN) << GRAIN;
-    let way = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.road };
-    let step = scene.cursor.advance(wished, braked, &way);
+    let ahead_window = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.window };
+    let step = scene.cursor.advance(requested, braked, &ahead_window);
     let rate = scene.at.distance_to(step.to);
     holds!(if scene.sign < 0 { rate <= 0 } else { rate >= 0 });
     holds!(-ONE - 1 <= rate && rate <= ONE + 1);
@@ -115,16 +115,16 @@ fn stays_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, reco
 
 /// A jump of the rate at a planned stop, for any requested rate and any braking, preserves the invariant.
 fn starts_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
-    let road = Short { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
+    let window = ShortWindow { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
     let sign = if c.flag() { 1 } else { -1 };
     let record = c.below(records + 1);
-    c.assume(record <= road.records && road.rests >> record & 1 == 1)?;
-    let at = Place::start_of(road.low.wrapping_add(record));
+    c.assume(record <= window.records && window.rests >> record & 1 == 1)?;
+    let at = Place::start_of(window.low.wrapping_add(record));
     let mut cursor = Cursor::<M>::with_filter(RateFilter::new(FilterLengths::new(1, M as u16)?)?);
     let (braked, asked) = (c.between(0, ONE >> GRAIN) << GRAIN, c.between(0, ONE >> GRAIN) << GRAIN);
-    let rate = cursor.start_from_rest(braked, asked, &DirectedWindow { at, sign, window: &road });
+    let rate = cursor.start_from_rest(braked, asked, &DirectedWindow { at, sign, window: &window });
     holds!(0 <= rate && rate <= ONE);
-    holds!(Scene::<M, GRAIN> { cursor, road, at, sign }.legal(records));
+    holds!(Scene::<M, GRAIN> { cursor, window, at, sign }.legal(records));
     Some(())
 }
 
@@ -134,11 +134,11 @@ fn rests_on_the_end<const M: usize, const GRAIN: u32>(c: &mut impl Choice, recor
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
     let mut k = 0;
     while k < periods {
-        let way = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.road };
-        scene.at = scene.cursor.advance(ONE, ONE, &way).to;
+        let ahead_window = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.window };
+        scene.at = scene.cursor.advance(ONE, ONE, &ahead_window).to;
         k += 1;
     }
-    let end = if scene.sign > 0 { scene.road.high() } else { scene.road.low };
+    let end = if scene.sign > 0 { scene.window.high() } else { scene.window.low };
     holds!(scene.at == Place::start_of(end) && scene.cursor.filter().at_rest() && scene.cursor.filter().lead() == 0);
     Some(())
 }
@@ -149,19 +149,19 @@ fn rests_on_the_end<const M: usize, const GRAIN: u32>(c: &mut impl Choice, recor
 fn presses_on<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
     let before = scene.at.moved(scene.cursor.filter().lead());
-    let wished = c.between(1, ONE >> GRAIN) << GRAIN;
+    let requested = c.between(1, ONE >> GRAIN) << GRAIN;
     let braked = c.between(1, ONE >> GRAIN) << GRAIN;
-    let way = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.road };
-    let to = scene.cursor.advance(wished, braked, &way).to;
+    let ahead_window = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.window };
+    let to = scene.cursor.advance(requested, braked, &ahead_window).to;
     let after = to.moved(scene.cursor.filter().lead());
-    let end = Place::start_of(if scene.sign > 0 { scene.road.high() } else { scene.road.low });
+    let end = Place::start_of(if scene.sign > 0 { scene.window.high() } else { scene.window.low });
     let (moved, gone_on) = if scene.sign < 0 {
         (-scene.at.distance_to(to), -before.distance_to(after))
     } else {
         (scene.at.distance_to(to), before.distance_to(after))
     };
     let at_rest = scene.cursor.filter().at_rest();
-    let on_a_stop = moved > 0 && at_rest && to.fraction == 0 && scene.road.rests_at(to.record);
+    let on_a_stop = moved > 0 && at_rest && to.fraction == 0 && scene.window.rests_at(to.record);
     holds!(after == end || gone_on > 0 || on_a_stop);
     Some(())
 }
@@ -204,24 +204,24 @@ fn braking_keeps_its_promise(size: Size) -> String {
             }
         }
     }
-    format!("{asked} rates and lengths of road")
+    format!("{asked} rates and lengths of path")
 }
 
 /// A planned stop costs no period, for any braking to it: a cursor at one with rate one requested, with the next one
 /// `records` further and any others between, is a record further after every period, and at rest there again.
 fn planned_stops_are_free<const SIGN: Travel>(c: &mut impl Choice, records: u32) -> Option<()> {
     let low = c.word();
-    let road = Short { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
+    let window = ShortWindow { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
     let mut cursor = Cursor::<3>::with_filter(RateFilter::new(FilterLengths::new(1, 3)?)?);
-    let mut at = if SIGN > 0 { road.low() } else { road.high() };
+    let mut at = if SIGN > 0 { window.low() } else { window.high() };
     let mut k = 0;
     while k < records {
         let next = at.wrapping_add(SIGN as u32);
-        let way = DirectedWindow { at: Place::start_of(at), sign: SIGN, window: &road };
-        if cursor.filter().at_rest() && road.rests_at(at) {
-            cursor.start_from_rest(c.between(0, ONE), ONE, &way);
+        let ahead_window = DirectedWindow { at: Place::start_of(at), sign: SIGN, window: &window };
+        if cursor.filter().at_rest() && window.rests_at(at) {
+            cursor.start_from_rest(c.between(0, ONE), ONE, &ahead_window);
         }
-        let step = cursor.advance(ONE, c.between(0, ONE), &way);
+        let step = cursor.advance(ONE, c.between(0, ONE), &ahead_window);
         holds!(step.to == Place::start_of(next) && !step.starved);
         at = next;
         k += 1;
@@ -284,20 +284,20 @@ fn slopes_leave_room(size: Size) -> String {
         let limits = RateLimits::new(2 * draw.below(16) as u16 + 3, 20_000 + 1000 * draw.below(40) as u16, [SOFT]);
         let limits = limits.expect("valid");
         let least = Braking::<32>::new(&limits).expect("fast enough");
-        let road = Wavy::any(&mut draw);
+        let window = Wavy::any(&mut draw);
         let mut drive = Drive::<1, 64>::new(limits).expect("fits");
         let (mut at, mut track) = (Place::start_of(40), Vec::new());
         while track.len() < 3000 {
             let target = [ONE, 0, ONE / 3, -ONE, -ONE / 2][draw.below(5) as usize];
             for _ in 0..=draw.below(200) {
                 let rate = at.moved(drive.lead());
-                at = drive.step(at, target, &road).to;
+                at = drive.step(at, target, &window).to;
                 track.push((at, rate.distance_to(at.moved(drive.lead()))));
             }
         }
         let average = usize::from(limits.average());
         for (i, change) in track.windows(2).map(|pair| pair[1].1 - pair[0].1).enumerate() {
-            let fastest = track[i + 1..].iter().take(average).map(|(at, _)| road.speed(*at)).max().unwrap_or(0);
+            let fastest = track[i + 1..].iter().take(average).map(|(at, _)| window.speed(*at)).max().unwrap_or(0);
             let (room, slope) = (16 * (3 << 32), least.slope(track[i].1.abs().min(ONE), 16));
             let leaves_room = change.abs() * (fastest - 1).max(0) <= room + room / 100;
             assert!(leaves_room || change.abs() <= slope + 3, "{change} at {fastest}/16 pulses, run {:?}", track[i]);

@@ -9,8 +9,8 @@ use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::fine::PulseSlots;
 use retrace_core::size::{history_bytes, history_records, ring_cells};
 
-/// p pulses in up to `MOST` slots: exactly p, spacings that differ by at most one, and slot 0 empty while the pulses fill less than
-/// half of the slots.
+/// p pulses in up to `MOST` slots: exactly p, spacings that differ by at most one, and slot 0 empty while the pulses
+/// fill less than half of the slots.
 fn evenly_spaced<const MOST: u32>(c: &mut impl Choice) -> Option<()> {
     let slots = 1 + c.below(MOST);
     let pulses = c.below(slots + 1);

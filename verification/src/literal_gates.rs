@@ -62,8 +62,9 @@ impl Counts {
     }
 }
 
-/// The shortest failures of the literal gates where the flags B2 and C2 are sampled and at most one report is under way, "empty"
-/// being read as an event: motion beside an instruction (B2 late), and an instruction beside motion (C2 late).
+/// The shortest failures of the literal gates where the flags B2 and C2 are sampled and at most one report is under
+/// way, "empty" being read as an event: motion beside an instruction (B2 late), and an instruction beside motion (C2
+/// late).
 ///
 /// # Panics
 /// Where the search no longer finds them.
@@ -146,9 +147,9 @@ fn placed(records: u8, count: usize) -> Vec<Vec<u8>> {
     for _ in 0..count {
         ways = ways
             .into_iter()
-            .flat_map(|way: Vec<u8>| {
-                let from = way.last().copied().unwrap_or(0);
-                (from..=records).map(move |marker| way.iter().copied().chain([marker]).collect())
+            .flat_map(|places: Vec<u8>| {
+                let from = places.last().copied().unwrap_or(0);
+                (from..=records).map(move |marker| places.iter().copied().chain([marker]).collect())
             })
             .collect();
     }
@@ -184,7 +185,7 @@ mod tests {
     #[test]
     fn the_acknowledged_gates_hold_under_every_delay() {
         let counts = search_acknowledged(4, 3, 3);
-        println!("acknowledged gates, 4 records, 3 markers, 0 to 3 reports under way: {counts:?}");
+        println!("acknowledged gates, 4 records, 3 markers, 0 to 3 reports under places: {counts:?}");
         assert_eq!((counts.failure, counts.stuck), (None, 0));
         assert!(counts.states > 2_000_000, "{} states only", counts.states);
     }

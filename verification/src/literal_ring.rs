@@ -10,13 +10,13 @@ use crate::ledger::{Mutant, Row, Search};
 use retrace_core::ring_indices::ConsumerIndices;
 
 /// Largest number of cells that is modelled.
-pub const MOST: usize = 8;
+pub const MAX_CELLS: usize = 8;
 
-/// The source's ring of up to [`MOST`] cells. The record of a place is its place number.
+/// The source's ring of up to [`MAX_CELLS`] cells. The record of a place is its place number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LiteralRing {
     /// The records.
-    cells: [u32; MOST],
+    cells: [u32; MAX_CELLS],
     /// Number of cells.
     size: usize,
     /// Number of filled cells: REV-3 asks whether every cell is full.
@@ -37,7 +37,16 @@ impl LiteralRing {
     /// REV-2: at first all three are the same cell.
     #[must_use]
     pub fn new(size: usize) -> Self {
-        Self { cells: [0; MOST], size, filled: 0, h: 0, r: 0, w: 0, over_h_negative: false, over_w_negative: false }
+        Self {
+            cells: [0; MAX_CELLS],
+            size,
+            filled: 0,
+            h: 0,
+            r: 0,
+            w: 0,
+            over_h_negative: false,
+            over_w_negative: false,
+        }
     }
 
     fn next(&self, cell: usize) -> usize {
@@ -91,22 +100,22 @@ impl LiteralRing {
     /// `read`.
     #[must_use]
     pub fn mirrors(&self, played: &ConsumerIndices) -> bool {
-        let kept = played.reached().wrapping_sub(played.head()) as usize;
+        let retained = played.reached().wrapping_sub(played.head()) as usize;
         let back = played.reached().wrapping_sub(played.read()) as usize;
-        if self.filled != kept || self.h != self.behind_write(kept) {
+        if self.filled != retained || self.h != self.behind_write(retained) {
             return false;
         }
-        if kept == 0 {
+        if retained == 0 {
             return self.r == self.w && back == 0 && !self.over_h_negative && !self.over_w_negative;
         }
-        let exhausted = back == kept;
+        let exhausted = back == retained;
         let mut same = self.r == self.previous(self.behind_write(back))
             && self.over_h_negative == exhausted
-            && self.over_w_negative == (exhausted && kept == self.size);
+            && self.over_w_negative == (exhausted && retained == self.size);
         let mut cell = 0;
         while cell < self.size {
             let n = self.age(cell);
-            same &= n > kept || self.cells[cell] == played.reached().wrapping_sub(n as u32);
+            same &= n > retained || self.cells[cell] == played.reached().wrapping_sub(n as u32);
             cell += 1;
         }
         same
@@ -125,31 +134,31 @@ impl LiteralRing {
 
 /// Any ring of `size` cells that mirrors the positions returned with it.
 fn any_pair(c: &mut impl Choice, size: u32) -> Option<(LiteralRing, ConsumerIndices)> {
-    let kept = c.below(size + 1);
-    let (back, w) = (c.below(kept + 1), c.below(size) as usize);
+    let retained = c.below(size + 1);
+    let (back, w) = (c.below(retained + 1), c.below(size) as usize);
     let reached = c.word();
     let seen = c.upto(1 << 20);
     let played = ConsumerIndices::at(
-        reached.wrapping_sub(kept),
+        reached.wrapping_sub(retained),
         reached.wrapping_sub(back),
         reached,
         reached.wrapping_add(seen),
         size,
     )?;
     let mut literal = LiteralRing::new(size as usize);
-    (literal.w, literal.filled) = (w, kept as usize);
-    literal.h = literal.behind_write(kept as usize);
+    (literal.w, literal.filled) = (w, retained as usize);
+    literal.h = literal.behind_write(retained as usize);
     literal.r = literal.behind_write(back as usize);
-    if kept > 0 {
+    if retained > 0 {
         literal.r = literal.previous(literal.r);
-        literal.over_h_negative = back == kept;
-        literal.over_w_negative = back == kept && kept == size;
+        literal.over_h_negative = back == retained;
+        literal.over_w_negative = back == retained && retained == size;
     }
     let mut cell = 0;
     while cell < size as usize {
         // a cell that holds no record has any content
         let n = literal.age(cell) as u32;
-        literal.cells[cell] = if n <= kept { reached.wrapping_sub(n) } else { reached };
+        literal.cells[cell] = if n <= retained { reached.wrapping_sub(n) } else { reached };
         cell += 1;
     }
     holds!(literal.mirrors(&played));
@@ -207,7 +216,7 @@ harnesses! {
 /// Breadth first over every state that both machines can reach together, from empty, including the real ring's cells.
 #[cfg(not(any(kani, verify_wasm)))]
 mod search {
-    use super::{LiteralRing, MOST, Question, ask};
+    use super::{LiteralRing, MAX_CELLS, Question, ask};
     use crate::ledger::Size;
     use retrace_core::ring::{Cell, RecordSpan, Ring};
     use retrace_core::ring_indices::ConsumerIndices;
@@ -269,7 +278,7 @@ mod search {
 
     pub(super) fn breadth_first(size: Size) -> String {
         let mut states = 0;
-        for keep in 1..=MOST as u32 {
+        for keep in 1..=MAX_CELLS as u32 {
             for start in [0, u32::MAX - 9] {
                 let first = (
                     LiteralRing::new(keep as usize),
@@ -287,12 +296,12 @@ mod search {
             }
         }
         let _ = size;
-        format!("all {states} reachable states of capacities 1 to {MOST}, from place 0 and over the wrap")
+        format!("all {states} reachable states of capacities 1 to {MAX_CELLS}, from place 0 and over the wrap")
     }
 
     #[test]
     fn the_empty_literal_ring_reads_a_cell_never_written() {
-        for size in 2..=MOST {
+        for size in 2..=MAX_CELLS {
             assert_eq!(LiteralRing::new(size).reverse(), Some(0));
             assert_eq!(LiteralRing::new(size).forward(), Some(0));
         }

@@ -106,7 +106,7 @@ fn words_of(value: i64, low: i64, high: i64) -> Vec<u32> {
 #[derive(Clone, Debug, Default)]
 pub struct Enumerate {
     /// For each choice: which of how many, and the words that replay it.
-    taken: Vec<(u32, u32, Vec<u32>)>,
+    choices: Vec<(u32, u32, Vec<u32>)>,
     at: usize,
     /// Whether a choice offered only selected values.
     abridged: bool,
@@ -115,32 +115,32 @@ pub struct Enumerate {
 impl Enumerate {
     fn next(&mut self) -> bool {
         self.at = 0;
-        while let Some((which, of, _)) = self.taken.last_mut() {
+        while let Some((which, of, _)) = self.choices.last_mut() {
             *which += 1;
             if which < of {
                 return true;
             }
-            self.taken.pop();
+            self.choices.pop();
         }
         false
     }
 
     fn choose(&mut self, of: u32) -> usize {
-        if self.at == self.taken.len() {
-            self.taken.push((0, of, Vec::new()));
+        if self.at == self.choices.len() {
+            self.choices.push((0, of, Vec::new()));
         }
-        let (which, offered, _) = self.taken[self.at];
+        let (which, offered, _) = self.choices[self.at];
         assert_eq!(offered, of, "the property is not a function of its choices");
         self.at += 1;
         which as usize
     }
 
     fn note(&mut self, words: Vec<u32>) {
-        self.taken[self.at - 1].2 = words;
+        self.choices[self.at - 1].2 = words;
     }
 
     fn trace(&self) -> Vec<u32> {
-        self.taken[..self.at].iter().flat_map(|(_, _, words)| words.clone()).collect()
+        self.choices[..self.at].iter().flat_map(|(_, _, words)| words.clone()).collect()
     }
 }
 

@@ -158,7 +158,8 @@ fn change_is_bounded<const M: usize, const PERIODS: usize>(
     let mut k = 0;
     while k + 1 < PERIODS {
         let ((r0, d0), (r1, d1)) = (plain_step(&weights, k), plain_step(&weights, k + 1));
-        // (|r′| − d0)·(r1 − r0) ≤ (r − r0)·(d1 − d0), with everything in units of 1/(2·unit); each rate is off by less than a last bit
+        // (|r′| − d0)·(r1 − r0) ≤ (r − r0)·(d1 − d0), with everything in units of 1/(2·unit); each rate is off by less
+        // than a last bit
         let (rate, change) = (unit * (before + after), 2 * unit * (after - before).abs());
         let slack = unit * (4 * (r1 - r0) + 2 * (d1 - d0).abs());
         holds!((change - d0 * top) * (r1 - r0) <= (rate - r0 * top) * (d1 - d0) + slack);
@@ -208,8 +209,8 @@ harnesses! {
     wheel_mean, unwind 7 => |c| wheel_follows(c);
 }
 
-/// The bound on the change, for every pair of lengths up to eight and every memory of targets 0 and 1: a linear inequality over
-/// targets in 0 … 1 holds everywhere if it holds at the corners.
+/// The bound on the change, for every pair of lengths up to eight and every memory of targets 0 and 1: a linear
+/// inequality over targets in 0 … 1 holds everywhere if it holds at the corners.
 #[cfg(not(any(kani, verify_wasm)))]
 fn change_at_every_corner(_: Size) -> String {
     let mut corners = 0u64;

@@ -28,9 +28,9 @@ impl System {
     fn any(c: &mut impl Choice) -> Option<Self> {
         let keep = c.upto((1 << 30) - 1);
         let look_ahead = 1 + c.upto((1 << 30) - 1 - keep);
-        let (head, kept, ahead) = (c.word(), c.upto(keep), c.upto(look_ahead));
-        let (back, seen) = (c.upto(kept), c.upto(ahead));
-        let reached = head.wrapping_add(kept);
+        let (head, retained, ahead) = (c.word(), c.upto(keep), c.upto(look_ahead));
+        let (back, seen) = (c.upto(retained), c.upto(ahead));
+        let reached = head.wrapping_add(retained);
         let (floor, write) = (reached.wrapping_sub(keep), reached.wrapping_add(ahead));
         let room = keep + look_ahead;
         let lag = c.upto(room - (keep + ahead));
@@ -41,12 +41,12 @@ impl System {
 
     fn holds(&self) -> bool {
         let Self { planned, played, floor, write, keep, look_ahead } = *self;
-        let (kept, seen) =
+        let (retained, seen) =
             (played.reached().wrapping_sub(played.head()), played.write().wrapping_sub(played.reached()));
         let ahead = write.wrapping_sub(played.reached());
         let back = played.reached().wrapping_sub(played.read());
-        back <= kept
-            && kept <= keep
+        back <= retained
+            && retained <= keep
             && seen <= ahead
             && ahead <= look_ahead
             && floor == played.floor()
@@ -87,13 +87,13 @@ fn push_keeps_order(c: &mut impl Choice) -> Option<()> {
 /// Required effect of every move of the cursor: `reached` and the floor only grow, and with the cursor only; `head`
 /// follows `reached` at the distance `keep`, never `read`, and is never before the floor.
 fn moved_in_order(before: &System, after: &ConsumerIndices) {
-    let (was, kept) = (before.played.reached(), before.played.reached().wrapping_sub(before.played.head()));
-    let gone_on = after.reached().wrapping_sub(was);
-    holds!(gone_on <= before.write.wrapping_sub(was));
-    holds!(gone_on == 0 || after.reached() == after.read());
-    let still_kept = after.reached().wrapping_sub(after.head());
+    let (was, retained) = (before.played.reached(), before.played.reached().wrapping_sub(before.played.head()));
+    let advanced = after.reached().wrapping_sub(was);
+    holds!(advanced <= before.write.wrapping_sub(was));
+    holds!(advanced == 0 || after.reached() == after.read());
+    let still_retained = after.reached().wrapping_sub(after.head());
     // both numbers are at most 2³⁰
-    holds!(still_kept == if kept + gone_on < before.keep { kept + gone_on } else { before.keep });
+    holds!(still_retained == if retained + advanced < before.keep { retained + advanced } else { before.keep });
     holds!(System { played: *after, floor: after.floor(), ..*before }.holds());
 }
 
@@ -164,13 +164,14 @@ fn sides_are_apart(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// The real ring from any state of `N` cells, any operations: what is read is what was pushed, and it ends where it must.
+/// The real ring from any state of `N` cells, any operations: what is read is what was pushed, and it ends where it
+/// must.
 fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl Choice) -> Option<()> {
     let (keep, look_ahead) = (c.below(N as u32), 1 + c.below(N as u32));
     c.assume(keep + look_ahead <= N as u32)?;
-    let (mut head, kept, mut ahead) = (c.word(), c.below(N as u32), c.below(N as u32 + 1));
-    c.assume(kept <= keep && ahead <= look_ahead)?;
-    let mut reached = head.wrapping_add(kept);
+    let (mut head, retained, mut ahead) = (c.word(), c.below(N as u32), c.below(N as u32 + 1));
+    c.assume(retained <= keep && ahead <= look_ahead)?;
+    let mut reached = head.wrapping_add(retained);
     let write = reached.wrapping_add(ahead);
     // The record of a place is its number; a cell without a record has any content.
     let cells: [Cell<u32>; N] = core::array::from_fn(|n| {

@@ -20,10 +20,10 @@ Runs the checks of the proof ledger natively; `cargo xtask verify` calls it.
 ";
 
 /// Number of runs of a harness, enumerated and once more drawn, without `--most`.
-const MOST: u64 = 100_000;
+const DEFAULT_RUNS: u64 = 100_000;
 
 /// Message and place of the last panic.
-static SAID: Mutex<String> = Mutex::new(String::new());
+static LAST_PANIC: Mutex<String> = Mutex::new(String::new());
 
 /// Executes one command line.
 pub(crate) fn run(words: &[&str]) -> ExitCode {
@@ -44,7 +44,7 @@ fn refuse(reason: &str) -> ExitCode {
 }
 
 fn check(words: &[&str]) -> ExitCode {
-    let (mut names, mut most, mut size) = (Vec::new(), MOST, Size { full: false, seed: 1 });
+    let (mut names, mut most, mut size) = (Vec::new(), DEFAULT_RUNS, Size { full: false, seed: 1 });
     let mut words = words.iter();
     while let Some(&word) = words.next() {
         match word {
@@ -59,7 +59,7 @@ fn check(words: &[&str]) -> ExitCode {
     }
     std::panic::set_hook(Box::new(|info| {
         let place = info.location().map(|place| format!(" ({}:{})", place.file(), place.line())).unwrap_or_default();
-        if let Ok(mut said) = SAID.lock() {
+        if let Ok(mut said) = LAST_PANIC.lock() {
             *said = format!("{}{place}", message(info.payload()));
         }
     }));
@@ -154,7 +154,7 @@ fn message(payload: &(dyn Any + Send)) -> String {
 }
 
 fn said() -> String {
-    SAID.lock().map(|said| said.clone()).unwrap_or_default()
+    LAST_PANIC.lock().map(|said| said.clone()).unwrap_or_default()
 }
 
 fn row_json(row: &Row) -> String {

@@ -56,8 +56,8 @@ impl<const A: usize> LiteralSteps<A> {
     }
 
     /// Applies an event where the requirements permit it.
-    pub fn say(&mut self, word: InterruptionEvent<A>) -> bool {
-        let by_hand = self.dnc_paused && !self.inhibit;
+    pub fn apply(&mut self, word: InterruptionEvent<A>) -> bool {
+        let is_manual = self.dnc_paused && !self.inhibit;
         match (word, self.latched) {
             // DNC-1, DNC-2; the breakpoint of an unfinished return does not change
             (InterruptionEvent::Pause(latch), latched) if self.on_line => {
@@ -67,14 +67,14 @@ impl<const A: usize> LiteralSteps<A> {
                 self.has_stopped = false;
             }
             // DNC-3
-            (InterruptionEvent::StopSpindle, _) if by_hand && self.turns.is_some() => {
+            (InterruptionEvent::StopSpindle, _) if is_manual && self.turns.is_some() => {
                 (self.turns, self.has_stopped) = (None, true);
                 (self.on_line, self.mode_changed) = (false, true);
             }
             (InterruptionEvent::Jog, _) if self.mode_changed => {}
             // DNC-4
             (InterruptionEvent::StartSpindle(direction), Some(Breakpoint { spindle: Some(turning), .. }))
-                if by_hand && self.turns.is_none() && direction == turning.direction =>
+                if is_manual && self.turns.is_none() && direction == turning.direction =>
             {
                 self.turns = Some(direction);
             }
@@ -84,7 +84,7 @@ impl<const A: usize> LiteralSteps<A> {
             }
             // DNC-6
             (InterruptionEvent::CycleStart { program }, Some(latch))
-                if by_hand && self.on_line && self.spindle_is_back() && program == latch.program =>
+                if is_manual && self.on_line && self.spindle_is_back() && program == latch.program =>
             {
                 self.inhibit = true;
             }
@@ -130,7 +130,7 @@ fn both_at<const A: usize>(step: u32, latch: &Breakpoint<A>) -> (Interruption<A>
             _ => None,
         };
         if let Some(word) = word {
-            holds!(real.apply(word).is_ok() && literal.say(word));
+            holds!(real.apply(word).is_ok() && literal.apply(word));
         }
         n += 1;
     }
@@ -170,7 +170,7 @@ fn said_to_both<const A: usize>(
 ) -> bool {
     let before = (*real, *literal);
     let answer = real.apply(word);
-    let taken = literal.say(word);
+    let taken = literal.apply(word);
     holds!(answer.is_ok() == taken);
     holds!(taken || (*real, *literal) == before);
     alike(real, literal);
@@ -233,7 +233,7 @@ fn one_way_back<const A: usize>(c: &mut impl Choice) -> Option<()> {
     let mut after = real;
     c.assume(after.apply(word).is_ok())?;
     let mut expected = literal;
-    expected.say(word);
+    expected.apply(word);
     let (from, to) = (literal.step(), expected.step());
     let next = match word {
         InterruptionEvent::Jog => to == from,

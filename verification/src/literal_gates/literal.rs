@@ -1,9 +1,10 @@
 //! The gates as the source has them: A, `B = B1 ∧ B2`, `C = C1 ∧ C2 ∧ B2`, flags set by events (GMC-1 … GMC-7).
 //!
-//! All is decoded before the search begins, which is the best case for the source. B1 and C1 are set at a front marker, where the
-//! coarse thread sleeps until B1 is 1 again. B2 and C2 are what the card last reported of itself.
+//! All is decoded before the search begins, which is the best case for the source. B1 and C1 are set at a front marker,
+//! where the coarse thread sleeps until B1 is 1 again. B2 and C2 are what the card last reported of itself.
 //!
-//! Invariant: with `delay` 0 the flags are the card's own at every moment; otherwise at most `delay` reports are on their way.
+//! Invariant: with `delay` 0 the flags are the card's own at every moment; otherwise at most `delay` reports are on
+//! their way.
 
 use super::Program;
 use super::card::{Act, Card, Failure, Line};

@@ -1,7 +1,7 @@
 //! Breadth-first search over every state that a model can reach.
 //!
-//! Invariant: states are numbered in the order in which they are reached, so the first failing one is at the end of a shortest
-//! trace.
+//! Invariant: states are numbered in the order in which they are reached, so the first failing one is at the end of a
+//! shortest trace.
 
 use std::collections::HashMap;
 use std::hash::Hash;
