@@ -182,7 +182,7 @@ pub(crate) fn misfit(callee: &Unit, given: impl IntoIterator<Item = Given>) -> O
     let (name, most) = (&callee.name, callee.parameters.len());
     for (index, given) in given.into_iter().enumerate() {
         let Some(parameter) = callee.parameters.get(index) else {
-            return Some(format!("{name} takes no more than {most} arguments"));
+            return Some(format!("{name} accepts at most {most} arguments"));
         };
         let fits = match given {
             Given::Nothing => true,

@@ -199,7 +199,7 @@ impl<'r> VmRun<'r> {
                     Value::Number(converted(parameter.of, number))
                 }
                 _ => {
-                    let text = format!("{}: {} is too long or no finite number", cycle.name(), parameter.name);
+                    let text = format!("{}: {} is too long or not a finite number", cycle.name(), parameter.name);
                     return trap(ErrorCode::BadArgument, text);
                 }
             };
@@ -239,7 +239,7 @@ impl<'r> VmRun<'r> {
     fn step(&mut self, op: Op, frame: &mut Frame, cycle: &'r Cycle, line: u32) -> Step {
         self.machine.steps += 1;
         if self.machine.steps > self.machine.limits.steps {
-            return trap(ErrorCode::Endless, format!("{} does not come to an end", cycle.name()));
+            return trap(ErrorCode::Endless, format!("{} has no end", cycle.name()));
         }
         match op {
             Op::Number(number) => self.push(number),
@@ -374,7 +374,7 @@ impl<'r> VmRun<'r> {
     /// Calls another cycle; `frame` is the caller's, which continues after the call.
     fn call(&mut self, site: usize, frame: Frame, caller: &Cycle) -> Step {
         let (Some(call), Some(&id)) = (caller.unit.calls.get(site), caller.callees.get(site)) else {
-            return trap(ErrorCode::CycleUnknown, "a call leads nowhere");
+            return trap(ErrorCode::CycleUnknown, "a call has no cycle");
         };
         let Some(callee) = self.library.get(id) else {
             return trap(ErrorCode::CycleUnknown, format!("{} is not in this library", call.name));
@@ -382,7 +382,7 @@ impl<'r> VmRun<'r> {
         if self.machine.frames.len() >= self.machine.limits.depth {
             return trap(
                 ErrorCode::CallsTooDeep,
-                format!("{} is called {} deep", call.name, self.machine.frames.len()),
+                format!("{} is called at a depth of {}", call.name, self.machine.frames.len()),
             );
         }
         if let Some(last) = self.machine.frames.last_mut() {

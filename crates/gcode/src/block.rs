@@ -270,7 +270,7 @@ impl Words {
         let group = match u8::try_from(code).ok().and_then(group_of_m) {
             Some(group) => group,
             None if matches!(code, 98 | 99) => {
-                return fault(ErrorCode::NotAlone, at, format!("M{code} stands alone in its block, at the beginning"));
+                return fault(ErrorCode::NotAlone, at, format!("M{code} must be alone in its block, at the beginning"));
             }
             None => return fault(ErrorCode::UnknownM, at, format!("there is no M{code}")),
         };
@@ -291,7 +291,7 @@ impl Words {
 #[cold]
 fn too_large(letter: u8, value: f64, at: Span) -> BlockResult<()> {
     let letter = char::from(letter.to_ascii_uppercase());
-    fault(ErrorCode::NumberTooLarge, at, format!("{letter} takes values below {LARGEST:e}, not {value:e}"))
+    fault(ErrorCode::NumberTooLarge, at, format!("{letter} accepts values below {LARGEST:e}, not {value:e}"))
 }
 
 #[cold]

@@ -134,12 +134,12 @@ impl ContourReader<'_> {
                     contour.take(&steps, scratch, true)?;
                 }
                 LineOutcome::Jumped => {}
-                LineOutcome::Faulty | LineOutcome::Ahead(..) => return Err(wrong("a block of it is refused")),
+                LineOutcome::Faulty | LineOutcome::Ahead(..) => return Err(wrong("one of its blocks is refused")),
                 LineOutcome::Cycle(_) => return Err(refused(&StockRemovalError::Interpolation(scratch.line_number()))),
                 LineOutcome::Idle | LineOutcome::ProgramEnd => return Ok(()),
             }
         }
-        Err(wrong("it does not come to an end"))
+        Err(wrong("it has no end"))
     }
 }
 
@@ -342,10 +342,10 @@ fn planned(job: &StockRemovalParams) -> Result<PlannedContour, StockFailure> {
         // The cycle itself has reported it.
         Warning::SignDropped(_) => None,
         Warning::ReliefLeftToFinishing(count) => {
-            Some(format!("{count} relief cuts close up under the allowances and are left to finishing"))
+            Some(format!("{count} relief cuts close up under the allowances and are left for finishing"))
         }
         Warning::NoseLeavesStock(line) => {
-            Some(format!("contour, line {line}: the nose leaves stock that finishing meets"))
+            Some(format!("contour, line {line}: the nose leaves stock for the finishing pass"))
         }
     });
     Ok(PlannedContour { moves, warnings: warnings.collect() })

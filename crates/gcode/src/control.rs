@@ -242,14 +242,16 @@ fn values(
                 Compiler::new(cursor, &mut block.ops, names).bracket()?;
                 arguments += 1;
                 if arguments > given + max_arguments(control.keyword) {
-                    let message = format!("{} takes no more values", control.label);
+                    let message = format!("{} accepts no more values", control.label);
                     return fault(ErrorCode::BadControl, cursor.since(start), message);
                 }
                 block.add_late(Slot::Argument, first_op, cursor.since(start));
             }
             b'(' => comment(cursor, start)?,
             0 | b';' => return Ok(arguments),
-            _ => return fault(ErrorCode::BadControl, cursor.here(), "nothing else may stand in a line with an O word"),
+            _ => {
+                return fault(ErrorCode::BadControl, cursor.here(), "nothing else is allowed in a line with an O word");
+            }
         }
     }
 }
@@ -288,7 +290,7 @@ pub(crate) fn parse_fanuc(
                 }
             }
             _ => {
-                let message = format!("nothing else may stand in a line with {}", keyword.name());
+                let message = format!("nothing else is allowed in a line with {}", keyword.name());
                 return fault(ErrorCode::BadControl, cursor.here(), message);
             }
         }
@@ -335,7 +337,7 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> Bloc
                 return fault(
                     ErrorCode::BadControl,
                     cursor.since(start),
-                    "the name behind O< has no >; write O<name> call",
+                    "the name after O< has no >; write O<name> call",
                 );
             };
             Label::Name(plain_name(name))
@@ -350,7 +352,7 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> Bloc
             (1..=18, number) => {
                 // A decimal point followed by zeros only is ignored.
                 if cursor.eat(b'.') && cursor.digits().1 != 0 {
-                    return fault(ErrorCode::BadControl, cursor.since(start), "O is followed by a whole number");
+                    return fault(ErrorCode::BadControl, cursor.since(start), "O must be followed by a whole number");
                 }
                 Label::Number(number)
             }

@@ -105,7 +105,7 @@ impl ControlFlowBuilder {
             return Ok(());
         }
         let (here, there) = if is_of_macros { ("a macro word", "O words") } else { ("an O word", "macro words") };
-        let message = format!("{here} stands in a file with {there}, as in line {first_line}");
+        let message = format!("{here} is in a file with {there}, as in line {first_line}");
         fault(Number::MixedMacros, control.at, message)
     }
 
@@ -223,7 +223,7 @@ impl ControlFlowBuilder {
         }
         let scope = self.sub().cloned();
         if control.keyword == Keyword::Sub && scope.is_some() {
-            let message = format!("{} begins inside of another subprogram", control.label);
+            let message = format!("{} begins inside another subprogram", control.label);
             return fault(Number::SubInSub, control.at, message);
         }
         let is_sub = control.keyword == Keyword::Sub;
@@ -241,7 +241,7 @@ impl ControlFlowBuilder {
             && !control.label.is_of_macro_loop()
             && !self.labels.insert((scope, control.label.clone()))
         {
-            let message = format!("{} has named another block already", control.label);
+            let message = format!("{} is the label of another block already", control.label);
             self.faults.push((line, Box::new(BlockError::new(Number::LabelTwice, control.at, message))));
         }
         Ok(match control.keyword {
@@ -333,7 +333,7 @@ fn set_otherwise(code: &mut CompiledCode, decider: u32, target: u32) {
 
 fn nothing_open<T>(control: &Control) -> BlockResult<T> {
     if control.keyword == Keyword::Return {
-        return fault(Number::ControlWithoutBegin, control.at, "return stands in no subprogram (sub … endsub)");
+        return fault(Number::ControlWithoutBegin, control.at, "return is outside of every subprogram (sub … endsub)");
     }
     let what = match control.keyword {
         Keyword::EndSub => "no subprogram",

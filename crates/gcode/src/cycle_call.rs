@@ -132,7 +132,7 @@ pub(crate) fn parse(
     if cursor.eat(b'(') {
         list(cursor, names, block, &mut arguments, |cursor, index, is_text| {
             let Some(parameter) = cycle.parameters().get(index) else {
-                let message = format!("{shown} takes {} arguments", cycle.parameters().len());
+                let message = format!("{shown} has {} parameters", cycle.parameters().len());
                 return fault(ErrorCode::BadCycleCall, cursor.here(), message);
             };
             if is_text.is_some_and(|is_text| is_text != matches!(parameter.of, Type::Text(_))) {
@@ -188,7 +188,7 @@ fn list(
             return fault(
                 ErrorCode::BadCycleCall,
                 cursor.here(),
-                "arguments are parted by commas and end with a parenthesis",
+                "arguments are separated by commas and end with a parenthesis",
             );
         }
         check(cursor, arguments.len(), None)?;
@@ -200,7 +200,9 @@ fn end_of_line(cursor: &mut Cursor<'_>) -> BlockResult<()> {
         match cursor.peek() {
             0 | b';' => return Ok(()),
             b'(' if cursor.take_to(b')').is_some() => {}
-            _ => return fault(ErrorCode::BadCycleCall, cursor.here(), "the call of a cycle stands alone in its block"),
+            _ => {
+                return fault(ErrorCode::BadCycleCall, cursor.here(), "the call of a cycle must be alone in its block");
+            }
         }
     }
 }

@@ -238,7 +238,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
             return fault(ErrorCode::UnclosedBracket, open, "this bracket is not closed");
         }
         if self.cursor.peek() == b'=' {
-            return fault(ErrorCode::EqualsCompares, self.cursor.here(), "= does not compare; EQ does");
+            return fault(ErrorCode::EqualsCompares, self.cursor.here(), "= does not compare; use EQ");
         }
         if self.cursor.peek() == b',' {
             return fault(ErrorCode::DecimalComma, self.cursor.here(), "a comma is not a decimal point");
@@ -293,7 +293,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
         let near = if name.len() > 1 { nearest(&name, NAMES.into_iter()) } else { None };
         match near {
             Some(near) => {
-                fault(ErrorCode::UnknownFunction, whole, format!("there is no function {name}; do you mean {near}?"))
+                fault(ErrorCode::UnknownFunction, whole, format!("there is no function {name}; did you mean {near}?"))
             }
             None if name.len() > 1 && self.cursor.follows(b'[') => {
                 let written = name.to_lowercase();

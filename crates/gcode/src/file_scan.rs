@@ -127,7 +127,7 @@ impl<'a> FileScan<'a> {
     /// percent sign.
     fn whole(&mut self, line: &mut u32) -> io::Result<()> {
         if self.text.len() > MAX_WHOLE {
-            let message = "a file with GOTO may have 16 MiB";
+            let message = "a file with GOTO may have at most 16 MiB";
             self.prescan.report(
                 self.file,
                 1,
@@ -248,7 +248,7 @@ impl<'a> FileScan<'a> {
             }
             self.report_faults();
             if self.code.text_len() > MAX_COMPILED {
-                let message = "the subprograms, loops and branches of a file may have 128 MiB together";
+                let message = "the subprograms, loops and branches of a file may have at most 128 MiB together";
                 self.prescan.report(
                     self.file,
                     first,

@@ -36,11 +36,9 @@ impl NoLine {
                 at,
                 format!("there is no line N{number} here"),
             ),
-            NoLine::InLoop => BlockError::new(
-                error_codes::ErrorCode::GoToIntoLoop,
-                at,
-                format!("N{number} stands inside of a WHILE loop"),
-            ),
+            NoLine::InLoop => {
+                BlockError::new(error_codes::ErrorCode::GoToIntoLoop, at, format!("N{number} is inside a WHILE loop"))
+            }
         }
     }
 }

@@ -95,7 +95,7 @@ impl<R: BufRead> Lines<R> {
     /// Returns the error that the program ended inside a line, if it did.
     pub(crate) fn cut_off_fault(&self) -> Option<Box<BlockError>> {
         let cut_off = String::from_utf8_lossy(self.cut_off()?);
-        let message = format!("the program that arrives ends inside a line: nothing of \"{cut_off}\" is executed");
+        let message = format!("the streamed program ends inside a line: nothing of \"{cut_off}\" is executed");
         Some(Box::new(BlockError::new(ErrorCode::NoProgramEnd, Span::default(), message)))
     }
 

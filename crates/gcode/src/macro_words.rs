@@ -46,7 +46,7 @@ pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBl
     cursor.clone_from(&before);
     let stands_alone = |cursor: &mut Cursor<'_>| cursor.digits().0 == 1 && cursor.peek() == 0;
     if cursor.eat_word(b"do") && matches!(cursor.peek(), b'1'..=b'3') && stands_alone(cursor) {
-        return wrong(cursor, start, "DO stands behind WHILE and its condition");
+        return wrong(cursor, start, "DO must follow WHILE and its condition");
     }
     *cursor = before;
     Ok(false)
@@ -122,7 +122,7 @@ fn end_of_line(cursor: &mut Cursor<'_>) -> BlockResult<()> {
         match cursor.peek() {
             b'(' => comment(cursor, start)?,
             0 | b';' => return Ok(()),
-            _ => return fault(ErrorCode::MacroControl, cursor.here(), "nothing else may stand in this line"),
+            _ => return fault(ErrorCode::MacroControl, cursor.here(), "nothing else is allowed in this line"),
         }
     }
 }

@@ -169,10 +169,10 @@ fn check_mdi_block(text: &str, reader: &mut LineReader) -> BlockResult<()> {
         return Err(Box::new(BlockError::plain(ErrorCode::EmptyProgram, whole)));
     }
     if text.contains(['\n', '\r']) {
-        return fault(ErrorCode::NotByHand, whole, "a block by hand is one line");
+        return fault(ErrorCode::NotByHand, whole, "an MDI block is one line");
     }
     if text.trim() == "%" {
-        return fault(ErrorCode::NotByHand, whole, "a percent sign belongs to a file");
+        return fault(ErrorCode::NotByHand, whole, "a percent sign is allowed in a file only");
     }
     if !reader.read(text.as_bytes())? {
         return Ok(());
@@ -181,12 +181,16 @@ fn check_mdi_block(text: &str, reader: &mut LineReader) -> BlockResult<()> {
     if let Some(control) = &block.control
         && !matches!(control.keyword, Keyword::Call | Keyword::M98 | Keyword::Cycle)
     {
-        let message = format!("{} belongs to a program", control.keyword.name());
+        let message = format!("{} is allowed in a program only", control.keyword.name());
         return fault(ErrorCode::NotByHand, control.at, message);
     }
     if block.words.g(GroupG::CutterCompensation).is_some_and(|code| code != 400) {
         let at = block.words.g_span(GroupG::CutterCompensation);
-        return fault(ErrorCode::NotByHand, at, "cutter compensation looks ahead, and no block follows one by hand");
+        return fault(
+            ErrorCode::NotByHand,
+            at,
+            "cutter compensation needs the next block, and none follows an MDI block",
+        );
     }
     Ok(())
 }

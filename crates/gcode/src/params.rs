@@ -142,7 +142,11 @@ impl Names {
             return Ok(Reference::Named(*id));
         }
         if self.texts.len() >= MAX_NAMES {
-            return fault(ErrorCode::TooMuchToKeep, at, format!("more than {MAX_NAMES} names of parameters"));
+            return fault(
+                ErrorCode::TooMuchToKeep,
+                at,
+                format!("the program has more than {MAX_NAMES} names of parameters"),
+            );
         }
         let id = NameId { index: self.texts.len() as u32, is_global: name.starts_with('_') };
         self.texts.push(name.as_str().into());

@@ -198,9 +198,9 @@ fn bad_character(cursor: &mut Cursor<'_>, start: usize) -> BlockResult<()> {
     }
     let what = match cursor.peek() {
         b'/' => "a slash deletes a block only at its beginning",
-        b'%' => "a percent sign stands alone in its line, at the beginning and the end of a program",
-        b'=' => "an equals sign belongs behind a parameter at the beginning of an assignment",
-        b')' => "no comment is open here",
+        b'%' => "a percent sign must be alone in its line, at the beginning and the end of a program",
+        b'=' => "an equals sign must follow a parameter at the beginning of an assignment",
+        b')' => "this parenthesis closes no comment",
         _ => ErrorCode::BadCharacter.title(),
     };
     fault(ErrorCode::BadCharacter, Span::new(start, at.end as usize), what)
@@ -232,14 +232,14 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
             return fault(
                 ErrorCode::BadBlockNumber,
                 cursor.since(start),
-                "N stands once, at the beginning of the block",
+                "N is allowed once, at the beginning of the block",
             );
         }
         b'o' if follows_digit(cursor, start) => {
-            return fault(ErrorCode::LetterO, cursor.since(start), "the letter O stands behind a digit; is a 0 meant?");
+            return fault(ErrorCode::LetterO, cursor.since(start), "the letter O follows a digit; did you mean 0?");
         }
         b'o' => {
-            return fault(ErrorCode::BadControl, cursor.since(start), "an O word stands at the beginning of its line");
+            return fault(ErrorCode::BadControl, cursor.since(start), "an O word must be at the beginning of its line");
         }
         _ => {}
     }
@@ -291,7 +291,7 @@ fn named(
         let name = char::from(letter.to_ascii_uppercase());
         if cursor.peek() == b'o' {
             found.code = ErrorCode::LetterO;
-            found.message = format!("{name} is followed by the letter O; is a 0 meant?");
+            found.message = format!("{name} is followed by the letter O; did you mean 0?");
         } else {
             found.code = ErrorCode::NumberMissing;
             found.message = format!("{name} is not followed by a value");

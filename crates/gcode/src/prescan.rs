@@ -289,7 +289,7 @@ impl Prescan {
                         Label::Name(_) => nearest(&name, known.iter().map(String::as_str)),
                         _ => None,
                     };
-                    let near = near.map_or_else(String::new, |near| format!("; do you mean {near}?"));
+                    let near = near.map_or_else(String::new, |near| format!("; did you mean {near}?"));
                     BlockError::new(Number::NoSuchSub, call.at, format!("there is no subprogram {name}{near}"))
                 }
                 Some(sub) if sub.for_m98 != call.is_m98 => wrong_call(&call.label, call.is_m98, call.at),
@@ -329,7 +329,7 @@ impl Prescan {
                 }
             };
             if !is_there && !name.is_empty() {
-                let message = format!("{} is given the contour {name}, and there is none", call.name);
+                let message = format!("{} names the contour {name}, which does not exist", call.name);
                 self.report(file, *line, BlockError::new(Number::NoContour, call.at, message));
             }
         }
@@ -366,7 +366,7 @@ impl Prescan {
                 self.subs.by_label.insert((0, label.clone()), *id);
             }
             None => {
-                let message = format!("{} holds no subprogram {label}", self.file_name(file));
+                let message = format!("{} does not contain the subprogram {label}", self.file_name(file));
                 self.report(caller, line, BlockError::new(Number::SubFile, at, message));
             }
         }
@@ -398,8 +398,8 @@ impl Prescan {
 /// Returns the error for a subprogram of one kind that is called as the other.
 pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> BlockError {
     let message = match is_m98 {
-        true => format!("{label} is a sub: it is called with O… call"),
-        false => format!("{label} ends with M99: it is called with M98"),
+        true => format!("{label} is a sub: call it with O… call"),
+        false => format!("{label} ends with M99: call it with M98"),
     };
     BlockError::new(Number::WrongCall, at, message)
 }

@@ -224,7 +224,7 @@ impl<R: BufRead> Program<R> {
             LineOutcome::ProgramEnd => self.end_by_m99(steps),
             LineOutcome::Ahead(number, at) => {
                 if self.arriving.has_seen(number) {
-                    let message = format!("N{number} has been executed, and a program that arrives cannot go back");
+                    let message = format!("N{number} has been executed, and a streamed program cannot jump backward");
                     return fault(ErrorCode::GoToBackward, at, message);
                 }
                 self.ahead = Some((number, self.interpreter.place().1, at));

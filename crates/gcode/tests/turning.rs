@@ -337,7 +337,7 @@ fn u_and_w_are_increments_in_a_profile_and_it_may_open_with_axis_words_alone() {
     // U of a diameter.
     assert_eq!(run("G7 U-8 W-2|G1 W-4|U8|G8", block), Ok(plain));
     for (profile, message) in [
-        ("G0 X4 U1 Z0|G1 Z-4|X8", "E1635 profile, line 3: U and X both give the end"),
+        ("G0 X4 U1 Z0|G1 Z-4|X8", "E1635 profile, line 3: U and X both define the end"),
         ("G0 X4 Z0|G91 G1 W-4|X8", "E1635 profile, line 4: W is an increment already; G91 does not go with it"),
     ] {
         assert_eq!(run(profile, block), Err(message.to_owned()));

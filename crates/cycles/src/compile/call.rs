@@ -68,7 +68,7 @@ impl Compiler<'_> {
         }
         self.close(Sign::Close, open)?;
         if count != STOCK_NUMBERS {
-            let message = format!("STOCKPATH takes a contour and {STOCK_NUMBERS} numbers, not {count}");
+            let message = format!("STOCKPATH needs a contour and {STOCK_NUMBERS} numbers, not {count}");
             return fault(ErrorCode::FunctionArguments, self.since(span.start), message);
         }
         self.emit(Op::StockPath);

@@ -124,7 +124,11 @@ impl Compiler<'_> {
             let right_span = self.since(right_start);
             left = match closeness {
                 COMPARISON if compared => {
-                    return fault(ErrorCode::ComparisonChained, sign, "what is compared here is itself a comparison");
+                    return fault(
+                        ErrorCode::ComparisonChained,
+                        sign,
+                        "one side of this comparison is itself a comparison",
+                    );
                 }
                 COMPARISON => {
                     compared = true;
@@ -152,9 +156,9 @@ impl Compiler<'_> {
                 self.emit(Op::CompareTexts(operator == Operator::Unequal));
             }
             (true, true) => {
-                return fault(ErrorCode::TypeMismatch, sign, "texts are equal (==) or not (<>), nothing else");
+                return fault(ErrorCode::TypeMismatch, sign, "texts can be compared with == and <> only");
             }
-            _ => return fault(ErrorCode::TypeMismatch, sign, "a text is compared with a number"),
+            _ => return fault(ErrorCode::TypeMismatch, sign, "a text cannot be compared with a number"),
         }
         Ok(Ty::Bool)
     }
@@ -162,7 +166,7 @@ impl Compiler<'_> {
     fn arithmetic(&mut self, operator: Operator, left: (Ty, Span), right: (Ty, Span)) -> CompileResult<Ty> {
         for (ty, span) in [left, right] {
             if ty == Ty::Text {
-                return fault(ErrorCode::TypeMismatch, span, "a text cannot be calculated with");
+                return fault(ErrorCode::TypeMismatch, span, "a text cannot be used in a calculation");
             }
         }
         self.emit(Op::Operate(operator));
@@ -179,7 +183,7 @@ impl Compiler<'_> {
         match ty {
             Ty::Bool | Ty::Int => Ok(()),
             Ty::Real => {
-                fault(ErrorCode::ComparisonChained, span, "AND, OR, XOR and NOT take truth values, and this is a REAL")
+                fault(ErrorCode::ComparisonChained, span, "AND, OR, XOR and NOT need truth values, and this is a REAL")
             }
             Ty::Text => fault(ErrorCode::TypeMismatch, span, "a truth value is needed, and this is a text"),
         }
@@ -219,7 +223,7 @@ impl Compiler<'_> {
         let before = self.unit.ops.len();
         let ty = self.operators(NOT)?;
         if ty == Ty::Text {
-            return fault(ErrorCode::TypeMismatch, span, "a text has no sign");
+            return fault(ErrorCode::TypeMismatch, span, "a text cannot have a sign");
         }
         // A constant is negated at compile time.
         if let ([Op::Number(value)], true) = (&mut self.unit.ops[before..], self.folds) {
@@ -263,7 +267,7 @@ impl Compiler<'_> {
                 self.named_value(&name, span)
             }
             Some(Kind::Word { .. }) => {
-                fault(ErrorCode::ValueMissing, span, "a word of a block stands where a value is needed")
+                fault(ErrorCode::ValueMissing, span, "a word of a block is used where a value is needed")
             }
             _ => fault(ErrorCode::ValueMissing, span, "a value is missing here"),
         }

@@ -181,7 +181,7 @@ impl Compiler<'_> {
                 self.skip();
                 Ok(variable)
             }
-            _ => fault(ErrorCode::NameUnknown, span, "FOR counts with a simple variable that is a number"),
+            _ => fault(ErrorCode::NameUnknown, span, "FOR needs a simple variable that is a number"),
         }
     }
 
@@ -254,7 +254,7 @@ impl Compiler<'_> {
         let label = match self.peek() {
             Some(Kind::Word { letter: b'N', value }) => format!("N{value}"),
             Some(Kind::Name | Kind::Word { .. }) => self.word_here().to_ascii_uppercase(),
-            _ => return fault(ErrorCode::NotUnderstood, span, format!("a label is needed behind {word}")),
+            _ => return fault(ErrorCode::NotUnderstood, span, format!("a label is needed after {word}")),
         };
         self.skip();
         let at = self.jump_later(jump.unwrap_or(Op::Jump(0)));
@@ -279,7 +279,7 @@ impl Compiler<'_> {
             match (found, places.first()) {
                 (Some(&(target, _)), _) => self.aim(jump.at, target),
                 (None, Some(&(_, line))) => {
-                    let message = format!("{} stands in line {line}, the other way", jump.label);
+                    let message = format!("{} is in line {line}, in the other direction", jump.label);
                     self.report(ErrorCode::LabelDirection, jump.span, message);
                 }
                 (None, None) => {

@@ -21,12 +21,12 @@ impl Compiler<'_> {
     pub(super) fn proc(&mut self, span: Span) -> CompileResult {
         self.skip();
         if self.has_proc || self.has_begun || self.names.slots() > 0 {
-            return fault(ErrorCode::ProcPlace, span, "PROC is the first block of a source, once");
+            return fault(ErrorCode::ProcPlace, span, "PROC must be the first block of a source, and occur once");
         }
         self.has_proc = true;
         let name = self.new_name("PROC")?;
         if !name.eq_ignore_ascii_case(self.file_name) {
-            let message = format!("the file is called {}, the cycle {name}", self.file_name);
+            let message = format!("the file is named {}, the cycle {name}", self.file_name);
             self.report(ErrorCode::NameDiffers, self.since(span.end), message);
         }
         self.unit.name = name;
@@ -74,7 +74,7 @@ impl Compiler<'_> {
             return fault(
                 ErrorCode::DefinitionPlace,
                 span,
-                "DEF stands at the beginning, before the first block that does something",
+                "DEF must be at the beginning, before the first block with an effect",
             );
         }
         let of = self.type_name()?;
@@ -114,7 +114,7 @@ impl Compiler<'_> {
             return fault(
                 ErrorCode::ArraySize,
                 self.since(open.start),
-                format!("a text has from 1 to {MAX_TEXT_LENGTH} bytes"),
+                format!("a text must have from 1 to {MAX_TEXT_LENGTH} bytes"),
             );
         }
         Ok(Type::Text(length as u16))
@@ -123,7 +123,7 @@ impl Compiler<'_> {
     /// Parses a name to be defined, in capitals.
     fn new_name(&mut self, behind: &str) -> CompileResult<String> {
         if !matches!(self.peek(), Some(Kind::Name | Kind::Word { .. })) {
-            return fault(ErrorCode::NotUnderstood, self.here_span(), format!("a name is needed behind {behind}"));
+            return fault(ErrorCode::NotUnderstood, self.here_span(), format!("a name is needed after {behind}"));
         }
         let name = self.word_here().to_ascii_uppercase();
         self.skip();
@@ -163,7 +163,7 @@ impl Compiler<'_> {
                     return fault(
                         ErrorCode::ArraySize,
                         self.since(open.start),
-                        "an array has one or two sizes from 1 to 1000",
+                        "an array must have one or two sizes from 1 to 1000",
                     );
                 }
             }

@@ -98,7 +98,7 @@ impl Folders<'_> {
 fn read_source(path: &Path) -> std::io::Result<Vec<u8>> {
     let length = std::fs::metadata(path)?.len();
     if length > MAX_SOURCE_BYTES {
-        return Err(std::io::Error::other(format!("{length} bytes are too many for a source")));
+        return Err(std::io::Error::other(format!("{length} bytes are too many for a source file")));
     }
     std::fs::read(path)
 }
@@ -113,7 +113,7 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
         let holder = |name: &str| taken.iter().find(|(known, _)| known == name).map(|(_, path)| path.clone());
         if let (Origin::Shipped, Some(path)) = (source.origin, holder(&stem)) {
             let diagnostic =
-                Diagnostic::of_file(ErrorCode::ShippedReplaced, format!("{stem} takes the place of the shipped one"));
+                Diagnostic::of_file(ErrorCode::ShippedReplaced, format!("{stem} replaces the shipped cycle"));
             findings.push(LibraryFinding { source: path, diagnostic });
             continue;
         }
@@ -139,7 +139,7 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
             continue;
         };
         if let Some(path) = holder(&unit.name) {
-            let message = format!("{} is defined in {} too", unit.name, path.display());
+            let message = format!("{} is also defined in {}", unit.name, path.display());
             let diagnostic = Diagnostic::of_file(ErrorCode::CycleTwice, message);
             findings.push(LibraryFinding { source: source.path, diagnostic });
             continue;
@@ -164,7 +164,7 @@ fn taken_form(
         }
         Err(FormError::Stale) => None,
         Ok(_) | Err(FormError::Torn) => {
-            let message = format!("{} is damaged or from elsewhere", path.display());
+            let message = format!("{} is damaged or of another program", path.display());
             let diagnostic = Diagnostic::of_file(ErrorCode::StoredTorn, message);
             findings.push(LibraryFinding { source: source.to_owned(), diagnostic });
             None

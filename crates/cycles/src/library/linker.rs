@@ -55,7 +55,7 @@ fn place(call: &CallSite, forms: &[Form]) -> Option<usize> {
 fn first_fault(unit: &Unit, forms: &[Form]) -> Option<Diagnostic> {
     unit.calls.iter().find_map(|call| {
         let (code, message) = match place(call, forms) {
-            None => (ErrorCode::CycleUnknown, format!("there is no cycle {} that can be called", call.name)),
+            None => (ErrorCode::CycleUnknown, format!("the cycle {} does not exist or cannot be called", call.name)),
             Some(at) => (ErrorCode::CallArguments, misfit(&forms[at].unit, call.arguments.iter().map(given))?),
         };
         Some(Diagnostic { code, line: call.line, start: call.start, end: call.end, message })

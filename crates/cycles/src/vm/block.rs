@@ -48,7 +48,7 @@ impl VmRun<'_> {
             Op::CodeM => {
                 let code = self.number().round();
                 if !is_known_m(code) {
-                    return trap(ErrorCode::CodeUnknown, format!("M{code} is not known in a cycle"));
+                    return trap(ErrorCode::CodeUnknown, format!("M{code} is not allowed in a cycle"));
                 }
                 self.machine.block.add_m(code as u16);
             }
@@ -86,7 +86,7 @@ impl VmRun<'_> {
 
     fn emit(&mut self, cycle: &Cycle) -> Step {
         if self.machine.blocks >= self.machine.limits.blocks {
-            return trap(ErrorCode::Endless, format!("{} has given too many blocks", cycle.name()));
+            return trap(ErrorCode::Endless, format!("{} has emitted too many blocks", cycle.name()));
         }
         self.machine.blocks += 1;
         self.machine.steps = self.machine.steps.saturating_sub(STEPS_OF_A_BLOCK);

@@ -90,7 +90,7 @@ pub(super) fn from_radius(shape: &ArcShape, radius: f64) -> BlockResult<(f64, f6
     let (mid_x, mid_y) = ((end_x + x) / 2.0, (end_y + y) / 2.0);
     let half = (mid_x - end_x).hypot(mid_y - end_y);
     if half - size > shape.radii.least || size == 0.0 {
-        let message = format!("the radius {size} does not reach over a chord of {:.4}", 2.0 * half);
+        let message = format!("the radius {size} is too small for a chord of {:.4}", 2.0 * half);
         return fault(ErrorCode::ArcRadiusTooSmall, shape.at, message);
     }
     // The side of the chord on which the centre is: on its right for a short clockwise arc, and so on.

@@ -370,7 +370,7 @@ fn check_cycle_words(cycle: DrillingCycle, given: &CycleWords, words: &Words) ->
         _ => {
             return match given.dwell {
                 Some(dwell) if dwell < 0.0 => {
-                    fault(ErrorCode::NegativeValue, words.span(b'p'), "a dwell takes no negative time")
+                    fault(ErrorCode::NegativeValue, words.span(b'p'), "a dwell cannot have a negative time")
                 }
                 _ => Ok(()),
             };

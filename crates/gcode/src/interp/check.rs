@@ -155,7 +155,7 @@ fn check_dwell(words: &Words, to_be: MotionToBe, at: Span) -> BlockResult<()> {
     match words.get(b'p') {
         None => fault(ErrorCode::WordMissing, at, "G4 needs a P word: the time in seconds"),
         Some(seconds) if seconds < 0.0 => {
-            fault(ErrorCode::NegativeValue, words.span(b'p'), "a dwell takes no negative time")
+            fault(ErrorCode::NegativeValue, words.span(b'p'), "a dwell cannot have a negative time")
         }
         Some(_) => Ok(()),
     }
@@ -177,7 +177,7 @@ fn check_g10(words: &Words, at: Span) -> BlockResult<()> {
         return fault(ErrorCode::BadP, words.span(b'p'), format!("there is no coordinate system {system}"));
     }
     if words.has(b'r') && words.get(b'l') == Some(20.0) {
-        return fault(ErrorCode::WordUnused, words.span(b'r'), "G10 L20 takes no R word");
+        return fault(ErrorCode::WordUnused, words.span(b'r'), "G10 L20 does not accept an R word");
     }
     match words.first_of(b"ijkq") {
         Some(letter) => unused(words, letter, "G10 L2 and L20"),
@@ -187,7 +187,7 @@ fn check_g10(words: &Words, at: Span) -> BlockResult<()> {
 
 fn unused(words: &Words, letter: u8, code: &str) -> BlockResult<()> {
     let name = char::from(letter.to_ascii_uppercase());
-    fault(ErrorCode::WordUnused, words.span(letter), format!("{code} takes no {name} word"))
+    fault(ErrorCode::WordUnused, words.span(letter), format!("{code} does not accept the {name} word"))
 }
 
 /// Refuses a word that no code of the block uses.

@@ -192,7 +192,7 @@ impl Queue {
                     return fault(
                         ErrorCode::CompensationCorner,
                         at,
-                        "the corner does not lie on the compensated arc before it",
+                        "the corner is not on the compensated arc before it",
                     );
                 }
                 let longer = |start| sweep(start, end, centre, arc.turns).abs() > programmed.abs() + more_sweep;

@@ -77,7 +77,7 @@ impl Core {
         };
         let orientation = match words.get(b'l') {
             Some(_) if self.state.plane != Plane::Zx => {
-                let message = "an orientation belongs to a lathe tool, and those are compensated in G18 only";
+                let message = "only a lathe tool has an orientation, and it can be compensated in G18 only";
                 return fault(ErrorCode::CompensationLathe, words.span(b'l'), message);
             }
             Some(orientation) => whole(orientation, words.span(b'l'), "L")?,

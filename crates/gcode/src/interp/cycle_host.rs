@@ -369,8 +369,7 @@ impl Caller<'_> {
 
     fn check_size(&self) -> BlockResult<()> {
         if self.emit.steps.len() > self.max_steps || self.modal_cost > MAX_MODAL_COST {
-            let message =
-                format!("one call gives more than {MAX_FUNCTIONS} functions, or its holes do not come to an end");
+            let message = format!("one call emits more than {MAX_FUNCTIONS} functions, or its holes have no end");
             return fault(ErrorCode::CycleAlarm, self.at, message);
         }
         Ok(())

@@ -246,7 +246,7 @@ impl Interpreter {
                 self.call_cycle(&call, &NoContours, steps)?;
                 Ok(ProgramFlow::Continue)
             }
-            _ => fault(ErrorCode::BadControl, control.at, "an O word needs the whole program"),
+            _ => fault(ErrorCode::BadControl, control.at, "an O word cannot be executed without the whole program"),
         }
     }
 

@@ -156,7 +156,7 @@ impl Core {
     fn added_offset(&self, words: &Words, old: &Pose) -> BlockResult<Pose> {
         let at = words.g_span(GroupG::ToolOffset);
         match (words.get(b'h'), words.first_of(super::check::AXES)) {
-            (Some(_), Some(_)) => fault(ErrorCode::TwoUseAxes, at, "G43.2 takes an H word or axis words, not both"),
+            (Some(_), Some(_)) => fault(ErrorCode::TwoUseAxes, at, "G43.2 accepts an H word or axis words, not both"),
             (Some(number), None) => Ok(old.plus(&self.lengths_to_program(&self.tool(number, words, b'h')?.offset))),
             (None, Some(_)) => Ok(given_axes(words, old, |old, given| old + given)),
             (None, None) => fault(ErrorCode::WordMissing, at, "G43.2 needs an H word or axis words"),

@@ -46,7 +46,7 @@ impl Core {
     fn wait(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
         let at = words.m_span(GroupM::Output);
         let input = match (words.has(b'p'), words.has(b'e')) {
-            (true, true) => return fault(ErrorCode::InputChoice, at, "M66 asks one input, not both P and E"),
+            (true, true) => return fault(ErrorCode::InputChoice, at, "M66 reads one input, not both P and E"),
             (true, false) => WaitInput::Digital(port_number(words, b'p', "input")?),
             (false, true) => WaitInput::Analog(port_number(words, b'e', "input")?),
             (false, false) => {
@@ -59,7 +59,7 @@ impl Core {
             2 => WaitFor::Fall,
             3 => WaitFor::High,
             4 => WaitFor::Low,
-            other => return fault(ErrorCode::BadL, words.span(b'l'), format!("M66 takes L0 to L4, not L{other}")),
+            other => return fault(ErrorCode::BadL, words.span(b'l'), format!("M66 accepts L0 to L4, not L{other}")),
         };
         let timeout = words.get(b'q').unwrap_or_default();
         if wait_for != WaitFor::Immediate {
@@ -67,7 +67,11 @@ impl Core {
                 return fault(ErrorCode::WaitTimeout, at, ErrorCode::WaitTimeout.title());
             }
             if matches!(input, WaitInput::Analog(_)) {
-                return fault(ErrorCode::InputChoice, words.span(b'l'), "an analog input is not waited for: L0");
+                return fault(
+                    ErrorCode::InputChoice,
+                    words.span(b'l'),
+                    "M66 cannot wait for an analog input: write L0",
+                );
             }
         }
         emit.call(Canon::Wait(WaitForInput { input, wait_for, timeout: timeout.max(0.0) }));

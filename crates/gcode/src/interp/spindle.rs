@@ -143,7 +143,7 @@ fn check_synchronised(motion: MotionMode, words: &Words) -> BlockResult<()> {
     }
     match words.get(b'k') {
         None => {
-            let message = format!("{name} needs a K word: the way in one turn of the spindle");
+            let message = format!("{name} needs a K word: the distance per turn of the spindle");
             return fault(ErrorCode::WordMissing, words.g_span(GroupG::Motion), message);
         }
         Some(0.0) => return fault(ErrorCode::ZeroPitch, words.span(b'k'), ErrorCode::ZeroPitch.title()),

@@ -27,7 +27,7 @@ impl Core {
         }
         if let Some(letter) = words.first_of(b"zabcuvw") {
             let name = char::from(letter.to_ascii_uppercase());
-            return fault(ErrorCode::SplineAxis, words.span(letter), format!("{name} does not belong to a spline"));
+            return fault(ErrorCode::SplineAxis, words.span(letter), format!("{name} is not allowed in a spline"));
         }
         let (start, end) = (self.state.position, self.end_of(words));
         let first = ControlPoint::plain(start[Axis::X], start[Axis::Y]);
@@ -83,7 +83,7 @@ impl Core {
             return fault(ErrorCode::SplineWords, at, "a control point has X, Y and a weight P");
         }
         if let Some(weight) = weight.filter(|weight| *weight <= 0.0) {
-            let message = format!("the weight of a control point is above 0, not {weight}");
+            let message = format!("the weight of a control point must be above 0, not {weight}");
             return fault(ErrorCode::SplineWords, words.span(b'p'), message);
         }
         self.check_spline_feed_of_points(words)?;

@@ -22,10 +22,10 @@ pub(super) fn check(words: &Words, at: Span) -> BlockResult<()> {
         return fault(ErrorCode::WordMissing, at, "G10 needs a P word: the tool");
     };
     if whole(number, words.span(b'p'), "P")? < 1 {
-        return fault(ErrorCode::BadP, words.span(b'p'), "there is no tool below 1 in the table");
+        return fault(ErrorCode::BadP, words.span(b'p'), "tool numbers of the table begin at 1");
     }
     if words.has(b'k') {
-        return fault(ErrorCode::WordUnused, words.span(b'k'), "G10 takes no K word");
+        return fault(ErrorCode::WordUnused, words.span(b'k'), "G10 does not accept a K word");
     }
     if !words.has_any(b"xyzabcuvwrijq") {
         return fault(
@@ -42,7 +42,7 @@ impl Core {
     pub(super) fn reload_tools(&mut self, at: Span, emit: &mut Emit<'_>) -> BlockResult<()> {
         let loaded = self.state.current_tool;
         if loaded != 0 {
-            let message = format!("tool {loaded} is in the spindle while its table would be read again");
+            let message = format!("tool {loaded} is in the spindle, and G10 L0 needs an empty spindle");
             return fault(ErrorCode::ToolLoaded, at, message);
         }
         emit.call(Canon::ReloadToolData);

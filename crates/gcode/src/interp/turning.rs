@@ -33,11 +33,11 @@ impl Core {
                 return fault(
                     ErrorCode::TurningWord,
                     at,
-                    format!("{name} is an increment already; G91 does not go with it"),
+                    format!("{name} is an increment already and cannot be used with G91"),
                 );
             }
             if words.has(own) {
-                let message = format!("{name} and {} both give the end", char::from(axis.letter()));
+                let message = format!("{name} and {} both define the end", char::from(axis.letter()));
                 return fault(ErrorCode::TurningWord, at, message);
             }
             words.remove(letter);
@@ -144,7 +144,7 @@ fn call_of(step: TurningMove, pose: &mut Pose) -> Canon {
 
 const fn reason(refusal: RoughingError) -> &'static str {
     match refusal {
-        RoughingError::Empty => "the profile has no line and no arc behind its first point",
+        RoughingError::Empty => "the profile has no line and no arc after its first point",
         RoughingError::NotMonotonic(_) => "the profile turns back along its own direction",
         RoughingError::Allowance(_) => "the allowance D is too great for the profile: its elements no longer meet",
         RoughingError::TooManyLevels => "the infeed I is so small that there would be more than 10 000 levels",
