@@ -5,6 +5,7 @@
 
 use crate::cycle::CycleId;
 use crate::error_codes::ErrorCode;
+use crate::host::CycleStoppedError;
 use std::fmt;
 
 /// A run that has ended with an alarm. If the alarm comes from a check of the parameters, none of the cycle's motion
@@ -41,14 +42,27 @@ impl fmt::Display for Alarm {
     }
 }
 
+impl std::error::Error for Alarm {}
+
 /// Reason why a run has ended early.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Halt {
+pub enum CycleRunError {
     /// An alarm of the cycle.
     Alarm(Box<Alarm>),
     /// The host stopped at a block, and has the reason.
     Stopped,
 }
+
+impl fmt::Display for CycleRunError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Alarm(alarm) => alarm.fmt(f),
+            Self::Stopped => CycleStoppedError.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for CycleRunError {}
 
 /// An alarm of the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -133,8 +133,8 @@ impl Cycle {
 
     /// Returns why a call with these arguments is wrong, or `None` if it is right. It serves the check of a program
     /// before it runs.
-    pub fn misfit(&self, given: impl IntoIterator<Item = Given>) -> Option<String> {
-        misfit(&self.unit, given)
+    pub fn argument_mismatch(&self, given: impl IntoIterator<Item = Given>) -> Option<String> {
+        argument_mismatch(&self.unit, given)
     }
 
     /// Returns the source: a path, or the name of a shipped cycle.
@@ -145,7 +145,7 @@ impl Cycle {
 
     /// Whether the compiled form was loaded from the folder rather than compiled now.
     #[must_use]
-    pub const fn was_fresh(&self) -> bool {
+    pub const fn is_from_cache(&self) -> bool {
         self.was_fresh
     }
 
@@ -178,7 +178,7 @@ impl fmt::Display for Cycle {
 }
 
 /// Returns why arguments do not fit a unit's parameters, or `None` if they do.
-pub(crate) fn misfit(callee: &Unit, given: impl IntoIterator<Item = Given>) -> Option<String> {
+pub(crate) fn argument_mismatch(callee: &Unit, given: impl IntoIterator<Item = Given>) -> Option<String> {
     let (name, most) = (&callee.name, callee.parameters.len());
     for (index, given) in given.into_iter().enumerate() {
         let Some(parameter) = callee.parameters.get(index) else {

@@ -10,7 +10,7 @@ mod state;
 
 pub(crate) use block::is_known_m;
 
-use crate::alarm::{Alarm, Halt};
+use crate::alarm::{Alarm, CycleRunError};
 use crate::code::{Op, Passed, converted};
 use crate::cycle::{Cycle, CycleId, Given, Type};
 use crate::error_codes::ErrorCode;
@@ -153,7 +153,7 @@ impl Vm {
         cycle: CycleId,
         arguments: &[Argument<'_>],
         host: &mut dyn Host,
-    ) -> Result<(), Halt> {
+    ) -> Result<(), CycleRunError> {
         self.stack.clear();
         self.slots.clear();
         self.frames.clear();
@@ -161,11 +161,11 @@ impl Vm {
         (self.steps, self.blocks) = (0, 0);
         let mut run = VmRun { machine: self, library, arguments, host };
         let mut place = (cycle, 0);
-        run.begin(cycle).and_then(|()| run.go(&mut place)).map_err(|trap| match *trap {
-            VmTrap::Stopped => Halt::Stopped,
+        run.begin(cycle).and_then(|()| run.run_to_end(&mut place)).map_err(|trap| match *trap {
+            VmTrap::Stopped => CycleRunError::Stopped,
             VmTrap::Alarm(code, number, text) => {
                 let (cycle, line) = place;
-                Halt::Alarm(Box::new(Alarm { code, number, cycle, line, text }))
+                CycleRunError::Alarm(Box::new(Alarm { code, number, cycle, line, text }))
             }
         })
     }
@@ -183,7 +183,7 @@ impl<'r> VmRun<'r> {
             Argument::Number(_) => Given::Number,
             Argument::Text(_) => Given::Text,
         });
-        if let Some(text) = cycle.misfit(given) {
+        if let Some(text) = cycle.argument_mismatch(given) {
             return trap(ErrorCode::BadArgument, text);
         }
         let mut programmed = 0;
@@ -218,7 +218,7 @@ impl<'r> VmRun<'r> {
     }
 
     /// Executes instructions until the outermost cycle ends; `place` is the current line, for alarms.
-    fn go(&mut self, place: &mut (CycleId, u32)) -> Step {
+    fn run_to_end(&mut self, place: &mut (CycleId, u32)) -> Step {
         while let Some(mut frame) = self.machine.frames.last().copied() {
             let Some(cycle) = self.library.get(frame.cycle) else {
                 return trap(ErrorCode::CycleUnknown, "the cycle is not in this library");
@@ -249,7 +249,7 @@ impl<'r> VmRun<'r> {
                 self.machine.stack.push(value.unwrap_or(Value::Number(0.0)));
             }
             Op::Store(slot, of) => {
-                let value = self.take();
+                let value = self.pop();
                 self.store(frame.base + usize::from(slot), of, value)?;
             }
             Op::Operate(operator) => self.operate(operator)?,
@@ -273,7 +273,7 @@ impl<'r> VmRun<'r> {
             Op::Call1(function) => self.function(function)?,
             Op::LoadAt(..) | Op::StoreAt(..) | Op::Element(..) => self.array(op, frame)?,
             Op::CompareTexts(unequal) => {
-                let (b, a) = (self.take(), self.take());
+                let (b, a) = (self.pop(), self.pop());
                 let equal = self.text(a) == self.text(b);
                 self.push(f64::from(equal != unequal));
             }
@@ -282,7 +282,7 @@ impl<'r> VmRun<'r> {
                 let bit = if (1.0..=64.0).contains(&number) { frame.programmed >> (number as u32 - 1) & 1 } else { 0 };
                 self.push(bit as f64);
             }
-            Op::Clear | Op::Join | Op::Show | Op::Raise => self.tell(op, frame.cycle, line)?,
+            Op::Clear | Op::Join | Op::Show | Op::Raise => self.message_op(op, frame.cycle, line)?,
             Op::StockPath => self.stock_path()?,
             Op::StockRead => self.stock_read()?,
             _ => self.block_op(op, frame, cycle, line)?,
@@ -295,13 +295,13 @@ impl<'r> VmRun<'r> {
     }
 
     /// Pops a value; 0 from an empty stack, which compiled code excludes.
-    fn take(&mut self) -> Value {
+    fn pop(&mut self) -> Value {
         self.machine.stack.pop().unwrap_or(Value::Number(0.0))
     }
 
     /// Pops a number; a text is 0.
     fn number(&mut self) -> f64 {
-        match self.take() {
+        match self.pop() {
             Value::Number(number) => number,
             Value::Text(_) => 0.0,
         }
@@ -348,7 +348,7 @@ impl<'r> VmRun<'r> {
                 self.machine.stack.push(value.unwrap_or(Value::Number(0.0)));
             }
             Op::StoreAt(base, length, of) => {
-                let value = self.take();
+                let value = self.pop();
                 let index = self.index(length)?;
                 self.store(frame.base + usize::from(base) + index, of, value)?;
             }
@@ -417,7 +417,7 @@ mod tests {
     use super::*;
     use crate::code::{Input, Operand};
     use crate::cycle::{Kind, Origin, Parameter};
-    use crate::host::CycleStopped;
+    use crate::host::CycleStoppedError;
     use proptest::prelude::*;
     use std::path::PathBuf;
 
@@ -429,7 +429,7 @@ mod tests {
             1.0
         }
 
-        fn block(&mut self, _: &CycleBlock) -> Result<(), CycleStopped> {
+        fn block(&mut self, _: &CycleBlock) -> Result<(), CycleStoppedError> {
             Ok(())
         }
 

@@ -191,7 +191,7 @@ fn a_long_cycle_is_not_an_endless_one() {
 fn the_host_can_stop_a_run() {
     let library = CycleLibrary::shipped();
     let mut host = Recorder { stop_at: Some(1), ..Recorder::default() };
-    assert_eq!(run(&library, "CYCLE81(10,0,2,-20)", &mut host), Err(retrace_cycles::Halt::Stopped));
+    assert_eq!(run(&library, "CYCLE81(10,0,2,-20)", &mut host), Err(retrace_cycles::CycleRunError::Stopped));
     assert_eq!(host.lines, ["G0 G90 Z2"]);
 }
 
@@ -286,5 +286,8 @@ fn spans_point_at_what_is_meant() {
     let diagnostic = &library.findings()[0].diagnostic;
     assert_eq!((diagnostic.column(), diagnostic.end - diagnostic.start), (9, 5));
     let shown = diagnostic.to_string();
-    assert!(shown.starts_with("2:9: error[E1906]: WRONG is not a variable") && shown.contains("\n  help: "), "{shown}");
+    assert!(
+        shown.starts_with("2:9: error[E1906]: WRONG is neither a variable") && shown.contains("\n  help: "),
+        "{shown}"
+    );
 }

@@ -50,7 +50,7 @@ fn says(library: &CycleLibrary, call: &str) -> Vec<String> {
 }
 
 fn was_fresh(library: &CycleLibrary, name: &str) -> bool {
-    library.find(name).and_then(|id| library.get(id)).expect(name).was_fresh()
+    library.find(name).and_then(|id| library.get(id)).expect(name).is_from_cache()
 }
 
 #[test]

@@ -6,7 +6,7 @@ mod common;
 
 use common::Recorder;
 use proptest::prelude::*;
-use retrace_cycles::{Argument, CycleLibrary, ErrorCode, Halt, Vm, VmLimits};
+use retrace_cycles::{Argument, CycleLibrary, CycleRunError, ErrorCode, Vm, VmLimits};
 
 const WORDS: &[&str] = &[
     "PROC TEST(REAL AA, STRING[9] BB)",
@@ -124,7 +124,7 @@ fn statements() -> impl Strategy<Value = String> {
 const SMALL: VmLimits = VmLimits { steps: 5_000, blocks: 500, depth: 6 };
 
 /// How a run ended, its blocks and its messages.
-type Ran = (Result<(), Halt>, Vec<String>, Vec<String>);
+type Ran = (Result<(), CycleRunError>, Vec<String>, Vec<String>);
 
 fn run_all(library: &CycleLibrary, number: f64) -> Vec<Ran> {
     let arguments = [Argument::Number(number), Argument::Text("t")];
@@ -163,7 +163,7 @@ proptest! {
         let library = CycleLibrary::of_sources(&[("TEST", &text)]);
         for (done, lines, _) in run_all(&library, number.round()) {
             prop_assert!(lines.len() <= 500);
-            if let Err(Halt::Alarm(alarm)) = done {
+            if let Err(CycleRunError::Alarm(alarm)) = done {
                 prop_assert!(alarm.code != ErrorCode::CycleUnknown && alarm.line as usize <= text.lines().count());
             }
         }
@@ -194,13 +194,13 @@ proptest! {
         let mut host = Recorder { plane: f64::from(plane), inch: f64::from(inch), ..Recorder::default() };
         match Vm::default().run(&library, id, &arguments, &mut host) {
             Ok(()) => {}
-            Err(Halt::Alarm(alarm)) => {
+            Err(CycleRunError::Alarm(alarm)) => {
                 prop_assert!(alarm.code == ErrorCode::CycleAlarm, "{:?}", alarm);
                 prop_assert!(host.lines.is_empty(), "{:?} behind {:?}", alarm, host.lines);
                 let named = alarm.text.starts_with(cycle.name());
                 prop_assert!(named && alarm.number.is_some_and(|number| retrace_cycles::alarm_text(number).is_some()));
             }
-            Err(Halt::Stopped) => prop_assert!(false, "the host does not stop"),
+            Err(CycleRunError::Stopped) => prop_assert!(false, "the host does not stop"),
         }
     }
 
@@ -250,7 +250,7 @@ proptest! {
         let folders = retrace_cycles::Folders { sources: Some(&sources), compiled: Some(&compiled) };
         let (now, kept) = (CycleLibrary::open(folders), CycleLibrary::open(folders));
         let both = (run_all(&now, number), run_all(&kept, number));
-        let fresh = kept.iter().all(|(_, cycle)| cycle.was_fresh());
+        let fresh = kept.iter().all(|(_, cycle)| cycle.is_from_cache());
         let _ = std::fs::remove_dir_all(&folder);
         prop_assert_eq!(both.0, both.1);
         prop_assert!(fresh);

@@ -37,7 +37,7 @@ fn programs() -> [(&'static str, Text); 5] {
 
 /// Decodes a program; each canonical function goes to `take`.
 fn decode(text: &Text, setup: &Setup, take: &mut impl FnMut(&retrace_gcode::CanonStep)) {
-    let prescan = Arc::new(Prescan::of("program", text.clone(), setup));
+    let prescan = Arc::new(Prescan::scan("program", text.clone(), setup));
     let mut program = Program::<&[u8]>::prescanned(prescan, setup.clone());
     let mut steps = Vec::new();
     loop {

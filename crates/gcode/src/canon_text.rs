@@ -3,7 +3,7 @@
 //! Invariant: the counter increases by one with every line except those of PRINT, which are printed unchanged.
 
 use crate::canon::{ArcFeed, Canon, CanonStep, FeedMode, LengthUnit, PathControl, Plane};
-use crate::output_text::{Head, TextBuffer, TextPiece};
+use crate::output_text::{LineHead, TextBuffer, TextPiece};
 use crate::pose::{Axis, Pose};
 use crate::tool::Tool;
 use std::io::{self, Write};
@@ -12,16 +12,16 @@ use std::io::{self, Write};
 #[derive(Debug)]
 pub struct CanonText<W> {
     out: W,
-    head: Head,
+    head: LineHead,
     /// Lines not yet written.
     text: TextBuffer,
-    ends: Ends,
+    ends: LastCoordinates,
 }
 
 impl<W: Write> CanonText<W> {
     /// Creates a writer whose counter starts at 1.
     pub fn new(out: W) -> CanonText<W> {
-        CanonText { out, head: Head::new(), text: TextBuffer::new(), ends: Ends::default() }
+        CanonText { out, head: LineHead::new(), text: TextBuffer::new(), ends: LastCoordinates::default() }
     }
 
     /// Appends one step. Its line is buffered and written later, at the latest by [`CanonText::into_inner`].
@@ -45,7 +45,7 @@ impl<W: Write> CanonText<W> {
             }
             text.fixed(b"\n");
         }
-        if self.text.is_enough() { self.flush() } else { Ok(()) }
+        if self.text.should_flush() { self.flush() } else { Ok(()) }
     }
 
     /// Writes the buffered lines.
@@ -71,9 +71,9 @@ impl<W: Write> CanonText<W> {
 
 /// The last coordinates of straight moves. Most moves leave some of them unchanged.
 #[derive(Debug, Default)]
-struct Ends([(u64, TextPiece); 6]);
+struct LastCoordinates([(u64, TextPiece); 6]);
 
-impl Ends {
+impl LastCoordinates {
     /// Writes the name of a move and its end.
     #[inline]
     fn write<const N: usize>(&mut self, out: &mut TextBuffer, name: &[u8; N], end: &Pose) -> io::Result<()> {

@@ -178,7 +178,7 @@ pub(crate) fn may_be(text: &[u8], cycles: Option<&CycleLibrary>) -> bool {
     }
     match cursor.peek() {
         b'o' => true,
-        b'm' if fanuc(&mut cursor).is_some() => true,
+        b'm' if eat_m98_m99(&mut cursor).is_some() => true,
         _ => cycle_call::begins(&mut cursor, cycles),
     }
 }
@@ -195,7 +195,7 @@ fn begin(cursor: &mut Cursor<'_>) {
 }
 
 /// Parses M98 or M99, or consumes nothing.
-pub(crate) fn fanuc(cursor: &mut Cursor<'_>) -> Option<Keyword> {
+pub(crate) fn eat_m98_m99(cursor: &mut Cursor<'_>) -> Option<Keyword> {
     let before = cursor.clone();
     if cursor.eat(b'm') {
         let digits = cursor.digits();
@@ -245,7 +245,7 @@ fn values(
                     let message = format!("{} accepts no more values", control.label);
                     return fault(ErrorCode::BadControl, cursor.since(start), message);
                 }
-                block.add_late(Slot::Argument, first_op, cursor.since(start));
+                block.add_deferred(Slot::Argument, first_op, cursor.since(start));
             }
             b'(' => comment(cursor, start)?,
             0 | b';' => return Ok(arguments),
@@ -309,9 +309,9 @@ pub(crate) fn parse_fanuc(
         },
         _ => Label::Calculated,
     };
-    block.add_late_range(Slot::Argument, first, end, place);
+    block.add_deferred_range(Slot::Argument, first, end, place);
     if let Some((first, end, place)) = repeats {
-        block.add_late_range(Slot::Argument, first, end, place);
+        block.add_deferred_range(Slot::Argument, first, end, place);
     }
     block.control = Some(Control { label, keyword, at });
     Ok(())
@@ -345,7 +345,7 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> Bloc
         b'[' | b'#' => {
             let (first_op, from) = (block.ops.len(), cursor.at());
             Compiler::new(cursor, &mut block.ops, names).value()?;
-            block.add_late(Slot::Argument, first_op, cursor.since(from));
+            block.add_deferred(Slot::Argument, first_op, cursor.since(from));
             Label::Calculated
         }
         _ => match cursor.digits() {

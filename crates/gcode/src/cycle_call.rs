@@ -174,7 +174,7 @@ fn list(
                 check(cursor, arguments.len(), Some(false))?;
                 let first_op = block.ops.len();
                 Compiler::new(cursor, &mut block.ops, names).expression()?;
-                block.add_late(Slot::Argument, first_op, cursor.since(start));
+                block.add_deferred(Slot::Argument, first_op, cursor.since(start));
                 arguments.push(CycleArgument::Number);
             }
         }

@@ -53,7 +53,7 @@ codes! {
     BadBlockNumber "E1009" "N word not understood" "N is not followed by digits, has more than 18 of them, or is not at the beginning of the block." "Write N and digits at the beginning of the block, or leave the N word out.";
     TooManyErrors "E1010" "too many errors" "More errors than are shown; checking has stopped." "Repair those shown and check again.";
     Unreadable "E1011" "program cannot be read further" "The operating system reported an error while reading." "Check the file and the connection that it comes through.";
-    NotByHand "E1012" "not an MDI block" "An MDI block is one line that needs no other: no loop, branch or definition of a subprogram, no MCALL, no G41 or G42, no percent sign." "Write it into a program, and run that.";
+    NotMdi "E1012" "not an MDI block" "An MDI block is one line that needs no other: no loop, branch or definition of a subprogram, no MCALL, no G41 or G42, no percent sign." "Write it into a program, and run that.";
 
     LetterO "E1013" "letter O for the digit 0" "A word has the letter O where its value has the digit 0." "Write the digit 0, as in G0 X10.";
     DecimalComma "E1014" "decimal comma" "A number has a comma between its digits." "Write a decimal point, as in X10.5.";
@@ -176,8 +176,8 @@ codes! {
     SubInSub "E1808" "subprogram inside a subprogram" "A sub begins before the endsub of another one." "Move it out, or add the missing endsub.";
     SubTwice "E1809" "subprogram defined twice" "Two subprograms of the program have one label." "Rename one of them.";
     WrongCall "E1810" "wrong kind of call" "A subprogram of sub and endsub is called with M98, or one of an O number and M99 with call." "Call sub … endsub with O… call, and O… … M99 with M98 P….";
-    NotYetThere "E1811" "call of a subprogram that has not arrived" "A program from standard input calls a subprogram that has not been read yet, or that cannot be stored." "Put the subprograms before their calls, or run the program from a file.";
-    TooMuchToKeep "E1812" "program too large to store" "The subprograms and loops of a program from standard input exceed 16 MiB, or those of a file 128 MiB, or a file with GOTO 16 MiB; or a program names more than 50 000 parameters." "Run the program from a file; move blocks that need not be repeated out of the loop.";
+    SubNotArrived "E1811" "call of a subprogram that has not arrived" "A program from standard input calls a subprogram that has not been read yet, or that cannot be stored." "Put the subprograms before their calls, or run the program from a file.";
+    StorageFull "E1812" "program too large to store" "The subprograms and loops of a program from standard input exceed 16 MiB, or those of a file 128 MiB, or a file with GOTO 16 MiB; or a program names more than 50 000 parameters." "Run the program from a file; move blocks that need not be repeated out of the loop.";
     SubFile "E1813" "subprogram file cannot be used" "The file of a subprogram cannot be read, or does not contain a subprogram of its name." "Check the file: O<part> is looked for in part.ngc, which holds O<part> sub … O<part> endsub.";
 
     NotAlone "E1814" "M98 or M99 not alone" "M98 or M99 is in a block with other words." "Give them a block of their own.";

@@ -63,7 +63,7 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> BlockResul
                 environment.system(parameter)
             }
             OpKind::ExistsNumbered => {
-                let number = whole(stack[top], op.span(), "#")?;
+                let number = to_whole_number(stack[top], op.span(), "#")?;
                 let exists = usize::try_from(number).is_ok_and(Parameters::has);
                 f64::from(u8::from(exists))
             }
@@ -91,7 +91,7 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> BlockResul
 }
 
 fn numbered(number: f64, op: Op, environment: &impl Environment) -> BlockResult<f64> {
-    let number = whole(number, op.span(), "#")?;
+    let number = to_whole_number(number, op.span(), "#")?;
     if usize::try_from(number).is_ok_and(|number| !environment.is_readable(number)) {
         return fault(ErrorCode::CompensationPosition, op.span(), ErrorCode::CompensationPosition.title());
     }
@@ -102,7 +102,7 @@ fn numbered(number: f64, op: Op, environment: &impl Environment) -> BlockResult<
 }
 
 /// Converts a value that must be a whole number within 0.0001.
-pub(crate) fn whole(value: f64, span: Span, of: &str) -> BlockResult<i32> {
+pub(crate) fn to_whole_number(value: f64, span: Span, of: &str) -> BlockResult<i32> {
     let rounded = value.round();
     if (value - rounded).abs() > WHOLE {
         return fault(ErrorCode::NotAnInteger, span, format!("{of} must be a whole number, not {value}"));

@@ -105,17 +105,17 @@ impl<'a> FileScan<'a> {
 
     /// Compiles the regions, and adds them to the pre-scan.
     pub(crate) fn scan(mut self) -> CompiledCode {
-        let (mut line, found, subs) = (0, self.prescan.found(), self.prescan.subs.list.len());
-        let mut scanned = self.all(&mut line);
+        let (mut line, found, subs) = (0, self.prescan.diagnostic_count(), self.prescan.subs.list.len());
+        let mut scanned = self.scan_lines(&mut line);
         if self.nest.has_goto && scanned.is_ok() {
-            self.prescan.forget(found);
-            self.prescan.subs.forget_from(subs);
+            self.prescan.truncate_diagnostics(found);
+            self.prescan.subs.truncate(subs);
             if self.file == 0 {
                 self.prescan.regions.clear();
             }
             (self.code, self.nest) = (CompiledCode::new(self.file), ControlFlowBuilder::default());
             (self.is_whole, self.has_unread_control, line) = (true, false, 0);
-            scanned = self.whole(&mut line);
+            scanned = self.scan_whole(&mut line);
         }
         if let Err(error) = scanned {
             self.prescan.report(self.file, line + 1, unreadable(&error));
@@ -125,13 +125,13 @@ impl<'a> FileScan<'a> {
 
     /// Compiles the file as one region, from its first line that is not blank or a percent sign to its end or the next
     /// percent sign.
-    fn whole(&mut self, line: &mut u32) -> io::Result<()> {
+    fn scan_whole(&mut self, line: &mut u32) -> io::Result<()> {
         if self.text.len() > MAX_WHOLE {
             let message = "a file with GOTO may have at most 16 MiB";
             self.prescan.report(
                 self.file,
                 1,
-                BlockError::new(Number::TooMuchToKeep, Span::default(), message.to_owned()),
+                BlockError::new(Number::StorageFull, Span::default(), message.to_owned()),
             );
             return Ok(());
         }
@@ -146,13 +146,13 @@ impl<'a> FileScan<'a> {
             let this = lines.line();
             if !this.trim_ascii().is_empty() && !is_percent(this) {
                 lines.seek(before);
-                return self.region(*line, &mut lines).map(drop);
+                return self.compile_region(*line, &mut lines).map(drop);
             }
         }
     }
 
     /// Scans all lines; `line` is the current one.
-    fn all(&mut self, line: &mut u32) -> io::Result<()> {
+    fn scan_lines(&mut self, line: &mut u32) -> io::Result<()> {
         let mut lines = TextLines::new(self.text.clone());
         let mut percent = false;
         loop {
@@ -174,7 +174,7 @@ impl<'a> FileScan<'a> {
                 continue;
             }
             lines.seek(before);
-            match self.region(*line, &mut lines)? {
+            match self.compile_region(*line, &mut lines)? {
                 Some(behind) => *line = behind - 1,
                 None => _ = lines.advance()?,
             }
@@ -207,9 +207,9 @@ impl<'a> FileScan<'a> {
     }
 
     /// Compiles the region that begins with the line read last. Returns the line after it, or `None` if it has no end.
-    fn region(&mut self, first: u32, lines: &mut TextLines) -> io::Result<Option<u32>> {
+    fn compile_region(&mut self, first: u32, lines: &mut TextLines) -> io::Result<Option<u32>> {
         let start = self.code.len();
-        let known = self.prescan.found();
+        let known = self.prescan.diagnostic_count();
         let from = lines.position();
         let mut line = first;
         // Of overlapping regions, the last end counts.
@@ -218,7 +218,7 @@ impl<'a> FileScan<'a> {
             let is_end = !lines.advance()? || self.is_whole && is_percent(lines.line());
             if is_end && self.is_whole {
                 let open = self.nest.abandon().filter(|_| !self.has_unread_control);
-                open.into_iter().for_each(|open| self.prescan.report(self.file, open.line, *open.without_end()));
+                open.into_iter().for_each(|open| self.prescan.report(self.file, open.line, *open.missing_end_error()));
                 break;
             }
             if is_end {
@@ -226,10 +226,10 @@ impl<'a> FileScan<'a> {
                 self.code.truncate(start);
                 self.nest.found.clear();
                 self.nest.faults.clear();
-                self.prescan.forget(known);
+                self.prescan.truncate_diagnostics(known);
                 lines.seek(from);
                 if let Some(open) = open.filter(|_| !self.has_unread_control) {
-                    self.prescan.report(self.file, open.line, *open.without_end());
+                    self.prescan.report(self.file, open.line, *open.missing_end_error());
                 }
                 return Ok(None);
             }
@@ -239,7 +239,7 @@ impl<'a> FileScan<'a> {
             }
             let read = if line == first && !self.is_whole { Ok(true) } else { self.prescan.reader.read(text) };
             match read {
-                Ok(_) => self.nest.take(&mut self.code, line, text, &self.prescan.reader.block),
+                Ok(_) => self.nest.push(&mut self.code, line, text, &self.prescan.reader.block),
                 Err(fault) => {
                     self.has_unread_control |= has_o_word(text);
                     self.code.push(line, text, &self.prescan.reader.block, Jump::Faulty);
@@ -252,7 +252,7 @@ impl<'a> FileScan<'a> {
                 self.prescan.report(
                     self.file,
                     first,
-                    BlockError::new(Number::TooMuchToKeep, Span::default(), message.to_owned()),
+                    BlockError::new(Number::StorageFull, Span::default(), message.to_owned()),
                 );
                 self.nest.abandon();
                 self.nest.found.clear();
@@ -269,7 +269,7 @@ impl<'a> FileScan<'a> {
             self.nest.find_lines(&mut self.code, true);
             self.report_faults();
         }
-        self.take_found();
+        self.add_found_subs();
         if self.file == 0 {
             self.prescan.regions.push(Region { line: first, end_line: line, start, end: self.code.len() });
         }
@@ -285,7 +285,7 @@ impl<'a> FileScan<'a> {
         }
     }
 
-    fn take_found(&mut self) {
+    fn add_found_subs(&mut self) {
         for found in std::mem::take(&mut self.nest.found) {
             let sub = Sub { code: self.file.into(), entry: found.entry, for_m98: found.for_m98 };
             if !self.prescan.subs.add(self.file, found.label.clone(), sub) {
@@ -306,7 +306,7 @@ mod tests {
     #[test]
     fn what_is_compiled_of_a_file_is_bounded() {
         let found = |text: String| {
-            let prescan = Prescan::of("part", text.into_bytes().into(), &Setup::default());
+            let prescan = Prescan::scan("part", text.into_bytes().into(), &Setup::default());
             prescan.diagnostics().iter().map(|found| (found.number(), found.line)).collect::<Vec<_>>()
         };
         let moves = "G1 X1.2345 Y2.3456\n".repeat(MAX_COMPILED / 18 + 10);

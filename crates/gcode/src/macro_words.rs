@@ -60,7 +60,7 @@ fn wrong<T>(cursor: &Cursor<'_>, start: usize, message: &str) -> BlockResult<T> 
 fn condition(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
     let (first_op, from) = (block.ops.len(), cursor.at());
     Compiler::new(cursor, &mut block.ops, names).bracket()?;
-    block.add_late(Slot::Argument, first_op, cursor.since(from));
+    block.add_deferred(Slot::Argument, first_op, cursor.since(from));
     Ok(())
 }
 
@@ -94,7 +94,7 @@ fn go_to(
         b'0'..=b'9' | b'#' | b'[' => Compiler::new(cursor, &mut block.ops, names).value()?,
         _ => return wrong(cursor, start, "GOTO is followed by the number of a line, as in GOTO 100"),
     }
-    block.add_late(Slot::Argument, first_op, cursor.since(from));
+    block.add_deferred(Slot::Argument, first_op, cursor.since(from));
     let at = cursor.since(start);
     end_of_line(cursor)?;
     block.control = Some(Control { label: written.map_or(Label::Calculated, Label::Number), keyword, at });

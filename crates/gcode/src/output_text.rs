@@ -121,7 +121,7 @@ impl TextBuffer {
 
     /// Whether the buffer should be written.
     #[inline]
-    pub(crate) fn is_enough(&self) -> bool {
+    pub(crate) fn should_flush(&self) -> bool {
         self.length >= ENOUGH
     }
 
@@ -194,19 +194,19 @@ const NO_NUMBER: &[u8; 7] = b"N..... ";
 
 /// Beginning of a line: the counter, five characters wide, a blank, and the number of the block, seven characters wide.
 #[derive(Debug)]
-pub(crate) struct Head {
+pub(crate) struct LineHead {
     text: [u8; BLANK + 1 + NO_NUMBER.len()],
     /// Position of the first digit of the counter.
     first: usize,
 }
 
-impl Head {
+impl LineHead {
     /// Creates the head before the first line.
-    pub(crate) fn new() -> Head {
+    pub(crate) fn new() -> LineHead {
         let mut text = [b' '; BLANK + 1 + NO_NUMBER.len()];
         text[BLANK - 1] = b'0';
         text[BLANK + 1..].copy_from_slice(NO_NUMBER);
-        Head { text, first: BLANK - 5 }
+        LineHead { text, first: BLANK - 5 }
     }
 
     /// Increments the counter.
@@ -313,7 +313,7 @@ mod tests {
 
     #[test]
     fn the_counter_has_five_places_or_as_many_as_it_needs() {
-        let mut head = Head::new();
+        let mut head = LineHead::new();
         let mut out = TextBuffer::new();
         for value in 1..=1_100_000_u64 {
             out.clear();

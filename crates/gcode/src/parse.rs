@@ -44,7 +44,7 @@ impl LineReader {
 
     /// Creates the compiler for an interpreter with this setup, with the parameter names known so far.
     pub(crate) fn of(setup: &Setup) -> LineReader {
-        let known = setup.carried.as_ref().map(|carried| carried.names.clone()).unwrap_or_default();
+        let known = setup.snapshot.as_ref().map(|snapshot| snapshot.names.clone()).unwrap_or_default();
         let names = known.with_fixed(&setup.fixed_values);
         let reader = LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone());
         LineReader { names, disable_fanuc_subs: setup.disable_fanuc_subs, ..reader }
@@ -115,7 +115,7 @@ fn parse(
         return control::parse(&mut cursor, names, block);
     }
     if cursor.peek() == b'm'
-        && let Some(keyword) = control::fanuc(&mut cursor)
+        && let Some(keyword) = control::eat_m98_m99(&mut cursor)
     {
         return control::parse_fanuc(keyword, &mut cursor, names, block);
     }
@@ -271,7 +271,7 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
         (Operand::Constant(value), Slot::M) => block.words.add_m(value, at),
         (Operand::Constant(value), _) => block.words.fill(letter, value, at),
         (Operand::Calculated, slot) => {
-            block.add_late(slot, first_op, at);
+            block.add_deferred(slot, first_op, at);
             Ok(())
         }
     }
@@ -338,7 +338,7 @@ pub(crate) fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut
     };
     compiler.value()?;
     let at = cursor.since(start);
-    block.add_late(slot, first_op, at);
+    block.add_deferred(slot, first_op, at);
     Ok(())
 }
 
@@ -354,6 +354,6 @@ fn comment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> B
         let at = Span::new(start + 1 + inner, start + 2 + inner);
         return fault(ErrorCode::NestedComment, at, ErrorCode::NestedComment.title());
     }
-    block.remark = Comment::of(text, cursor.since(start), names)?;
+    block.comment = Comment::of(text, cursor.since(start), names)?;
     Ok(())
 }

@@ -13,7 +13,7 @@ use crate::diag::{BlockError, Diagnostic, Span};
 use crate::error_codes::ErrorCode as Number;
 use crate::file_scan::FileScan;
 use crate::interp::Setup;
-use crate::lines::Split;
+use crate::lines::SplitLines;
 use crate::nearest::nearest;
 use crate::parse::LineReader;
 use crate::program::unreadable;
@@ -87,9 +87,9 @@ impl Subs {
     }
 
     /// Removes all but the first `kept`.
-    pub(crate) fn forget_from(&mut self, kept: usize) {
-        self.list.truncate(kept);
-        self.by_label.retain(|_, id| (*id as usize) < kept);
+    pub(crate) fn truncate(&mut self, count: usize) {
+        self.list.truncate(count);
+        self.by_label.retain(|_, id| (*id as usize) < count);
     }
 
     /// Returns the subprogram of a call in this file: one of the file itself, or one of the program.
@@ -130,7 +130,7 @@ pub struct Prescan {
     /// Positions and lines of the labels of the program, sorted; determined when the first cycle names one.
     labels: Option<LabelPlaces>,
     /// Names of the subprogram files that were searched for already.
-    missed: HashSet<Box<str>>,
+    searched_names: HashSet<Box<str>>,
     /// Paths of cycles of the third kind.
     pub(crate) paths: Paths,
     diagnostics: Vec<Diagnostic>,
@@ -139,7 +139,7 @@ pub struct Prescan {
 impl Prescan {
     /// Pre-scans a program.
     #[must_use]
-    pub fn of(name: &str, text: Text, setup: &Setup) -> Prescan {
+    pub fn scan(name: &str, text: Text, setup: &Setup) -> Prescan {
         let mut prescan = Prescan {
             files: Vec::new(),
             codes: Vec::new(),
@@ -148,7 +148,7 @@ impl Prescan {
             reader: LineReader::of(setup),
             contours: Vec::new(),
             labels: None,
-            missed: HashSet::new(),
+            searched_names: HashSet::new(),
             paths: Paths::default(),
             diagnostics: Vec::new(),
         };
@@ -316,7 +316,7 @@ impl Prescan {
                 Some((start, end)) => {
                     self.find_labels();
                     let stretch = self.between(start, end);
-                    let lines = stretch.map(|(line, text)| (line - 1, line + Split::new(&text).count() as u32));
+                    let lines = stretch.map(|(line, text)| (line - 1, line + SplitLines::new(&text).count() as u32));
                     self.contours.extend(lines);
                     lines.is_some()
                 }
@@ -344,7 +344,7 @@ impl Prescan {
         };
         // A name is searched for once only: a file that calls what it should contain would otherwise be read without
         // end.
-        if !self.missed.insert(name.clone().into()) {
+        if !self.searched_names.insert(name.clone().into()) {
             return;
         }
         let Some(found) = files.and_then(|files| files.find(&name)) else { return };
@@ -378,12 +378,12 @@ impl Prescan {
     }
 
     /// Returns the number of diagnostics.
-    pub(crate) fn found(&self) -> usize {
+    pub(crate) fn diagnostic_count(&self) -> usize {
         self.diagnostics.len()
     }
 
     /// Discards the diagnostics after the first `found`.
-    pub(crate) fn forget(&mut self, found: usize) {
+    pub(crate) fn truncate_diagnostics(&mut self, found: usize) {
         self.diagnostics.truncate(found);
     }
 

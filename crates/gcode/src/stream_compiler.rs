@@ -17,7 +17,7 @@ use std::io::BufRead;
 use std::sync::Arc;
 
 /// Maximum total length of the text of subprograms and one loop, in bytes.
-const MAX_KEPT: usize = 16 << 20;
+const MAX_STORED_BYTES: usize = 16 << 20;
 
 /// Compiled regions of a streamed program.
 #[derive(Debug, Default)]
@@ -25,7 +25,7 @@ pub(crate) struct StreamCompiler {
     nest: ControlFlowBuilder,
     code: Option<Arc<CompiledCode>>,
     /// Total length of the subprograms in bytes.
-    kept: usize,
+    stored_bytes: usize,
     seen: SeenNumbers,
 }
 
@@ -36,9 +36,9 @@ impl StreamCompiler {
     }
 
     /// Records that a line of the program with this number was passed.
-    pub(crate) fn see(&mut self, number: Option<u64>) {
+    pub(crate) fn record_line(&mut self, number: Option<u64>) {
         if let Some(number) = number {
-            self.seen.see(number);
+            self.seen.record(number);
         }
     }
 
@@ -60,14 +60,14 @@ impl StreamCompiler {
         if let Keyword::Call | Keyword::M98 = control.keyword
             && flow.subs.find(0, &control.label).is_none()
         {
-            return Err(FlowController::not_yet(&control.label, control.at));
+            return Err(FlowController::not_arrived_error(&control.label, control.at));
         }
         let mut code = CompiledCode::new(0);
         // Labels of discarded regions may be used again.
         self.nest = ControlFlowBuilder::in_style(self.nest.style());
         let first = lines.number();
         interpreter.reader_mut().block.control = Some(control);
-        self.nest.take(&mut code, first, lines.text(), &interpreter.reader_mut().block);
+        self.nest.push(&mut code, first, lines.text(), &interpreter.reader_mut().block);
         self.report(interpreter);
         while !self.nest.is_closed() {
             let more = match lines.advance() {
@@ -81,13 +81,13 @@ impl StreamCompiler {
                 interpreter.set_line(0, lines.number().saturating_add(1));
                 return Err(cut_off);
             }
-            if !more || self.kept + code.text_len() > MAX_KEPT {
+            if !more || self.stored_bytes + code.text_len() > MAX_STORED_BYTES {
                 return Err(self.unfinished(more, interpreter));
             }
             interpreter.set_line(0, lines.number());
             let reader = interpreter.reader_mut();
             match reader.read(lines.text()) {
-                Ok(_) => self.nest.take(&mut code, lines.number(), lines.text(), &reader.block),
+                Ok(_) => self.nest.push(&mut code, lines.number(), lines.text(), &reader.block),
                 Err(fault) => {
                     code.push(lines.number(), lines.text(), &reader.block, Jump::Faulty);
                     interpreter.report(*fault);
@@ -99,11 +99,11 @@ impl StreamCompiler {
         self.report(interpreter);
         let end = code.len();
         for line in 0..end {
-            self.see(code.block_number(line));
+            self.record_line(code.block_number(line));
         }
         let code = Arc::new(code);
         if is_sub {
-            self.kept += code.text_len();
+            self.stored_bytes += code.text_len();
         }
         for found in self.nest.found.drain(..) {
             let sub = Sub { code: flow.codes.len() as u32, entry: found.entry, for_m98: found.for_m98 };
@@ -129,9 +129,9 @@ impl StreamCompiler {
         match self.nest.abandon() {
             Some(open) if !more => {
                 interpreter.set_line(0, open.line);
-                open.without_end()
+                open.missing_end_error()
             }
-            _ => Box::new(BlockError::plain(Number::TooMuchToKeep, Span::default())),
+            _ => Box::new(BlockError::plain(Number::StorageFull, Span::default())),
         }
     }
 }

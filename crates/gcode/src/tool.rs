@@ -134,7 +134,7 @@ impl ToolTable {
     pub fn write(&self) -> String {
         let mut text = String::new();
         for tool in &self.tools {
-            text += &words_of(tool);
+            text += &format_words(tool);
             // Writing to a string cannot fail.
             let _ = match self.name(tool.number) {
                 Some(name) => writeln!(text, " ;{name}"),
@@ -156,7 +156,7 @@ impl ToolTable {
             match left.iter().position(|tool| Some(tool.number) == number) {
                 None => rewritten += line,
                 Some(index) => {
-                    rewritten += &words_of(left.remove(index));
+                    rewritten += &format_words(left.remove(index));
                     match comment {
                         Some(comment) => rewritten.extend([" ;", comment]),
                         None => rewritten.push('\n'),
@@ -168,7 +168,7 @@ impl ToolTable {
             if !rewritten.is_empty() && !rewritten.ends_with('\n') {
                 rewritten.push('\n');
             }
-            rewritten += &words_of(tool);
+            rewritten += &format_words(tool);
             rewritten.push('\n');
         }
         rewritten
@@ -176,7 +176,7 @@ impl ToolTable {
 }
 
 /// Returns a tool's line of the table, without its comment.
-fn words_of(tool: &Tool) -> String {
+fn format_words(tool: &Tool) -> String {
     let mut text = format!("T{} P{}", tool.number, tool.pocket);
     let lengths = Axis::ALL.map(|axis| (char::from(axis.letter()), tool.offset[axis]));
     let rest = [('D', tool.diameter), ('I', tool.front_angle), ('J', tool.back_angle), ('Q', tool.orientation)];

@@ -47,7 +47,7 @@ fn no_block_allocates() {
         ("M98", "F1000\nO1 while [1]\nM98 P9 L2\nO1 endwhile\nM2\nO9\nG1 X1\nX0\nM99\n".into()),
     ];
     for (name, text) in programs {
-        let prescan = Arc::new(Prescan::of(name, text.as_str().into(), &Setup::default()));
+        let prescan = Arc::new(Prescan::scan(name, text.as_str().into(), &Setup::default()));
         assert!(prescan.diagnostics().is_empty(), "{name}: {:?}", prescan.diagnostics());
         let from_file = Program::<&[u8]>::prescanned(prescan, Setup::default());
         assert_eq!(allocated(from_file, name), 0, "{name}");

@@ -25,7 +25,7 @@ fn steps<R: BufRead>(mut program: Program<R>) -> (Vec<CanonStep>, Option<&'stati
 }
 
 fn both(text: &str) -> [(Vec<CanonStep>, Option<&'static str>); 2] {
-    let prescan = retrace_gcode::Prescan::of("program", text.into(), &Setup::rs274());
+    let prescan = retrace_gcode::Prescan::scan("program", text.into(), &Setup::rs274());
     [
         steps(Program::<&[u8]>::prescanned(Arc::new(prescan), Setup::rs274())),
         steps(Program::new(text.as_bytes(), Setup::rs274())),

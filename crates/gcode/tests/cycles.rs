@@ -297,7 +297,7 @@ fn any_name_of_a_cycle_opens_its_call_with_parentheses_or_without() {
     let ends = |line: &str| {
         let setup = Setup { cycles: Some(library.clone()), ..Setup::rs274() };
         let text = format!("G90\n{line}\nM2\n");
-        let prescan = std::sync::Arc::new(retrace_gcode::Prescan::of("p", text.into_bytes().into(), &setup));
+        let prescan = std::sync::Arc::new(retrace_gcode::Prescan::scan("p", text.into_bytes().into(), &setup));
         let steps = Program::<&[u8]>::prescanned(prescan, setup).into_iter();
         let ends = steps.filter_map(|step| match step.canon {
             Canon::StraightTraverse(end) => Some(end.0[0]),

@@ -129,11 +129,11 @@ fn looking_for_labels_takes_no_square_of_time() {
     let labels: String = (0..10_000).map(|label| format!("PA{label}:\nG1 X1 Z1\nPB{label}:\n")).collect();
     let text = Text::from(format!("{calls}M2\n{labels}").as_str());
     let began = std::time::Instant::now();
-    let prescan = Arc::new(Prescan::of("program", text, &setup()));
+    let prescan = Arc::new(Prescan::scan("program", text, &setup()));
     assert!(prescan.diagnostics().is_empty());
     let mut program = Program::<&[u8]>::prescanned(prescan, setup());
     program.close(&mut Vec::new());
-    program.look_behind_the_end();
+    program.check_after_end();
     assert!(began.elapsed().as_secs() < 20, "{:?}", began.elapsed());
 }
 

@@ -155,7 +155,7 @@ fn saved_modes_hold_feed_per_turn_surface_speed_and_compensation() {
     }
     let state = interpreter.state();
     assert_eq!((state.feed_mode, state.feed_rate), (FeedMode::UnitsPerRevolution, 1.0));
-    assert_eq!((state.constant_surface_speed, state.highest_spindle_speed, state.spindle_speed), (true, 1000.0, 200.0));
+    assert_eq!((state.constant_surface_speed, state.max_spindle_speed, state.spindle_speed), (true, 1000.0, 200.0));
     assert_eq!(state.compensation.map(|found| (found.side, found.radius)), Some((Side::Left, 0.25)));
 }
 

@@ -83,7 +83,7 @@ fn loops_may_be_left_and_not_entered() {
 #[test]
 fn a_loop_that_was_left_begins_anew() {
     let text = "N1 #1=[#1+1]\nWHILE [1] DO1\nG0 X#1\nGOTO 1\nEND1\nM2\n";
-    let prescan = std::sync::Arc::new(Prescan::of("part", text.into(), &Setup::default()));
+    let prescan = std::sync::Arc::new(Prescan::scan("part", text.into(), &Setup::default()));
     let mut program = Program::<&[u8]>::prescanned(prescan, Setup::default());
     let (mut steps, mut moves) = (Vec::new(), 0);
     while moves < 3 {
@@ -91,8 +91,8 @@ fn a_loop_that_was_left_begins_anew() {
         program.advance(&mut steps);
         moves += steps.iter().filter(|step| matches!(step.canon, Canon::StraightTraverse(_))).count();
     }
-    let within = program.whereabouts().within;
-    assert!(matches!(within[..], [CallFrame::Loop { round: 1, line: 2, .. }]), "{within:?}");
+    let within = program.location().frames;
+    assert!(matches!(within[..], [CallFrame::Loop { iteration: 1, line: 2, .. }]), "{within:?}");
 }
 
 #[test]
@@ -131,7 +131,7 @@ fn a_program_that_arrives_goes_forward_and_never_back() {
 
 #[test]
 fn every_goto_is_in_the_branch_table() {
-    let prescan = Prescan::of(
+    let prescan = Prescan::scan(
         "part",
         "N10 #1=[#1+1]\nIF [#1 LT 3] GOTO 10\nGOTO #1\nGOTO 30\nN30 M2\n".into(),
         &Setup::default(),
@@ -291,12 +291,12 @@ proptest! {
             _ => false,
         });
         if is_refused {
-let prescan = Prescan::of("part", program.as_str().into(), &Setup::default());
+let prescan = Prescan::scan("part", program.as_str().into(), &Setup::default());
             let found = prescan.diagnostics();
             prop_assert!(found.iter().any(|found| found.number() == "E1817"), "{}", program);
         } else if ended == Some("E1817") {
             let mut found = Vec::new();
-            let prescan = std::sync::Arc::new(Prescan::of("part", program.as_str().into(), &Setup::default()));
+            let prescan = std::sync::Arc::new(Prescan::scan("part", program.as_str().into(), &Setup::default()));
             let mut steps = Program::<&[u8]>::prescanned(prescan, Setup::default()).into_iter();
             found.extend(steps.by_ref().filter_map(|step| match step.canon {
                 Canon::StraightTraverse(end) => Some(end.0[0] as i64),

@@ -313,7 +313,7 @@ fn the_allowance_is_left_at_the_shoulder_where_a_profile_ends() {
 fn run(profile: &str, block: &str) -> Result<String, String> {
     let text = format!("G18 F100\nO1 sub\n{}\nO1 endsub\n{block}\nM2\n", profile.replace('|', "\n"));
     let setup = Setup::rs274();
-    let prescan = std::sync::Arc::new(retrace_gcode::Prescan::of("p", text.into_bytes().into(), &setup));
+    let prescan = std::sync::Arc::new(retrace_gcode::Prescan::scan("p", text.into_bytes().into(), &setup));
     let mut program = retrace_gcode::Program::<&[u8]>::prescanned(prescan, setup);
     let mut steps = Vec::new();
     while program.advance(&mut steps) == retrace_gcode::Progress::Line {}
@@ -338,7 +338,7 @@ fn u_and_w_are_increments_in_a_profile_and_it_may_open_with_axis_words_alone() {
     assert_eq!(run("G7 U-8 W-2|G1 W-4|U8|G8", block), Ok(plain));
     for (profile, message) in [
         ("G0 X4 U1 Z0|G1 Z-4|X8", "E1635 profile, line 3: U and X both define the end"),
-        ("G0 X4 Z0|G91 G1 W-4|X8", "E1635 profile, line 4: W is an increment already; G91 does not go with it"),
+        ("G0 X4 Z0|G91 G1 W-4|X8", "E1635 profile, line 4: W is an increment already and cannot be used with G91"),
     ] {
         assert_eq!(run(profile, block), Err(message.to_owned()));
     }

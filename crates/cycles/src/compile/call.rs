@@ -76,7 +76,7 @@ impl Compiler<'_> {
     }
 
     /// Compiles `MSG("text" << value)` and `SETAL(61101, "text" << value)`.
-    pub(super) fn tell(&mut self, word: &str) -> CompileResult {
+    pub(super) fn message_call(&mut self, word: &str) -> CompileResult {
         self.skip();
         let open = self.here_span();
         self.expect(Sign::Open, word)?;

@@ -10,7 +10,7 @@ use crate::cycle::Type;
 use crate::error_codes::ErrorCode;
 
 /// Maximum nesting of parentheses and structures.
-pub(super) const DEEPEST: usize = 40;
+pub(super) const MAX_NESTING: usize = 40;
 
 /// Type of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -192,7 +192,7 @@ impl Compiler<'_> {
     /// Compiles a value with the operators before it.
     fn operand(&mut self) -> CompileResult<Ty> {
         self.depth += 1;
-        if self.depth > DEEPEST {
+        if self.depth > MAX_NESTING {
             return fault(ErrorCode::TooDeep, self.here_span(), "this expression is nested too deep");
         }
         let span = self.here_span();

@@ -192,7 +192,7 @@ impl<'s> Compiler<'s> {
                 self.skip();
                 self.emit(Op::Return);
             }
-            "MSG" | "SETAL" => self.tell(&word)?,
+            "MSG" | "SETAL" => self.message_call(&word)?,
             "MCALL" => {
                 return fault(ErrorCode::NotUnderstood, span, "MCALL is allowed in a program only, not in a cycle");
             }

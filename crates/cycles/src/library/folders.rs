@@ -118,15 +118,15 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
             continue;
         }
         let key = stored::key(&source.text, &stem);
-        let kept = folders.compiled.map(|folder| folder.join(&stem).with_extension(FORM_ENDING));
-        let fresh = kept.as_deref().and_then(|path| taken_form(path, key, &source.path, findings));
+        let stored = folders.compiled.map(|folder| folder.join(&stem).with_extension(FORM_ENDING));
+        let fresh = stored.as_deref().and_then(|path| load_form(path, key, &source.path, findings));
         let was_fresh = fresh.is_some();
         let (unit, diagnostics) = match fresh {
             Some((unit, warnings)) => (Some(unit), warnings),
             None => {
                 let compiled = compile(&source.text, &stem);
-                if let (Some(unit), Some(path)) = (&compiled.unit, &kept) {
-                    keep(path, &stored::write(unit, &compiled.diagnostics, key), &source.path, findings);
+                if let (Some(unit), Some(path)) = (&compiled.unit, &stored) {
+                    store_form(path, &stored::write(unit, &compiled.diagnostics, key), &source.path, findings);
                 }
                 (compiled.unit, compiled.diagnostics)
             }
@@ -151,7 +151,7 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
 }
 
 /// Returns the form in a file, if it is usable.
-fn taken_form(
+fn load_form(
     path: &Path,
     key: u128,
     source: &Path,
@@ -173,7 +173,7 @@ fn taken_form(
 }
 
 /// Writes a form under another name first, so that a partial form is never read.
-fn keep(path: &Path, bytes: &[u8], source: &Path, findings: &mut Vec<LibraryFinding>) {
+fn store_form(path: &Path, bytes: &[u8], source: &Path, findings: &mut Vec<LibraryFinding>) {
     let unfinished = path.with_extension(format!("{}.new", std::process::id()));
     let folder = path.parent().unwrap_or(path);
     let written = std::fs::create_dir_all(folder)

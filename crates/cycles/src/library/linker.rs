@@ -5,12 +5,12 @@
 use super::LibraryFinding;
 use super::folders::Form;
 use crate::code::{CallSite, Passed, Unit};
-use crate::cycle::{Cycle, CycleId, Given, Kind, misfit};
+use crate::cycle::{Cycle, CycleId, Given, Kind, argument_mismatch};
 use crate::diag::Diagnostic;
 use crate::error_codes::ErrorCode;
 
 /// Links forms that are sorted by name.
-pub(super) fn join(mut forms: Vec<Form>, findings: &mut Vec<LibraryFinding>) -> Vec<Cycle> {
+pub(super) fn link(mut forms: Vec<Form>, findings: &mut Vec<LibraryFinding>) -> Vec<Cycle> {
     // Removing a cycle also removes those that call it, until no remaining cycle calls a removed one.
     loop {
         let wrong: Vec<Option<Diagnostic>> = forms.iter().map(|form| first_fault(&form.unit, &forms)).collect();
@@ -56,7 +56,9 @@ fn first_fault(unit: &Unit, forms: &[Form]) -> Option<Diagnostic> {
     unit.calls.iter().find_map(|call| {
         let (code, message) = match place(call, forms) {
             None => (ErrorCode::CycleUnknown, format!("the cycle {} does not exist or cannot be called", call.name)),
-            Some(at) => (ErrorCode::CallArguments, misfit(&forms[at].unit, call.arguments.iter().map(given))?),
+            Some(at) => {
+                (ErrorCode::CallArguments, argument_mismatch(&forms[at].unit, call.arguments.iter().map(given))?)
+            }
         };
         Some(Diagnostic { code, line: call.line, start: call.start, end: call.end, message })
     })

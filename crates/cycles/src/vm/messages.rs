@@ -12,10 +12,10 @@ use std::fmt::Write;
 
 impl VmRun<'_> {
     /// Executes an instruction that builds or sends a message.
-    pub(super) fn tell(&mut self, op: Op, cycle: CycleId, line: u32) -> Step {
+    pub(super) fn message_op(&mut self, op: Op, cycle: CycleId, line: u32) -> Step {
         match op {
             Op::Clear => self.machine.message.clear(),
-            Op::Join => match self.take() {
+            Op::Join => match self.pop() {
                 // Six decimals are enough for display; writing to a string does not fail.
                 Value::Number(number) => {
                     let rounded = (number * 1e6).round() / 1e6;

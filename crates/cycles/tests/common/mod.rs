@@ -4,8 +4,8 @@
 #![allow(dead_code)] // each test uses a part
 
 use retrace_cycles::{
-    Alarm, Argument, Cycle, CycleBlock, CycleLibrary, CycleStopped, Halt, Host, Message, Query, StockCall,
-    StockFailure, StockMove, Vm, VmLimits,
+    Alarm, Argument, Cycle, CycleBlock, CycleLibrary, CycleRunError, CycleStoppedError, Host, Message, Query,
+    StockCall, StockMove, StockPathError, Vm, VmLimits,
 };
 
 /// An interpreter in small.
@@ -24,7 +24,7 @@ pub(crate) struct Recorder {
     pub(crate) distance: f64,
     pub(crate) inch: f64,
     pub(crate) modal_cycle: f64,
-    pub(crate) path: Result<Vec<StockMove>, StockFailure>,
+    pub(crate) path: Result<Vec<StockMove>, StockPathError>,
     pub(crate) stock_calls: Vec<String>,
     pub(crate) entered: Vec<String>,
     pub(crate) triggers: usize,
@@ -85,9 +85,9 @@ impl Host for Recorder {
         }
     }
 
-    fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStopped> {
+    fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStoppedError> {
         if self.stop_at == Some(self.lines.len()) {
-            return Err(CycleStopped);
+            return Err(CycleStoppedError);
         }
         let mut words = Vec::new();
         for tenths in block.g() {
@@ -125,12 +125,12 @@ impl Host for Recorder {
         self.entered.push(format!("+{}", cycle.name()));
     }
 
-    fn leave(&mut self, cycle: &Cycle) -> Result<(), CycleStopped> {
+    fn leave(&mut self, cycle: &Cycle) -> Result<(), CycleStoppedError> {
         self.entered.push(format!("-{}", cycle.name()));
         Ok(())
     }
 
-    fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockFailure> {
+    fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockPathError> {
         self.stock_calls.push(format!("{call:?}"));
         self.path.as_ref().map(|path| path.len() as u32).map_err(Clone::clone)
     }
@@ -149,7 +149,7 @@ pub(crate) fn call(text: &str) -> (String, Vec<Option<String>>) {
 }
 
 /// Runs a call, such as `CYCLE81(10,0,2,-20)`, over a host.
-pub(crate) fn run(library: &CycleLibrary, text: &str, host: &mut Recorder) -> Result<(), Halt> {
+pub(crate) fn run(library: &CycleLibrary, text: &str, host: &mut Recorder) -> Result<(), CycleRunError> {
     let (name, arguments) = call(text);
     let arguments: Vec<Argument<'_>> = arguments
         .iter()
@@ -189,9 +189,9 @@ pub(crate) fn alarm_from(text: &str, mut host: Recorder) -> u32 {
 }
 
 /// The alarm of a run.
-pub(crate) fn halted(done: Result<(), Halt>) -> Alarm {
+pub(crate) fn halted(done: Result<(), CycleRunError>) -> Alarm {
     match done {
-        Err(Halt::Alarm(alarm)) => *alarm,
+        Err(CycleRunError::Alarm(alarm)) => *alarm,
         other => panic!("no alarm: {other:?}"),
     }
 }

@@ -26,7 +26,7 @@ pub(super) struct Radii {
 
 impl Radii {
     /// Returns the tolerances of LinuxCNC 2.9.
-    pub(super) const fn of(units: LengthUnit) -> Radii {
+    pub(super) const fn for_units(units: LengthUnit) -> Radii {
         match units {
             LengthUnit::Inch => Radii { least: 0.00005, difference: 0.002 * SQRT_2 },
             LengthUnit::Millimetre => Radii { least: 0.00127, difference: 0.02 * SQRT_2 },
@@ -107,7 +107,7 @@ mod tests {
 
     fn centre(radius: f64, difference: f64, units: LengthUnit) -> Result<(f64, f64), ErrorCode> {
         let end = (2.0 * radius + difference, 0.0);
-        let shape = ArcShape { start: (0.0, 0.0), end, turns: 1, radii: Radii::of(units), at: Span::default() };
+        let shape = ArcShape { start: (0.0, 0.0), end, turns: 1, radii: Radii::for_units(units), at: Span::default() };
         from_centre(&shape, (radius, 0.0), ArcCentres::Incremental).map_err(|fault| fault.code)
     }
 
@@ -130,7 +130,7 @@ mod tests {
             start: (0.0, 0.0),
             end: (2.0, 0.0),
             turns: -1,
-            radii: Radii::of(LengthUnit::Millimetre),
+            radii: Radii::for_units(LengthUnit::Millimetre),
             at: Span::default(),
         };
         let near = |centre: BlockResult<(f64, f64)>, wanted: (f64, f64)| {

@@ -80,8 +80,8 @@ impl Hole<'_, '_> {
 impl Core {
     /// Executes a block of a cycle: one hole, or as many as L gives.
     pub(super) fn canned_cycle(&mut self, cycle: DrillingCycle, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
-        let kept = self.kept_words(cycle);
-        let given = cycle_words(words, self.state.plane.axes()[2]).or(&kept);
+        let retained = self.retained_words(cycle);
+        let given = cycle_words(words, self.state.plane.axes()[2]).or(&retained);
         let initial_level = self.initial_level();
         let mut levels = self.levels(cycle, &given, initial_level, words)?;
         let repeats = repeats(cycle, &given, &levels, words)?;
@@ -108,7 +108,7 @@ impl Core {
 
     /// Returns the words that the block may omit: those of the previous block, if that was the same cycle in the same
     /// plane.
-    fn kept_words(&self, cycle: DrillingCycle) -> CycleWords {
+    fn retained_words(&self, cycle: DrillingCycle) -> CycleWords {
         match &self.state.series {
             Some(series) if series.plane == self.state.plane && self.state.motion == Some(MotionMode::Cycle(cycle)) => {
                 series.words
@@ -330,10 +330,10 @@ fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &ModalState, wo
         DistanceMode::Incremental => bottom + offset(normal),
     };
     let on_axis = (hole.at[first], hole.at[second]);
-    let beside = (on_axis.0 + offset(first), on_axis.1 + offset(second));
+    let off_axis = (on_axis.0 + offset(first), on_axis.1 + offset(second));
     let orient = Canon::OrientSpindle { degrees: 0.0, mode: if turn == SpindleTurn::Clockwise { 2 } else { 3 } };
     hole.at[normal] = clearance;
-    hole.traverse_over(beside.0, beside.1);
+    hole.traverse_over(off_axis.0, off_axis.1);
     hole.emit.call(Canon::StopSpindleTurning);
     hole.emit.call(orient.clone());
     hole.traverse_to(bottom);
@@ -343,7 +343,7 @@ fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &ModalState, wo
     hole.feed_to(bottom);
     hole.emit.call(Canon::StopSpindleTurning);
     hole.emit.call(orient);
-    hole.traverse_over(beside.0, beside.1);
+    hole.traverse_over(off_axis.0, off_axis.1);
     hole.traverse_to(retract);
     hole.traverse_over(on_axis.0, on_axis.1);
     hole.emit.call(turn.start());

@@ -3,14 +3,14 @@
 //! Invariant: comment, feed mode, F, S, T, M codes, then G codes with the motion last, and the stops after everything.
 //! The order does not depend on the order of the words in the line.
 
-use super::check::MotionToBe;
+use super::check::BlockMotion;
 use super::{Core, Emit, ProgramFlow, unsupported};
 use crate::angle::turned_xy;
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode};
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
-use crate::eval::whole;
+use crate::eval::to_whole_number;
 use crate::groups::{GroupG, GroupM};
 use crate::modal::SpindleRotation;
 use crate::tool::Tool;
@@ -20,7 +20,7 @@ impl Core {
     pub(super) fn execute(
         &mut self,
         words: &Words,
-        motion: MotionToBe,
+        motion: BlockMotion,
         emit: &mut Emit<'_>,
     ) -> BlockResult<ProgramFlow> {
         if let Some(code) = words.g(GroupG::FeedMode) {
@@ -53,18 +53,18 @@ impl Core {
         }
         self.g_codes(words, emit)?;
         match motion {
-            MotionToBe::None => {}
-            MotionToBe::Cancel => {
+            BlockMotion::None => {}
+            BlockMotion::Cancel => {
                 emit.call(Canon::Note("interpreter: motion mode set to none"));
                 (self.state.motion, self.state.series) = (None, None);
             }
-            MotionToBe::Turn(code) => {
+            BlockMotion::Turn(code) => {
                 if self.state.compensation.is_some() {
                     unsupported::turning(words)?;
                 }
                 self.turning_cycle(code, words, emit)?;
             }
-            MotionToBe::Move(motion) => {
+            BlockMotion::Move(motion) => {
                 if self.state.compensation.is_some() {
                     unsupported::motion(motion, words)?;
                 }
@@ -80,7 +80,7 @@ impl Core {
     /// Returns the tool whose number a word gives.
     pub(super) fn tool(&self, number: f64, words: &Words, letter: u8) -> BlockResult<Tool> {
         let at = words.span(letter);
-        let number = whole(number, at, "the word")?;
+        let number = to_whole_number(number, at, "the word")?;
         match u32::try_from(number).ok().and_then(|number| self.tools.get(number)) {
             Some(tool) => Ok(tool),
             None => fault(ErrorCode::ToolUnknown, at, format!("tool {number} is not in the tool table")),
@@ -131,14 +131,14 @@ impl Core {
         self.state.spindle = SpindleRotation::Stopped;
         let was = std::mem::replace(&mut self.state.current_tool, self.state.selected_tool);
         let tool = self.state.current_tool;
-        let remark = self.tools.name(tool).map(Into::into);
-        emit.call(Canon::ChangeTool { tool, was, index: self.tools.index_of(tool), remark });
-        self.take_actual_position();
+        let comment = self.tools.name(tool).map(Into::into);
+        emit.call(Canon::ChangeTool { tool, was, index: self.tools.index_of(tool), comment });
+        self.restore_actual_position();
     }
 
     /// After G40 the position is the end of the programmed path until a move goes there. A tool change uses the actual
     /// position of the machine.
-    fn take_actual_position(&mut self) {
+    fn restore_actual_position(&mut self) {
         if let Some(shift) = self.state.tool_shift.take() {
             let shift = turned_xy(shift, -self.state.rotation_degrees);
             self.state.position = self.state.position.plus(&shift);
@@ -153,7 +153,7 @@ impl Core {
         let tool = self.tool(number, words, b'q')?;
         self.state.current_tool = tool.number;
         emit.call(Canon::ChangeToolNumber { tool: tool.number, index: self.tools.index_of(tool.number) });
-        self.take_actual_position();
+        self.restore_actual_position();
         Ok(())
     }
 

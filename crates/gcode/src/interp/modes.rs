@@ -112,7 +112,7 @@ impl Core {
     }
 
     /// Whether the X word of a block is a diameter.
-    pub(super) fn takes_diameters(&self, words: &Words) -> bool {
+    pub(super) fn uses_diameters(&self, words: &Words) -> bool {
         words.g(GroupG::LatheDiameter).map_or(self.state.lathe_diameter, |code| code == 70)
     }
 

@@ -22,8 +22,8 @@ impl Core {
             },
             280 => self.go_home(G28_HOME, words, emit),
             300 => self.go_home(G30_HOME, words, emit),
-            281 => self.keep_home(G28_HOME),
-            301 => self.keep_home(G30_HOME),
+            281 => self.store_home(G28_HOME),
+            301 => self.store_home(G30_HOME),
             520 | 920 => self.set_g92(code == 520, words, emit),
             921 | 922 => self.clear_g92(code == 921, emit),
             923 => self.restore_g92(emit),
@@ -146,7 +146,7 @@ impl Core {
     }
 
     /// Executes G28.1 and G30.1: stores the machine's position as the reference point.
-    fn keep_home(&mut self, first: usize) {
+    fn store_home(&mut self, first: usize) {
         let state = &self.state;
         let sum = state.position.plus(&state.tool_offset).plus(&state.origin).plus(&state.g92_offset);
         let point = if state.rotation_degrees == 0.0 { sum } else { state.machine_position() };
@@ -187,9 +187,9 @@ impl Core {
     /// Executes G92.3: restores the offset from the parameters.
     fn restore_g92(&mut self, emit: &mut Emit<'_>) {
         self.parameters.set(G92_ACTIVE, 1.0);
-        let kept = self.pose_parameter(G92_OFFSET);
-        self.state.position = self.state.position.plus(&self.state.g92_offset).minus(&kept);
-        self.state.g92_offset = kept;
-        emit.call(Canon::SetG92Offset(kept));
+        let stored = self.pose_parameter(G92_OFFSET);
+        self.state.position = self.state.position.plus(&self.state.g92_offset).minus(&stored);
+        self.state.g92_offset = stored;
+        emit.call(Canon::SetG92Offset(stored));
     }
 }

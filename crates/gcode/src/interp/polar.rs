@@ -3,7 +3,7 @@
 //! Invariant: they replace X and Y of a motion, and nothing else.
 
 use super::Core;
-use super::check::MotionToBe;
+use super::check::BlockMotion;
 use crate::block::{Words, letters};
 use crate::canon::Plane;
 use crate::diag::{BlockResult, Span, fault};
@@ -13,13 +13,13 @@ use crate::modal::{DistanceMode, ModalState, MotionMode};
 use crate::pose::{Axis, Pose};
 
 /// Checks that a block may have its polar words.
-pub(super) fn check(words: &Words, to_be: MotionToBe, state: &ModalState) -> BlockResult<()> {
+pub(super) fn check(words: &Words, to_be: BlockMotion, state: &ModalState) -> BlockResult<()> {
     let Some(letter) = words.first_of(b"@^") else { return Ok(()) };
     let at = words.span(letter);
-    if !matches!(to_be, MotionToBe::Move(_)) {
+    if !matches!(to_be, BlockMotion::Move(_)) {
         return fault(ErrorCode::PolarWithoutMotion, at, "polar coordinates need a motion");
     }
-    if to_be == MotionToBe::Move(MotionMode::ControlPoint) {
+    if to_be == BlockMotion::Move(MotionMode::ControlPoint) {
         return fault(ErrorCode::PolarWithoutMotion, at, "a control point must be given with X and Y");
     }
     // The plane is the one before the block, as in LinuxCNC.
@@ -91,7 +91,7 @@ impl Core {
     #[inline]
     pub(super) fn check_polar_words(&self, words: &Words) -> BlockResult<()> {
         const POLAR: u32 = letters(b"@^");
-        let Some(letter) = words.has_of(POLAR).then(|| words.first_of(b"@^")).flatten() else { return Ok(()) };
+        let Some(letter) = words.has_any_of(POLAR).then(|| words.first_of(b"@^")).flatten() else { return Ok(()) };
         match self.polar_point(words) {
             Some(_) => Ok(()),
             None => {

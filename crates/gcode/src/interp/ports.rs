@@ -7,7 +7,7 @@ use crate::block::Words;
 use crate::canon::{Canon, WaitFor, WaitForInput, WaitInput};
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
-use crate::eval::whole;
+use crate::eval::to_whole_number;
 use crate::groups::GroupM;
 use crate::params::INPUT;
 
@@ -126,7 +126,7 @@ fn analog_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()
 fn port_number(words: &Words, letter: u8, kind: &str) -> BlockResult<i32> {
     let name = if letter == b'p' { "P" } else { "E" };
     let at = words.span(letter);
-    match whole(words.get(letter).unwrap_or_default(), at, name)? {
+    match to_whole_number(words.get(letter).unwrap_or_default(), at, name)? {
         number @ 0.. => Ok(number),
         number => fault(ErrorCode::NegativeValue, at, format!("there is no {kind} {number}")),
     }

@@ -9,7 +9,7 @@ use crate::canon::{Canon, LengthUnit, Probing};
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::modal::MotionMode;
-use crate::params::{PROBE_ANSWERED, PROBE_POSITION};
+use crate::params::{PROBE_POSITION, PROBE_TRIPPED};
 use crate::pose::{Axis, Pose};
 
 impl Core {
@@ -33,7 +33,7 @@ impl Core {
         for axis in Axis::ALL {
             self.parameters.set(PROBE_POSITION + axis as usize, end[axis]);
         }
-        self.parameters.set(PROBE_ANSWERED, 0.0);
+        self.parameters.set(PROBE_TRIPPED, 0.0);
         self.state.has_probed = true;
         self.state.position = self.retreated(&start, &end);
         Ok(())
@@ -47,12 +47,12 @@ impl Core {
         };
         let [x, y, z] = [Axis::X, Axis::Y, Axis::Z].map(|axis| start[axis] - end[axis]);
         let length = (x * x + y * y + z * z).sqrt();
-        let mut stands = *end;
+        let mut position = *end;
         if length != 0.0 {
-            for (axis, way) in [(Axis::X, x), (Axis::Y, y), (Axis::Z, z)] {
-                stands[axis] += retreat * (way / length);
+            for (axis, distance) in [(Axis::X, x), (Axis::Y, y), (Axis::Z, z)] {
+                position[axis] += retreat * (distance / length);
             }
         }
-        stands
+        position
     }
 }

@@ -2,13 +2,13 @@
 //!
 //! Invariant: the only spindle is number 0. A synchronised move is refused while the spindle is stopped.
 
-use super::check::MotionToBe;
+use super::check::BlockMotion;
 use super::{Core, Emit};
 use crate::block::Words;
 use crate::canon::Canon;
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
-use crate::eval::whole;
+use crate::eval::to_whole_number;
 use crate::groups::{GroupG, GroupM};
 use crate::modal::{MotionMode, SpindleRotation};
 use crate::pose::Axis;
@@ -21,7 +21,7 @@ impl Core {
     pub(super) fn set_spindle_mode(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) {
         self.state.constant_surface_speed = code == 960;
         let highest = if code == 960 { words.get(b'd').map_or(NO_HIGHEST_SPEED, f64::abs) } else { 0.0 };
-        self.state.highest_spindle_speed = highest;
+        self.state.max_spindle_speed = highest;
         emit.call(Canon::SetSpindleMode(highest));
     }
 
@@ -80,7 +80,7 @@ impl Core {
 }
 
 /// Checks the spindle words before a block is executed.
-pub(super) fn check_spindle_words(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
+pub(super) fn check_spindle_words(words: &Words, to_be: BlockMotion) -> BlockResult<()> {
     if words.g(GroupG::SpindleMode) == Some(960) && !words.has(b's') {
         let at = words.g_span(GroupG::SpindleMode);
         return fault(ErrorCode::WordMissing, at, "G96 needs an S word: the speed at the surface");
@@ -92,7 +92,7 @@ pub(super) fn check_spindle_words(words: &Words, to_be: MotionToBe) -> BlockResu
         check_spindle_number(words, to_be)?;
     }
     match to_be {
-        MotionToBe::Move(motion @ (MotionMode::SpindleFeed | MotionMode::RigidTap)) => {
+        BlockMotion::Move(motion @ (MotionMode::SpindleFeed | MotionMode::RigidTap)) => {
             check_synchronised(motion, words)
         }
         _ => Ok(()),
@@ -116,19 +116,19 @@ fn check_orientation(words: &Words) -> BlockResult<()> {
     }
 }
 
-fn check_spindle_number(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
+fn check_spindle_number(words: &Words, to_be: BlockMotion) -> BlockResult<()> {
     let at = words.span(b'$');
     let switch = matches!(words.m(GroupM::Spindle), Some(3..=5));
     let turns = switch || words.m(GroupM::Spindle) == Some(19);
     let moves =
-        matches!(to_be, MotionToBe::Move(MotionMode::SpindleFeed | MotionMode::RigidTap | MotionMode::ThreadingCycle));
+        matches!(to_be, BlockMotion::Move(MotionMode::SpindleFeed | MotionMode::RigidTap | MotionMode::ThreadingCycle));
     let per_turn = words.g(GroupG::FeedMode) == Some(950);
     let mode = per_turn || words.g(GroupG::SpindleMode).is_some();
     let one = moves || words.m(GroupM::Spindle) == Some(19) || mode;
     if !(turns || moves || words.has(b's') || mode) {
         return fault(ErrorCode::WordUnused, at, "$ belongs to S, M3, M4, M5, M19, G33, G33.1, G76, G95, G96 or G97");
     }
-    match whole(words.get(b'$').unwrap_or_default(), at, "$")? {
+    match to_whole_number(words.get(b'$').unwrap_or_default(), at, "$")? {
         0 => Ok(()),
         -1 if !one => Ok(()),
         number => fault(ErrorCode::NoSuchSpindle, at, format!("there is no spindle {number}")),

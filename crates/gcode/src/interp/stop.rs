@@ -55,7 +55,7 @@ impl Core {
         state.spindle = SpindleRotation::Stopped;
         emit.call(Canon::StopSpindleTurning);
         state.constant_surface_speed = false;
-        state.highest_spindle_speed = 0.0;
+        state.max_spindle_speed = 0.0;
         emit.call(Canon::SetSpindleMode(0.0));
         (state.motion, state.series) = (Some(MotionMode::Feed), None);
         if std::mem::take(&mut state.mist) {

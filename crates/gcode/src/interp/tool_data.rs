@@ -8,7 +8,7 @@ use crate::block::Words;
 use crate::canon::Canon;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
-use crate::eval::whole;
+use crate::eval::to_whole_number;
 use crate::params::system_origin;
 use crate::pose::{Axis, Pose};
 use crate::tool::Tool;
@@ -21,7 +21,7 @@ pub(super) fn check(words: &Words, at: Span) -> BlockResult<()> {
     let Some(number) = words.get(b'p') else {
         return fault(ErrorCode::WordMissing, at, "G10 needs a P word: the tool");
     };
-    if whole(number, words.span(b'p'), "P")? < 1 {
+    if to_whole_number(number, words.span(b'p'), "P")? < 1 {
         return fault(ErrorCode::BadP, words.span(b'p'), "tool numbers of the table begin at 1");
     }
     if words.has(b'k') {
@@ -55,7 +55,7 @@ impl Core {
         let mut tool = self.tool(words.get(b'p').unwrap_or_default(), words, b'p')?;
         if let Some(orientation) = words.get(b'q') {
             let place = words.span(b'q');
-            if !(0..=9).contains(&whole(orientation, place, "Q")?) {
+            if !(0..=9).contains(&to_whole_number(orientation, place, "Q")?) {
                 return fault(ErrorCode::BadToolOrientation, place, format!("there is no orientation {orientation}"));
             }
         }

@@ -11,7 +11,7 @@ use crate::error_codes::ErrorCode;
 use crate::groups::{GroupG, Tenths};
 use crate::modal::{DistanceMode, MotionMode};
 use crate::pose::{Axis, Pose};
-use crate::turning::{Place, Pockets, RoughingError, TurningJob, TurningMove, turn};
+use crate::turning::{Pockets, RoughingError, TurningJob, TurningMove, XzPoint, turn};
 
 /// Retreat of G71 and G72 without an R word, in program units.
 const RETREAT: f64 = 0.5;
@@ -19,7 +19,7 @@ const RETREAT: f64 = 0.5;
 impl Core {
     /// Replaces the U and W words of a profile's block by X and Z: they are increments, U of a diameter under G7.
     pub(super) fn add_increments(&self, words: &mut Words) -> BlockResult<()> {
-        let half = if self.takes_diameters(words) { 0.5 } else { 1.0 };
+        let half = if self.uses_diameters(words) { 0.5 } else { 1.0 };
         let is_incremental = match words.g(GroupG::Distance) {
             Some(code) => code == 910,
             None => self.state.distance == DistanceMode::Incremental,
@@ -62,7 +62,7 @@ impl Core {
         };
         let begin = self.end_of(words);
         let (mut pose, mut motion) = (begin, MotionMode::Feed);
-        let start = Place { x: begin[Axis::X], z: begin[Axis::Z] };
+        let start = XzPoint { x: begin[Axis::X], z: begin[Axis::Z] };
         emit.call(Canon::StraightTraverse(begin));
         let turned = turn(&profile, start, &job, &mut |step| {
             let canon = call_of(step, &mut pose);

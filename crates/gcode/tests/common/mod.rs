@@ -30,7 +30,7 @@ pub(crate) fn canon_text_with(program: &str, setup: Setup) -> (String, bool) {
 
 /// Carries out a program up to its first error.
 pub(crate) fn carried_out(program: &str, setup: Setup) -> Outcome {
-    let prescan = Prescan::of("program.ngc", program.into(), &setup);
+    let prescan = Prescan::scan("program.ngc", program.into(), &setup);
     let mut program = Program::<&[u8]>::prescanned(Arc::new(prescan), setup);
     let mut text = CanonText::new(Vec::new());
     let mut steps = Vec::new();

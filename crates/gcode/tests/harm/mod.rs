@@ -59,12 +59,12 @@ pub(crate) fn program(bytes: &[u8]) {
 fn program_with(bytes: &[u8], library: Arc<CycleLibrary>) {
     let text = Text::from(bytes);
     let setup = setup(&text, library);
-    let prescan = Arc::new(Prescan::of("program.ngc", text, &setup));
+    let prescan = Arc::new(Prescan::scan("program.ngc", text, &setup));
     let _ = (prescan.branches(), prescan.lines());
     let mut from_file = Program::<&[u8]>::prescanned(Arc::clone(&prescan), setup.clone());
     let is_through = run(&mut from_file);
     if is_through {
-        from_file.look_behind_the_end();
+        from_file.check_after_end();
     }
     for diagnostic in from_file.interpreter().diagnostics() {
         fits(diagnostic, &prescan.line_text(diagnostic.file, diagnostic.line));

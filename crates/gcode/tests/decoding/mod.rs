@@ -7,21 +7,22 @@
 //! Invariant: all ways give the same canonical functions.
 
 use retrace_gcode::cycles::CycleLibrary;
-use retrace_gcode::{BlockRefused, CanonStep, Interpreter, Prescan, Program, ProgramFlow, Progress, Setup};
+use retrace_gcode::{BlockRefusedError, CanonStep, Interpreter, Prescan, Program, ProgramFlow, Progress, Setup};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
 /// How a program is decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Way {
+pub(crate) enum DecodingMode {
     Plain,
     PrecompiledCycles,
     Prescan,
     Both,
 }
 
-pub(crate) const WAYS: [Way; 4] = [Way::Plain, Way::PrecompiledCycles, Way::Prescan, Way::Both];
+pub(crate) const DECODING_MODES: [DecodingMode; 4] =
+    [DecodingMode::Plain, DecodingMode::PrecompiledCycles, DecodingMode::Prescan, DecodingMode::Both];
 
 /// Subprograms behind the end of the program.
 const SUBS: u32 = 20;
@@ -59,12 +60,12 @@ fn library(source: &Path) -> Arc<CycleLibrary> {
 }
 
 /// Decodes a program; `source` is the file of the cycle.
-pub(crate) fn decode(way: Way, text: &str, source: &Path, take: &mut dyn FnMut(&CanonStep)) {
+pub(crate) fn decode(way: DecodingMode, text: &str, source: &Path, take: &mut dyn FnMut(&CanonStep)) {
     let setup = Setup { cycles: Some(library(source)), ..Setup::rs274() };
-    let compiles_at_call = matches!(way, Way::Plain | Way::Prescan).then_some(source);
+    let compiles_at_call = matches!(way, DecodingMode::Plain | DecodingMode::Prescan).then_some(source);
     match way {
-        Way::Plain | Way::PrecompiledCycles => plain(text, setup, compiles_at_call, take),
-        Way::Prescan | Way::Both => prescanned(text, setup, compiles_at_call, take),
+        DecodingMode::Plain | DecodingMode::PrecompiledCycles => plain(text, setup, compiles_at_call, take),
+        DecodingMode::Prescan | DecodingMode::Both => prescanned(text, setup, compiles_at_call, take),
     }
 }
 
@@ -73,7 +74,7 @@ fn is_cycle(line: &[u8]) -> bool {
 }
 
 fn prescanned(text: &str, setup: Setup, compiles_at_call: Option<&Path>, take: &mut dyn FnMut(&CanonStep)) {
-    let prescan = Arc::new(Prescan::of("program", text.into(), &setup));
+    let prescan = Arc::new(Prescan::scan("program", text.into(), &setup));
     let cycle_lines: Vec<bool> = text.lines().map(|line| is_cycle(line.as_bytes())).collect();
     let mut program = Program::<&[u8]>::prescanned(prescan, setup);
     let mut steps = Vec::new();
@@ -139,7 +140,7 @@ struct Plain<'a> {
 
 impl<'a> Plain<'a> {
     /// Carries out a line; `behind` is where the next one begins.
-    fn line(&mut self, line: &[u8], behind: usize) -> Result<ProgramFlow, BlockRefused> {
+    fn line(&mut self, line: &[u8], behind: usize) -> Result<ProgramFlow, BlockRefusedError> {
         if let Some((number, argument)) = call_of(line) {
             return self.call(number, argument, behind);
         }
@@ -152,7 +153,7 @@ impl<'a> Plain<'a> {
     }
 
     /// Looks for the subprogram, from the call to the end and then from the beginning, and reads its lines.
-    fn call(&mut self, number: &[u8], argument: &[u8], behind: usize) -> Result<ProgramFlow, BlockRefused> {
+    fn call(&mut self, number: &[u8], argument: &[u8], behind: usize) -> Result<ProgramFlow, BlockRefusedError> {
         self.assignment.clear();
         self.assignment.push_str("#1=");
         self.assignment.push_str(&String::from_utf8_lossy(argument));

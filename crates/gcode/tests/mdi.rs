@@ -88,7 +88,7 @@ fn blocks_by_hand_do_what_the_same_lines_do_in_a_program() {
         let lines = &LINES[..count];
         let text = format!("{}\nM0\n", lines.join("\n"));
         let mut program = Program::<&[u8]>::prescanned(
-            Arc::new(retrace_gcode::Prescan::of("p", text.as_str().into(), &setup())),
+            Arc::new(retrace_gcode::Prescan::scan("p", text.as_str().into(), &setup())),
             setup(),
         );
         let mut steps = Vec::new();
@@ -148,7 +148,8 @@ fn the_program_after_them_sees_offsets_and_tools_and_no_modes() {
     let (left, _) = by_hand(&lines, |_, position| position);
     let text = "G43\nG1 X0 F#31\n#31 = [#5 + EXISTS[#<_name>]]\nM0\n";
     let follow = setup().following(&left);
-    let program = Program::prescanned(Arc::new(retrace_gcode::Prescan::of("p", text.into(), &follow)), follow.clone());
+    let program =
+        Program::prescanned(Arc::new(retrace_gcode::Prescan::scan("p", text.into(), &follow)), follow.clone());
     let (after, _) = carried_out(program);
     let told = ActiveCodes::from(after.state()).to_string();
     assert_eq!(told, "G1 G17 G21 G40 G43 G56 G64 G80 G90 G91.1 G92 G94 G97 M5 M9 T1 F7 S0");
@@ -165,7 +166,7 @@ fn what_needs_more_than_a_line_is_refused_with_its_place() {
     for text in
         ["O1 while [1]", "O1 if [1]", "O1 endwhile", "O2 sub", "O100", "M99", "G41.1 D3", "G0 X1\nG0 X2", "%", "MCALL"]
     {
-        assert_eq!(refused(text), ErrorCode::NotByHand, "{text}");
+        assert_eq!(refused(text), ErrorCode::NotMdi, "{text}");
     }
     assert_eq!(
         (refused("  "), refused("G0 G1 X1"), refused("O<none> call")),
