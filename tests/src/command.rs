@@ -161,7 +161,7 @@ fn assert_documented(arguments: &[OsString], out: &str) {
     }
     let page = PAGE.get_or_init(JsonPage::read);
     for line in out.lines() {
-        let object = serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"));
+        let object: serde_json::Value = serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"));
         let checked = match (arguments[0], object["event"].as_str()) {
             ("run" | "resume", Some("report")) => page.check_section("Report of run and resume", &object),
             ("home" | "jog" | "mdi", Some("report")) => page.check_section("Report of home, jog and mdi", &object),

@@ -216,7 +216,7 @@ impl Host {
             assert!(desk.k() || !self.is_undisturbed, "woken although K does not hold");
             woken += 1;
         }
-        desk.gates.sent();
+        desk.gates.mark_sent();
         desk.sent = Some(number);
         self.wire(|wire| wire.instructions.push_back(number));
         while !desk.acknowledge() {

@@ -73,16 +73,16 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
         let (record, fraction) = (c.below(records + 1), c.upto(u32::MAX >> GRAIN) << GRAIN);
         c.assume(record < road.records || record == road.records && fraction == 0)?;
         let at = Place { record: road.low.wrapping_add(record), fraction };
-        let scene = Self { cursor: Cursor::with_law(law), road, at, sign };
+        let scene = Self { cursor: Cursor::with_filter(law), road, at, sign };
         c.assume(scene.legal(records))?;
         Some(scene)
     }
 
     /// The cursor's invariant, written anew: distances in plain numbers from the road's beginning.
     fn legal(&self, records: u32) -> bool {
-        let at = Place::start_of(self.road.low).to(self.at);
+        let at = Place::start_of(self.road.low).distance_to(self.at);
         let end = Travel::from(self.road.records) << 32;
-        let commanded = at + self.cursor.law().lead();
+        let commanded = at + self.cursor.filter().lead();
         let mut stop_ahead = false;
         let mut n = 0;
         while n <= records {
@@ -101,9 +101,9 @@ fn stays_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, reco
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
     let wished = c.between(0, ONE >> GRAIN) << GRAIN;
     let braked = c.between(0, ONE >> GRAIN) << GRAIN;
-    let way = DirectedWindow { at: scene.at, sign: scene.sign, road: &scene.road };
+    let way = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.road };
     let step = scene.cursor.advance(wished, braked, &way);
-    let rate = scene.at.to(step.to);
+    let rate = scene.at.distance_to(step.to);
     holds!(if scene.sign < 0 { rate <= 0 } else { rate >= 0 });
     holds!(-ONE - 1 <= rate && rate <= ONE + 1);
     scene.at = step.to;
@@ -118,9 +118,9 @@ fn starts_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, rec
     let record = c.below(records + 1);
     c.assume(record <= road.records && road.rests >> record & 1 == 1)?;
     let at = Place::start_of(road.low.wrapping_add(record));
-    let mut cursor = Cursor::<M>::with_law(RateFilter::new(FilterLengths::new(1, M as u16)?)?);
+    let mut cursor = Cursor::<M>::with_filter(RateFilter::new(FilterLengths::new(1, M as u16)?)?);
     let (braked, asked) = (c.between(0, ONE >> GRAIN) << GRAIN, c.between(0, ONE >> GRAIN) << GRAIN);
-    let rate = cursor.launch(braked, asked, &DirectedWindow { at, sign, road: &road });
+    let rate = cursor.start_from_rest(braked, asked, &DirectedWindow { at, sign, window: &road });
     holds!(0 <= rate && rate <= ONE);
     holds!(Scene::<M, GRAIN> { cursor, road, at, sign }.legal(records));
     Some(())
@@ -131,12 +131,12 @@ fn rests_on_the_end<const M: usize, const GRAIN: u32>(c: &mut impl Choice, recor
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
     let mut k = 0;
     while k < periods {
-        let way = DirectedWindow { at: scene.at, sign: scene.sign, road: &scene.road };
+        let way = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.road };
         scene.at = scene.cursor.advance(ONE, ONE, &way).to;
         k += 1;
     }
     let end = if scene.sign > 0 { scene.road.high() } else { scene.road.low };
-    holds!(scene.at == Place::start_of(end) && scene.cursor.law().at_rest() && scene.cursor.law().lead() == 0);
+    holds!(scene.at == Place::start_of(end) && scene.cursor.filter().at_rest() && scene.cursor.filter().lead() == 0);
     Some(())
 }
 
@@ -145,16 +145,19 @@ fn rests_on_the_end<const M: usize, const GRAIN: u32>(c: &mut impl Choice, recor
 /// place stands (row rate-rest).
 fn presses_on<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
-    let before = scene.at.moved(scene.cursor.law().lead());
+    let before = scene.at.moved(scene.cursor.filter().lead());
     let wished = c.between(1, ONE >> GRAIN) << GRAIN;
     let braked = c.between(1, ONE >> GRAIN) << GRAIN;
-    let way = DirectedWindow { at: scene.at, sign: scene.sign, road: &scene.road };
+    let way = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.road };
     let to = scene.cursor.advance(wished, braked, &way).to;
-    let after = to.moved(scene.cursor.law().lead());
+    let after = to.moved(scene.cursor.filter().lead());
     let end = Place::start_of(if scene.sign > 0 { scene.road.high() } else { scene.road.low });
-    let (moved, gone_on) =
-        if scene.sign < 0 { (-scene.at.to(to), -before.to(after)) } else { (scene.at.to(to), before.to(after)) };
-    let at_rest = scene.cursor.law().at_rest();
+    let (moved, gone_on) = if scene.sign < 0 {
+        (-scene.at.distance_to(to), -before.distance_to(after))
+    } else {
+        (scene.at.distance_to(to), before.distance_to(after))
+    };
+    let at_rest = scene.cursor.filter().at_rest();
     let on_a_stop = moved > 0 && at_rest && to.fraction == 0 && scene.road.rests_at(to.record);
     holds!(after == end || gone_on > 0 || on_a_stop);
     Some(())
@@ -190,7 +193,7 @@ fn braking_keeps_its_promise(size: Size) -> String {
             for spare in (0..=ONE / 4).step_by(step as usize / 4).chain([1, 2, 3, ONE, 3 * ONE]) {
                 // what is left when the period at this rate has been run
                 let free = braking.length(rate) + spare;
-                let now = braking.within(ONE, free);
+                let now = braking.max_rate_within(ONE, free);
                 assert!(0 <= now && now <= ONE && now + braking.length(now) <= free, "{now} of {free}");
                 assert!(now + 3 >= rate - braking.slope(rate, 16), "{now} after {rate}, {free} left");
                 assert!(now > 0 || free == 0);
@@ -206,21 +209,21 @@ fn braking_keeps_its_promise(size: Size) -> String {
 fn planned_stops_are_free<const SIGN: Travel>(c: &mut impl Choice, records: u32) -> Option<()> {
     let low = c.word();
     let road = Short { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
-    let mut cursor = Cursor::<3>::with_law(RateFilter::new(FilterLengths::new(1, 3)?)?);
+    let mut cursor = Cursor::<3>::with_filter(RateFilter::new(FilterLengths::new(1, 3)?)?);
     let mut at = if SIGN > 0 { road.low() } else { road.high() };
     let mut k = 0;
     while k < records {
         let next = at.wrapping_add(SIGN as u32);
-        let way = DirectedWindow { at: Place::start_of(at), sign: SIGN, road: &road };
-        if cursor.law().at_rest() && road.rests_at(at) {
-            cursor.launch(c.between(0, ONE), ONE, &way);
+        let way = DirectedWindow { at: Place::start_of(at), sign: SIGN, window: &road };
+        if cursor.filter().at_rest() && road.rests_at(at) {
+            cursor.start_from_rest(c.between(0, ONE), ONE, &way);
         }
         let step = cursor.advance(ONE, c.between(0, ONE), &way);
-        holds!(step.to == Place::start_of(next) && !step.short);
+        holds!(step.to == Place::start_of(next) && !step.starved);
         at = next;
         k += 1;
     }
-    holds!(cursor.law().at_rest());
+    holds!(cursor.filter().at_rest());
     Some(())
 }
 
@@ -284,7 +287,7 @@ fn slopes_leave_room(size: Size) -> String {
             for _ in 0..=draw.below(200) {
                 let rate = at.moved(drive.lead());
                 at = drive.step(at, target, &road).to;
-                track.push((at, rate.to(at.moved(drive.lead()))));
+                track.push((at, rate.distance_to(at.moved(drive.lead()))));
             }
         }
         let average = usize::from(limits.average());
@@ -363,43 +366,43 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the commanded place may run over the end",
                 file: CURSOR,
-                find: "wished.min(braked).min(free.max(0))",
-                put: "wished.min(braked).min(free.max(1))",
+                find: "requested.min(braking_limited).min(free.max(0))",
+                put: "requested.min(braking_limited).min(free.max(1))",
                 killer: "drive_road_1",
             },
             Mutant {
                 name: "a planned stop is passed at rate",
                 file: CURSOR,
-                find: "&& along(way.sign, to.to(rest)) <= 0",
-                put: "&& along(way.sign, to.to(rest)) < 0",
+                find: "&& signed(ahead.sign, to.distance_to(rest)) <= 0",
+                put: "&& signed(ahead.sign, to.distance_to(rest)) < 0",
                 killer: "drive_road_3",
             },
             Mutant {
                 name: "a commanded place beyond the end is forgotten when the rate is lowered",
                 file: CURSOR,
-                find: "if within < wished || free < 0 {",
-                put: "if within < wished {",
+                find: "if within < requested || free < 0 {",
+                put: "if within < requested {",
                 killer: "drive_road_3",
             },
             Mutant {
                 name: "the rate jumps further than the road is long",
                 file: CURSOR,
-                find: "let rate = if rate * periods <= way.room()",
-                put: "let rate = if rate <= way.room()",
+                find: "let rate = if rate * periods <= ahead.distance_to_end()",
+                put: "let rate = if rate <= ahead.distance_to_end()",
                 killer: "drive_starts_5",
             },
             Mutant {
                 name: "the stop behind the cursor counts",
                 file: "crates/core/src/drive/directed_window.rs",
-                find: "if along(self.sign, self.at.to(here)) <= 0 {",
-                put: "if along(self.sign, self.at.to(here)) < 0 {",
+                find: "if signed(self.sign, self.at.distance_to(here)) <= 0 {",
+                put: "if signed(self.sign, self.at.distance_to(here)) < 0 {",
                 killer: "drive_presses_3",
             },
             Mutant {
                 name: "the cursor stops a last bit early",
                 file: CURSOR,
-                find: "let free = way.room() - self.law.lead().abs();",
-                put: "let free = way.room() - self.law.lead().abs() - 1;",
+                find: "let free = ahead.distance_to_end() - self.filter.lead().abs();",
+                put: "let free = ahead.distance_to_end() - self.filter.lead().abs() - 1;",
                 killer: "drive_rests_1",
             },
         ],
@@ -432,8 +435,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "more is allowed than can be braked",
                 file: BRAKING,
-                find: "let over = free - 1 - self.lengths[k] - k as Travel * Self::STRETCH;",
-                put: "let over = free + (1 << 24) - self.lengths[k] - k as Travel * Self::STRETCH;",
+                find: "let over = free - 1 - self.lengths[k] - k as Travel * Self::INTERVAL;",
+                put: "let over = free + (1 << 24) - self.lengths[k] - k as Travel * Self::INTERVAL;",
                 killer: "braking-keeps",
             },
         ],
@@ -459,7 +462,7 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the survey ends at the commanded place",
                 file: "crates/core/src/drive/mod.rs",
-                find: "self.lead().abs() + (average + 1) / 2 * rate.max(self.cursor.law().highest())",
+                find: "self.lead().abs() + (average + 1) / 2 * rate.max(self.cursor.filter().max_target())",
                 put: "self.lead().abs() + 0 * average * rate",
                 killer: "slopes-leave-room",
             },
@@ -479,15 +482,15 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "every stop is braked to",
                 file: CURSOR,
-                find: "let last_rest = if within < wished || free < 0 { way.last_rest() } else { None };",
-                put: "let last_rest = if way.sign == 0 { way.last_rest() } else { None };",
+                find: "let last_rest = if within < requested || free < 0 { ahead.last_planned_stop() } else { None };",
+                put: "let last_rest = if ahead.sign == 0 { ahead.last_planned_stop() } else { None };",
                 killer: "drive_stops_forward",
             },
             Mutant {
                 name: "every start follows the law",
                 file: CURSOR,
-                find: "self.law.set_steady(along(way.sign, rate));",
-                put: "self.law.set_steady(along(way.sign, rate) * 0);",
+                find: "self.filter.set_steady(signed(ahead.sign, rate));",
+                put: "self.filter.set_steady(signed(ahead.sign, rate) * 0);",
                 killer: "drive_stops_forward",
             },
         ],

@@ -18,7 +18,7 @@ fn evenly_spaced<const MOST: u32>(c: &mut impl Choice) -> Option<()> {
     let (mut count, mut last, mut least, mut most) = (0, MOST, MOST, 0);
     let mut slot = 0;
     while slot < MOST {
-        if slot < slots && fine.slot() {
+        if slot < slots && fine.next_slot() {
             if count > 0 {
                 let gap = slot - last;
                 least = if gap < least { gap } else { least };
@@ -79,7 +79,7 @@ fn every_period(size: Size) -> String {
     for slots in 1..=most {
         for pulses in 0..=slots {
             let mut fine = PulseSlots::new(pulses as u16, slots);
-            let walked: Vec<u32> = (0..slots).filter(|_| fine.slot()).collect();
+            let walked: Vec<u32> = (0..slots).filter(|_| fine.next_slot()).collect();
             let closed: Vec<u32> = retrace_core::fine::pulse_slots(pulses as u16, slots).collect();
             assert_eq!(walked.len(), pulses as usize);
             assert_eq!(walked, closed);

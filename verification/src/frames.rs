@@ -243,7 +243,7 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "bytes behind the check are passed over",
                 file: FRAME,
-                find: "Due::End { .. } => Due::Nothing(Damage::Length),",
+                find: "Due::End { .. } => Due::Nothing(FrameDamage::Length),",
                 put: "Due::End { length } => Due::End { length },",
                 killer: "frames_find_back",
             },

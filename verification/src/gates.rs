@@ -8,7 +8,7 @@ use crate::harness::{harnesses, holds};
 use crate::ledger::{Mutant, Row};
 use retrace_core::Place;
 use retrace_core::gate::Gates;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 
 /// What is in hand: number, place of the marker, and whether the card has it.
 type InHand = Option<(u32, u32, bool)>;
@@ -21,7 +21,7 @@ fn any_gates(c: &mut impl Choice) -> (Gates, InHand) {
     let (number, place, sent) = (c.word(), c.word(), c.flag());
     holds!(gates.accept(number, place));
     if sent {
-        gates.sent();
+        gates.mark_sent();
     }
     (gates, Some((number, place, sent)))
 }
@@ -35,7 +35,7 @@ fn gates_say(gates: &Gates, in_hand: InHand, record: u32, cursor: Place, at_rest
         Some((_, marker, sent)) => {
             holds!(!gates.a_open());
             // no record behind the marker, every record before it
-            holds!(b == before(record, marker));
+            holds!(b == is_before(record, marker));
             // the instruction once, and only with the cursor at rest on the marker
             holds!(c == (!sent && at_rest && cursor == Place::start_of(marker)));
             // what C lets through, B holds the motion behind
@@ -57,7 +57,7 @@ fn gates_keep_order(c: &mut impl Choice) -> Option<()> {
             in_hand = in_hand.or(Some((number, place, false)));
         }
         1 => {
-            gates.sent();
+            gates.mark_sent();
             in_hand = in_hand.map(|(number, place, _)| (number, place, true));
         }
         _ => {
@@ -94,8 +94,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "the record behind the marker passes",
             file: GATE,
-            find: "Some(marker) => before(place, marker.place),",
-            put: "Some(marker) => !before(marker.place, place),",
+            find: "Some(marker) => is_before(place, marker.place),",
+            put: "Some(marker) => !is_before(marker.place, place),",
             killer: "gates_order",
         },
         Mutant {

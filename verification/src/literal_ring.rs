@@ -230,8 +230,8 @@ mod search {
         let (head, reached, write) = (before.head(), before.reached(), before.write());
         let cells: Vec<Cell<u32>> =
             (0..size).map(|n| Cell::new(head.wrapping_add(n.wrapping_sub(head) & (size - 1)))).collect();
-        let mut ring =
-            Ring::holding(&cells[..], keep, LOOK_AHEAD, RecordSpan { head, reached, write }).expect("a valid state");
+        let mut ring = Ring::with_records(&cells[..], keep, LOOK_AHEAD, RecordSpan { head, reached, write })
+            .expect("a valid state");
         let (_, mut consumer) = ring.split();
         for _ in 0..reached.wrapping_sub(before.read()) {
             consumer.retreat().expect("kept");
@@ -341,8 +341,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "a ring that is taken over loses half of its history",
             file: "crates/core/src/ring.rs",
-            find: "Played::at(reached.wrapping_sub(kept), reached,",
-            put: "Played::at(reached.wrapping_sub(kept / 2), reached,",
+            find: "ConsumerIndices::at(reached.wrapping_sub(history), reached,",
+            put: "ConsumerIndices::at(reached.wrapping_sub(history / 2), reached,",
             killer: "literal-search",
         },
     ],

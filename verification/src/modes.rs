@@ -20,8 +20,8 @@ fn any_order(c: &mut impl Choice) -> ModeCommand {
         5 => ModeCommand::Wheel,
         6 => ModeCommand::Leave { ask: c.flag() },
         7 => ModeCommand::Recover,
-        8 => ModeCommand::Restart { agreed: c.flag() },
-        _ => ModeCommand::Agree,
+        8 => ModeCommand::Restart { confirmed: c.flag() },
+        _ => ModeCommand::Confirm,
     }
 }
 
@@ -46,10 +46,10 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
     while k < ORDERS {
         let (was, order, facts) = (operation.mode(), any_order(c), any_facts(c));
         let before = operation;
-        match (operation.order(order), order) {
+        match (operation.apply(order), order) {
             (Err(_), _) => holds!(operation == before),
-            (Ok(()), ModeCommand::Leave { ask: false } | ModeCommand::Agree | ModeCommand::Recover) => agreed = true,
-            (Ok(()), ModeCommand::Restart { agreed: word }) if was == Mode::Run => agreed = word,
+            (Ok(()), ModeCommand::Leave { ask: false } | ModeCommand::Confirm | ModeCommand::Recover) => agreed = true,
+            (Ok(()), ModeCommand::Restart { confirmed: word }) if was == Mode::Run => agreed = word,
             (Ok(()), ModeCommand::Resume) if was == Mode::Run => agreed = false,
             (
                 Ok(()),
@@ -58,7 +58,7 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
             (Ok(()), _) => {}
         }
         match (order, was) {
-            (ModeCommand::Resume | ModeCommand::Recover, Mode::Run) => compares |= before.held(),
+            (ModeCommand::Resume | ModeCommand::Recover, Mode::Run) => compares |= before.is_held(),
             (ModeCommand::Restart { .. }, Mode::Run) => compares = true,
             (ModeCommand::Hold, _) => compares = false,
             _ => compares &= operation.mode() == Mode::Run,
@@ -67,7 +67,7 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
             turned = false;
         }
         let mode = operation.mode();
-        let demand = operation.demand(&facts);
+        let demand = operation.advance_period(&facts);
         turned |= facts.at_rest;
         // look-ahead is on the road in normal run, and while the cursor still runs out of it
         holds!(demand.look_ahead == (operation.mode() == Mode::Run || !turned));
@@ -77,19 +77,19 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         holds!(!compares || demand.target == RateTarget::ZERO || facts.outputs_agree || demand.restore_outputs);
         compares &= !facts.outputs_agree && operation.mode() == Mode::Run && !demand.restore_outputs;
         // normal run is entered at the furthest place, at rest, with outputs that agree or are restored by word
-        if demand.notice == Some(OperatorNotice::GoesOn) {
+        if demand.notice == Some(OperatorNotice::RunResumed) {
             holds!(operation.mode() == Mode::Run);
             holds!(facts.at_rest && facts.place.boundary_ahead() == facts.reached);
             holds!(demand.restore_outputs != facts.outputs_agree);
         } else {
             holds!(mode == Mode::Run || operation.mode() != Mode::Run);
-            holds!(!demand.restore_outputs && demand.notice != Some(OperatorNotice::GoesOn));
+            holds!(!demand.restore_outputs && demand.notice != Some(OperatorNotice::RunResumed));
         }
         holds!(!demand.restore_outputs || agreed);
         // what was agreed to in normal run holds until motion goes on
         agreed &= operation.mode() != Mode::Run || compares;
         // a hold stands in every mode; backward only where reverse or the wheel asks for it
-        holds!(!operation.held() || demand.target == RateTarget::ZERO);
+        holds!(!operation.is_held() || demand.target == RateTarget::ZERO);
         let backward = matches!(operation.mode(), Mode::Reverse | Mode::Wheel);
         let RateTarget { feed, rapid } = demand.target;
         holds!(feed >= 0 && rapid >= 0 || backward);
@@ -139,7 +139,7 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "a feed override of zero lets rapid motion run",
             file: MODE,
-            find: "Mode::Run | Mode::Return if self.override_rate == 0 => RateTarget::ZERO,",
+            find: "Mode::Run | Mode::Rejoin if self.override_rate == 0 => RateTarget::ZERO,",
             put: "",
             killer: "modes_3",
         },
@@ -160,15 +160,15 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "normal run goes on after a hold without comparing",
             file: MODE,
-            find: "Order::Resume if self.held => self.restart(Resuming::Asking),",
-            put: "Order::Resume if self.held => self.held = false,",
+            find: "ModeCommand::Resume if self.held => self.resume_motion(Resuming::Ask),",
+            put: "ModeCommand::Resume if self.held => self.held = false,",
             killer: "modes_3",
         },
         Mutant {
             name: "outputs are restored without asking",
             file: MODE,
-            find: "if facts.outputs_agree || self.agreed {",
-            put: "if facts.outputs_agree || self.agreed || self.told {",
+            find: "if facts.outputs_agree || self.confirmed {",
+            put: "if facts.outputs_agree || self.confirmed || self.notified {",
             killer: "modes-long",
         },
         Mutant {

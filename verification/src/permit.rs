@@ -210,15 +210,15 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "asking for motion gives the grace anew",
             file: PERMIT,
-            find: "return Ok(Timer { handover: timer.handover + 1, ..timer });",
-            put: "return Ok(Timer { handover: timer.handover + 1, standing: 0 });",
+            find: "return Ok(PermitTimer { handover: timer.handover + 1, ..timer });",
+            put: "return Ok(PermitTimer { handover: timer.handover + 1, standing: 0 });",
             killer: "permit_one_channel",
         },
         Mutant {
             name: "a lit channel begins its grace anew",
             file: PERMIT,
-            find: "let before = if was_lit { *timer } else { Timer::default() };",
-            put: "let before = if was_lit && !conditions.awaits { *timer } else { Timer::default() };",
+            find: "let before = if was_lit { *timer } else { PermitTimer::default() };",
+            put: "let before = if was_lit && !conditions.awaits { *timer } else { PermitTimer::default() };",
             killer: "permit-outputs",
         },
         Mutant {
@@ -238,8 +238,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "records that come late start motion",
             file: PLAYER,
-            find: "self.block = Block::Standing;",
-            put: "self.block = Block::None;",
+            find: "self.block = MotionBlock::Standing;",
+            put: "self.block = MotionBlock::None;",
             killer: "permit-card",
         },
         Mutant {

@@ -6,7 +6,7 @@ use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
-use retrace_core::playback::{emission, part};
+use retrace_core::playback::{emission, partial_increment};
 use retrace_core::{ONE, Place, Record, Travel};
 
 /// A stretch of `N` records of one axis, from place 0 or over the wrap.
@@ -48,7 +48,7 @@ fn places_add_up(c: &mut impl Choice) -> Option<()> {
     let (a, b) = (c.between(-most, most), c.between(-most, most));
     c.assume(-most <= a + b && a + b <= most)?;
     let to = from.moved(a);
-    holds!(from.to(to) == a && to.moved(-a) == from);
+    holds!(from.distance_to(to) == a && to.moved(-a) == from);
     holds!(to.moved(b) == from.moved(a + b));
     Some(())
 }
@@ -100,7 +100,7 @@ fn whole_records_are_whole<const N: usize>(c: &mut impl Choice) -> Option<()> {
 
 /// The part of a record is its exact value rounded half away from zero, with the sign of the record.
 fn part_is_rounded(increment: i16, fraction: u32) -> Option<()> {
-    let part = i64::from(part(increment, fraction));
+    let part = i64::from(partial_increment(increment, fraction));
     holds!(if increment < 0 { part <= 0 } else { part >= 0 });
     // in units of 2⁻³² pulses; the exact value lies in [part − ½, part + ½)
     let (rounded, exact) = ((part.unsigned_abs()) << 32, u64::from(increment.unsigned_abs()) * u64::from(fraction));
@@ -111,7 +111,7 @@ fn part_is_rounded(increment: i16, fraction: u32) -> Option<()> {
 /// The part of a record is never more than the record.
 fn part_is_within(c: &mut impl Choice, most: i64) -> Option<()> {
     let (increment, fraction) = (c.between(-most, most) as i16, c.word());
-    let (part, whole) = (i64::from(part(increment, fraction)), i64::from(increment));
+    let (part, whole) = (i64::from(partial_increment(increment, fraction)), i64::from(increment));
     holds!(if whole < 0 { whole <= part } else { part <= whole });
     Some(())
 }
@@ -120,7 +120,7 @@ fn part_is_within(c: &mut impl Choice, most: i64) -> Option<()> {
 fn parts_are_in_order(c: &mut impl Choice, most: i64) -> Option<()> {
     let (increment, more) = (c.between(-most, most) as i16, c.word());
     let less = c.upto(more);
-    let (less, more) = (part(increment, less), part(increment, more));
+    let (less, more) = (partial_increment(increment, less), partial_increment(increment, more));
     holds!(if increment < 0 { more <= less } else { less <= more });
     Some(())
 }
@@ -148,7 +148,7 @@ fn every_increment(size: crate::ledger::Size) -> String {
             let turn = ((u64::from(fraction) % least * 2 + 1) << 31).div_ceil(least) as u32;
             for fraction in [fraction, turn, turn.wrapping_sub(1)] {
                 assert!(part_is_rounded(increment, fraction).is_some());
-                assert!(i32::from(increment).abs() >= part(increment, fraction).abs());
+                assert!(i32::from(increment).abs() >= partial_increment(increment, fraction).abs());
             }
         }
     }

@@ -168,7 +168,7 @@ fn wheel_follows(c: &mut impl Choice) -> Option<()> {
     let (mut wheel, mut turns, mut k) = (Wheel::<4>::new(4, 8), [0; 5], 0);
     while k < 5 {
         turns[k] = c.increment();
-        wheel.turn(turns[k]);
+        wheel.push_difference(turns[k]);
         k += 1;
     }
     let sum = i64::from(turns[1]) + i64::from(turns[2]) + i64::from(turns[3]) + i64::from(turns[4]);
@@ -236,8 +236,8 @@ fn long_averages(size: Size) -> String {
     let mut draw = Draw::new(size.seed);
     let runs = if size.full { 400 } else { 20 };
     for _ in 0..runs {
-        let first = 1 + draw.upto(FilterLengths::LONGEST.into()).min(4095) as u16;
-        let second = (1 + draw.upto(FilterLengths::LONGEST.into()).min(4095) as u16) & !1 | first & 1;
+        let first = 1 + draw.upto(FilterLengths::MAX_PERIODS.into()).min(4095) as u16;
+        let second = (1 + draw.upto(FilterLengths::MAX_PERIODS.into()).min(4095) as u16) & !1 | first & 1;
         let Some(smoothing) = FilterLengths::new(first, second.max(2 - first % 2)) else { continue };
         let mut law = Box::new(RateFilter::<4096>::new(smoothing).expect("fits"));
         let (mut commanded, mut run) = (0i128, 0i128);
@@ -255,7 +255,7 @@ fn long_averages(size: Size) -> String {
         }
         assert!(run == commanded && law.at_rest() && law.lead() == 0);
     }
-    format!("{runs} drawn runs with averages of up to {} periods", FilterLengths::LONGEST)
+    format!("{runs} drawn runs with averages of up to {} periods", FilterLengths::MAX_PERIODS)
 }
 
 #[cfg(not(any(kani, verify_wasm)))]
@@ -293,8 +293,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the second average is one period too long",
                 file: RATE,
-                find: "Travel::from(self.smoothing.first) * Travel::from(self.smoothing.second);",
-                put: "Travel::from(self.smoothing.first) * Travel::from(self.smoothing.second + 1);",
+                find: "Travel::from(self.lengths.first) * Travel::from(self.lengths.second);",
+                put: "Travel::from(self.lengths.first) * Travel::from(self.lengths.second + 1);",
                 killer: "law_pending_2_2",
             },
             Mutant {
@@ -327,7 +327,7 @@ pub const ROWS: &[Row] = &[
             name: "the first average does nothing",
             file: RATE,
             find: "let sum = self.targets.push(target);",
-            put: "let sum = self.targets.push(target).min(0) + target * Travel::from(self.smoothing.first);",
+            put: "let sum = self.targets.push(target).min(0) + target * Travel::from(self.lengths.first);",
             killer: "law_change_2_2",
         }],
     },

@@ -176,7 +176,7 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
         let place = head.wrapping_add((n as u32).wrapping_sub(head) & (N as u32 - 1));
         Cell::new(if place.wrapping_sub(head) < write.wrapping_sub(head) { place } else { !place })
     });
-    let Ok(mut ring) = Ring::holding(&cells[..], keep, look_ahead, RecordSpan { head, reached, write }) else {
+    let Ok(mut ring) = Ring::with_records(&cells[..], keep, look_ahead, RecordSpan { head, reached, write }) else {
         return None;
     };
     let (mut producer, mut consumer) = ring.split();
@@ -250,8 +250,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the look-ahead holds one record too many",
                 file: POSITIONS,
-                find: "self.write.wrapping_sub(self.floor) >= self.room",
-                put: "self.write.wrapping_sub(self.floor) > self.room",
+                find: "self.write.wrapping_sub(self.floor) >= self.limit",
+                put: "self.write.wrapping_sub(self.floor) > self.limit",
                 killer: "ring_push",
             },
             Mutant {
@@ -290,8 +290,8 @@ pub const ROWS: &[Row] = &[
         mutants: &[Mutant {
             name: "the room counts from the cursor's share alone",
             file: POSITIONS,
-            find: "self.write.wrapping_sub(self.floor) >= self.room\n",
-            put: "self.write.wrapping_sub(self.floor) > self.room + 1\n",
+            find: "self.write.wrapping_sub(self.floor) >= self.limit\n",
+            put: "self.write.wrapping_sub(self.floor) > self.limit + 1\n",
             killer: "ring_apart",
         }],
     },
@@ -316,8 +316,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "history is not kept when a ring takes over records",
                 file: "crates/core/src/ring.rs",
-                find: "let kept = reached.wrapping_sub(head);",
-                put: "let kept = write.wrapping_sub(reached).min(keep);",
+                find: "let history = reached.wrapping_sub(head);",
+                put: "let history = write.wrapping_sub(reached).min(keep);",
                 killer: "ring_content_8",
             },
         ],

@@ -138,9 +138,9 @@ fn both_at<const A: usize>(step: u32, latch: &Breakpoint<A>) -> (Interruption<A>
 
 fn alike<const A: usize>(real: &Interruption<A>, literal: &LiteralSteps<A>) {
     holds!(real.may_read() == literal.executes());
-    holds!(real.paused() == literal.dnc_paused && real.mode_changed() == literal.mode_changed);
-    holds!(real.inhibited() == literal.inhibit && real.may_jog() == literal.mode_changed);
-    holds!(real.latch().copied() == literal.latched);
+    holds!(real.is_paused() == literal.dnc_paused && real.mode_changed() == literal.mode_changed);
+    holds!(real.is_inhibited() == literal.inhibit && real.may_jog() == literal.mode_changed);
+    holds!(real.breakpoint().copied() == literal.latched);
 }
 
 /// What a taken word has done is what the requirement says, with what was latched.
@@ -154,7 +154,7 @@ fn does_what_is_said<const A: usize>(effect: InterruptionAction<A>, word: Interr
         | (InterruptionEvent::StopSpindle, InterruptionAction::StopSpindle)
         | (InterruptionEvent::Jog, InterruptionAction::Jog)
         | (InterruptionEvent::Online, InterruptionAction::Online)
-        | (InterruptionEvent::Arrived(_), InterruptionAction::GoOn) => true,
+        | (InterruptionEvent::Arrived(_), InterruptionAction::ResumeReading) => true,
         _ => false,
     };
     holds!(right);
@@ -326,8 +326,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "a second pause moves the breakpoint",
                 file: FILE,
-                find: "(Some((latch, step)), word) => (*latch,",
-                put: "(Some((_, step)), Word::Pause(latch)) => (latch, Self::follow(&latch, *step, word)),\n            (Some((latch, step)), word) => (*latch,",
+                find: "(Some((latch, step)), event) => (*latch,",
+                put: "(Some((_, step)), InterruptionEvent::Pause(latch)) => (latch, Self::transition(&latch, *step, event)),\n            (Some((latch, step)), event) => (*latch,",
                 killer: "steps_order",
             },
             Mutant {
@@ -360,8 +360,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "cycle start before on-line mode is restored",
                 file: FILE,
-                find: "(Step::SpindleAsItWas, Word::CycleStart { .. }) => Err(Refused::NotOnline)",
-                put: "(Step::SpindleAsItWas, Word::CycleStart { .. }) => Ok((Step::Approaching, Effect::Approach(latch.counts)))",
+                find: "(Step::SpindleRestored, InterruptionEvent::CycleStart { .. }) => Err(InterruptionError::NotOnline)",
+                put: "(Step::SpindleRestored, InterruptionEvent::CycleStart { .. }) => Ok((Step::Approaching, InterruptionAction::Approach(latch.counts)))",
                 killer: "steps_way_back",
             },
             Mutant {
@@ -381,8 +381,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "a standing spindle is not a hindrance",
                 file: FILE,
-                find: "(Step::SpindleStopped, _) => Err(Refused::SpindleStands)",
-                put: "(Step::SpindleStopped, _) => Ok((Step::OnlineAgain, Effect::Online))",
+                find: "(Step::SpindleStopped, _) => Err(InterruptionError::SpindleNotRunning)",
+                put: "(Step::SpindleStopped, _) => Ok((Step::OnlineRestored, InterruptionAction::Online))",
                 killer: "steps_way_back",
             },
         ],

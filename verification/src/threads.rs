@@ -79,8 +79,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "a record is published relaxed",
                 file: RING,
-                find: "self.shared.write.store(self.planned.write(), Ordering::Release);",
-                put: "self.shared.write.store(self.planned.write(), Ordering::Relaxed);",
+                find: "self.shared.write.store(self.indices.write(), Ordering::Release);",
+                put: "self.shared.write.store(self.indices.write(), Ordering::Relaxed);",
                 killer: "two_cells_keep_1",
             },
             Mutant {
@@ -107,8 +107,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "a cell is let go before it is read",
                 file: RING,
-                find: "let record = Some(self.content(place));\n        self.publish(floor);",
-                put: "self.publish(floor);\n        let record = Some(self.content(place));",
+                find: "let record = Some(self.read_cell(place));\n        self.publish(floor);",
+                put: "self.publish(floor);\n        let record = Some(self.read_cell(place));",
                 killer: "two_cells_keep_0",
             },
             Mutant {

@@ -3,7 +3,7 @@
 //! Invariant: actions are kept in the order of their places; an action is executed when the cursor leaves its place forward
 //! and, where actions are replayed, undone when the cursor comes back over it.
 
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{Place, Travel};
 use retrace_link::{CommandRefusal, OutputAction};
 
@@ -44,7 +44,7 @@ impl<const N: usize> ActionTable<N> {
         if self.count == N {
             return Err(CommandRefusal::Full);
         }
-        let at = self.actions[..self.count].iter().position(|a| before(action.place, a.place)).unwrap_or(self.count);
+        let at = self.actions[..self.count].iter().position(|a| is_before(action.place, a.place)).unwrap_or(self.count);
         self.actions.copy_within(at..self.count, at + 1);
         self.actions[at] = action;
         self.count += 1;
@@ -55,7 +55,7 @@ impl<const N: usize> ActionTable<N> {
         let mut kept = 0;
         for k in 0..self.count {
             let place = self.actions[k].place;
-            if !before(place, low) && !before(high, place) {
+            if !is_before(place, low) && !is_before(high, place) {
                 self.actions[kept] = self.actions[k];
                 kept += 1;
             }
@@ -65,14 +65,14 @@ impl<const N: usize> ActionTable<N> {
 
     /// The actions whose place the cursor leaves forward on its way `from` … `to`, in order.
     pub fn left_forward(&self, from: Place, to: Place) -> impl Iterator<Item = &OutputAction> {
-        let way = from.to(to);
-        self.actions[..self.count].iter().filter(move |a| within(from.to(Place::start_of(a.place)), way))
+        let way = from.distance_to(to);
+        self.actions[..self.count].iter().filter(move |a| within(from.distance_to(Place::start_of(a.place)), way))
     }
 
     /// The actions that the cursor comes back over on its way `from` … `to` (`to` lying behind), last first.
     pub fn undone_backward(&self, from: Place, to: Place) -> impl Iterator<Item = &OutputAction> {
-        let way = to.to(from);
-        self.actions[..self.count].iter().rev().filter(move |a| within(to.to(Place::start_of(a.place)), way))
+        let way = to.distance_to(from);
+        self.actions[..self.count].iter().rev().filter(move |a| within(to.distance_to(Place::start_of(a.place)), way))
     }
 }
 

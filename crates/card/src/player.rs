@@ -5,7 +5,7 @@
 
 use retrace_core::drive::{Drive, RecordWindow};
 use retrace_core::limits::RateLimits;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::playback::emission;
 use retrace_core::{Place, RapidCap, RateTarget, Record, Travel};
 use retrace_link::{
@@ -70,7 +70,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     /// The same with so many digital outputs, and no rate law yet: nothing is to be played on it.
     pub(crate) const fn idle(start: u32, digital: u8) -> Option<Self> {
         // no `?` in a constant
-        let Some(drive) = Drive::idle() else { return None };
+        let Some(drive) = Drive::unconfigured() else { return None };
         Some(Self::with_window(CardWindow::new(start), drive, start, digital))
     }
 }
@@ -78,7 +78,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
 impl<const A: usize, const W: usize, const M: usize> Player<A, W, M, &'static mut [Record<A>]> {
     /// The same, whose records are to be lent.
     pub(crate) const fn idle_without_records(digital: u8) -> Option<Self> {
-        let Some(drive) = Drive::idle() else { return None };
+        let Some(drive) = Drive::unconfigured() else { return None };
         Some(Self::with_window(CardWindow::with_records(0, &mut []), drive, 0, digital))
     }
 
@@ -196,8 +196,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let way = match self.unblocked_target().signum() {
             0 => 0,
             _ if !self.has_record_under_cursor() => 0,
-            1 => place.to(Place::start_of(road.high())),
-            _ => Place::start_of(road.low()).to(place),
+            1 => place.distance_to(Place::start_of(road.high())),
+            _ => Place::start_of(road.low()).distance_to(place),
         };
         !self.is_at_rest() || way > 0 || self.is_due()
     }
@@ -259,14 +259,14 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// It must not lie behind the furthest place ever executed, where its order is lost, and the cursor must still be able to stop there.
     fn store_instruction(&mut self, instruction: Instruction) -> Result<(), CommandRefusal> {
         self.switching.check(&instruction, &self.outputs)?;
-        if before(instruction.place, self.status.reached) {
+        if is_before(instruction.place, self.status.reached) {
             return Err(CommandRefusal::OutOfOrder);
         }
         let at = Place::start_of(instruction.place);
         // Only a place on the window makes the road shorter than it is.
-        let is_beyond = !before(instruction.place, self.window.high());
-        let can_brake = is_beyond || self.bound().to(at) >= 0;
-        let runs_into = self.status.place.to(at) > 0 && self.planned_stop_at(instruction.place);
+        let is_beyond = !is_before(instruction.place, self.window.high());
+        let can_brake = is_beyond || self.bound().distance_to(at) >= 0;
+        let runs_into = self.status.place.distance_to(at) > 0 && self.planned_stop_at(instruction.place);
         if !(can_brake || runs_into) {
             return Err(CommandRefusal::InMotion);
         }
@@ -327,7 +327,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     }
 
     fn planned_stop_at(&self, place: u32) -> bool {
-        let held = !before(place, self.window.low()) && !before(self.window.high(), place);
+        let held = !is_before(place, self.window.low()) && !is_before(self.window.high(), place);
         held && self.window.rests_at(place)
     }
 
@@ -354,12 +354,12 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// The furthest place ahead that the cursor stands at or is bound to run to.
     fn bound(&self) -> Place {
-        self.status.place.moved(self.drive.stopping().max(0))
+        self.status.place.moved(self.drive.stopping_distance().max(0))
     }
 
     /// The furthest place behind that the cursor stands at or is bound to run to.
     fn bound_behind(&self) -> Place {
-        self.status.place.moved(self.drive.stopping().min(0))
+        self.status.place.moved(self.drive.stopping_distance().min(0))
     }
 
     fn record_window(&self) -> PlayedWindow<'_, CardWindow<A, W, S>> {
@@ -402,7 +402,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             }
         };
         self.switch_in_passing(from, to);
-        self.commit_period(to, increments, step.short || waits);
+        self.commit_period(to, increments, step.starved || waits);
         let rate = self.status.rate;
         let backward = rate < 0 || rate == 0 && wanted < 0;
         self.conditions =
@@ -444,7 +444,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     fn commit_period(&mut self, to: Place, increments: [i32; A], short: bool) {
         let status = &mut self.status;
         status.period += 1;
-        status.rate = status.place.to(to);
+        status.rate = status.place.distance_to(to);
         status.place = to;
         status.starved = short;
         status.increments = increments;
@@ -456,7 +456,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             status.line = record.line;
         }
         let boundary = to.boundary_ahead();
-        if before(status.reached, boundary) {
+        if is_before(status.reached, boundary) {
             status.reached = boundary;
         }
         self.mirror();
@@ -465,9 +465,9 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// Output actions between two places: always where they are passed for the first time, else where they are replayed.
     fn switch_in_passing(&mut self, from: Place, to: Place) {
         let reached = self.status.reached;
-        if from.to(to) > 0 {
+        if from.distance_to(to) > 0 {
             for action in self.actions.left_forward(from, to) {
-                let first_time = !before(action.place, reached);
+                let first_time = !is_before(action.place, reached);
                 if first_time {
                     self.outputs.set(OutputChange { channel: action.channel, value: action.after });
                 } else if self.replay {
@@ -516,7 +516,7 @@ impl<'w, R> PlayedWindow<'w, R> {
     where
         R: RecordWindow<A>,
     {
-        let high = end.filter(|&end| before(end, road.high())).unwrap_or(road.high());
+        let high = end.filter(|&end| is_before(end, road.high())).unwrap_or(road.high());
         Self { road, high }
     }
 }
@@ -632,9 +632,9 @@ mod tests {
         while player.status().executed == 0 {
             let status = player.period();
             executed_at = Some(status.place);
-            assert!(Place::start_of(nearest).to(status.place) <= 0 || status.executed == 1);
+            assert!(Place::start_of(nearest).distance_to(status.place) <= 0 || status.executed == 1);
         }
-        assert!(executed_at.is_some_and(|place| Place::start_of(nearest).to(place) <= ONE));
+        assert!(executed_at.is_some_and(|place| Place::start_of(nearest).distance_to(place) <= ONE));
     }
 
     #[test]
@@ -738,7 +738,7 @@ mod tests {
                     player.period();
                     let status = player.status();
                     let n = status.place.record as usize;
-                    let under = increments.get(n).map_or(0, |&i| retrace_core::playback::part(i, status.place.fraction));
+                    let under = increments.get(n).map_or(0, |&i| retrace_core::playback::partial_increment(i, status.place.fraction));
                     prop_assert_eq!(status.counts[0], sums[n] + i64::from(under));
                 }
             }

@@ -181,7 +181,7 @@ impl StepDirection {
             {
                 self.level = self.backward;
             }
-            if self.now >= self.first && self.pulses.slot() {
+            if self.now >= self.first && self.pulses.next_slot() {
                 self.high = self.timing.pulse;
             }
             self.now += 1;

@@ -5,7 +5,7 @@
 //! cursor is already bound to go.
 
 use retrace_core::drive::RecordWindow;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{Flags, Place, RapidCap, Record};
 use retrace_link::CommandRefusal;
 
@@ -31,7 +31,7 @@ impl<const A: usize, const W: usize> CardWindow<A, W> {
     #[must_use]
     pub const fn new(place: u32) -> Self {
         let () = Self::CHECKED;
-        Self::with_records(place, [Record::STILL; W])
+        Self::with_records(place, [Record::ZERO; W])
     }
 }
 
@@ -76,7 +76,7 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
             if (cursor.record.wrapping_sub(self.low) as usize) <= W / 4 {
                 return Err(CommandRefusal::Full);
             }
-            self.low_rests = self.records.as_ref()[Self::index(self.low)].flags.has(Flags::REST);
+            self.low_rests = self.records.as_ref()[Self::index(self.low)].flags.contains(Flags::REST);
             self.low = self.low.wrapping_add(1);
         }
         self.records.as_mut()[Self::index(place)] = record;
@@ -111,10 +111,10 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
 
     /// Forgets the records from `high` on; not those that the cursor stands in or is bound to run to.
     pub fn trim(&mut self, high: u32, bound: Place) -> Result<(), CommandRefusal> {
-        if before(self.high, high) || before(high, self.low) {
+        if is_before(self.high, high) || is_before(high, self.low) {
             return Err(CommandRefusal::OutOfOrder);
         }
-        if before(high, bound.boundary_ahead()) {
+        if is_before(high, bound.boundary_ahead()) {
             return Err(CommandRefusal::InMotion);
         }
         self.high = high;
@@ -123,10 +123,10 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
 
     /// Forgets the records before `low`; not those that the cursor stands in or is bound to run back to.
     pub fn forget(&mut self, low: u32, bound: Place) -> Result<(), CommandRefusal> {
-        if before(low, self.low) || before(self.high, low) {
+        if is_before(low, self.low) || is_before(self.high, low) {
             return Err(CommandRefusal::OutOfOrder);
         }
-        if before(bound.record, low) {
+        if is_before(bound.record, low) {
             return Err(CommandRefusal::InMotion);
         }
         self.low_rests = self.rests_at(low);
@@ -148,7 +148,7 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> RecordWindow<A> for Ca
         if place == self.low {
             return self.low_rests;
         }
-        self.record(place.wrapping_sub(1)).is_some_and(|r| r.flags.has(Flags::REST))
+        self.record(place.wrapping_sub(1)).is_some_and(|r| r.flags.contains(Flags::REST))
     }
 
     fn cap(&self, place: u32) -> RapidCap {
@@ -160,7 +160,7 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> RecordWindow<A> for Ca
     }
 
     fn is_rapid(&self, place: u32) -> bool {
-        self.record(place).is_some_and(|r| r.flags.has(Flags::RAPID))
+        self.record(place).is_some_and(|r| r.flags.contains(Flags::RAPID))
     }
 }
 

@@ -82,7 +82,7 @@ fn every_cause_brakes_on_the_path_and_keeps_the_outputs_safe_until_it_is_gone_an
         }
         card.accept(HostCommand::rate(ONE)).expect("a new word");
         card.period(levels(0));
-        assert!(place.to(card.status().place) > 0);
+        assert!(place.distance_to(card.status().place) > 0);
     }
 }
 

@@ -417,9 +417,9 @@ impl Witness {
                 let passed = witness.actions.iter().any(|action| {
                     let at = Place::start_of(action.place);
                     let lights = action.channel == of.channel && action.after != 0;
-                    let forward = before.place.to(at) >= 0 && at.to(now.place) > 0;
+                    let forward = before.place.distance_to(at) >= 0 && at.distance_to(now.place) > 0;
                     let first = lights && forward && before.reached.wrapping_sub(action.place) as i32 <= 0;
-                    let backward = now.place.to(at) >= 0 && at.to(before.place) > 0;
+                    let backward = now.place.distance_to(at) >= 0 && at.distance_to(before.place) > 0;
                     let again = lights && forward || action.channel == of.channel && action.before != 0 && backward;
                     first || again && witness.replay && of.lit_in_reverse
                 });
@@ -531,7 +531,7 @@ impl Witness {
             self.asks(of.changes[1]);
         }
         self.check_cutting(&before, &now, kept || begins && lights.is_some_and(|of| of.keeps_cutter));
-        assert!(self.barrier.is_none_or(|place| now.place.to(Place::start_of(place)) >= 0), "passed");
+        assert!(self.barrier.is_none_or(|place| now.place.distance_to(Place::start_of(place)) >= 0), "passed");
         self.check_alarm(&before, &now, levels);
         let moves = now.increments != [0; 2];
         self.seen.moved += u32::from(moves);
@@ -553,8 +553,11 @@ impl Witness {
 
     /// Counts are P(place), and the cursor stays on what is held.
     fn check_path(&self, before: &CardStatus<2>, now: &CardStatus<2>) {
-        assert!(Place::start_of(now.low).to(now.place) >= 0 && now.place.to(Place::start_of(now.high)) >= 0);
-        assert_eq!(before.place.to(now.place), now.rate);
+        assert!(
+            Place::start_of(now.low).distance_to(now.place) >= 0
+                && now.place.distance_to(Place::start_of(now.high)) >= 0
+        );
+        assert_eq!(before.place.distance_to(now.place), now.rate);
         if self.homed {
             assert_eq!((now.rate, now.place), (0, before.place));
             assert!(now.increments[1] == 0 && now.increments[0].abs() <= 9);
@@ -654,7 +657,7 @@ proptest! {
             witness.heard();
             witness.period(0, false);
         }
-        prop_assert!(Place::start_of(start).to(witness.status().place) >= Travel::from(end) * ONE);
+        prop_assert!(Place::start_of(start).distance_to(witness.status().place) >= Travel::from(end) * ONE);
     }
 }
 
@@ -689,5 +692,5 @@ fn the_deeds_are_not_empty() {
     assert!(all.moved > 20_000 && all.stood_for_an_instruction > 2000, "{all:?}");
     assert!(all.lit > 5000 && all.lit_backward > 50 && all.put_out > 150, "{all:?}");
     assert!(all.blocked > 5000 && all.repeated > 300, "{all:?}");
-    assert!(record(15).flags.has(Flags::REST));
+    assert!(record(15).flags.contains(Flags::REST));
 }

@@ -6,7 +6,7 @@ mod common;
 
 use common::{TestCard, levels, moved, opened, record, rests_before, settings};
 use proptest::prelude::*;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{ONE, Place, Travel};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CommandRefusal, HostCommand, Instruction, OutputAction, OutputChange, PathStart,
@@ -43,7 +43,7 @@ impl Host {
         })
         .expect("room");
         card.accept(HostCommand::rate(ONE)).expect("a rate");
-        while Place::start_of(first).to(card.status().place) < ONE {
+        while Place::start_of(first).distance_to(card.status().place) < ONE {
             card.heard();
             card.period(levels(0));
         }
@@ -78,7 +78,7 @@ impl Host {
         let status = *self.card.status();
         let next = status.executed + 1;
         let gate = if next * EVERY > RECORDS { self.end() } else { self.place_of(next) };
-        if before(gate, self.end()) {
+        if is_before(gate, self.end()) {
             let mut instruction =
                 Instruction { number: next, place: gate, periods: next % 3, count: 1, ..Instruction::default() };
             instruction.changes[0] = OutputChange { channel: channel::SPEED, value: next as i32 };
@@ -102,7 +102,7 @@ impl Host {
         }
         for _ in 0..10 {
             let place = self.card.status().low.wrapping_sub(1);
-            if before(place, self.first) {
+            if is_before(place, self.first) {
                 break;
             }
             let word = HostCommand::Behind { place, record: self.record(place), rests: self.rests_before(place) };
@@ -127,8 +127,8 @@ impl Host {
         }
         let walked = moved(self.first, now.place);
         assert_eq!(now.counts, [self.base[0] + walked[0], self.base[1] + walked[1]], "off the path at {:?}", now.place);
-        assert!(!before(now.reached, was.reached) && !before(now.reached, now.place.boundary_ahead()));
-        assert!(!before(now.executed, was.executed), "executed goes back");
+        assert!(!is_before(now.reached, was.reached) && !is_before(now.reached, now.place.boundary_ahead()));
+        assert!(!is_before(now.executed, was.executed), "executed goes back");
     }
 
     /// Stands, however it came to: by the host's word, or by its silence.

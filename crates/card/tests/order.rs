@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use common::{TestCard, levels, opened};
 use proptest::prelude::*;
 use retrace_core::gate::Gates;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_link::{CardCore, CardStatus, HostCommand, InputWait, Instruction, OutputChange, channel};
 
@@ -91,7 +91,7 @@ impl Host<'_> {
             self.gates.accept(instruction.number, instruction.place);
             let due = self.gates.c_open(report.place, report.at_rest);
             if !self.asked && (due || self.job.early) {
-                self.gates.sent();
+                self.gates.mark_sent();
                 self.asked = true;
                 words.push(HostCommand::Instruction(instruction));
             }
@@ -135,7 +135,7 @@ impl Judge<'_> {
             assert!(!done || now.period - begun >= u64::from(periods));
         }
         if now.executed == before_it.executed {
-            assert!(now.place.to(Place::start_of(place)) >= 0, "motion on the wrong side");
+            assert!(now.place.distance_to(Place::start_of(place)) >= 0, "motion on the wrong side");
         } else {
             assert_eq!(now.executed, before_it.executed + 1);
             self.begun = None;
@@ -184,7 +184,7 @@ fn run(job: &Job) {
     }
     let status = card.status();
     assert_eq!(status.executed as usize, job.markers.len(), "it came to its end");
-    assert!(!before(status.reached, job.start.wrapping_add(RECORDS)) && status.alarm.is_none());
+    assert!(!is_before(status.reached, job.start.wrapping_add(RECORDS)) && status.alarm.is_none());
     if status.place == Place::start_of(job.start.wrapping_add(RECORDS)) {
         assert_eq!(status.counts, [i64::from(RECORDS), -3 * i64::from(RECORDS)]);
     }

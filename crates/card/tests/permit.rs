@@ -181,7 +181,7 @@ fn motion_stays_blocked_in_both_directions_until_a_restart() {
     bench.period();
     assert!(!bench.status().blocked);
     bench.periods(5);
-    assert!(place.to(bench.status().place) > 0 && bench.value(TORCH) == 1);
+    assert!(place.distance_to(bench.status().place) > 0 && bench.value(TORCH) == 1);
 }
 
 #[test]
@@ -194,7 +194,7 @@ fn a_restart_with_nothing_to_repeat_releases_the_block() {
     bench.rate(-ONE);
     let place = bench.status().place;
     bench.periods(30);
-    assert!(bench.status().place.to(place) > 0 && bench.value(TORCH) == 0);
+    assert!(bench.status().place.distance_to(place) > 0 && bench.value(TORCH) == 0);
 }
 
 #[test]

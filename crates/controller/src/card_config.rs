@@ -222,7 +222,7 @@ impl MachineConfig {
     pub fn card_settings<const A: usize>(&self, start: PathStart) -> CardSettings<A> {
         let card = &self.card;
         // A checked machine has them.
-        let limits = self.rate_limits().unwrap_or(RateLimits::unknown());
+        let limits = self.rate_limits().unwrap_or(RateLimits::unconfigured());
         let mut settings = CardSettings {
             axes: self.axes.len().min(A) as u8,
             report_periods: card.report_periods,

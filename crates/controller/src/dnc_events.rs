@@ -49,7 +49,7 @@ impl DncFlags {
     /// As they are.
     #[must_use]
     pub fn of<const A: usize>(order: &Interruption<A>) -> Self {
-        Self { paused: order.paused(), mode_changed: order.mode_changed(), inhibited: order.inhibited() }
+        Self { paused: order.is_paused(), mode_changed: order.mode_changed(), inhibited: order.is_inhibited() }
     }
 }
 
@@ -192,10 +192,10 @@ pub fn explain(refused: InterruptionError, f: &mut fmt::Formatter<'_>) -> fmt::R
     f.write_str(match refused {
         InterruptionError::NotPaused => "the program is not paused: pause comes first",
         InterruptionError::AlreadyPaused => "the program is paused already",
-        InterruptionError::SpindleTurns => "the spindle turns: spindle stop comes first",
-        InterruptionError::SpindleStands => "the spindle stands: spindle start comes first",
-        InterruptionError::SpindleStood => "the spindle stood when the program was paused, and is left standing",
-        InterruptionError::SpindleDirection => "the spindle turned in the other direction",
+        InterruptionError::SpindleRunning => "the spindle turns: spindle stop comes first",
+        InterruptionError::SpindleNotRunning => "the spindle stands: spindle start comes first",
+        InterruptionError::SpindleWasStopped => "the spindle stood when the program was paused, and is left standing",
+        InterruptionError::WrongSpindleDirection => "the spindle turned in the other direction",
         InterruptionError::NotOnline => "on-line mode is not restored: online comes first",
         InterruptionError::AlreadyOnline => {
             "on-line mode is restored: cycle start comes next, or pause to leave it again"
@@ -205,6 +205,6 @@ pub fn explain(refused: InterruptionError, f: &mut fmt::Formatter<'_>) -> fmt::R
         }
         InterruptionError::NotApproaching => "the axes are not on the way to the breakpoint: cycle start comes first",
         InterruptionError::Approaching => "the axes are on the way to the breakpoint: pause stops them",
-        InterruptionError::NotThere { axis } => return write!(f, "axis number {axis} is not at the breakpoint"),
+        InterruptionError::NotAtBreakpoint { axis } => return write!(f, "axis number {axis} is not at the breakpoint"),
     })
 }

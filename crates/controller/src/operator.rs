@@ -166,9 +166,9 @@ impl fmt::Display for CommandError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Mode(ModeError::NotRetracing) => "there is nothing to leave: the machine is in normal run",
-            Self::Mode(ModeError::NothingAsked) => "there is nothing to agree to",
+            Self::Mode(ModeError::NothingToConfirm) => "there is nothing to agree to",
             Self::Mode(ModeError::NotHeld) => "no feed hold is in force",
-            Self::Mode(ModeError::NoRate) => "a rate above 0 % is needed",
+            Self::Mode(ModeError::RateNotPositive) => "a rate above 0 % is needed",
             Self::TooManyOverrides => "too many changes of the override are on their way already",
             Self::NoPierce => "no cutting output was switched on within the history that is kept",
             Self::NothingBehind => "nothing was executed yet that could be gone back over",

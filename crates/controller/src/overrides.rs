@@ -11,7 +11,7 @@
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{ONE, Travel};
 use retrace_motion::MAX_OVERRIDE;
 
@@ -120,7 +120,7 @@ impl OverrideRequester {
     pub fn pass(&mut self, reached: u32) -> Option<Travel> {
         let was = self.planned;
         while let Some(change) = self.pending.front()
-            && !before(reached, change.place)
+            && !is_before(reached, change.place)
         {
             self.planned = change.planned;
             self.pending.pop_front();
@@ -171,7 +171,7 @@ impl OverrideApplier {
                     Err(TryRecvError::Empty | TryRecvError::Disconnected) => return due,
                 };
             }
-            let Some(next) = self.next.take_if(|next| !before(place, next.place)) else { return due };
+            let Some(next) = self.next.take_if(|next| !is_before(place, next.place)) else { return due };
             due = Some(next.planned);
         }
     }

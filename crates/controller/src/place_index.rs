@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use retrace_core::Travel;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 
 use crate::tool_length::LengthChange;
 
@@ -114,7 +114,7 @@ impl DurablePlace {
 
     /// It is durable up to `place` now. A place that lies before changes nothing; one thread alone says this.
     pub fn advance(&self, place: u32) {
-        if before(self.place(), place) {
+        if is_before(self.place(), place) {
             self.0.store(place, Ordering::Release);
         }
     }

@@ -29,7 +29,7 @@ fn fixed(axis: &AxisConfig, period_s: f64) -> Option<PulseLimits> {
         let pulses = per_s * axis.pulses_per_mm * period_s.powi(power);
         // A figure that is whole on paper is not to fall short by the floats' own rounding.
         let figure = (pulses * 4_294_967_296.0 * (1.0 + 1e-12)) as u64;
-        (figure >= PulseLimits::LEAST).then_some(figure.min(PulseLimits::MOST))
+        (figure >= PulseLimits::MIN).then_some(figure.min(PulseLimits::MAX))
     };
     Some(PulseLimits {
         velocity: figure(axis.max_velocity_mm_per_s, 1)?,

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, TryRecvError};
 
 use retrace_core::gate::Gates;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::ring::Consumer;
 use retrace_core::{Flags, Place, Record};
 use retrace_gcode::ActiveCodes;
@@ -216,7 +216,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// The place up to which everything is known, and may be sent as far as the index goes.
     fn safe_to_send_until(&self) -> u32 {
         match &self.durable {
-            Some(durable) if before(durable.place(), self.known) => durable.place(),
+            Some(durable) if is_before(durable.place(), self.known) => durable.place(),
             _ => self.known,
         }
     }
@@ -226,7 +226,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn has_lookahead(&mut self, status: &CardStatus<A>, enough: u32) -> bool {
         let sure = self.safe_to_send_until();
         sure.wrapping_sub(status.place.record) >= enough
-            || self.exclusives.front().is_some_and(|next| !before(sure, next.place))
+            || self.exclusives.front().is_some_and(|next| !is_before(sure, next.place))
             || self.full && sure == self.known
             || self.summary.is_some() && sure == self.ring.write()
             || self.cut_off
@@ -277,7 +277,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     #[must_use]
     pub fn oldest(&self) -> u32 {
         let one_way = self.one_way.map(|(place, _)| place);
-        let later = |oldest, other: Option<u32>| other.filter(|&place| before(oldest, place)).unwrap_or(oldest);
+        let later = |oldest, other: Option<u32>| other.filter(|&place| is_before(oldest, place)).unwrap_or(oldest);
         later(later(self.ring.head(), one_way), self.kept_from)
     }
 
@@ -289,7 +289,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Nothing before `place` can be gone back to from now on, because of `what`.
     pub fn barrier_before(&mut self, place: u32, what: &'static str) {
-        if before(self.oldest(), place) {
+        if is_before(self.oldest(), place) {
             self.one_way = Some((place, what));
         }
     }
@@ -297,8 +297,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// The last place at or before `place` where the program switched a cutting output on, if that is kept.
     #[must_use]
     pub fn pierce_before(&self, place: Place) -> Option<u32> {
-        let jet = self.jets.iter().rev().find(|&&jet| Place::start_of(jet).to(place) >= 0);
-        jet.copied().filter(|&jet| !before(jet, self.oldest()))
+        let jet = self.jets.iter().rev().find(|&&jet| Place::start_of(jet).distance_to(place) >= 0);
+        jet.copied().filter(|&jet| !is_before(jet, self.oldest()))
     }
 
     /// An output takes a value by the program, at `place`.
@@ -341,7 +341,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// The last place at or before `place`, but for `passed`, where the program switched a cutting output, if that is kept.
     #[must_use]
     pub fn cut_change_before(&self, place: Place, passed: Option<u32>) -> Option<u32> {
-        let behind = |&&change: &&u32| Place::start_of(change).to(place) >= 0 && Some(change) != passed;
+        let behind = |&&change: &&u32| Place::start_of(change).distance_to(place) >= 0 && Some(change) != passed;
         self.cut_changes.iter().rev().find(behind).copied()
     }
 
@@ -365,7 +365,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// The card has taken the instruction in hand.
     pub fn sent(&mut self) {
-        self.gates.sent();
+        self.gates.mark_sent();
     }
 
     /// If the card has completed the instruction in hand: gives it back, and the road behind it is open.
@@ -419,7 +419,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Forgets the actions that lie before what is kept.
     fn forget_actions(&mut self) {
-        while self.passed > 0 && self.actions.front().is_some_and(|(a, _)| before(a.place, self.ring.head())) {
+        while self.passed > 0 && self.actions.front().is_some_and(|(a, _)| is_before(a.place, self.ring.head())) {
             self.actions.pop_front();
             self.passed -= 1;
         }
@@ -429,7 +429,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn next_passed_item(&mut self) -> Option<PassedItem> {
         let reached = self.ring.reached();
         while let Some(&(action, line)) = self.actions.get(self.passed)
-            && before(action.place, reached)
+            && is_before(action.place, reached)
         {
             self.expect(action.place, action.channel, action.after);
             self.passed += 1;
@@ -438,10 +438,10 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
                 return Some(PassedItem::Action(action, line));
             }
         }
-        if self.modes.front().is_some_and(|(place, _)| !before(reached, *place)) {
+        if self.modes.front().is_some_and(|(place, _)| !is_before(reached, *place)) {
             return self.modes.pop_front().map(|(_, active)| PassedItem::Active(active));
         }
-        self.messages.front().filter(|(place, ..)| !before(reached, *place))?;
+        self.messages.front().filter(|(place, ..)| !is_before(reached, *place))?;
         self.messages.pop_front().map(|(_, line, text)| PassedItem::Message(line, text))
     }
 
@@ -452,7 +452,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// The card was left when it had executed instruction `number`, which is in hand: it is done, as far as the program goes.
     pub fn done_before(&mut self, number: u32) {
-        self.gates.sent();
+        self.gates.mark_sent();
         self.acknowledge(number);
     }
 
@@ -460,9 +460,9 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn fill_ahead<C: MotionCard<A>>(&mut self, card: &mut C, road: SendHorizon) {
         let (mut place, reached) = (card.status().high, card.status().reached);
         let end = self.road_end(road, reached);
-        let mut action = self.actions.partition_point(|(a, _)| before(a.place, place));
+        let mut action = self.actions.partition_point(|(a, _)| is_before(a.place, place));
         let sure = self.safe_to_send_until();
-        while before(place, end) && before(place, sure) && self.gates.b_open(place) {
+        while is_before(place, end) && is_before(place, sure) && self.gates.b_open(place) {
             let Some(record) = self.ring.record(place) else { break };
             while let Some((next, _)) = self.actions.get(action)
                 && next.place == place
@@ -482,8 +482,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// Sends records behind until the card is full or `oldest` is there.
     pub fn fill_behind<C: MotionCard<A>>(&mut self, card: &mut C, oldest: u32) {
         let mut place = card.status().low;
-        let mut action = self.actions.partition_point(|(a, _)| before(a.place, place));
-        while before(oldest, place) {
+        let mut action = self.actions.partition_point(|(a, _)| is_before(a.place, place));
+        while is_before(oldest, place) {
             let n = place.wrapping_sub(1);
             let Some(record) = self.ring.record(n) else { break };
             let rests = self.rests_before(n);
@@ -503,7 +503,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// Is the path at rest before record `place`, as far as its records are kept?
     #[must_use]
     pub fn rests_before(&self, place: u32) -> bool {
-        place == self.start || self.ring.record(place.wrapping_sub(1)).is_some_and(|r| r.flags.has(Flags::REST))
+        place == self.start || self.ring.record(place.wrapping_sub(1)).is_some_and(|r| r.flags.contains(Flags::REST))
     }
 
     /// Where the road ends ahead, gates aside.
@@ -514,7 +514,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         // What is planned behind that may have items in front of it that were not seen.
         let write = self.known;
         while let Some(BlockWindow { looked, ends: false }) = self.block
-            && before(looked, write)
+            && is_before(looked, write)
         {
             let place = looked.wrapping_add(1);
             self.block = Some(BlockWindow { looked: place, ends: self.block_ends(place) });
@@ -525,7 +525,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             }
         }
         match self.block {
-            Some(BlockWindow { looked, ends: true }) if before(looked, write) => looked,
+            Some(BlockWindow { looked, ends: true }) if is_before(looked, write) => looked,
             _ => write,
         }
     }
@@ -533,7 +533,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// Single block: has the road end at the first block boundary after `after` that the card can still stop at.
     pub fn end_block<C: MotionCard<A>>(&mut self, card: &mut C, after: u32) {
         let mut place = after;
-        while before(place, card.status().high) {
+        while is_before(place, card.status().high) {
             place = place.wrapping_add(1);
             if self.block_ends(place) && card.send(HostCommand::Trim { high: place }).is_ok() {
                 self.block = Some(BlockWindow { looked: place, ends: true });

@@ -9,8 +9,8 @@ use std::fmt;
 use std::thread;
 use std::time::Duration;
 
-use retrace_core::place::before;
-use retrace_core::playback::part;
+use retrace_core::place::is_before;
+use retrace_core::playback::partial_increment;
 use retrace_core::{ONE, Travel};
 use retrace_gcode::ActiveCodes;
 use retrace_link::{CardStatus, Outputs, PathStart, channel};
@@ -66,8 +66,8 @@ impl ResumePoint {
     pub(crate) fn could_be(&self, look_ahead: u32) -> Result<(), ResumeError> {
         let PathStart { place, reached, .. } = self.start;
         let last = self.marks.last().map_or(reached, |mark| mark.place);
-        let ahead = before(reached, last) && last.wrapping_sub(reached) > look_ahead;
-        if !self.start.is_valid() || before(place.record, self.origin) || ahead {
+        let ahead = is_before(reached, last) && last.wrapping_sub(reached) > look_ahead;
+        if !self.start.is_valid() || is_before(place.record, self.origin) || ahead {
             return Err(ResumeError::NoSuchPlace);
         }
         Ok(())
@@ -241,7 +241,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             mm += length(&record.increments, f64::from(left.fraction) / ONE as f64);
         }
         let mut place = left.record;
-        while before(oldest, place) {
+        while is_before(oldest, place) {
             place = place.wrapping_sub(1);
             match self.supply.record(place) {
                 Some(record) if goes_on(record.line) => mm += length(&record.increments, 1.0),
@@ -261,7 +261,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             (record, Some(counts)) => (record.map_or(self.line, |record| record.line), counts),
             _ => return Err(ResumeError::NoSuchPlace),
         };
-        if before(start.place.record, self.supply.oldest()) {
+        if is_before(start.place.record, self.supply.oldest()) {
             return Err(ResumeError::NoSuchPlace);
         }
         self.supply.stand_at(start.place.record);
@@ -273,7 +273,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         let oldest = self.supply.oldest();
         let into_line_mm = self.path_mm(oldest, |of| of == line);
         let history_mm = self.path_mm(oldest, |_| true);
-        let passed = self.at.overrides.iter().take_while(|(place, _)| !before(start.reached, *place));
+        let passed = self.at.overrides.iter().take_while(|(place, _)| !is_before(start.reached, *place));
         Ok(ResumePlan {
             start,
             counts,
@@ -295,13 +295,13 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             return Err(ResumeError::Differs(difference.clone()));
         }
         let known = self.supply.items_complete_until();
-        let limit = if before(known, reached) { known } else { reached };
+        let limit = if is_before(known, reached) { known } else { reached };
         while let Some(place) = self.supply.next_exclusive()
-            && !before(limit, place)
+            && !is_before(limit, place)
         {
             let number = self.supply.number();
             self.go_to(place);
-            if before(executed, number) {
+            if is_before(executed, number) {
                 if place == reached {
                     break;
                 }
@@ -309,16 +309,17 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             }
             self.supply.done_before(number);
         }
-        if self.supply.next_exclusive().is_none_or(|place| !before(place, limit)) {
+        if self.supply.next_exclusive().is_none_or(|place| !is_before(place, limit)) {
             self.go_to(limit);
         }
         let next = self.supply.number();
         // Whatever stands up to `reached` came before the record there.
-        if self.place == reached && before(reached, known) && !before(executed, next) {
+        if self.place == reached && is_before(reached, known) && !is_before(executed, next) {
             return Err(ResumeError::Instruction { number: next, place: self.supply.next_exclusive() });
         }
         let is_there = self.place == reached && next == executed.wrapping_add(1);
-        let has_marks = self.supply.marks().is_some() || !self.at.marks.iter().any(|m| before(self.at.origin, m.place));
+        let has_marks =
+            self.supply.marks().is_some() || !self.at.marks.iter().any(|m| is_before(self.at.origin, m.place));
         if is_there && has_marks {
             return Ok(true);
         }
@@ -326,7 +327,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             return Err(ResumeError::CutOff);
         }
         match self.supply.ends_at() {
-            Some(at) if before(at, reached) => Err(ResumeError::Ends { at }),
+            Some(at) if is_before(at, reached) => Err(ResumeError::Ends { at }),
             Some(_) if self.place == reached && !is_there => {
                 Err(ResumeError::Instruction { number: next, place: None })
             }
@@ -338,11 +339,11 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
     /// Goes on to `place`: sums the records up to there, and passes what stands before it.
     fn go_to(&mut self, place: u32) {
         let left = self.at.start.place;
-        while before(self.place, place) {
+        while is_before(self.place, place) {
             let Some(record) = self.supply.record(self.place) else { return };
             if self.place == left.record {
                 self.counts = Some(std::array::from_fn(|axis| {
-                    self.sum[axis] + i64::from(part(record.increments[axis], left.fraction))
+                    self.sum[axis] + i64::from(partial_increment(record.increments[axis], left.fraction))
                 }));
             }
             for (sum, &increment) in self.sum.iter_mut().zip(&record.increments) {

@@ -74,7 +74,7 @@ impl RunStats {
     /// One period more.
     pub fn count(&mut self, spent: PeriodClass) {
         self.periods += 1;
-        let new_ground = self.furthest.to(spent.place) > 0;
+        let new_ground = self.furthest.distance_to(spent.place) > 0;
         let bucket = match spent.instruction {
             _ if new_ground => &mut self.motion,
             Some(true) => &mut self.dwell,

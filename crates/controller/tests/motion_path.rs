@@ -152,8 +152,9 @@ fn a_short_history_ends_reverse_run_at_its_oldest_record_and_says_so() {
     let run = run("at 8s reverse 100%\nafter 6s leave", 2.0, zigzag);
     is_exact(&run);
     let oldest = run.at(&EventKind::HistoryStartReached);
-    let reached = run.rows[..oldest].iter().map(|(p, ..)| Place::start_of(u32::MAX - 2000).to(*p)).max().expect("ran");
-    let stands = Place::start_of(u32::MAX - 2000).to(run.rows[oldest - 1].0);
+    let reached =
+        run.rows[..oldest].iter().map(|(p, ..)| Place::start_of(u32::MAX - 2000).distance_to(*p)).max().expect("ran");
+    let stands = Place::start_of(u32::MAX - 2000).distance_to(run.rows[oldest - 1].0);
     assert_eq!((reached + u32::MAX as i64) >> 32, (stands >> 32) + 2000, "history keeps 2000 records");
 }
 

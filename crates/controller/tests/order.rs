@@ -5,7 +5,7 @@ mod wired;
 
 use retrace_controller::machine::MachineConfig;
 use retrace_core::gate::Gates;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{Flags, ONE, Place, Record};
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, InProcess, Random, SerialChannelSettings};
 use retrace_link::{
@@ -83,7 +83,7 @@ impl Policy for Acknowledged {
         self.gates.c_open(status.place, status.at_rest).then_some(self.next)
     }
     fn sent(&mut self) {
-        self.gates.sent();
+        self.gates.mark_sent();
     }
 }
 
@@ -110,7 +110,7 @@ impl Policy for Sampled {
     }
     fn record_may_go(&self, place: u32) -> bool {
         // A front marker that is next shuts B1; B = B1 and B2.
-        self.marker.is_none_or(|marker| before(place, marker)) && self.b1 && self.ready
+        self.marker.is_none_or(|marker| is_before(place, marker)) && self.b1 && self.ready
     }
     fn due(&self, status: &retrace_link::CardStatus<AXES>) -> Option<u32> {
         let marker = self.marker?;

@@ -1,26 +1,27 @@
-//! Fine interpolation: one period's increment becomes evenly spaced pulses (glossary, *coarse / fine interpolation*).
+//! Fine interpolation: spreads the increment of one period into evenly spaced pulses (glossary, *fine interpolation*).
 //!
-//! Invariant: a period of `slots` slots with an increment of p pulses yields exactly |p| pulses, the distances between
-//! neighbours differing by at most one slot, the first one not in slot 0, so that the direction is set up before it.
+//! Invariant: a period of `slots` slots with an increment of p pulses yields exactly |p| pulses. The distances between
+//! neighbouring pulses differ by at most one slot. The first pulse is not in slot 0, so that the direction signal is
+//! set up before it.
 
-/// Evenly spaced pulses of one axis in one control period, slot by slot.
+/// Generator of the evenly spaced pulses of one axis in one control period, slot by slot.
 #[derive(Clone, Copy, Debug)]
 pub struct PulseSlots {
-    due: u32,
+    pulses: u32,
     slots: u32,
     accumulator: u32,
 }
 
 impl PulseSlots {
-    /// `pulses` (at most `slots`) in a period of `slots` slots (below 2³¹).
+    /// Creates the generator for `pulses` pulses (at most `slots`) in a period of `slots` slots (below 2³¹).
     #[must_use]
     pub const fn new(pulses: u16, slots: u32) -> Self {
-        Self { due: pulses as u32, slots, accumulator: slots / 2 }
+        Self { pulses: pulses as u32, slots, accumulator: slots / 2 }
     }
 
-    /// Goes one slot on; true where a pulse falls into it.
-    pub const fn slot(&mut self) -> bool {
-        self.accumulator += self.due;
+    /// Advances by one slot. Returns whether a pulse falls into it.
+    pub const fn next_slot(&mut self) -> bool {
+        self.accumulator += self.pulses;
         if self.accumulator >= self.slots {
             self.accumulator -= self.slots;
             true
@@ -30,8 +31,9 @@ impl PulseSlots {
     }
 }
 
-/// The slot of each pulse, in order: the k-th of p pulses falls into the slot where `k·slots/p` is half passed. It is the
-/// same spacing as [`Pulses`], without walking over the empty slots.
+/// Returns the slot of each pulse, in order: the k-th of p pulses falls into the slot where `k·slots/p` is half passed.
+///
+/// The spacing equals that of [`PulseSlots`]; empty slots are skipped without iteration.
 pub fn pulse_slots(pulses: u16, slots: u32) -> impl Iterator<Item = u32> {
     let p = u64::from(pulses);
     let half = u64::from(slots / 2);
@@ -42,7 +44,7 @@ pub fn pulse_slots(pulses: u16, slots: u32) -> impl Iterator<Item = u32> {
 mod tests {
     use super::*;
 
-    /// Every count of pulses in every period up to 64 slots, and some long periods.
+    /// Covers every count of pulses in every period up to 64 slots, and some long periods.
     #[test]
     fn exactly_p_pulses_evenly_spaced() {
         let cases = (1..=64u32).flat_map(|s| (0..=s as u16).map(move |p| (p, s)));
@@ -51,7 +53,7 @@ mod tests {
             let (mut last, mut count, mut gaps) = (None, 0u32, (u32::MAX, 0));
             let mut slots = pulse_slots(p, s);
             for slot in 0..s {
-                if fine.slot() {
+                if fine.next_slot() {
                     assert_eq!(slots.next(), Some(slot), "{p} in {s}");
                     count += 1;
                     if let Some(l) = last {

@@ -1,16 +1,17 @@
-//! The gates that keep motion and exclusive instructions in order (GMC-3 … GMC-7), in the acknowledged form.
+//! The gates that keep motion and exclusive instructions in order (GMC-3 … GMC-7), in their acknowledged form.
 //!
-//! No gate looks at a sampled flag of the card. B, which lets records through to the card, is shut from the front marker until
-//! the card reports the instruction's *number* executed; C, which lets the instruction through, opens when the card reports the
-//! *place* of the marker executed and the cursor at rest there. A, which lets the next instruction in, is open while none
-//! is in hand. The literal gates of the source sample a ready flag and take "empty" for a level; both fail (spec, GMC).
+//! No gate depends on a sampled flag of the card. Gate B, which lets records through to the card, is closed from the
+//! front marker until the card reports the *number* of the instruction as executed. Gate C, which lets the instruction
+//! through, opens when the card reports the *place* of the marker as executed and the cursor at rest there. Gate A,
+//! which accepts the next instruction, is open while none is pending. The literal gates of the source sample a ready
+//! flag and treat "empty" as a level; both fail (spec, GMC).
 //!
-//! Invariant: B and C are never open together for the same marker; one instruction is in hand at a time.
+//! Invariant: B and C are never open together for the same marker; at most one instruction is pending.
 
 use crate::Place;
-use crate::place::before;
+use crate::place::is_before;
 
-/// The instruction in hand.
+/// The pending instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct PendingInstruction {
     number: u32,
@@ -18,56 +19,59 @@ struct PendingInstruction {
     sent: bool,
 }
 
-/// The gates A, B and C.
+/// State of the gates A, B and C.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Gates {
-    in_hand: Option<PendingInstruction>,
+    pending: Option<PendingInstruction>,
 }
 
 impl Gates {
-    /// Gate A: may the next instruction be taken in hand? (GMC-5)
+    /// Whether gate A is open: the next instruction may be accepted. (GMC-5)
     #[must_use]
     pub const fn a_open(&self) -> bool {
-        self.in_hand.is_none()
+        self.pending.is_none()
     }
 
-    /// Takes the instruction `number` in hand, whose front marker stands before record `place`. False, and nothing changed,
-    /// where another is in hand.
+    /// Accepts instruction `number`, whose front marker is before record `place`.
+    ///
+    /// Returns false and changes nothing if another instruction is pending.
     pub fn accept(&mut self, number: u32, place: u32) -> bool {
         let open = self.a_open();
         if open {
-            self.in_hand = Some(PendingInstruction { number, place, sent: false });
+            self.pending = Some(PendingInstruction { number, place, sent: false });
         }
         open
     }
 
-    /// Gate B: may record `place` be sent to the card? (GMC-4)
+    /// Whether gate B is open for record `place`: the record may be sent to the card. (GMC-4)
     #[must_use]
     pub const fn b_open(&self, place: u32) -> bool {
-        match self.in_hand {
-            Some(marker) => before(place, marker.place),
+        match self.pending {
+            Some(marker) => is_before(place, marker.place),
             None => true,
         }
     }
 
-    /// Gate C: may the instruction in hand be sent? All motion before it is executed and the cursor rests on its place. (GMC-6)
+    /// Whether gate C is open: the pending instruction may be sent. All motion before it is executed and the cursor is
+    /// at rest on its place. (GMC-6)
     #[must_use]
     pub fn c_open(&self, cursor: Place, at_rest: bool) -> bool {
-        self.in_hand.is_some_and(|marker| !marker.sent && at_rest && cursor == Place::start_of(marker.place))
+        self.pending.is_some_and(|marker| !marker.sent && at_rest && cursor == Place::start_of(marker.place))
     }
 
-    /// The card has taken the instruction in hand.
-    pub fn sent(&mut self) {
-        if let Some(marker) = &mut self.in_hand {
+    /// Records that the card has accepted the pending instruction.
+    pub fn mark_sent(&mut self) {
+        if let Some(marker) = &mut self.pending {
             marker.sent = true;
         }
     }
 
-    /// The card reports instruction `executed` complete: if that is the one in hand, it is done and its marker gone.
-    /// Returns its number then.
+    /// Handles the card's report that instruction `executed` is complete.
+    ///
+    /// If it is the pending one, the instruction and its marker are removed and its number is returned.
     pub fn acknowledge(&mut self, executed: u32) -> Option<u32> {
-        let marker = self.in_hand.filter(|m| m.sent && m.number == executed)?;
-        self.in_hand = None;
+        let marker = self.pending.filter(|m| m.sent && m.number == executed)?;
+        self.pending = None;
         Some(marker.number)
     }
 }
@@ -82,7 +86,7 @@ mod tests {
         let mut gates = Gates::default();
         assert!(gates.accept(7, 3) && !gates.accept(8, 4));
         assert_eq!(gates.acknowledge(7), None);
-        gates.sent();
+        gates.mark_sent();
         assert_eq!(gates.acknowledge(6), None);
         assert!(!gates.b_open(3) && gates.b_open(2) && !gates.a_open());
         assert_eq!(gates.acknowledge(7), Some(7));
@@ -90,8 +94,8 @@ mod tests {
     }
 
     proptest! {
-        /// A card that plays records, stands, executes and reports late: in its own time line no record stands on the wrong side
-        /// of an instruction, and the run comes to its end.
+        /// Simulates a card that plays records, dwells, executes and reports late. In the card's own sequence no record
+        /// is on the wrong side of an instruction, and the run completes.
         #[test]
         fn order_holds_under_every_delay(
             markers in prop::collection::btree_set(0u32..40, 0..8), start in any::<u32>(),
@@ -100,18 +104,18 @@ mod tests {
             let end = start.wrapping_add(40);
             let markers: Vec<u32> = markers.into_iter().map(|m| start.wrapping_add(m)).collect();
             let (mut gates, mut next, mut sent) = (Gates::default(), 0usize, start);
-            // the card: played up to, window end, running instruction, executed
+            // the card: place played up to, running instruction, last executed instruction
             let (mut at, mut busy, mut executed) = (start, None::<(u32, u32)>, 0u32);
             let mut line: Vec<Result<u32, u32>> = Vec::new();
             let mut reports = vec![(start, true, 0u32); lag + 1];
             for _ in 0..4000 {
-                // host, with a report that is `lag` periods old
+                // the host, with a report that is `lag` periods old
                 let (place, rest, done) = reports[reports.len() - 1 - lag];
                 if gates.acknowledge(done).is_some() { next += 1; }
                 if next < markers.len() { gates.accept(next as u32 + 1, markers[next]); }
                 while sent != end && gates.b_open(sent) { sent = sent.wrapping_add(1); }
                 if gates.c_open(Place::start_of(place), rest) {
-                    gates.sent();
+                    gates.mark_sent();
                     prop_assert!(busy.is_none());
                     busy = Some((next as u32 + 1, duration));
                     line.push(Err(markers[next]));
@@ -119,7 +123,7 @@ mod tests {
                 // card
                 match busy {
                     Some((number, 0)) => { executed = number; busy = None; }
-                    Some((number, left)) => busy = Some((number, left - 1)),
+                    Some((number, remaining)) => busy = Some((number, remaining - 1)),
                     None if at != sent => { line.push(Ok(at)); at = at.wrapping_add(1); }
                     None => {}
                 }

@@ -1,7 +1,21 @@
-//! Everything retrace's exactness and order rest on: records, the record ring, playback, the rate law, gates and sizes.
+//! The parts of retrace that exactness and order depend on.
 //!
-//! `no_std`, allocates nothing, depends on nothing. Pulses are integers, places and rates are fixed point; there is no
-//! floating point in this crate.
+//! Contents: motion records ([`record`]), the ring that stores them ([`ring`]), playback ([`playback`]), the rate law
+//! ([`rate`], [`drive`]), operating modes ([`mode`], [`interruption`]), gates ([`gate`]) and sizes ([`size`]).
+//!
+//! ```text
+//!             history                    look-ahead
+//!  head ──────────────────── reached ──────────────── write
+//!         ◄── reverse │ forward ──►       │ normal run ──►
+//!                   cursor = Place { record, fraction }
+//! ```
+//!
+//! The planner appends records at `write`. The [`drive::Drive`] moves the cursor over the records at a signed rate, and
+//! [`playback::emission`] gives the pulses between two places. Pulses depend on the places alone, so a path that is run
+//! backward and forward again ends at the same counts.
+//!
+//! The crate is `no_std`, allocates nothing and depends on nothing. Pulses are integers, places and rates are
+//! fixed-point numbers; there is no floating point in this crate.
 #![cfg_attr(not(test), no_std)]
 
 pub mod drive;

@@ -1,27 +1,29 @@
-//! What the rate law is told of the machine: its axes in pulses and control periods (REV, *Rate law*).
+//! Limits of the machine for the rate law: its axes, in pulses and control periods (REV, *Rate law*).
 //!
-//! Invariant: limits that passed [`RateLimits::new`] keep every product of the law within 64 bits, and their average is long enough for
-//! `|r″| ≤ 2A/(n·|q′|) ≤ 2J/|q′|` on every axis.
+//! Invariant: limits that passed [`RateLimits::new`] keep every product of the law within 64 bits, and their average is
+//! long enough for `|r″| ≤ 2A/(n·|q′|) ≤ 2J/|q′|` on every axis.
 
-/// What one axis can do. All three in units of 2⁻³², rounded down, [`AxisLimits::LEAST`] to [`AxisLimits::MOST`].
+/// Limits of one axis. All three are in units of 2⁻³², rounded down, [`PulseLimits::MIN`] to [`PulseLimits::MAX`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PulseLimits {
-    /// Highest velocity, in pulses a control period.
+    /// Maximum velocity, in pulses per control period.
     pub velocity: u64,
-    /// Highest acceleration, in pulses a period².
+    /// Maximum acceleration, in pulses per period².
     pub acceleration: u64,
-    /// Highest jerk, in pulses a period³.
+    /// Maximum jerk, in pulses per period³.
     pub jerk: u64,
 }
 
 impl PulseLimits {
-    /// Lowest figure that is taken: 2⁻²⁴ pulses. Below it the units' own rounding would show.
-    pub const LEAST: u64 = 1 << 8;
-    /// Highest figure that is taken: 65 536 pulses. Whoever has more says this much; the law is as slow as is true for that.
-    pub const MOST: u64 = 1 << 48;
+    /// Minimum of each limit: 2⁻²⁴ pulses. Below it the rounding of the units would show.
+    pub const MIN: u64 = 1 << 8;
+    /// Maximum of each limit: 65 536 pulses. A faster machine uses this value; the law is then as slow as this value
+    /// requires.
+    pub const MAX: u64 = 1 << 48;
 }
 
-/// Everything that the rate law needs to know of a machine with `A` axes. Plain numbers, so that a card can be told them.
+/// Everything that the rate law needs to know about a machine with `A` axes. Plain numbers, so that they can be sent to
+/// a card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RateLimits<const A: usize> {
     average: u16,
@@ -30,44 +32,47 @@ pub struct RateLimits<const A: usize> {
 }
 
 impl<const A: usize> RateLimits<A> {
-    /// The longest average there is, in periods.
-    pub const LONGEST: u16 = 4095;
+    /// Maximum length of the average, in periods.
+    pub const MAX_AVERAGE: u16 = 4095;
 
-    /// Checked limits: the length n of the cursor's average in periods; the share α of acceleration and jerk that the plan uses, in
-    /// 2⁻¹⁶; the axes. `None` where n is even (a steady rate then has a lead of half a unit), zero or above
-    /// [`RateLimits::LONGEST`], α is zero, a figure is out of range, or an axis' acceleration is above n times its jerk.
+    /// Checks and returns limits: the length n of the cursor's average in periods; the share α of acceleration and jerk
+    /// that the plan uses, in units of 2⁻¹⁶; the axes.
+    ///
+    /// Returns `None` if n is even (a steady rate then has a lead of half a unit), zero or above
+    /// [`RateLimits::MAX_AVERAGE`], α is zero, a limit is out of range, or the acceleration of an axis is above n times
+    /// its jerk.
     #[must_use]
     pub fn new(average: u16, share: u16, axes: [PulseLimits; A]) -> Option<Self> {
-        let within = |figure| (PulseLimits::LEAST..=PulseLimits::MOST).contains(&figure);
+        let within = |figure| (PulseLimits::MIN..=PulseLimits::MAX).contains(&figure);
         let fits = |axis: &PulseLimits| {
             let each = within(axis.velocity) && within(axis.acceleration) && within(axis.jerk);
             each && axis.acceleration <= axis.jerk * u64::from(average)
         };
-        let valid = !average.is_multiple_of(2) && average <= Self::LONGEST && share > 0 && axes.iter().all(fits);
+        let valid = !average.is_multiple_of(2) && average <= Self::MAX_AVERAGE && share > 0 && axes.iter().all(fits);
         valid.then_some(Self { average, share, axes })
     }
 
-    /// Those of a machine that nobody has told of yet: any slope will do, and nothing may be played by them.
+    /// Returns the limits of a card that has received no settings yet: any slope is allowed, and nothing may be played
+    /// with them.
     #[must_use]
-    pub const fn unknown() -> Self {
-        let axis =
-            PulseLimits { velocity: PulseLimits::LEAST, acceleration: PulseLimits::MOST, jerk: PulseLimits::MOST };
+    pub const fn unconfigured() -> Self {
+        let axis = PulseLimits { velocity: PulseLimits::MIN, acceleration: PulseLimits::MAX, jerk: PulseLimits::MAX };
         Self { average: 1, share: 1, axes: [axis; A] }
     }
 
-    /// Length n of the cursor's average, in periods; odd.
+    /// Returns the length n of the cursor's average, in periods; odd.
     #[must_use]
     pub const fn average(&self) -> u16 {
         self.average
     }
 
-    /// Share α of acceleration and jerk that the plan uses, in 2⁻¹⁶.
+    /// Returns the share α of acceleration and jerk that the plan uses, in units of 2⁻¹⁶.
     #[must_use]
     pub const fn share(&self) -> u16 {
         self.share
     }
 
-    /// The axes, in the order of a record's increments.
+    /// Returns the limits of the axes, in the order of a record's increments.
     #[must_use]
     pub const fn axes(&self) -> &[PulseLimits; A] {
         &self.axes
@@ -84,7 +89,7 @@ mod tests {
     fn limits_that_the_law_cannot_keep_are_refused() {
         let of = |average, share, axis| RateLimits::<1>::new(average, share, [axis]);
         assert!(of(51, 58_982, AXIS).is_some());
-        // an even average, none, too long, too short for the jerk
+        // an even average, zero, too long, too short for the jerk
         for average in [52, 0, 4097, 49] {
             assert_eq!(of(average, 58_982, AXIS), None);
         }

@@ -1,143 +1,160 @@
-//! The modes of operation: normal run, reverse run, forward run, handwheel, and the way back (REV-5 … REV-11).
+//! Operating modes: normal run, reverse run, forward run, handwheel, and the return to normal run (REV-5 … REV-11).
 //!
-//! One call of [`Operation::demand`] a control period turns the operator's words and the card's report into the rate that is
-//! asked for and the road that is open.
+//! One call of [`ModeController::advance_period`] per control period derives the target rate and the end of the open
+//! record window from the operator's commands and the card's report.
 //!
-//! Invariant: look-ahead is on the road in normal run only. Every other mode first brings the cursor to rest, then has the
-//! road end at `reached`, and only then moves. Normal run is entered again at the furthest place, at rest, with the outputs as
-//! the program expects them; and it goes on after a stop only with such outputs (CUT-17, DNC-9).
+//! Invariant: look-ahead is open in normal run only. Every other mode first brings the cursor to rest, then ends the
+//! window at `reached`, and only then moves. Normal run is entered again at the furthest place, at rest, with the
+//! outputs in the state that the program expects; after a stop, normal run is resumed only with such outputs (CUT-17,
+//! DNC-9).
 
 use crate::{ONE, Place, RateTarget, Travel};
 
-/// What the machine is doing.
+/// Operating mode of the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Mode {
     /// Normal run: records are executed for the first time.
     Run,
-    /// Reverse run: back over recorded motion.
+    /// Reverse run: backward over recorded motion.
     Reverse,
     /// Forward run: forward again over recorded motion, up to `reached`.
     Forward,
-    /// The handwheel gives speed and direction.
+    /// Handwheel: it sets speed and direction.
     Wheel,
-    /// On the way to `reached` by itself (REV-9).
+    /// Automatic motion to `reached` (REV-9).
     Rejoin,
-    /// At the furthest place, with outputs that differ from what the program expects there.
+    /// At the furthest place, with outputs that differ from the state that the program expects there.
     AwaitOutputs,
 }
 
-/// A word of the operator.
+/// Command of the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModeCommand {
     /// Feed hold: bring the rate to zero, keep the position.
     Hold,
-    /// Cycle start after a hold. In normal run the outputs are compared first, and [`Order::Agree`] is waited for where they differ.
+    /// Cycle start after a hold. In normal run the outputs are compared first; if they differ, [`ModeCommand::Confirm`]
+    /// is awaited.
     Resume,
-    /// The same, which agrees to the outputs that are to be restored; also in place of [`Order::Agree`].
+    /// Cycle start after a hold with confirmation of the outputs to restore; also accepted in place of
+    /// [`ModeCommand::Confirm`].
     Recover,
-    /// Motion is to go on from a stop that was no hold: the outputs are compared as after [`Order::Resume`].
+    /// Resumes motion after a stop other than a hold: the outputs are compared as after [`ModeCommand::Resume`].
     Restart {
-        /// Outputs that differ may be restored without asking.
-        agreed: bool,
+        /// Whether outputs that differ may be restored without asking.
+        confirmed: bool,
     },
-    /// Feed override for normal run and the way back, 0 … 1; more counts as 1. Rapid motion is not slowed by it, but at 0 all motion stands.
+    /// Feed override for normal run and the return to it, 0 … 1; larger values count as 1. Rapid motion is not slowed
+    /// by it, but at 0 all motion is stopped.
     Override(Travel),
-    /// Rapid override for normal run and the way back, 0 … 1; more counts as 1.
+    /// Rapid override for normal run and the return to it, 0 … 1; larger values count as 1.
     RapidOverride(Travel),
     /// Reverse run at this rate, above 0 and up to 8; above 1 is rapid retrace.
     Reverse(Travel),
     /// Forward run at this rate, above 0 and up to 8.
     Forward(Travel),
-    /// The handwheel takes over.
+    /// Handwheel mode.
     Wheel,
-    /// Leave reverse, forward or handwheel: forward to `reached`, then on.
+    /// Leaves reverse run, forward run or handwheel: forward to `reached`, then normal run.
     Leave {
-        /// Stop at `reached` and wait for [`Order::Agree`] where outputs differ.
+        /// Whether to stop at `reached` and await [`ModeCommand::Confirm`] if outputs differ.
         ask: bool,
     },
-    /// The outputs may be brought to what the program expects.
-    Agree,
+    /// Confirms that the outputs may be set to the state that the program expects.
+    Confirm,
 }
 
-/// Why an order was not taken.
+/// Reason why a command is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModeError {
-    /// Nothing to leave: the machine is in normal run.
+    /// The machine is in normal run; there is no retracing to leave.
     NotRetracing,
-    /// Nothing to agree to.
-    NothingAsked,
-    /// No hold to resume from.
+    /// No confirmation is awaited.
+    NothingToConfirm,
+    /// No hold is active.
     NotHeld,
-    /// A rate that is zero or negative.
-    NoRate,
+    /// The rate is zero or negative.
+    RateNotPositive,
 }
 
-/// What the card reports, as far as the mode depends on it.
+impl core::fmt::Display for ModeError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::NotRetracing => "the machine is in normal run; there is no retracing to leave",
+            Self::NothingToConfirm => "no confirmation is awaited",
+            Self::NotHeld => "no feed hold is active",
+            Self::RateNotPositive => "the rate must be above 0",
+        })
+    }
+}
+
+impl core::error::Error for ModeError {}
+
+/// State reported by the card, as far as the mode depends on it.
 #[derive(Clone, Copy, Debug)]
 pub struct MotionFacts {
-    /// Where the cursor stands.
+    /// Place of the cursor.
     pub place: Place,
-    /// Is the cursor at rest?
+    /// Whether the cursor is at rest.
     pub at_rest: bool,
     /// Furthest place ever executed, as a record boundary.
     pub reached: u32,
-    /// The oldest record that can be gone back to.
+    /// Oldest record that reverse run can reach.
     pub oldest: u32,
-    /// Are all outputs as the program expects them at `reached`?
+    /// Whether all outputs are in the state that the program expects at `reached`.
     pub outputs_agree: bool,
-    /// The rate that the handwheel asks for.
+    /// Rate that the handwheel commands.
     pub wheel: Travel,
 }
 
-/// Something that the operator should be told.
+/// Notice to the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OperatorNotice {
-    /// Reverse run stands at the oldest record (REV-8).
-    Oldest,
-    /// The machine stands at the furthest place and the outputs differ: it waits for [`Order::Agree`].
+    /// Reverse run is at rest at the oldest record (REV-8).
+    HistoryStart,
+    /// The machine is at rest at the furthest place and the outputs differ: [`ModeCommand::Confirm`] is awaited.
     OutputsDiffer,
-    /// Normal run goes on from `reached`.
-    GoesOn,
+    /// Normal run is resumed at `reached`.
+    RunResumed,
 }
 
-/// What the next control period is to do.
+/// Output for the next control period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ModeOutput {
-    /// The rates to run at, along feed motion and along rapid motion.
+    /// Target rates along feed motion and along rapid motion.
     pub target: RateTarget,
-    /// May records beyond `reached` be on the road?
+    /// Whether records beyond `reached` may be in the window.
     pub look_ahead: bool,
-    /// The outputs are to be brought to what the program expects, now.
+    /// Whether to set the outputs now to the state that the program expects.
     pub restore_outputs: bool,
-    /// News for the operator.
+    /// Notice to the operator, if any.
     pub notice: Option<OperatorNotice>,
 }
 
-/// Is normal run to go on after a stop, and what of outputs that differ then?
+/// Whether normal run is to be resumed after a stop, and what happens to outputs that differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Resuming {
-    /// It is going on, or not to go on.
+    /// Normal run is active, or is not to be resumed.
     No,
-    /// The operator is asked.
-    Asking,
-    /// They may be restored.
-    Agreed,
+    /// The operator is asked about outputs that differ.
+    Ask,
+    /// Outputs that differ may be restored without asking.
+    Confirmed,
 }
 
-/// The state of operation.
+/// Controller of the operating mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ModeController {
     mode: Mode,
     held: bool,
-    /// Has the cursor come to rest since the mode was entered from normal run?
-    turned: bool,
-    /// What to do at `reached` where outputs differ: restore them without asking.
-    agreed: bool,
+    /// Whether the cursor has come to rest since the mode was entered from normal run.
+    rested_since_run: bool,
+    /// Whether outputs that differ at `reached` are restored without asking.
+    confirmed: bool,
     override_rate: Travel,
     rapid_override: Travel,
     retrace_rate: Travel,
-    /// Has the operator been told of the end that the cursor stands at?
-    told: bool,
+    /// Whether the operator has been notified of the end at which the cursor is at rest.
+    notified: bool,
     resuming: Resuming,
 }
 
@@ -146,64 +163,69 @@ impl Default for ModeController {
         Self {
             mode: Mode::Run,
             held: false,
-            turned: true,
-            agreed: false,
+            rested_since_run: true,
+            confirmed: false,
             override_rate: ONE,
             rapid_override: ONE,
             retrace_rate: ONE,
-            told: false,
+            notified: false,
             resuming: Resuming::No,
         }
     }
 }
 
 impl ModeController {
-    /// On the way to `reached`, as after leaving reverse run with a question: an interrupted job is taken up so.
+    /// Returns a controller that moves to `reached` and asks about outputs that differ, for the resumption of an
+    /// interrupted job.
     #[must_use]
-    pub fn returning() -> Self {
+    pub fn rejoining() -> Self {
         Self { mode: Mode::Rejoin, ..Self::default() }
     }
 
-    /// The mode.
+    /// Returns the operating mode.
     #[must_use]
     pub const fn mode(&self) -> Mode {
         self.mode
     }
 
-    /// Is a feed hold in force?
+    /// Whether a feed hold is active.
     #[must_use]
-    pub const fn held(&self) -> bool {
+    pub const fn is_held(&self) -> bool {
         self.held
     }
 
-    /// The feed override in force.
+    /// Returns the active feed override.
     #[must_use]
     pub const fn override_rate(&self) -> Travel {
         self.override_rate
     }
 
-    /// The rapid override in force.
+    /// Returns the active rapid override.
     #[must_use]
     pub const fn rapid_override(&self) -> Travel {
         self.rapid_override
     }
 
-    /// Takes an operator's order.
+    /// Applies a command of the operator.
     ///
     /// # Errors
-    /// [`Refused`] says why it does not apply; nothing has changed then.
-    pub fn order(&mut self, order: ModeCommand) -> Result<(), ModeError> {
-        match order {
+    /// Returns the reason why the command does not apply; the state is unchanged then.
+    pub fn apply(&mut self, command: ModeCommand) -> Result<(), ModeError> {
+        match command {
             ModeCommand::Hold => (self.held, self.resuming) = (true, Resuming::No),
-            ModeCommand::Resume if self.held => self.restart(Resuming::Asking),
+            ModeCommand::Resume if self.held => self.resume_motion(Resuming::Ask),
             ModeCommand::Resume => return Err(ModeError::NotHeld),
-            ModeCommand::Recover if self.mode == Mode::AwaitOutputs => (self.held, self.agreed) = (false, true),
-            ModeCommand::Recover if self.held => self.restart(Resuming::Agreed),
-            ModeCommand::Recover => return Err(ModeError::NothingAsked),
-            ModeCommand::Restart { agreed } => self.restart(if agreed { Resuming::Agreed } else { Resuming::Asking }),
+            ModeCommand::Recover if self.mode == Mode::AwaitOutputs => (self.held, self.confirmed) = (false, true),
+            ModeCommand::Recover if self.held => self.resume_motion(Resuming::Confirmed),
+            ModeCommand::Recover => return Err(ModeError::NothingToConfirm),
+            ModeCommand::Restart { confirmed } => {
+                self.resume_motion(if confirmed { Resuming::Confirmed } else { Resuming::Ask })
+            }
             ModeCommand::Override(rate) => self.override_rate = rate.clamp(0, ONE),
             ModeCommand::RapidOverride(rate) => self.rapid_override = rate.clamp(0, ONE),
-            ModeCommand::Reverse(rate) | ModeCommand::Forward(rate) if rate <= 0 => return Err(ModeError::NoRate),
+            ModeCommand::Reverse(rate) | ModeCommand::Forward(rate) if rate <= 0 => {
+                return Err(ModeError::RateNotPositive);
+            }
             ModeCommand::Reverse(rate) => self.enter(Mode::Reverse, rate),
             ModeCommand::Forward(rate) => self.enter(Mode::Forward, rate),
             ModeCommand::Wheel => self.enter(Mode::Wheel, ONE),
@@ -211,17 +233,17 @@ impl ModeController {
                 Mode::Run => return Err(ModeError::NotRetracing),
                 _ => {
                     self.enter(Mode::Rejoin, ONE);
-                    self.agreed = !ask;
+                    self.confirmed = !ask;
                 }
             },
-            ModeCommand::Agree if self.mode == Mode::AwaitOutputs => self.agreed = true,
-            ModeCommand::Agree => return Err(ModeError::NothingAsked),
+            ModeCommand::Confirm if self.mode == Mode::AwaitOutputs => self.confirmed = true,
+            ModeCommand::Confirm => return Err(ModeError::NothingToConfirm),
         }
         Ok(())
     }
 
-    /// What was held goes on; normal run once the outputs agree.
-    fn restart(&mut self, resuming: Resuming) {
+    /// Ends the hold; in normal run motion is resumed once the outputs agree.
+    fn resume_motion(&mut self, resuming: Resuming) {
         self.held = false;
         if self.mode == Mode::Run {
             self.resuming = resuming;
@@ -230,52 +252,52 @@ impl ModeController {
 
     fn enter(&mut self, mode: Mode, rate: Travel) {
         self.resuming = Resuming::No;
-        self.turned &= self.mode != Mode::Run;
+        self.rested_since_run &= self.mode != Mode::Run;
         self.mode = mode;
         self.held = false;
-        self.agreed = false;
-        self.told = false;
+        self.confirmed = false;
+        self.notified = false;
         self.retrace_rate = rate.min(8 * ONE);
     }
 
-    /// What the next control period is to do.
-    pub fn demand(&mut self, facts: &MotionFacts) -> ModeOutput {
-        let mut demand =
+    /// Advances by one control period and returns its output.
+    pub fn advance_period(&mut self, facts: &MotionFacts) -> ModeOutput {
+        let mut output =
             ModeOutput { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
-        if self.mode != Mode::Run && !self.turned {
-            // The road must not be cut short under a moving cursor: rest first.
+        if self.mode != Mode::Run && !self.rested_since_run {
+            // The window must not be cut short under a moving cursor: rest first.
             if !facts.at_rest {
-                demand.look_ahead = true;
-                return demand;
+                output.look_ahead = true;
+                return output;
             }
-            self.turned = true;
+            self.rested_since_run = true;
         }
         let at_reached = facts.at_rest && facts.place == Place::start_of(facts.reached);
-        // A stop in normal run may be inside of the record that `reached` lies behind.
+        // A stop in normal run may be inside the record that ends at `reached`.
         let at_furthest = facts.at_rest && facts.place.boundary_ahead() == facts.reached;
         match self.mode {
             Mode::Run if self.resuming != Resuming::No && facts.outputs_agree => self.resuming = Resuming::No,
             Mode::Run if self.resuming != Resuming::No && at_furthest => {
-                self.agreed = self.resuming == Resuming::Agreed;
-                (self.mode, self.resuming, self.told) = (Mode::AwaitOutputs, Resuming::No, false);
+                self.confirmed = self.resuming == Resuming::Confirmed;
+                (self.mode, self.resuming, self.notified) = (Mode::AwaitOutputs, Resuming::No, false);
             }
             Mode::Forward | Mode::Rejoin if at_reached => {
                 self.mode = Mode::AwaitOutputs;
-                self.told = false;
+                self.notified = false;
             }
-            // whatever brought the cursor off it, normal run begins at `reached` only
+            // whatever moved the cursor away, normal run begins only at `reached`
             Mode::AwaitOutputs if !at_furthest => self.mode = Mode::Rejoin,
-            Mode::Reverse if facts.at_rest && facts.place == Place::start_of(facts.oldest) && !self.told => {
-                self.told = true;
-                demand.notice = Some(OperatorNotice::Oldest);
+            Mode::Reverse if facts.at_rest && facts.place == Place::start_of(facts.oldest) && !self.notified => {
+                self.notified = true;
+                output.notice = Some(OperatorNotice::HistoryStart);
             }
             _ => {}
         }
         if self.mode == Mode::AwaitOutputs && !self.held {
-            self.settle(facts, &mut demand);
+            self.await_outputs(facts, &mut output);
         }
-        demand.look_ahead = self.mode == Mode::Run;
-        demand.target = match self.mode {
+        output.look_ahead = self.mode == Mode::Run;
+        output.target = match self.mode {
             _ if self.held || self.resuming != Resuming::No => RateTarget::ZERO,
             Mode::Run | Mode::Rejoin if self.override_rate == 0 => RateTarget::ZERO,
             Mode::Run | Mode::Rejoin => RateTarget { feed: self.override_rate, rapid: self.rapid_override },
@@ -284,20 +306,20 @@ impl ModeController {
             Mode::Wheel => RateTarget::both(facts.wheel),
             Mode::AwaitOutputs => RateTarget::ZERO,
         };
-        demand
+        output
     }
 
-    /// At the furthest place: on with normal run if the outputs agree or may be restored, else wait.
-    fn settle(&mut self, facts: &MotionFacts, demand: &mut ModeOutput) {
-        if facts.outputs_agree || self.agreed {
-            demand.restore_outputs = !facts.outputs_agree;
-            demand.notice = Some(OperatorNotice::GoesOn);
+    /// At the furthest place: resumes normal run if the outputs agree or may be restored, else waits.
+    fn await_outputs(&mut self, facts: &MotionFacts, output: &mut ModeOutput) {
+        if facts.outputs_agree || self.confirmed {
+            output.restore_outputs = !facts.outputs_agree;
+            output.notice = Some(OperatorNotice::RunResumed);
             self.mode = Mode::Run;
-            self.agreed = false;
-            self.told = false;
-        } else if !self.told {
-            self.told = true;
-            demand.notice = Some(OperatorNotice::OutputsDiffer);
+            self.confirmed = false;
+            self.notified = false;
+        } else if !self.notified {
+            self.notified = true;
+            output.notice = Some(OperatorNotice::OutputsDiffer);
         }
     }
 }
@@ -311,126 +333,126 @@ mod tests {
     }
 
     #[test]
-    fn reverse_run_rests_before_the_road_is_cut_and_tells_the_end_once() {
-        let mut operation = ModeController::default();
-        operation.order(ModeCommand::Reverse(ONE)).expect("a rate");
-        let braking = operation.demand(&facts(100, 100, false));
+    fn reverse_run_rests_before_the_window_is_cut_and_reports_the_end_once() {
+        let mut controller = ModeController::default();
+        controller.apply(ModeCommand::Reverse(ONE)).expect("a rate");
+        let braking = controller.advance_period(&facts(100, 100, false));
         assert_eq!((braking.target.feed, braking.look_ahead), (0, true));
-        let turned = operation.demand(&facts(101, 101, true));
+        let turned = controller.advance_period(&facts(101, 101, true));
         assert_eq!((turned.target.feed, turned.look_ahead), (-ONE, false));
-        assert_eq!(operation.demand(&facts(10, 101, true)).notice, Some(OperatorNotice::Oldest));
-        assert_eq!(operation.demand(&facts(10, 101, true)).notice, None);
-        operation.order(ModeCommand::Forward(ONE / 2)).expect("a rate");
-        // already turned: no need to rest again before the rate changes sign, the drive sees to that
-        assert_eq!(operation.demand(&facts(50, 101, false)).target.feed, ONE / 2);
+        assert_eq!(controller.advance_period(&facts(10, 101, true)).notice, Some(OperatorNotice::HistoryStart));
+        assert_eq!(controller.advance_period(&facts(10, 101, true)).notice, None);
+        controller.apply(ModeCommand::Forward(ONE / 2)).expect("a rate");
+        // already at rest since normal run: no second rest before the sign changes, the drive ensures that
+        assert_eq!(controller.advance_period(&facts(50, 101, false)).target.feed, ONE / 2);
     }
 
     #[test]
     fn leaving_goes_forward_to_reached_and_on() {
-        let mut operation = ModeController::default();
-        assert_eq!(operation.order(ModeCommand::Leave { ask: false }), Err(ModeError::NotRetracing));
-        operation.order(ModeCommand::Reverse(ONE)).expect("a rate");
-        operation.demand(&facts(50, 100, true));
-        operation.order(ModeCommand::Leave { ask: false }).expect("retracing");
-        let back = operation.demand(&facts(50, 100, false));
-        assert_eq!((back.target.feed, back.look_ahead, operation.mode()), (ONE, false, Mode::Rejoin));
-        let on = operation.demand(&facts(100, 100, true));
-        assert_eq!((on.target.feed, on.look_ahead, on.notice), (ONE, true, Some(OperatorNotice::GoesOn)));
+        let mut controller = ModeController::default();
+        assert_eq!(controller.apply(ModeCommand::Leave { ask: false }), Err(ModeError::NotRetracing));
+        controller.apply(ModeCommand::Reverse(ONE)).expect("a rate");
+        controller.advance_period(&facts(50, 100, true));
+        controller.apply(ModeCommand::Leave { ask: false }).expect("retracing");
+        let back = controller.advance_period(&facts(50, 100, false));
+        assert_eq!((back.target.feed, back.look_ahead, controller.mode()), (ONE, false, Mode::Rejoin));
+        let on = controller.advance_period(&facts(100, 100, true));
+        assert_eq!((on.target.feed, on.look_ahead, on.notice), (ONE, true, Some(OperatorNotice::RunResumed)));
     }
 
     #[test]
     fn forward_run_ends_at_reached_and_at_rest_and_nowhere_else() {
-        let mut operation = ModeController::default();
-        operation.order(ModeCommand::Forward(8 * ONE)).expect("a rate");
-        assert_eq!(operation.demand(&facts(50, 100, true)).target.feed, 8 * ONE);
-        assert_eq!(operation.demand(&facts(100, 100, false)).target.feed, 8 * ONE);
-        assert_eq!(operation.mode(), Mode::Forward);
-        assert_eq!(operation.demand(&facts(100, 100, true)).notice, Some(OperatorNotice::GoesOn));
-        assert_eq!(operation.mode(), Mode::Run);
+        let mut controller = ModeController::default();
+        controller.apply(ModeCommand::Forward(8 * ONE)).expect("a rate");
+        assert_eq!(controller.advance_period(&facts(50, 100, true)).target.feed, 8 * ONE);
+        assert_eq!(controller.advance_period(&facts(100, 100, false)).target.feed, 8 * ONE);
+        assert_eq!(controller.mode(), Mode::Forward);
+        assert_eq!(controller.advance_period(&facts(100, 100, true)).notice, Some(OperatorNotice::RunResumed));
+        assert_eq!(controller.mode(), Mode::Run);
     }
 
     #[test]
     fn different_outputs_stop_at_reached_until_the_operator_agrees() {
-        let mut operation = ModeController::default();
-        operation.order(ModeCommand::Wheel).expect("always");
-        operation.demand(&facts(50, 100, true));
-        operation.order(ModeCommand::Leave { ask: true }).expect("retracing");
+        let mut controller = ModeController::default();
+        controller.apply(ModeCommand::Wheel).expect("always");
+        controller.advance_period(&facts(50, 100, true));
+        controller.apply(ModeCommand::Leave { ask: true }).expect("retracing");
         let differ = MotionFacts { outputs_agree: false, ..facts(100, 100, true) };
-        assert_eq!(operation.order(ModeCommand::Agree), Err(ModeError::NothingAsked));
-        assert_eq!(operation.demand(&differ).notice, Some(OperatorNotice::OutputsDiffer));
-        let waits = operation.demand(&differ);
+        assert_eq!(controller.apply(ModeCommand::Confirm), Err(ModeError::NothingToConfirm));
+        assert_eq!(controller.advance_period(&differ).notice, Some(OperatorNotice::OutputsDiffer));
+        let waits = controller.advance_period(&differ);
         assert_eq!((waits.notice, waits.target.feed, waits.look_ahead), (None, 0, false));
-        operation.order(ModeCommand::Agree).expect("asked");
-        let on = operation.demand(&differ);
+        controller.apply(ModeCommand::Confirm).expect("asked");
+        let on = controller.advance_period(&differ);
         assert_eq!((on.restore_outputs, on.target.feed, on.look_ahead), (true, ONE, true));
     }
 
     #[test]
     fn normal_run_goes_on_after_a_stop_only_with_outputs_that_agree() {
-        let mut operation = ModeController::default();
-        operation.order(ModeCommand::Hold).expect("always");
-        // inside of a record
+        let mut controller = ModeController::default();
+        controller.apply(ModeCommand::Hold).expect("always");
+        // inside a record
         let inside = Place { record: 99, fraction: 5 };
         let differ = MotionFacts { place: inside, outputs_agree: false, ..facts(99, 100, true) };
-        operation.order(ModeCommand::Resume).expect("held");
-        let braking = operation.demand(&MotionFacts { at_rest: false, ..differ });
-        assert_eq!((braking.target.feed, braking.look_ahead, operation.mode()), (0, true, Mode::Run));
-        let asks = operation.demand(&differ);
+        controller.apply(ModeCommand::Resume).expect("held");
+        let braking = controller.advance_period(&MotionFacts { at_rest: false, ..differ });
+        assert_eq!((braking.target.feed, braking.look_ahead, controller.mode()), (0, true, Mode::Run));
+        let asks = controller.advance_period(&differ);
         assert_eq!(
-            (asks.target.feed, asks.notice, operation.mode()),
+            (asks.target.feed, asks.notice, controller.mode()),
             (0, Some(OperatorNotice::OutputsDiffer), Mode::AwaitOutputs)
         );
-        assert_eq!(operation.demand(&differ).notice, None);
-        operation.order(ModeCommand::Recover).expect("asked");
-        let on = operation.demand(&differ);
-        assert_eq!((on.restore_outputs, on.target.feed, operation.mode()), (true, ONE, Mode::Run));
-        // agreed at once
-        operation.order(ModeCommand::Hold).expect("always");
-        operation.order(ModeCommand::Recover).expect("held");
-        let on = operation.demand(&differ);
-        assert_eq!((on.restore_outputs, on.target.feed, operation.mode()), (true, ONE, Mode::Run));
-        // nothing to ask, nothing to say
-        for order in [ModeCommand::Restart { agreed: false }, ModeCommand::Restart { agreed: true }] {
-            operation.order(order).expect("always");
-            let on = operation.demand(&MotionFacts { outputs_agree: true, ..differ });
+        assert_eq!(controller.advance_period(&differ).notice, None);
+        controller.apply(ModeCommand::Recover).expect("asked");
+        let on = controller.advance_period(&differ);
+        assert_eq!((on.restore_outputs, on.target.feed, controller.mode()), (true, ONE, Mode::Run));
+        // confirmed at once
+        controller.apply(ModeCommand::Hold).expect("always");
+        controller.apply(ModeCommand::Recover).expect("held");
+        let on = controller.advance_period(&differ);
+        assert_eq!((on.restore_outputs, on.target.feed, controller.mode()), (true, ONE, Mode::Run));
+        // nothing to ask, nothing to report
+        for command in [ModeCommand::Restart { confirmed: false }, ModeCommand::Restart { confirmed: true }] {
+            controller.apply(command).expect("always");
+            let on = controller.advance_period(&MotionFacts { outputs_agree: true, ..differ });
             assert_eq!((on.restore_outputs, on.target.feed, on.notice), (false, ONE, None));
         }
-        assert_eq!(operation.order(ModeCommand::Recover), Err(ModeError::NothingAsked));
+        assert_eq!(controller.apply(ModeCommand::Recover), Err(ModeError::NothingToConfirm));
     }
 
     #[test]
     fn rapid_motion_has_an_override_of_its_own_and_stands_at_a_feed_override_of_zero() {
-        let mut operation = ModeController::default();
-        operation.order(ModeCommand::Override(ONE / 2)).expect("always");
-        operation.order(ModeCommand::RapidOverride(ONE / 4)).expect("always");
-        let target = |operation: &mut ModeController| operation.demand(&facts(50, 50, true)).target;
-        assert_eq!(target(&mut operation), RateTarget { feed: ONE / 2, rapid: ONE / 4 });
-        operation.order(ModeCommand::RapidOverride(9 * ONE)).expect("always");
-        assert_eq!(target(&mut operation), RateTarget { feed: ONE / 2, rapid: ONE });
-        operation.order(ModeCommand::RapidOverride(0)).expect("always");
-        assert_eq!(target(&mut operation), RateTarget { feed: ONE / 2, rapid: 0 });
-        operation.order(ModeCommand::RapidOverride(ONE)).expect("always");
-        operation.order(ModeCommand::Override(0)).expect("always");
-        assert_eq!(target(&mut operation), RateTarget::ZERO);
-        operation.order(ModeCommand::Reverse(ONE)).expect("a rate");
-        assert_eq!(target(&mut operation), RateTarget::both(-ONE));
+        let mut controller = ModeController::default();
+        controller.apply(ModeCommand::Override(ONE / 2)).expect("always");
+        controller.apply(ModeCommand::RapidOverride(ONE / 4)).expect("always");
+        let target = |controller: &mut ModeController| controller.advance_period(&facts(50, 50, true)).target;
+        assert_eq!(target(&mut controller), RateTarget { feed: ONE / 2, rapid: ONE / 4 });
+        controller.apply(ModeCommand::RapidOverride(9 * ONE)).expect("always");
+        assert_eq!(target(&mut controller), RateTarget { feed: ONE / 2, rapid: ONE });
+        controller.apply(ModeCommand::RapidOverride(0)).expect("always");
+        assert_eq!(target(&mut controller), RateTarget { feed: ONE / 2, rapid: 0 });
+        controller.apply(ModeCommand::RapidOverride(ONE)).expect("always");
+        controller.apply(ModeCommand::Override(0)).expect("always");
+        assert_eq!(target(&mut controller), RateTarget::ZERO);
+        controller.apply(ModeCommand::Reverse(ONE)).expect("a rate");
+        assert_eq!(target(&mut controller), RateTarget::both(-ONE));
     }
 
     #[test]
     fn hold_keeps_every_mode_standing() {
-        let mut operation = ModeController::default();
-        assert_eq!(operation.order(ModeCommand::Resume), Err(ModeError::NotHeld));
-        for order in
+        let mut controller = ModeController::default();
+        assert_eq!(controller.apply(ModeCommand::Resume), Err(ModeError::NotHeld));
+        for command in
             [ModeCommand::Override(ONE), ModeCommand::Wheel, ModeCommand::Reverse(ONE), ModeCommand::Forward(ONE)]
         {
-            operation.order(order).expect("always");
-            operation.order(ModeCommand::Hold).expect("always");
+            controller.apply(command).expect("always");
+            controller.apply(ModeCommand::Hold).expect("always");
             let wheel = MotionFacts { wheel: ONE, ..facts(50, 100, true) };
-            assert_eq!((operation.demand(&wheel).target.feed, operation.held()), (0, true));
-            operation.order(ModeCommand::Resume).expect("held");
-            assert!(!operation.held());
-            assert_ne!(operation.demand(&wheel).target.feed, 0);
+            assert_eq!((controller.advance_period(&wheel).target.feed, controller.is_held()), (0, true));
+            controller.apply(ModeCommand::Resume).expect("held");
+            assert!(!controller.is_held());
+            assert_ne!(controller.advance_period(&wheel).target.feed, 0);
         }
-        assert_eq!(operation.order(ModeCommand::Reverse(0)), Err(ModeError::NoRate));
+        assert_eq!(controller.apply(ModeCommand::Reverse(0)), Err(ModeError::RateNotPositive));
     }
 }

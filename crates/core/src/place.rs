@@ -1,53 +1,54 @@
 //! Places on the recorded path: a record number and a fraction of that record.
 //!
-//! Invariant: place numbers wrap at 2³²; they are compared by wrapping difference only, so that two places on one path
-//! must lie less than 2³¹ records apart. A ring is far smaller.
+//! Invariant: record numbers wrap at 2³² and are compared by wrapping difference only. Two places on one path must
+//! therefore be less than 2³¹ records apart. A ring is far smaller.
 
-/// A distance along the recorded path, or a rate in records a control period: signed, in units of 2⁻³² records.
+/// Distance along the recorded path in records, or rate in records per control period: signed, in units of 2⁻³²
+/// records.
 pub type Travel = i64;
 
 /// One whole record, as [`Travel`].
 pub const ONE: Travel = 1 << 32;
 
-/// A place on the recorded path (REV, *Exactness*): `fraction`/2³² of record `record` lies behind it.
+/// Place on the recorded path (REV, *Exactness*): `fraction`/2³² of record `record` is behind it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Place {
-    /// Number of the record under the place; wraps.
+    /// Number of the record under the place; wraps at 2³².
     pub record: u32,
-    /// Share of that record that lies behind the place, in 2⁻³².
+    /// Fraction of that record that is behind the place, in units of 2⁻³².
     pub fraction: u32,
 }
 
 impl Place {
-    /// The place between record `record` − 1 and record `record`.
+    /// Returns the place between record `record` − 1 and record `record`.
     #[must_use]
     pub const fn start_of(record: u32) -> Self {
         Self { record, fraction: 0 }
     }
 
-    /// The place `travel` further along the path (backward where negative). |travel| < 2³¹ records.
+    /// Returns the place `travel` further along the path, backward if negative. |travel| must be below 2³¹ records.
     #[must_use]
     pub const fn moved(self, travel: Travel) -> Self {
         let sum = self.fraction as i64 + travel;
         Self { record: self.record.wrapping_add((sum >> 32) as u32), fraction: sum as u32 }
     }
 
-    /// How far `to` lies ahead of this place; negative where it lies behind.
+    /// Returns the signed distance from this place to `to`: positive if `to` is ahead.
     #[must_use]
-    pub const fn to(self, to: Self) -> Travel {
+    pub const fn distance_to(self, to: Self) -> Travel {
         ((to.record.wrapping_sub(self.record) as i32 as i64) << 32) + to.fraction as i64 - self.fraction as i64
     }
 
-    /// The first record boundary that is not behind this place.
+    /// Returns the first record boundary that is not behind this place.
     #[must_use]
     pub const fn boundary_ahead(self) -> u32 {
         if self.fraction == 0 { self.record } else { self.record.wrapping_add(1) }
     }
 }
 
-/// Does record number `a` come before `b`? By wrapping difference.
+/// Whether record number `a` is before `b`, by wrapping difference.
 #[must_use]
-pub const fn before(a: u32, b: u32) -> bool {
+pub const fn is_before(a: u32, b: u32) -> bool {
     (a.wrapping_sub(b) as i32) < 0
 }
 
@@ -62,7 +63,7 @@ mod tests {
                 for travel in [0, 1, -1, ONE, -ONE, ONE / 3, -ONE * 7 - 5, ONE * 1000 + 1] {
                     let from = Place { record, fraction };
                     let to = from.moved(travel);
-                    assert_eq!(from.to(to), travel);
+                    assert_eq!(from.distance_to(to), travel);
                     assert_eq!(to.moved(-travel), from);
                 }
             }
@@ -73,6 +74,6 @@ mod tests {
     fn the_boundary_ahead_is_the_place_itself_where_the_fraction_is_zero() {
         assert_eq!(Place::start_of(7).boundary_ahead(), 7);
         assert_eq!(Place { record: u32::MAX, fraction: 1 }.boundary_ahead(), 0);
-        assert!(before(u32::MAX, 0) && !before(0, u32::MAX) && !before(3, 3));
+        assert!(is_before(u32::MAX, 0) && !is_before(0, u32::MAX) && !is_before(3, 3));
     }
 }

@@ -1,21 +1,23 @@
 //! Playback: the position is a function of the place (design, idea 1; REV, *Exactness*).
 //!
-//! Invariant: moving from place x to place x′ emits `P(x′) − P(x)`, where P(x) is the sum of the records before x with the
-//! record under x split by its fraction and rounded half away from zero. Sums telescope: whoever returns to a place has
-//! emitted zero pulses on every axis, at any rate, in any direction.
+//! Invariant: moving from place x to place x′ emits `P(x′) − P(x)`. P(x) is the sum of the records before x plus the
+//! share of the record under x given by its fraction, rounded half away from zero. The sums telescope: a return to a
+//! place means zero net pulses on every axis, at any rate, in any direction.
 
 use crate::{Place, Record};
 
-/// The whole pulses of `increment` that lie in the first `fraction`/2³² of its record, rounded half away from zero.
+/// Returns the whole pulses of `increment` in the first `fraction`/2³² of its record, rounded half away from zero.
 #[must_use]
-pub const fn part(increment: i16, fraction: u32) -> i32 {
+pub const fn partial_increment(increment: i16, fraction: u32) -> i32 {
     let product = (increment as i64).unsigned_abs() * fraction as u64;
     let rounded = ((product + (1 << 31)) >> 32) as i32;
     if increment < 0 { -rounded } else { rounded }
 }
 
-/// Net pulses of each axis between two places, `record` giving the record of a number. No history is so long that they overflow. `None` where a record on the way
-/// is missing; a place at fraction 0 does not need the record under it.
+/// Returns the net pulses of each axis between two places; `record` returns the record of a number.
+///
+/// Returns `None` if a record between the places is missing; a place with fraction 0 does not need the record under it.
+/// The sums do not overflow for any history that fits into a ring.
 pub fn emission<'a, const A: usize>(
     from: Place,
     to: Place,
@@ -26,7 +28,7 @@ pub fn emission<'a, const A: usize>(
         if place.fraction != 0 {
             let under = record(place.record)?;
             for (s, &i) in sum.iter_mut().zip(&under.increments) {
-                *s += sign * i64::from(part(i, place.fraction));
+                *s += sign * i64::from(partial_increment(i, place.fraction));
             }
         }
         Some(())
@@ -51,11 +53,11 @@ mod tests {
 
     #[test]
     fn halves_round_away_from_zero() {
-        assert_eq!(part(1, 1 << 31), 1);
-        assert_eq!(part(-1, 1 << 31), -1);
-        assert_eq!(part(1, (1 << 31) - 1), 0);
-        assert_eq!(part(i16::MIN, u32::MAX), -32768);
-        assert_eq!(part(i16::MAX, u32::MAX), 32767);
+        assert_eq!(partial_increment(1, 1 << 31), 1);
+        assert_eq!(partial_increment(-1, 1 << 31), -1);
+        assert_eq!(partial_increment(1, (1 << 31) - 1), 0);
+        assert_eq!(partial_increment(i16::MIN, u32::MAX), -32768);
+        assert_eq!(partial_increment(i16::MAX, u32::MAX), 32767);
     }
 
     #[test]
@@ -72,7 +74,7 @@ mod tests {
     }
 
     proptest! {
-        /// A walk of any steps over any records: the sums telescope, and equal places have equal positions.
+        /// For a walk of any steps over any records, the sums telescope and equal places have equal positions.
         #[test]
         fn sums_telescope(
             increments in prop::collection::vec(any::<[i16; 2]>(), 40),
@@ -85,12 +87,12 @@ mod tests {
             let (start, low, high) = (Place::start_of(base.wrapping_add(20)), Place::start_of(base), Place::start_of(base.wrapping_add(40)));
             let (mut at, mut sum) = (start, [0i64; 2]);
             for step in steps {
-                let step = step.clamp(at.to(low), at.to(high));
+                let step = step.clamp(at.distance_to(low), at.distance_to(high));
                 let to = at.moved(step);
                 let e = emission(at, to, get).expect("inside the window");
                 sum = [sum[0] + e[0], sum[1] + e[1]];
                 at = to;
-                // the direct way gives the same position as the walk
+                // the direct move gives the same position as the walk
                 prop_assert_eq!(emission(start, at, get), Some(sum));
             }
             let back = emission(at, start, get).expect("inside the window");

@@ -1,56 +1,59 @@
 //! The rate law: how the rate follows its target (REV-12; REV, *Rate law*).
 //!
-//! A *commanded place* runs along the path at the target rate, and stops where it must. The cursor is its moving average, taken twice.
-//! From this one idea follows everything that is asked of the law:
+//! A *commanded place* moves along the path at the target rate and stops where it must. The cursor is its moving
+//! average, applied twice. All required properties of the law follow from this one idea:
 //!
-//! - The cursor comes to rest exactly where the commanded place stands, since the mean of equal numbers is that number, and
-//!   never beyond, since a mean never exceeds the largest of what it averages.
-//! - The rate never overshoots its target and reaches it after [`Smoothing::periods`] control periods at the latest.
-//! - The distance still to run is known at all times: it is the [`RateLaw::lead`] of the commanded place over the cursor.
-//! - The two lengths alone bound how fast the rate changes, whatever is asked when: for targets in 0 … 1 the change |r′| at
-//!   a rate r is at most what a plain step from 0 to 1 shows at that rate (the trapezoid of two averages is log-concave), and
-//!   |r″| ≤ 2/(n₁·n₂) a period². The drive averages over 1 and n periods and lets the target change with a slope besides, from which
-//!   it takes what the axes' limits need ([`crate::drive`]).
+//! - The cursor comes to rest exactly at the resting place of the commanded place, since the mean of equal numbers is
+//!   that number. It never passes it, since a mean never exceeds the largest of the averaged numbers.
+//! - The rate never overshoots its target and reaches it after at most [`FilterLengths::periods`] control periods.
+//! - The remaining distance is known at all times: it is the [`RateFilter::lead`] of the commanded place over the
+//!   cursor.
+//! - The two lengths alone bound how fast the rate changes, for any sequence of targets. For targets in 0 … 1 the
+//!   change |r′| at a rate r is at most what a plain step from 0 to 1 shows at that rate (the trapezoid of two averages
+//!   is log-concave), and |r″| ≤ 2/(n₁·n₂) per period². The drive averages over 1 and n periods and lets the target
+//!   change with a slope, from which it derives what the axes' limits require ([`crate::drive`]).
 //!
 //! Invariant: all targets in the memory have one sign; the remainder is in 0 … n₁·n₂; with the memory at zero, lead and
 //! remainder are zero.
 
 use crate::Travel;
 
-/// The rates that are asked for along the path: one for records of feed motion, one for records of rapid motion ([`crate::Flags::RAPID`]).
+/// Target rates along the path: one for records of feed motion, one for records of rapid motion
+/// ([`crate::Flags::RAPID`]).
 ///
-/// In records a period: 1 as recorded, 0 standing, −1 backward; as [`Travel`]. Two of different signs ask for no motion.
+/// In records per period, as [`Travel`]: 1 as recorded, 0 at rest, −1 backward. Two rates of different signs request no
+/// motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RateTarget {
-    /// The highest rate along feed motion.
+    /// Maximum rate along feed motion.
     pub feed: Travel,
-    /// The highest rate along rapid motion.
+    /// Maximum rate along rapid motion.
     pub rapid: Travel,
 }
 
 impl RateTarget {
-    /// Standing.
+    /// At rest.
     pub const ZERO: Self = Self::both(0);
 
-    /// The same rate along all motion.
+    /// Returns a target with the same rate for feed and rapid motion.
     #[must_use]
     pub const fn both(rate: Travel) -> Self {
         Self { feed: rate, rapid: rate }
     }
 
-    /// The faster one of the two; 0 where their signs differ.
+    /// Returns the faster of the two rates; 0 if their signs differ.
     #[must_use]
     pub const fn faster(self) -> Travel {
         self.ordered().0
     }
 
-    /// The slower one of the two; 0 where their signs differ.
+    /// Returns the slower of the two rates; 0 if their signs differ.
     #[must_use]
     pub const fn slower(self) -> Travel {
         self.ordered().1
     }
 
-    /// The faster one and the slower one.
+    /// Returns the faster and the slower rate.
     const fn ordered(self) -> (Travel, Travel) {
         let Self { feed, rapid } = self;
         if feed.signum() * rapid.signum() < 0 {
@@ -63,7 +66,7 @@ impl RateTarget {
     }
 }
 
-/// The lengths of the two moving averages, in control periods.
+/// Lengths of the two moving averages, in control periods.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FilterLengths {
     first: u16,
@@ -71,44 +74,48 @@ pub struct FilterLengths {
 }
 
 impl FilterLengths {
-    /// The longest average there is, in periods: sums of rates up to 8 then fit 64 bits.
-    pub const LONGEST: u16 = 4096;
+    /// Maximum length of an average, in periods: sums of rates up to 8 then fit 64 bits.
+    pub const MAX_PERIODS: u16 = 4096;
 
-    /// Averages over `first` and `second` periods. `None` where one is zero or above [`Smoothing::LONGEST`], or their sum is odd (a steady
-    /// rate then has a lead of half a unit, which would not be exact).
+    /// Returns the lengths `first` and `second`, in periods.
+    ///
+    /// Returns `None` if one is zero or above [`FilterLengths::MAX_PERIODS`], or if their sum is odd (a steady rate
+    /// then has a lead of half a unit, which would not be exact).
     #[must_use]
     pub const fn new(first: u16, second: u16) -> Option<Self> {
-        let lengths = 1 <= first && first <= Self::LONGEST && 1 <= second && second <= Self::LONGEST;
+        let lengths = 1 <= first && first <= Self::MAX_PERIODS && 1 <= second && second <= Self::MAX_PERIODS;
         let valid = lengths && (first + second).is_multiple_of(2);
         if valid { Some(Self { first, second }) } else { None }
     }
 
-    /// Length of the first average, in periods.
+    /// Returns the length of the first average, in periods.
     #[must_use]
     pub const fn first(self) -> u16 {
         self.first
     }
 
-    /// Length of the second average, in periods.
+    /// Returns the length of the second average, in periods.
     #[must_use]
     pub const fn second(self) -> u16 {
         self.second
     }
 
-    /// Periods after which a new target is reached, and the cursor stands where the commanded place stands.
+    /// Returns the periods after which a new target is reached, and the cursor is at rest after the commanded place has
+    /// come to rest.
     #[must_use]
     pub const fn periods(self) -> u16 {
         self.first + self.second - 1
     }
 
-    /// Lead of the commanded place over the cursor at a steady rate of one, in records: the stopping length.
+    /// Returns the lead of the commanded place over the cursor at a steady rate of one, in records: the stopping
+    /// distance.
     #[must_use]
     pub const fn stopping_records(self) -> u16 {
         (self.first + self.second - 2) / 2
     }
 }
 
-/// A moving sum over the last `length` values.
+/// Moving sum of the last `length` values.
 #[derive(Clone, Debug)]
 struct MovingAverage<const M: usize> {
     values: [Travel; M],
@@ -142,10 +149,10 @@ impl<const M: usize> MovingAverage<M> {
     }
 }
 
-/// The law's state: the memory of both averages, for lengths up to `M`.
+/// State of the rate law: the memory of both averages, for lengths up to `M`.
 #[derive(Clone, Debug)]
 pub struct RateFilter<const M: usize> {
-    smoothing: FilterLengths,
+    lengths: FilterLengths,
     targets: MovingAverage<M>,
     sums: MovingAverage<M>,
     remainder: Travel,
@@ -153,74 +160,78 @@ pub struct RateFilter<const M: usize> {
 }
 
 impl<const M: usize> RateFilter<M> {
-    /// At rest. `None` where the smoothing is longer than the memory.
+    /// Creates a filter at rest. Returns `None` if a length exceeds the memory.
     #[must_use]
     pub const fn new(smoothing: FilterLengths) -> Option<Self> {
         if smoothing.first as usize > M || smoothing.second as usize > M {
             return None;
         }
         let (targets, sums) = (MovingAverage::new(smoothing.first), MovingAverage::new(smoothing.second));
-        Some(Self { smoothing, targets, sums, remainder: 0, lead: 0 })
+        Some(Self { lengths: smoothing, targets, sums, remainder: 0, lead: 0 })
     }
 
-    /// The smoothing in force.
+    /// Returns the lengths of the averages.
     #[must_use]
-    pub const fn smoothing(&self) -> FilterLengths {
-        self.smoothing
+    pub const fn lengths(&self) -> FilterLengths {
+        self.lengths
     }
 
-    /// Distance from the cursor to the commanded place, signed: how far the cursor still runs if the target is zero from
-    /// now on.
+    /// Returns the signed distance from the cursor to the commanded place: how far the cursor still moves if the target
+    /// is zero from now on.
     #[must_use]
     pub const fn lead(&self) -> Travel {
         self.lead
     }
 
-    /// Does the cursor stand, with nothing left to run?
+    /// Whether the cursor is at rest, with no distance remaining.
     #[must_use]
     pub const fn at_rest(&self) -> bool {
         self.sums.sum == 0
     }
 
-    /// The way the cursor still runs: 1 forward, −1 backward, 0 at rest.
+    /// Returns the direction of the remaining motion: 1 forward, −1 backward, 0 at rest.
     #[must_use]
     pub const fn direction(&self) -> Travel {
         self.sums.sum.signum()
     }
 
-    /// The last target.
+    /// Returns the last target.
     #[must_use]
     pub const fn target(&self) -> Travel {
         self.targets.newest()
     }
 
-    /// The highest |target| in the memory, as far as means over the first length show it: with a first length of one, exactly.
+    /// Returns the maximum |target| in the memory, as far as means over the first length show it; exact with a first
+    /// length of one.
     #[must_use]
-    pub fn highest(&self) -> Travel {
+    pub fn max_target(&self) -> Travel {
         let sums = &self.sums.values[..self.sums.length as usize];
         let highest = sums.iter().map(|sum| sum.abs()).max().unwrap_or(0);
-        highest / Travel::from(self.smoothing.first)
+        highest / Travel::from(self.lengths.first)
     }
 
-    /// One control period: the commanded place moves by `target` (records a period, at most 8 either way, of the sign of
-    /// what is still to run); the distance that the cursor moves comes back.
+    /// Advances by one control period and returns the distance that the cursor moves.
+    ///
+    /// The commanded place moves by `target` (in records per period, |target| ≤ 8, with the sign of the remaining
+    /// motion).
     #[inline]
     pub fn step(&mut self, target: Travel) -> Travel {
         let sum = self.targets.push(target);
         let total = self.sums.push(sum) + self.remainder;
-        let divisor = Travel::from(self.smoothing.first) * Travel::from(self.smoothing.second);
+        let divisor = Travel::from(self.lengths.first) * Travel::from(self.lengths.second);
         let moved = total.div_euclid(divisor);
         self.remainder = total.rem_euclid(divisor);
         self.lead += target - moved;
         moved
     }
 
-    /// As if the target had been `rate` for ever. Only where the path itself is at rest: the rate jumps.
+    /// Sets the state that a constant target `rate` leads to. The rate jumps, so this is allowed only where the path
+    /// itself is at rest.
     pub fn set_steady(&mut self, rate: Travel) {
         self.targets.fill(rate);
         self.sums.fill(self.targets.sum);
         self.remainder = 0;
-        self.lead = rate * Travel::from(self.smoothing.stopping_records());
+        self.lead = rate * Travel::from(self.lengths.stopping_records());
     }
 }
 
@@ -230,11 +241,11 @@ mod tests {
     use crate::ONE;
     use proptest::prelude::*;
 
-    fn law(first: u16, second: u16) -> RateFilter<32> {
+    fn filter(first: u16, second: u16) -> RateFilter<32> {
         RateFilter::new(FilterLengths::new(first, second).expect("valid")).expect("fits")
     }
 
-    /// Lengths whose sum is even.
+    /// Lengths with an even sum.
     fn lengths() -> impl Strategy<Value = (u16, u16)> {
         (1u16..=32, 0u16..=15).prop_map(|(a, b)| (a, if a % 2 == 0 { 2 * b + 2 } else { 2 * b + 1 }))
     }
@@ -251,61 +262,62 @@ mod tests {
     fn a_steady_rate_is_steady_and_stops_within_its_lead() {
         for (a, b) in [(1, 1), (3, 5), (8, 8), (32, 2)] {
             for rate in [ONE, -ONE, ONE / 3, 7, -7, 8 * ONE] {
-                let mut law = law(a, b);
-                law.set_steady(rate);
+                let mut filter = filter(a, b);
+                filter.set_steady(rate);
                 for _ in 0..100 {
-                    assert_eq!(law.step(rate), rate);
-                    assert_eq!(law.lead(), rate * Travel::from(law.smoothing().stopping_records()));
+                    assert_eq!(filter.step(rate), rate);
+                    assert_eq!(filter.lead(), rate * Travel::from(filter.lengths().stopping_records()));
                 }
-                let (lead, mut run) = (law.lead(), 0);
-                for _ in 0..law.smoothing().periods() {
-                    run += law.step(0);
+                let (lead, mut run) = (filter.lead(), 0);
+                for _ in 0..filter.lengths().periods() {
+                    run += filter.step(0);
                 }
                 assert_eq!(run, lead);
-                assert!(law.at_rest() && law.lead() == 0 && law.remainder == 0);
+                assert!(filter.at_rest() && filter.lead() == 0 && filter.remainder == 0);
             }
         }
     }
 
     proptest! {
-        /// Targets of one sign: the rate stays between the least and the greatest in the memory; what was commanded is what
-        /// was run plus the lead; the lead is never of the other sign; at rest everything is zero again.
+        /// For targets of one sign: the rate stays between the minimum and the maximum in the memory; the commanded
+        /// distance equals the distance moved plus the lead; the lead never has the other sign; at rest everything is
+        /// zero again.
         #[test]
         fn never_overshoots_and_loses_nothing(
             (a, b) in lengths(), backward in any::<bool>(), steady in 0..ONE,
             targets in prop::collection::vec(prop_oneof![0..=ONE, Just(0), Just(ONE), Just(8 * ONE)], 1..200),
         ) {
             let sign = if backward { -1 } else { 1 };
-            let mut law = law(a, b);
-            law.set_steady(sign * steady);
-            let (mut commanded, mut run) = (law.lead(), 0);
-            let n = law.smoothing().periods() as usize;
+            let mut filter = filter(a, b);
+            filter.set_steady(sign * steady);
+            let (mut commanded, mut run) = (filter.lead(), 0);
+            let n = filter.lengths().periods() as usize;
             for k in 0..targets.len() {
-                let moved = law.step(sign * targets[k]);
+                let moved = filter.step(sign * targets[k]);
                 commanded += sign * targets[k];
                 run += moved;
-                prop_assert_eq!(law.lead(), commanded - run);
-                prop_assert!(sign * law.lead() >= 0);
+                prop_assert_eq!(filter.lead(), commanded - run);
+                prop_assert!(sign * filter.lead() >= 0);
                 let seen = &targets[(k + 1).saturating_sub(n)..=k];
                 let start = if k + 1 < n { Some(steady) } else { None };
                 let low = seen.iter().copied().chain(start).min().expect("not empty");
                 let high = seen.iter().copied().chain(start).max().expect("not empty");
                 prop_assert!((low - 1..=high + 1).contains(&(sign * moved)), "{low} {moved} {high}");
             }
-            for _ in 0..n { run += law.step(0); }
+            for _ in 0..n { run += filter.step(0); }
             prop_assert_eq!(run, commanded);
-            prop_assert!(law.at_rest() && law.lead() == 0 && law.remainder == 0);
+            prop_assert!(filter.at_rest() && filter.lead() == 0 && filter.remainder == 0);
         }
 
-        /// The rate changes by at most 1/max(n₁, n₂) of a full step a period, and that change by at most 2/(n₁·n₂).
+        /// The rate changes by at most 1/max(n₁, n₂) of a full step per period, and that change by at most 2/(n₁·n₂).
         #[test]
         fn the_lengths_bound_the_change_of_the_rate(
             (a, b) in lengths(), targets in prop::collection::vec(0..=ONE, 1..200),
         ) {
-            let mut law = law(a, b);
+            let mut filter = filter(a, b);
             let (mut rate, mut change) = (0, 0);
             for target in targets {
-                let now = law.step(target);
+                let now = filter.step(target);
                 let changed = now - rate;
                 prop_assert!(changed.abs() <= ONE / Travel::from(a.max(b)) + 1);
                 prop_assert!((changed - change).abs() <= 2 * ONE / (Travel::from(a) * Travel::from(b)) + 2);

@@ -1,54 +1,54 @@
-//! One control period's increments, and what belongs to them (REV-1).
+//! The motion record: the increments of one control period with line number, flags and rate cap (REV-1).
 //!
-//! Invariant: the size of a record never varies; for up to four axes it is 16 bytes.
+//! Invariant: the size of a record is fixed; for up to four axes it is 16 bytes.
 
-/// What the planner says of a record beside its increments.
+/// Flags that the planner sets on a record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Flags(u8);
 
 impl Flags {
-    /// Nothing special.
+    /// No flag.
     pub const NONE: Self = Self(0);
-    /// Planned stop: the motion is at rest, with zero acceleration, at the END of this record. An end here is an end and
-    /// not starvation, and the rate may change at will at that place.
+    /// Planned stop: the motion is at rest, with zero acceleration, at the END of this record. Records that end here
+    /// end as planned, without starvation, and the rate may change to any value at that place.
     pub const REST: Self = Self(1);
-    /// An exclusive instruction (GMC-3) stands behind this record. Always together with [`Flags::REST`].
+    /// An exclusive instruction (GMC-3) follows this record. Always set together with [`Flags::REST`].
     pub const MARKER: Self = Self(2);
     /// All of the record's motion is rapid motion (G0): the rapid override applies, not the feed override.
     pub const RAPID: Self = Self(4);
 
-    /// Both sets of flags.
+    /// Returns the union of both sets of flags.
     #[must_use]
     pub const fn with(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// Are all of `other` set?
+    /// Whether all flags of `other` are set.
     #[must_use]
-    pub const fn has(self, other: Self) -> bool {
+    pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
     }
 
-    /// Those of them that the next record has as well, as a rule.
+    /// Returns the flags that the next record usually has as well.
     #[must_use]
     pub const fn lasting(self) -> Self {
         Self(self.0 & Self::RAPID.0)
     }
 
-    /// The bits, for the wire.
+    /// Returns the flags as the bits sent on the wire.
     #[must_use]
     pub const fn bits(self) -> u8 {
         self.0
     }
 
-    /// From the bits on the wire; unknown bits are dropped.
+    /// Returns the flags for the bits received on the wire; unknown bits are dropped.
     #[must_use]
     pub const fn from_bits(bits: u8) -> Self {
         Self(bits & 7)
     }
 }
 
-/// The highest |rate| at which a record may be retraced with the cutting outputs off, in sixteenths (1/16 … 8).
+/// Maximum |rate| at which a record may be retraced with the cutting outputs off, in sixteenths (1/16 … 8).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct RapidCap(
     /// Sixteenths above [`RapidCap::PLANNED`], so that a record without motion is all zeros.
@@ -58,12 +58,12 @@ pub struct RapidCap(
 const PLANNED_SIXTEENTHS: u8 = 16;
 
 impl RapidCap {
-    /// As recorded: no faster than planned.
+    /// The planned rate: as recorded, and no faster.
     pub const PLANNED: Self = Self(0);
-    /// The largest cap there is: eight times as planned.
+    /// Maximum cap: eight times the planned rate.
     pub const MAX: Self = Self(128 - PLANNED_SIXTEENTHS);
 
-    /// A cap of `n` sixteenths, held within 1 … 8.
+    /// Returns a cap of `n` sixteenths, clamped to 1 … 8.
     #[must_use]
     pub const fn sixteenths(n: u8) -> Self {
         if n < PLANNED_SIXTEENTHS {
@@ -75,7 +75,7 @@ impl RapidCap {
         }
     }
 
-    /// The cap in sixteenths.
+    /// Returns the cap in sixteenths.
     #[must_use]
     pub const fn get(self) -> u8 {
         self.0 + PLANNED_SIXTEENTHS
@@ -88,30 +88,30 @@ impl Default for RapidCap {
     }
 }
 
-/// One control period's increments for `A` axes, and what belongs to them (REV-1).
+/// Motion record of one control period for `A` axes (REV-1).
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Record<const A: usize> {
     /// Signed whole pulses of each axis in this control period.
     pub increments: [i16; A],
-    /// The program line that this motion belongs to; 0 where there is none.
+    /// Number of the program line that this motion belongs to; 0 if there is none.
     pub line: u32,
-    /// What the planner says of this record.
+    /// Flags set by the planner.
     pub flags: Flags,
-    /// How fast it may be retraced.
+    /// Maximum rate at which the record may be retraced.
     pub cap: RapidCap,
     /// Reserved; zero.
     pub spare: u16,
 }
 
 impl<const A: usize> Record<A> {
-    /// A control period without motion.
-    pub const STILL: Self = Self { increments: [0; A], line: 0, flags: Flags::NONE, cap: RapidCap::PLANNED, spare: 0 };
+    /// Record of a control period without motion.
+    pub const ZERO: Self = Self { increments: [0; A], line: 0, flags: Flags::NONE, cap: RapidCap::PLANNED, spare: 0 };
 }
 
 impl<const A: usize> Default for Record<A> {
     fn default() -> Self {
-        Self::STILL
+        Self::ZERO
     }
 }
 

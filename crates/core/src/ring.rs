@@ -1,81 +1,100 @@
-//! The record ring between planning and motion: history | cursor | look-ahead (REV-2 … REV-7, design idea 2).
+//! The record ring between planner and motion: history | cursor | look-ahead (REV-2 … REV-7, design idea 2).
 //!
-//! Four positions (`positions`), `head ≤ read ≤ reached ≤ write`, all wrapping u32 place numbers: `head` is the oldest record kept, `read`
-//! the cursor, `reached` the furthest place ever executed (the source's W), `write` the end of what is planned. Two words are
-//! shared between the threads and both only grow: `write`, and `floor`, which is always `reached − keep`. `read` and
-//! `reached` are the consumer's own.
+//! Four positions ([`crate::ring_indices`]), `head ≤ read ≤ reached ≤ write`, are all wrapping u32 record numbers:
+//! `head` is the oldest record retained, `read` the cursor, `reached` the furthest place ever executed (W in the
+//! source), `write` the end of what is planned. Two numbers are shared between the threads, and both only grow:
+//! `write`, and `floor`, which always equals `reached − keep`. `read` and `reached` belong to the consumer alone.
 //!
 //! Invariant: the producer writes only cells at `write < floor + keep + look_ahead`, the consumer reads only cells at
-//! `head … write`, and `floor ≤ head`; as the ring has at least `keep + look_ahead` cells, neither side ever touches a cell
-//! that the other may touch. Push and read return at once, full or empty.
+//! `head … write`, and `floor ≤ head`. As the ring has at least `keep + look_ahead` cells, neither side ever accesses a
+//! cell that the other may access. Push and read return at once, also when the ring is full or empty.
 //!
-//! At the start `floor` lies `keep` places before the first record, where nothing was ever written; `head` is the later of
-//! `floor` and the first place, and follows `floor` from then on.
+//! Initially `floor` is `keep` records before the first record, where nothing was ever written. `head` is the later of
+//! `floor` and the first place, and equals `floor` from then on.
 
 use core::ops::Deref;
 
 use crate::ring_indices::{ConsumerIndices, ProducerIndices};
 use crate::sync::{AtomicU32, CachePadded, Ordering, UnsafeCell};
 
-/// One cell of a ring's storage.
+/// Cell of a ring's storage.
 #[derive(Debug, Default)]
 pub struct Cell<R>(UnsafeCell<R>);
 
 impl<R> Cell<R> {
-    /// A cell with that content.
+    /// Creates a cell with that content.
     #[must_use]
     pub fn new(content: R) -> Self {
         Self(UnsafeCell::new(content))
     }
 }
 
-// SAFETY: the content is private to this module, which reaches it only through the one `Producer` and the one `Consumer` of a
-// ring, and these never touch the same cell at a time (module invariant; rows `ring-apart` and `ring-threads` of the ledger).
+// SAFETY: the content is private to this module, which reaches it only through the one `Producer` and the one
+// `Consumer` of a ring, and these never touch the same cell at a time (module invariant; rows `ring-apart` and
+// `ring-threads` of the ledger).
 unsafe impl<R: Send> Sync for Cell<R> {}
 
-/// Storage and shared positions of a ring; [`Ring::split`] gives its two ends.
+/// Storage and shared positions of a ring; [`Ring::split`] returns its two ends.
 #[derive(Debug)]
 pub struct Ring<S> {
     cells: S,
     keep: u32,
     look_ahead: u32,
-    kept: u32,
+    history: u32,
     floor: CachePadded<AtomicU32>,
     write: CachePadded<AtomicU32>,
 }
 
-/// Why a ring cannot be made.
+/// Reason why a ring cannot be created.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RingError {
-    /// The number of cells is not a power of two, or above 2³⁰.
+    /// The number of cells is not a power of two, or is above 2³⁰.
     NotAPowerOfTwo,
-    /// `keep + look_ahead` is more than there are cells, or `look_ahead` is zero.
+    /// `keep + look_ahead` exceeds the number of cells, or `look_ahead` is zero.
     TooSmall,
-    /// The places do not lie in order, or are more than the ring promises to hold.
-    NoSuchStretch,
+    /// The places are not in order, or span more records than the ring can hold.
+    InvalidSpan,
 }
 
-/// The records that a ring holds: history `head … reached`, look-ahead `reached … write`.
+impl core::fmt::Display for RingError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::NotAPowerOfTwo => "the number of cells is not a power of two up to 2^30",
+            Self::TooSmall => "the ring has fewer cells than history and look-ahead need",
+            Self::InvalidSpan => "the positions of the ring are not in order",
+        })
+    }
+}
+
+impl core::error::Error for RingError {}
+
+/// Span of the records in a ring: history `head … reached`, look-ahead `reached … write`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordSpan {
     /// Oldest record.
     pub head: u32,
     /// The furthest place ever executed.
     pub reached: u32,
-    /// The place behind the newest record.
+    /// Place after the newest record.
     pub write: u32,
 }
 
 impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
-    /// A ring over `cells` (a power of two of them, at most 2³⁰) that keeps `keep` records behind `reached` and lets at most
-    /// `look_ahead` records be planned beyond it. Its first record will have the place number `start`.
+    /// Creates a ring over `cells` (a power of two, at most 2³⁰) that retains `keep` records behind `reached` and
+    /// allows at most `look_ahead` records to be planned beyond it. Its first record has the number `start`.
+    ///
+    /// # Errors
+    /// Returns an error if the sizes do not fit.
     pub fn new(cells: S, keep: u32, look_ahead: u32, start: u32) -> Result<Self, RingError> {
-        Self::holding(cells, keep, look_ahead, RecordSpan { head: start, reached: start, write: start })
+        Self::with_records(cells, keep, look_ahead, RecordSpan { head: start, reached: start, write: start })
     }
 
-    /// A ring over cells that hold records already: record `place` in cell `place` modulo their number. The cursor stands at
-    /// `reached`.
-    pub fn holding(cells: S, keep: u32, look_ahead: u32, stretch: RecordSpan) -> Result<Self, RingError> {
+    /// Creates a ring over cells that already hold records: record `place` is in cell `place` modulo the number of
+    /// cells. The cursor is at `reached`.
+    ///
+    /// # Errors
+    /// Returns an error if the sizes do not fit or the span is not in order.
+    pub fn with_records(cells: S, keep: u32, look_ahead: u32, span: RecordSpan) -> Result<Self, RingError> {
         let n = cells.len();
         if !n.is_power_of_two() || n > 1 << 30 {
             return Err(RingError::NotAPowerOfTwo);
@@ -83,28 +102,28 @@ impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
         if look_ahead == 0 || keep as u64 + look_ahead as u64 > n as u64 {
             return Err(RingError::TooSmall);
         }
-        let RecordSpan { head, reached, write } = stretch;
+        let RecordSpan { head, reached, write } = span;
         if ConsumerIndices::at(head, reached, reached, write, keep).is_none()
             || write.wrapping_sub(reached) > look_ahead
         {
-            return Err(RingError::NoSuchStretch);
+            return Err(RingError::InvalidSpan);
         }
         let floor = CachePadded(AtomicU32::new(reached.wrapping_sub(keep)));
-        let kept = reached.wrapping_sub(head);
-        Ok(Self { cells, keep, look_ahead, kept, floor, write: CachePadded(AtomicU32::new(write)) })
+        let history = reached.wrapping_sub(head);
+        Ok(Self { cells, keep, look_ahead, history, floor, write: CachePadded(AtomicU32::new(write)) })
     }
 
-    /// The two ends; one pair at a time. A second pair begins without history.
+    /// Returns the two ends; one pair at a time. A second pair begins without history.
     pub fn split(&mut self) -> (Producer<'_, R>, Consumer<'_, R>) {
         let write = self.write.0.load(Ordering::Relaxed);
         let floor = self.floor.0.load(Ordering::Relaxed);
         let reached = floor.wrapping_add(self.keep);
-        let kept = core::mem::take(&mut self.kept);
+        let history = core::mem::take(&mut self.history);
         let shared = Shared { cells: &self.cells, floor: &self.floor.0, write: &self.write.0 };
-        let planned = ProducerIndices::at(write, floor, self.keep + self.look_ahead);
-        let played = ConsumerIndices::at(reached.wrapping_sub(kept), reached, reached, write, self.keep);
-        let Some(played) = played else { unreachable!("a ring's own positions are in order") };
-        (Producer { shared, planned }, Consumer { shared, played })
+        let producer = ProducerIndices::at(write, floor, self.keep + self.look_ahead);
+        let consumer = ConsumerIndices::at(reached.wrapping_sub(history), reached, reached, write, self.keep);
+        let Some(consumer) = consumer else { unreachable!("a ring's own positions are in order") };
+        (Producer { shared, indices: producer }, Consumer { shared, indices: consumer })
     }
 }
 
@@ -130,116 +149,122 @@ impl<R> Shared<'_, R> {
     }
 }
 
-/// The planner's end: appends records at `write`.
+/// Planner's end of the ring: appends records at `write`.
 #[derive(Debug)]
 pub struct Producer<'a, R> {
     shared: Shared<'a, R>,
-    planned: ProducerIndices,
+    indices: ProducerIndices,
 }
 
 impl<R: Copy> Producer<'_, R> {
-    /// Appends a record; gives it back where the look-ahead is full.
+    /// Appends a record.
+    ///
+    /// # Errors
+    /// Returns the record if the look-ahead is full.
     #[inline]
     pub fn push(&mut self, record: R) -> Result<(), R> {
         if !self.has_room() {
             return Err(record);
         }
-        let cell = self.shared.cell(self.planned.write());
-        // SAFETY: `write − floor < keep + look_ahead ≤ cells`, so this cell is none of `floor … write`, the only ones that
-        // the consumer may read before the store below; the Acquire above orders its last reads of it before this write.
+        let cell = self.shared.cell(self.indices.write());
+        // SAFETY: `write − floor < keep + look_ahead ≤ cells`, so this cell is none of `floor … write`, the only ones
+        // that the consumer may read before the store below; the Acquire above orders its last reads of it before this
+        // write.
         cell.with_mut(|p| unsafe { *p = record });
-        self.planned.advance();
-        self.shared.write.store(self.planned.write(), Ordering::Release);
+        self.indices.advance();
+        self.shared.write.store(self.indices.write(), Ordering::Release);
         Ok(())
     }
 
-    /// Would [`Producer::push`] take a record now?
+    /// Whether [`Producer::push`] would accept a record now.
     #[inline]
     pub fn has_room(&mut self) -> bool {
-        if self.planned.is_full() {
+        if self.indices.is_full() {
             self.refresh_floor();
         }
-        !self.planned.is_full()
+        !self.indices.is_full()
     }
 
-    /// How many records there is room for now.
+    /// Returns the number of records that can be pushed now.
     #[inline]
     pub fn slots(&mut self) -> u32 {
         self.refresh_floor();
-        self.planned.slots()
+        self.indices.slots()
     }
 
-    /// Looks up what the consumer has let go.
+    /// Reads the floor that the consumer has published.
     #[inline]
     fn refresh_floor(&mut self) {
-        self.planned.observe_floor(self.shared.floor.load(Ordering::Acquire));
+        self.indices.observe_floor(self.shared.floor.load(Ordering::Acquire));
     }
 
-    /// The place number that the next record will have.
+    /// Returns the number that the next record will have.
     #[must_use]
     pub fn write(&self) -> u32 {
-        self.planned.write()
+        self.indices.write()
     }
 }
 
-/// The motion path's end: reads anywhere in `head … write`, moves the cursor, and lets history go.
+/// Motion path's end of the ring: reads anywhere in `head … write`, moves the cursor, and releases history.
 #[derive(Debug)]
 pub struct Consumer<'a, R> {
     shared: Shared<'a, R>,
-    played: ConsumerIndices,
+    indices: ConsumerIndices,
 }
 
 impl<R: Copy> Consumer<'_, R> {
-    /// Oldest record kept.
+    /// Returns the number of the oldest record retained.
     #[must_use]
     pub fn head(&self) -> u32 {
-        self.played.head()
+        self.indices.head()
     }
 
-    /// The cursor: the record that would be read next going forward.
+    /// Returns the cursor: the number of the record that would be read next in forward direction.
     #[must_use]
     pub fn read(&self) -> u32 {
-        self.played.read()
+        self.indices.read()
     }
 
-    /// The furthest place ever executed; the source's W.
+    /// Returns the furthest place ever executed; W in the source.
     #[must_use]
     pub fn reached(&self) -> u32 {
-        self.played.reached()
+        self.indices.reached()
     }
 
-    /// The end of what is planned, looked up anew.
+    /// Reads and returns the end of what is planned.
     #[inline]
     pub fn write(&mut self) -> u32 {
-        self.played.observe_write(self.shared.write.load(Ordering::Acquire));
-        self.played.write()
+        self.indices.observe_write(self.shared.write.load(Ordering::Acquire));
+        self.indices.write()
     }
 
-    /// The record at `place`, if it lies in `head … write` as last seen by [`Consumer::write`] or [`Consumer::forward`].
+    /// Returns the record at `place` if it is in `head … write`, as last read by [`Consumer::write`] or
+    /// [`Consumer::advance`].
     #[inline]
     #[must_use]
     pub fn record(&self, place: u32) -> Option<R> {
-        self.played.holds(place).then(|| self.content(place))
+        self.indices.holds(place).then(|| self.read_cell(place))
     }
 
-    /// What the cell of `place` holds; `place` is held, or was until the last move of the cursor, which has not been published.
+    /// Returns the content of the cell of `place`, which is in the ring, or was until the last move of the cursor,
+    /// which has not been published yet.
     #[inline]
-    fn content(&self, place: u32) -> R {
-        // SAFETY: `floor ≤ place < write`: written before the Release store that `write` was loaded from (Acquire), and not
-        // written again before the shared floor has passed it, which only `publish` does, through `&mut self`.
+    fn read_cell(&self, place: u32) -> R {
+        // SAFETY: `floor ≤ place < write`: written before the Release store that `write` was loaded from (Acquire), and
+        // not written again before the shared floor has passed it, which only `publish` does, through `&mut self`.
         self.shared.cell(place).with(|p| unsafe { *p })
     }
 
-    /// Reads the record under the cursor and moves it forward (REV-5, REV-7); `None` at `write`.
+    /// Reads the record under the cursor and moves the cursor forward (REV-5, REV-7); `None` at `write`.
     #[inline]
     pub fn advance(&mut self) -> Option<R> {
-        if self.played.read() == self.played.write() {
+        if self.indices.read() == self.indices.write() {
             self.write();
         }
-        let floor = self.played.floor();
-        let place = self.played.advance_cursor()?;
-        // wrapped up before the store, which nothing is moved across: so it is copied once
-        let record = Some(self.content(place));
+        let floor = self.indices.floor();
+        let place = self.indices.advance_cursor()?;
+        // wrapped in `Some` before the store, which nothing is moved across, so that it is copied only once
+        let record = Some(self.read_cell(place));
         self.publish(floor);
         record
     }
@@ -247,22 +272,24 @@ impl<R: Copy> Consumer<'_, R> {
     /// Moves the cursor back and reads the record it passes (REV-6); `None` at `head`.
     #[inline]
     pub fn retreat(&mut self) -> Option<R> {
-        self.played.retreat().map(|place| self.content(place))
+        self.indices.retreat().map(|place| self.read_cell(place))
     }
 
-    /// Puts the cursor on `place`, as the card reports it; false, and nothing changed, where that is not in `head … write`.
+    /// Sets the cursor to `place`, as reported by the card.
+    ///
+    /// Returns false and changes nothing if `place` is not in `head … write`.
     #[inline]
     pub fn seek(&mut self, place: u32) -> bool {
-        let floor = self.played.floor();
-        let followed = self.played.seek(place);
+        let floor = self.indices.floor();
+        let followed = self.indices.seek(place);
         self.publish(floor);
         followed
     }
 
-    /// Lets the planner know, if the floor is no longer at `before`.
+    /// Publishes the floor to the planner if it has moved from `before`.
     #[inline]
     fn publish(&mut self, before: u32) {
-        let floor = self.played.floor();
+        let floor = self.indices.floor();
         if floor != before {
             self.shared.floor.store(floor, Ordering::Release);
         }
@@ -285,17 +312,19 @@ mod tests {
         assert_eq!(Ring::new(cells(0), 0, 1, 0).err(), Some(RingError::NotAPowerOfTwo));
         assert_eq!(Ring::new(cells(4), 4, 1, 0).err(), Some(RingError::TooSmall));
         assert_eq!(Ring::new(cells(4), 1, 0, 0).err(), Some(RingError::TooSmall));
-        let holding = |head, reached, write| Ring::holding(cells(4), 2, 2, RecordSpan { head, reached, write }).err();
+        let holding =
+            |head, reached, write| Ring::with_records(cells(4), 2, 2, RecordSpan { head, reached, write }).err();
         assert_eq!(holding(u32::MAX, 1, 3), None);
         for (head, reached, write) in [(1, 0, 2), (0, 3, 4), (0, 2, 5), (0, 2, 1)] {
-            assert_eq!(holding(head, reached, write), Some(RingError::NoSuchStretch));
+            assert_eq!(holding(head, reached, write), Some(RingError::InvalidSpan));
         }
     }
 
     #[test]
     fn a_second_pair_of_ends_goes_on_without_history() {
         let held: Box<[Cell<u32>]> = (0..4).map(Cell::new).collect();
-        let mut ring = Ring::holding(held, 2, 2, RecordSpan { head: u32::MAX, reached: 1, write: 2 }).expect("valid");
+        let mut ring =
+            Ring::with_records(held, 2, 2, RecordSpan { head: u32::MAX, reached: 1, write: 2 }).expect("valid");
         let (mut producer, mut consumer) = ring.split();
         producer.push(7).expect("room");
         assert_eq!((consumer.retreat(), consumer.retreat(), consumer.retreat()), (Some(0), Some(3), None));
@@ -331,7 +360,7 @@ mod tests {
                 match operation {
                     0 | 1 => {
                         let full = all.len() - reached == look_ahead as usize;
-                        // the producer may lag behind in what it knows, but here it always looks before it refuses
+                        // the producer may lag in what it has observed, but here it always refreshes before it refuses
                         prop_assert_eq!(producer.slots() as usize, look_ahead as usize - (all.len() - reached));
                         prop_assert_eq!(producer.push(all.len() as u32).is_err(), full);
                         if !full { all.push(all.len() as u32); }

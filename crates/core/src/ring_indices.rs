@@ -1,60 +1,62 @@
-//! The four positions of the record ring, and what every operation makes of them (REV-2 … REV-7).
+//! The four positions of the record ring and the operations on them (REV-2 … REV-7).
 //!
-//! Plain numbers, no cells and no threads: what the ring decides, it decides here. [`Planned`] is the planner's view, [`Played`] the
-//! motion path's; each holds the other's word as it was last seen, which is always on the safe side, as both words only grow.
+//! Plain numbers without cells or threads: all decisions of the ring are made here. [`ProducerIndices`] is the
+//! planner's view, [`ConsumerIndices`] the motion path's. Each holds the other's number as last observed, which is
+//! always on the safe side, as both numbers only grow.
 //!
-//! Invariant: `head ≤ read ≤ reached ≤ write` by wrapping difference, `reached − head ≤ keep`, and `floor = reached − keep`
-//! never lies beyond `head`. The planner's place to write is less than `room` beyond the floor that it has seen.
+//! Invariant: `head ≤ read ≤ reached ≤ write` by wrapping difference, `reached − head ≤ keep`, and `floor = reached −
+//! keep` is never beyond `head`. The planner's write position is less than `limit` beyond the floor that it has
+//! observed.
 
-/// The planner's view: where it writes, and how far that is free.
+/// Planner's view: the write position and the free space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProducerIndices {
     write: u32,
     floor: u32,
-    room: u32,
+    limit: u32,
 }
 
 impl ProducerIndices {
-    /// Writes at `write` while that is less than `room` beyond `floor`.
+    /// Creates a view that writes at `write` while that is less than `limit` beyond `floor`.
     #[must_use]
-    pub const fn at(write: u32, floor: u32, room: u32) -> Self {
-        Self { write, floor, room }
+    pub const fn at(write: u32, floor: u32, limit: u32) -> Self {
+        Self { write, floor, limit }
     }
 
-    /// The place number that the next record will have.
+    /// Returns the number that the next record will have.
     #[must_use]
     pub const fn write(&self) -> u32 {
         self.write
     }
 
-    /// Is there no room, as far as is known?
+    /// Whether no record can be written, as far as is known.
     #[inline]
     #[must_use]
     pub const fn is_full(&self) -> bool {
-        self.write.wrapping_sub(self.floor) >= self.room
+        self.write.wrapping_sub(self.floor) >= self.limit
     }
 
-    /// How many records there is room for, as far as is known.
+    /// Returns the number of records that can be written, as far as is known.
     #[inline]
     #[must_use]
     pub const fn slots(&self) -> u32 {
-        self.room.saturating_sub(self.write.wrapping_sub(self.floor))
+        self.limit.saturating_sub(self.write.wrapping_sub(self.floor))
     }
 
-    /// The floor is now known to be there.
+    /// Sets the floor as now observed.
     #[inline]
     pub const fn observe_floor(&mut self, floor: u32) {
         self.floor = floor;
     }
 
-    /// A record has been written at `write`.
+    /// Advances `write` after a record has been written there.
     #[inline]
     pub const fn advance(&mut self) {
         self.write = self.write.wrapping_add(1);
     }
 }
 
-/// The motion path's view: history, cursor, and how much is planned as far as it has seen.
+/// Motion path's view: history, cursor, and the end of the plan as last observed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ConsumerIndices {
     head: u32,
@@ -65,69 +67,75 @@ pub struct ConsumerIndices {
 }
 
 impl ConsumerIndices {
-    /// At these positions. `None` where they are not `head ≤ read ≤ reached ≤ write`, keep more than `keep` records behind
+    /// Creates a view with these positions.
+    ///
+    /// Returns `None` if they are not `head ≤ read ≤ reached ≤ write`, retain more than `keep` records behind
     /// `reached`, or span more than 2³⁰ records.
     #[must_use]
     pub const fn at(head: u32, read: u32, reached: u32, write: u32, keep: u32) -> Option<Self> {
-        let kept = reached.wrapping_sub(head);
+        let history = reached.wrapping_sub(head);
         let span = write.wrapping_sub(head);
-        let valid =
-            read.wrapping_sub(head) <= kept && kept <= keep && kept <= span && span <= 1 << 30 && keep <= 1 << 30;
+        let valid = read.wrapping_sub(head) <= history
+            && history <= keep
+            && history <= span
+            && span <= 1 << 30
+            && keep <= 1 << 30;
         if valid { Some(Self { head, read, reached, write, keep }) } else { None }
     }
 
-    /// Oldest record kept.
+    /// Returns the number of the oldest record retained.
     #[must_use]
     pub const fn head(&self) -> u32 {
         self.head
     }
 
-    /// The cursor: the record that would be read next going forward.
+    /// Returns the cursor: the number of the record that would be read next in forward direction.
     #[must_use]
     pub const fn read(&self) -> u32 {
         self.read
     }
 
-    /// The furthest place ever executed; the source's W.
+    /// Returns the furthest place ever executed; W in the source.
     #[must_use]
     pub const fn reached(&self) -> u32 {
         self.reached
     }
 
-    /// Does the cursor stand at `reached`? There forward run ends, whatever has been planned since (REV-7, REV-9).
+    /// Whether the cursor is at `reached`. Forward run ends there, whatever has been planned since (REV-7, REV-9).
     #[inline]
     #[must_use]
     pub const fn at_reached(&self) -> bool {
         self.read == self.reached
     }
 
-    /// The end of what is planned, as last seen.
+    /// Returns the end of what is planned, as last observed.
     #[must_use]
     pub const fn write(&self) -> u32 {
         self.write
     }
 
-    /// What the planner may write up to `room` beyond: `reached − keep`.
+    /// Returns `reached − keep`: the planner may write up to `limit` beyond it.
     #[inline]
     #[must_use]
     pub const fn floor(&self) -> u32 {
         self.reached.wrapping_sub(self.keep)
     }
 
-    /// The end of what is planned is now known to be there.
+    /// Sets the end of what is planned as now observed.
     #[inline]
     pub const fn observe_write(&mut self, write: u32) {
         self.write = write;
     }
 
-    /// Is the record `place` kept or planned, as far as is known?
+    /// Whether record `place` is retained or planned, as far as is known.
     #[inline]
     #[must_use]
     pub const fn holds(&self, place: u32) -> bool {
         place.wrapping_sub(self.head) < self.write.wrapping_sub(self.head)
     }
 
-    /// Moves the cursor over the record under it, which is the place that comes back; `None` at `write`. (REV-5, REV-7)
+    /// Moves the cursor forward over the record under it and returns that record's number; `None` at `write`. (REV-5,
+    /// REV-7)
     #[inline]
     pub const fn advance_cursor(&mut self) -> Option<u32> {
         if self.read == self.write {
@@ -135,14 +143,14 @@ impl ConsumerIndices {
         }
         let place = self.read;
         self.read = place.wrapping_add(1);
-        // one record at a time: only from `reached` does the cursor get beyond it
+        // one record at a time: the cursor passes `reached` only from `reached`
         if place == self.reached {
-            self.reach(self.read);
+            self.extend_reached(self.read);
         }
         Some(place)
     }
 
-    /// Moves the cursor back over a record, which is the place that comes back; `None` at `head`. (REV-6)
+    /// Moves the cursor back over a record and returns that record's number; `None` at `head`. (REV-6)
     #[inline]
     pub const fn retreat(&mut self) -> Option<u32> {
         if self.read == self.head {
@@ -152,29 +160,31 @@ impl ConsumerIndices {
         Some(self.read)
     }
 
-    /// Puts the cursor on `place`, as the card reports it; false, and nothing changed, where that is not in `head … write`.
+    /// Sets the cursor to `place`, as reported by the card.
+    ///
+    /// Returns false and changes nothing if `place` is not in `head … write`.
     #[inline]
     pub const fn seek(&mut self, place: u32) -> bool {
         let within = place.wrapping_sub(self.head) <= self.write.wrapping_sub(self.head);
         if within {
-            self.settle(place);
+            self.move_cursor(place);
         }
         within
     }
 
-    /// The cursor stands at `read`, within `head … write`: `reached` follows it forward.
+    /// Moves the cursor to `read`, within `head … write`; `reached` follows it forward.
     #[inline]
-    const fn settle(&mut self, read: u32) {
+    const fn move_cursor(&mut self, read: u32) {
         self.read = read;
         let passed = read.wrapping_sub(self.head);
         if passed > self.reached.wrapping_sub(self.head) {
-            self.reach(read);
+            self.extend_reached(read);
         }
     }
 
-    /// `reached` goes on to `place`, and `head` follows the floor.
+    /// Moves `reached` forward to `place`; `head` follows the floor.
     #[inline]
-    const fn reach(&mut self, place: u32) {
+    const fn extend_reached(&mut self, place: u32) {
         self.reached = place;
         let passed = place.wrapping_sub(self.head);
         if passed > self.keep {
@@ -200,12 +210,12 @@ mod tests {
 
     #[test]
     fn head_follows_reached_once_there_is_more_than_is_kept() {
-        let mut played = ConsumerIndices::at(9, 9, 9, 20, 3).expect("valid");
+        let mut indices = ConsumerIndices::at(9, 9, 9, 20, 3).expect("valid");
         for place in 9..14 {
-            assert_eq!(played.advance_cursor(), Some(place));
+            assert_eq!(indices.advance_cursor(), Some(place));
         }
-        assert_eq!((played.head(), played.reached(), played.floor()), (11, 14, 11));
-        assert!(played.seek(12) && played.seek(20) && !played.seek(21) && !played.seek(16));
-        assert_eq!((played.head(), played.read()), (17, 20));
+        assert_eq!((indices.head(), indices.reached(), indices.floor()), (11, 14, 11));
+        assert!(indices.seek(12) && indices.seek(20) && !indices.seek(21) && !indices.seek(16));
+        assert_eq!((indices.head(), indices.read()), (17, 20));
     }
 }

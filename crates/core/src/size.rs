@@ -1,12 +1,12 @@
-//! How large a ring must be (REV-4).
+//! Ring sizes (REV-4).
 //!
-//! Invariant: no overflow: a size that does not fit is an error value.
+//! Invariant: no overflow; a size that does not fit is `None`.
 
-/// Bytes that REV-4 asks for: `L = n · a · (history) / T`, the number of control periods rounded up.
+/// Returns the bytes that REV-4 requires: `L = n · a · (history) / T`, with the number of control periods rounded up.
 ///
-/// `bytes_per_axis` (n): bytes of one axis' pulse count and direction; `axes` (a); `history_ms`: length of the reverse run
-/// wanted, in milliseconds; `period_us`: control period *T* in microseconds. `None` where the period is zero or the size
-/// does not fit 64 bits.
+/// `bytes_per_axis` (n): bytes of one axis' pulse count and direction; `axes` (a); `history_ms`: required length of the
+/// reverse run, in milliseconds; `period_us`: control period *T*, in microseconds. `None` if the period is zero or the
+/// size does not fit 64 bits.
 ///
 /// ```
 /// // The source's example: n = 2, a = 3, h = 0.5, T = 2.5 ms
@@ -21,7 +21,10 @@ pub const fn history_bytes(bytes_per_axis: u32, axes: u32, history_ms: u64, peri
     }
 }
 
-/// Records in `history_ms` milliseconds of motion at a control period of `period_us` microseconds, rounded up.
+/// Returns the records in `history_ms` milliseconds of motion at a control period of `period_us` microseconds, rounded
+/// up.
+///
+/// Returns `None` if the period is zero or the product does not fit 64 bits.
 #[must_use]
 pub const fn history_records(history_ms: u64, period_us: u64) -> Option<u64> {
     if period_us == 0 {
@@ -33,8 +36,10 @@ pub const fn history_records(history_ms: u64, period_us: u64) -> Option<u64> {
     }
 }
 
-/// Cells of the ring that keeps `keep` records behind `reached` and plans `look_ahead` records beyond it: the next power of
-/// two. `None` above 2³⁰ cells, where place numbers could no longer be told apart with ease.
+/// Returns the number of cells of a ring that retains `keep` records behind `reached` and plans `look_ahead` records
+/// beyond it: the next power of two.
+///
+/// Returns `None` for zero, and above 2³⁰ cells, where differences of record numbers would approach the wrap.
 #[must_use]
 pub const fn ring_cells(keep: u32, look_ahead: u32) -> Option<u32> {
     let cells = keep as u64 + look_ahead as u64;

@@ -1,10 +1,10 @@
-//! The atomics and cells the ring is built on, in one place, so that a model checker can put its own in their stead.
+//! The atomics and cells that the ring is built on, in one place, so that a model checker can substitute its own.
 //!
-//! Invariant: a cell's content is reached by pointer inside the closures only.
+//! Invariant: the content of a cell is accessible by pointer only inside the closures.
 
 pub(crate) use core::sync::atomic::{AtomicU32, Ordering};
 
-/// A cell whose content two threads reach in turn.
+/// Cell whose content two threads access in turn.
 #[derive(Debug, Default)]
 pub(crate) struct UnsafeCell<T>(core::cell::UnsafeCell<T>);
 
@@ -25,7 +25,7 @@ impl<T> UnsafeCell<T> {
     }
 }
 
-/// A value in a cache line of its own, so that the other side's stores do not slow down ours.
+/// Value in a cache line of its own, so that stores of the other thread do not slow down this one.
 #[repr(align(128))]
 #[derive(Debug)]
 pub(crate) struct CachePadded<T>(pub(crate) T);

@@ -5,8 +5,8 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::place::before;
-use retrace_core::playback::part;
+use retrace_core::place::is_before;
+use retrace_core::playback::partial_increment;
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_hal_sim::{
     CardSimulator, CardSimulatorSettings, Chance, Clock, FaultRates, InProcess, PlantSettings, Random,
@@ -46,7 +46,7 @@ fn position(place: Place) -> [i64; 3] {
         }
     }
     for (sum, increment) in sums.iter_mut().zip(record(place.record).increments) {
-        *sum += i64::from(part(increment, place.fraction));
+        *sum += i64::from(partial_increment(increment, place.fraction));
     }
     sums
 }
@@ -55,7 +55,7 @@ fn position(place: Place) -> [i64; 3] {
 fn feed(card: &mut impl MotionCard<3>) {
     let next = card.status().executed + 1;
     let gate = ((next - 1) * EVERY).min(RECORDS);
-    if gate < RECORDS && !before(gate, card.status().reached) {
+    if gate < RECORDS && !is_before(gate, card.status().reached) {
         let mut instruction = Instruction { number: next, place: gate, periods: 3, count: 1, ..Instruction::default() };
         instruction.changes[0] = OutputChange { channel: channel::SPEED, value: next as i32 };
         if card.status().high == gate && card.arrived() == gate {

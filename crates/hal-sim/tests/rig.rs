@@ -258,7 +258,7 @@ fn a_silent_host_is_an_alarm() {
     assert_eq!((status.alarm, status.at_rest), (Some(Alarm::HostSilent), true));
     let at = status.place.record;
     assert!(at > 100 && at < 1000, "{at}");
-    let under = retrace_core::playback::part(record(at, 2000).increments[0], status.place.fraction);
+    let under = retrace_core::playback::partial_increment(record(at, 2000).increments[0], status.place.fraction);
     assert_eq!(status.counts[0], position(at, 2000)[0] + i64::from(under));
 }
 

@@ -3,7 +3,7 @@
 //! Invariant: the records of the last cells on either side of the window's ends are those that were sent, so that a report that is late is
 //! still understood.
 
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{Place, Record};
 
 use crate::{CommandRefusal, HostCommand};
@@ -69,7 +69,7 @@ impl<const A: usize, const N: usize> PredictedWindow<A, N> {
                     return Err(CommandRefusal::OutOfOrder);
                 }
                 if self.high.wrapping_sub(self.low) == self.window {
-                    if before(cursor.record, self.low.wrapping_add(self.window / 4 + 1)) {
+                    if is_before(cursor.record, self.low.wrapping_add(self.window / 4 + 1)) {
                         return Err(CommandRefusal::Full);
                     }
                     self.low = self.low.wrapping_add(1);
@@ -83,7 +83,7 @@ impl<const A: usize, const N: usize> PredictedWindow<A, N> {
                 }
                 if self.high.wrapping_sub(self.low) == self.window {
                     let needed = cursor.boundary_ahead().wrapping_add(margin + self.window / 4 + 1);
-                    if before(self.high, needed) {
+                    if is_before(self.high, needed) {
                         return Err(CommandRefusal::Full);
                     }
                     self.high = self.high.wrapping_sub(1);
@@ -92,19 +92,19 @@ impl<const A: usize, const N: usize> PredictedWindow<A, N> {
                 self.low = place;
             }
             HostCommand::Trim { high } => {
-                if before(self.high, high) || before(high, self.low) {
+                if is_before(self.high, high) || is_before(high, self.low) {
                     return Err(CommandRefusal::OutOfOrder);
                 }
-                if before(high, cursor.boundary_ahead().wrapping_add(margin)) {
+                if is_before(high, cursor.boundary_ahead().wrapping_add(margin)) {
                     return Err(CommandRefusal::InMotion);
                 }
                 self.high = high;
             }
             HostCommand::Forget { low } => {
-                if before(low, self.low) || before(self.high, low) {
+                if is_before(low, self.low) || is_before(self.high, low) {
                     return Err(CommandRefusal::OutOfOrder);
                 }
-                if before(cursor.record, low.wrapping_add(margin)) {
+                if is_before(cursor.record, low.wrapping_add(margin)) {
                     return Err(CommandRefusal::InMotion);
                 }
                 self.low = low;

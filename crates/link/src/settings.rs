@@ -5,7 +5,7 @@
 
 use retrace_core::Place;
 use retrace_core::limits::RateLimits;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 
 use crate::{CuttingSettings, OutputChange};
 
@@ -105,7 +105,7 @@ impl PathStart {
     /// Does it fit together: is `reached` not behind the place, and the path in motion inside of a record?
     #[must_use]
     pub const fn is_valid(&self) -> bool {
-        !before(self.reached, self.place.boundary_ahead()) && (self.place.fraction == 0 || !self.rests)
+        !is_before(self.reached, self.place.boundary_ahead()) && (self.place.fraction == 0 || !self.rests)
     }
 }
 

@@ -50,13 +50,14 @@ impl Works {
     fn period(&mut self) {
         let status = &mut self.status;
         let from = status.place;
-        let (ahead, behind) = (from.to(Place::start_of(status.high)), from.to(Place::start_of(status.low)));
+        let (ahead, behind) =
+            (from.distance_to(Place::start_of(status.high)), from.distance_to(Place::start_of(status.low)));
         let to = from.moved(self.target.clamp(behind, ahead));
         let records = &self.records;
         let increments =
             retrace_core::playback::emission(from, to, |n| records.get((n % WINDOW) as usize)).expect("in the window");
         status.period += 1;
-        (status.place, status.rate) = (to, from.to(to));
+        (status.place, status.rate) = (to, from.distance_to(to));
         status.at_rest = status.rate == 0;
         for (count, increment) in status.counts.iter_mut().zip(increments) {
             *count += increment;
@@ -215,9 +216,9 @@ impl Bench {
         loop {
             let status = self.host.status();
             let (low, high) = (status.low, status.high);
-            let sent = if forward && retrace_core::place::before(high, end) {
+            let sent = if forward && retrace_core::place::is_before(high, end) {
                 self.host.send(HostCommand::Ahead { place: high, record: record(high) })
-            } else if !forward && retrace_core::place::before(oldest, low) {
+            } else if !forward && retrace_core::place::is_before(oldest, low) {
                 let place = low.wrapping_sub(1);
                 self.host.send(HostCommand::Behind { place, record: record(place), rests: false })
             } else {
@@ -235,7 +236,7 @@ impl Bench {
             self.fill(oldest, end, target > 0);
             self.host.send(HostCommand::rate(target)).expect("a rate is always taken");
             self.step_period();
-            let left = self.host.status().place.to(Place::start_of(to));
+            let left = self.host.status().place.distance_to(Place::start_of(to));
             if left == 0 || left.signum() != target.signum() {
                 return;
             }

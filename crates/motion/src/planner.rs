@@ -155,7 +155,7 @@ impl<const A: usize> Planner<A> {
         let moves = self.road.moves() || !self.merger.is_empty();
         let counts = |at: &[f64; A]| counts_of(at, &self.pulses_per_mm);
         let elsewhere = counts(&end) != counts(&self.at);
-        if moves || elsewhere || !held.has(flags) && flags != Flags::REST {
+        if moves || elsewhere || !held.contains(flags) && flags != Flags::REST {
             self.pass_merged();
             self.road.stop(self.at, self.tag, flags);
             self.rest = (self.at, flags);

@@ -51,7 +51,7 @@ fn stops(run: &Run) -> Vec<([i64; 3], u32)> {
         for (count, increment) in counts.iter_mut().zip(record.increments) {
             *count += i64::from(increment);
         }
-        if record.flags.has(Flags::REST) {
+        if record.flags.contains(Flags::REST) {
             stops.push((counts, record.line));
         }
     }

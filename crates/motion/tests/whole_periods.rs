@@ -37,14 +37,14 @@ fn last_parts(moves: &[Move], max_blocks: Option<usize>) -> Vec<LastPart> {
         while let Some(record) = planner.next_record() {
             since += 1;
             let braking = before.acceleration_mm_s2 < 0.0 && before.velocity_mm_s > 0.0 && before.jerk_mm_s3 > 0.0;
-            if record.flags.has(Flags::REST) && braking {
+            if record.flags.contains(Flags::REST) && braking {
                 let by_jerk = -before.acceleration_mm_s2 / before.jerk_mm_s3;
                 let by_speed = -2.0 * before.velocity_mm_s / before.acceleration_mm_s2;
                 if (by_jerk - by_speed).abs() < 1e-6 * by_speed {
                     parts.push(LastPart { periods: by_speed / limits.period_s, since });
                 }
             }
-            if record.flags.has(Flags::REST) {
+            if record.flags.contains(Flags::REST) {
                 since = 0;
             }
             before = *planner.set_point();

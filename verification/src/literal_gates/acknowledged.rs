@@ -77,7 +77,7 @@ impl Acknowledged {
         if state.in_hand {
             gates.accept(u32::from(state.taken), self.marker(state));
             if state.card.instructions == state.taken {
-                gates.sent();
+                gates.mark_sent();
             }
         }
         gates

@@ -200,7 +200,7 @@ impl Observer {
     fn passes_first(&self, before: &CardStatus<1>, to: Place) -> bool {
         self.actions.iter().any(|&place| {
             let at = Place::start_of(place);
-            place >= before.reached && before.place.to(at) >= 0 && at.to(to) > 0
+            place >= before.reached && before.place.distance_to(at) >= 0 && at.distance_to(to) > 0
         })
     }
 }

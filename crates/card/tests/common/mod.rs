@@ -96,7 +96,7 @@ pub(crate) fn rests_before(place: u32, start: u32) -> bool {
 pub(crate) fn moved(start: u32, to: Place) -> [i64; 2] {
     let mut sum = [0i64; 2];
     let mut place = start;
-    let forward = Place::start_of(start).to(to) >= 0;
+    let forward = Place::start_of(start).distance_to(to) >= 0;
     while place != to.record {
         let n = if forward { place } else { place.wrapping_sub(1) };
         for (axis, sum) in sum.iter_mut().enumerate() {

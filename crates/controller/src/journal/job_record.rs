@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_link::PathStart;
 use serde_json::Value;
 
@@ -122,7 +122,7 @@ impl JobRecord {
             }
             JournalEntry::Override(new) => {
                 // What was planned beyond is of a plan that has been given up.
-                self.overrides.retain(|(_, old)| before(old.place, new.place));
+                self.overrides.retain(|(_, old)| is_before(old.place, new.place));
                 self.overrides.push((number, new));
             }
             JournalEntry::ToolLength(ToolLengthChange { block, pulses }) => {
@@ -212,7 +212,7 @@ impl JobRecord {
             Ok((number, JournalEntry::Mark(mark))) => {
                 // Of those behind the mark the first one has the first place.
                 let next = overrides.get(overrides.partition_point(|(line, _)| *line < number));
-                let is_undone = next.is_some_and(|(_, planned)| before(planned.place, mark.place));
+                let is_undone = next.is_some_and(|(_, planned)| is_before(planned.place, mark.place));
                 (!is_undone).then_some(Ok(mark))
             }
             Ok(_) => None,

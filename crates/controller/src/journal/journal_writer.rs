@@ -190,7 +190,7 @@ impl IndexWriter for JournalIndexWriter {
     fn note(&mut self, note: IndexEntry) {
         match note {
             IndexEntry::Mark(mark) => {
-                if self.known.is_none_or(|known| retrace_core::place::before(known, mark.place)) {
+                if self.known.is_none_or(|known| retrace_core::place::is_before(known, mark.place)) {
                     self.desk.note(JournalEntry::Mark(mark));
                 }
             }

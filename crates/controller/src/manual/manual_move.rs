@@ -5,7 +5,7 @@
 use std::thread;
 use std::time::Duration;
 
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{ONE, Place};
 use retrace_link::{HostCommand, MotionCard, PathStart};
 
@@ -158,7 +158,7 @@ impl ManualMove {
         self.is_planned(hand, card.status().place.record);
         let end = hand.ring.write();
         let mut place = card.status().high;
-        while before(place, end)
+        while is_before(place, end)
             && let Some(record) = hand.ring.record(place)
             && card.send(HostCommand::Ahead { place, record }).is_ok()
         {
@@ -169,7 +169,7 @@ impl ManualMove {
     /// Has enough come to the card to go on at full rate?
     fn may_move<const A: usize, C: MotionCard<A>>(&self, hand: &mut JogPlanner<'_, A>, card: &C) -> bool {
         let (wanted, end) = (self.begins.wrapping_add(self.enough), hand.ring.write());
-        let wanted = if before(end, wanted) { end } else { wanted };
-        !before(card.arrived(), wanted)
+        let wanted = if is_before(end, wanted) { end } else { wanted };
+        !is_before(card.arrived(), wanted)
     }
 }

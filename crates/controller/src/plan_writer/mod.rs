@@ -177,7 +177,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     #[must_use]
     pub fn held_against(self, marks: &[PlaceMark]) -> Self {
         let begins = self.here.place;
-        let behind = |mark: &&PlaceMark| retrace_core::place::before(begins, mark.place);
+        let behind = |mark: &&PlaceMark| retrace_core::place::is_before(begins, mark.place);
         Self { was: marks.iter().filter(behind).copied().collect(), ..self }
     }
 
@@ -430,7 +430,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             self.send_active(serial)?;
             self.send_actions(serial)?;
             if let Some(Planned::Waiting { serial: end }) = self.lengths.last_end
-                && retrace_core::place::before(end, serial)
+                && retrace_core::place::is_before(end, serial)
             {
                 self.lengths.last_end = Some(Planned::Until(self.ring.write()));
             }
@@ -442,7 +442,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     /// Where the move with that serial number comes from. Moves before it will not come out of the planner again.
     fn origin_of(&mut self, serial: u32) -> SerialOrigin {
         while self.origins.len() > 1
-            && self.origins.front().is_some_and(|o| retrace_core::place::before(o.serial, serial))
+            && self.origins.front().is_some_and(|o| retrace_core::place::is_before(o.serial, serial))
         {
             self.origins.pop_front();
         }
@@ -469,7 +469,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             self.mark();
         }
         while let Some(&was) = self.was.front()
-            && !retrace_core::place::before(self.here.place, was.place)
+            && !retrace_core::place::is_before(self.here.place, was.place)
         {
             self.was.pop_front();
             if was != self.here {
@@ -485,7 +485,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     fn send_active(&mut self, serial: u32) -> Result<(), Cancelled> {
         let mut last = None;
         while let Some((of, _)) = self.modes.front()
-            && !retrace_core::place::before(serial, *of)
+            && !retrace_core::place::is_before(serial, *of)
         {
             last = self.modes.pop_front();
         }
@@ -496,7 +496,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     /// Sends the actions that stand before the move with that serial number, or before one that left no record.
     fn send_actions(&mut self, serial: u32) -> Result<(), Cancelled> {
         while let Some(WaitingChange { serial: of, change, line, lasts }) = self.waiting.front().copied()
-            && !retrace_core::place::before(serial, of)
+            && !retrace_core::place::is_before(serial, of)
         {
             self.waiting.pop_front();
             let value = &mut self.outputs[usize::from(change.channel)];

@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 
 use super::{Cancelled, PlanWriter};
 use crate::limit_check::passed_limit;
@@ -125,8 +125,8 @@ impl<const A: usize> PlanWriter<'_, A> {
             _ if self.lengths.in_block => true,
             None => false,
             // Where everything is planned that there is, the place behind it is where the ring ends.
-            Some(Planned::Waiting { .. }) => !self.origins.is_empty() || before(proposal.place, self.ring.write()),
-            Some(Planned::Until(place)) => before(proposal.place, place),
+            Some(Planned::Waiting { .. }) => !self.origins.is_empty() || is_before(proposal.place, self.ring.write()),
+            Some(Planned::Until(place)) => is_before(proposal.place, place),
         };
         if is_planned {
             return Err(ToolLengthError::Planned);

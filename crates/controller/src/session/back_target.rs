@@ -6,7 +6,7 @@
 //! Invariant: the machine does not go back before the place is known; a length is run whole, to the first record boundary at or beyond it.
 
 use retrace_core::mode::{Mode, ModeCommand};
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{ONE, Place};
 use retrace_link::MotionCard;
 
@@ -81,7 +81,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if counts_from_here { self.begin_search(wanted, status.place) } else { Some(TargetSearch::AtRest) };
         let search = search.ok_or(CommandError::NoPierce)?;
         // The records' own caps, and 100 % while something cuts, are what limits it.
-        self.operation.order(ModeCommand::Reverse(8 * ONE))?;
+        self.operation.apply(ModeCommand::Reverse(8 * ONE))?;
         self.back = Some(BackTarget { wanted, search });
         Ok(())
     }
@@ -121,7 +121,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                     self.back = None;
                     self.tell(EventKind::CommandRejected(CommandError::NoPierce));
                     // It stands, and in this mode it would go on to the oldest record.
-                    let _ = self.operation.order(ModeCommand::Hold);
+                    let _ = self.operation.apply(ModeCommand::Hold);
                     return;
                 }
             }
@@ -139,12 +139,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let found = match wanted {
                 // Sums of lengths are exact to a few of the last digits.
                 BackTargetKind::By(mm) => left_mm <= 1e-9 * mm,
-                _ => !before(last, oldest) && self.supply.record(last).is_none_or(|record| record.line != line),
+                _ => !is_before(last, oldest) && self.supply.record(last).is_none_or(|record| record.line != line),
             };
             if found {
                 return TargetSearch::There(from);
             }
-            if !before(oldest, from) {
+            if !is_before(oldest, from) {
                 return TargetSearch::Beyond;
             }
             left_mm -= self.length(last).unwrap_or(0.0);

@@ -32,7 +32,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         // the script's wheel, the screen's, and one that is wired to the card
         let counts = self.operators.wheel_counts(period).saturating_add(self.card.status().wheel);
-        self.wheel.turn(counts);
+        self.wheel.push_difference(counts);
     }
 
     fn order(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
@@ -59,11 +59,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::OptionalStop(on) => self.optional_stop = on,
             OperatorCommand::Recover => return self.recover(),
             OperatorCommand::Single => self.switch_single(),
-            OperatorCommand::Hold => self.operation.order(ModeCommand::Hold)?,
-            OperatorCommand::Confirm => self.operation.order(ModeCommand::Agree)?,
+            OperatorCommand::Hold => self.operation.apply(ModeCommand::Hold)?,
+            OperatorCommand::Confirm => self.operation.apply(ModeCommand::Confirm)?,
             OperatorCommand::Stop => {
                 self.stopping = true;
-                self.operation.order(ModeCommand::Hold)?;
+                self.operation.apply(ModeCommand::Hold)?;
             }
             OperatorCommand::Wheel { .. } if self.operation.mode() == Mode::Wheel => {}
             OperatorCommand::Wheel { .. } => {
@@ -83,7 +83,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let boundary = self.cutter_boundary();
         let status = self.card.status();
         let stands_there = status.at_rest && boundary.is_some_and(|boundary| status.place == Place::start_of(boundary));
-        self.operation.order(order)?;
+        self.operation.apply(order)?;
         if stands_there {
             self.passed_boundary = boundary;
         }
@@ -135,7 +135,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let is_executed = self.operation.mode() == Mode::Run && !self.dnc.is_on();
         if is_executed {
             // never refused
-            let _ = self.operation.order(ModeCommand::Hold);
+            let _ = self.operation.apply(ModeCommand::Hold);
         }
         is_executed
     }
@@ -173,7 +173,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// *Recover*: the outputs are restored, the cutter last, and the program goes on.
     fn recover(&mut self) -> Result<(), CommandError> {
-        self.operation.order(ModeCommand::Recover)?;
+        self.operation.apply(ModeCommand::Recover)?;
         self.go_on_from_stop();
         Ok(())
     }
@@ -190,10 +190,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// *Cycle start*: at a program stop, at the end of a block, after a hold.
     fn cycle_start(&mut self) -> Result<(), CommandError> {
         let stands = self.program_stop || self.single_stop;
-        if self.operation.held() || !stands {
-            self.operation.order(ModeCommand::Resume)?;
+        if self.operation.is_held() || !stands {
+            self.operation.apply(ModeCommand::Resume)?;
         } else {
-            self.operation.order(ModeCommand::Restart { agreed: false })?;
+            self.operation.apply(ModeCommand::Restart { confirmed: false })?;
         }
         self.go_on_from_stop();
         Ok(())
@@ -204,9 +204,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let reached = self.dnc.reached().unwrap_or(self.card.status().reached);
         self.overrides.request(rate, reached).map_err(|_| CommandError::TooManyOverrides)?;
         self.override_rate();
-        if stood && rate > 0 && !self.operation.held() {
+        if stood && rate > 0 && !self.operation.is_held() {
             // a hold has its own way on
-            let _ = self.operation.order(ModeCommand::Restart { agreed: false });
+            let _ = self.operation.apply(ModeCommand::Restart { confirmed: false });
         }
         if rate > most { Err(CommandError::AboveMaxOverride(most)) } else { Ok(()) }
     }
@@ -214,9 +214,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Rapid override, 0 … 100 %. Where rapid motion stood by it, the outputs are compared before it goes on.
     fn set_rapid_override(&mut self, rate: Travel) -> Result<(), CommandError> {
         let stood = self.operation.rapid_override() == 0 && self.card.status().at_rest;
-        self.operation.order(ModeCommand::RapidOverride(rate))?;
-        if stood && rate > 0 && !self.operation.held() && self.operation.mode() == Mode::Run {
-            let _ = self.operation.order(ModeCommand::Restart { agreed: false });
+        self.operation.apply(ModeCommand::RapidOverride(rate))?;
+        if stood && rate > 0 && !self.operation.is_held() && self.operation.mode() == Mode::Run {
+            let _ = self.operation.apply(ModeCommand::Restart { confirmed: false });
         }
         if rate > ONE { Err(CommandError::AboveMaxOverride(ONE)) } else { Ok(()) }
     }
@@ -224,7 +224,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Sets the part of the override that the rate does.
     pub(super) fn override_rate(&mut self) {
         // Never refused.
-        let _ = self.operation.order(ModeCommand::Override(self.overrides.rate()));
+        let _ = self.operation.apply(ModeCommand::Override(self.overrides.rate()));
     }
 
     fn switch_single(&mut self) {

@@ -111,12 +111,12 @@ impl<'r, const A: usize> DncPause<'r, A> {
 
     /// Is the program paused, or about to be?
     pub(super) fn is_on(&self) -> bool {
-        self.pausing || self.order.paused()
+        self.pausing || self.order.is_paused()
     }
 
     /// Is the program paused?
     pub(super) fn is_paused(&self) -> bool {
-        self.order.paused()
+        self.order.is_paused()
     }
 
     /// Is the machine to come to rest for it?
@@ -136,12 +136,12 @@ impl<'r, const A: usize> DncPause<'r, A> {
 
     /// May a tool length be entered? The breakpoint is moved then.
     pub(super) fn displace(&mut self, pulses: [i64; A]) -> Result<(), retrace_core::interruption::InterruptionError> {
-        self.order.displace(pulses)
+        self.order.displace_breakpoint(pulses)
     }
 
     /// The breakpoint's counts, and the place on the path where the program was left, while it is paused.
     pub(super) fn breakpoint(&self, here: Place) -> Option<([i64; A], Place)> {
-        let latch = self.order.latch()?;
+        let latch = self.order.breakpoint()?;
         Some((latch.counts, self.left.map_or(here, |left| left.place)))
     }
 
@@ -150,7 +150,7 @@ impl<'r, const A: usize> DncPause<'r, A> {
     }
 
     pub(super) fn standing(&self) -> Option<HoldReason> {
-        self.order.paused().then_some(HoldReason::Paused)
+        self.order.is_paused().then_some(HoldReason::Paused)
     }
 
     /// A place that the program's path had reached when it was left.
@@ -206,7 +206,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if deed == OperatorCommand::Pause {
             return self.pause();
         }
-        if self.words_wait() && !self.dnc.order.inhibited() {
+        if self.words_wait() && !self.dnc.order.is_inhibited() {
             if self.dnc.waiting.len() == WORDS {
                 return Err(CommandError::NotNow("too many words wait for the machine to stand"));
             }
@@ -220,7 +220,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.dnc.pausing {
             return Err(retrace_core::interruption::InterruptionError::AlreadyPaused.into());
         }
-        let Some(&latch) = self.dnc.order.latch() else {
+        let Some(&latch) = self.dnc.order.breakpoint() else {
             (self.dnc.pausing, self.dnc.stood) = (true, 0);
             return Ok(());
         };
@@ -235,7 +235,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// The operator wants the axes to stand, whatever moves them.
     fn halt_by_hand(&mut self) {
-        if self.dnc.order.inhibited() {
+        if self.dnc.order.is_inhibited() {
             // The way back ends as by *pause*; that is never refused on it.
             let _ = self.pause();
         } else if let Some((trip, _)) = &mut self.dnc.trip {
@@ -245,7 +245,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// Carries a step out.
     fn step(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
-        let latched = self.dnc.order.latch().copied();
+        let latched = self.dnc.order.breakpoint().copied();
         let turned = latched.and_then(|latch| latch.spindle);
         let said = match deed {
             OperatorCommand::SpindleStop => Said::StopSpindle,
@@ -284,7 +284,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 hand.ask(JogRequest::Identify);
                 self.dnc.identifying = true;
             }
-            InterruptionAction::Halt | InterruptionAction::Jog | InterruptionAction::GoOn => {}
+            InterruptionAction::Halt | InterruptionAction::Jog | InterruptionAction::ResumeReading => {}
         }
         Ok(())
     }
@@ -462,7 +462,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.tell_at(line, EventKind::Dnc(DncEvent { step: DncStep::Arrived, flags }));
         // Whoever pressed cycle start wants it to go on; of outputs that differ, a cutter that was armed was agreed to.
         let agreed = std::mem::take(&mut self.dnc.armed) && self.only_cutters_differ();
-        let _ = self.operation.order(retrace_core::mode::ModeCommand::Restart { agreed });
+        let _ = self.operation.apply(retrace_core::mode::ModeCommand::Restart { confirmed: agreed });
         Ok(())
     }
 
@@ -477,7 +477,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn here(&self) -> PathStart {
         let CardStatus { place, reached, executed, .. } = *self.card.status();
         let before = self.supply.record(place.record.wrapping_sub(1));
-        let rests = place.fraction == 0 && before.is_some_and(|record| record.flags.has(RecordFlags::REST));
+        let rests = place.fraction == 0 && before.is_some_and(|record| record.flags.contains(RecordFlags::REST));
         PathStart { place, rests, reached, executed }
     }
 
@@ -544,7 +544,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let PausedAxis { letter, pulses_per_mm, .. } = self.dnc.axes[index];
         let counts = self.card.status().counts;
         let mut off = counts;
-        if let Some(latch) = self.dnc.order.latch() {
+        if let Some(latch) = self.dnc.order.breakpoint() {
             off.iter_mut().zip(&latch.counts).for_each(|(off, &latched)| *off -= latched);
         }
         let step = DncStep::Jogged {

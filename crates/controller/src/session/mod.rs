@@ -261,7 +261,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 return Ok((outcome, self.tally, self.card));
             }
         }
-        self.operation = ModeController::returning();
+        self.operation = ModeController::rejoining();
         self.tally = RunStats::new(at.start.reached);
         // Before anything moves in the work its tool has to turn; what cuts by itself is lit at the furthest place only.
         let cutting = std::mem::take(&mut self.cutting);
@@ -331,7 +331,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.supply.planner_gone() || self.teller.deaf() {
             // A defect over there, which is passed on when the machine stands.
             self.stopping = true;
-            let _ = self.operation.order(ModeCommand::Hold);
+            let _ = self.operation.apply(ModeCommand::Hold);
         }
     }
 
@@ -357,7 +357,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.search_back();
         let (facts, mode) = (self.facts(), self.operation.mode());
-        let mut demand = self.operation.demand(&facts);
+        let mut demand = self.operation.advance_period(&facts);
         // An instruction in hand is completed before a pause.
         let pauses = self.dnc.is_pausing() && self.executing.is_none();
         let stops = self.program_stop && !self.go_on || self.single_stop;
@@ -366,7 +366,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             demand.target = RateTarget::ZERO;
         }
         match demand.notice {
-            Some(OperatorNotice::Oldest) => {
+            Some(OperatorNotice::HistoryStart) => {
                 let there = self.back.as_ref().is_some_and(|back| back.is_there(facts.oldest));
                 self.tell(match self.supply.barrier() {
                     _ if there => EventKind::BackTargetReached,
@@ -376,7 +376,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 });
             }
             Some(OperatorNotice::OutputsDiffer) => self.tell_differing(),
-            Some(OperatorNotice::GoesOn) => self.tell(EventKind::RunResumed),
+            Some(OperatorNotice::RunResumed) => self.tell(EventKind::RunResumed),
             None => {}
         }
         self.watch_wheel(&facts);
@@ -389,7 +389,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         } else if demand.target != RateTarget::ZERO && !self.restart.is_active() && self.card.status().blocked {
             // The cutter went out where the machine stood; retracing goes on without it, normal run with outputs that agree.
             if self.operation.mode() == Mode::Run && !facts.outputs_agree {
-                let _ = self.operation.order(ModeCommand::Restart { agreed: false });
+                let _ = self.operation.apply(ModeCommand::Restart { confirmed: false });
                 demand.target = RateTarget::ZERO;
             } else {
                 self.release_block();
@@ -426,7 +426,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.cutter_went_off(off);
         }
         let mode = self.operation.mode();
-        let held = self.operation.held() || self.program_stop || self.single_stop || self.waits_for_release();
+        let held = self.operation.is_held() || self.program_stop || self.single_stop || self.waits_for_release();
         let executing = executing.or(self.restart.is_active().then_some(ExclusiveKind::Switch));
         if self.dnc.is_paused() {
             self.tally.pause();
@@ -505,7 +505,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn nobody_goes_on(&self) -> bool {
         let waits = self.operation.mode() != Mode::Run
             || self.dnc.is_paused()
-            || self.operation.held()
+            || self.operation.is_held()
             || self.operation.override_rate() == 0
             || self.operation.rapid_override() == 0
             || self.program_stop

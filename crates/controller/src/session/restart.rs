@@ -151,7 +151,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         if off.cause == CutterOffCause::Standing && self.operation.mode() == Mode::Run {
             // never refused
-            let _ = self.operation.order(retrace_core::mode::ModeCommand::Hold);
+            let _ = self.operation.apply(retrace_core::mode::ModeCommand::Hold);
             self.cutter_is_out = true;
         }
     }

@@ -14,7 +14,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// The instruction whose place the motion has come to, if there is one and it may be executed now (GMC-5). False where there is
     /// nothing to do, and where the rate is to be zero: the card would keep it until there is one.
     pub(super) fn switch_what_is_due(&mut self, demand: ModeOutput) -> Result<bool, CardError> {
-        let stands = self.operation.held() || self.restart.is_active();
+        let stands = self.operation.is_held() || self.restart.is_active();
         if self.operation.mode() != Mode::Run || stands || demand.target.faster() <= 0 {
             return Ok(false);
         }
@@ -66,9 +66,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let are = self.outputs_compared_with(want);
             let differs = |change: &OutputChange| are[usize::from(change.channel)] != want[usize::from(change.channel)];
             let switched_by_hand = done.changes[..usize::from(done.count)].iter().any(differs);
-            if switched_by_hand && self.operation.mode() == Mode::Run && !self.operation.held() {
+            if switched_by_hand && self.operation.mode() == Mode::Run && !self.operation.is_held() {
                 // While it was carried out somebody has switched it back: motion does not begin without a question.
-                let _ = self.operation.order(ModeCommand::Restart { agreed: false });
+                let _ = self.operation.apply(ModeCommand::Restart { confirmed: false });
             }
         }
     }

@@ -42,7 +42,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             interrupted
         } else if self.waits_for_release() {
             HoldReason::Ended
-        } else if self.operation.held() {
+        } else if self.operation.is_held() {
             HoldReason::Hold
         } else if self.program_stop {
             HoldReason::ProgramStop

@@ -7,8 +7,8 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_core::Place;
-use retrace_core::place::before;
-use retrace_core::playback::part;
+use retrace_core::place::is_before;
+use retrace_core::playback::partial_increment;
 use retrace_link::MotionCard;
 
 use super::Session;
@@ -160,7 +160,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let mut count = count.saturating_sub(self.gone_into(axis.index, place));
         let mut barred = place.record;
         while is_within(count)
-            && before(self.supply.oldest(), barred)
+            && is_before(self.supply.oldest(), barred)
             && let Some(record) = self.supply.record(barred.wrapping_sub(1))
         {
             count -= i64::from(record.increments[axis.index]);
@@ -179,7 +179,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// How far an axis has gone in the record of a place.
     fn gone_into(&self, axis: usize, place: Place) -> i64 {
         let record = self.supply.record(place.record);
-        record.map_or(0, |record| i64::from(part(record.increments[axis], place.fraction)))
+        record.map_or(0, |record| i64::from(partial_increment(record.increments[axis], place.fraction)))
     }
 
     /// The counts of an axis behind each record from `place` up to `end`, where it has `counts` at `place`.
@@ -187,7 +187,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let mut count = counts[axis] - self.gone_into(axis, place);
         let mut at = place.record;
         std::iter::from_fn(move || {
-            let record = before(at, end).then(|| self.supply.record(at))??;
+            let record = is_before(at, end).then(|| self.supply.record(at))??;
             at = at.wrapping_add(1);
             count += i64::from(record.increments[axis]);
             Some(count)

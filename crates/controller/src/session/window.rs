@@ -3,7 +3,7 @@
 //! Invariant: a road that the mode has end somewhere ends there before anything moves; what was asked for and taken is not asked for again.
 
 use retrace_core::mode::{Mode, ModeOutput};
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::{ONE, Place, RateTarget, Travel};
 use retrace_link::{CardStatus, HostCommand, MotionCard};
 
@@ -17,7 +17,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn oldest(&self) -> u32 {
         let oldest = self.supply.oldest();
         let there = self.back.as_ref().and_then(BackTarget::place);
-        let later = |oldest, other: Option<u32>| other.filter(|&place| before(oldest, place)).unwrap_or(oldest);
+        let later = |oldest, other: Option<u32>| other.filter(|&place| is_before(oldest, place)).unwrap_or(oldest);
         later(later(oldest, there), self.cutter_boundary())
     }
 
@@ -40,11 +40,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if road == SendHorizon::Reached {
             let CardStatus { reached, low, high, .. } = *self.card.status();
             let oldest = self.oldest();
-            self.road_cut = !before(reached, high);
-            if before(reached, high) {
+            self.road_cut = !is_before(reached, high);
+            if is_before(reached, high) {
                 self.road_cut = self.card.send(HostCommand::Trim { high: reached }).is_ok();
             }
-            if before(low, oldest) && before(oldest, high) {
+            if is_before(low, oldest) && is_before(oldest, high) {
                 self.road_cut &= self.card.send(HostCommand::Forget { low: oldest }).is_ok();
             }
         } else {
@@ -85,13 +85,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return false;
         }
         let wanted = status.place.record.wrapping_add(self.enough);
-        let wanted = if before(status.high, wanted) { status.high } else { wanted };
-        before(self.card.arrived(), wanted) || self.manner.wall_time && !self.supply.has_lookahead(status, self.enough)
+        let wanted = if is_before(status.high, wanted) { status.high } else { wanted };
+        is_before(self.card.arrived(), wanted)
+            || self.manner.wall_time && !self.supply.has_lookahead(status, self.enough)
     }
 
     /// Underruns, and the end of a single block.
     pub(super) fn watch_supply(&mut self, status: &CardStatus<A>, mode: Mode) {
-        if self.single && self.supply.block_end().is_some_and(|end| before(end, self.card.status().high)) {
+        if self.single && self.supply.block_end().is_some_and(|end| is_before(end, self.card.status().high)) {
             // The card could not stop there any more: at the next end of a block, then.
             self.next_block();
         }

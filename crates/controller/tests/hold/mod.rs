@@ -144,7 +144,7 @@ impl Played {
                 HostCommand::Ahead { place: high as u32, record: self.records[high] }
             } else if self.asked < 0 && low > 0 {
                 let n = low as usize - 1;
-                let rests = n == 0 || self.records[n - 1].flags.has(Flags::REST);
+                let rests = n == 0 || self.records[n - 1].flags.contains(Flags::REST);
                 HostCommand::Behind { place: n as u32, record: self.records[n], rests }
             } else {
                 return;

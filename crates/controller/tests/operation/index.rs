@@ -9,7 +9,7 @@ use std::time::Duration;
 use retrace_controller::job::{self, JobStart};
 use retrace_controller::place_index::{DurablePlace, IndexEntry, IndexWriter, JournalConfig, PlaceMark};
 use retrace_core::ONE;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
 
 use crate::jobs::{AXES, Decoder, Log, boundary, card, complete, conduct, machine};
@@ -37,7 +37,7 @@ impl<C: MotionCard<AXES>> MotionCard<AXES> for Strict<C> {
     }
     fn send(&mut self, word: HostCommand<AXES>) -> Result<(), CommandRefusal> {
         if let HostCommand::Ahead { place, .. } = word {
-            assert!(before(place, self.1.place()), "record {place}, durable up to {}", self.1.place());
+            assert!(is_before(place, self.1.place()), "record {place}, durable up to {}", self.1.place());
         }
         self.0.send(word)
     }
@@ -114,6 +114,6 @@ fn an_override_is_noted_where_it_counts() {
     assert_eq!(planned, (ONE * 7 + 2) / 5);
     let told = log.event(|h| matches!(h, retrace_controller::event::EventKind::OverridePlanned(_)));
     assert_eq!(told.place.record, place);
-    let marked_before = |note: &IndexEntry| matches!(note, IndexEntry::Mark(mark) if !before(place, mark.place));
+    let marked_before = |note: &IndexEntry| matches!(note, IndexEntry::Mark(mark) if !is_before(place, mark.place));
     assert!(notes[..noted].iter().all(marked_before), "before any mark beyond it");
 }

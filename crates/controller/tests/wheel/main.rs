@@ -226,7 +226,7 @@ impl Case {
 
     fn is_between_the_ends(&self, period: &PeriodRecord<AXES>) {
         let (reached, oldest) = (Place::start_of(period.reached), Place::start_of(period.oldest));
-        assert!(oldest.to(period.place) >= 0 && period.place.to(reached) >= 0, "{period:?}");
+        assert!(oldest.distance_to(period.place) >= 0 && period.place.distance_to(reached) >= 0, "{period:?}");
         // as far back as the machine file promises, and no further than a record beyond
         let depth = period.reached - period.oldest;
         let promised = self.machine.history_records.min(period.reached);

@@ -16,7 +16,7 @@ use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Outcome, RunMode};
 use retrace_controller::telemetry::{Observer, Telemetry};
-use retrace_core::playback::part;
+use retrace_core::playback::partial_increment;
 use retrace_core::{Place, Travel};
 use retrace_gcode::{AxisSet, CanonStep, Program, Progress, Setup};
 use retrace_hal_sim::{
@@ -99,7 +99,7 @@ impl Path {
         let mut counts = self.counts[at];
         if place.fraction != 0 {
             for (count, &next) in counts.iter_mut().zip(&self.counts[at + 1]) {
-                *count += i64::from(part((next - *count) as i16, place.fraction));
+                *count += i64::from(partial_increment((next - *count) as i16, place.fraction));
             }
         }
         counts
@@ -343,7 +343,7 @@ pub fn in_order(markers: &[u32], log: &[Period]) -> Result<(), String> {
             executed = period.executed;
         }
         if let Some(next) = at(executed + 1)
-            && next.to(period.place) > 0
+            && next.distance_to(period.place) > 0
         {
             return Err(format!("beyond instruction {}, which is not complete: {period:?}", executed + 1));
         }

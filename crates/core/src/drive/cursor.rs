@@ -1,86 +1,97 @@
-//! The cursor on the road: it never leaves it, whatever rates are wished for (REV, *Braking to a place*).
+//! The cursor in the window of records: it never leaves the window, whatever rates are requested (REV, *Braking to a
+//! place*).
 //!
-//! The end of the road is the only stop place: what is not held cannot be run. Hold, the oldest record, `reached`, an
-//! exclusive marker and a starved buffer are all the same thing, an end at which the cursor comes to rest exactly. A
-//! *planned stop* needs no braking, as the path itself is at rest there: the cursor runs into it at full rate and starts from it
-//! at full rate, and it costs no period.
+//! The end of the window is the only stop place: records that are not held cannot be played. Hold, the oldest record,
+//! `reached`, an exclusive marker and a starved buffer are all the same: an end at which the cursor comes to rest
+//! exactly. A *planned stop* needs no braking, as the path itself is at rest there: the cursor arrives at full rate and
+//! starts from it at full rate, and it costs no period.
 //!
-//! Invariant: either the commanded place does not lie beyond the end of the road, or a planned stop lies between the cursor and
-//! that end, and the cursor will not pass the last one before the first half of this sentence holds. So the cursor
-//! never leaves the road.
+//! Invariant: either the commanded place is not beyond the end of the window, or a planned stop is between the cursor
+//! and that end, and the cursor will not pass the last one before the first half of this sentence holds. So the cursor
+//! never leaves the window.
 
 use super::RecordWindow;
-use super::directed_window::{DirectedWindow, along};
+use super::directed_window::{DirectedWindow, signed};
 use crate::rate::RateFilter;
 use crate::{Place, Travel};
 
-/// Where one control period brought the cursor.
+/// Result of one control period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CursorStep {
-    /// The place after the period.
+    /// Place after the period.
     pub to: Place,
-    /// The end of the road, which was no planned stop, kept the rate below its target.
-    pub short: bool,
+    /// Whether the end of the window, which was not a planned stop, limited the rate to below its target.
+    pub starved: bool,
 }
 
-/// The cursor and its commanded place: a rate law on a road.
+/// The cursor and its commanded place: a rate filter applied to a window of records.
 #[derive(Clone, Debug)]
 pub struct Cursor<const M: usize> {
-    law: RateFilter<M>,
+    filter: RateFilter<M>,
 }
 
 impl<const M: usize> Cursor<M> {
-    /// In motion as far as `law` is.
+    /// Creates a cursor with the motion that is in `filter`.
     #[must_use]
-    pub const fn with_law(law: RateFilter<M>) -> Self {
-        Self { law }
+    pub const fn with_filter(filter: RateFilter<M>) -> Self {
+        Self { filter }
     }
 
-    /// The rate law's state.
+    /// Returns the rate filter.
     #[must_use]
-    pub const fn law(&self) -> &RateFilter<M> {
-        &self.law
+    pub const fn filter(&self) -> &RateFilter<M> {
+        &self.filter
     }
 
-    /// One period at rest.
-    pub fn stand(&mut self, at: Place) -> CursorStep {
-        CursorStep { to: at.moved(self.law.step(0)), short: false }
+    /// Advances by one period with a target of zero.
+    pub fn dwell(&mut self, at: Place) -> CursorStep {
+        CursorStep { to: at.moved(self.filter.step(0)), starved: false }
     }
 
-    /// From a planned stop, at rest, the rate may jump: to `asked` where another one lies ahead, else to `braked`, from which the road is
-    /// long enough to brake again, and at most as far as it is long enough to stop at all. The rate comes back.
-    pub fn launch<const A: usize>(
+    /// Lets the rate jump from rest at a planned stop and returns the new rate.
+    ///
+    /// The rate is `requested` if another planned stop is ahead, else `braking_limited`, from which the window is long
+    /// enough to brake again. It is at most as high as the window is long enough to stop at all.
+    pub fn start_from_rest<const A: usize>(
         &mut self,
-        braked: Travel,
-        asked: Travel,
-        way: &DirectedWindow<'_, A, impl RecordWindow<A>>,
+        braking_limited: Travel,
+        requested: Travel,
+        ahead: &DirectedWindow<'_, A, impl RecordWindow<A>>,
     ) -> Travel {
-        let periods = Travel::from(self.law.smoothing().stopping_records()) + 1;
-        let rate = if braked < asked && way.last_rest().is_some() { asked } else { braked };
-        let rate = if rate * periods <= way.room() || way.last_rest().is_some() { rate } else { way.room() / periods };
-        self.law.set_steady(along(way.sign, rate));
+        let periods = Travel::from(self.filter.lengths().stopping_records()) + 1;
+        let rate = if braking_limited < requested && ahead.last_planned_stop().is_some() {
+            requested
+        } else {
+            braking_limited
+        };
+        let rate = if rate * periods <= ahead.distance_to_end() || ahead.last_planned_stop().is_some() {
+            rate
+        } else {
+            ahead.distance_to_end() / periods
+        };
+        self.filter.set_steady(signed(ahead.sign, rate));
         rate
     }
 
-    /// One period in which the commanded place goes on by `wished`, 0 … 8 records, or where nothing but the end of the road lies ahead by
-    /// `braked`, and no further than to the end.
+    /// Advances the commanded place by `requested`, 0 … 8 records, for one period. If only the end of the window is
+    /// ahead, it advances by at most `braking_limited` and not beyond the end.
     pub fn advance<const A: usize>(
         &mut self,
-        wished: Travel,
-        braked: Travel,
-        way: &DirectedWindow<'_, A, impl RecordWindow<A>>,
+        requested: Travel,
+        braking_limited: Travel,
+        ahead: &DirectedWindow<'_, A, impl RecordWindow<A>>,
     ) -> CursorStep {
-        let free = way.room() - self.law.lead().abs();
-        let within = wished.min(braked).min(free.max(0));
-        let last_rest = if within < wished || free < 0 { way.last_rest() } else { None };
-        let allowed = if last_rest.is_some() { wished } else { within };
-        let to = way.at.moved(self.law.step(along(way.sign, allowed)));
+        let free = ahead.distance_to_end() - self.filter.lead().abs();
+        let within = requested.min(braking_limited).min(free.max(0));
+        let last_rest = if within < requested || free < 0 { ahead.last_planned_stop() } else { None };
+        let allowed = if last_rest.is_some() { requested } else { within };
+        let to = ahead.at.moved(self.filter.step(signed(ahead.sign, allowed)));
         if let Some(rest) = last_rest
-            && along(way.sign, to.to(rest)) <= 0
+            && signed(ahead.sign, to.distance_to(rest)) <= 0
         {
-            self.law.set_steady(0);
-            return CursorStep { to: rest, short: false };
+            self.filter.set_steady(0);
+            return CursorStep { to: rest, starved: false };
         }
-        CursorStep { to, short: allowed < wished }
+        CursorStep { to, starved: allowed < requested }
     }
 }

@@ -1,51 +1,51 @@
-//! The road from the cursor to its end in one direction.
+//! The window of records from the cursor to its end in one direction.
 //!
-//! Invariant: nothing is asked of the road outside `low … high`.
+//! Invariant: no record outside `low … high` is read.
 
 use super::RecordWindow;
-use crate::place::before;
+use crate::place::is_before;
 use crate::{Place, RapidCap, Travel};
 
-/// A distance along the way that is run: forward as it is, backward with its sign turned.
-pub(super) const fn along(sign: Travel, distance: Travel) -> Travel {
+/// Returns `distance` with its sign inverted if `sign` is negative.
+pub(super) const fn signed(sign: Travel, distance: Travel) -> Travel {
     if sign < 0 { -distance } else { distance }
 }
 
-/// The road from the cursor to its end in one direction.
+/// The window of records from the cursor to its end in one direction.
 #[derive(Debug)]
 pub struct DirectedWindow<'r, const A: usize, R> {
-    /// The cursor.
+    /// Place of the cursor.
     pub at: Place,
-    /// 1 forward, −1 backward.
+    /// Direction: 1 forward, −1 backward.
     pub sign: Travel,
     /// The records held.
-    pub road: &'r R,
+    pub window: &'r R,
 }
 
 impl<const A: usize, R: RecordWindow<A>> DirectedWindow<'_, A, R> {
     fn end(&self) -> u32 {
-        if self.sign > 0 { self.road.high() } else { self.road.low() }
+        if self.sign > 0 { self.window.high() } else { self.window.low() }
     }
 
-    /// Does the cursor stand where the path is at rest?
-    pub(super) fn rests(&self) -> bool {
-        self.at.fraction == 0 && self.road.rests_at(self.at.record)
+    /// Whether the cursor is at a planned stop.
+    pub(super) fn at_planned_stop(&self) -> bool {
+        self.at.fraction == 0 && self.window.rests_at(self.at.record)
     }
 
-    /// Distance to the end of the road, ≥ 0.
-    pub(super) fn room(&self) -> Travel {
-        along(self.sign, self.at.to(Place::start_of(self.end())))
+    /// Returns the distance to the end of the window, ≥ 0.
+    pub(super) fn distance_to_end(&self) -> Travel {
+        signed(self.sign, self.at.distance_to(Place::start_of(self.end())))
     }
 
-    /// The planned stop nearest to the end of the road that lies strictly ahead of the cursor.
-    pub(super) fn last_rest(&self) -> Option<Place> {
+    /// Returns the planned stop strictly ahead of the cursor that is nearest to the end of the window.
+    pub(super) fn last_planned_stop(&self) -> Option<Place> {
         let mut place = self.end();
         loop {
             let here = Place::start_of(place);
-            if along(self.sign, self.at.to(here)) <= 0 {
+            if signed(self.sign, self.at.distance_to(here)) <= 0 {
                 return None;
             }
-            if self.road.rests_at(place) {
+            if self.window.rests_at(place) {
                 return Some(here);
             }
             place = place.wrapping_sub(self.sign as u32);
@@ -53,42 +53,45 @@ impl<const A: usize, R: RecordWindow<A>> DirectedWindow<'_, A, R> {
     }
 
     fn holds(&self, n: u32) -> bool {
-        n.wrapping_sub(self.road.low()) < self.road.high().wrapping_sub(self.road.low())
+        n.wrapping_sub(self.window.low()) < self.window.high().wrapping_sub(self.window.low())
     }
 
-    /// Cap of the k-th record ahead, the one under the cursor being the first.
+    /// Returns the cap of the k-th record ahead; the record under the cursor is the first.
     pub(super) fn cap(&self, k: u32) -> Option<RapidCap> {
         let n =
             if self.sign > 0 { self.at.record.wrapping_add(k) } else { self.at.boundary_ahead().wrapping_sub(k + 1) };
-        self.holds(n).then(|| self.road.cap(n))
+        self.holds(n).then(|| self.window.cap(n))
     }
 
-    /// The records of the road that lie within `reach` of the cursor: the first in path order, and how many.
-    pub(super) fn stretch(&self, reach: Travel) -> (u32, u32) {
-        let count = ((reach.min(self.room()) >> 32) + 2) as u32;
+    /// Returns the records of the window within `reach` of the cursor: the number of the first in path order, and the
+    /// count.
+    pub(super) fn records_within(&self, reach: Travel) -> (u32, u32) {
+        let count = ((reach.min(self.distance_to_end()) >> 32) + 2) as u32;
         let (ahead, behind) = (self.at.record, self.at.boundary_ahead());
         if self.sign > 0 {
-            (ahead, count.min(self.road.high().wrapping_sub(ahead)))
+            (ahead, count.min(self.window.high().wrapping_sub(ahead)))
         } else {
-            let count = count.min(behind.wrapping_sub(self.road.low()));
+            let count = count.min(behind.wrapping_sub(self.window.low()));
             (behind.wrapping_sub(count), count)
         }
     }
 
-    /// Sums of the increments of `count` records from `first` on. What lies beyond an end of the road where the path is at rest counts as
-    /// standing still; `None` where a record is not held otherwise.
-    pub(super) fn block(&self, first: u32, count: u32) -> Option<[i32; A]> {
+    /// Returns the sums of the increments of `count` records from `first` on.
+    ///
+    /// Beyond an end of the window where the path is at rest, increments count as zero. Returns `None` if a record is
+    /// not held otherwise.
+    pub(super) fn sum_increments(&self, first: u32, count: u32) -> Option<[i32; A]> {
         let mut sum = [0; A];
         for k in 0..count {
             let n = first.wrapping_add(k);
             if self.holds(n) {
-                let increments = self.road.increments(n);
+                let increments = self.window.increments(n);
                 for (sum, increment) in sum.iter_mut().zip(increments) {
                     *sum += i32::from(increment);
                 }
             } else {
-                let end = if before(n, self.road.low()) { self.road.low() } else { self.road.high() };
-                if !self.road.rests_at(end) {
+                let end = if is_before(n, self.window.low()) { self.window.low() } else { self.window.high() };
+                if !self.window.rests_at(end) {
                     return None;
                 }
             }

@@ -1,61 +1,70 @@
-//! How fast the commanded rate may change over records that ask so much of their axes (REV, *Rate law*).
+//! Slopes: how fast the commanded rate may change over records with given bounds of their increments (REV, *Rate law*).
 //!
-//! Invariant: with slopes from here, `|q″|r² + |q′||r′| ≤ A` and `|q‴||r|³ + 3|q″||r·r′| + |q′||r″| ≤ 2J` hold on every axis, whatever is asked
-//! when. The cursor's r and r′ are means over n periods of the commanded u and u′:
+//! Invariant: with slopes from here, `|q″|r² + |q′||r′| ≤ A` and `|q‴||r|³ + 3|q″||r·r′| + |q′||r″| ≤ 2J` hold on every
+//! axis, for any sequence of targets. The cursor's r and r′ are means over n periods of the commanded u and u′:
 //!
-//! - `(A − |q″|u²)/|q′|` is concave in u, so the mean of slopes is within what it is at the mean rate.
+//! - `(A − |q″|u²)/|q′|` is concave in u, so the mean of slopes is at most its value at the mean rate.
 //! - r″ = (u′ now − u′ n periods ago)/n, so |r″| ≤ 2f/n for slopes up to f.
-//! - The jerk's bound falls as r rises. A slope down is that of the highest rate still in the average: where the rate falls at r, each of the
-//!   slopes that it falls by was taken at no less than r. A slope up is that of the highest rate that any record ahead allows.
+//! - The jerk's bound falls as r rises. A falling slope is taken at the highest rate still in the average: where the
+//!   rate falls at r, each of the slopes by which it falls was taken at no less than r. A rising slope is taken at the
+//!   highest rate that any record ahead allows.
 
 use super::bounds::{AxisBounds, IncrementBounds};
 use crate::limits::{PulseLimits, RateLimits};
 use crate::{ONE, Travel};
 
-/// The steepest fall of the commanded rate from `rate` on; `highest` is the highest rate in the average.
-pub(super) fn falling<const A: usize>(
+/// Returns the largest fall of the commanded rate per period from `rate` on; `highest` is the highest rate in the
+/// average.
+pub(super) fn max_fall<const A: usize>(
     limits: &RateLimits<A>,
-    survey: &IncrementBounds<A>,
+    bounds: &IncrementBounds<A>,
     rate: Travel,
     highest: Travel,
 ) -> Travel {
-    each(limits, survey, |axis, demand| by_acceleration(axis, demand, rate).min(by_jerk(limits, axis, demand, highest)))
-}
-
-/// The steepest rise from `rate` on.
-pub(super) fn rising<const A: usize>(limits: &RateLimits<A>, survey: &IncrementBounds<A>, rate: Travel) -> Travel {
-    let highest = Travel::from(survey.max_cap) * (ONE / 16);
-    each(limits, survey, |axis, demand| {
-        // Jensen's inequality wants the slope at the rate that is reached
-        let at_most = by_acceleration(axis, demand, rate);
-        by_acceleration(axis, demand, rate + at_most).min(by_jerk(limits, axis, demand, highest))
+    min_over_axes(limits, bounds, |axis, required| {
+        by_acceleration(axis, required, rate).min(by_jerk(limits, axis, required, highest))
     })
 }
 
-fn each<const A: usize>(
+/// Returns the largest rise of the commanded rate per period from `rate` on.
+pub(super) fn max_rise<const A: usize>(limits: &RateLimits<A>, bounds: &IncrementBounds<A>, rate: Travel) -> Travel {
+    let highest = Travel::from(bounds.max_cap) * (ONE / 16);
+    min_over_axes(limits, bounds, |axis, required| {
+        // Jensen's inequality requires the slope at the rate that is reached
+        let at_most = by_acceleration(axis, required, rate);
+        by_acceleration(axis, required, rate + at_most).min(by_jerk(limits, axis, required, highest))
+    })
+}
+
+fn min_over_axes<const A: usize>(
     limits: &RateLimits<A>,
-    survey: &IncrementBounds<A>,
+    bounds: &IncrementBounds<A>,
     slope: impl Fn(&PulseLimits, &AxisBounds) -> Travel,
 ) -> Travel {
-    limits.axes().iter().zip(&survey.demands).map(|(axis, demand)| slope(axis, demand)).min().unwrap_or(ONE)
+    limits.axes().iter().zip(&bounds.axes).map(|(axis, required)| slope(axis, required)).min().unwrap_or(ONE)
 }
 
-fn by_acceleration(axis: &PulseLimits, demand: &AxisBounds, rate: Travel) -> Travel {
-    ratio(axis.acceleration.saturating_sub(scaled(demand.acceleration, rate, 2)), demand.velocity)
+fn by_acceleration(axis: &PulseLimits, required: &AxisBounds, rate: Travel) -> Travel {
+    ratio(axis.acceleration.saturating_sub(scaled(required.acceleration, rate, 2)), required.velocity)
 }
 
-fn by_jerk<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits, demand: &AxisBounds, highest: Travel) -> Travel {
-    let left = (2 * axis.jerk).saturating_sub(scaled(demand.jerk, highest, 3));
-    let bend = 2 * demand.velocity / u64::from(limits.average()) + 1;
-    ratio(left, scaled(demand.acceleration, highest, 1).saturating_mul(3).saturating_add(bend))
+fn by_jerk<const A: usize>(
+    limits: &RateLimits<A>,
+    axis: &PulseLimits,
+    required: &AxisBounds,
+    highest: Travel,
+) -> Travel {
+    let remaining = (2 * axis.jerk).saturating_sub(scaled(required.jerk, highest, 3));
+    let bend = 2 * required.velocity / u64::from(limits.average()) + 1;
+    ratio(remaining, scaled(required.acceleration, highest, 1).saturating_mul(3).saturating_add(bend))
 }
 
-/// The largest second difference that the plan asks of an axis.
+/// Returns the largest second difference that the plan requires of an axis.
 pub(super) fn highest_acceleration<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits) -> u64 {
     share(limits, axis.acceleration).min(2 * axis.velocity)
 }
 
-/// The largest third difference that the plan asks of an axis.
+/// Returns the largest third difference that the plan requires of an axis.
 pub(super) fn highest_jerk<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits) -> u64 {
     share(limits, axis.jerk).min(4 * axis.velocity)
 }
@@ -65,19 +74,20 @@ fn share<const A: usize>(limits: &RateLimits<A>, figure: u64) -> u64 {
     (figure >> 16) * u64::from(limits.share()) + (((figure & 0xFFFF) * u64::from(limits.share())) >> 16) + 1
 }
 
-/// `figure` times `rate` to the `power`, rounded up; the rate is taken in 1 024ths. What does not fit is more than any limit.
+/// Returns `figure` times `rate` to the `power`, rounded up; the rate is rounded up to 1 024ths. A product that does
+/// not fit becomes `u64::MAX`, which is more than any limit.
 pub(super) fn scaled(figure: u64, rate: Travel, power: u8) -> u64 {
     let rate = ((rate + (1 << 22) - 1) >> 22).max(0) as u64;
     let times = |product: u64, _| product.checked_mul(rate).map(|product| product.div_ceil(1 << 10));
     (0..power).try_fold(figure, times).unwrap_or(u64::MAX)
 }
 
-/// `numerator / denominator` as a rate, rounded down, one at most.
+/// Returns `numerator / denominator` as a rate, rounded down, at most one.
 pub(super) fn ratio(numerator: u64, denominator: u64) -> Travel {
     if numerator >= denominator {
         return ONE;
     }
-    // Bits below the 32nd of a denominator that has more than 32 do not count.
+    // Of a denominator with more than 32 bits, only the upper 32 count.
     let shift = numerator.leading_zeros().min(32);
     let divisor = if shift == 32 { denominator } else { (denominator >> (32 - shift)) + 1 };
     ((numerator << shift) / divisor) as Travel
@@ -88,7 +98,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// An axis, and records that ask of it, all over, what they are drawn to ask within what the plan may use.
+    /// Draws an axis, and records whose uniform bounds are within what the plan may use.
     fn scene() -> impl Strategy<Value = (RateLimits<1>, AxisBounds)> {
         let figures = (20u32..40, 0u32..8, 1u64..80, 20_000u16..62_000, [0.02..1.0f64, 0.0..1.0f64, 0.0..1.0f64]);
         figures.prop_filter_map("too fast for a length of 100", |(bits, acceleration, n, share, shares)| {
@@ -98,47 +108,48 @@ mod tests {
             let average = axis.acceleration.div_ceil(axis.jerk).min(99) as u16 | 1;
             let limits = RateLimits::new(average, share, [axis])?;
             let part = |figure: u64, share: f64| (figure as f64 * share) as u64;
-            let demand = AxisBounds {
+            let required = AxisBounds {
                 velocity: part(axis.velocity, shares[0]).max(1),
                 acceleration: part(highest_acceleration(&limits, &axis), shares[1]),
                 jerk: part(highest_jerk(&limits, &axis), shares[2]),
             };
-            Some((limits, demand))
+            Some((limits, required))
         })
     }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
 
-        /// Whatever is asked when, where records ask the same all over: acceleration and jerk of what is played.
+        /// Acceleration and jerk of what is played stay within the limits for any sequence of targets over records with
+        /// uniform bounds.
         #[test]
         fn what_is_played_keeps_acceleration_and_jerk(
-            (limits, demand) in scene(), asked in prop::collection::vec((prop_oneof![Just(0), Just(ONE), 0..=ONE], 1usize..150), 1..12),
+            (limits, required) in scene(), requested in prop::collection::vec((prop_oneof![Just(0), Just(ONE), 0..=ONE], 1usize..150), 1..12),
         ) {
-            let survey = IncrementBounds { demands: [demand], min_cap: 16, max_cap: 16 };
+            let bounds = IncrementBounds { axes: [required], min_cap: 16, max_cap: 16 };
             let (n, axis) = (usize::from(limits.average()), limits.axes()[0]);
             let (mut commanded, mut played) = (vec![0; n], vec![0.0; 3]);
-            for (asked, periods) in asked {
+            for (requested, periods) in requested {
                 for _ in 0..periods {
                     let memory = &commanded[commanded.len() - n..];
                     let (rate, highest) = (memory[n - 1], *memory.iter().max().expect("some"));
-                    commanded.push(if asked < rate {
-                        (rate - falling(&limits, &survey, rate, highest)).max(asked)
+                    commanded.push(if requested < rate {
+                        (rate - max_fall(&limits, &bounds, rate, highest)).max(requested)
                     } else {
-                        (rate + rising(&limits, &survey, rate)).min(asked)
+                        (rate + max_rise(&limits, &bounds, rate)).min(requested)
                     });
                     let sum: Travel = commanded[commanded.len() - n..].iter().sum();
                     played.push(sum as f64 / n as f64 / ONE as f64);
                 }
             }
-            let [velocity, acceleration, jerk] = [demand.velocity, demand.acceleration, demand.jerk].map(|x| x as f64);
+            let [velocity, acceleration, jerk] = [required.velocity, required.acceleration, required.jerk].map(|x| x as f64);
             for r in played.windows(3) {
                 let (rate, change, bend) = ((r[0] + r[1] + r[2]) / 3.0, (r[2] - r[1]).abs().max((r[1] - r[0]).abs()), r[2] - 2.0 * r[1] + r[0]);
                 let faster = r[1].max(r[2]);
                 let accelerated = acceleration * faster * faster + velocity * (r[2] - r[1]).abs();
                 prop_assert!(accelerated <= 1.001 * axis.acceleration as f64, "{accelerated} of {axis:?}");
                 let jerked = jerk * rate.powi(3) + 3.0 * acceleration * rate * change + velocity * bend.abs();
-                prop_assert!(jerked <= 2.002 * axis.jerk as f64, "{jerked} of {axis:?}, {demand:?}, {r:?}");
+                prop_assert!(jerked <= 2.002 * axis.jerk as f64, "{jerked} of {axis:?}, {required:?}, {r:?}");
             }
         }
     }
@@ -159,7 +170,7 @@ mod tests {
             let exact = figure as f64 * (rate as f64 / ONE as f64).powi(i32::from(power));
             let found = scaled(figure, rate, power) as f64;
             prop_assert!(found >= exact * (1.0 - 1e-12), "{found} {exact}");
-            // a step of the rate, and the rounding of each product
+            // one step of the rate, and the rounding of each product
             let above = (rate as f64 / ONE as f64 + 1.0 / 1024.0).powi(i32::from(power)) * figure as f64 + 73.0;
             prop_assert!(found <= above || found >= u64::MAX as f64, "{found} {above}");
         }

@@ -3,7 +3,7 @@
 //! Invariant: increments and counts are those of the records between the places; where the card's echo says otherwise, that is a fault.
 
 use retrace_core::Travel;
-use retrace_core::place::before;
+use retrace_core::place::is_before;
 use retrace_core::playback::emission;
 
 use super::{ENTRIES, HostEndpoint, LinkError};
@@ -86,7 +86,7 @@ impl<const A: usize> HostEndpoint<A> {
         if let Some(record) = self.mirror.record(under) {
             status.line = record.line;
         }
-        if before(status.reached, to.boundary_ahead()) {
+        if is_before(status.reached, to.boundary_ahead()) {
             status.reached = to.boundary_ahead();
         }
         if self.waiting == 0
