@@ -1,6 +1,6 @@
-//! HOLES1 and HOLES2: the order of the holes and where they lie; CYCLE95's blocks from a path.
+//! HOLES1 and HOLES2: order and positions of the holes; CYCLE95's blocks from a path.
 //!
-//! Invariant: positions are reckoned here, not taken from the cycles.
+//! Invariant: positions are calculated here, independently of the cycles.
 
 mod common;
 

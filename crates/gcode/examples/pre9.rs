@@ -1,6 +1,8 @@
-//! Measures what precompiled cycles and the pre-scan spare (PRE-9): `cargo run --release --example pre9` (package retrace-gcode).
+//! Measures the time that precompiled cycles and the pre-scan save (PRE-9): `cargo run --release --example pre9`
+//! (package retrace-gcode).
 //!
-//! Prints one line for each program: its name, the share of its lines in percent, and the milliseconds that each of the four ways takes.
+//! Prints one line for each program: its name, the share of its lines in percent, and the milliseconds of each of the
+//! four decoding modes.
 
 #[path = "../tests/decoding/mod.rs"]
 mod decoding;

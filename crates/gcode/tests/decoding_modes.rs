@@ -1,4 +1,4 @@
-//! The four ways that `cargo xtask bench pre9` measures give the same canonical functions.
+//! The four decoding modes that `cargo xtask bench pre9` measures give the same canonical functions.
 
 mod decoding;
 
@@ -9,7 +9,7 @@ use std::path::Path;
 fn decoded(way: DecodingMode, text: &str) -> Vec<Canon> {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../cycles/cycles/CYCLE81.SPF");
     let mut calls = Vec::new();
-    // Line 0 has what comes before and after any program, which whoever reads single lines does not have.
+    // Line 0 has the functions before and after any program, which a reader of single lines does not have.
     decode(way, text, &source, &mut |step| calls.extend((step.line > 0).then(|| step.canon.clone())));
     calls
 }

@@ -1,11 +1,12 @@
-//! The wider language where the peer's text does not tell: control points, inputs, user codes, what a program aborts with.
+//! The extended language where LinuxCNC's text output does not show the result: control points, inputs, user codes,
+//! aborts.
 
 mod common;
 
 use common::canon_text;
 use retrace_gcode::{Canon, ControlPoint, Program, Progress, Setup, UserCodes, WaitFor, WaitForInput, WaitInput};
 
-/// Every canonical function of a program, and the numbers of what is wrong with it.
+/// Returns every canonical function of a program, and the numbers of its errors.
 fn run(program: &str, setup: Setup) -> (Vec<Canon>, Vec<&'static str>) {
     let mut program = Program::new(program.as_bytes(), setup);
     let mut steps = Vec::new();
@@ -98,7 +99,8 @@ fn abort_ends_a_program_with_its_text() {
     assert_eq!(found, [("E1728", "no 7.000000")]);
 }
 
-/// The peer forgets a feed that G93 has come over, offsets that are not those of the tool in the spindle, and switches that were off.
+/// LinuxCNC loses a feed that G93 has replaced, offsets that are not those of the tool in the spindle, and switches
+/// that were off.
 #[test]
 fn saved_modes_come_back_whole() {
     let between = "G93 G20 G91 G18 G61 G55 G7 G90.1 G99 M9\nM48\nM52 P1 G49\n";
@@ -114,7 +116,7 @@ fn saved_modes_come_back_whole() {
         }
     }
     let (mut now, mut then) = (program.interpreter().state().clone(), kept.expect("M70"));
-    // A change of units and back leaves traces in the last digits.
+    // A change of units and back changes the last digits.
     let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
     assert!(near(now.feed_rate, then.feed_rate) && near(now.naivecam_tolerance, then.naivecam_tolerance));
     assert!(now.position.minus(&then.position).0.iter().all(|way| near(*way, 0.0)));
@@ -159,7 +161,7 @@ fn saved_modes_hold_feed_per_turn_surface_speed_and_compensation() {
     assert_eq!(state.compensation.map(|found| (found.side, found.radius)), Some((Side::Left, 0.25)));
 }
 
-/// The texts of the messages of a program.
+/// Returns the texts of the messages of a program.
 fn messages(program: &str) -> Vec<String> {
     let (canon, found) = run(program, Setup::rs274());
     assert!(found.is_empty(), "{program}: {found:?}");
@@ -170,7 +172,7 @@ fn messages(program: &str) -> Vec<String> {
     texts.collect()
 }
 
-/// Three steps of 0.1 make a little more than 0.3.
+/// Three steps of 0.1 are a little more than 0.3.
 #[test]
 fn a_loop_with_le_makes_its_last_pass() {
     let program = "#<z>=.1\nO1 while [#<z> LE .3]\n(debug,#<z>)\n#<z>=[#<z>+.1]\nO1 endwhile\nM2\n";
@@ -212,7 +214,7 @@ fn g95_takes_the_number_of_the_spindle() {
     assert_eq!(run("G95 $1 F.1\nM2\n", Setup::rs274()).1, ["E1630"]);
 }
 
-/// The functions of F, S and path mode.
+/// Returns the functions of F, S and path mode.
 fn settings(program: &str) -> Vec<Canon> {
     let (canon, found) = run(program, Setup::rs274());
     assert!(found.is_empty(), "{program}: {found:?}");
@@ -247,7 +249,7 @@ fn restored_modes_come_out_again_though_they_have_not_changed() {
         assert_eq!(settings(&format!("{before}M70\nG1 X1\nM72\nM2\n")), wanted);
         assert_eq!(settings(&format!("O1 sub\nM73\nG1 X1\nO1 endsub\n{before}O1 call\nM2\n")), wanted);
     }
-    // Also under cutter compensation, which takes no code of the path mode; F and S wait for the next corner there.
+    // Also under cutter compensation, which accepts no code of the path mode; F and S wait for the next corner there.
     let compensated = "F100 S50\nG61\nG41.1 D1\nG1 X5\nX9\nM70\nX12\nM72\nX15\nG40\nX0\nM2\n";
     let once = [Canon::SetFeedRate(100.0), Canon::SetSpindleSpeed(50.0)];
     assert_eq!(settings(compensated), [&once[..], &exact, &exact, &once].concat());
@@ -284,7 +286,7 @@ fn a_program_may_have_a_name_of_its_own() {
     }
 }
 
-/// The first finding of a program: its number, its message, and what to do.
+/// Returns the first diagnostic of a program: its number, its message, and the remedy.
 fn first_finding(line: &str) -> (&'static str, String, String) {
     let found = retrace_gcode::check(format!("{line}\nM2\n").into_bytes(), Setup::rs274());
     let first = found.first().unwrap_or_else(|| panic!("{line} is taken"));
@@ -341,7 +343,7 @@ fn a_move_that_takes_longer_than_a_day_is_refused() {
     }
 }
 
-/// Where a probing move ends is taken for granted in a check: the machine's own answer gives the next one a way.
+/// The end of a probing move is an assumption in a check: with the machine's own result, the next move has a length.
 #[test]
 fn probing_without_a_way_is_a_fault_only_before_the_first_answer() {
     let errors = |text: &str| {

@@ -1,10 +1,10 @@
-//! Where a program says that it is: held against counters that the program keeps itself.
+//! Location of a program, compared with counters that the program keeps itself.
 
 use retrace_gcode::{CallFrame, LoopKind, Prescan, Program, ProgramLocation, Progress, Setup, SubFile, SubFiles};
 use std::io::BufRead;
 use std::sync::Arc;
 
-/// Every loop counts its own rounds in a parameter; the marked lines are those where all of them are looked at.
+/// Every loop counts its own iterations in a parameter; at the marked lines all of them are compared.
 const COUNTED: &str = "\
 #1 = 0
 O10 while [#1 LT 3]
@@ -39,7 +39,7 @@ O10 endwhile
 M2
 ";
 
-/// What `see` makes of a program at its marked lines.
+/// Returns the result of `see` at the marked lines of a program.
 fn at_marks<R: BufRead, T>(mut program: Program<R>, see: impl Fn(&Program<R>) -> T) -> Vec<T> {
     let (mut steps, mut seen) = (Vec::new(), Vec::new());
     while program.advance(&mut steps) == Progress::Line {
@@ -124,7 +124,7 @@ fn cycles_are_named() {
     let setup = Setup { cycles: Some(Arc::new(library)), ..Setup::default() };
     let text = "F100 S100 M3\nCYCLE81(10, 0, 2, -5) (mark)\nMCALL CYCLE81(10, 0, 2, -5)\nG0 X2 (mark)\nMCALL (off)\nG0 X3 (mark)\nM2\n";
     let seen = at_marks(prescanned(text, setup), |program| program.location().to_string());
-    // A stretch of compiled lines begins and ends with a step of its own, which takes no line.
+    // A region of compiled lines begins and ends with a step of its own, which reads no line.
     let mut lines = seen;
     lines.dedup();
     let cycle = ["part.ngc line 1", "part.ngc line 2, in CYCLE81", "part.ngc line 4, in CYCLE81", "part.ngc line 6"];

@@ -1,6 +1,6 @@
-//! A host for tests: it keeps the modal state as an interpreter would, and writes down every block.
+//! A host for tests: it maintains the modal state as an interpreter would, and records every block.
 //!
-//! Invariant: nothing here is taken from the crate's own reading of blocks; words are read one by one.
+//! Invariant: nothing here uses the crate's own reading of blocks; words are read one by one.
 #![allow(dead_code)] // each test uses a part
 
 use retrace_cycles::{
@@ -8,7 +8,7 @@ use retrace_cycles::{
     StockCall, StockMove, StockPathError, Vm, VmLimits,
 };
 
-/// An interpreter in small.
+/// A minimal interpreter.
 #[derive(Clone, Debug)]
 pub(crate) struct Recorder {
     pub(crate) lines: Vec<String>,
@@ -28,7 +28,7 @@ pub(crate) struct Recorder {
     pub(crate) stock_calls: Vec<String>,
     pub(crate) entered: Vec<String>,
     pub(crate) triggers: usize,
-    /// Stops at this block.
+    /// Index of the block at which it stops.
     pub(crate) stop_at: Option<usize>,
 }
 
@@ -57,7 +57,7 @@ impl Default for Recorder {
     }
 }
 
-/// A number as a person writes it, to a millionth.
+/// Formats a number to a millionth, without trailing zeros.
 pub(crate) fn shown(value: f64) -> String {
     let rounded = (value * 1e6).round() / 1e6;
     format!("{}", if rounded == 0.0 { 0.0 } else { rounded })
@@ -140,7 +140,7 @@ impl Host for Recorder {
     }
 }
 
-/// Reads `NAME(1, , "text")`, as a program would have it; nothing clever.
+/// Parses `NAME(1, , "text")`, as in a program.
 pub(crate) fn call(text: &str) -> (String, Vec<Option<String>>) {
     let (name, rest) = text.split_once('(').unwrap_or((text, ")"));
     let inner = rest.trim_end_matches(')');
@@ -164,31 +164,31 @@ pub(crate) fn run(library: &CycleLibrary, text: &str, host: &mut Recorder) -> Re
     Vm::new(limits).run(library, cycle, &arguments, host)
 }
 
-/// The blocks of a call of a shipped cycle from the usual state, which must run without an alarm.
+/// Returns the blocks of a call of a shipped cycle from the usual state, which must run without an alarm.
 pub(crate) fn blocks(text: &str) -> Vec<String> {
     blocks_from(text, Recorder::default()).lines
 }
 
-/// The same from another state; gives the host back.
+/// Returns the host after a call from another state.
 pub(crate) fn blocks_from(text: &str, mut host: Recorder) -> Recorder {
     let done = run(&CycleLibrary::shipped(), text, &mut host);
     assert_eq!(done, Ok(()), "{text}");
     host
 }
 
-/// The alarm of a call of a shipped cycle; nothing has moved.
+/// Returns the alarm of a call of a shipped cycle; nothing has moved.
 pub(crate) fn alarm(text: &str) -> u32 {
     alarm_from(text, Recorder::default())
 }
 
-/// The same from another state.
+/// Returns the alarm of a call from another state.
 pub(crate) fn alarm_from(text: &str, mut host: Recorder) -> u32 {
     let alarm = halted(run(&CycleLibrary::shipped(), text, &mut host));
     assert!(host.lines.is_empty(), "{text} has moved: {:?}", host.lines);
     alarm.number.unwrap_or_else(|| panic!("{text}: {alarm:?}"))
 }
 
-/// The alarm of a run.
+/// Returns the alarm of a run.
 pub(crate) fn halted(done: Result<(), CycleRunError>) -> Alarm {
     match done {
         Err(CycleRunError::Alarm(alarm)) => *alarm,
