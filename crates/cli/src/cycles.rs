@@ -136,7 +136,8 @@ fn table(library: &CycleLibrary) -> String {
     let mut text = format!("{:name_width$}  kind  {:from_width$}  form          parameters\n", "name", "from");
     for (_, cycle) in library.iter() {
         let form = if cycle.is_from_cache() { "up to date" } else { "compiled now" };
-        let parameters: Vec<String> = cycle.parameters().iter().map(|p| format!("{} {}", p.of, p.name)).collect();
+        let parameters: Vec<String> =
+            cycle.parameters().iter().map(|p| format!("{} {}", p.value_type, p.name)).collect();
         let (name, kind, parameters) = (cycle.name(), cycle.kind().number(), parameters.join(", "));
         let row = format!("{name:name_width$}  {kind:<4}  {:from_width$}  {form:<12}  {parameters}", from(cycle));
         text += row.trim_end();

@@ -39,7 +39,7 @@ mod vm;
 
 pub use alarm::{Alarm, AlarmText, CycleRunError, alarm_text};
 pub use builtin::shipped_source;
-pub use cycle::{Cycle, CycleId, Given, Kind, Origin, Parameter, Type};
+pub use cycle::{ArgumentKind, Cycle, CycleId, Kind, Origin, Parameter, Type};
 pub use diag::{Diagnostic, Severity};
 pub use error_codes::ErrorCode;
 pub use host::{

@@ -33,16 +33,16 @@ const MAX_PATHS: usize = 64;
 
 /// Cached paths, by their parameters.
 #[derive(Debug, Default)]
-pub(crate) struct Paths(Mutex<Vec<(StockRemovalParams, PlannedContour)>>);
+pub(crate) struct PathCache(Mutex<Vec<(StockRemovalParams, PlannedContour)>>);
 
-impl Clone for Paths {
+impl Clone for PathCache {
     /// Returns an empty cache; the paths are calculated again.
-    fn clone(&self) -> Paths {
-        Paths::default()
+    fn clone(&self) -> PathCache {
+        PathCache::default()
     }
 }
 
-impl Paths {
+impl PathCache {
     /// Returns the path for these parameters, calculated if it is not cached.
     fn get_or_plan(&self, job: StockRemovalParams) -> Result<PlannedContour, StockPathError> {
         // A thread that panicked while it held the list has left it intact.

@@ -125,7 +125,7 @@ pub struct CycleWords {
 }
 
 impl CycleWords {
-    /// Returns these words, with those of `kept` where one is missing.
+    /// Returns these words, with those of `previous` where one is missing.
     #[must_use]
     pub(crate) fn or(self, previous: &CycleWords) -> CycleWords {
         let [i, j, k] = self.offsets;

@@ -71,13 +71,13 @@ pub(crate) struct FileScan<'a> {
     prescan: &'a mut Prescan,
     file: u16,
     code: CompiledCode,
-    nest: ControlFlowBuilder,
+    control_flow: ControlFlowBuilder,
     /// Number that M98 of another file calls.
     called: Option<u64>,
     /// First and last lines of the regions that M98 calls; determined when the first O number alone is found.
     starts: Option<Vec<(u32, u32)>>,
     /// Whether the whole file is one region, because a GOTO may go anywhere in it.
-    is_whole: bool,
+    is_single_region: bool,
     /// Whether the limit of compiled text is reached; the rest of the file is not scanned.
     is_full: bool,
     /// Whether a line with an O word could not be read. Such a line may hold a missing beginning or end.
@@ -88,15 +88,15 @@ pub(crate) struct FileScan<'a> {
 impl<'a> FileScan<'a> {
     /// Creates a scan before the first line. `called` is the number that M98 of another file calls.
     pub(crate) fn new(prescan: &'a mut Prescan, file: u16, text: Text, called: Option<u64>) -> FileScan<'a> {
-        let (code, nest) = (CompiledCode::new(file), ControlFlowBuilder::default());
+        let (code, control_flow) = (CompiledCode::new(file), ControlFlowBuilder::default());
         FileScan {
             prescan,
             file,
             code,
-            nest,
+            control_flow,
             called,
             starts: None,
-            is_whole: false,
+            is_single_region: false,
             is_full: false,
             has_unread_control: false,
             text,
@@ -107,14 +107,14 @@ impl<'a> FileScan<'a> {
     pub(crate) fn scan(mut self) -> CompiledCode {
         let (mut line, found, subs) = (0, self.prescan.diagnostic_count(), self.prescan.subs.list.len());
         let mut scanned = self.scan_lines(&mut line);
-        if self.nest.has_goto && scanned.is_ok() {
+        if self.control_flow.has_goto && scanned.is_ok() {
             self.prescan.truncate_diagnostics(found);
             self.prescan.subs.truncate(subs);
             if self.file == 0 {
                 self.prescan.regions.clear();
             }
-            (self.code, self.nest) = (CompiledCode::new(self.file), ControlFlowBuilder::default());
-            (self.is_whole, self.has_unread_control, line) = (true, false, 0);
+            (self.code, self.control_flow) = (CompiledCode::new(self.file), ControlFlowBuilder::default());
+            (self.is_single_region, self.has_unread_control, line) = (true, false, 0);
             scanned = self.scan_whole(&mut line);
         }
         if let Err(error) = scanned {
@@ -178,7 +178,7 @@ impl<'a> FileScan<'a> {
                 Some(behind) => *line = behind - 1,
                 None => _ = lines.advance()?,
             }
-            if self.nest.has_goto || self.is_full {
+            if self.control_flow.has_goto || self.is_full {
                 return Ok(());
             }
             if self.prescan.has_too_many_errors() {
@@ -215,17 +215,17 @@ impl<'a> FileScan<'a> {
         // Of overlapping regions, the last end counts.
         let mut last = first;
         loop {
-            let is_end = !lines.advance()? || self.is_whole && is_percent(lines.line());
-            if is_end && self.is_whole {
-                let open = self.nest.abandon().filter(|_| !self.has_unread_control);
+            let is_end = !lines.advance()? || self.is_single_region && is_percent(lines.line());
+            if is_end && self.is_single_region {
+                let open = self.control_flow.abandon().filter(|_| !self.has_unread_control);
                 open.into_iter().for_each(|open| self.prescan.report(self.file, open.line, *open.missing_end_error()));
                 break;
             }
             if is_end {
-                let open = self.nest.abandon();
+                let open = self.control_flow.abandon();
                 self.code.truncate(start);
-                self.nest.found.clear();
-                self.nest.faults.clear();
+                self.control_flow.found.clear();
+                self.control_flow.faults.clear();
                 self.prescan.truncate_diagnostics(known);
                 lines.seek(from);
                 if let Some(open) = open.filter(|_| !self.has_unread_control) {
@@ -237,9 +237,9 @@ impl<'a> FileScan<'a> {
             if let Some((_, end)) = self.starts.iter().flatten().find(|(start, _)| *start == line) {
                 last = last.max(*end);
             }
-            let read = if line == first && !self.is_whole { Ok(true) } else { self.prescan.reader.read(text) };
+            let read = if line == first && !self.is_single_region { Ok(true) } else { self.prescan.reader.read(text) };
             match read {
-                Ok(_) => self.nest.push(&mut self.code, line, text, &self.prescan.reader.block),
+                Ok(_) => self.control_flow.push(&mut self.code, line, text, &self.prescan.reader.block),
                 Err(fault) => {
                     self.has_unread_control |= has_o_word(text);
                     self.code.push(line, text, &self.prescan.reader.block, Jump::Faulty);
@@ -254,19 +254,19 @@ impl<'a> FileScan<'a> {
                     first,
                     BlockError::new(Number::StorageFull, Span::default(), message.to_owned()),
                 );
-                self.nest.abandon();
-                self.nest.found.clear();
+                self.control_flow.abandon();
+                self.control_flow.found.clear();
                 self.code.truncate(start);
                 self.is_full = true;
                 return Ok(None);
             }
             line += 1;
-            if !self.is_whole && self.nest.is_closed() && line > last {
+            if !self.is_single_region && self.control_flow.is_closed() && line > last {
                 break;
             }
         }
-        if self.is_whole {
-            self.nest.find_lines(&mut self.code, true);
+        if self.is_single_region {
+            self.control_flow.find_lines(&mut self.code, true);
             self.report_faults();
         }
         self.add_found_subs();
@@ -278,7 +278,7 @@ impl<'a> FileScan<'a> {
 
     /// Reports blocks that do not nest, and every GOTO without a line.
     fn report_faults(&mut self) {
-        for (line, fault) in self.nest.faults.drain(..) {
+        for (line, fault) in self.control_flow.faults.drain(..) {
             if !(self.has_unread_control && fault.code == Number::ControlWithoutBegin) {
                 self.prescan.report(self.file, line, *fault);
             }
@@ -286,7 +286,7 @@ impl<'a> FileScan<'a> {
     }
 
     fn add_found_subs(&mut self) {
-        for found in std::mem::take(&mut self.nest.found) {
+        for found in std::mem::take(&mut self.control_flow.found) {
             let sub = Sub { code: self.file.into(), entry: found.entry, for_m98: found.for_m98 };
             if !self.prescan.subs.add(self.file, found.label.clone(), sub) {
                 let message = format!("{} has been defined before", found.label);

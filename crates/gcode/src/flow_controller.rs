@@ -77,7 +77,7 @@ pub(crate) struct FlowController {
     pub(crate) codes: Vec<Arc<CompiledCode>>,
     pub(crate) subs: Subs,
     /// Whether the program was pre-scanned, so that all of its subprograms are known. Otherwise they arrive with it.
-    pub(crate) is_whole: bool,
+    pub(crate) is_prescanned: bool,
 }
 
 impl FlowController {
@@ -95,7 +95,7 @@ impl FlowController {
     /// Returns the calls and loops around the current line, from inside to outside. `name` names a file.
     pub(crate) fn frames(&self, name: impl Fn(u16) -> String) -> Vec<CallFrame> {
         let mut frames = Vec::new();
-        let mut open = self.loops.open();
+        let mut open = self.loops.open_count();
         for (index, level) in self.levels.iter().enumerate().rev() {
             self.loops.push_frames(&level.code, level.next.saturating_sub(1), level.loops..open, &mut frames);
             open = level.loops;
@@ -124,7 +124,7 @@ impl FlowController {
 
     /// Enters a region of the program itself.
     pub(crate) fn begin(&mut self, code: Arc<CompiledCode>, start: u32, end: u32) {
-        self.levels.push(CallLevel { code, next: start, end, loops: self.loops.open(), call: None });
+        self.levels.push(CallLevel { code, next: start, end, loops: self.loops.open_count(), call: None });
     }
 
     /// Executes the next compiled line.
@@ -137,7 +137,7 @@ impl FlowController {
         let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
         let line = level.next;
         if line >= level.end {
-            self.loops.end_all(level.loops);
+            self.loops.truncate(level.loops);
             self.levels.pop();
             return Ok(if self.levels.is_empty() { LineOutcome::Idle } else { LineOutcome::Jumped });
         }
@@ -246,9 +246,9 @@ impl FlowController {
             match line {
                 Ok(line) => line,
                 // Only this region of a streamed program is known.
-                Err((GotoError::Missing, number)) if !self.is_whole && self.calls == 0 => {
+                Err((GotoError::Missing, number)) if !self.is_prescanned && self.calls == 0 => {
                     self.levels.clear();
-                    self.loops.end_all(0);
+                    self.loops.truncate(0);
                     return Ok(LineOutcome::Ahead(number, at));
                 }
                 Err((why, number)) => return Err(Box::new(why.fault(number, at))),
@@ -289,7 +289,7 @@ impl FlowController {
 
     /// Returns the error for a called subprogram that does not exist, or not yet.
     fn no_such_sub_error(&self, label: &Label, at: Span) -> Box<BlockError> {
-        if self.is_whole {
+        if self.is_prescanned {
             Box::new(BlockError::new(Number::NoSuchSub, at, format!("there is no subprogram {label}")))
         } else {
             FlowController::not_arrived_error(label, at)
@@ -325,7 +325,7 @@ impl FlowController {
         let frame = if is_m98 { interpreter.enter_shared() } else { interpreter.enter_sub(given) };
         let (next, end) = (sub.entry, code.len());
         let call = Some(OpenCall { sub, frame, of: rounds, rounds: rounds - 1 });
-        self.levels.push(CallLevel { code, next, end, loops: self.loops.open(), call });
+        self.levels.push(CallLevel { code, next, end, loops: self.loops.open_count(), call });
         Ok(LineOutcome::Jumped)
     }
 
@@ -335,7 +335,7 @@ impl FlowController {
         let value = interpreter.has_control_value().then_some(value);
         // Regions of the program itself are below all calls.
         let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
-        self.loops.end_all(level.loops);
+        self.loops.truncate(level.loops);
         let Some(mut call) = level.call.take() else { return Ok(LineOutcome::ProgramEnd) };
         let taken_up = interpreter.restore_on_return(steps);
         interpreter.leave_sub(call.frame, value);
@@ -358,7 +358,7 @@ impl FlowController {
         let code = Arc::clone(self.codes.get(sub.code as usize)?);
         let (next, end) = (sub.entry, code.len());
         let (codes, subs) = (self.codes.clone(), self.subs.clone());
-        let mut flow = FlowController { codes, subs, is_whole: self.is_whole, ..FlowController::default() };
+        let mut flow = FlowController { codes, subs, is_prescanned: self.is_prescanned, ..FlowController::default() };
         flow.levels.push(CallLevel { code, next, end, loops: 0, call: None });
         Some(flow)
     }

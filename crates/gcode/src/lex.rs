@@ -92,18 +92,18 @@ impl<'a> Cursor<'a> {
 
     /// Returns the position of the next character.
     #[inline]
-    pub(crate) fn at(&self) -> usize {
+    pub(crate) fn position(&self) -> usize {
         self.at
     }
 
     /// Returns the span from `start` to here.
     #[inline]
-    pub(crate) fn since(&self, start: usize) -> Span {
+    pub(crate) fn span_from(&self, start: usize) -> Span {
         Span::new(start, self.at)
     }
 
     /// Returns the span of the next character alone.
-    pub(crate) fn here(&mut self) -> Span {
+    pub(crate) fn next_span(&mut self) -> Span {
         self.peek();
         Span::new(self.at, (self.at + 1).min(self.text.len()))
     }
@@ -121,7 +121,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Returns the text not yet consumed.
-    pub(crate) fn rest(&self) -> &'a [u8] {
+    pub(crate) fn remaining(&self) -> &'a [u8] {
         self.text.get(self.at..).unwrap_or_default()
     }
 
@@ -304,7 +304,7 @@ mod tests {
     fn the_cursor_stops_right_after_the_last_digit() {
         let mut cursor = Cursor::new(b"12 . 5  Y");
         assert_eq!(cursor.number().ok(), Some(12.5));
-        assert_eq!(cursor.at(), 6);
+        assert_eq!(cursor.position(), 6);
         assert_eq!(cursor.peek(), b'y');
     }
 }

@@ -44,7 +44,7 @@ impl GotoError {
 }
 
 /// Returns the N word of a line, from its text alone.
-pub(crate) fn number_of(text: &[u8]) -> Option<u64> {
+pub(crate) fn parse_n_word(text: &[u8]) -> Option<u64> {
     let mut cursor = Cursor::new(text);
     cursor.eat(b'/');
     if !cursor.eat(b'n') {

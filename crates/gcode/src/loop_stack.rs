@@ -25,12 +25,12 @@ pub(crate) struct LoopStack(Vec<OpenLoop>);
 
 impl LoopStack {
     /// Returns the number of open loops.
-    pub(crate) fn open(&self) -> usize {
+    pub(crate) fn open_count(&self) -> usize {
         self.0.len()
     }
 
-    /// Removes all loops except the first `kept`.
-    pub(crate) fn end_all(&mut self, count: usize) {
+    /// Removes all loops except the first `count`.
+    pub(crate) fn truncate(&mut self, count: usize) {
         self.0.truncate(count);
     }
 
@@ -39,7 +39,7 @@ impl LoopStack {
         let is_open = self.0.len() > below && self.0.last().is_some_and(|open| open.lines == lines);
         match self.0.last_mut() {
             Some(open) if is_open && goes_on => open.iteration += 1,
-            Some(_) if is_open => self.end_all(self.0.len() - 1),
+            Some(_) if is_open => self.truncate(self.0.len() - 1),
             _ if goes_on => {
                 // The first iteration of a do is over when its while is decided.
                 let iteration = if kind == LoopKind::Do { 2 } else { 1 };

@@ -7,7 +7,7 @@ use crate::angle::rotate;
 use crate::canon::{FeedMode, LengthUnit, PathControl, Plane, Probing};
 use crate::compensation::Compensation;
 use crate::drilling_cycle::{DrillingCycle, DrillingSeries};
-use crate::interp::{CompensationQueue, Context};
+use crate::interp::{CompensationQueue, SavedState};
 use crate::pose::{Axis, Pose};
 use crate::spline::ControlPoint;
 
@@ -187,7 +187,7 @@ pub struct ModalState {
     /// Control points that G5.2 has collected.
     pub control_points: Vec<ControlPoint>,
     /// States that M70 and M73 have saved, for each level of calls.
-    pub(crate) contexts: Vec<Option<Context>>,
+    pub(crate) saved_states: Vec<Option<SavedState>>,
 }
 
 impl ModalState {
@@ -235,7 +235,7 @@ impl ModalState {
             spline_direction: (0.0, 0.0),
             spline_order: 0,
             control_points: Vec::new(),
-            contexts: Vec::new(),
+            saved_states: Vec::new(),
         }
     }
 

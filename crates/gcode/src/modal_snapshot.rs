@@ -38,7 +38,7 @@ impl ModalSnapshot {
         (state.compensation, state.has_left_compensation, state.waiting) = (None, false, CompensationQueue::default());
         state.tool_shift = None;
         (state.call_level, state.returned_value) = (0, None);
-        state.contexts.clear();
+        state.saved_states.clear();
         state.control_points.clear();
         ModalSnapshot { state, parameters: parameters.clone(), tools: tools.clone(), names: names.clone() }
     }

@@ -6,7 +6,7 @@
 
 use crate::branch::Branch;
 use crate::compiled_code::{CompiledCode, SubId};
-use crate::contour::{Paths, label};
+use crate::contour::{PathCache, label};
 use crate::control::Label;
 use crate::cycle_call::CycleArgument;
 use crate::diag::{BlockError, Diagnostic, Span};
@@ -86,7 +86,7 @@ impl Subs {
         is_new
     }
 
-    /// Removes all but the first `kept`.
+    /// Removes all but the first `count`.
     pub(crate) fn truncate(&mut self, count: usize) {
         self.list.truncate(count);
         self.by_label.retain(|_, id| (*id as usize) < count);
@@ -132,7 +132,7 @@ pub struct Prescan {
     /// Names of the subprogram files that were searched for already.
     searched_names: HashSet<Box<str>>,
     /// Paths of cycles of the third kind.
-    pub(crate) paths: Paths,
+    pub(crate) paths: PathCache,
     diagnostics: Vec<Diagnostic>,
 }
 
@@ -149,7 +149,7 @@ impl Prescan {
             contours: Vec::new(),
             labels: None,
             searched_names: HashSet::new(),
-            paths: Paths::default(),
+            paths: PathCache::default(),
             diagnostics: Vec::new(),
         };
         prescan.add_file(name.to_owned(), text, None);
@@ -229,7 +229,7 @@ impl Prescan {
     /// Searches for the labels of the program, once.
     fn find_labels(&mut self) {
         if self.labels.is_none() {
-            let labels = self.files.first().map(|file| labels_of(&file.text));
+            let labels = self.files.first().map(|file| find_label_places(&file.text));
             match labels.transpose() {
                 Ok(labels) => self.labels = labels,
                 Err(error) => self.report(0, 0, unreadable(&error)),
@@ -405,7 +405,7 @@ pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> BlockError {
 }
 
 /// Returns the positions and numbers of the lines with labels.
-fn labels_of(text: &Text) -> io::Result<LabelPlaces> {
+fn find_label_places(text: &Text) -> io::Result<LabelPlaces> {
     let mut labels = LabelPlaces::new();
     let (mut lines, mut number) = (TextLines::new(text.clone()), 0_u32);
     loop {

@@ -13,7 +13,7 @@ use crate::diag::{BlockError, BlockResult, Diagnostic, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::flow_controller::{FlowController, LineOutcome};
 use crate::interp::{self, Interpreter, LineRead, Setup};
-use crate::line_numbers::{GotoError, number_of};
+use crate::line_numbers::{GotoError, parse_n_word};
 use crate::lines::Lines;
 use crate::modal_snapshot::check_mdi;
 use crate::prescan::Prescan;
@@ -131,7 +131,7 @@ impl<R: BufRead> Program<R> {
         }
         program.flow.codes.clone_from(&prescan.codes);
         program.flow.subs.clone_from(&prescan.subs);
-        program.flow.is_whole = true;
+        program.flow.is_prescanned = true;
         program.prescan = Some(prescan);
         program
     }
@@ -240,7 +240,7 @@ impl<R: BufRead> Program<R> {
             self.interpreter.set_line(0, line);
             return Err(Box::new(GotoError::Missing.fault(number, at)));
         }
-        let found = number_of(self.lines.text());
+        let found = parse_n_word(self.lines.text());
         self.arriving.record_line(found);
         if found == Some(number) {
             self.goto_ahead = None;

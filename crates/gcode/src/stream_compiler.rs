@@ -22,7 +22,7 @@ const MAX_STORED_BYTES: usize = 16 << 20;
 /// Compiled regions of a streamed program.
 #[derive(Debug, Default)]
 pub(crate) struct StreamCompiler {
-    nest: ControlFlowBuilder,
+    control_flow: ControlFlowBuilder,
     code: Option<Arc<CompiledCode>>,
     /// Total length of the subprograms in bytes.
     stored_bytes: usize,
@@ -64,12 +64,12 @@ impl StreamCompiler {
         }
         let mut code = CompiledCode::new(0);
         // Labels of discarded regions may be used again.
-        self.nest = ControlFlowBuilder::in_style(self.nest.style());
+        self.control_flow = ControlFlowBuilder::in_style(self.control_flow.style());
         let first = lines.number();
         interpreter.reader_mut().block.control = Some(control);
-        self.nest.push(&mut code, first, lines.text(), &interpreter.reader_mut().block);
+        self.control_flow.push(&mut code, first, lines.text(), &interpreter.reader_mut().block);
         self.report(interpreter);
-        while !self.nest.is_closed() {
+        while !self.control_flow.is_closed() {
             let more = match lines.advance() {
                 Ok(more) => more,
                 Err(error) => {
@@ -87,7 +87,7 @@ impl StreamCompiler {
             interpreter.set_line(0, lines.number());
             let reader = interpreter.reader_mut();
             match reader.read(lines.text()) {
-                Ok(_) => self.nest.push(&mut code, lines.number(), lines.text(), &reader.block),
+                Ok(_) => self.control_flow.push(&mut code, lines.number(), lines.text(), &reader.block),
                 Err(fault) => {
                     code.push(lines.number(), lines.text(), &reader.block, Jump::Faulty);
                     interpreter.report(*fault);
@@ -95,7 +95,7 @@ impl StreamCompiler {
             }
             self.report(interpreter);
         }
-        self.nest.find_lines(&mut code, false);
+        self.control_flow.find_lines(&mut code, false);
         self.report(interpreter);
         let end = code.len();
         for line in 0..end {
@@ -105,7 +105,7 @@ impl StreamCompiler {
         if is_sub {
             self.stored_bytes += code.text_len();
         }
-        for found in self.nest.found.drain(..) {
+        for found in self.control_flow.found.drain(..) {
             let sub = Sub { code: flow.codes.len() as u32, entry: found.entry, for_m98: found.for_m98 };
             if !flow.subs.add(0, found.label.clone(), sub) {
                 let message = format!("{} has been defined before", found.label);
@@ -119,14 +119,14 @@ impl StreamCompiler {
 
     /// Reports blocks that do not nest.
     fn report(&mut self, interpreter: &mut Interpreter) {
-        for (line, fault) in self.nest.faults.drain(..) {
+        for (line, fault) in self.control_flow.faults.drain(..) {
             interpreter.set_line(0, line);
             interpreter.report(*fault);
         }
     }
 
     fn unfinished(&mut self, more: bool, interpreter: &mut Interpreter) -> Box<BlockError> {
-        match self.nest.abandon() {
+        match self.control_flow.abandon() {
             Some(open) if !more => {
                 interpreter.set_line(0, open.line);
                 open.missing_end_error()

@@ -105,7 +105,7 @@ impl ToolTable {
             if content.trim().is_empty() {
                 continue;
             }
-            match tool_of_line(content) {
+            match parse_tool(content) {
                 // Of several lines of one number the first counts, as in LinuxCNC.
                 Ok(tool) if table.tools.iter().any(|known| known.number == tool.number) => {}
                 Ok(tool) => {
@@ -152,7 +152,7 @@ impl ToolTable {
         let mut rewritten = String::with_capacity(text.len());
         for line in text.split_inclusive('\n') {
             let (content, comment) = line.split_once(';').map_or((line, None), |(content, rest)| (content, Some(rest)));
-            let number = tool_of_line(content).ok().filter(|_| !content.trim().is_empty()).map(|tool| tool.number);
+            let number = parse_tool(content).ok().filter(|_| !content.trim().is_empty()).map(|tool| tool.number);
             match left.iter().position(|tool| Some(tool.number) == number) {
                 None => rewritten += line,
                 Some(index) => {
@@ -188,7 +188,7 @@ fn format_words(tool: &Tool) -> String {
 }
 
 /// Parses the tool of a line. Returns the invalid word and the reason otherwise.
-fn tool_of_line(line: &str) -> Result<Tool, (&str, String)> {
+fn parse_tool(line: &str) -> Result<Tool, (&str, String)> {
     let mut tool = Tool::default();
     let mut named = false;
     for word in line.split_whitespace() {

@@ -63,7 +63,7 @@ impl Compiler<'_> {
                 Kind::Word { letter: b'R', value } => {
                     self.skip();
                     let slot = self.r_parameter(value, span)?;
-                    self.assign(Variable { slot, of: Type::Real, shape: Shape::Simple }, "R", span)?;
+                    self.assign(Variable { slot, value_type: Type::Real, shape: Shape::Simple }, "R", span)?;
                 }
                 Kind::Word { letter, value } => {
                     self.skip();
@@ -96,7 +96,7 @@ impl Compiler<'_> {
             "R" => {
                 let Some(slot) = self.names.r_parameters() else { return self.too_large(span, "variables") };
                 let shape = Shape::Row(super::names::R_PARAMETERS);
-                self.assign(Variable { slot, of: Type::Real, shape }, "R", span)
+                self.assign(Variable { slot, value_type: Type::Real, shape }, "R", span)
             }
             "AX" | "IP" => {
                 self.begin(words, span)?;
@@ -127,10 +127,10 @@ impl Compiler<'_> {
     fn assign(&mut self, variable: Variable, name: &str, span: Span) -> CompileResult {
         self.indices(variable, name, span)?;
         self.expect(Sign::Assign, name)?;
-        self.value_for(variable.of)?;
+        self.value_for(variable.value_type)?;
         self.emit(match variable.shape {
-            Shape::Simple => Op::Store(variable.slot, variable.of),
-            shape => Op::StoreAt(variable.slot, shape.slots() as u16, variable.of),
+            Shape::Simple => Op::Store(variable.slot, variable.value_type),
+            shape => Op::StoreAt(variable.slot, shape.slots() as u16, variable.value_type),
         });
         Ok(())
     }

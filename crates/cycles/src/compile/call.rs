@@ -49,7 +49,7 @@ impl Compiler<'_> {
     fn handed_on(&self) -> Option<u16> {
         let ends = matches!(self.kind_at(1), Some(Kind::Sign(Sign::Comma | Sign::Close)));
         let variable = if ends && self.peek() == Some(Kind::Name) { self.names.get(self.word_here()) } else { None };
-        let slot = variable.filter(|variable| variable.of.is_text())?.slot;
+        let slot = variable.filter(|variable| variable.value_type.is_text())?.slot;
         (usize::from(slot) < self.unit.parameters.len()).then_some(slot)
     }
 

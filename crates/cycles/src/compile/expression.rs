@@ -300,7 +300,7 @@ impl Compiler<'_> {
             "R" if self.peek() == Some(Kind::Sign(Sign::OpenIndex)) => {
                 let Some(first) = self.names.r_parameters() else { return self.too_large(span, "variables") };
                 let shape = Shape::Row(R_PARAMETERS);
-                return self.variable(Variable { slot: first, of: Type::Real, shape }, name, span);
+                return self.variable(Variable { slot: first, value_type: Type::Real, shape }, name, span);
             }
             "STOCKPATH" => return self.stock_path(span),
             _ => {}
@@ -321,7 +321,7 @@ impl Compiler<'_> {
             Shape::Simple => Op::Load(variable.slot),
             shape => Op::LoadAt(variable.slot, shape.slots() as u16),
         });
-        Ok(variable.of.into())
+        Ok(variable.value_type.into())
     }
 
     /// Compiles the indices after a variable's name. They leave one number on the stack, or none for a simple variable.

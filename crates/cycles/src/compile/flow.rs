@@ -146,7 +146,7 @@ impl Compiler<'_> {
         let variable = self.counter()?;
         self.expect(Sign::Assign, "the variable of FOR")?;
         self.number()?;
-        self.emit(Op::Store(variable.slot, variable.of));
+        self.emit(Op::Store(variable.slot, variable.value_type));
         if !self.word_here().eq_ignore_ascii_case("TO") {
             return fault(ErrorCode::NotUnderstood, self.here_span(), "TO is missing: FOR variable = first TO last");
         }
@@ -160,7 +160,7 @@ impl Compiler<'_> {
         }
         let exit = Some(self.emit_pending_jump(Op::JumpIf(0)));
         if let Some(open) = self.structures.last_mut() {
-            open.shape = Structure::For { top, exit, variable: Some(variable.slot), of: variable.of };
+            open.shape = Structure::For { top, exit, variable: Some(variable.slot), of: variable.value_type };
         }
         Ok(())
     }
@@ -171,13 +171,13 @@ impl Compiler<'_> {
         let variable = match self.peek() {
             Some(Kind::Word { letter: b'R', value }) => {
                 let slot = self.r_parameter(value, span)?;
-                Some(Variable { slot, of: Type::Real, shape: Shape::Simple })
+                Some(Variable { slot, value_type: Type::Real, shape: Shape::Simple })
             }
             Some(Kind::Name) => self.names.get(self.word_here()),
             _ => None,
         };
         match variable {
-            Some(variable) if variable.shape == Shape::Simple && !variable.of.is_text() => {
+            Some(variable) if variable.shape == Shape::Simple && !variable.value_type.is_text() => {
                 self.skip();
                 Ok(variable)
             }

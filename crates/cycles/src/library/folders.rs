@@ -44,7 +44,7 @@ pub(super) struct Form {
     pub(super) origin: Origin,
     pub(super) path: PathBuf,
     /// Whether the compiled form was loaded from its folder.
-    pub(super) was_fresh: bool,
+    pub(super) is_from_cache: bool,
     pub(super) key: u128,
 }
 
@@ -120,7 +120,7 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
         let key = stored::key(&source.text, &stem);
         let stored = folders.compiled.map(|folder| folder.join(&stem).with_extension(FORM_ENDING));
         let fresh = stored.as_deref().and_then(|path| load_form(path, key, &source.path, findings));
-        let was_fresh = fresh.is_some();
+        let is_from_cache = fresh.is_some();
         let (unit, diagnostics) = match fresh {
             Some((unit, warnings)) => (Some(unit), warnings),
             None => {
@@ -145,7 +145,7 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
             continue;
         }
         taken.push((unit.name.clone(), source.path.clone()));
-        forms.push(Form { unit, origin: source.origin, path: source.path, was_fresh, key });
+        forms.push(Form { unit, origin: source.origin, path: source.path, is_from_cache, key });
     }
     forms
 }

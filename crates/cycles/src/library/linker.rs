@@ -5,7 +5,7 @@
 use super::LibraryFinding;
 use super::folders::Form;
 use crate::code::{CallSite, Passed, Unit};
-use crate::cycle::{Cycle, CycleId, Given, Kind, argument_mismatch};
+use crate::cycle::{ArgumentKind, Cycle, CycleId, Kind, argument_mismatch};
 use crate::diag::Diagnostic;
 use crate::error_codes::ErrorCode;
 
@@ -41,8 +41,8 @@ pub(super) fn link(mut forms: Vec<Form>, findings: &mut Vec<LibraryFinding>) -> 
                 None if form.unit.parameters.is_empty() => Kind::Plain,
                 None => Kind::Parameters,
             };
-            let Form { unit, origin, path, was_fresh, .. } = form;
-            Cycle { unit, callees, kind, origin, path, was_fresh }
+            let Form { unit, origin, path, is_from_cache, .. } = form;
+            Cycle { unit, callees, kind, origin, path, is_from_cache }
         })
         .collect()
 }
@@ -64,11 +64,11 @@ fn first_fault(unit: &Unit, forms: &[Form]) -> Option<Diagnostic> {
     })
 }
 
-fn given(passed: &Passed) -> Given {
+fn given(passed: &Passed) -> ArgumentKind {
     match passed {
-        Passed::Nothing => Given::Nothing,
-        Passed::Number => Given::Number,
-        Passed::Text | Passed::Parameter(_) => Given::Text,
+        Passed::Nothing => ArgumentKind::Empty,
+        Passed::Number => ArgumentKind::Number,
+        Passed::Text | Passed::Parameter(_) => ArgumentKind::Text,
     }
 }
 

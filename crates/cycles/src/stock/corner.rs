@@ -22,22 +22,22 @@ pub(super) fn break_corner(
     if corner == Corner::None || (turn.abs() < STRAIGHT && arrive.dot(leave) > 0.0) {
         return Ok(None);
     }
-    let misfit = StockRemovalError::Corner(before.line);
+    let error = StockRemovalError::Corner(before.line);
     if turn.abs() < STRAIGHT {
-        return Err(misfit);
+        return Err(error);
     }
     let (from, to, arc) = match corner {
         Corner::None => return Ok(None),
-        Corner::Rounding(radius) => rounding(before, after, radius.abs(), turn > 0.0).ok_or(misfit)?,
-        Corner::ChamferLeg(leg) => chamfer(before, after, leg.abs()).ok_or(misfit)?,
+        Corner::Rounding(radius) => rounding(before, after, radius.abs(), turn > 0.0).ok_or(error)?,
+        Corner::ChamferLeg(leg) => chamfer(before, after, leg.abs()).ok_or(error)?,
         Corner::ChamferLength(length) => {
             // An isosceles triangle over the chamfer: half its base and a leg enclose half the turn.
             let half_turn = turn.atan2(arrive.dot(leave)).abs() / 2.0;
-            chamfer(before, after, length.abs() / (2.0 * half_turn.cos())).ok_or(misfit)?
+            chamfer(before, after, length.abs() / (2.0 * half_turn.cos())).ok_or(error)?
         }
     };
     if !before.contains(from) || !after.contains(to) {
-        return Err(misfit);
+        return Err(error);
     }
     before.end = from;
     after.start = to;

@@ -4,7 +4,7 @@
 //! program would need. The motion mode, the offsets of G52 and G92, and the tool in the spindle stay unchanged.
 
 use super::check::BlockMotion;
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
 use crate::compensation::Side;
@@ -16,7 +16,7 @@ use crate::pose::{Axis, Pose};
 
 /// Modes that M70 and M73 save. Lengths are in the units in force when they were saved.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Context {
+pub(crate) struct SavedState {
     units: LengthUnit,
     plane: Plane,
     distance: DistanceMode,
@@ -50,9 +50,9 @@ fn differs(saved: f64, now: f64) -> bool {
     (saved - now).abs() > 1e-9 * saved.abs().max(1.0)
 }
 
-impl Context {
-    fn save(state: &ModalState, on_return: bool) -> Context {
-        Context {
+impl SavedState {
+    fn save(state: &ModalState, on_return: bool) -> SavedState {
+        SavedState {
             units: state.units,
             plane: state.plane,
             distance: state.distance,
@@ -190,22 +190,22 @@ impl Context {
 
 impl Core {
     /// Executes M70 … M73.
-    pub(super) fn context(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn context(&mut self, code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let level = self.state.call_level as usize;
         match code {
             70 | 73 => {
-                let saved = Context::save(&self.state, code == 73);
-                if self.state.contexts.len() <= level {
-                    self.state.contexts.resize(level + 1, None);
+                let saved = SavedState::save(&self.state, code == 73);
+                if self.state.saved_states.len() <= level {
+                    self.state.saved_states.resize(level + 1, None);
                 }
-                self.state.contexts[level] = Some(saved);
+                self.state.saved_states[level] = Some(saved);
                 Ok(())
             }
             71 => {
                 self.clear_context();
                 Ok(())
             }
-            _ => match self.state.contexts.get(level).copied().flatten() {
+            _ => match self.state.saved_states.get(level).copied().flatten() {
                 Some(saved) => self.restore(&saved, emit),
                 None => fault(ErrorCode::NothingSaved, words.m_span(GroupM::Spindle), ErrorCode::NothingSaved.title()),
             },
@@ -214,20 +214,20 @@ impl Core {
 
     /// Clears the saved state of this level of calls.
     pub(super) fn clear_context(&mut self) {
-        if let Some(place) = self.state.contexts.get_mut(self.state.call_level as usize) {
+        if let Some(place) = self.state.saved_states.get_mut(self.state.call_level as usize) {
             *place = None;
         }
     }
 
     /// Restores the state that M73 has saved for the end of this subprogram.
-    pub(super) fn restore_on_return(&mut self, emit: &mut Emit<'_>) -> BlockResult<()> {
-        match self.state.contexts.get(self.state.call_level as usize).copied().flatten() {
+    pub(super) fn restore_on_return(&mut self, emit: &mut Emitter<'_>) -> BlockResult<()> {
+        match self.state.saved_states.get(self.state.call_level as usize).copied().flatten() {
             Some(saved) if saved.on_return && self.state.call_level > 0 => self.restore(&saved, emit),
             _ => Ok(()),
         }
     }
 
-    fn restore(&mut self, saved: &Context, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn restore(&mut self, saved: &SavedState, emit: &mut Emitter<'_>) -> BlockResult<()> {
         // These functions belong to no N word, as in LinuxCNC.
         let number = emit.number.take();
         if saved.units != self.state.units {
@@ -251,7 +251,7 @@ impl Core {
         outcome.map(|_| ())
     }
 
-    fn restore_switches(&mut self, saved: &Context, emit: &mut Emit<'_>) {
+    fn restore_switches(&mut self, saved: &SavedState, emit: &mut Emitter<'_>) {
         let state = &mut self.state;
         let mut switch = |now: &mut bool, saved: bool, canon: [Canon; 2]| {
             if std::mem::replace(now, saved) != saved {

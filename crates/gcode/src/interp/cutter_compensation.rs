@@ -10,7 +10,7 @@ use super::compensation_corner::{
 };
 use super::compensation_queue::{Point, QueueRole};
 use super::motion::straight_canon;
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::angle::{sweep, turned_xy};
 use crate::block::{Words, name_of_g};
 use crate::canon::{ArcFeed, Canon, Plane};
@@ -33,7 +33,7 @@ struct NextMove {
 
 impl Core {
     /// Executes G40, G41, G42, G41.1 and G42.1.
-    pub(super) fn set_compensation(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn set_compensation(&mut self, code: u16, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at = words.g_span(GroupG::CutterCompensation);
         if code == 400 {
             let finished = self.finish_path(at, emit);
@@ -113,7 +113,7 @@ impl Core {
     }
 
     /// Releases the queued moves unchanged: the path ends here for now.
-    pub(super) fn finish_path(&mut self, at: Span, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn finish_path(&mut self, at: Span, emit: &mut Emitter<'_>) -> BlockResult<()> {
         if emit.waiting.is_empty() {
             return Ok(());
         }
@@ -140,7 +140,7 @@ impl Core {
         Some((Cutter { side, radius }, programmed))
     }
 
-    fn corner(&self, programmed: Point, emit: &Emit<'_>) -> CompensationCorner {
+    fn corner(&self, programmed: Point, emit: &Emitter<'_>) -> CompensationCorner {
         let arc = emit.waiting.arc().map(|(centre, end, turns)| PriorArc {
             centre,
             radius: (centre.0 - end.0).hypot(centre.1 - end.1),
@@ -158,7 +158,7 @@ impl Core {
         motion: MotionMode,
         end: Pose,
         words: &Words,
-        emit: &mut Emit<'_>,
+        emit: &mut Emitter<'_>,
     ) -> BlockResult<()> {
         let done = self.straight_on(motion, end, words, emit);
         if done.is_err() {
@@ -167,7 +167,7 @@ impl Core {
         done
     }
 
-    fn straight_on(&mut self, motion: MotionMode, end: Pose, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn straight_on(&mut self, motion: MotionMode, end: Pose, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let Some((cutter, programmed)) = self.cutter() else { return Ok(()) };
         let at = move_span(words);
         let (here, to) = (self.in_plane(&self.state.position), self.in_plane(&end));
@@ -211,7 +211,7 @@ impl Core {
         shape: &ArcShape,
         centre: Point,
         end: Pose,
-        emit: &mut Emit<'_>,
+        emit: &mut Emitter<'_>,
     ) -> BlockResult<()> {
         let done = self.arc_on(shape, centre, end, emit);
         if done.is_err() {
@@ -220,7 +220,7 @@ impl Core {
         done
     }
 
-    fn arc_on(&mut self, shape: &ArcShape, centre: Point, end: Pose, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn arc_on(&mut self, shape: &ArcShape, centre: Point, end: Pose, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let Some((cutter, programmed)) = self.cutter() else { return Ok(()) };
         let (at, turns) = (shape.at, shape.turns);
         let arc = ProgrammedArc { centre, end: shape.end, turns };
@@ -262,7 +262,7 @@ impl Core {
     }
 
     /// Ends the previous move at the corner, and moves about an outer corner; a rapid move does so on a straight line.
-    fn connect(&mut self, kind: CornerKind, next: &NextMove, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn connect(&mut self, kind: CornerKind, next: &NextMove, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let start = match kind {
             CornerKind::Smooth => self.in_plane(&self.state.position),
             CornerKind::Concave(_) if emit.waiting.is_empty() => {
@@ -291,7 +291,7 @@ impl Core {
     }
 
     /// Continues at the programmed end after an error, so that errors of later moves are their own.
-    fn lose_path(&mut self, end: Pose, emit: &mut Emit<'_>) {
+    fn lose_path(&mut self, end: Pose, emit: &mut Emitter<'_>) {
         emit.waiting.clear();
         self.state.position = end;
         if let Some(compensation) = &mut self.state.compensation {
@@ -303,7 +303,7 @@ impl Core {
     ///
     /// # Errors
     /// E1662; the queue is then empty, and the next move leads to the path again.
-    pub(super) fn check_waiting(&mut self, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn check_waiting(&mut self, emit: &mut Emitter<'_>) -> BlockResult<()> {
         if !emit.waiting.is_full() {
             return Ok(());
         }

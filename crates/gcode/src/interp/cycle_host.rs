@@ -5,7 +5,7 @@
 //! wrong.
 
 use super::check;
-use super::interpreter_core::{Core, Emit};
+use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, CanonStep, FeedMode, LengthUnit, PathControl, Plane};
 use crate::compensation::Side;
@@ -97,7 +97,7 @@ impl SavedModes {
     }
 
     /// Restores the modes and emits the canonical functions for them.
-    fn restore(&self, state: &mut ModalState, emit: &mut Emit<'_>) {
+    fn restore(&self, state: &mut ModalState, emit: &mut Emitter<'_>) {
         (state.motion, state.series) = (self.motion, self.series);
         if state.plane != self.plane {
             state.plane = self.plane;
@@ -259,7 +259,7 @@ impl super::Interpreter {
             centres,
             max_steps: steps.len().saturating_add(MAX_FUNCTIONS),
             modal_cost: 0,
-            emit: Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None },
+            emit: Emitter { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None },
             at: call.at,
             fault: None,
             warnings: Vec::new(),
@@ -303,7 +303,7 @@ struct Caller<'a> {
     max_steps: usize,
     /// Steps and blocks that the modal cycle has used so far.
     modal_cost: u64,
-    emit: Emit<'a>,
+    emit: Emitter<'a>,
     at: Span,
     fault: Option<Box<BlockError>>,
     warnings: Vec<String>,

@@ -4,7 +4,7 @@
 //! The order does not depend on the order of the words in the line.
 
 use super::check::BlockMotion;
-use super::{Core, Emit, ProgramFlow, unsupported};
+use super::{Core, Emitter, ProgramFlow, unsupported};
 use crate::angle::turned_xy;
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode};
@@ -21,7 +21,7 @@ impl Core {
         &mut self,
         words: &Words,
         motion: BlockMotion,
-        emit: &mut Emit<'_>,
+        emit: &mut Emitter<'_>,
     ) -> BlockResult<ProgramFlow> {
         if let Some(code) = words.g(GroupG::FeedMode) {
             self.set_feed_mode(code, emit);
@@ -98,7 +98,7 @@ impl Core {
         })
     }
 
-    fn m_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn m_codes(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         if let Some(code) = words.m(GroupM::Output) {
             self.port(code, words, emit)?;
         }
@@ -125,7 +125,7 @@ impl Core {
         Ok(())
     }
 
-    fn change_tool(&mut self, emit: &mut Emit<'_>) {
+    fn change_tool(&mut self, emit: &mut Emitter<'_>) {
         emit.call(Canon::StartChange);
         emit.call(Canon::StopSpindleTurning);
         self.state.spindle = SpindleRotation::Stopped;
@@ -146,7 +146,7 @@ impl Core {
     }
 
     /// Executes M61: declares another tool in the spindle.
-    fn rename_tool(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn rename_tool(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let Some(number) = words.get(b'q') else {
             return fault(ErrorCode::WordMissing, words.m_span(GroupM::Tool), "M61 needs a Q word: the tool number");
         };
@@ -157,7 +157,7 @@ impl Core {
         Ok(())
     }
 
-    fn spindle(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) {
+    fn spindle(&mut self, code: u8, words: &Words, emit: &mut Emitter<'_>) {
         self.state.spindle = match code {
             3 => SpindleRotation::Clockwise,
             4 => SpindleRotation::Counterclockwise,
@@ -173,7 +173,7 @@ impl Core {
         }
     }
 
-    fn coolant(&mut self, code: u8, emit: &mut Emit<'_>) {
+    fn coolant(&mut self, code: u8, emit: &mut Emitter<'_>) {
         match code {
             7 => {
                 self.state.mist = true;
@@ -192,7 +192,7 @@ impl Core {
     }
 
     /// Executes M48 … M53. For M50 to M53, P0 switches off; any other P, or none, switches on.
-    fn overrides(&mut self, code: u8, p: Option<f64>, emit: &mut Emit<'_>) {
+    fn overrides(&mut self, code: u8, p: Option<f64>, emit: &mut Emitter<'_>) {
         let on = match code {
             48 => true,
             49 => false,

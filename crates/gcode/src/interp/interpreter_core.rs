@@ -34,7 +34,7 @@ pub(crate) struct Core {
 }
 
 /// Receiver of the canonical functions of one block.
-pub(super) struct Emit<'a> {
+pub(super) struct Emitter<'a> {
     pub(super) line: u32,
     pub(super) number: Option<BlockNumber>,
     pub(super) steps: &'a mut Vec<CanonStep>,
@@ -44,7 +44,7 @@ pub(super) struct Emit<'a> {
     pub(super) warning: Option<(ErrorCode, Span)>,
 }
 
-impl Emit<'_> {
+impl Emitter<'_> {
     #[inline]
     pub(super) fn call(&mut self, canon: Canon) {
         if !self.waiting.is_empty() && CompensationQueue::must_wait(&canon) {

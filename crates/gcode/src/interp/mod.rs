@@ -27,13 +27,13 @@ mod tool_data;
 mod turning;
 mod unsupported;
 
-pub(crate) use self::context::Context;
+pub(crate) use self::context::SavedState;
 pub use self::ports::UserCodes;
 
 pub(crate) use self::compensation_queue::{CompensationQueue, Point, UNSHIFTED};
 pub(crate) use self::cycle_host::{Contours, NoContours, PlannedContour};
 pub(crate) use self::interpreter_core::Core;
-use self::interpreter_core::{BlockEnvironment, Emit};
+use self::interpreter_core::{BlockEnvironment, Emitter};
 use crate::block::{Assignment, BlockNumber, Words, letters};
 use crate::canon::{Canon, CanonStep, LengthUnit};
 use crate::compiled_code::CompiledCode as CompiledLines;
@@ -223,7 +223,7 @@ impl Interpreter {
     pub fn begin(&mut self, steps: &mut Vec<CanonStep>) {
         let state = &self.core.state;
         let mut waiting = CompensationQueue::default();
-        let mut emit = Emit { line: 0, number: None, steps, waiting: &mut waiting, warning: None };
+        let mut emit = Emitter { line: 0, number: None, steps, waiting: &mut waiting, warning: None };
         emit.call(Canon::UseLengthUnits(state.units));
         emit.call(Canon::SetG5xOffset { system: state.coordinate_system, offset: state.origin });
         emit.call(Canon::SetG92Offset(state.g92_offset));
@@ -368,7 +368,7 @@ impl Interpreter {
     /// Restores the state that M73 has saved; to be called before the subprogram ends.
     pub(crate) fn restore_on_return(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<()> {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
-        let mut emit = Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
+        let mut emit = Emitter { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
         let outcome = self.core.restore_on_return(&mut emit);
         self.core.state.waiting = waiting;
         outcome
@@ -420,7 +420,7 @@ impl Interpreter {
         // Taken out of the state for the block: the block's functions are either queued there or emitted.
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let (line, number) = (self.step_line, self.reader.block.number);
-        let mut emit = Emit { line, number, steps: &mut *steps, waiting: &mut waiting, warning: None };
+        let mut emit = Emitter { line, number, steps: &mut *steps, waiting: &mut waiting, warning: None };
         if let Some(comment) = &self.reader.block.comment {
             let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
             let show_debug = self.core.parameters.get(SHOW_DEBUG) > 0.0;
@@ -453,7 +453,7 @@ impl Interpreter {
     /// The functions that wait for the next corner of a compensated path cannot be released unchanged.
     pub(crate) fn end_program(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
-        let mut emit = Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
+        let mut emit = Emitter { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
         let ended = self.core.stop(2, Span::default(), &mut emit);
         self.core.state.waiting = waiting;
         ended

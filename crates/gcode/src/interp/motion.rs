@@ -4,7 +4,7 @@
 
 use super::arc::{ArcShape, Radii, from_centre, from_radius};
 use super::check::turns_of;
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::angle::rotate;
 use crate::block::{Words, letters};
 use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
@@ -26,7 +26,7 @@ const TINY_DISTANCE: f64 = 1e-7;
 impl Core {
     /// Executes the block's motion.
     #[inline]
-    pub(super) fn move_along(&mut self, motion: MotionMode, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn move_along(&mut self, motion: MotionMode, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         if self.state.tool_shift.is_some() {
             self.state.tool_shift = None;
         }
@@ -71,7 +71,7 @@ impl Core {
     }
 
     #[inline]
-    fn straight(&mut self, motion: MotionMode, end: Pose, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn straight(&mut self, motion: MotionMode, end: Pose, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         // At higher feeds no machine is large enough for a move to take that long.
         if motion == MotionMode::Feed && self.state.feed_rate < 10.0 {
             self.check_duration(straight_length(self.state.path_position(), &end), words)?;
@@ -127,7 +127,7 @@ impl Core {
         )
     }
 
-    fn set_inverse_time_rate(&mut self, length: f64, words: &Words, emit: &mut Emit<'_>) {
+    fn set_inverse_time_rate(&mut self, length: f64, words: &Words, emit: &mut Emitter<'_>) {
         let rate = length * words.get(b'f').unwrap_or_default();
         self.state.feed_rate = rate;
         emit.call(Canon::SetFeedRate(rate));
@@ -180,7 +180,7 @@ impl Core {
         end
     }
 
-    fn arc(&mut self, motion: MotionMode, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn arc(&mut self, motion: MotionMode, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at =
             words.first_of(b"rijkxyzabcuvw").map_or_else(|| words.g_span(GroupG::Motion), |letter| words.span(letter));
         if self.state.has_left_compensation {

@@ -2,7 +2,7 @@
 //!
 //! Invariant: an output or input is a number of at least 0. Only user codes that the machine has declared are executed.
 
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, WaitFor, WaitForInput, WaitInput};
 use crate::diag::{BlockResult, fault};
@@ -34,7 +34,7 @@ impl UserCodes {
 
 impl Core {
     /// Executes M62 … M68.
-    pub(super) fn port(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn port(&mut self, code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         match code {
             62..=65 => digital_output(code, words, emit),
             66 => self.wait(words, emit),
@@ -43,7 +43,7 @@ impl Core {
     }
 
     /// Executes M66. Without a machine, the result is 0, as in LinuxCNC's stand-alone interpreter.
-    fn wait(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn wait(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at = words.m_span(GroupM::Output);
         let input = match (words.has(b'p'), words.has(b'e')) {
             (true, true) => return fault(ErrorCode::InputChoice, at, "M66 reads one input, not both P and E"),
@@ -80,7 +80,7 @@ impl Core {
     }
 
     /// Executes M100 … M199.
-    pub(super) fn user_code(&self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn user_code(&self, code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         if !self.user_codes.has(code) {
             let message = format!("M{code} is not declared for this machine");
             return fault(ErrorCode::UserCodeUndeclared, words.m_span(GroupM::User), message);
@@ -91,7 +91,7 @@ impl Core {
 }
 
 /// Executes M62 … M65 for the output that P names.
-fn digital_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+fn digital_output(code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
     if !words.has(b'p') {
         let at = words.m_span(GroupM::Output);
         return fault(ErrorCode::WordMissing, at, format!("M{code} needs a P word: the output"));
@@ -107,7 +107,7 @@ fn digital_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<(
 }
 
 /// Executes M67 and M68: sets the output that E names to the value of Q.
-fn analog_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+fn analog_output(code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
     let at = words.m_span(GroupM::Output);
     let Some(value) = words.get(b'q') else {
         return fault(ErrorCode::WordMissing, at, format!("M{code} needs a Q word: the value"));

@@ -3,7 +3,7 @@
 //! Invariant: the only spindle is number 0. A synchronised move is refused while the spindle is stopped.
 
 use super::check::BlockMotion;
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::Canon;
 use crate::diag::{BlockResult, fault};
@@ -18,7 +18,7 @@ const NO_HIGHEST_SPEED: f64 = 1e30;
 
 impl Core {
     /// Executes G96 and G97. From here S is a surface speed or a rotary speed.
-    pub(super) fn set_spindle_mode(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) {
+    pub(super) fn set_spindle_mode(&mut self, code: u16, words: &Words, emit: &mut Emitter<'_>) {
         self.state.constant_surface_speed = code == 960;
         let highest = if code == 960 { words.get(b'd').map_or(NO_HIGHEST_SPEED, f64::abs) } else { 0.0 };
         self.state.max_spindle_speed = highest;
@@ -27,7 +27,7 @@ impl Core {
 
     /// Executes M19: the spindle turns to an angle and stops. Without R and P it only counts as stopped, as in
     /// LinuxCNC.
-    pub(super) fn orient_spindle(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn orient_spindle(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let mode = words.get(b'p').unwrap_or_default() as u8;
         self.state.spindle = SpindleRotation::Stopped;
         if words.has_any(b"rp") {
@@ -49,7 +49,7 @@ impl Core {
         &mut self,
         motion: MotionMode,
         words: &Words,
-        emit: &mut Emit<'_>,
+        emit: &mut Emitter<'_>,
     ) -> BlockResult<()> {
         self.needs_turning_spindle(motion.name(), words)?;
         let pitch = words.get(b'k').unwrap_or_default();

@@ -2,7 +2,7 @@
 //!
 //! Invariant: only the words of the block are changed. The tool offset in force stays until the next G43.
 
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::angle::rotate;
 use crate::block::Words;
 use crate::canon::Canon;
@@ -39,7 +39,7 @@ pub(super) fn check(words: &Words, at: Span) -> BlockResult<()> {
 
 impl Core {
     /// Executes G10 L0.
-    pub(super) fn reload_tools(&mut self, at: Span, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn reload_tools(&mut self, at: Span, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let loaded = self.state.current_tool;
         if loaded != 0 {
             let message = format!("tool {loaded} is in the spindle, and G10 L0 needs an empty spindle");
@@ -51,7 +51,7 @@ impl Core {
 
     /// Executes G10 L1, which sets the given offset; L10, which sets the offset that makes the current position the
     /// given one; and L11, which does the same in the fixture's system, without the offset of G52 and G92.
-    pub(super) fn set_tool_data(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn set_tool_data(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let mut tool = self.tool(words.get(b'p').unwrap_or_default(), words, b'p')?;
         if let Some(orientation) = words.get(b'q') {
             let place = words.span(b'q');

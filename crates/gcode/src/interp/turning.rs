@@ -3,7 +3,7 @@
 //! Invariant: the profile is drawn by the subprogram Q. The caller that runs subprograms sets it before the block is
 //! executed, and it is used once.
 
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
 use crate::diag::{BlockResult, fault};
@@ -47,7 +47,7 @@ impl Core {
     }
 
     /// Executes a turning cycle over the profile that was set.
-    pub(super) fn turning_cycle(&mut self, code: Tenths, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn turning_cycle(&mut self, code: Tenths, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at = words.g_span(GroupG::Motion);
         let job = job_of(code, words)?;
         if self.state.plane != Plane::Zx {
