@@ -126,7 +126,7 @@ fn outputs_in_words(outputs: &Outputs, names: &ChannelNames) -> String {
 fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
     let machine = files::machine(machine)?;
     let mut card = linked_card::find::<MAX_AXES>(address)?;
-    card.settle(linked_card::nonce()).map_err(|fault| linked_card::failed(address, &fault))?;
+    card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::failed(address, &fault))?;
     // Where it stands on its path stays known: an interrupted job may be taken up there.
     let start = card.greeting().map_or(PathStart::at(0), |said| PathStart {
         place: said.place,
@@ -142,7 +142,7 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
     // What the card refuses shows below.
     let _ = card.send(HostCommand::ClearAlarm);
     for _ in 0..CLEARED_WITHIN {
-        if card.period().is_ok_and(|status| status.alarm.is_none()) {
+        if card.run_period().is_ok_and(|status| status.alarm.is_none()) {
             say!("{address}: cleared: {alarm}");
             return card.close().map_err(|fault| linked_card::failed(address, &fault));
         }

@@ -93,7 +93,7 @@ impl RunContext<'_> {
         // Everything that can be refused without the card is refused before it is asked for.
         self.open(&machine)?;
         let mut card = linked_card::find::<A>(&args.port.card)?;
-        card.settle(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
+        card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
         let Some(greeting) = card.greeting().copied() else { return Ok(3) };
         linked_card::fits(&args.port.card, &greeting.identity, &machine)?;
         let (counts, named) = (greeting.counts, crate::journaled_job::wired(&args.port.card, &greeting.identity));

@@ -154,8 +154,8 @@ impl<const A: usize> CardSimulator<A> {
     fn period(&mut self) {
         let inputs = self.machine.inputs(self.now_us(), self.pins.positions());
         let before = self.card.status().counts;
-        let status = *self.card.period(inputs);
-        if let Some(terms) = self.card.terms() {
+        let status = *self.card.run_period(inputs);
+        if let Some(terms) = self.card.settings() {
             self.compared.expect_play(&terms.settings().backlash_pulses, &before, self.pins.positions());
             self.faults.too_many += u64::from(!self.pins.emit(terms.timing(), self.card.card().pulses()));
         }
@@ -170,7 +170,8 @@ impl<const A: usize> CardSimulator<A> {
         {
             self.trace = None;
         }
-        self.due_ns += self.card.terms().map_or(IDLE_PERIOD_NS, |terms| u64::from(terms.settings().period_us) * 1000);
+        self.due_ns +=
+            self.card.settings().map_or(IDLE_PERIOD_NS, |terms| u64::from(terms.settings().period_us) * 1000);
     }
 
     /// Fetches from the card what its UART can send now.

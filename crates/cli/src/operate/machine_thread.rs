@@ -164,7 +164,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
 
     /// Lets a period pass in which the machine stands.
     fn stand(&mut self) {
-        if let Err(fault) = self.card.period() {
+        if let Err(fault) = self.card.run_period() {
             let trouble = CardError::of(&fault);
             // A latched alarm is told below, and can be cleared.
             if self.card.status().alarm.is_none() && !self.failed {
@@ -339,7 +339,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Ok(program) => program,
             Err(why) => return self.refused(&why),
         };
-        if let Err(fault) = self.card.begin(PathStart::at(0)) {
+        if let Err(fault) = self.card.begin_path(PathStart::at(0)) {
             return self.tell(EventKind::Alarm(CardError::of(&fault)));
         }
         let mut ended = JobResult::default();

@@ -454,7 +454,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         let line = self.dnc_line();
         if let Some(start) = self.dnc.left.take() {
-            self.card.begin(start).map_err(|fault| CardError::of(&fault))?;
+            self.card.begin_path(start).map_err(|fault| CardError::of(&fault))?;
             let _ = self.card.send(HostCommand::Replay { on: self.replays });
         }
         self.target = None;
@@ -491,7 +491,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     pub(super) fn turn_off_path(&mut self) -> Result<Option<Outcome>, CardError> {
         self.take_orders();
         self.advance_restart();
-        let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
+        let status = *self.card.run_period().map_err(|fault| CardError::of(&fault))?;
         if let Some(off) = status.cutter_off {
             self.cutter_went_off(off);
         }

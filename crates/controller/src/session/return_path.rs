@@ -24,7 +24,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let Some(mut hand) = self.dnc.take_hand() else { return Err(not_planned()) };
         // A card that was only asked where it stands is opened by that.
         let begins = PathStart { executed, ..PathStart::at(hand.ring.write()) };
-        self.card.begin(begins).map_err(|fault| CardError::of(&fault))?;
+        self.card.begin_path(begins).map_err(|fault| CardError::of(&fault))?;
         self.tell_way_back(DncStep::Approaching);
         let request = JogRequest::Approach { from, to };
         let mut trip = ManualMove::begin(&mut hand, request, executed, self.enough, self.manner.wall_time);
@@ -67,7 +67,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// A control period that belongs to no program.
     fn period_off_path(&mut self) -> Result<Option<Outcome>, CardError> {
-        let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
+        let status = *self.card.run_period().map_err(|fault| CardError::of(&fault))?;
         self.tally.pause();
         self.teller.outputs(&status.outputs);
         let period = PeriodRecord {

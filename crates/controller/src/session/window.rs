@@ -86,7 +86,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let wanted = status.place.record.wrapping_add(self.enough);
         let wanted = if is_before(status.high, wanted) { status.high } else { wanted };
-        is_before(self.card.arrived(), wanted)
+        is_before(self.card.acknowledged_high(), wanted)
             || self.manner.wall_time && !self.supply.has_lookahead(status, self.enough)
     }
 
