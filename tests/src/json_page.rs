@@ -7,9 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Heading of the fields that every event has.
 const COMMON: &str = "Every event";
-/// Heading behind which each heading of the third level is an event.
-const EVENTS: &str = "Events";
-/// The same for the steps of a pause, which have fields of their own in common.
+/// Heading of the events of a pause, which have fields of their own in common.
 const DNC_EVENTS: &str = "DNC events";
 
 /// The fields of one object: path and type, such as `outputs[].channel` and `integer or null`.

@@ -60,7 +60,7 @@ fn extents_room_tools_ranges_and_barriers_are_told_in_both_forms() {
     );
     let text = bench.retrace([&["check"][..], &with].concat()).out;
     for part in [
-        "room 2095.000 below, 1880.000 above",
+        "margin 2095.000 below, 1880.000 above",
         "in G55: X -5.000 … 20.000",
         "T1 (end mill, length 40.000 mm, diameter 6.000 mm)",
         "feed 90.0 … 600.0 mm/min · spindle 3000.0 … 8000.0 turns/min",
@@ -101,7 +101,7 @@ fn lengths_pierces_time_per_tool_and_feeds_beyond_the_machine_are_told() {
         "at 100 %: 0:00:",
         "pierces 2",
         "motion with each tool: T1 0:00:",
-        "line 6 asks for a feed of 9000.0 mm/min; the machine moves at 6000.0",
+        "line 6 programs a feed of 9000.0 mm/min; the machine's maximum is 6000.0",
     ] {
         assert!(text.contains(part), "{part} is not in\n{text}");
     }
@@ -226,8 +226,8 @@ fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
     let lines: Vec<&str> = said.err.lines().collect();
     assert_eq!(lines.len(), 4, "{}", said.err);
     assert!(lines[0].starts_with("warning[W2115]: m.toml: code.M3 waits for input 5, which"), "{}", said.err);
-    assert!(lines[1].starts_with("warning[W2116]: m.toml: axis y makes up to 260000 pulses"), "{}", said.err);
-    assert!(lines[2].starts_with("warning[W2116]: m.toml: axis z makes up to 3000000 pulses"), "{}", said.err);
+    assert!(lines[1].starts_with("warning[W2116]: m.toml: axis y needs up to 260000 pulses"), "{}", said.err);
+    assert!(lines[2].starts_with("warning[W2116]: m.toml: axis z needs up to 3000000 pulses"), "{}", said.err);
     assert_eq!(lines[3], "m.toml: 3 warnings");
     // The same against a card: what its clock and its pulses leave, and its own bound.
     let served = Served::with(&[]);
@@ -235,8 +235,16 @@ fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
     assert_eq!(said.code, Some(2), "{}", said.err);
     let errors: Vec<&str> = said.err.lines().filter(|line| line.starts_with("error[E3008]: m.toml, ")).collect();
     assert_eq!(errors.len(), 3, "{}", said.err);
-    assert!(errors[0].contains("axis X makes up to 248000 pulses a second, the card 246000 with"), "{}", errors[0]);
-    assert!(errors[2].contains("axis Z makes up to 3000000 pulses a second, the card 2000000"), "{}", errors[2]);
+    assert!(
+        errors[0].contains("axis X needs up to 248000 pulses per second, the card supports 246000 with"),
+        "{}",
+        errors[0]
+    );
+    assert!(
+        errors[2].contains("axis Z needs up to 3000000 pulses per second, the card supports 2000000"),
+        "{}",
+        errors[2]
+    );
     let run = bench.retrace(["run", "--card", &served.port, "--machine", "m.toml", "--no-journal", "m.toml"]);
     assert_ne!(run.code, Some(0), "{}", run.err);
 }

@@ -162,7 +162,7 @@ fn a_profile_is_drawn_of_a_range_of_program_lines() {
     assert!((parts.iter().sum::<f64>() + 1.0 - all).abs() < 0.05, "{parts:?} of {all}");
     std::fs::remove_file(bench.path("p.svg")).expect("a drawing");
     for (wrong, part) in [
-        (&["--from", "4", "--to", "3"][..], "the first line is behind the last"),
+        (&["--from", "4", "--to", "3"][..], "the first line is after the last"),
         (&["--from", "5", "--to", "5"], "nothing moves there"),
         (&["--from", "100"], "nothing moves there"),
     ] {
@@ -200,10 +200,10 @@ fn cycles_are_listed_checked_compiled_and_shown() {
         said.err
     );
     bench.file("mine/BOX.SPF", "PROC BOX(REAL WW) SAVE\nG1 X=WW\n");
-    assert!(cycles(&["compile"]).out.starts_with("13 cycles: 13 compiled now, 0 were fresh"));
+    assert!(cycles(&["compile"]).out.starts_with("13 cycles: 13 compiled now, 0 up to date"));
     let said = cycles(&[]);
     let row = |name: &str| said.out.lines().find(|line| line.starts_with(name)).unwrap_or_default().to_owned();
-    assert!(row("BOX ").contains("fresh") && row("CYCLE95").contains(" 3     shipped"), "{}", said.out);
+    assert!(row("BOX ").contains("up to date") && row("CYCLE95").contains(" 3     shipped"), "{}", said.out);
     assert!(cycles(&["show", "cycle81"]).out.contains("PROC CYCLE81(REAL RTP"));
     let said = cycles(&["show", "CYCLE80"]);
     assert_eq!(said.code, Some(2));

@@ -165,8 +165,8 @@ fn another_card_is_refused_and_a_machine_that_was_moved_goes_back_to_the_breakpo
     let other = Served::with(&[]);
     assert_refused(&bench.retrace(["resume", &id, "--yes", "--json", "--card", &other.port]), "E2213");
     let said = bench.retrace(["resume", &id]);
-    assert!(said.code == Some(2) && said.out.contains("way back"), "{}\n{}", said.out, said.err);
-    assert!(said.out.contains("this place the last one in the journal"), "{}", said.out);
+    assert!(said.code == Some(2) && said.out.contains("approach"), "{}\n{}", said.out, said.err);
+    assert!(said.out.contains("note       the last one in the journal"), "{}", said.out);
     assert_completed(&bench.retrace(["resume", &id, "--yes", "--json"]));
 }
 
@@ -211,7 +211,7 @@ fn a_tool_that_was_moved_away_in_a_pause_goes_back_in_the_safe_order() {
     assert_eq!(stands[2], 2_000, "{}", said.out);
     let said = bench.retrace(["resume"]);
     assert!(
-        said.code == Some(2) && said.out.contains("way back   Z to 10.000, then X to"),
+        said.code == Some(2) && said.out.contains("approach   Z to 10.000, then X to"),
         "{}\n{}",
         said.out,
         said.err
@@ -219,7 +219,7 @@ fn a_tool_that_was_moved_away_in_a_pause_goes_back_in_the_safe_order() {
     let said = bench.retrace(["resume", "--yes", "--json", "--records", "records.csv"]);
     assert_completed(&said);
     let shown: Value = serde_json::from_str(said.out.lines().next().expect("a line")).expect("JSON");
-    let back: Vec<[i64; 3]> = serde_json::from_value(shown["way_back"].clone()).expect("counts");
+    let back: Vec<[i64; 3]> = serde_json::from_value(shown["return_path"].clone()).expect("counts");
     assert_eq!((back.len(), back[0], back[2][2]), (3, [stands[0], stands[1], 10_000], 0), "{shown}");
     assert_safe_order(&rows(&bench), stands, 10_000, back[2]);
 }
@@ -271,7 +271,7 @@ fn after_a_restart_of_the_card_the_position_has_to_be_confirmed() {
     let said = bench.retrace(resume.iter().chain(&["--assume-position", "--records", "records.csv"]));
     assert_completed(&said);
     let shown: Value = serde_json::from_str(said.out.lines().next().expect("a line")).expect("JSON");
-    let back: Vec<[i64; 3]> = serde_json::from_value(shown["way_back"].clone()).expect("counts");
+    let back: Vec<[i64; 3]> = serde_json::from_value(shown["return_path"].clone()).expect("counts");
     assert_safe_order(&rows(&bench), [0; 3], 10_000, *back.last().expect("moves"));
 }
 

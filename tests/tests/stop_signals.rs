@@ -304,7 +304,7 @@ fn ctrl_c_sigterm_and_sighup_stop_work_by_hand() {
         let begun = Begun::of(&bench, &arguments);
         sleep(Duration::from_millis(2500));
         begun.signal(signal);
-        begun.until("err.txt", "stopping: the machine comes to rest on its path, cutting outputs go off");
+        begun.until("err.txt", "stopping: braking on the path, cutting outputs go off");
         let (code, report) = begun.ended();
         assert_eq!((code, report["outcome"].as_str()), (Some(4), Some("stopped")), "{work:?}: {report}");
         let who = card.who(&bench);

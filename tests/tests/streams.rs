@@ -37,7 +37,7 @@ fn nothing_is_executed_of_a_line_that_did_not_arrive_whole() {
             let id = job(&bench);
             assert!(run.said.err.contains(&format!("retrace resume {id} --program")), "{}", run.said.err);
             let kept = bench.retrace(["jobs", "show", &id]);
-            assert!(kept.out.contains("not all of it"), "{sent:?}: {}", kept.out);
+            assert!(kept.out.contains("incomplete"), "{sent:?}: {}", kept.out);
         }
     }
 }
@@ -120,7 +120,7 @@ fn a_sender_on_the_network_is_warned_about_and_one_on_this_computer_is_not() {
         }
     });
     let bench = Bench::new();
-    let warning = "is not on this computer: whoever can send from there moves this machine";
+    let warning = "is on another computer: anyone who can send from there can move this machine";
     let here = bench.retrace(["run", &format!("tcp://{}:{port}", std::net::Ipv4Addr::LOCALHOST), "--json"]);
     assert!(here.code == Some(0) && !here.err.contains(warning), "{}", here.err);
     // Where there is no network nobody can send from elsewhere.

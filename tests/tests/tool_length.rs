@@ -200,12 +200,7 @@ fn a_job_with_a_new_tool_length_is_resumed_with_it() {
         assert_eq!(said.code, Some(4), "{}\n{}", said.out, said.err);
         assert!(stands.is_none() || z(&said.out) == stands, "{}", said.out);
         let shown = bench.retrace(["resume"]);
-        assert!(
-            shown.out.contains("new tool   its length was entered in a pause, +2.500 mm"),
-            "{}\n{}",
-            shown.out,
-            shown.err
-        );
+        assert!(shown.out.contains("new tool   length entered in a pause, +2.500 mm"), "{}\n{}", shown.out, shown.err);
         // the tool table knows nothing of it
         let from_line = bench.retrace(["resume", "--from-line", "3"]);
         assert!(from_line.code == Some(2) && from_line.err.contains("E2218"), "{}", from_line.err);

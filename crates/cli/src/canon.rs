@@ -1,6 +1,6 @@
-//! `retrace canon`: the canonical functions of a program, one a line, as LinuxCNC's `rs274 -g` prints them.
+//! `retrace canon`: prints the canonical functions of a program, one per line, as LinuxCNC's `rs274 -g` does.
 //!
-//! Invariant: what is printed depends on the program and the files named alone.
+//! Invariant: the output depends only on the program and the files on the command line.
 
 use retrace_gcode::{CanonText, Setup, Severity};
 
@@ -11,7 +11,7 @@ use crate::program::{CommandFailure, Program};
 /// Runs the command.
 ///
 /// # Errors
-/// What is wrong with the program or the files.
+/// The program or the files have errors.
 pub fn run(args: &args::Canon) -> Result<(), CommandFailure> {
     let program = Program::with_setup(&args.reading, Setup::rs274())?;
     let mut steps = Vec::new();
@@ -24,7 +24,7 @@ pub fn run(args: &args::Canon) -> Result<(), CommandFailure> {
         for step in &steps {
             match out.write(step) {
                 Ok(()) => {}
-                // whoever read the list has seen enough
+                // the reader of the list has seen enough
                 Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => return Ok(()),
                 Err(error) => return Err(unwritable("standard output", &error).into()),
             }

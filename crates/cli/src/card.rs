@@ -1,7 +1,7 @@
-//! `retrace card`: which serial ports there are, and who is at one. Serving a simulated card is `card_serve`.
+//! `retrace card`: lists serial ports, identifies a card, clears its alarm. Serving a simulated card is `card_serve`.
 //!
-//! Invariant: asking who is there moves nothing; a card that works for a host is only greeted, one that stands alone is opened for a moment to see its
-//! outputs, and is as it was then.
+//! Invariant: identifying moves nothing. A card that works for a host is only greeted; an idle one is opened briefly to
+//! read its outputs, and its state is unchanged.
 
 use retrace_hal_serial::{FoundPort, LatencyTimer};
 use std::path::Path;
@@ -16,13 +16,13 @@ use crate::linked_card::{MAX_AXES, SerialCard};
 use crate::program::CommandFailure;
 use crate::{args, card_serve, files, linked_card};
 
-/// Periods within which a card has taken the word and said so.
+/// Number of periods within which a card executes the command and reports that.
 const CLEARED_WITHIN: u32 = 300;
 
 /// Runs the command.
 ///
 /// # Errors
-/// What is wrong with the port or the machine file, or that nobody answers.
+/// The port or the machine file has errors, or no card answers.
 pub fn run(args: &args::Card) -> Result<(), CommandFailure> {
     match args {
         args::Card::Serve(args) => card_serve::run(args)?,
@@ -41,7 +41,7 @@ fn list(ports: &[FoundPort], json: bool) {
         return;
     }
     if ports.is_empty() {
-        say!("no serial port is there (a pseudo-terminal is never in the list)");
+        say!("no serial ports found (pseudo-terminals are not listed)");
     }
     for port in ports {
         match &port.usb {
@@ -73,7 +73,7 @@ fn port_json(port: &FoundPort) -> Value {
 fn identify(address: &str, machine: Option<&Path>, json: bool) -> Result<(), CommandFailure> {
     let machine = files::machine(machine)?;
     let mut card = linked_card::find::<MAX_AXES>(address)?;
-    // It was found by its greeting.
+    // The card was found by its greeting.
     let Some(greeting) = card.greeting().copied() else { return Ok(()) };
     let outputs = outputs(&mut card, address, &greeting, &machine);
     let latency = card.port().latency();
@@ -85,7 +85,8 @@ fn identify(address: &str, machine: Option<&Path>, json: bool) -> Result<(), Com
     Ok(())
 }
 
-/// The outputs that are not 0, channel and value; or why they are not known. A card that works for a host is not disturbed.
+/// Outputs that are not 0, as channel and value, or why they are not known. A card that works for a host is not
+/// disturbed.
 type Outputs = Result<Vec<(u8, i32)>, String>;
 
 fn outputs(
@@ -95,7 +96,7 @@ fn outputs(
     machine: &MachineConfig,
 ) -> Outputs {
     if greeting.epoch != 0 || !greeting.at_rest {
-        return Err("not known: the card works for a host".into());
+        return Err("unknown: the card works for a host".into());
     }
     let Greeting { place, reached, executed, .. } = *greeting;
     let settings = machine.card_settings(PathStart { place, rests: false, reached, executed });
@@ -105,9 +106,9 @@ fn outputs(
             Ok(each.map(|(number, &value)| (number as u8, value)).collect())
         }
         Err(CommandFailure::Card(refusal) | CommandFailure::Refused(refusal)) => {
-            Err(format!("not known: {}", refusal.cause))
+            Err(format!("unknown: {}", refusal.cause))
         }
-        Err(CommandFailure::Program) => Err("not known".into()),
+        Err(CommandFailure::Program) => Err("unknown".into()),
     }
 }
 
@@ -122,12 +123,12 @@ fn outputs_in_words(outputs: &Outputs, names: &ChannelNames) -> String {
     }
 }
 
-/// Clears what is latched: for that an epoch is opened, with the machine's switches, and closed again.
+/// Clears the latched alarm: opens an epoch with the machine's switches, and closes it again.
 fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
     let machine = files::machine(machine)?;
     let mut card = linked_card::find::<MAX_AXES>(address)?;
     card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::failed(address, &fault))?;
-    // Where it stands on its path stays known: an interrupted job may be taken up there.
+    // The place on the path is kept: an interrupted job may be resumed there.
     let start = card.greeting().map_or(PathStart::at(0), |said| PathStart {
         place: said.place,
         rests: false,
@@ -139,7 +140,7 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
         say!("{address}: no alarm is latched");
         return card.close().map_err(|fault| linked_card::failed(address, &fault));
     };
-    // What the card refuses shows below.
+    // A rejected command shows below.
     let _ = card.send(HostCommand::ClearAlarm);
     for _ in 0..CLEARED_WITHIN {
         if card.run_period().is_ok_and(|status| status.alarm.is_none()) {
@@ -147,11 +148,11 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
             return card.close().map_err(|fault| linked_card::failed(address, &fault));
         }
     }
-    let what = format!("{address}: not cleared, its cause is still there: {alarm}");
+    let what = format!("{address}: not cleared, its cause is still present: {alarm}");
     Err(CommandFailure::Card(NumberedError::new(alarm.number(), what, alarm.remedy())))
 }
 
-/// The card's name, as far as it is text.
+/// Name of the card, as far as it is text.
 fn name(identity: &CardIdentity) -> String {
     String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned()
 }
@@ -160,7 +161,7 @@ fn counts(greeting: &Greeting<MAX_AXES>) -> &[i64] {
     &greeting.counts[..usize::from(greeting.identity.axes).min(MAX_AXES)]
 }
 
-/// A greeting in a few lines.
+/// Text of a greeting, in a few lines.
 fn told(
     address: &str,
     greeting: &Greeting<MAX_AXES>,
@@ -196,7 +197,7 @@ fn told(
         None => text += "\n  no alarm",
     }
     if let LatencyTimer::Kept { ms, remedy } = latency {
-        text += &format!("\n  the adapter holds bytes back for {ms} ms; to shorten it: {remedy}");
+        text += &format!("\n  the USB adapter delays bytes by {ms} ms; to shorten that: {remedy}");
     }
     text
 }

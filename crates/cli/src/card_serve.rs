@@ -1,7 +1,9 @@
-//! `retrace card serve`: a simulated card behind a pseudo-terminal, in wall time, with a machine that can be taken hold of.
+//! `retrace card serve`: a simulated card on a pseudo-terminal, in wall time, with a machine whose inputs can be
+//! operated.
 //!
-//! Invariant: the card's time follows the monotonic clock; what this process was kept from for a moment is made up for. A longer absence is
-//! left out, as if the machine had stood still with it: a real card is never away, and a host is not to be blamed for it.
+//! Invariant: the card's time follows the monotonic clock; a short delay of this process is caught up. A longer one is
+//! skipped, as if the machine had been at rest with it: a real card is never delayed, and the host is not at fault for
+//! it.
 
 use std::io::{BufWriter, IsTerminal as _};
 use std::path::Path;
@@ -21,22 +23,22 @@ use crate::manual_inputs::ManualInput;
 use crate::sim_wiring::hung_on;
 use crate::{args, files, linked_card};
 
-/// The longest absence that is made up for.
+/// Longest delay that is caught up.
 const MADE_UP_US: u64 = 20_000;
-/// Serial number of every simulated card: it is always the same one, started anew.
+/// Serial number of every simulated card: it is always the same card, restarted.
 const SERIAL: u32 = 1;
-/// The longest wait for a byte.
+/// Longest wait for a byte.
 const WAIT_US: u64 = 1_000;
-/// How often a trace is handed on to its file.
+/// Interval at which a trace is flushed to its file.
 const FLUSH: Duration = Duration::from_millis(200);
 
-/// Runs the command: until interrupted, or as long as it was told to.
+/// Runs the command until it is interrupted, or for the time on the command line.
 ///
 /// # Errors
-/// What keeps a card from being served.
+/// Whatever prevents the card from being served.
 pub fn run(args: &args::Serve) -> Result<(), NumberedError> {
     if !(0.01..=100.0).contains(&args.speed) {
-        return Err(refuse(format!("--speed {}", args.speed), "a number from 0.01 to 100"));
+        return Err(refuse(format!("--speed {}", args.speed), "give a number from 0.01 to 100"));
     }
     let machine = files::machine(args.machine_file.path())?;
     match machine.axes.len() {
@@ -54,7 +56,7 @@ fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<
     let mut rig = rig::<A>(args, machine)?;
     let inputs = machine.card_settings::<A>(PathStart::at(0)).inputs;
     let pty =
-        Pty::open().map_err(|error| refuse(format!("no pseudo-terminal is to be had: {error}"), "see `man pts`"))?;
+        Pty::open().map_err(|error| refuse(format!("no pseudo-terminal is available: {error}"), "see `man pts`"))?;
     if let Some(link) = &args.link {
         name(pty.path(), link)?;
     }
@@ -79,14 +81,14 @@ fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<
     Ok(())
 }
 
-/// The simulated machine that a machine file describes.
+/// Simulated machine of a machine file.
 fn rig<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<CardSimulator<A>, NumberedError> {
     let spec = args.faults.as_deref().unwrap_or_default();
-    let [up, down] = faults(spec).map_err(|why| refuse(format!("--faults {spec}: {why}"), "one of these"))?;
+    let [up, down] = faults(spec).map_err(|why| refuse(format!("--faults {spec}: {why}"), "use one of these"))?;
     let settings =
         CardSimulatorSettings { up, down, machine: hung_on::<A>(machine), serial: SERIAL, boot: linked_card::nonce() };
-    let mut rig =
-        CardSimulator::new(&settings).ok_or_else(|| refuse("the card cannot be made", "please report this"))?;
+    let mut rig = CardSimulator::new(&settings)
+        .ok_or_else(|| refuse("the simulated card cannot be created", "please report this"))?;
     if let Some(path) = &args.vcd {
         let named = |error| unwritable(&path.display().to_string(), &error);
         let file = std::fs::File::create(path).map_err(named)?;
@@ -96,16 +98,16 @@ fn rig<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<Ca
     Ok(rig)
 }
 
-/// Gives the pseudo-terminal a name. Only a link is replaced.
+/// Creates the symbolic link to the pseudo-terminal. Only a link is replaced.
 fn name(pty: &Path, link: &Path) -> Result<(), NumberedError> {
     if link.is_symlink() {
         let _ = std::fs::remove_file(link);
     }
     std::os::unix::fs::symlink(pty, link)
-        .map_err(|error| refuse(format!("--link {}: {error}", link.display()), "a name that is not taken"))
+        .map_err(|error| refuse(format!("--link {}: {error}", link.display()), "give a name that does not exist"))
 }
 
-/// When serving ends, and what is said meanwhile.
+/// Conditions that end serving, and the input lines.
 struct ServeEnd {
     after: Option<Duration>,
     at_eof: bool,
@@ -113,7 +115,7 @@ struct ServeEnd {
 }
 
 impl ServeEnd {
-    /// Has it come? Does what was said on standard input.
+    /// Executes the lines from standard input. Returns whether serving ends.
     fn look<const A: usize>(&self, started: Instant, rig: &mut CardSimulator<A>, inputs: &[InputSetting]) -> bool {
         let ended = loop {
             match self.lines.try_recv() {
@@ -129,15 +131,15 @@ impl ServeEnd {
     }
 }
 
-/// The lines of standard input, until it ends; none where nobody is to read them. A card in the background would be stopped for reading from
-/// its terminal.
+/// Lines of standard input until it ends; none unless `read`. A card in the background would be stopped for reading
+/// from its terminal.
 fn lines_of_input(read: bool) -> Receiver<String> {
     let (tell, lines) = channel();
     if !read {
         return lines;
     }
     let _ = std::thread::Builder::new().name("standard input".into()).spawn(move || {
-        // Nobody hears what comes behind the end of serving, nor what is no text.
+        // Lines after the end of serving, and those that are not text, are dropped.
         for line in std::io::stdin().lines().map_while(Result::ok) {
             if tell.send(line).is_err() {
                 return;
@@ -147,12 +149,12 @@ fn lines_of_input(read: bool) -> Receiver<String> {
     lines
 }
 
-/// A card being served.
+/// Counters of a card that is served.
 struct ServeCounters {
     pty: Pty,
     started: Instant,
     speed: f64,
-    /// Time that was left out, in microseconds of the card.
+    /// Time that was skipped, in microseconds of the card.
     away_us: u64,
     alarm: Option<Alarm>,
 }
@@ -164,7 +166,8 @@ impl ServeCounters {
         end: &ServeEnd,
         inputs: &[InputSetting],
     ) -> Result<(), NumberedError> {
-        // As prompt as a card, where that is permitted. The threads that it has begun are scheduled as usual.
+        // Real-time scheduling makes this thread as prompt as a card, where it is permitted. Threads started earlier
+        // keep their scheduling.
         let _ = real_time::lock_memory();
         let _ = real_time::enter();
         let mut bytes = [0; 4096];
@@ -172,9 +175,9 @@ impl ServeCounters {
         while !end.look(self.started, rig, inputs) {
             let due = rig.next_us().saturating_sub(self.now_us(rig)).min(WAIT_US);
             let wait = Duration::from_secs_f64(due as f64 / 1e6 / self.speed);
-            let lost = |error| refuse(format!("the pseudo-terminal fails: {error}"), "serve it again");
+            let lost = |error| refuse(format!("the pseudo-terminal failed: {error}"), "start the command again");
             let count = self.pty.read(&mut bytes, wait).map_err(lost)?;
-            // The bytes came since the last look; the card takes them from there on.
+            // The bytes arrived since the last poll; the card receives them from there on.
             rig.send(&bytes[..count]);
             rig.run(self.now_us(rig));
             loop {
@@ -192,7 +195,7 @@ impl ServeCounters {
         Ok(())
     }
 
-    /// The card's time now.
+    /// Current time of the card.
     fn now_us<const A: usize>(&mut self, rig: &CardSimulator<A>) -> u64 {
         let passed = (self.started.elapsed().as_secs_f64() * self.speed * 1e6) as u64;
         let late = passed.saturating_sub(self.away_us).saturating_sub(rig.now_us());
@@ -201,20 +204,20 @@ impl ServeCounters {
         passed.saturating_sub(self.away_us)
     }
 
-    /// Tells of a new alarm.
+    /// Prints a new alarm.
     fn tell<const A: usize>(&mut self, rig: &CardSimulator<A>) {
         let alarm = rig.status().alarm;
         if alarm != self.alarm {
             self.alarm = alarm;
             match alarm {
                 Some(alarm) => eprintln!("alarm[{}]: {alarm}", alarm.number()),
-                None => eprintln!("the alarm is cleared"),
+                None => eprintln!("alarm cleared"),
             }
         }
     }
 }
 
-/// What was counted.
+/// Counters as JSON.
 fn told<const A: usize>(rig: &CardSimulator<A>, served: &ServeCounters) -> Value {
     let [up, down] = rig.lines().map(|line| tally(line.counters()));
     let (pins, status, faults) = (rig.pins(), rig.status(), rig.faults());

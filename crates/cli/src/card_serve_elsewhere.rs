@@ -4,11 +4,11 @@ use retrace_controller::numbered_error::NumberedError;
 
 use crate::args;
 
-/// Refuses the command.
+/// Rejects the command.
 ///
 /// # Errors
-/// Always: a simulated card is served behind a pseudo-terminal.
+/// Always: a simulated card is served on a pseudo-terminal.
 pub fn run(_: &args::Serve) -> Result<(), NumberedError> {
-    let what = "there are no pseudo-terminals on this system to serve a card behind";
+    let what = "this system has no pseudo-terminals to serve a card on";
     Err(NumberedError::new("E2149", what, "`--card sim` runs the simulated card in the process"))
 }

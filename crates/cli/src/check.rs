@@ -1,6 +1,6 @@
 //! `retrace check`: decodes, scans and plans a program; nothing moves.
 //!
-//! Invariant: it refuses what `retrace run` would refuse before it moves, in the same words.
+//! Invariant: it rejects what `retrace run` would reject before motion, with the same messages.
 
 use retrace_controller::machine::MachineConfig;
 use retrace_controller::numbered_error::NumberedError;
@@ -15,7 +15,7 @@ use crate::program::{CommandFailure, Program};
 /// Runs the command.
 ///
 /// # Errors
-/// What is wrong with the program or the files.
+/// The program or the files have errors.
 pub fn run(args: &args::Check) -> Result<(), CommandFailure> {
     let machine = files::machine(args.machine_file.path())?;
     let program = Program::open(&args.reading, &machine)?;
@@ -24,7 +24,7 @@ pub fn run(args: &args::Check) -> Result<(), CommandFailure> {
     {
         print_table(prescan);
     }
-    // Planned as it is run, to the last digit.
+    // Planned exactly as it runs.
     match machine.axes.len() {
         0..=4 => tell::<4>(args, &machine, &program),
         5..=6 => tell::<6>(args, &machine, &program),
@@ -34,7 +34,7 @@ pub fn run(args: &args::Check) -> Result<(), CommandFailure> {
 
 fn tell<const A: usize>(args: &args::Check, machine: &MachineConfig, program: &Program) -> Result<(), CommandFailure> {
     let mut diagnostics = Vec::new();
-    // What cannot be run is not planned: moves beyond the travel may be of any length.
+    // A program that cannot run is not planned: moves beyond the travel may have any length.
     let checked = match program.faults_shown(machine) {
         Ok(()) => program.survey::<A>(machine, &mut diagnostics),
         Err(_) => program.check_for_script(machine, &mut diagnostics).map(|_| None),
@@ -43,8 +43,8 @@ fn tell<const A: usize>(args: &args::Check, machine: &MachineConfig, program: &P
         crate::out::line(json!({ "event": "check", "program": program.name(), "diagnostics": diagnostics }));
     }
     let Some(checked) = checked? else {
-        let what = "standard input is checked as it runs";
-        return Err(NumberedError::new("E2142", what, "give a file, or `retrace run -`").into());
+        let what = "standard input is checked only while it runs";
+        return Err(NumberedError::new("E2142", what, "name a file, or use `retrace run -`").into());
     };
     let told = CheckReport { program, machine, blocks: checked.blocks, survey: &checked.found, diagnostics };
     if args.format.json {
@@ -55,7 +55,7 @@ fn tell<const A: usize>(args: &args::Check, machine: &MachineConfig, program: &P
     Ok(())
 }
 
-/// The branch table: number, where the branch stands, what it is, where it goes.
+/// Prints the branch table: number, location, kind and target of each branch.
 fn print_table(prescan: &Prescan) {
     let place = |file, line| format!("{}:{line}", prescan.file_name(file));
     let branches = prescan.branches();

@@ -1,19 +1,19 @@
-//! A bar at the terminal while a program is looked through, once that takes longer than a second.
+//! Progress bar at the terminal while a program is checked, if that takes longer than a second.
 //!
-//! Invariant: nothing is shown where standard error is not a terminal; the bar is gone when the looking is over.
+//! Invariant: nothing is shown where standard error is not a terminal; the bar is removed when the check ends.
 
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// Nothing is shown of what takes less.
+/// Duration after which the bar is shown.
 const SHOWN_AFTER: Duration = Duration::from_secs(1);
 
-/// Blocks between two looks at the clock.
+/// Number of blocks between two reads of the clock.
 const BLOCKS: u32 = 1024;
 
-/// How far a program has been looked through.
+/// Progress of a check.
 #[derive(Debug)]
 pub struct CheckProgress {
     lines: u64,
@@ -23,14 +23,14 @@ pub struct CheckProgress {
 }
 
 impl CheckProgress {
-    /// Of a program with so many lines; none where nobody would see it.
+    /// Progress of a program with this number of lines; `None` where no terminal would show it.
     #[must_use]
     pub fn of(lines: u64) -> Option<Self> {
         let is_seen = std::io::stderr().is_terminal();
         is_seen.then(|| Self { lines, begun: Instant::now(), blocks: 0, bar: None })
     }
 
-    /// A block has been looked at; `line` tells the line that it stands in, and the blocks in loops and calls so far.
+    /// Counts a block; `line` returns its line and the number of blocks in loops and calls so far.
     pub fn block(&mut self, line: impl FnOnce() -> (u64, u64)) {
         self.blocks += 1;
         if self.blocks < BLOCKS || self.begun.elapsed() < SHOWN_AFTER {

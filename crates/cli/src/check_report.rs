@@ -1,6 +1,6 @@
-//! What `retrace check` tells of a program that can be run, for a person and for a script.
+//! Report of `retrace check` about a program that can run, for a person and for a script.
 //!
-//! Invariant: both forms hold the same figures; times are those of the plan at 100 %.
+//! Invariant: both forms have the same values; times are those of the plan at 100 %.
 
 use std::fmt::Write as _;
 
@@ -11,28 +11,28 @@ use serde_json::{Map, Value, json};
 
 use crate::program::Program;
 
-/// A program that has been looked through.
+/// Program that was checked and planned.
 pub struct CheckReport<'a, const A: usize> {
     pub program: &'a Program,
     pub machine: &'a MachineConfig,
     pub blocks: u64,
     pub survey: &'a ProgramAnalysis<'a, A>,
-    /// Its warnings, for a script.
+    /// Warnings, for a script.
     pub diagnostics: Vec<Value>,
 }
 
-/// Lines that are listed for a person; a script gets all of them.
+/// Maximum number of lines that are listed for a person; a script gets all of them.
 const MAX_LISTED: usize = 10;
 
 impl<const A: usize> CheckReport<'_, A> {
-    /// In words.
+    /// Report as text.
     pub fn text(&self) -> String {
         let Self { program, blocks, survey, .. } = self;
         let mut text = format!("{}: no errors, {blocks} blocks, {} moves", program.name(), survey.scan.moves);
         // Writing to a string cannot fail.
         let _ = write!(
             text,
-            "\n  at 100 %: {} in all: motion {:.3} s · dwell {:.3} s · switching {:.3} s",
+            "\n  at 100 %: {} total: motion {:.3} s · dwell {:.3} s · switching {:.3} s",
             clock(self.seconds(survey.motion_periods + survey.dwell_periods + survey.switch_periods)),
             self.seconds(survey.motion_periods),
             self.seconds(survey.dwell_periods),
@@ -55,7 +55,7 @@ impl<const A: usize> CheckReport<'_, A> {
             let most = self.machine.path_velocity_mm_s * 60.0;
             let _ = write!(
                 text,
-                "\n  warning: line {line} asks for a feed of {feed:.1} mm/min; the machine moves at {most:.1} mm/min at most"
+                "\n  warning: line {line} programs a feed of {feed:.1} mm/min; the machine's maximum is {most:.1} mm/min"
             );
         }
         for room in survey.travel_left() {
@@ -63,7 +63,7 @@ impl<const A: usize> CheckReport<'_, A> {
             let limits = self.machine.axes.iter().find(|one| one.name == axis).map_or([0.0; 2], |axis| axis.travel_mm);
             let _ = write!(
                 text,
-                "\n  {} {least:.3} … {greatest:.3} mm, within the soft limits {} … {} mm: room {below:.3} below, {above:.3} above",
+                "\n  {} {least:.3} … {greatest:.3} mm, within the soft limits {} … {} mm: margin {below:.3} below, {above:.3} above",
                 axis.to_ascii_uppercase(),
                 limits[0],
                 limits[1]
@@ -108,7 +108,7 @@ impl<const A: usize> CheckReport<'_, A> {
         format!("T{number} ({name}length {:.3} mm, diameter {diameter:.3} mm)", offset[Axis::Z])
     }
 
-    /// As one JSON object.
+    /// Report as one JSON object.
     pub fn json(&self) -> Value {
         let Self { survey, .. } = self;
         let room = survey.travel_left();
@@ -173,13 +173,13 @@ impl<const A: usize> CheckReport<'_, A> {
         })
     }
 
-    /// Whole microseconds first, as the report of a run has it.
+    /// Converts periods to whole microseconds first, as the report of a run does.
     fn seconds(&self, periods: u64) -> f64 {
         (u128::from(periods) * u128::from(self.machine.period_us)) as f64 / 1e6
     }
 }
 
-/// Seconds as h:mm:ss, rounded up.
+/// Formats seconds as h:mm:ss, rounded up.
 fn clock(seconds: f64) -> String {
     let seconds = seconds.ceil() as u64;
     format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
@@ -194,7 +194,7 @@ fn range_text(what: &str, range: Option<ValueRange>, unit: &str) -> Option<Strin
     })
 }
 
-/// A line with the first of many things, and how many more there are.
+/// Formats a line with the first of many items, and the number of the others.
 fn listed(what: &str, things: impl ExactSizeIterator<Item = String>) -> String {
     let more = things.len().saturating_sub(MAX_LISTED);
     let shown: Vec<String> = things.take(MAX_LISTED).collect();

@@ -1,6 +1,6 @@
-//! What a run shows: JSON lines, plain lines, or a progress bar; and what it writes: the records that the card executed.
+//! Console of a run: prints JSON lines, plain lines or a progress bar; and writes the file of executed records.
 //!
-//! Invariant: every record is judged and, where asked for, written, whatever is shown.
+//! Invariant: every record is monitored and, where requested, written, whatever is printed.
 
 use std::fs::File;
 use std::io::{BufWriter, IsTerminal, Write};
@@ -18,20 +18,21 @@ use retrace_core::{ONE, Travel};
 use crate::escape;
 use crate::screen::model_observer::ModelObserver;
 
-/// How a run is shown.
+/// Form of the output.
 pub enum ConsoleOptions {
-    /// One JSON object a line on standard output.
+    /// One JSON object per line on standard output.
     Json,
     /// Plain lines on standard output.
     Plain,
-    /// A progress bar on a terminal, events above it.
+    /// Progress bar on a terminal, with events above it.
     Bar(ProgressBar),
-    /// The screen, which shows everything.
+    /// Full screen.
     Screen(Box<ModelObserver>),
 }
 
 impl ConsoleOptions {
-    /// JSON where asked for; else a bar on a terminal, plain lines otherwise. `lines`: length of the program, if known.
+    /// Chooses the form: JSON where requested; otherwise a bar on a terminal, plain lines elsewhere. `lines` is the
+    /// length of the program, if known.
     pub fn choose(json: bool, lines: Option<u64>) -> Self {
         if json {
             return Self::Json;
@@ -48,27 +49,28 @@ impl ConsoleOptions {
     }
 }
 
-/// Observes a run for the command.
+/// Observer of a run for the command.
 pub struct Console<'m, const A: usize> {
     show: ConsoleOptions,
     machine: &'m MachineConfig,
     judge: LimitMonitor<A>,
     records: Option<(BufWriter<File>, Option<std::io::Error>)>,
-    /// What retracing switched in the period that is yet to be told: `5=0 66=1`. `None` where it switches nothing on this machine.
+    /// Outputs that retracing switched in the current period: `5=0 66=1`. `None` where it switches none on this
+    /// machine.
     retrace_switched: Option<String>,
     alarms: Vec<String>,
     names: ChannelNames,
     line: u32,
     shown: Instant,
-    /// Number of the last period that was told, and whether the machine stood in it.
+    /// Number of the last reported period, and whether the machine was at rest in it.
     last: Option<(u64, bool)>,
 }
 
 impl<'m, const A: usize> Console<'m, A> {
-    /// A console; `records` names the file for the records.
+    /// Console; `records` is the path of the file for the records.
     ///
     /// # Errors
-    /// `E2105` where that file cannot be made.
+    /// `E2105` where that file cannot be created.
     pub fn new(
         show: ConsoleOptions,
         machine: &'m MachineConfig,
@@ -103,8 +105,8 @@ impl<'m, const A: usize> Console<'m, A> {
         })
     }
 
-    /// Ends the console: the judge's verdict, the alarms, the last line executed; and `E2105` where the records could not be written
-    /// whole.
+    /// Ends the console. Returns the report of the limit monitor, the alarms, the last line executed, and `E2105` where
+    /// the records could not be written completely.
     pub fn finish(self) -> (LimitReport<A>, Vec<String>, u32, Option<NumberedError>) {
         let lost = self.records.and_then(|(mut file, error)| {
             let flushed = file.flush();
@@ -113,7 +115,7 @@ impl<'m, const A: usize> Console<'m, A> {
         if let ConsoleOptions::Bar(bar) = &self.show {
             bar.finish_and_clear();
         }
-        // Where the machine was moving when it was heard of last, nobody has measured how it came to rest.
+        // Where the machine was in motion at the last report, how it came to rest was not measured.
         let stands = self.last.is_none_or(|(_, at_rest)| at_rest);
         let verdict = if stands { self.judge.finish() } else { self.judge.finish_moving() };
         (verdict, self.alarms, self.line, lost)
@@ -131,7 +133,7 @@ impl<'m, const A: usize> Console<'m, A> {
     }
 
     fn progress(&mut self, status: &PeriodRecord<A>) {
-        // The clock is looked at now and then only; a period takes some tens of nanoseconds.
+        // The clock is read rarely: a period takes some tens of nanoseconds.
         let ConsoleOptions::Bar(bar) = &self.show else { return };
         if !status.period.is_multiple_of(64) || self.shown.elapsed() < Duration::from_millis(50) {
             return;
@@ -188,7 +190,7 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
 }
 
 impl<const A: usize> Console<'_, A> {
-    /// Prints a line for the person at the terminal, on standard error.
+    /// Prints a line for a person, on standard error.
     pub fn say(&self, text: &str) {
         match &self.show {
             ConsoleOptions::Json | ConsoleOptions::Plain => eprintln!("{}", escape::lines(text)),
@@ -221,7 +223,7 @@ pub fn unwritable(what: &str, error: &std::io::Error) -> NumberedError {
     NumberedError::new(
         "E2105",
         format!("{what} cannot be written: {error}"),
-        "check the folder, its permissions and the disk's space",
+        "check the folder, its permissions and the free disk space",
     )
 }
 
@@ -234,13 +236,14 @@ fn create(path: &Path, machine: &MachineConfig) -> Result<BufWriter<File>, Numbe
     Ok(file)
 }
 
-/// Does the machine switch outputs while the path is retraced?
+/// Whether the machine switches outputs while the path is retraced.
 fn replays(machine: &MachineConfig) -> bool {
     machine.retrace_outputs == RetraceOutputs::Replayed
 }
 
-/// `period,line,rate,record,fraction,<axis>…`: the rate with nine decimals and never −0, the fraction in 2⁻³². Where retracing switches outputs,
-/// `retrace_switched` follows: `5=0 66=1`, each channel that was switched in the period, and its value.
+/// Writes `period,line,rate,record,fraction,<axis>…`: the rate with nine decimals and never −0, the fraction in 2⁻³².
+/// Where retracing switches outputs, `retrace_switched` follows: `5=0 66=1`, each channel that was switched in the
+/// period with its value.
 fn record_row<const A: usize>(
     out: &mut impl Write,
     status: &PeriodRecord<A>,
@@ -258,7 +261,7 @@ fn record_row<const A: usize>(
     out.write_all(b"\n")
 }
 
-/// A rate with nine decimals, rounded half away from zero; never −0.
+/// Rate with nine decimals, rounded half away from zero; never −0.
 struct Rate(i64);
 
 impl std::fmt::Display for Rate {

@@ -15,7 +15,7 @@ use crate::program::CommandFailure;
 /// Runs the command.
 ///
 /// # Errors
-/// A folder that is not there, a name that no cycle has, or sources with errors; these have been shown.
+/// A folder or a cycle that does not exist, or sources with errors, which have been printed.
 pub fn run(args: &args::Cycles) -> Result<(), CommandFailure> {
     let folders = NamedSource::of(&args.folders)?;
     match &args.action {
@@ -38,35 +38,37 @@ pub fn run(args: &args::Cycles) -> Result<(), CommandFailure> {
             let place = folders.compiled.as_deref().map_or("nowhere".into(), |path| path.display().to_string());
             finish(
                 &library,
-                &format!("{count} cycles: {} compiled now, {fresh} were fresh, kept in {place}", count - fresh),
+                &format!("{count} cycles: {} compiled now, {fresh} up to date, stored in {place}", count - fresh),
             )
         }
         Some(CyclesAction::Show { name }) => show(&folders, name),
     }
 }
 
-/// The cycles that a command can call: the shipped ones and those of the folders that were named, or of the usual ones.
+/// Cycles that a command can call: the built-in ones, and those of the folders on the command line or of the default
+/// folders.
 ///
 /// # Errors
-/// A folder that was named and is none.
+/// A folder on the command line is not a folder.
 pub fn library(folders: &CycleFolders) -> Result<CycleLibrary, NumberedError> {
     Ok(NamedSource::of(folders)?.library())
 }
 
-/// The two folders.
+/// Folders of sources and of compiled forms.
 struct NamedSource {
     sources: Option<PathBuf>,
     compiled: Option<PathBuf>,
 }
 
 impl NamedSource {
-    /// What the command line names, else the user's own; a missing one is an error only where it was named.
+    /// Folders on the command line, otherwise the user's own; a missing one is an error only where it is on the command
+    /// line.
     fn of(named: &CycleFolders) -> Result<Self, NumberedError> {
         if let Some(path) = &named.cycles
             && !path.is_dir()
         {
-            let message = format!("there is no folder {}", path.display());
-            return Err(NumberedError::new("E2101", message, "check the name of the folder with the cycles"));
+            let message = format!("the folder {} does not exist", path.display());
+            return Err(NumberedError::new("E2101", message, "check the path of the folder with the cycles"));
         }
         let usual =
             |variable: &str, in_home: &str| usual(std::env::var_os(variable), std::env::var_os("HOME"), in_home);
@@ -85,8 +87,8 @@ impl NamedSource {
     }
 }
 
-/// The user's folder for cycles: below what the variable names, else below this folder in the home folder. A relative path in
-/// the variable counts for nothing, as the XDG base directory specification has it.
+/// Default folder for cycles: below the folder in the variable, otherwise below this folder in the home folder. A
+/// relative path in the variable is ignored, as the XDG base directory specification requires.
 fn usual(base: Option<OsString>, home: Option<OsString>, in_home: &str) -> Option<PathBuf> {
     let base = base.map(PathBuf::from).filter(|path| path.is_absolute());
     let home = home.map(PathBuf::from).filter(|path| path.is_absolute());
@@ -98,12 +100,12 @@ fn show(folders: &NamedSource, name: &str) -> Result<(), CommandFailure> {
     let Some(cycle) = library.find(name).and_then(|id| library.get(id)) else {
         let known: Vec<&str> = library.iter().map(|(_, cycle)| cycle.name()).collect();
         let remedy = match nearest(&name.to_ascii_uppercase(), known.iter().copied()) {
-            Some(near) => format!("do you mean {near}? `retrace cycles` lists them"),
+            Some(near) => format!("did you mean {near}? `retrace cycles` lists all cycles"),
             None => {
-                "`retrace cycles` lists them; `retrace cycles check` tells what is wrong with the others".to_owned()
+                "`retrace cycles` lists all cycles; `retrace cycles check` prints the errors of the others".to_owned()
             }
         };
-        return Err(NumberedError::new("E1931", format!("there is no cycle {name} that can be called"), remedy).into());
+        return Err(NumberedError::new("E1931", format!("no callable cycle has the name {name}"), remedy).into());
     };
     let text = match cycle.origin() {
         Origin::Shipped => shipped_source(cycle.name()).unwrap_or_default().to_owned(),
@@ -113,7 +115,7 @@ fn show(folders: &NamedSource, name: &str) -> Result<(), CommandFailure> {
     Ok(())
 }
 
-/// The last word: all is well, or the command fails because sources have errors.
+/// Prints the summary, or fails where sources have errors.
 fn finish(library: &CycleLibrary, well: &str) -> Result<(), CommandFailure> {
     if library.findings().iter().any(|finding| finding.diagnostic.severity() == Severity::Error) {
         return Err(CommandFailure::Program);
@@ -122,7 +124,7 @@ fn finish(library: &CycleLibrary, well: &str) -> Result<(), CommandFailure> {
     Ok(())
 }
 
-/// A row a cycle.
+/// Table with one cycle per row.
 fn table(library: &CycleLibrary) -> String {
     let from = |cycle: &Cycle| match cycle.origin() {
         Origin::Shipped => "shipped".to_owned(),
@@ -133,7 +135,7 @@ fn table(library: &CycleLibrary) -> String {
     let from_width = widest(&mut library.iter().map(|(_, cycle)| from(cycle).chars().count())).max(4);
     let mut text = format!("{:name_width$}  kind  {:from_width$}  form          parameters\n", "name", "from");
     for (_, cycle) in library.iter() {
-        let form = if cycle.was_fresh() { "fresh" } else { "compiled now" };
+        let form = if cycle.was_fresh() { "up to date" } else { "compiled now" };
         let parameters: Vec<String> = cycle.parameters().iter().map(|p| format!("{} {}", p.of, p.name)).collect();
         let (name, kind, parameters) = (cycle.name(), cycle.kind().number(), parameters.join(", "));
         let row = format!("{name:name_width$}  {kind:<4}  {:from_width$}  {form:<12}  {parameters}", from(cycle));
@@ -143,7 +145,7 @@ fn table(library: &CycleLibrary) -> String {
     text + "kinds: 1 no parameters · 2 parameters · 3 a contour among them"
 }
 
-/// Every finding with its source line and a mark, on standard error.
+/// Prints every finding with its source line and a mark, on standard error.
 fn show_findings(library: &CycleLibrary) {
     for finding in library.findings() {
         eprintln!("{}", rendered(finding, source_line(&finding.source, finding.diagnostic.line).as_deref()));
@@ -156,7 +158,7 @@ fn source_line(path: &Path, line: u32) -> Option<String> {
     Some(String::from_utf8_lossy(bytes).trim_end_matches('\r').to_owned())
 }
 
-/// Number, message, place, line, mark, help: in the form that program errors have.
+/// Formats a finding as program errors are formatted: number, message, location, line, mark, help.
 fn rendered(finding: &LibraryFinding, line: Option<&str>) -> String {
     let LibraryFinding { source, diagnostic } = finding;
     let level = if diagnostic.severity() == Severity::Error { "error" } else { "warning" };
@@ -166,7 +168,7 @@ fn rendered(finding: &LibraryFinding, line: Option<&str>) -> String {
         text += &format!(":{}:{}", diagnostic.line, diagnostic.column());
     }
     if let Some(line) = line.filter(|line| line.is_char_boundary(diagnostic.start as usize)) {
-        // Columns count bytes; the mark stands below characters.
+        // Columns count bytes; the mark is placed by characters.
         let before: String =
             line[..diagnostic.start as usize].chars().map(|c| if c == '\t' { c } else { ' ' }).collect();
         let marked =

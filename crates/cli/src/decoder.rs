@@ -1,6 +1,7 @@
-//! A program being decoded, block by block, for whoever plans it or looks through it.
+//! Program decoder, block by block, for planning and for checks.
 //!
-//! Invariant: an error at the program's end is told once; what the program leaves behind is noted only at its end, and only where it is run.
+//! Invariant: an error at the program's end is reported once; the outputs of a run are stored only at the program's
+//! end, and only in a run.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -15,29 +16,29 @@ use crate::check_progress::CheckProgress;
 use crate::program::Source;
 use crate::run_outputs::RunOutputs;
 
-/// A program being decoded.
+/// Program that is being decoded.
 pub struct Decoder {
     pub(super) name: String,
     pub(super) program: Source,
-    /// For a program that arrives.
+    /// Cancel token of a stream.
     pub(super) given_up: Option<Arc<AtomicBool>>,
-    /// The file that it is read from, to be held against what was read.
+    /// File that it is read from, to be compared with what was read.
     pub(super) file: Option<PathBuf>,
-    /// A tool length offset was called for.
+    /// Whether a tool length offset was called.
     pub(super) length_offset: bool,
-    /// The program is at its end, and why it is there has been told.
+    /// Whether the program has ended and its last error has been reported.
     pub(super) is_told: bool,
-    /// What it leaves behind; none while it is only looked at.
+    /// Outputs of a run; `None` in a check.
     pub(super) left: Option<RunOutputs>,
-    /// Blocks in loops and calls that are gone through; none where it is run.
+    /// Maximum number of blocks in loops and calls; `None` in a run.
     pub(super) max_loop_blocks: Option<u64>,
-    /// The program has come to its end.
+    /// Whether the program has ended.
     pub(super) is_at_end: bool,
-    /// Shows how far it is; none where it is run.
+    /// Progress bar; `None` in a run.
     pub(super) progress: Option<CheckProgress>,
 }
 
-/// Blocks in loops and calls that a program with errors is gone through for: more would only keep its errors back.
+/// Maximum number of blocks in loops and calls for a program with errors: more would only delay its errors.
 const MAX_LOOP_BLOCKS_WITH_ERRORS: u64 = 100_000;
 
 impl BlockDecoder for Decoder {
@@ -53,7 +54,7 @@ impl BlockDecoder for Decoder {
         let file = self.file.clone()?;
         Some(Box::new(move || {
             let hash = std::fs::File::open(&file).and_then(FileHash::of_reader);
-            // One that is not there is another one than any that is.
+            // A missing file differs from any file that exists.
             hash.map_or(0, FileHash::half)
         }))
     }
@@ -97,7 +98,7 @@ impl BlockDecoder for Decoder {
 }
 
 impl Decoder {
-    /// Whether looking through the program ends here; a warning says so, unless errors do.
+    /// Whether the check ends here; a warning reports it, unless there are errors.
     fn has_looped_too_long(&mut self) -> bool {
         let Some(max) = self.max_loop_blocks else { return false };
         let blocks = self.program.loop_blocks();

@@ -1,6 +1,6 @@
-//! What is wrong with a program, for a person and for a script.
+//! Diagnostics of a program, for a person and for a script.
 //!
-//! Invariant: both forms say the same of the same place; the order is that of the lines.
+//! Invariant: both forms have the same message and location; the order is that of the lines.
 
 use retrace_controller::job::CheckFinding;
 use retrace_gcode::{Diagnostic, Severity};
@@ -10,20 +10,20 @@ use crate::decoder::Decoder;
 use crate::escape;
 use crate::program::Program;
 
-/// An error or a warning.
+/// Error or warning in both forms.
 #[derive(Clone, Debug)]
 pub struct DiagnosticPrinter {
-    /// File, 0 is the program itself, and line.
+    /// File, where 0 is the program itself, and line.
     place: (u16, u32),
-    /// Whether it keeps the program from being run.
+    /// Whether it prevents the program from running.
     pub is_error: bool,
-    /// With its source line and a mark, for a person.
+    /// Text with source line and mark, for a person.
     pub text: String,
-    /// With its file and its range, for an editor.
+    /// JSON with file and range, for an editor.
     pub json: Value,
 }
 
-/// All that was found in a program that was gone through; what a line of a loop gives again and again counts once.
+/// All diagnostics of a checked program; repetitions from a line in a loop count once.
 pub fn all(program: &Program, decoder: &mut Decoder, findings: &[CheckFinding]) -> Vec<DiagnosticPrinter> {
     if decoder.is_at_end {
         decoder.program.look_behind_the_end();
@@ -86,7 +86,7 @@ fn of_finding(program: &Program, finding: &CheckFinding) -> DiagnosticPrinter {
     DiagnosticPrinter { place: (0, *line), is_error: finding.is_error(), text, json }
 }
 
-/// Lines and columns count from 1, columns in characters; the end lies behind the last one.
+/// Formats as JSON. Lines and columns count from 1, columns in characters; the end is exclusive.
 fn as_json(
     file: &str,
     (line, (start, end)): (u32, (usize, usize)),
@@ -106,7 +106,7 @@ fn as_json(
     })
 }
 
-/// Column, from 1, of the first word with that letter outside of comments.
+/// Column, from 1, of the first word with that letter outside comments.
 fn column_of(line: &str, letter: char) -> Option<usize> {
     let mut is_comment = false;
     for (at, c) in line.chars().enumerate() {

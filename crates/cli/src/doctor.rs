@@ -1,6 +1,8 @@
-//! `retrace doctor`: how promptly this computer and the line to a card react, and whether a machine's control period fits.
+//! `retrace doctor`: measures how fast this computer and the line to a card respond, and whether a machine's control
+//! period suits them.
 //!
-//! Invariant: nothing moves and nothing is changed; a time in which the computer itself was taken away is listed, not averaged away.
+//! Invariant: nothing moves and nothing is changed. Time in which the computer itself was suspended is listed, not
+//! averaged.
 
 use std::time::{Duration, Instant};
 
@@ -16,23 +18,23 @@ use crate::{args, files};
 
 /// Upper bounds of the histogram's classes, in microseconds; the last class has none.
 const CLASSES_US: [u64; 12] = [10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000, 20_000, 50_000];
-/// A wake-up that is later than this is listed, up to so many.
+/// Lateness from which a wake-up is listed, and the maximum number of those listed.
 const LISTED_US: u64 = 1_000;
 const MAX_LISTED: usize = 200;
-/// Questions to the card at least, and the pause between two.
+/// Minimum number of requests to the card, and the pause between two.
 const QUESTIONS: usize = 200;
 const PAUSE: Duration = Duration::from_millis(2);
-/// A round trip that is longer than this is the system's doing, not the line's, in microseconds.
+/// Duration above which a round trip is late because of the system and not the line, in microseconds.
 const LATE_LINE_US: u64 = 20_000;
 
-/// How late a thread wakes that sleeps from period to period.
+/// Latency of a thread that sleeps from period to period.
 #[derive(Clone, Debug, Default)]
 struct WakeUps {
-    /// Wake-ups by class.
+    /// Number of wake-ups by class.
     counts: [u64; CLASSES_US.len() + 1],
     total: u64,
     worst_us: u64,
-    /// Late ones: s since the beginning, and how late.
+    /// Late ones: seconds since the start, and latency.
     late: Vec<(f64, u64)>,
 }
 
@@ -47,7 +49,7 @@ impl WakeUps {
         }
     }
 
-    /// So many in a thousand thousand woke up no later than the class bound returned, in microseconds.
+    /// Upper bound of the class that contains this quantile, given in millionths, in microseconds.
     fn quantile_us(&self, millionths: u64) -> u64 {
         let wanted = (self.total * millionths).div_ceil(1_000_000);
         let mut seen = 0;
@@ -72,7 +74,7 @@ impl WakeUps {
     }
 }
 
-/// What was measured at a card.
+/// Measurement of the line to a card.
 #[derive(Clone, Debug)]
 struct LineMeasurement {
     typical_us: u64,
@@ -84,7 +86,7 @@ struct LineMeasurement {
 /// Runs the command.
 ///
 /// # Errors
-/// What is wrong with the machine file, or the card.
+/// The machine file has errors, or the card fails.
 pub fn run(args: &args::Doctor) -> Result<(), CommandFailure> {
     let machine = files::machine(args.machine_file.path())?;
     let permitted = real_time::permitted();
@@ -127,7 +129,7 @@ pub fn run(args: &args::Doctor) -> Result<(), CommandFailure> {
         say!("  at {at:.3} s: {:.1} ms late", *late as f64 / 1000.0);
     }
     if let Some(stolen) = stolen.filter(|&stolen| stolen > 0) {
-        say!("  the host of this virtual machine took {} ms of processor time meanwhile", stolen * 10);
+        say!("  the host of this virtual machine took {} ms of processor time during the measurement", stolen * 10);
     }
     if let Some(line) = &line {
         say!(
@@ -148,13 +150,13 @@ pub fn run(args: &args::Doctor) -> Result<(), CommandFailure> {
 pub const GRANT: &str = "to permit it: a file in /etc/security/limits.d with `@realtime - rtprio 90` and `@realtime - memlock unlimited`, \
     and your user in the group realtime; or `sudo setcap cap_sys_nice,cap_ipc_lock+ep` on the retrace binary";
 
-/// Why a line is late on a computer that is not.
-const LATE_LINE: &str = "the line is late although this computer wakes promptly: on Linux the bytes of every tty are handed on by an ordinary kernel \
-    worker (kworker/u…, events_unbound); run fewer programs, keep a core free, or raise the workers' priority (`chrt -f -p 45 PID`)";
+/// Cause of a late line on a prompt computer.
+const LATE_LINE: &str = "the line is late although this computer wakes promptly: on Linux an ordinary kernel \
+    worker (kworker/u…, events_unbound) forwards the bytes of every tty; run fewer programs, keep a core free, or raise the workers' priority (`chrt -f -p 45 PID`)";
 
 /// Sleeps from period to period, under SCHED_FIFO where that is permitted.
 fn wake_ups(period: Duration, length: Duration) -> WakeUps {
-    // Without permission the latency is measured as it is.
+    // Without permission the latency is measured without it.
     let _ = real_time::enter();
     let (begun, mut found) = (Instant::now(), WakeUps::default());
     let mut due = begun + period;
@@ -163,7 +165,7 @@ fn wake_ups(period: Duration, length: Duration) -> WakeUps {
         let now = Instant::now();
         found.note(due.duration_since(begun).as_secs_f64(), now.saturating_duration_since(due).as_micros() as u64);
         due += period;
-        // Periods that were slept through are one late wake-up, not many.
+        // Several periods slept through are one late wake-up.
         while due < now {
             due += period;
         }
@@ -171,7 +173,7 @@ fn wake_ups(period: Duration, length: Duration) -> WakeUps {
     found
 }
 
-/// Asks a card again and again how it is.
+/// Measures the round trip to a card with repeated requests.
 fn line<const A: usize>(port: &str, seconds: f64) -> Result<LineMeasurement, CommandFailure> {
     let mut card = linked_card::find::<A>(port)?;
     let _ = real_time::enter();
@@ -198,12 +200,12 @@ fn line<const A: usize>(port: &str, seconds: f64) -> Result<LineMeasurement, Com
     })
 }
 
-/// Whether the machine's control period fits.
+/// Verdict on the machine's control period.
 struct PeriodVerdict {
     fits: bool,
-    /// The longest silence that is to be expected, in microseconds.
+    /// Longest silence to be expected, in microseconds.
     worst_us: u64,
-    /// How long the card's records last, in microseconds; none where no card was asked.
+    /// Duration of the records that the card holds, in microseconds; `None` without a card.
     held_us: Option<u64>,
     watchdog_ms: u64,
     has_watchdog_ms: u64,
@@ -217,7 +219,7 @@ impl PeriodVerdict {
         let watchdog_periods = machine.card_settings::<9>(PathStart::at(0)).watchdog_periods;
         let has_watchdog_ms = u64::from(watchdog_periods) * period_us / 1000;
         let watchdog_ms = (4 * worst_us / 1000).max(50).next_multiple_of(10);
-        // The card runs on what it holds: half of that may pass without the host.
+        // The card runs on the records it holds: half of that time may pass without the host.
         let lasts = held_us.unwrap_or(u64::from(machine.look_ahead_records) * period_us) / 2;
         Self {
             fits: worst_us < lasts && worst_us / 1000 < has_watchdog_ms / 2,
@@ -230,7 +232,7 @@ impl PeriodVerdict {
 
     fn text(&self, machine: &MachineConfig) -> String {
         let (period, worst) = (f64::from(machine.period_us) / 1000.0, self.worst_us as f64 / 1000.0);
-        let held = self.held_us.map_or(String::new(), |us| format!(", the card's records last {} ms", us / 1000));
+        let held = self.held_us.map_or(String::new(), |us| format!(", the card holds records for {} ms", us / 1000));
         let fits = if self.fits { "fits" } else { "does not fit" };
         format!(
             "T = {period} ms {fits}: the host may be silent for {worst:.1} ms{held}, the watchdog of the machine file is {} ms\n\

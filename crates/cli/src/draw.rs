@@ -1,7 +1,8 @@
-//! `retrace plot`: the tool path, velocity, acceleration and jerk over time, or the history of a job, as SVG or PNG.
+//! `retrace plot`: draws the tool path, velocity, acceleration and jerk over time, or the history of a job, as SVG or
+//! PNG.
 //!
-//! Invariant: the path is the program's own, with the stretches that the card really retraced; the profile is taken from what the card
-//! emitted.
+//! Invariant: the path is the program's own, with the sections that the card retraced; the profile comes from the
+//! pulses that the card emitted.
 
 use std::path::Path;
 
@@ -30,23 +31,27 @@ use crate::plot::{
 use crate::program::{CommandFailure, Program};
 use crate::sim_wiring::simulated;
 
-/// Positions are whole pulses: differences are taken over so many periods.
+/// Number of periods over which differences are taken, because positions are whole pulses.
 const STRIDE: usize = 16;
 
 /// Runs the command.
 ///
 /// # Errors
-/// What is wrong with the program, the files or the picture.
+/// The program, the files or the drawing options have errors.
 pub fn run(args: &args::Plot) -> Result<(), CommandFailure> {
     let size = size(&args.size)?;
     let ending = args.output.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     if !matches!(ending.as_deref(), Some("svg" | "png")) {
-        return Err(cannot_draw(format!("{} is neither .svg nor .png", args.output.display()), "-o path.svg").into());
+        return Err(cannot_draw(
+            format!("{} is neither .svg nor .png", args.output.display()),
+            "use -o path.svg or -o path.png",
+        )
+        .into());
     }
     let view = args.view.as_deref().map(view).transpose()?;
     if let Some([from, to]) = lines_shown(args).filter(|[from, to]| from > to) {
         return Err(cannot_draw(
-            format!("--from {from} --to {to}: the first line is behind the last"),
+            format!("--from {from} --to {to}: the first line is after the last"),
             "--from N --to M",
         )
         .into());
@@ -63,7 +68,7 @@ pub fn run(args: &args::Plot) -> Result<(), CommandFailure> {
     Ok(())
 }
 
-/// The path of a program, or its profile.
+/// Drawing of a program: its path, or its profile.
 fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<DisplayList, CommandFailure> {
     let machine = crate::files::machine(args.machine_file.path())?;
     let script = crate::files::script(args.operator.as_deref())?;
@@ -76,14 +81,14 @@ fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Displ
         let manner = RunMode { wall_time: false, operator: args.operator.is_some(), real_time: false };
         let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
         job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut trace)
-            .map_err(|why| cannot_draw(why.to_string(), "a shorter history_hours in the machine file"))?;
+            .map_err(|why| cannot_draw(why.to_string(), "set a shorter history_hours in the machine file"))?;
     }
     if args.profile {
         let Some([from, to]) = trace.lines else { return Ok(draw_profile(&trace.profile(program.name()), size)) };
         let lines = if to == u32::MAX { format!("from line {from} on") } else { format!("lines {from} to {to}") };
         if trace.shown_periods.is_none() {
             let what = format!("{}, {lines}: nothing moves there", program.name());
-            return Err(cannot_draw(what, "a range with a line that moves an axis").into());
+            return Err(cannot_draw(what, "give a range with a line that moves an axis").into());
         }
         return Ok(draw_profile(&trace.profile(&format!("{}, {lines}", program.name())), size));
     }
@@ -93,7 +98,7 @@ fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Displ
     Ok(draw_path(&path, view, size))
 }
 
-/// The program lines, first and last, that the profile is to show; none for all of them.
+/// First and last program line of the profile; `None` for all.
 fn lines_shown(args: &args::Plot) -> Option<[u32; 2]> {
     (args.from.is_some() || args.to.is_some()).then(|| [args.from.unwrap_or(1), args.to.unwrap_or(u32::MAX)])
 }
@@ -101,7 +106,7 @@ fn lines_shown(args: &args::Plot) -> Option<[u32; 2]> {
 fn write(picture: &DisplayList, output: &Path) -> Result<(), NumberedError> {
     let is_png = output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
     let bytes = if is_png {
-        picture.to_png().map_err(|error| cannot_draw(error.to_string(), "a smaller --size"))?
+        picture.to_png().map_err(|error| cannot_draw(error.to_string(), "use a smaller --size"))?
     } else {
         picture.to_svg().into_bytes()
     };
@@ -116,7 +121,7 @@ fn size(text: &str) -> Result<Size, NumberedError> {
     let (width, height) = text
         .split_once('x')
         .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)))
-        .ok_or_else(|| cannot_draw(format!("--size {text} is not a size"), "--size 1200x900"))?;
+        .ok_or_else(|| cannot_draw(format!("--size {text} is not a size"), "use --size 1200x900"))?;
     Size::pixels(width, height).map_err(|error| cannot_draw(error.to_string(), "--size 1200x900"))
 }
 
@@ -126,18 +131,18 @@ fn view(name: &str) -> Result<View, NumberedError> {
         "xz" => Ok(View::Xz),
         "yz" => Ok(View::Yz),
         "iso" => Ok(View::Iso),
-        _ => Err(cannot_draw(format!("--view {name} is not a view"), "xy, xz, yz or iso")),
+        _ => Err(cannot_draw(format!("--view {name} is not a view"), "use xy, xz, yz or iso")),
     }
 }
 
-/// The strokes of the program itself.
+/// Strokes of the program itself.
 fn programmed(machine: &MachineConfig, program: &Program) -> Vec<Stroke> {
     let mut drawing = Drawing { place: Place::of(machine), at: [0.0; 9], strokes: Vec::new() };
     job::feed_all(machine, &mut program.decoder(), &mut drawing);
     drawing.strokes
 }
 
-/// Which of the machine's axes are X, Y and Z of a drawing.
+/// Axes of the machine that are X, Y and Z of a drawing.
 #[derive(Clone, Copy)]
 struct Place([Option<usize>; 3]);
 
@@ -179,7 +184,7 @@ impl MotionSink<9> for Drawing {
         let ([p, q], [cp, cq], start) = (arc.plane, arc.centre_mm, self.at);
         let radius = (start[p] - cp).hypot(start[q] - cq);
         let (from, sweep) = arc.sweep(&start);
-        // enough chords that none is seen
+        // enough chords to look like an arc
         let chords = (sweep.abs() / 0.05).ceil().clamp(2.0, 100_000.0);
         for k in 1..=chords as u32 {
             let share = f64::from(k) / chords;
@@ -204,7 +209,7 @@ impl MotionSink<9> for Drawing {
     }
 }
 
-/// What the card did: its positions over time, and where it retraced.
+/// Trace of the card: its positions over time, and where it retraced.
 struct PathTrace<'m> {
     machine: &'m MachineConfig,
     place: Place,
@@ -214,9 +219,9 @@ struct PathTrace<'m> {
     retraced: Vec<Stroke>,
     retraced_s: Vec<[f64; 2]>,
     is_retracing: bool,
-    /// The program lines that are to be shown, first and last.
+    /// First and last program line to show.
     lines: Option<[u32; 2]>,
-    /// The first and the last period with motion of these lines, as indices of `positions`.
+    /// First and last period with motion of these lines, as indices of `positions`.
     shown_periods: Option<[usize; 2]>,
 }
 

@@ -1,6 +1,6 @@
-//! `retrace plot --job`: what became of a job, from its journal: path, place over time, and what happened.
+//! `retrace plot --job`: draws the history of a job from its journal: path, place over time, and events.
 //!
-//! Invariant: nothing is taken from anywhere but the journal, so that a job is drawn as it was, whatever has become of its program since.
+//! Invariant: the journal is the only source, so that a job is drawn as it ran, even if its program has changed since.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -17,10 +17,10 @@ use serde_json::Value;
 
 use crate::plot::{Activity, History, HistoryEvent, HistorySample, Priority, Stroke, StrokeKind, ToolPath};
 
-/// The history of this job; of the newest where none is named.
+/// History of this job, or of the newest one.
 ///
 /// # Errors
-/// There is no such job, or its journal cannot be used.
+/// The job does not exist, or its journal cannot be used.
 pub fn history(id: Option<&str>, journal: Option<&Path>) -> Result<History, NumberedError> {
     let jobs = JobStore::named(journal)?;
     let folder = match id {
@@ -38,22 +38,22 @@ pub fn history(id: Option<&str>, journal: Option<&Path>) -> Result<History, Numb
 fn newest(jobs: &JobStore) -> Result<JobFolder, NumberedError> {
     let newest = jobs.list().into_iter().find(|job| job.state != JobState::NeverBegan && job.glance.is_some());
     newest.map(|job| job.folder).ok_or_else(|| {
-        let what = format!("no job is in {} yet", jobs.folder().display());
-        NumberedError::new("E2202", what, "`retrace run PROGRAM` begins one; --journal names another folder")
+        let what = format!("no jobs in {}", jobs.folder().display());
+        NumberedError::new("E2202", what, "`retrace run PROGRAM` starts one; --journal selects another folder")
     })
 }
 
-/// A journal, being told.
+/// Builds the history from a journal.
 struct HistoryBuilder<'r> {
     record: &'r JobRecord,
     machine: &'r MachineConfig,
     clock: MachineTime,
     history: History,
-    /// Of the positions that were kept: place in periods since the job's beginning, and where that is.
+    /// Stored positions: place in periods since the start of the job, and the point there.
     points: Vec<(f64, [f64; 3])>,
-    /// Places in periods between which was retraced, in the order of time.
+    /// Sections that were retraced, as pairs of places in periods, in the order of time.
     gone_over: Vec<[f64; 2]>,
-    /// The last position: place, and what was done from there on.
+    /// Last position: place, and the activity from there.
     last: Option<(f64, Activity)>,
     reached: f64,
 }
@@ -89,7 +89,7 @@ impl<'r> HistoryBuilder<'r> {
                 JournalEntry::Position(at) => self.position(&at),
                 JournalEntry::Event(event) => self.event(&event),
                 JournalEntry::Resumed(_) => {
-                    self.remark(Priority::Ending, "taken up again".into());
+                    self.remark(Priority::Ending, "resumed".into());
                     self.clock.begins_anew = true;
                     self.last = None;
                 }
@@ -114,7 +114,7 @@ impl<'r> HistoryBuilder<'r> {
         Ok(self.finished(&state))
     }
 
-    /// Periods from the job's beginning to a place.
+    /// Number of periods from the start of the job to a place.
     fn periods(&self, record: u32, fraction: u32) -> f64 {
         f64::from(record.wrapping_sub(self.record.job.origin)) + f64::from(fraction) / 2_f64.powi(32)
     }
@@ -174,7 +174,7 @@ impl<'r> HistoryBuilder<'r> {
         self.history
     }
 
-    /// The path between two places.
+    /// Path between two places.
     fn stretch(&self, low: f64, high: f64) -> Stroke {
         let first = self.points.partition_point(|(place, _)| *place < low);
         let behind = self.points.partition_point(|(place, _)| *place <= high);
@@ -183,17 +183,17 @@ impl<'r> HistoryBuilder<'r> {
     }
 }
 
-/// Machine time over a whole job. A card that was started anew counts its periods from 0 again.
+/// Machine time over a whole job. A card that was restarted counts its periods from 0 again.
 #[derive(Clone, Copy, Debug, Default)]
 struct MachineTime {
     period_s: f64,
     /// Periods before those that the card counts now.
     before: u64,
-    /// Periods since the job's beginning, at most so far.
+    /// Maximum of the periods since the start of the job.
     now: u64,
     now_s: f64,
     first: Option<u64>,
-    /// Was the job taken up again, and nothing told since?
+    /// Whether the job was resumed and nothing has been reported since.
     begins_anew: bool,
 }
 
@@ -231,17 +231,17 @@ fn doing(mode: JournalMode, standing: JournalHoldReason) -> Activity {
     }
 }
 
-/// An event in a few words, and how much it matters; none where the drawing shows it anyway.
+/// Label of an event with its priority; `None` where the drawing shows the event anyway.
 fn in_words(event: &Value) -> Option<(Priority, String)> {
     let text = |name: &str| event[name].as_str().unwrap_or_default().to_owned();
     Some(match event["event"].as_str()? {
         "alarm" => (Priority::Ending, format!("ALARM {}: {}", text("number"), text("cause"))),
-        "history_start_reached" => (Priority::Standing, "oldest record".into()),
+        "history_start_reached" => (Priority::Standing, "history start".into()),
         "retrace_barrier" => (Priority::Standing, format!("behind {}", text("code"))),
         "outputs_differ" => (Priority::Standing, "outputs differ".into()),
         "outputs_restored" => (Priority::Standing, "outputs restored".into()),
         "program_stop" => (Priority::Standing, format!("{} waits", text("code"))),
-        "underrun" => (Priority::Standing, "look-ahead ran dry".into()),
+        "underrun" => (Priority::Standing, "underrun".into()),
         "operator" => (Priority::Operator, text("command")),
         "command_rejected" => (Priority::Operator, format!("refused: {}", text("reason"))),
         "switching" => (Priority::Switching, text("code")),
@@ -358,11 +358,11 @@ mod tests {
         assert!(history.course.iter().all(|moment| moment.place_s <= moment.reached_s));
         let last = history.course.last().expect("it moved");
         assert_eq!((last.doing, last.place_s), (Activity::Run, last.reached_s));
-        // It keeps 4 s of motion, and goes back to the oldest of it.
+        // The machine retains 4 s of motion, and goes back to the oldest of it.
         let deepest = history.course.iter().map(|moment| moment.reached_s - moment.place_s).fold(0.0, f64::max);
         assert!((3.9..=4.2).contains(&deepest), "{deepest}");
         let words: Vec<&str> = history.remarks.iter().map(|remark| remark.words.as_str()).collect();
-        for expected in ["hold", "reverse 100%", "oldest record", "leave", "output 0 on"] {
+        for expected in ["hold", "reverse 100%", "history start", "leave", "output 0 on"] {
             assert!(words.contains(&expected), "{expected} is not in {words:?}");
         }
         assert!(history.remarks.is_sorted_by_key(|remark| remark.time_s));

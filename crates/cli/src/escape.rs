@@ -1,12 +1,12 @@
-//! Text that somebody else has written, for a terminal: names of files, messages of programs, words of a card.
+//! Escapes text from other sources for a terminal: file names, messages of programs, names of cards.
 //!
-//! Invariant: no control character comes out but the line feed and the tab of a text of lines; whatever else there is stands as `\\u001b`, which JSON reads
-//! as the same character.
+//! Invariant: no control character is printed except the line feed and the tab of a multi-line text. Any other is
+//! printed as `\\u001b`, which JSON reads as the same character.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
-/// A text of lines: line feeds and tabs stay, and a carriage return before a line feed.
+/// Escapes a multi-line text: line feeds and tabs stay, and a carriage return before a line feed.
 pub fn lines(text: &str) -> Cow<'_, str> {
     let is_odd = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
     if !text.contains(is_odd) {
@@ -21,7 +21,7 @@ pub fn lines(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// A name: one line, without a tab.
+/// Escapes a name: one line, without a tab.
 pub fn name(text: &str) -> Cow<'_, str> {
     if !text.contains(char::is_control) {
         return Cow::Borrowed(text);

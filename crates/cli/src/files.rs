@@ -1,6 +1,6 @@
-//! Reading the files that the command line names.
+//! Reads the files on the command line.
 //!
-//! Invariant: a file that cannot be read is refused with its name, the reason and what to do; nothing has moved then.
+//! Invariant: a file that cannot be read is rejected with its name, the reason and the remedy, before anything moves.
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
@@ -12,7 +12,7 @@ use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::operator::{self, ScriptInstruction};
 use retrace_gcode::Text;
 
-/// Whether a path leads to a FIFO or a character device, which is read as a stream.
+/// Whether a path is a FIFO or a character device, which is read as a stream.
 #[cfg(unix)]
 #[must_use]
 pub fn is_stream(path: &Path) -> bool {
@@ -20,14 +20,14 @@ pub fn is_stream(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|file| file.file_type().is_fifo() || file.file_type().is_char_device())
 }
 
-/// Elsewhere a stream is named otherwise.
+/// Whether a path is a stream: never on a system without FIFOs.
 #[cfg(not(unix))]
 #[must_use]
 pub fn is_stream(_: &Path) -> bool {
     false
 }
 
-/// A file that is opened when it is read for the first time: a FIFO is there only when somebody writes to it.
+/// File that is opened at its first read: opening a FIFO blocks until it has a writer.
 #[derive(Debug)]
 pub struct OpenedFile {
     path: PathBuf,
@@ -35,7 +35,7 @@ pub struct OpenedFile {
 }
 
 impl OpenedFile {
-    /// Opens nothing yet.
+    /// File that is not open yet.
     #[must_use]
     pub fn on_demand(path: &Path) -> Self {
         Self { path: path.to_owned(), file: None }
@@ -52,19 +52,19 @@ impl Read for OpenedFile {
     }
 }
 
-/// The longest file that is read whole: a table, a machine file, a script.
+/// Maximum size of a file that is read completely: a table, a machine file, a script.
 const MAX_WHOLE: u64 = 64 << 20;
 
-/// Opens a file; `what` says what it is meant to be.
+/// Opens a file; `what` is its role, for the error text.
 ///
 /// # Errors
-/// `E2101` … `E2104`: absent, a folder, not allowed, not readable. `E2312`: a device.
+/// `E2101` … `E2104`: missing, a folder, no permission, not readable. `E2312`: a device.
 pub fn open(path: &Path, what: &str) -> Result<File, NumberedError> {
     if path.is_dir() {
         return Err(NumberedError::new(
             "E2102",
             format!("{} is a folder, not a {what}", path.display()),
-            "name a file in it",
+            "name a file in that folder",
         ));
     }
     if is_device(path) {
@@ -77,11 +77,11 @@ pub fn open(path: &Path, what: &str) -> Result<File, NumberedError> {
     File::open(path).map_err(|error| unreadable(path, what, &error))
 }
 
-/// Reads a program: its text, and its hash where the text is not held. Of a text that is held the hash can be had from it, and most commands ask
-/// for none.
+/// Reads a program. Returns its text, and its hash where the text is not held in memory: of a text in memory the hash
+/// can be calculated, and most commands need none.
 ///
 /// # Errors
-/// As [`open`].
+/// See [`open`].
 pub fn program(path: &Path) -> Result<(Text, Option<FileHash>), NumberedError> {
     let file = open(path, "program")?;
     let is_small = file.metadata().is_ok_and(|about| about.len() <= Text::MAX_HELD);
@@ -100,18 +100,18 @@ pub fn program(path: &Path) -> Result<(Text, Option<FileHash>), NumberedError> {
     Ok((text, hash))
 }
 
-/// The hash of a file, which is not held.
+/// Hash of a file, which is not held in memory.
 ///
 /// # Errors
-/// As [`open`].
+/// See [`open`].
 pub fn hash(path: &Path, what: &str) -> Result<FileHash, NumberedError> {
     FileHash::of_reader(open(path, what)?).map_err(|error| unreadable(path, what, &error))
 }
 
-/// Reads a file whole; `what` says what it is meant to be.
+/// Reads a whole file; `what` is its role, for the error text.
 ///
 /// # Errors
-/// As [`open`]; `E2312` for one of more than 64 MiB.
+/// See [`open`]; `E2312` for a file of more than 64 MiB.
 pub fn bytes(path: &Path, what: &str) -> Result<Vec<u8>, NumberedError> {
     let mut bytes = Vec::new();
     let file = open(path, what)?;
@@ -120,35 +120,35 @@ pub fn bytes(path: &Path, what: &str) -> Result<Vec<u8>, NumberedError> {
     read.map_err(|error| unreadable(path, what, &error))?;
     if length.max(bytes.len() as u64) > MAX_WHOLE {
         let what = format!("{} has more than {} MiB: it is not a {what}", path.display(), MAX_WHOLE >> 20);
-        return Err(NumberedError::new("E2312", what, "name the right file"));
+        return Err(NumberedError::new("E2312", what, "check the file name"));
     }
     Ok(bytes)
 }
 
-/// Whether a path leads to a character or block device.
+/// Whether a path is a character or block device.
 #[cfg(unix)]
 fn is_device(path: &Path) -> bool {
     use std::os::unix::fs::FileTypeExt;
     std::fs::metadata(path).is_ok_and(|file| file.file_type().is_char_device() || file.file_type().is_block_device())
 }
 
-/// Elsewhere devices have no files.
+/// Whether a path is a device: never on a system without device files.
 #[cfg(not(unix))]
 fn is_device(_: &Path) -> bool {
     false
 }
 
-/// Why a file cannot be read.
+/// Error for a file that cannot be read.
 fn unreadable(path: &Path, what: &str, error: &io::Error) -> NumberedError {
     let shown = path.display();
     match error.kind() {
         ErrorKind::NotFound => NumberedError::new(
             "E2101",
-            format!("there is no {what} {shown}"),
-            "check the name and the folder you are in",
+            format!("the {what} {shown} does not exist"),
+            "check the name and the current folder",
         ),
         ErrorKind::PermissionDenied => {
-            NumberedError::new("E2103", format!("the {what} {shown} may not be read"), "check its permissions")
+            NumberedError::new("E2103", format!("no permission to read the {what} {shown}"), "check its permissions")
         }
         _ => NumberedError::new(
             "E2104",
@@ -158,23 +158,23 @@ fn unreadable(path: &Path, what: &str, error: &io::Error) -> NumberedError {
     }
 }
 
-/// Reads a text file whole.
+/// Reads a whole text file.
 ///
 /// # Errors
-/// As [`bytes`]; `E2104` for what is no text.
+/// See [`bytes`]; `E2104` where it is not text.
 pub fn text(path: &Path, what: &str) -> Result<String, NumberedError> {
     String::from_utf8(bytes(path, what)?).map_err(|_| {
-        NumberedError::new("E2104", format!("the {what} {} is not UTF-8 text", path.display()), "give the right file")
+        NumberedError::new("E2104", format!("the {what} {} is not UTF-8 text", path.display()), "check the file name")
     })
 }
 
-/// The absolute path of a file, as text.
+/// Absolute path of a file, as text.
 #[must_use]
 pub fn absolute(path: &Path) -> String {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string()
 }
 
-/// The text of a machine file; empty for the machine that is built in.
+/// Text of a machine file; empty for the built-in machine.
 ///
 /// # Errors
 /// The file cannot be read.
@@ -182,10 +182,10 @@ pub fn machine_text(path: Option<&Path>) -> Result<String, NumberedError> {
     path.map_or(Ok(String::new()), |path| text(path, "machine file"))
 }
 
-/// The machine of a machine file, or the one that is built in.
+/// Machine of a machine file, or the built-in one.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// The file has errors.
 pub fn machine(path: Option<&Path>) -> Result<MachineConfig, NumberedError> {
     match path {
         None => MachineConfig::built_in(),
@@ -193,7 +193,7 @@ pub fn machine(path: Option<&Path>) -> Result<MachineConfig, NumberedError> {
     }
 }
 
-/// The text of a machine file in which something is written.
+/// Text of a machine file that is not empty.
 ///
 /// # Errors
 /// The file cannot be read; `E2114` for an empty one.
@@ -206,10 +206,10 @@ pub fn written_machine_text(path: &Path) -> Result<String, NumberedError> {
     Ok(text)
 }
 
-/// An operator's script; an empty one where none is named.
+/// Operator's script; empty where the command line has none.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// The file has errors.
 pub fn script(path: Option<&Path>) -> Result<Vec<ScriptInstruction>, NumberedError> {
     match path {
         None => Ok(Vec::new()),

@@ -1,7 +1,7 @@
-//! No program motion before homing, unless the machine file allows it: what was homed is noted, and asked for.
+//! Homing state: no program motion before homing, unless the machine file permits it.
 //!
-//! Invariant: an axis counts as homed only when its homing came to its end, on this card, since it was switched on. The simulated card in this
-//! process is there for one command, and counts as homed.
+//! Invariant: an axis counts as homed only when its homing completed, on this card, since the card was switched on. The
+//! simulated card in this process exists for one command, and counts as homed.
 
 use retrace_controller::homed_axes::{CardBoot, HomedAxes, required};
 use retrace_controller::machine::MachineConfig;
@@ -11,23 +11,23 @@ use retrace_link::CardIdentity;
 
 use crate::screen::model::AxisHoming as HomingNotes;
 
-/// A card, and what was homed over it.
+/// A card with the homing state of its axes.
 #[derive(Clone, Debug)]
 pub struct Homing {
-    /// None: the simulated card in this process.
+    /// `None` for the simulated card in this process.
     card: Option<CardBoot>,
-    /// How it is homed.
+    /// How to home it.
     remedy: String,
 }
 
 impl Homing {
-    /// The simulated card in this process.
+    /// Simulated card in this process.
     #[must_use]
     pub fn simulated() -> Self {
         Self { card: None, remedy: String::new() }
     }
 
-    /// A card at this address that says who it is.
+    /// Card at this address with this identity.
     #[must_use]
     pub fn of(address: &str, identity: &CardIdentity) -> Self {
         let remedy = format!(
@@ -36,16 +36,16 @@ impl Homing {
         Self { card: Some(identity.into()), remedy }
     }
 
-    /// A screen is there, at which it can be homed.
+    /// Adapts the remedy to the screen, where the machine can be homed.
     #[must_use]
     pub fn at_screen(self) -> Self {
         Self { remedy: "home it (H)".into(), ..self }
     }
 
-    /// May a program move this machine?
+    /// Checks that a program may move this machine.
     ///
     /// # Errors
-    /// `E2162` with the axes that were not homed; `E2201` where nothing can have been noted.
+    /// `E2162` with the axes that are not homed; `E2201` where the state cannot be stored.
     pub fn check(&self, machine: &MachineConfig) -> Result<(), NumberedError> {
         let Some(card) = self.card.as_ref().filter(|_| !required(machine).is_empty()) else { return Ok(()) };
         let unhomed = HomedAxes::usual()?.unhomed(card, machine);
@@ -58,7 +58,7 @@ impl Homing {
         Err(NumberedError::new("E2162", what, self.remedy.clone()))
     }
 
-    /// Which axes are homed, in the order of the axes.
+    /// Homing state of each axis.
     #[must_use]
     pub fn axes(&self, machine: &MachineConfig) -> Vec<HomingNotes> {
         let notes = self.card.as_ref().and_then(|card| Some((card, HomedAxes::usual().ok()?)));
@@ -70,10 +70,10 @@ impl Homing {
         machine.axes.iter().map(|axis| homing(axis.name)).collect()
     }
 
-    /// Carries a task out; of homing, notes that it has begun and that it is done.
+    /// Performs a task; for homing, stores that it has started and that it is done.
     ///
     /// # Errors
-    /// As `perform`; `E2105`, `E2201` where homing cannot be noted, unless nobody asks for it.
+    /// See `perform`; `E2105`, `E2201` where the homing state cannot be stored, unless nothing needs it.
     pub fn noting(
         &self,
         task: &ManualTask,

@@ -1,7 +1,7 @@
-//! A job on its way, begun or taken up: shown, recorded, judged and kept.
+//! Runs a job, new or resumed: shows it, records it, monitors it and writes its journal.
 //!
-//! Invariant: however the job ends there is a report, the same on the screen and in the journal; what is refused before anything moves
-//! leaves the journal as it was.
+//! Invariant: however the job ends, there is a report, the same on the screen and in the journal. A job that is refused
+//! before anything moves leaves the journal unchanged.
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -37,71 +37,72 @@ use crate::stop_signals::{StopPolicy, StopSignals};
 use crate::terminal_operator::{Keyboard, TerminalOperator};
 use crate::wait_notice::WaitWatch;
 
-/// How a job is shown and operated.
+/// Options for output and operation of a job.
 #[derive(Debug)]
 pub struct OutputOptions<'a> {
-    /// One JSON object a line.
+    /// Whether to print one JSON object per line.
     pub json: bool,
     /// File for the records.
     pub records: Option<&'a Path>,
-    /// What the operator says.
+    /// Operator's script.
     pub script: Vec<ScriptInstruction>,
-    /// Is there an operator?
+    /// Whether an operator is present.
     pub operator: bool,
-    /// Does the card's time pass as a clock's does?
+    /// Whether the card runs in wall time.
     pub wall_time: bool,
-    /// Whether M1 stops, where that was said; otherwise it does where somebody presses Enter at a terminal.
+    /// Whether M1 stops, where an option says so; otherwise it stops where Enter can be pressed at a terminal.
     pub optional_stop: Option<bool>,
-    /// Is the card at the end of a line, so that the motion thread has to be prompt?
+    /// Whether the card is on a serial line, which needs a real-time motion thread.
     pub real_time: bool,
-    /// The files that its parameters and tools come from, and go to.
+    /// Files of the parameters and tools.
     pub tables: TableFiles,
 }
 
-/// Somebody who operates a job at a screen.
+/// Connection of a job to the screen.
 pub struct TuiOptions<'r> {
-    /// His words.
+    /// Receiver of the operator's commands.
     pub heard: CommandReceiver,
-    /// What shows him the job.
+    /// Observer that updates the screen.
     pub live: ModelObserver,
-    /// What he is told at its end.
+    /// Result to show at the end.
     pub ended: &'r mut JobResult,
 }
 
-/// How a job ended, for a person.
+/// Result of a job, for a person.
 #[derive(Debug, Default)]
 pub struct JobResult {
-    /// In a line.
+    /// One line.
     pub short: String,
-    /// In some.
+    /// Full report.
     pub text: String,
-    /// Parameters and tools that the program has left; none where it did not come to its end.
+    /// Parameters and tools at the end of the program; `None` where the program did not complete.
     pub tables: Option<(Parameters, ToolTable)>,
 }
 
-/// A job, ready to run.
+/// Job that is ready to run.
 pub struct JobRunner<'a> {
-    /// How it is shown and operated.
+    /// Options for output and operation.
     pub manners: OutputOptions<'a>,
     /// The machine.
     pub machine: &'a MachineConfig,
     /// The program.
     pub program: &'a Program,
-    /// What a program that arrives is taken from.
+    /// Source of a streamed program.
     pub input: Option<ProgramStream>,
-    /// Where it begins.
+    /// Where it starts.
     pub begin: JobStart,
-    /// Its journal.
+    /// Journal.
     pub kept: Option<JournaledJob>,
-    /// Who operates it at a screen, if anybody does.
+    /// Screen that operates it, if any.
     pub at_screen: Option<TuiOptions<'a>>,
 }
 
 impl JobRunner<'_> {
-    /// Runs it on a card: its exit code, and the card. `agree` is asked where it is taken up again, before anything moves.
+    /// Runs the job on a card. Returns its exit code and the card. `agree` confirms a resumed job, before anything
+    /// moves.
     ///
     /// # Errors
-    /// What keeps it from beginning, and whatever `agree` answers.
+    /// Whatever prevents it from starting, and the error of `agree`.
     pub fn run<const A: usize, C: MotionCard<A>>(
         self,
         card: C,
@@ -115,7 +116,7 @@ impl JobRunner<'_> {
             None => (None, ConsoleOptions::choose(manners.json, program.lines()), None),
         };
         let console = Console::<A>::new(show, machine, manners.records)?;
-        // In wall time somebody is there, who can press Enter: a program stop waits.
+        // In wall time an operator can press Enter: a program stop waits.
         let (terminal, enter) = if heard.is_none() && manners.wall_time && !manners.operator {
             let stops = manners.optional_stop.unwrap_or(true);
             Some(TerminalOperator::new(keyboard(program), stops, kept.is_some()))
@@ -130,7 +131,7 @@ impl JobRunner<'_> {
         };
         let script = with_optional_stop(manners.optional_stop.filter(|_| terminal.is_none()), manners.script)?;
         let script = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
-        // Without a screen signals stop the job.
+        // Without a screen, signals stop the job.
         let (signals, stops) = if heard.is_none() { StopSignals::watch(StopPolicy::Job) } else { None }.unzip();
         let operators = match heard {
             Some(heard) => script.and(heard).releasing_the_end(),
@@ -139,7 +140,7 @@ impl JobRunner<'_> {
                 None => script.stopped_by(stops),
             },
         };
-        // Where something is asked first, Ctrl-C ends the command until that is agreed to: nothing moves before.
+        // Where a question comes first, Ctrl-C ends the command until it is confirmed: nothing has moved yet.
         if let (Some(signals), false) = (&signals, matches!(begin, JobStart::At(_))) {
             signals.listen();
         }
@@ -197,7 +198,7 @@ impl JobRunner<'_> {
         if ended.is_none() {
             tell(&report, &manners.tables, manners.json.then_some(&value));
         }
-        // The report itself may be what is lost: the journal has it, and says so.
+        // Standard output itself may be lost: the journal has the report and notes that.
         let lost = lost_records.clone().or_else(crate::out::lost);
         if let Some(lost) = &lost {
             value["output_lost"] = lost.cause.as_str().into();
@@ -247,7 +248,7 @@ fn keyboard(program: &Program) -> Keyboard {
     }
 }
 
-/// The script, with what was said of M1 before it.
+/// Puts the optional-stop option before the script.
 fn with_optional_stop(
     stops: Option<bool>,
     script: Vec<ScriptInstruction>,
@@ -258,17 +259,18 @@ fn with_optional_stop(
     Ok(all)
 }
 
-/// Keeps the memory resident and schedules this thread in real time, before a card expects to hear of its host; says, once a run, how that is
-/// permitted where it is not. Threads that this one begins later are to leave it.
+/// Locks the memory and schedules this thread in real time, before the card's watchdog starts. Where that is not
+/// permitted, it prints once per run how to permit it. Threads that this thread starts later are to leave real-time
+/// scheduling.
 pub fn prepare_real_time() {
     match real_time::permitted() {
         Ok(()) => {
-            // Memory that may not be locked is not a reason for another word.
+            // Memory that cannot be locked is not worth another note.
             let _ = real_time::lock_memory();
             let _ = real_time::enter();
         }
         Err(denied) => {
-            eprintln!("note: {denied}: the motion thread may be late on a busy computer\n  {}", crate::doctor::GRANT)
+            eprintln!("note: {denied}: the motion thread may be late on a loaded computer\n  {}", crate::doctor::GRANT)
         }
     }
 }
@@ -278,27 +280,27 @@ fn cannot_begin(why: JobStartError) -> NumberedError {
         JobStartError::Machine(why) => NumberedError::new("E2112", why, "a shorter history_hours in the machine file"),
         JobStartError::Unfound(why) => NumberedError::new(
             "E2216",
-            format!("the breakpoint is not found again: {why}"),
-            "program and journal do not go together; `retrace resume JOB --from-line N` begins at a line",
+            format!("the breakpoint was not found: {why}"),
+            "program and journal do not match; `retrace resume JOB --from-line N` starts at a line",
         ),
     }
 }
 
-/// Shows what happens, and keeps it.
+/// Observer of a run: console, journal, signals and prompts.
 struct RunObservers<'m, const A: usize> {
     console: Console<'m, A>,
     keeper: Option<JournalRecorder<A>>,
-    /// Whether the program that arrives is waited for.
+    /// Watch on the source of a streamed program.
     waits: WaitWatch,
     signals: Option<&'m StopSignals>,
     terminal: Option<&'m TerminalOperator>,
     program: &'m Program,
     period_s: f64,
-    /// The last period that was told: its number, place and line.
+    /// Last reported period: its number, place and line.
     last: Option<(u64, Place, u32)>,
 }
 
-/// After so many periods it is asked whether there is news of the journal.
+/// Number of periods between two polls for events of the journal.
 const ASKED_AFTER: u64 = 64;
 
 impl<const A: usize> Observer<A> for RunObservers<'_, A> {
@@ -335,13 +337,13 @@ impl<const A: usize> Observer<A> for RunObservers<'_, A> {
 }
 
 impl<const A: usize> RunObservers<'_, A> {
-    /// An event of the last period that was told.
+    /// Event at the last reported period.
     fn event(&self, happening: EventKind) -> Event {
         let (period, place, line) = self.last.unwrap_or_default();
         Event { period, time_s: period as f64 * self.period_s, place, line, kind: happening }
     }
 
-    /// Shows and keeps that the program that arrives is waited for, or arrives again.
+    /// Reports that a streamed program is awaited, or that it arrives again.
     fn report_wait(&mut self, happening: Option<EventKind>) {
         let Some(happening) = happening else { return };
         let event = Telemetry::Event(self.event(happening));
@@ -352,7 +354,7 @@ impl<const A: usize> RunObservers<'_, A> {
     }
 }
 
-/// The report, as JSON for a script, else for a person.
+/// Prints the report: as JSON for a script, otherwise for a person.
 fn tell<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Option<&Value>) {
     if let Outcome::Refused(text) = report.outcome {
         eprintln!("{}", escape::lines(text));
@@ -363,7 +365,7 @@ fn tell<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Optio
     }
 }
 
-/// How a job ended, in a line.
+/// Result of a job in one line.
 fn short<const A: usize>(report: &Report<'_, A>) -> String {
     let Report { outcome, tally, machine, .. } = report;
     let seconds = |periods: u64| periods as f64 * machine.period_s();
@@ -376,7 +378,7 @@ fn short<const A: usize>(report: &Report<'_, A>) -> String {
     format!("{how} · motion {:.2} s, retraced {:.2} s", seconds(tally.motion), seconds(tally.retracing))
 }
 
-/// The report for a person.
+/// Report for a person.
 fn told<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
     let value = report.to_json();
     let seconds = |key: &str| value[key].as_f64().unwrap_or(0.0);

@@ -1,6 +1,6 @@
-//! `retrace jobs`: what can be resumed, what ran, how it ended.
+//! `retrace jobs`: lists jobs that can be resumed and jobs that ran.
 //!
-//! Invariant: nothing is written, and a job whose journal is damaged keeps no other from being listed.
+//! Invariant: nothing is written, and a job with a damaged journal does not prevent the others from being listed.
 
 use std::path::Path;
 
@@ -18,13 +18,13 @@ use serde_json::{Value, json};
 use crate::args;
 use crate::escape;
 
-/// So many jobs are listed, without --all.
+/// Number of jobs that are listed without --all.
 const LISTED: usize = 20;
 
 /// Runs the command.
 ///
 /// # Errors
-/// There is no folder for jobs, no job of that name, or its journal cannot be used.
+/// The jobs folder or the job is missing, or its journal cannot be used.
 pub fn run(args: &args::Jobs) -> Result<(), NumberedError> {
     let jobs = JobStore::named(args.jobs.path())?;
     match &args.action {
@@ -37,7 +37,7 @@ pub fn run(args: &args::Jobs) -> Result<(), NumberedError> {
 fn list(jobs: &JobStore, args: &args::Jobs) {
     let listed = jobs.list();
     let all = listed.len();
-    // What never began, and what came to its end long ago, nobody looks for.
+    // Jobs that never started are of no interest.
     let of_interest = listed.into_iter().filter(|job| args.all || job.state != JobState::NeverBegan);
     let shown: Vec<ListedJob> = of_interest.take(if args.all { all } else { LISTED }).collect();
     if args.format.json {
@@ -46,11 +46,11 @@ fn list(jobs: &JobStore, args: &args::Jobs) {
         return;
     }
     if shown.is_empty() {
-        say!("no job is in {} yet; `retrace run PROGRAM` begins one", jobs.folder().display());
+        say!("no jobs in {}; `retrace run PROGRAM` starts one", jobs.folder().display());
         return;
     }
     let rows: Vec<[String; 5]> = shown.iter().map(|job| row(job, args.jobs.path())).collect();
-    say!("{}", table(["job", "program", "state", "how far", "what to do"], &rows).trim_end());
+    say!("{}", table(["job", "program", "state", "progress", "next step"], &rows).trim_end());
     if shown.len() < all {
         say!("{} more with --all", all - shown.len());
     }
@@ -64,7 +64,7 @@ fn row(job: &ListedJob, journal: Option<&Path>) -> [String; 5] {
     [job.folder.id().into(), program, job.state.word().into(), far, to_do(job.folder.id(), &job.state, journal)]
 }
 
-/// Columns as wide as their widest cell.
+/// Formats a table with columns as wide as their widest cell.
 fn table<const N: usize>(head: [&str; N], rows: &[[String; N]]) -> String {
     let width = |column: usize| {
         let cells = rows.iter().map(|row| row[column].chars().count());
@@ -79,11 +79,11 @@ fn table<const N: usize>(head: [&str; N], rows: &[[String; N]]) -> String {
     std::iter::once(line(head)).chain(rows).collect()
 }
 
-/// The line that was reached, of how many, as a share of them.
+/// Progress of a job: line reached, number of lines, percentage.
 fn far(job: &JobHeader, at: Option<&PositionEntry>, state: &JobState) -> String {
     match (at.map(|at| at.line), job.lines) {
-        _ if *state == JobState::Completed => "to its end".into(),
-        (None, _) => "at its beginning".into(),
+        _ if *state == JobState::Completed => "to the end".into(),
+        (None, _) => "at the start".into(),
         (Some(line), None) => format!("line {line}"),
         (Some(line), Some(lines)) => {
             format!("line {line} of {lines}, {:.0} %", 100.0 * f64::from(line) / lines.max(1) as f64)
@@ -93,10 +93,10 @@ fn far(job: &JobHeader, at: Option<&PositionEntry>, state: &JobState) -> String 
 
 fn to_do(id: &str, state: &JobState, journal: Option<&Path>) -> String {
     match state {
-        JobState::Running(Some(pid)) => format!("process {pid} has it"),
-        JobState::Running(None) => "another process has it".into(),
+        JobState::Running(Some(pid)) => format!("running in process {pid}"),
+        JobState::Running(None) => "running in another process".into(),
         JobState::Completed | JobState::NeverBegan => String::new(),
-        JobState::Unusable(refusal) => format!("{}: `retrace jobs show {id}` says more", refusal.number),
+        JobState::Unusable(refusal) => format!("{}: see `retrace jobs show {id}`", refusal.number),
         JobState::Interrupted | JobState::Stopped | JobState::Alarm => {
             let journal = journal.map(|folder| format!(" --journal {}", folder.display())).unwrap_or_default();
             format!("retrace resume {id}{journal}")
@@ -137,24 +137,24 @@ fn show(folder: &JobFolder, args: &args::Jobs) -> Result<(), NumberedError> {
     }
     let to_do = to_do(folder.id(), &state, args.jobs.path());
     if !to_do.is_empty() {
-        say!("  {:11} {to_do}", "what to do");
+        say!("  {:11} {to_do}", "next step");
     }
     Ok(())
 }
 
 fn state_in_words(state: &JobState) -> String {
     match state {
-        JobState::Running(_) => "it is running".into(),
-        JobState::Interrupted => "interrupted, the computer or the process failed; the breakpoint is kept".into(),
-        JobState::Stopped => "stopped; the breakpoint is kept".into(),
-        JobState::Alarm => "stopped by an alarm; the breakpoint is kept".into(),
+        JobState::Running(_) => "running".into(),
+        JobState::Interrupted => "interrupted by a failure of the computer or the process; breakpoint saved".into(),
+        JobState::Stopped => "stopped; breakpoint saved".into(),
+        JobState::Alarm => "stopped by an alarm; breakpoint saved".into(),
         JobState::Completed => "completed".into(),
         JobState::NeverBegan => "nothing has moved".into(),
         JobState::Unusable(refusal) => refusal.cause.clone(),
     }
 }
 
-/// Everything that is known of a job, by name.
+/// Details of a job, by name.
 fn in_words(record: &JobRecord) -> Vec<(&'static str, String)> {
     let job = &record.job;
     let mut words = vec![
@@ -169,12 +169,12 @@ fn in_words(record: &JobRecord) -> Vec<(&'static str, String)> {
     }
     let card = record.resumed.last().map_or(&job.card, |again| &again.card);
     let machine = job.machine.path.as_deref().unwrap_or("built in");
-    words.push(("machine", format!("{machine}, a control period of {} ms", f64::from(job.period_us) / 1000.0)));
+    words.push(("machine", format!("{machine}, control period {} ms", f64::from(job.period_us) / 1000.0)));
     words.push(("card", card_in_words(card)));
     words.extend(breakpoint(record));
     if record.spooled.bytes > 0 {
-        let all = if record.spooled.ended { "all of it" } else { "not all of it" };
-        words.push(("arrived", format!("{} bytes of the program are kept, {all}", record.spooled.bytes)));
+        let all = if record.spooled.ended { "complete" } else { "incomplete" };
+        words.push(("received", format!("{} bytes of the program are stored, {all}", record.spooled.bytes)));
     }
     let overrides = record.overrides().len();
     let index = format!("{} marks, {overrides} changes of the planned override", record.marks);
@@ -187,16 +187,16 @@ fn in_words(record: &JobRecord) -> Vec<(&'static str, String)> {
     if record.tail.torn > 0 {
         words.push((
             "torn",
-            format!("the last {} bytes of the journal were not whole, and count for nothing", record.tail.torn),
+            format!("the last {} bytes of the journal were incomplete and are ignored", record.tail.torn),
         ));
     }
     if record.lost > 0 {
-        words.push(("lost", format!("{} entries, while the disk did not keep up", record.lost)));
+        words.push(("lost", format!("{} entries, because the disk was too slow", record.lost)));
     }
     words
 }
 
-/// Where the machine was, in words.
+/// Position of the breakpoint in words.
 fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
     let start = record.last_position.start;
     let fraction = f64::from(start.place.fraction) / 2_f64.powi(32);
@@ -208,7 +208,7 @@ fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
         place += &format!(", retraced from place {}", start.reached);
     }
     let Some(at) = &record.at else {
-        return vec![("breakpoint", format!("at the beginning, {place}, counts {:?}", record.last_position.counts))];
+        return vec![("breakpoint", format!("at the start, {place}, counts {:?}", record.last_position.counts))];
     };
     let rest = if at.at_rest { "at rest" } else { "in motion" };
     let line = far(&record.job, Some(at), &JobState::Interrupted);
@@ -253,14 +253,14 @@ fn mode_in_words(mode: JournalMode, standing: JournalHoldReason) -> &'static str
         (JournalMode::Reverse, _) => "reverse run",
         (JournalMode::Forward, _) => "forward run",
         (JournalMode::Wheel, _) => "handwheel",
-        (JournalMode::Rejoin, _) => "on the way back to the furthest place",
+        (JournalMode::Rejoin, _) => "returning to the furthest place",
         (JournalMode::AwaitOutputs, _) => "at the furthest place, outputs differ",
     }
 }
 
-/// What the outputs of the job's machine are called.
+/// Output names of the job's machine.
 fn channel_names(job: &JobHeader) -> ChannelNames {
-    // The text was a machine file when the job began; a newer version may refuse it.
+    // The text was valid when the job started; a newer version may refuse it.
     MachineConfig::parse(&job.machine.text, "")
         .map_or_else(|_| ChannelNames::default(), |m| ChannelNames::of_machine(&m))
 }
@@ -400,7 +400,7 @@ mod tests {
             "program: part.ngc, 120 lines",
             "resumed: 2026-11-22T00:46:27.000Z, with retrace 0.1.1",
             "ended: 2026-11-22T00:46:27.000Z, exit code 4",
-            "machine: built in, a control period of 1 ms",
+            "machine: built in, control period 1 ms",
             "card: `retrace-sim`, serial number 77, at port",
             "breakpoint: line 37 of 120, 31 %; place 1234 and 0.250 of a period, retraced from place 1300, at rest; \
              2 instructions complete",

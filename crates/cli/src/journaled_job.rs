@@ -1,6 +1,7 @@
-//! A job's folder while the job runs: held against other processes, its journal being written.
+//! Job folder while the job runs: locked against other processes, with its journal being written.
 //!
-//! Invariant: nothing moves before the job's first entry is kept; of a job that was refused before, nothing but an empty folder is left.
+//! Invariant: nothing moves before the first entry of the job is stored. A job that was refused before that leaves only
+//! an empty folder.
 
 use std::path::Path;
 
@@ -30,7 +31,7 @@ use crate::files;
 use crate::machine_tables;
 use crate::program::{Program, ProgramStream, StreamSource};
 
-/// The folder of a job that has not begun.
+/// Folder of a job that has not started.
 #[derive(Debug)]
 pub struct ReservedJobFolder {
     jobs: JobStore,
@@ -40,10 +41,10 @@ pub struct ReservedJobFolder {
 }
 
 impl ReservedJobFolder {
-    /// Makes a folder for a job of this program, and holds it.
+    /// Creates and locks a folder for a job of this program.
     ///
     /// # Errors
-    /// `E2201`, `E2105`: there is no folder for jobs, or it cannot be written.
+    /// `E2201`, `E2105`: the jobs folder is missing or cannot be written.
     pub fn new(journal: Option<&Path>, program: &str) -> Result<Self, NumberedError> {
         let (jobs, when) = (JobStore::named(journal)?, Timestamp::now());
         let folder = jobs.create(program, when)?;
@@ -51,7 +52,7 @@ impl ReservedJobFolder {
         Ok(Self { jobs, folder, held, when })
     }
 
-    /// Keeps a program that arrives in the folder, up to `quota` bytes.
+    /// Stores a streamed program in the folder while it is read, up to `quota` bytes.
     ///
     /// # Errors
     /// `E2105`
@@ -62,7 +63,7 @@ impl ReservedJobFolder {
         Ok((Box::new(spooling.limited_to(quota)), progress))
     }
 
-    /// Begins the journal.
+    /// Starts the journal.
     ///
     /// # Errors
     /// `E2105`, `E2207`: it cannot be written.
@@ -79,21 +80,21 @@ impl ReservedJobFolder {
     }
 }
 
-/// A job whose journal is being written.
+/// Job whose journal is being written.
 #[derive(Debug)]
 pub struct JournaledJob {
     jobs: JobStore,
     folder: JobFolder,
     _held: JobLock,
     logbook: JournalWriter,
-    /// Place of the last mark that the journal has already.
+    /// Record of the last mark that the journal has already.
     known: Option<u32>,
-    /// The overrides that it has already.
+    /// Override changes that the journal has already.
     overrides: Vec<PlannedOverride>,
 }
 
 impl JournaledJob {
-    /// A job that may be taken up again; its journal is as it was until [`Kept::take_up`].
+    /// Job that may be resumed; its journal is unchanged until [`JournaledJob::take_up`].
     #[must_use]
     pub fn waiting(jobs: JobStore, folder: JobFolder, held: JobLock, care: Durability, record: &JobRecord) -> Self {
         let logbook = JournalWriter::waiting(care, record.durable());
@@ -101,7 +102,7 @@ impl JournaledJob {
         Self { jobs, folder, _held: held, logbook, known, overrides }
     }
 
-    /// Goes on with the journal.
+    /// Continues the journal.
     ///
     /// # Errors
     /// `E2105`, `E2207`: it cannot be written.
@@ -114,28 +115,28 @@ impl JournaledJob {
         self.logbook.resume(self.folder.old_journal()?, record.tail, resumed, spool)
     }
 
-    /// The job's name.
+    /// Name of the job.
     #[must_use]
     pub fn id(&self) -> &str {
         self.folder.id()
     }
 
-    /// Who keeps the index.
+    /// Configuration of the index writer.
     #[must_use]
     pub fn keeping(&self) -> JournalConfig {
         let notes = self.logbook.index_writer(self.known, &self.overrides);
         JournalConfig { index: Box::new(notes), durable: self.logbook.durable() }
     }
 
-    /// Who keeps events and positions.
+    /// Recorder of events and positions.
     #[must_use]
     pub fn keeper<const A: usize>(&self, machine: &MachineConfig) -> JournalRecorder<A> {
         JournalRecorder::new(&self.logbook, machine.axes.len(), machine.period_us)
             .naming(ChannelNames::of_machine(machine))
     }
 
-    /// Keeps how the job ended; its keeper is gone. What there is to say of it comes back, a line each; what cannot be kept changes nothing
-    /// of what has been done.
+    /// Writes the end of the job; its recorder has ended. Returns the lines to print. A write error changes nothing of
+    /// the result.
     pub fn end(self, outcome: &Outcome, report: &Value) -> Vec<String> {
         let mut said = Vec::new();
         let ending = match outcome {
@@ -156,37 +157,37 @@ impl JournaledJob {
             && self.folder.stream().exists()
         {
             said.push(format!(
-                "the breakpoint is kept: `retrace resume {} --program FILE` continues with the whole program",
+                "breakpoint saved: `retrace resume {} --program FILE` continues with the whole program",
                 self.folder.id()
             ));
         }
         if matches!(outcome.exit_code(), 3 | 4) {
-            said.push(format!("the breakpoint is kept: `retrace resume {}` takes the job up there", self.folder.id()));
+            said.push(format!("breakpoint saved: `retrace resume {}` resumes the job there", self.folder.id()));
         }
         self.jobs.prune();
         said
     }
 }
 
-/// What a job is told to be, when it begins.
+/// Data for the first journal entry of a job.
 #[derive(Debug)]
 pub struct JobHeaderBuilder<'a> {
     /// The program.
     pub program: &'a Program,
-    /// What it is read with.
+    /// Options that it is read with.
     pub reading: &'a Reading,
-    /// The line to begin at.
+    /// Line to start at.
     pub start_line: Option<u32>,
     /// The machine.
     pub machine: &'a MachineConfig,
-    /// Its file, and what was in it.
+    /// Path and text of the machine file.
     pub machine_file: (Option<&'a Path>, String),
-    /// The card.
+    /// Card.
     pub card: entry::JobCard,
 }
 
 impl JobHeaderBuilder<'_> {
-    /// The first entry of its journal, for a card of this status.
+    /// First entry of the journal, for a card with this status.
     ///
     /// # Errors
     /// None in practice, see [`retrace_controller::fingerprint::of_planning`].
@@ -238,14 +239,14 @@ fn arguments(reading: &Reading, start_line: Option<u32>) -> CommandArguments {
     }
 }
 
-/// A card at the end of a line, as the journal names it.
+/// Linked card, as the journal names it.
 #[must_use]
 pub fn wired(address: &str, identity: &CardIdentity) -> entry::JobCard {
     let name = String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned();
     entry::JobCard::Wired(WiredCard { address: address.into(), name, serial: identity.serial, boot: identity.boot })
 }
 
-/// Outputs that are not 0.
+/// Outputs that are not 0, as (channel, value).
 fn written(outputs: &Outputs) -> Vec<(u8, i32)> {
     outputs.iter().enumerate().filter(|(_, value)| **value != 0).map(|(n, &value)| (n as u8, value)).collect()
 }

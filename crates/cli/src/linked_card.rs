@@ -1,6 +1,6 @@
-//! A card at the end of a serial line: found, greeted, and told of the machine.
+//! Card on a serial line: finds it, greets it, and opens it with the settings of the machine.
 //!
-//! Invariant: a card is opened only where it stands, and only by settings that it takes.
+//! Invariant: a card is opened only at its own place, and only with settings that it accepts.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -14,13 +14,13 @@ use retrace_link::{
 
 use crate::program::CommandFailure;
 
-/// A card behind a serial port or a pseudo-terminal.
+/// Card behind a serial port or a pseudo-terminal.
 pub type SerialCard<const A: usize> = Box<LinkedCard<A, SerialPort>>;
 
 /// Finds the card at `PATH[@BAUD]`.
 ///
 /// # Errors
-/// The port cannot be opened, or nobody answers.
+/// The port cannot be opened, or no card answers.
 pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, CommandFailure> {
     let address = Address::parse(address).map_err(refused)?;
     let port = SerialPort::open(&address).map_err(refused)?;
@@ -31,10 +31,10 @@ pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, CommandFailu
     Ok(Box::new(card))
 }
 
-/// Can this card do what the machine file asks for?
+/// Checks that this card can do what the machine file requires.
 ///
 /// # Errors
-/// `E3008` with the first thing that it cannot.
+/// `E3008` with the first misfit.
 pub fn fits(address: &str, identity: &CardIdentity, machine: &MachineConfig) -> Result<(), CommandFailure> {
     match misfits(identity, machine).into_iter().next() {
         Some(what) => {
@@ -44,11 +44,11 @@ pub fn fits(address: &str, identity: &CardIdentity, machine: &MachineConfig) -> 
     }
 }
 
-/// What to do about a card that a machine does not fit.
+/// Remedy for a card that does not fit the machine.
 pub const MISFIT_REMEDY: &str =
-    "change the machine file, or take another card; `retrace card identify PORT` says what this one can";
+    "change the machine file, or use another card; `retrace card identify PORT` prints what this one supports";
 
-/// Everything that a machine file asks for and this card cannot do.
+/// Everything that the machine file requires and this card cannot do.
 #[must_use]
 pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> {
     let mut misfits = Vec::new();
@@ -57,7 +57,7 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
     }
     let (least, most) = (identity.min_period_us, identity.max_period_us);
     if !(least..=most).contains(&machine.period_us) {
-        misfits.push(format!("a control period of {} µs, and the card takes {least} to {most}", machine.period_us));
+        misfits.push(format!("the control period is {} µs, the card supports {least} to {most}", machine.period_us));
     }
     let settings = CardSettings { epoch: 1, ..machine.card_settings::<MAX_AXES>(PathStart::at(0)) };
     let max_pulses = retrace_hal_sim::max_pulses_a_period(identity, &settings);
@@ -67,39 +67,41 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
         let name = axis.name.to_ascii_uppercase();
         if pulses > f64::from(identity.max_pulses_hz) {
             let most = identity.max_pulses_hz;
-            misfits.push(format!("axis {name} makes up to {pulses:.0} pulses a second, the card {most}"));
+            misfits.push(format!("axis {name} needs up to {pulses:.0} pulses per second, the card supports {most}"));
         } else if pulses > max_hz * (1.0 + 1e-9) {
             misfits.push(format!(
-                "axis {name} makes up to {pulses:.0} pulses a second, the card {max_hz:.0} with step_pulse_us and direction_setup_us as they are"
+                "axis {name} needs up to {pulses:.0} pulses per second, the card supports {max_hz:.0} with this step_pulse_us and direction_setup_us"
             ));
         }
     }
     for (number, setting) in settings.inputs.iter().enumerate().skip(usize::from(identity.inputs)) {
         if setting.used_for != InputUse::Plain {
-            misfits.push(format!("input {number} is declared, and the card has {} inputs", identity.inputs));
+            misfits.push(format!("input {number} is declared; the card has {} inputs", identity.inputs));
         }
     }
     for channel in settings.safe().iter().map(|change| change.channel).chain(machine.cutting_outputs.iter().copied()) {
         let is_digital = usize::from(channel) < channel::DIGITAL;
         if is_digital && channel >= identity.outputs {
             let name = machine.channel_name(channel);
-            misfits.push(format!("{name} is output {channel}, and the card has {} outputs", identity.outputs));
+            misfits.push(format!("{name} is output {channel}; the card has {} outputs", identity.outputs));
         }
     }
     if let (true, Err(_)) = (misfits.is_empty(), max_pulses) {
-        misfits.push("the card does not take step_pulse_us and direction_setup_us at this control period".into());
+        misfits
+            .push("the card does not support this step_pulse_us and direction_setup_us at this control period".into());
     }
     misfits.dedup();
     misfits
 }
 
-/// Axes of the largest card.
+/// Maximum number of axes of a card.
 pub const MAX_AXES: usize = 9;
 
-/// Looks at a card that stands, by opening it there for a moment: its outputs, its alarm. It is as it was then, and needs no host.
+/// Opens a card at rest for a moment to read its outputs and its alarm. Its state is unchanged afterwards, and it needs
+/// no host.
 ///
 /// # Errors
-/// As [`Wired::open`].
+/// See [`MotionCard::open`].
 pub fn look<const A: usize>(
     card: &mut SerialCard<A>,
     address: &str,
@@ -113,32 +115,32 @@ pub fn look<const A: usize>(
     Ok(status)
 }
 
-/// Control periods in which a card tells whether it has cleared an alarm.
+/// Number of control periods within which a card reports that it has cleared an alarm.
 const CLEARED_WITHIN: u32 = 500;
 
-/// A card that was asked where it stands and is opened when its path is begun: until then it needs no host, however long the operator
-/// thinks.
+/// Card that has been greeted and is opened when its path starts: until then it needs no host, however long the
+/// operator takes.
 #[derive(Debug)]
 pub struct GreetedCard<const A: usize> {
     card: SerialCard<A>,
     settings: CardSettings<A>,
-    /// As it was when it was asked.
+    /// Status when it was greeted.
     status: CardStatus<A>,
     boot: u32,
     is_open: bool,
 }
 
 impl<const A: usize> GreetedCard<A> {
-    /// A card that was looked at.
+    /// Card with this status.
     #[must_use]
     pub fn new(card: SerialCard<A>, settings: CardSettings<A>, status: CardStatus<A>, boot: u32) -> Self {
         Self { card, settings, status, boot, is_open: false }
     }
 
-    /// Ends the epoch, if there is one.
+    /// Ends the epoch, if one is open.
     pub fn close(mut self) {
         if self.is_open {
-            // The card stands, or has an alarm that says more than this would.
+            // The card is at rest, or has an alarm that says more than an error here would.
             let _ = self.card.close();
         }
     }
@@ -154,7 +156,7 @@ impl<const A: usize> GreetedCard<A> {
         self.card.open(CardSettings { start, ..self.settings })?;
         self.is_open = true;
         if self.card.status().alarm.is_some() {
-            // What the card refuses shows in what it reports.
+            // A rejected command shows in the card's reports.
             let _ = self.card.send(HostCommand::ClearAlarm);
             for _ in 0..CLEARED_WITHIN {
                 if self.card.run_period()?.alarm.is_none() {
@@ -196,7 +198,7 @@ impl<const A: usize> MotionCard<A> for GreetedCard<A> {
     }
 }
 
-/// The card, or the line to it.
+/// Failure of the card or of its line.
 pub fn failed(address: &str, fault: &impl CardFailure) -> CommandFailure {
     CommandFailure::Card(NumberedError::new(fault.number(), format!("{address}: {fault}"), fault.remedy()))
 }
@@ -205,7 +207,7 @@ fn refused(refused: retrace_hal_serial::PortError) -> CommandFailure {
     NumberedError::new(refused.number, refused.what, refused.remedy).into()
 }
 
-/// A number that the last question did not have.
+/// Number that differs from that of the last request.
 pub fn nonce() -> u32 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |since| since.subsec_nanos() ^ since.as_secs() as u32)
 }

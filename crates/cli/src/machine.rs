@@ -1,6 +1,6 @@
 //! `retrace machine`: writes a commented machine file, checks one.
 //!
-//! Invariant: without a kind, the file that is written describes the machine that is built in; every key that one of them shows can be used.
+//! Invariant: without a kind, the file describes the built-in machine; every key in it can be used.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -20,7 +20,7 @@ use crate::{args, escape, files, linked_card};
 /// The commented machine file of the built-in machine.
 const COMMENTED: &str = include_str!("machine.toml");
 
-/// The commented file of a kind of machine.
+/// Commented machine file of a kind of machine.
 fn file(kind: Option<args::MachineKind>) -> &'static str {
     match kind {
         None => COMMENTED,
@@ -35,7 +35,7 @@ fn file(kind: Option<args::MachineKind>) -> &'static str {
 /// Runs the command.
 ///
 /// # Errors
-/// The file cannot be read or written, or the card cannot be asked.
+/// The file cannot be read or written, or the card does not answer.
 pub fn run(args: &args::Machine) -> Result<u8, CommandFailure> {
     match args {
         args::Machine::New { kind, of_kind, output } => {
@@ -65,10 +65,10 @@ fn write_or_print(text: &str, output: Option<&Path>) -> Result<(), CommandFailur
     Ok(())
 }
 
-/// Checks a machine file, by itself and against the card at a port: one line for each finding.
+/// Checks a machine file, by itself and against the card at a port. Prints one line per finding.
 ///
 /// # Errors
-/// The file cannot be read, or the card cannot be asked.
+/// The file cannot be read, or the card does not answer.
 fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, CommandFailure> {
     let name = path.display().to_string();
     let MachineCheck { mut errors, machine } = MachineConfig::check_machine(&files::written_machine_text(path)?, &name);
@@ -113,7 +113,7 @@ fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, CommandFailu
     Ok(code)
 }
 
-/// What of a machine may not be meant as it is written.
+/// Settings of a machine that may be mistakes.
 fn warnings(machine: &MachineConfig, name: &str) -> Vec<NumberedError> {
     let undeclared = machine.undeclared_inputs().into_iter().map(|(input, code)| {
         let what = format!("{name}: code.{code} waits for input {input}, which no [[card.input]] declares");
@@ -129,19 +129,19 @@ fn warnings(machine: &MachineConfig, name: &str) -> Vec<NumberedError> {
         (pulses > most).then(|| {
             let axis = axis.name;
             let what = format!(
-                "{name}: axis {axis} makes up to {pulses:.0} pulses a second; step_pulse_us leaves room for {most:.0}"
+                "{name}: axis {axis} needs up to {pulses:.0} pulses per second; step_pulse_us permits {most:.0}"
             );
             NumberedError::new(
                 "W2116",
                 what,
-                "a lower max_velocity_mm_per_s, fewer pulses_per_mm or a shorter card.step_pulse_us",
+                "set a lower max_velocity_mm_per_s, fewer pulses_per_mm or a shorter card.step_pulse_us",
             )
         })
     });
     undeclared.chain(too_fast).collect()
 }
 
-/// Creates a file with this text, whole or not at all, and never over one that somebody has made his own.
+/// Creates a file with this text, completely or not at all, and never over an existing one.
 fn create(path: &Path, text: &str) -> io::Result<()> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let draft = path.with_file_name(format!(".{name}.{}", std::process::id()));
@@ -154,15 +154,15 @@ fn create(path: &Path, text: &str) -> io::Result<()> {
         Err(error) if error.kind() != ErrorKind::AlreadyExists && !path.exists() => std::fs::rename(&draft, path),
         placed => placed,
     });
-    // It is gone where it was renamed.
+    // The file no longer exists where it was renamed.
     let _ = std::fs::remove_file(&draft);
     placed
 }
 
-/// A machine in a few lines.
+/// Summary of a machine, in a few lines.
 fn described(machine: &MachineConfig) -> String {
     let mut text = format!(
-        "machine `{}`: T = {} ms, path velocity {} mm/s, at rest within {:.3} s of a hold, within {:.3} s on a straight run",
+        "machine `{}`: T = {} ms, path velocity {} mm/s, stops within {:.3} s of a hold, within {:.3} s on a straight run",
         machine.name,
         f64::from(machine.period_us) / 1000.0,
         machine.path_velocity_mm_s,
@@ -189,7 +189,7 @@ fn described(machine: &MachineConfig) -> String {
             let end = if home.upper { "upper" } else { "lower" };
             let _ = write!(
                 text,
-                "\n     home: {end} switch, opens at {} mm; {} mm/s there, {} mm/s off it",
+                "\n     home: {end} switch, opens at {} mm; search {} mm/s, latch {} mm/s",
                 home.position_mm, home.search_mm_per_s, home.latch_mm_per_s
             );
         }
@@ -204,31 +204,31 @@ fn described(machine: &MachineConfig) -> String {
     text
 }
 
-/// A cutter, in words.
+/// Text of a cutter.
 fn described_cutter(cutter: &CutterConfig) -> String {
     let kind = format!("{:?}", cutter.kind).to_lowercase();
     let fire = match cutter.fire {
         channel::SPINDLE => "M3's output".to_owned(),
         fire => format!("output {fire}"),
     };
-    let retrace = if cutter.retrace_cut { "; can be on while the path is retraced" } else { "" };
+    let retrace = if cutter.retrace_cut { "; may be on while the path is retraced" } else { "" };
     if cutter.kind.cuts_at_rest() {
-        format!("{kind} on {fire}, off {} ms after the machine stands{retrace}", cutter.standing_ms)
+        format!("{kind} on {fire}, off {} ms after the machine comes to rest{retrace}", cutter.standing_ms)
     } else {
         format!("{kind} on {fire}")
     }
 }
 
-/// Homing, and the way that is safe to move.
+/// Text about homing and the safe direction.
 fn described_setting_up(machine: &MachineConfig) -> String {
     let order: Vec<String> = machine.homing_order().iter().map(|axis| axis.to_ascii_uppercase().to_string()).collect();
     let mut text = match (machine.needs_homing().is_empty(), order.is_empty()) {
-        (true, true) => "\n  needs no homing".into(),
-        (true, false) => format!("\n  needs no homing; can be homed in the order {}", order.join(", ")),
+        (true, true) => "\n  homing not required".into(),
+        (true, false) => format!("\n  homing not required; homing order {}", order.join(", ")),
         (false, _) if machine.setting_up.allow_unhomed => {
-            format!("\n  homed in the order {}; a program may move it unhomed", order.join(", "))
+            format!("\n  homing order {}; a program may move it unhomed", order.join(", "))
         }
-        (false, _) => format!("\n  homed in the order {}; no program moves it before that", order.join(", ")),
+        (false, _) => format!("\n  homing order {}; no program moves it before homing", order.join(", ")),
     };
     if let Some(axis) = machine.tool_axis().and_then(|tool| machine.axes.get(tool)) {
         let _ = write!(text, "\n  tool axis {}", axis.name.to_ascii_uppercase());
@@ -239,23 +239,23 @@ fn described_setting_up(machine: &MachineConfig) -> String {
     text
 }
 
-/// How a code is carried out, in words.
+/// Text about the execution of a code.
 fn described_code(switching: CodeSwitching, period_s: f64) -> String {
     let mut text = match switching.class {
-        CodeClass::Synchronous => "switched in passing".to_owned(),
+        CodeClass::Synchronous => "synchronous, without a stop".to_owned(),
         CodeClass::Exclusive => format!("at rest, {} s", f64::from(switching.periods) * period_s),
     };
     if let Some(until) = switching.until {
         let state = if until.active { "active" } else { "inactive" };
         let _ = write!(text, ", until input {} is {state}", until.input);
         if until.timeout_periods > 0 {
-            let _ = write!(text, ", {} s at most", f64::from(until.timeout_periods) * period_s);
+            let _ = write!(text, ", at most {} s", f64::from(until.timeout_periods) * period_s);
         }
     }
     text + match switching.in_reverse {
-        InReverse::Unchanged => "; in reverse as it is",
-        InReverse::Undone => "; in reverse undone where outputs are replayed",
-        InReverse::Barrier => "; cannot be passed backward",
+        InReverse::Unchanged => "; unchanged in reverse",
+        InReverse::Undone => "; undone in reverse where outputs are replayed",
+        InReverse::Barrier => "; retrace barrier",
     }
 }
 
@@ -271,7 +271,7 @@ mod tests {
         assert_eq!(format!("{written:?}"), format!("{built_in:?}"));
         let text = described(&built_in);
         assert!(
-            text.contains("at rest within 0.39")
+            text.contains("stops within 0.39")
                 && text.contains("within 0.151 s on a straight")
                 && text.contains("X: 1000 pulses/mm"),
             "{text}"
@@ -305,7 +305,7 @@ mod tests {
             let machine = MachineConfig::parse(file(Some(kind)), "kind").expect("valid");
             let text = described(&machine);
             let order = machine.needs_homing();
-            assert!(order.len() == machine.axes.len() && text.contains("no program moves it before that"), "{text}");
+            assert!(order.len() == machine.axes.len() && text.contains("no program moves it before homing"), "{text}");
             let tool = machine.tool_axis().expect("it has one");
             assert_eq!(order[0], machine.axes[tool].name, "the tool first");
             assert!(text.contains("retracted at") && text.contains("home: upper switch"), "{text}");
@@ -313,7 +313,7 @@ mod tests {
         }
         let plasma = described(&MachineConfig::parse(file(Some(MachineKind::Plasma)), "kind").expect("valid"));
         assert!(
-            plasma.contains("M3: at rest, 0.4 s, until input 5 is active, 3 s at most; in reverse as it is"),
+            plasma.contains("M3: at rest, 0.4 s, until input 5 is active, at most 3 s; unchanged in reverse"),
             "{plasma}"
         );
     }

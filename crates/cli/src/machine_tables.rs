@@ -1,9 +1,10 @@
-//! Offsets and tool data of a machine: which files they come from, and how they are written.
+//! Offsets and tool data of a machine: selects their files and writes them.
 //!
-//! Each machine file has a parameter file and a tool table of its own in the state folder; `--params` and `--tools` replace them.
+//! Each machine file has its own parameter file and tool table in the state folder; `--params` and `--tools` replace
+//! them.
 //!
-//! Invariant: only values that were changed are written, over whatever the file says by then, so that nothing that was set meanwhile is lost.
-//! The machine's own parameter file keeps offsets, not the variables of programs.
+//! Invariant: only changed values are written, over the current content of the file, so that no change in between is
+//! lost. The machine's own parameter file stores offsets, not the variables of programs.
 
 use std::fmt::Write as _;
 use std::io::ErrorKind;
@@ -21,11 +22,11 @@ use crate::console::unwritable;
 use crate::files;
 use crate::program::{table, tools_without_length};
 
-/// First parameter of the origin of coordinate system 1; those of the next are 20 further on each.
+/// First parameter of the origin of coordinate system 1; those of the next follow at a distance of 20.
 const FIRST_ORIGIN: usize = 5221;
 
-/// The tables of this machine in the state folder, for what the command line does not name; none for the in-process simulated card of the
-/// built-in machine, and where the user has no state folder.
+/// Tables of this machine in the state folder, for those that the command line does not name. `None` for the simulated
+/// card in this process with the built-in machine, and where the user has no state folder.
 #[must_use]
 pub fn of_machine(
     card: &str,
@@ -45,7 +46,7 @@ pub fn of_machine(
             format!("{}-{hash:08x}", plain_name(&whole.display().to_string()))
         },
     );
-    // The simulated machine stands elsewhere: what is measured there says nothing of the real one.
+    // The simulated machine has its own position: offsets measured there do not apply to the real one.
     if is_simulated {
         name += "-simulated";
     }
@@ -57,18 +58,18 @@ pub fn of_machine(
     })
 }
 
-/// The parameters of a machine's own file; the initial ones where it does not exist yet.
+/// Reads the parameters of a machine's own file; the initial ones where it does not exist yet.
 ///
 /// # Errors
-/// It cannot be read or understood.
+/// It cannot be read or parsed.
 pub fn parameters(path: &Path) -> Result<Parameters, NumberedError> {
     if path.exists() { table(path, "parameter file", Parameters::read) } else { Ok(Parameters::default()) }
 }
 
-/// The tools of a machine's own table over those that have no length; false where the table does not exist yet.
+/// Reads the tools of a machine's own table over those without a length; `false` where the table does not exist yet.
 ///
 /// # Errors
-/// It cannot be read or understood.
+/// It cannot be read or parsed.
 pub fn tools(path: &Path) -> Result<(ToolTable, bool), NumberedError> {
     let mut tools = tools_without_length();
     if !path.exists() {
@@ -80,27 +81,27 @@ pub fn tools(path: &Path) -> Result<(ToolTable, bool), NumberedError> {
     Ok((tools, true))
 }
 
-/// The files that offsets and tool data go to.
+/// Files that offsets and tool data are written to.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TableFiles {
-    /// The parameter file, if there is one.
+    /// Parameter file, if any.
     pub parameters: Option<PathBuf>,
-    /// The tool table, if there is one.
+    /// Tool table, if any.
     pub tools: Option<PathBuf>,
-    /// The parameter file is the machine's own.
+    /// Whether the parameter file is the machine's own.
     parameters_are_own: bool,
-    /// The tool table is the machine's own.
+    /// Whether the tool table is the machine's own.
     tools_are_own: bool,
 }
 
 impl TableFiles {
-    /// Those that a program is read with.
+    /// Files that a program is read with.
     #[must_use]
     pub fn of(reading: &Reading) -> Self {
         Self::choose(reading.params.as_deref(), reading.tools.as_deref(), reading.machine_tables.as_ref())
     }
 
-    /// Those that a job was read with.
+    /// Files that a job was read with.
     #[must_use]
     pub fn of_job(arguments: &CommandArguments) -> Self {
         let path = |path: &Option<String>| path.as_ref().map(PathBuf::from);
@@ -108,7 +109,7 @@ impl TableFiles {
         Self::choose(params.as_deref(), tools.as_deref(), arguments.machine_tables.as_ref())
     }
 
-    /// Those that are named, else the machine's own.
+    /// Files on the command line, otherwise the machine's own.
     #[must_use]
     pub fn choose(params: Option<&Path>, tools: Option<&Path>, own: Option<&MachineTables>) -> Self {
         let own_file =
@@ -121,16 +122,16 @@ impl TableFiles {
         }
     }
 
-    /// Is the tool table the machine's own, so that a program's changes go to it?
+    /// Whether the tool table is the machine's own, so that a program's changes are written to it.
     #[must_use]
     pub fn has_own_tools(&self) -> bool {
         self.tools_are_own
     }
 
-    /// What the files say now.
+    /// Reads the current content of the files.
     ///
     /// # Errors
-    /// One cannot be read or understood.
+    /// One cannot be read or parsed.
     pub fn read(&self) -> Result<StartTables, NumberedError> {
         let parameters = self.parameters.as_deref().map_or_else(|| Ok(Parameters::default()), parameters)?;
         let tools = match &self.tools {
@@ -141,10 +142,11 @@ impl TableFiles {
         Ok(StartTables { parameters, tools, current_tool: 0, selected_tool: 0 })
     }
 
-    /// Writes the parameters that differ between `began` and `ended`. A file that the command line names is written in any case.
+    /// Writes the parameters that differ between `began` and `ended`. A file on the command line is written in any
+    /// case.
     ///
     /// # Errors
-    /// It cannot be read, understood or written; it is as it was then.
+    /// It cannot be read, parsed or written; it is unchanged then.
     pub fn write_parameters(&self, began: &Parameters, ended: &Parameters) -> Result<(), NumberedError> {
         let Some(path) = &self.parameters else { return Ok(()) };
         let is_kept = |number: &usize| !self.parameters_are_own || Parameters::is_machine_offset(*number);
@@ -162,10 +164,10 @@ impl TableFiles {
         write(path, now.write().as_bytes(), self.parameters_are_own)
     }
 
-    /// Writes the tools that differ between `began` and `ended`; the other lines of the table stay as they are.
+    /// Writes the tools that differ between `began` and `ended`; the other lines of the table stay unchanged.
     ///
     /// # Errors
-    /// The table cannot be read or written; it is as it was then.
+    /// The table cannot be read or written; it is unchanged then.
     pub fn write_tools(&self, began: &ToolTable, ended: &ToolTable) -> Result<(), NumberedError> {
         let Some(path) = &self.tools else { return Ok(()) };
         let changed: Vec<Tool> = ended.tools().filter(|tool| began.get(tool.number) != Some(**tool)).copied().collect();
@@ -181,7 +183,7 @@ impl TableFiles {
     }
 }
 
-/// Writes what is set by hand at a screen to its files, whenever it changes.
+/// Writes manual settings at a screen to their files, whenever they change.
 #[derive(Debug)]
 pub struct TableKeeper {
     files: TableFiles,
@@ -190,17 +192,17 @@ pub struct TableKeeper {
 }
 
 impl TableKeeper {
-    /// Of a screen that begins with this.
+    /// Keeper for a screen that starts with this setup.
     #[must_use]
     pub fn new(reading: &Reading, setup: &Setup) -> Self {
         let StartTables { parameters, tools, .. } = setup.start_tables();
         Self { files: TableFiles::of(reading), parameters, tools }
     }
 
-    /// Writes what has changed since the last time.
+    /// Writes what has changed since the last call.
     ///
     /// # Errors
-    /// A file cannot be read or written; it is tried again with the next change.
+    /// A file cannot be read or written; the next change tries again.
     pub fn keep(&mut self, carried: &ModalSnapshot) -> Result<(), NumberedError> {
         if self.parameters.persistent() != carried.parameters().persistent() {
             self.files.write_parameters(&self.parameters, carried.parameters())?;
@@ -213,7 +215,7 @@ impl TableKeeper {
         Ok(())
     }
 
-    /// Notes that this has been written already, or is not to be: it is what a program has left.
+    /// Marks this state as written: a program left it, and writes it itself.
     pub fn is_kept(&mut self, carried: &ModalSnapshot) {
         (self.parameters, self.tools) = (carried.parameters().clone(), carried.tools().clone());
     }
@@ -228,7 +230,7 @@ fn write(path: &Path, bytes: &[u8], is_own: bool) -> Result<(), NumberedError> {
         .map_err(|error| unwritable(&path.display().to_string(), &error))
 }
 
-/// The tables that a job begins with, for its journal.
+/// Tables that a job starts with, for its journal.
 #[must_use]
 pub fn latched(tables: &StartTables) -> LatchedTables {
     LatchedTables {
@@ -239,14 +241,14 @@ pub fn latched(tables: &StartTables) -> LatchedTables {
     }
 }
 
-/// The tables of a journal.
+/// Tables from a journal.
 ///
 /// # Errors
-/// `E2205`: they are not as this version writes them.
+/// `E2205`: this version cannot parse them.
 pub fn unlatched(latched: &LatchedTables) -> Result<StartTables, NumberedError> {
     let unknown = |what: &str| {
-        let what = format!("the journal's {what} cannot be understood");
-        NumberedError::new("E2205", what, "use the version of retrace that has written it")
+        let what = format!("the {what} in the journal cannot be parsed");
+        NumberedError::new("E2205", what, "use the version of retrace that wrote the journal")
     };
     Ok(StartTables {
         parameters: Parameters::read(&latched.parameters).map_err(|_| unknown("parameters"))?,
@@ -256,7 +258,7 @@ pub fn unlatched(latched: &LatchedTables) -> Result<StartTables, NumberedError> 
     })
 }
 
-/// How tables differ, a line each: `G54 Z: 3.000 in the job, 2.500 now`. Variables of programs are left out.
+/// Differences between tables, one per line: `G54 Z: 3.000 in the job, 2.500 now`. Variables of programs are left out.
 #[must_use]
 pub fn differences(job: &StartTables, now: &StartTables) -> Vec<String> {
     let mut lines = Vec::new();
@@ -277,7 +279,7 @@ pub fn differences(job: &StartTables, now: &StartTables) -> Vec<String> {
     lines
 }
 
-/// A parameter's name on the machine: `G54 X`, `G92 Z`, else its number.
+/// Name of a parameter on the machine: `G54 X`, `G92 Z`, otherwise its number.
 fn parameter_name(number: usize) -> String {
     let of = |name: &str, index: usize| match Axis::ALL.get(index) {
         Some(axis) => format!("{name} {}", char::from(axis.letter())),
@@ -298,7 +300,7 @@ fn parameter_name(number: usize) -> String {
     }
 }
 
-/// A tool in a few words: `Z 12.500 D 6.000`.
+/// Text of a tool: `Z 12.500 D 6.000`.
 fn tool_text(tool: Option<Tool>) -> String {
     let Some(tool) = tool else { return "not in the table".into() };
     let mut text = String::new();

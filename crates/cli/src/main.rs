@@ -1,6 +1,6 @@
 //! The `retrace` command.
 //!
-//! Invariant: the exit code is one of the interface's five; bad input is answered with what is wrong, where, and what to do.
+//! Invariant: the exit code is one of the interface's five; an error message says what is wrong, where, and what to do.
 #![forbid(unsafe_code)]
 // A binary has no outside; `pub` says what a room offers to the others.
 #![allow(unreachable_pub)]
@@ -94,7 +94,7 @@ fn main() -> ExitCode {
             2
         }
     };
-    // Whatever was done is done; who reads the exit code alone is not to believe that he has all of the output.
+    // The work is done; the exit code must still report that output was lost.
     match out::lost() {
         Some(refusal) => {
             eprintln!("{}", escape::lines(&refusal.to_string()));

@@ -1,7 +1,7 @@
-//! `retrace home | jog | mdi`: a machine is set up from the shell.
+//! `retrace home | jog | mdi`: manual operation from the shell.
 //!
-//! Invariant: nothing moves before machine file, tables and block have been read and checked; a parameter file is written only when a block
-//! was carried out.
+//! Invariant: nothing moves before machine file, tables and block have been read and checked; a parameter file is
+//! written only after a block was executed.
 
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::machine::MachineConfig;
@@ -23,35 +23,38 @@ use crate::sim_wiring::simulated;
 use crate::stop_signals::{StopPolicy, StopSignals};
 use crate::{args, files, linked_card};
 
-/// `retrace home`: its exit code.
+/// `retrace home`. Returns its exit code.
 ///
 /// # Errors
-/// What keeps it from being done.
+/// Whatever prevents the task.
 pub fn home(args: &args::Home) -> Result<u8, CommandFailure> {
     let machine = files::machine(args.manual.machine_file.path())?;
     let mut desk = ModalContext::new(mdi::setup(&machine));
     on_machine(&args.manual, &machine, &ManualTask::Home(args.axis), &mut desk)
 }
 
-/// `retrace jog`: its exit code.
+/// `retrace jog`. Returns its exit code.
 ///
 /// # Errors
-/// What keeps it from being done.
+/// Whatever prevents the task.
 pub fn jog(args: &args::Jog) -> Result<u8, CommandFailure> {
     let machine = files::machine(args.manual.machine_file.path())?;
     if !args.mm.is_finite() {
-        return Err(
-            NumberedError::new("E2161", format!("{} is not a length", args.mm), "mm (degrees), such as -12.5").into()
-        );
+        return Err(NumberedError::new(
+            "E2161",
+            format!("{} is not a length", args.mm),
+            "give mm (degrees), such as -12.5",
+        )
+        .into());
     }
     let mut desk = ModalContext::new(mdi::setup(&machine));
     on_machine(&args.manual, &machine, &ManualTask::Jog { axis: args.axis, mm: args.mm }, &mut desk)
 }
 
-/// `retrace mdi`: its exit code.
+/// `retrace mdi`. Returns its exit code.
 ///
 /// # Errors
-/// What keeps it from being done.
+/// Whatever prevents the task.
 pub fn mdi(args: &args::Mdi) -> Result<u8, CommandFailure> {
     let machine = files::machine(args.manual.machine_file.path())?;
     let of = &args.manual;
@@ -62,7 +65,7 @@ pub fn mdi(args: &args::Mdi) -> Result<u8, CommandFailure> {
     let mut desk = ModalContext::new(mdi::setup(&machine).with_start_tables(began.clone()));
     if args.dry_run {
         desk.block(&machine, &args.block).map_err(shown)?;
-        say!("{}: nothing is wrong with it; nothing was moved", args.block);
+        say!("{}: no errors; nothing was moved", args.block);
         return Ok(0);
     }
     let code = on_machine(&args.manual, &machine, &ManualTask::Mdi(args.block.clone()), &mut desk)?;
@@ -73,7 +76,7 @@ pub fn mdi(args: &args::Mdi) -> Result<u8, CommandFailure> {
     Ok(code)
 }
 
-/// Shows what is wrong with a block.
+/// Prints the diagnostics of a block.
 fn shown(lines: Vec<String>) -> CommandFailure {
     lines.iter().for_each(|line| eprintln!("{line}"));
     CommandFailure::Program
@@ -101,7 +104,7 @@ fn on_card<const A: usize>(
     if args.port.is_simulated() {
         let mut card = simulated::<A>(machine, Clock::Virtual)?;
         eprintln!(
-            "note: a simulated card in this process forgets where it is; `retrace card serve --pty` serves one that does not"
+            "note: the simulated card in this process does not keep its position; one served by `retrace card serve --pty` does"
         );
         return on(args, machine, task, desk, &mut card, &Homing::simulated());
     }
@@ -118,12 +121,12 @@ fn on_card<const A: usize>(
     }
     card.open(machine.card_settings(PathStart::at(0))).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
     let code = on(args, machine, task, desk, &mut *card, &homing)?;
-    // The card stands, or has an alarm that says more than this would.
+    // The card is at rest, or has an alarm that says more than an error here would.
     let _ = card.close();
     Ok(code)
 }
 
-/// Carries the task out on a card, and tells where the machine stands then.
+/// Executes the task on a card, and prints the position.
 fn on<const A: usize, C: MotionCard<A>>(
     args: &args::ManualOptions,
     machine: &MachineConfig,
@@ -164,7 +167,7 @@ where
     Ok(code)
 }
 
-/// Work by hand that signals can stop: shown, and followed for whoever sends a second one.
+/// Observer of a manual task that signals can stop.
 struct Stoppable<'c, 'm, const A: usize> {
     console: &'c mut Console<'m, A>,
     signals: Option<&'c StopSignals>,
@@ -179,7 +182,7 @@ impl<const A: usize> Observer<A> for Stoppable<'_, '_, A> {
     }
 }
 
-/// Tells where the machine stands.
+/// Prints the position of the machine.
 fn stands(machine: &MachineConfig, counts: &[i64], code: u8, json: bool) {
     let axes = || machine.axes.iter().zip(counts);
     let each = |value: fn(f64, i64) -> Value| {
@@ -198,5 +201,5 @@ fn stands(machine: &MachineConfig, counts: &[i64], code: u8, json: bool) {
     }
     let told = axes()
         .map(|(axis, &count)| format!("{} {:.3}", axis.name.to_ascii_uppercase(), count as f64 / axis.pulses_per_mm));
-    say!("stands at {} (machine, mm)", told.collect::<Vec<_>>().join("  "));
+    say!("position {} (machine, mm)", told.collect::<Vec<_>>().join("  "));
 }

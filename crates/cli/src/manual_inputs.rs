@@ -1,33 +1,34 @@
-//! What is done by hand to the machine around a served card, as lines say it: the handwheel, switches, doors.
+//! Manual inputs of the machine at a served card, as text lines: handwheel, switches, doors.
 //!
-//! Invariant: a line that is not understood does nothing, and is told.
+//! Invariant: a line that cannot be parsed has no effect, and is reported.
 
 use retrace_hal_sim::CardSimulator;
 use retrace_link::{InputSetting, InputUse};
 
-/// What can be said.
+/// Syntax of the lines.
 const WORDS: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press probe`, \
     `input 5 on`, `input 5 off`";
 
-/// Something that is done by hand.
+/// Manual input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ManualInput {
-    /// Turn the handwheel at so many counts a second, for so many microseconds.
+    /// Turns the handwheel at this number of counts per second, for this number of microseconds.
     Wheel { counts_per_s: i32, for_us: u64 },
-    /// Turn it by so many counts at once.
+    /// Turns the handwheel by this number of counts at once.
     Notch(i16),
-    /// Make an input active or inactive; a switch that an axis works follows its axis all the same.
+    /// Makes an input active or inactive; a switch that an axis operates still follows its axis.
     Input { number: u8, active: bool },
 }
 
 impl ManualInput {
-    /// Reads a line; `inputs` says what is wired where. `None` for an empty line, and for a comment behind `#`.
+    /// Parses a line; `inputs` are the inputs of the machine file. `None` for an empty line, and for a comment after
+    /// `#`.
     ///
     /// # Errors
-    /// What is wrong with it, and what can be said.
+    /// The line is invalid; the text includes the syntax.
     pub fn read(line: &str, inputs: &[InputSetting]) -> Result<Option<Self>, String> {
         let words: Vec<&str> = line.split('#').next().unwrap_or_default().split_whitespace().collect();
-        let wrong = || format!("`{}` is nothing that can be done here; there are {WORDS}", line.trim());
+        let wrong = || format!("`{}` is not a manual input; possible are {WORDS}", line.trim());
         let input = |what: &str, active: bool| -> Result<Self, String> {
             let used_for = used_for(what).ok_or_else(wrong)?;
             let number = inputs.iter().position(|input| input.used_for == used_for);
@@ -51,7 +52,7 @@ impl ManualInput {
         }))
     }
 
-    /// Does it.
+    /// Applies it.
     pub fn to<const A: usize>(self, rig: &mut CardSimulator<A>) {
         let now_us = rig.now_us();
         let machine = rig.machine();
@@ -72,7 +73,7 @@ fn used_for(what: &str) -> Option<InputUse> {
     })
 }
 
-/// `2s` or `300ms`, of an hour at most.
+/// Parses `2s` or `300ms`, at most an hour.
 fn microseconds(text: &str) -> Option<u64> {
     let (number, unit) = match text.strip_suffix("ms") {
         Some(number) => (number, 1e3),
@@ -113,7 +114,7 @@ mod tests {
             "input 5",
             "wheel 40000",
         ] {
-            assert!(ManualInput::read(bad, &inputs).expect_err(bad).contains("can be done"), "{bad}");
+            assert!(ManualInput::read(bad, &inputs).expect_err(bad).contains("is not a manual input"), "{bad}");
         }
         assert!(
             ManualInput::read("press probe", &inputs).expect_err("not wired").contains("no input is wired as probe")

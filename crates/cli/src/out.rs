@@ -1,7 +1,7 @@
 //! Standard output.
 //!
-//! Invariant: output that is lost stops neither the command nor the machine, and is reported at the end; a reader that has gone away has
-//! seen enough, and loses nothing.
+//! Invariant: lost output stops neither the command nor the machine, and is reported at the end. A reader that closed
+//! the pipe has read enough: that is no loss.
 
 use std::fmt;
 use std::io::{self, ErrorKind, Write};
@@ -11,10 +11,10 @@ use retrace_controller::numbered_error::NumberedError;
 
 use crate::console::unwritable;
 
-/// The first error of a write; none where a reader has closed the pipe.
+/// First write error; none where a reader has closed the pipe.
 static LOST: Mutex<Option<io::Error>> = Mutex::new(None);
 
-/// Writes one line to standard output. What is lost is noted, for [`lost`].
+/// Writes one line to standard output. An error is recorded for [`lost`].
 pub fn line(text: impl fmt::Display) {
     note(writeln!(io::stdout().lock(), "{}", crate::escape::lines(&text.to_string())));
 }
@@ -27,7 +27,7 @@ fn note(written: io::Result<()>) {
     }
 }
 
-/// That some of what was written to standard output so far is lost.
+/// Error where some of the output so far was lost.
 #[must_use]
 pub fn lost() -> Option<NumberedError> {
     note(io::stdout().lock().flush());

@@ -1,6 +1,6 @@
-//! A program that the command line names: read, checked, and given to whoever runs it.
+//! Program that the command line names: reads it, checks it, and decodes it.
 //!
-//! Invariant: a file is read once, so that what was checked is what is run. What arrives cannot be read twice: it is checked
+//! Invariant: a file is read once, so that what was checked is what runs. A stream cannot be read twice: it is checked
 //! block by block as it runs.
 
 use std::io::{self, BufRead, BufReader, Read};
@@ -39,14 +39,14 @@ use crate::serial_source;
 use crate::socket;
 use crate::subprogram_folders::Folders;
 
-/// Why a command fails.
+/// Why a command failed.
 #[derive(Debug)]
 pub enum CommandFailure {
     /// Wrong usage, machine file or script: exit code 2.
     Refused(NumberedError),
-    /// The card or the line to it: exit code 3.
+    /// Card or serial line: exit code 3.
     Card(NumberedError),
-    /// The program has errors; they have been shown: exit code 1.
+    /// The program has errors, which have been printed: exit code 1.
     Program,
 }
 
@@ -56,49 +56,49 @@ impl From<NumberedError> for CommandFailure {
     }
 }
 
-/// Bytes of a program's text that are shown at most.
+/// Maximum number of bytes of a program that are shown.
 const MAX_SHOWN: usize = 32 << 20;
 
-/// A program, and what it is read with.
+/// A program with everything that it is read with.
 #[derive(Clone, Debug)]
 pub struct Program {
     name: String,
-    /// The text, and what the pre-scan has found in it; none for what arrives.
+    /// Pre-scan with the text; `None` for a stream.
     prescan: Option<Arc<Prescan>>,
-    /// Where it arrives from; none for a file.
+    /// Source of a stream; `None` for a file.
     arrives: Option<StreamSource>,
-    /// What was read besides the program and its subprograms.
+    /// Files read besides the program and its subprograms.
     files: Vec<ReadFile>,
-    /// The hash of a program whose text is not held.
+    /// Hash of a program whose text is not held in memory.
     hash: Option<FileHash>,
     folders: Arc<Folders>,
     setup: Setup,
     has_tool_table: bool,
-    /// A table says how long the tools are.
+    /// Whether a table has tool lengths.
     has_tool_lengths: bool,
-    /// What it is read with, where it arrives.
+    /// Settings for opening a stream.
     opening: StreamOpening,
-    /// Blocks in loops and calls that a check goes through.
+    /// Maximum number of blocks in loops and calls that a check executes.
     max_loop_blocks: u64,
 }
 
-/// A program on its way through the interpreter.
+/// Program in the interpreter.
 pub type Source = retrace_gcode::Program<Box<dyn BufRead + Send>>;
 
 impl Program {
-    /// Opens what the command line names, for a machine in millimetres.
+    /// Opens the program on the command line, for a machine in millimetres.
     ///
     /// # Errors
-    /// A file that cannot be read or understood.
+    /// A file cannot be read or parsed.
     pub fn open(reading: &Reading, machine: &MachineConfig) -> Result<Self, NumberedError> {
         Self::open_arriving(reading, machine, StreamSource::named(&reading.program), None)
     }
 
-    /// The same, for a program that arrives from there, whatever the command line names. `latched`: what it begins with, in place of the
-    /// tables that the command line names.
+    /// Opens a program that may arrive from a stream instead of the file on the command line. `latched` replaces the
+    /// tables on the command line.
     ///
     /// # Errors
-    /// A file that cannot be read or understood.
+    /// A file cannot be read or parsed.
     pub fn open_arriving(
         reading: &Reading,
         machine: &MachineConfig,
@@ -111,7 +111,7 @@ impl Program {
         match &program.arrives {
             Some(StreamSource::Serial(address)) => _ = serial_source::parse(address, machine.serial)?,
             Some(StreamSource::Socket(address)) if socket::is_remote(address) => eprintln!(
-                "warning: {} is not on this computer: whoever can send from there moves this machine",
+                "warning: {} is on another computer: anyone who can send from there can move this machine",
                 program.name
             ),
             _ => {}
@@ -119,18 +119,18 @@ impl Program {
         Ok(program)
     }
 
-    /// Opens what the command line names, for an interpreter set up as given; tool table and parameters come from the
-    /// command line where it names them.
+    /// Opens the program on the command line for an interpreter with this setup. Tool table and parameters come from
+    /// the command line where it names them.
     ///
     /// # Errors
-    /// A file that cannot be read or understood.
+    /// A file cannot be read or parsed.
     pub fn with_setup(reading: &Reading, setup: Setup) -> Result<Self, NumberedError> {
         let (program, notes) = Self::noted(reading, setup, StreamSource::named(&reading.program), None)?;
         notes.iter().for_each(|note| eprintln!("note: {note}"));
         Ok(program)
     }
 
-    /// The same, with what is to be told of it, for a program that arrives from there, whatever the command line names.
+    /// Opens a program and returns the notes to print about it.
     fn noted(
         reading: &Reading,
         mut setup: Setup,
@@ -156,7 +156,7 @@ impl Program {
             let ini = table(path, "INI file", Ini::read)?;
             files.push(read(FileRole::Ini, path)?);
             if !ini.passed_over.is_empty() {
-                notes.push(format!("not taken from {}: {}", path.display(), ini.passed_over.join(", ")));
+                notes.push(format!("ignored in {}: {}", path.display(), ini.passed_over.join(", ")));
                 notes.push("a tool table and a parameter file are named with --tools and --params".to_owned());
             }
             if !ini.without_effect.is_empty() {
@@ -218,13 +218,13 @@ impl Program {
         Ok((program, notes))
     }
 
-    /// Another program with the same tables, subprograms and cycles, to be read with this setup: `reading` names it. Nothing is told on standard
-    /// error.
+    /// Opens another program with the same tables, subprograms and cycles, for this setup; `reading` names it. Nothing
+    /// is printed.
     ///
     /// # Errors
-    /// A file that cannot be read.
+    /// The file cannot be read.
     pub fn loaded(&self, reading: &Reading, setup: Setup) -> Result<Self, NumberedError> {
-        // Tools and parameters are those of the setup.
+        // Tools and parameters come from the setup.
         let without_tables = Reading { tools: None, params: None, machine_tables: None, ..reading.clone() };
         let (mut other, _) = Self::noted(&without_tables, setup, StreamSource::named(&reading.program), None)?;
         let tables = self.files.iter().filter(|file| matches!(file.role, FileRole::Tools | FileRole::Parameters));
@@ -234,18 +234,18 @@ impl Program {
         Ok(Self { has_tool_table, has_tool_lengths, ..other })
     }
 
-    /// Does it stand for a program at all? The screen opens without one.
+    /// Whether a program is loaded. The screen opens without one.
     #[must_use]
     pub fn is_loaded(&self) -> bool {
         !self.name.is_empty()
     }
 
-    /// The program as its file is now, to be read with this setup. Nothing is told on standard error.
+    /// Reads the program again from its file, for this setup. Nothing is printed.
     ///
     /// # Errors
-    /// The file cannot be read any more.
+    /// The file can no longer be read.
     pub fn anew(&self, setup: Setup) -> Result<Self, NumberedError> {
-        // Subprograms are looked for beside this program, not beside the one that the setup is of.
+        // Subprograms are searched beside this program, not beside the one that the setup belongs to.
         let setup = Setup { files: self.setup.files.clone(), ..setup };
         let mut again = Self { setup, ..self.clone() };
         again.folders.forget();
@@ -257,32 +257,32 @@ impl Program {
         Ok(again)
     }
 
-    /// What it is read with.
+    /// Setup of the interpreter.
     #[must_use]
     pub fn setup(&self) -> &Setup {
         &self.setup
     }
 
-    /// Every file that was read by now.
+    /// Every file that has been read so far.
     #[must_use]
     pub fn files_read(&self) -> Vec<ReadFile> {
         self.program_read().into_iter().chain(self.files.iter().cloned()).chain(self.folders.read()).collect()
     }
 
-    /// The program's own file; none where there is none.
+    /// File of the program itself, if it has one.
     fn program_read(&self) -> Option<ReadFile> {
         let prescan = self.prescan.as_ref().filter(|_| self.is_loaded())?;
         let hash = self.hash.or_else(|| prescan.held_text().map(FileHash::of))?;
         Some(ReadFile { role: FileRole::Program, path: files::absolute(Path::new(&self.name)), hash })
     }
 
-    /// Where it arrives from; none for a file.
+    /// Source of a stream; `None` for a file.
     #[must_use]
     pub fn arrives(&self) -> Option<&StreamSource> {
         self.arrives.as_ref()
     }
 
-    /// Begins to read a program that arrives; none for a file.
+    /// Opens the stream; `None` for a file.
     ///
     /// # Errors
     /// As [`Arrives::open`].
@@ -290,19 +290,19 @@ impl Program {
         self.arrives.as_ref().map(|from| from.open(&self.opening)).transpose()
     }
 
-    /// Whether its sender is waited for; none for a file.
+    /// Status of the stream; `None` for a file.
     #[must_use]
     pub fn source_status(&self) -> Option<Arc<SourceStatus>> {
         self.arrives.as_ref().map(|_| Arc::clone(&self.opening.status))
     }
 
-    /// Its name.
+    /// Name of the program.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Its text, up to 32 MiB of it; empty for a program that arrives.
+    /// Text of the program, up to 32 MiB; empty for a stream.
     #[must_use]
     pub fn text(&self) -> String {
         let mut text = String::new();
@@ -317,19 +317,19 @@ impl Program {
         text
     }
 
-    /// The tool table, if one was given.
+    /// Tool table, if one was given.
     #[must_use]
     pub fn tool_table(&self) -> Option<&ToolTable> {
         self.has_tool_table.then_some(&self.setup.tools)
     }
 
-    /// Number of its lines, if it is a file.
+    /// Number of lines, if it is a file.
     #[must_use]
     pub fn lines(&self) -> Option<u64> {
         self.prescan().map(Prescan::lines)
     }
 
-    /// The program from its beginning, to be looked through: as far as so many blocks in loops and calls go.
+    /// Decoder for a check from the beginning, limited to `max_loop_blocks` in loops and calls.
     #[must_use]
     pub fn decoder(&self) -> Decoder {
         self.decoder_of(self.source())
@@ -352,13 +352,13 @@ impl Program {
         }
     }
 
-    /// The program from its beginning, to be looked through at a terminal, which sees how far that is.
+    /// Decoder for a check at a terminal, with a progress bar.
     fn shown_decoder(&self) -> Decoder {
         let progress = self.prescan.as_ref().and_then(|prescan| CheckProgress::of(prescan.lines()));
         Decoder { progress, ..self.decoder() }
     }
 
-    /// The program from its beginning, to be run: it logs, and leaves its parameters. One that arrives is taken from `input`.
+    /// Decoder for a run from the beginning; it logs, and leaves its parameters. A stream is read from `input`.
     #[must_use]
     pub fn running(&self, input: Option<ProgramStream>) -> (Decoder, LastStatus) {
         let left = RunOutputs::default();
@@ -367,7 +367,7 @@ impl Program {
         (Decoder { left: Some(left), max_loop_blocks: None, ..self.decoder_of(program) }, last)
     }
 
-    /// Do so many bytes of this file come to the end of a program without an error? For one that arrived.
+    /// Whether the first `bytes` of this file reach the end of the program without an error. For a stream.
     #[must_use]
     pub fn is_whole(&self, kept: &Path, bytes: u64) -> bool {
         let Ok(file) = std::fs::File::open(kept) else { return false };
@@ -384,7 +384,7 @@ impl Program {
         source.interpreter().diagnostics().iter().all(|found| found.severity() != Severity::Error)
     }
 
-    /// The program from its beginning once more, of what is kept of one that arrived.
+    /// Interpreter for the stored part of a stream, from the beginning.
     #[must_use]
     pub fn again(&self, kept: ProgramStream) -> Source {
         match &self.prescan {
@@ -393,7 +393,7 @@ impl Program {
         }
     }
 
-    /// The program from its beginning, for whoever wants its canonical functions as they are.
+    /// Interpreter for the program from the beginning, for its canonical functions.
     #[must_use]
     pub fn source(&self) -> Source {
         match &self.prescan {
@@ -407,19 +407,20 @@ impl Program {
         }
     }
 
-    /// Looks at the whole program and shows what is wrong with it, on standard error. What it came to, if it may be run; none
-    /// for standard input, which is looked at as it runs.
+    /// Checks the whole program and prints its diagnostics on standard error. Returns `None` for a stream, which is
+    /// checked as it runs.
     ///
     /// # Errors
-    /// [`Failure::Program`] where it has errors.
+    /// [`CommandFailure::Program`] where it has errors.
     pub fn check<'m>(&self, machine: &'m MachineConfig) -> Result<Option<Checked<LimitCheck<'m, 9>>>, CommandFailure> {
         self.check_by(&mut Vec::new(), |decoder| Ok(job::scan::<9>(machine, decoder)))
     }
 
-    /// The same; what was found is added to `diagnostics` for a script, also where it has errors.
+    /// Checks the whole program; see [`Self::check`]. Adds the diagnostics to `diagnostics` for a script, also where it
+    /// has errors.
     ///
     /// # Errors
-    /// [`Failure::Program`] where it has errors.
+    /// [`CommandFailure::Program`] where it has errors.
     pub fn check_for_script(
         &self,
         machine: &MachineConfig,
@@ -428,11 +429,11 @@ impl Program {
         self.check_by(diagnostics, |decoder| Ok(job::scan::<9>(machine, decoder))).map(|_| ())
     }
 
-    /// The same, with all that can be told of a program before it runs: it is planned for that, so it takes longer. What was found is
-    /// added to `diagnostics` for a script, also where it has errors.
+    /// Checks and plans the whole program, for its times and extents. Adds the diagnostics to `diagnostics` for a
+    /// script, also where it has errors.
     ///
     /// # Errors
-    /// [`Failure::Program`] where it has errors.
+    /// [`CommandFailure::Program`] where it has errors.
     pub fn survey<'m, const A: usize>(
         &self,
         machine: &'m MachineConfig,
@@ -442,18 +443,18 @@ impl Program {
         self.check_by(diagnostics, |decoder| Ok(program_analysis::analyse_program(machine, decoder).map_err(why)?))
     }
 
-    /// Looks at the whole program and shows nothing.
+    /// Checks the whole program and prints nothing.
     ///
     /// # Errors
-    /// What is wrong with it, where it has errors.
+    /// Its diagnostics, where it has errors.
     pub fn faults(&self, machine: &MachineConfig) -> Result<(), String> {
         self.faults_by(machine, self.decoder())
     }
 
-    /// The same at a terminal, which sees how far that is.
+    /// Checks the whole program at a terminal, with a progress bar; see [`Self::faults`].
     ///
     /// # Errors
-    /// What is wrong with it, where it has errors.
+    /// Its diagnostics, where it has errors.
     pub fn faults_shown(&self, machine: &MachineConfig) -> Result<(), String> {
         self.faults_by(machine, self.shown_decoder())
     }
@@ -489,28 +490,28 @@ impl Program {
             return Err(CommandFailure::Program);
         }
         if decoder.length_offset && !self.has_tool_lengths {
-            eprintln!("note: no tool table was given (--tools): every tool has length 0");
+            eprintln!("note: no tool table (--tools): every tool has length 0");
         }
         Ok(Some(Checked { blocks, found }))
     }
 
-    /// What the pre-scan has found; none for standard input.
+    /// Pre-scan; `None` for a stream.
     #[must_use]
     pub fn prescan(&self) -> Option<&Prescan> {
         self.prescan.as_deref()
     }
 }
 
-/// What a program came to that may be run.
+/// Result of the check of a program that may run.
 #[derive(Debug)]
 pub struct Checked<S> {
-    /// Blocks.
+    /// Number of blocks.
     pub blocks: u64,
-    /// What whoever looked through it has found.
+    /// Result of the scan.
     pub found: S,
 }
 
-/// Reads the tables that a program begins with; whether one of them says how long the tools are.
+/// Reads the tables that a program starts with. Returns whether one of them has tool lengths.
 fn read_tables(reading: &Reading, setup: &mut Setup, files: &mut Vec<ReadFile>) -> Result<bool, NumberedError> {
     let own = reading.machine_tables.clone().unwrap_or_default();
     let mut has_tool_lengths = true;
@@ -531,7 +532,7 @@ fn read_tables(reading: &Reading, setup: &mut Setup, files: &mut Vec<ReadFile>) 
     Ok(has_tool_lengths)
 }
 
-/// The sources of the cycles that can be called: each of the user's, and the shipped ones together.
+/// Sources of the cycles that can be called: each of the user's, and the built-in ones together.
 fn cycle_files(library: &CycleLibrary) -> Vec<ReadFile> {
     let file = |path: String, number: u128| ReadFile {
         role: FileRole::Cycles,
@@ -542,12 +543,12 @@ fn cycle_files(library: &CycleLibrary) -> Vec<ReadFile> {
     std::iter::once(file(String::new(), CycleLibrary::shipped_identity())).chain(users).collect()
 }
 
-/// A file that was read, and its hash.
+/// A file that was read, with its hash.
 fn read(role: FileRole, path: &Path) -> Result<ReadFile, NumberedError> {
     Ok(ReadFile { role, path: files::absolute(path), hash: files::hash(path, "file")? })
 }
 
-/// Reads a table; its first fault is the refusal's text.
+/// Reads a table. The error has its first five diagnostics.
 pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>>) -> Result<T, NumberedError> {
     let text = files::text(path, what)?;
     read(&text).map_err(|faults| {
@@ -559,18 +560,18 @@ pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnos
             .collect();
         NumberedError::new(
             "E2106",
-            format!("the {what} {} cannot be understood\n{}", path.display(), shown.join("\n")),
-            "correct it",
+            format!("the {what} {} has errors\n{}", path.display(), shown.join("\n")),
+            "correct the file",
         )
     })
 }
 
-/// An interpreter for a machine in millimetres, which stands where it does.
+/// Setup of the interpreter for a machine in millimetres, at its position.
 fn setup_of(machine: &MachineConfig) -> Setup {
     Setup { tools: tools_without_length(), ..mdi::setup(machine) }
 }
 
-/// Without a tool table every tool is known, and has no length.
+/// Tool table for a machine without one: every tool exists and has length 0.
 pub fn tools_without_length() -> ToolTable {
     let mut tools = ToolTable::default();
     for number in 1..=999 {

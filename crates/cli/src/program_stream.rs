@@ -1,6 +1,6 @@
-//! Where a program arrives from, and how it is read from there.
+//! Sources of a streamed program.
 //!
-//! Invariant: whatever arrives is read ahead of whoever takes it, and nobody waits for it any more once it is given up.
+//! Invariant: a stream is read ahead of its consumer, and reading ends once it is cancelled.
 
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -15,23 +15,23 @@ use crate::files;
 use crate::serial_source::{self, SerialSource};
 use crate::socket::{self, Socket};
 
-/// Where a program arrives from.
+/// Source of a streamed program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StreamSource {
     /// Standard input.
     StandardInput,
-    /// A TCP socket at this address.
+    /// TCP socket at this address.
     Socket(String),
-    /// A serial line at this address, with its settings.
+    /// Serial line at this address, with its settings.
     Serial(String),
-    /// A FIFO or a character device.
+    /// FIFO or character device.
     Device(PathBuf),
-    /// A file that is read as if it arrived.
+    /// File that is read as if it were streamed.
     File(PathBuf),
 }
 
 impl StreamSource {
-    /// What the command line names, if that arrives.
+    /// Source that the command line names; `None` for a file.
     #[must_use]
     pub fn named(program: &Path) -> Option<Self> {
         let Some(name) = program.to_str() else { return Self::device(program) };
@@ -48,10 +48,10 @@ impl StreamSource {
         files::is_stream(path).then(|| Self::Device(path.to_owned()))
     }
 
-    /// Begins to read it, ahead of whoever takes it, until `given_up`.
+    /// Starts to read the stream, ahead of its consumer, until `given_up`.
     ///
     /// # Errors
-    /// `E2107`, `E2101` …: there is nobody, or no such file.
+    /// `E2107`, `E2101` …: no sender, or no such file.
     pub fn open(&self, opening: &StreamOpening) -> Result<ProgramStream, NumberedError> {
         Ok(match self {
             Self::StandardInput => ahead(std::io::stdin(), opening),
@@ -62,36 +62,36 @@ impl StreamSource {
             }
             Self::Device(path) => ahead(files::OpenedFile::on_demand(path), opening),
             Self::File(path) => {
-                // A file is whole also where its last line is not terminated.
+                // A file is complete even if its last line is not terminated.
                 ahead(files::open(path, "program")?.chain(&b"\n"[..]), opening)
             }
         })
     }
 }
 
-/// A program as it arrives.
+/// Reader of a streamed program.
 pub type ProgramStream = Box<dyn BufRead + Send>;
 
-/// What a program that arrives is read with.
+/// Settings for opening a stream.
 #[derive(Clone, Debug)]
 pub struct StreamOpening {
-    /// The machine file's settings of serial lines.
+    /// Serial settings of the machine file.
     pub serial: SerialSettings,
-    /// Set when nobody waits for the program any more.
+    /// Set when the program is no longer needed.
     pub given_up: Arc<AtomicBool>,
-    /// Shows whether its sender is waited for.
+    /// Status of the stream: whether it waits for its sender.
     pub status: Arc<SourceStatus>,
 }
 
 fn ahead(input: impl Read + Send + 'static, opening: &StreamOpening) -> ProgramStream {
     match ReadAhead::of(input, Arc::clone(&opening.given_up)) {
         Ok(ahead) => Box::new(ahead.showing(Arc::clone(&opening.status))),
-        // No thread left to read ahead.
+        // No thread is available to read ahead.
         Err(error) => Box::new(BufReader::new(StreamBroken(error.to_string()))),
     }
 }
 
-/// A reader that has only this to say.
+/// Reader that returns only this error.
 pub struct StreamBroken(pub String);
 
 impl Read for StreamBroken {

@@ -1,7 +1,7 @@
-//! `retrace resume`: takes up an interrupted job at its breakpoint (DNC, *Beyond the source*).
+//! `retrace resume`: resumes an interrupted job at its breakpoint (DNC, *Beyond the source*).
 //!
-//! Invariant: nothing moves and the journal stays as it was before program, planner, card and counts have been compared with the journal
-//! and the operator has agreed.
+//! Invariant: nothing moves and the journal stays unchanged before program, planner, card and counts have been compared
+//! with the journal and the operator has confirmed.
 
 use std::cell::Cell;
 use std::path::PathBuf;
@@ -39,14 +39,14 @@ use crate::{files, run};
 /// So many marks are held against the plan, and all that lie beyond the breakpoint.
 const MARKS: u64 = 1 << 16;
 
-/// Runs the command; its exit code.
+/// Runs the command. Returns its exit code.
 ///
 /// # Errors
-/// What keeps the job from being taken up.
+/// Whatever prevents the job from being resumed.
 pub fn run(args: &args::Resume) -> Result<u8, CommandFailure> {
     let by_card = Cell::new(false);
     match attempt(args, ResumeBreakpoint::OfCard, &by_card) {
-        // The card was moved since, so that its place is not one of the job's path: the journal's counts then.
+        // The card was moved since, so that its place is not on the path of the job: use the journal's counts.
         Err(CommandFailure::Refused(refusal)) if by_card.get() && matches!(refusal.number, "E2214" | "E2216") => {
             attempt(args, ResumeBreakpoint::OfJournal, &by_card)
         }
@@ -54,21 +54,22 @@ pub fn run(args: &args::Resume) -> Result<u8, CommandFailure> {
     }
 }
 
-/// Where the breakpoint is taken from.
+/// Source of the breakpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ResumeBreakpoint {
-    /// Where the card says that it is, if that can be a place of the job.
+    /// The place that the card reports, if it can be a place of the job.
     OfCard,
-    /// The last place in the journal: up to a second of motion before the machine stopped, where nobody could keep it any more.
+    /// The last place in the journal: up to one second of motion before the machine stopped, which could no longer be
+    /// stored.
     OfJournal,
 }
 
-/// Takes the job up at a breakpoint; `by_card` says whether it was the card's.
+/// Resumes the job at a breakpoint; sets `by_card` where the place is the card's.
 fn attempt(args: &args::Resume, breakpoint: ResumeBreakpoint, by_card: &Cell<bool>) -> Result<u8, CommandFailure> {
     by_card.set(false);
     if args.machine.is_some() {
-        let what = "--machine: a job goes on with the machine that it began with, which is in its journal";
-        return Err(NumberedError::new("E2142", what, "leave it out").into());
+        let what = "--machine: a job resumes with the machine file that it started with, which is in its journal";
+        return Err(NumberedError::new("E2142", what, "omit --machine").into());
     }
     if args.tui {
         operate::needs_terminal()?;
@@ -85,7 +86,7 @@ fn attempt(args: &args::Resume, breakpoint: ResumeBreakpoint, by_card: &Cell<boo
         return from_line(args, &record, line);
     }
     if record.end.as_ref().is_some_and(|end| end.outcome == entry::JobEnding::Completed) {
-        let what = format!("job {} came to its end", folder.id());
+        let what = format!("job {} is completed", folder.id());
         return Err(NumberedError::new("E2209", what, "`retrace run` runs the program again").into());
     }
     let machine = machine(&record.job)?;
@@ -105,16 +106,16 @@ fn newest(jobs: &JobStore) -> Result<JobFolder, NumberedError> {
         return Err(NumberedError::new("E2209", what, "`retrace jobs` lists what ran; --journal names another folder"));
     };
     match job.state {
-        // It may well be the one that was meant: an older one is resumed by its name only.
+        // It may be the one that was meant: an older job is resumed only by its name.
         JobState::Unusable(NumberedError { number, cause: what, remedy }) => {
-            let what = format!("job {} is the newest, and cannot be resumed: {what}", job.folder.id());
+            let what = format!("job {} is the newest and cannot be resumed: {what}", job.folder.id());
             Err(NumberedError::new(number, what, format!("{remedy}; `retrace resume JOB` resumes an older job")))
         }
         _ => Ok(job.folder),
     }
 }
 
-/// The machine of a job, where it stood when the job began.
+/// Machine of a job, at its position when the job started.
 fn machine(job: &JobHeader) -> Result<MachineConfig, NumberedError> {
     let machine = match &job.machine.path {
         None => MachineConfig::built_in()?,
@@ -123,7 +124,7 @@ fn machine(job: &JobHeader) -> Result<MachineConfig, NumberedError> {
     Ok(machine.standing_at(&job.counts))
 }
 
-/// A job being taken up.
+/// Job that is being resumed.
 struct ResumeStep<'a> {
     args: &'a args::Resume,
     breakpoint: ResumeBreakpoint,
@@ -140,7 +141,7 @@ impl ResumeStep<'_> {
         let program = self.program()?;
         if fingerprint::of_planning()? != self.record.job.planner {
             let what = format!(
-                "retrace {} plans otherwise than retrace {}, which began the job",
+                "retrace {} plans motion differently from retrace {}, which started the job",
                 env!("CARGO_PKG_VERSION"),
                 self.record.job.retrace_version
             );
@@ -158,7 +159,7 @@ impl ResumeStep<'_> {
         }
     }
 
-    /// The job's program, and the files that it was read with, as they were.
+    /// Program of the job with the files that it was read with, which must be unchanged.
     fn program(&self) -> Result<Program, CommandFailure> {
         let job = &self.record.job;
         let arrives = match (&job.source, &self.args.program) {
@@ -177,7 +178,7 @@ impl ResumeStep<'_> {
             let path = if file.role == FileRole::Program { reading.program.clone() } else { PathBuf::from(&file.path) };
             let read = files::hash(&path, role_name(file.role))?;
             if read != file.hash {
-                let what = format!("the {} {} was changed since the job began", role_name(file.role), path.display());
+                let what = format!("the {} {} has changed since the job started", role_name(file.role), path.display());
                 return Err(self.changed(what).into());
             }
         }
@@ -187,10 +188,10 @@ impl ResumeStep<'_> {
         Ok(program)
     }
 
-    /// Refuses cycles that are not as they were, and subprograms and cycles that are read now and were not when the job began.
+    /// Refuses cycles that have changed, and subprograms and cycles that were not read when the job started.
     fn same_files(&self, read: &[ReadFile]) -> Result<(), NumberedError> {
         let was = &self.record.job.files;
-        // The journal of an older version names no cycles.
+        // The journal of an older version does not name cycles.
         let roles: &[FileRole] = if was.iter().any(|file| file.role == FileRole::Cycles) {
             &[FileRole::Subprogram, FileRole::Cycles]
         } else {
@@ -199,37 +200,37 @@ impl ResumeStep<'_> {
         let same = |a: &ReadFile, b: &ReadFile| (a.role, &a.path) == (b.role, &b.path);
         for file in was.iter().filter(|file| file.role == FileRole::Cycles) {
             let Some(now) = read.iter().find(|now| same(now, file)) else {
-                return Err(self.changed(format!("the cycle {} is not there any more", file.path)));
+                return Err(self.changed(format!("the cycle {} no longer exists", file.path)));
             };
             if now.hash != file.hash {
                 return Err(match file.path.as_str() {
-                    "" => self.changed("the cycles that this version of retrace ships are not those of the job".into()),
-                    path => self.changed(format!("the cycle {path} was changed since the job began")),
+                    "" => self
+                        .changed("the built-in cycles of this version of retrace differ from those of the job".into()),
+                    path => self.changed(format!("the cycle {path} has changed since the job started")),
                 });
             }
         }
         let new = read.iter().find(|now| roles.contains(&now.role) && !was.iter().any(|file| same(now, file)));
         new.map_or(Ok(()), |file| {
             let (role, path) = (role_name(file.role), &file.path);
-            Err(self.changed(format!("the {role} {path} would be read now, and was not when the job began")))
+            Err(self.changed(format!("the {role} {path} would be read now; it was not when the job started")))
         })
     }
 
-    /// A file is not as it was.
+    /// Error for a file that has changed.
     fn changed(&self, what: String) -> NumberedError {
         let id = self.folder.id();
-        let remedy =
-            format!("put the files back as they were, or begin at a line with `retrace resume {id} --from-line N`");
+        let remedy = format!("restore the files, or start at a line with `retrace resume {id} --from-line N`");
         NumberedError::new("E2210", what, remedy)
     }
 
-    /// What is kept of a program that arrived, and what is sent again, if that is needed.
+    /// Stored part of a streamed program, followed by what the sender sends again, if that is needed.
     fn input(&self, program: &Program) -> Result<Option<(ProgramStream, SpoolProgress)>, NumberedError> {
         if program.arrives().is_none() {
             return Ok(None);
         }
         let mut kept = self.record.spooled;
-        // A program that ends before its text does is not read to the end of that.
+        // A program that ends before its text is not read to the end of the text.
         kept.ended |= program.is_whole(&self.folder.stream(), kept.bytes);
         let named = self.args.program.is_some() || matches!(self.record.job.source, ProgramSource::Socket(_));
         let again = if kept.ended || !named { None } else { program.arriving()? };
@@ -285,7 +286,7 @@ impl ResumeStep<'_> {
         Ok(code)
     }
 
-    /// Where the path is to be taken up on a card that says this of itself.
+    /// Place at which the path is resumed on a card with this greeting.
     fn start<const A: usize>(
         &self,
         address: &str,
@@ -294,7 +295,7 @@ impl ResumeStep<'_> {
     ) -> Result<PathStart, NumberedError> {
         let (is, stood) = (&greeting.identity, &self.record.last_position);
         if is.serial != was.serial {
-            let what = format!("{address}: serial number {}, and the job's card has {}", is.serial, was.serial);
+            let what = format!("{address}: serial number {}; the job's card has {}", is.serial, was.serial);
             return Err(other_card(&what));
         }
         if is.boot != was.boot {
@@ -310,7 +311,8 @@ impl ResumeStep<'_> {
         let is_behind = is_before(said.reached, stood.start.reached) || is_before(said.executed, stood.start.executed);
         let is_off_path = said.place.record.wrapping_sub(self.record.job.origin) >= BEYOND;
         let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == entry::JobEnding::Stopped);
-        // The card's place is of another path, or that does not matter: the journal's is where it came to rest.
+        // The card's place is on another path, or does not matter: use the journal's place, where the card came to
+        // rest.
         if is_behind || is_off_path || was_stopped || self.breakpoint == ResumeBreakpoint::OfJournal {
             return Ok(stood.start);
         }
@@ -318,7 +320,8 @@ impl ResumeStep<'_> {
         Ok(said)
     }
 
-    /// The card was restarted: its counts say where the machine stands only where every axis was homed since, or the operator confirms it.
+    /// The card was restarted: its counts are the machine position only where every axis was homed since, or the
+    /// operator confirms it.
     fn know_position<const A: usize>(&self, address: &str, greeting: &Greeting<A>) -> Result<(), NumberedError> {
         let homing = Homing::of(address, &greeting.identity);
         let id = self.folder.id();
@@ -329,7 +332,7 @@ impl ResumeStep<'_> {
             }
             let what = format!("{address}: the card was restarted, and {}", unhomed.cause);
             let remedy = format!(
-                "{}, then `retrace resume {id}`: the axes go back to the breakpoint by themselves",
+                "{}, then `retrace resume {id}`; the axes return to the breakpoint automatically",
                 unhomed.remedy
             );
             return refuse(what, remedy);
@@ -342,18 +345,17 @@ impl ResumeStep<'_> {
         }
         refuse(
             format!(
-                "{address}: the card was restarted, and says that the machine stands at {stands}, which no home switch confirms"
+                "{address}: the card was restarted and reports the position {stands}, which no home switch confirms"
             ),
-            format!(
-                "check that, or bring the machine there and set it; then `retrace resume {id} --assume-position` confirms it"
-            ),
+            format!("check that position, then confirm it with `retrace resume {id} --assume-position`"),
         )
     }
 
-    /// What the journal says of where it was left.
+    /// Point of resumption from the journal.
     fn resumption(&self, start: PathStart) -> Result<ResumePoint, NumberedError> {
         let job = &self.record.job;
-        // Where it was the journal says once a second: marks that were made since come again with the plan, and are too far ahead to wait for.
+        // The journal stores the place once a second: later marks come again with the plan, and are too far ahead to
+        // wait for.
         let is_old = start == self.record.last_position.start;
         let farthest = start.reached.wrapping_add(self.machine.look_ahead_records);
         let mut marks = Vec::new();
@@ -374,7 +376,7 @@ impl ResumeStep<'_> {
         Ok(ResumePoint { start, origin: job.origin, executed: job.executed, outputs, overrides, marks, rests, lengths })
     }
 
-    /// Finds the breakpoint, asks, and goes on.
+    /// Locates the breakpoint, asks for confirmation, and runs the job.
     fn go<const A: usize, C: MotionCard<A> + Send>(
         self,
         program: &Program,
@@ -406,7 +408,7 @@ impl ResumeStep<'_> {
         let (of_job, of_job_entry, on, card_named) = (&record, &record.job, &machine, named.clone());
         let resume = move |card: &mut C, at_screen: Option<TuiOptions<'_>>, ask: &mut Asking<'_, A>| {
             let agree = |prepared: &ResumePlan<A>, kept: Option<&mut JournaledJob>| -> Result<(), CommandFailure> {
-                // The machine moves, or the card's place is not of this path.
+                // The machine moves, or the card's place is not on this path.
                 if !prepared.card().at_rest || (is_cards_place && !prepared.matches_card()) {
                     return Err(disagree.refusal(prepared).into());
                 }
@@ -422,7 +424,9 @@ impl ResumeStep<'_> {
                     is_older_place,
                 };
                 if !ask(&taken)? {
-                    return Err(NumberedError::new("E2215", "not agreed to: nothing has moved", "--yes agrees").into());
+                    return Err(
+                        NumberedError::new("E2215", "not confirmed; nothing has moved", "--yes confirms").into()
+                    );
                 }
                 let resumed = resumed(prepared, card_named, on);
                 kept.map_or(Ok(()), |kept| kept.take_up(of_job, resumed, progress))?;
@@ -450,7 +454,7 @@ impl ResumeStep<'_> {
     }
 }
 
-/// Says that counts do not go together.
+/// Reports that the counts do not match.
 struct ResumeMismatch<'a> {
     id: String,
     machine: &'a MachineConfig,
@@ -462,14 +466,16 @@ impl ResumeMismatch<'_> {
         let (card, place) = (prepared.card().counts, prepared.counts());
         let (card, place) = (&card[..axes], &place[..axes]);
         let what = format!(
-            "the card's counts are {card:?}, and those of the breakpoint are {place:?}: the machine moves, or was moved"
+            "the card's counts are {card:?}, those of the breakpoint {place:?}: the machine is moving or was moved"
         );
-        let remedy = format!("wait until it stands, then `retrace resume {}`; home it first if in doubt", self.id);
+        let remedy =
+            format!("wait until the machine is at rest, then `retrace resume {}`; home it first if in doubt", self.id);
         NumberedError::new("E2214", what, remedy)
     }
 }
 
-/// What the job's tables say otherwise than their files by now, a line each. A file that cannot be read any more is a difference, too.
+/// Differences between the job's tables and their files, one per line. A file that cannot be read any more is a
+/// difference, too.
 fn table_differences(program: &Program, job: &JobHeader) -> Vec<String> {
     if job.tables.is_none() {
         return Vec::new();
@@ -494,7 +500,7 @@ fn resumed<const A: usize>(prepared: &ResumePlan<A>, card: JobCard, machine: &Ma
     }
 }
 
-/// The operator has agreed to what was shown: the outputs are restored without another question.
+/// Script prefix of a confirmed job: the outputs are restored without another question.
 fn agreed(script: Vec<ScriptInstruction>) -> Result<Vec<ScriptInstruction>, NumberedError> {
     let mut all = operator::parse("at 0s leave", "resume")?;
     all.extend(script);
@@ -502,11 +508,11 @@ fn agreed(script: Vec<ScriptInstruction>) -> Result<Vec<ScriptInstruction>, Numb
 }
 
 fn other_card(what: &str) -> NumberedError {
-    let remedy = "connect the card that the job ran on, or begin at a line with `retrace resume JOB --from-line N`";
+    let remedy = "connect the card that the job ran on, or start at a line with `retrace resume JOB --from-line N`";
     NumberedError::new("E2212", what, remedy)
 }
 
-/// What a file is to a job, in words.
+/// Role of a file in words.
 fn role_name(role: FileRole) -> &'static str {
     match role {
         FileRole::Program => "program",

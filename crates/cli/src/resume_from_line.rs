@@ -1,6 +1,6 @@
-//! `retrace resume --from-line`: a job of its own, of the program of an earlier one; and what both are read with.
+//! `retrace resume --from-line`: a new job of the program of an earlier one; and the options that both are read with.
 //!
-//! Invariant: what the earlier job was given is given to this one, but for what the command names.
+//! Invariant: the new job has the options of the earlier one, except those that the command line gives.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use crate::args::{self, CardPort, CycleFolders, MachineFile, Reading};
 use crate::program::CommandFailure;
 use crate::{files, run};
 
-/// What the job's program is read with; a file may be elsewhere now.
+/// Options that the job's program is read with; a file may be elsewhere now.
 pub fn reading(job: &JobHeader, program: Option<&Path>) -> Reading {
     let path = |path: &Option<String>| path.as_ref().map(PathBuf::from);
     let program = match (&job.source, program) {
@@ -39,16 +39,17 @@ pub fn reading(job: &JobHeader, program: Option<&Path>) -> Reading {
     }
 }
 
-/// A job of its own, of the same program, from a line on.
+/// Runs the same program as a new job, from a line.
 ///
 /// # Errors
-/// `E2218`, and what keeps that job from being begun.
+/// `E2218`, and whatever prevents that job from starting.
 pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u8, CommandFailure> {
     let job = &record.job;
     if !record.lengths().is_empty() && !args.yes {
-        let what =
-            "a tool length was entered in a pause of this job, and from a line on the tool table counts".to_owned();
-        let remedy = "enter the length of the tool in the tool table, if that tool is in use there; then the same command with --yes";
+        let what = "a tool length was entered in a pause of this job; a start at a line uses the tool table instead"
+            .to_owned();
+        let remedy =
+            "enter the tool length in the tool table if that tool is in use there, then repeat the command with --yes";
         return Err(NumberedError::new("E2218", what, remedy).into());
     }
 
@@ -56,7 +57,7 @@ pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u
     let machine = files::machine(run.machine_file.path())?;
     if let Some(changes) = changed_machine(job) {
         eprintln!(
-            "note: the machine file was changed since the job began; the new one is used\n{}",
+            "note: the machine file has changed since the job started; the new one is used\n{}",
             changes.join("\n")
         );
     }
@@ -64,7 +65,7 @@ pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u
     run::run_on(&run, machine, text, args.tui)
 }
 
-/// What `retrace run` would have been given for the program of a job.
+/// Arguments of `retrace run` for the program of a job.
 pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
     let card = match (&args.card, &job.card) {
         (Some(named), _) => named.clone(),
@@ -95,7 +96,7 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
     }
 }
 
-/// How the job's machine file differs by now from the job's copy of it, a line each; none where it is the same.
+/// Differences of the machine file from the job's copy, one per line; `None` where it is unchanged.
 pub fn changed_machine(job: &JobHeader) -> Option<Vec<String>> {
     let path = job.machine.path.as_ref()?;
     match files::text(Path::new(path), "machine file") {

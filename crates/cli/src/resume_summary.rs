@@ -1,6 +1,6 @@
-//! What `retrace resume` will do, in words, before it does it.
+//! Summary of what `retrace resume` will do, printed before it does it.
 //!
-//! Invariant: it is said what was found by planning again, beside what the card says; nothing is guessed.
+//! Invariant: every statement comes from planning again or from the card; nothing is guessed.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
@@ -19,35 +19,35 @@ use serde_json::{Value, json};
 use crate::escape;
 use crate::program::{Program, ProgramStream};
 
-/// Blocks that are looked through for that of the breakpoint, behind the last mark before it.
+/// Maximum number of blocks after the last mark in which the block of the breakpoint is searched.
 const LOOKED_THROUGH: u64 = 100_000;
 
-/// A job about to be taken up.
+/// Job that is about to be resumed.
 pub struct ResumeSummary<'a, const A: usize> {
-    /// Its program.
+    /// Program.
     pub program: &'a Program,
-    /// Its journal.
+    /// Journal.
     pub record: &'a JobRecord,
-    /// Its machine.
+    /// Machine.
     pub machine: &'a MachineConfig,
-    /// The file that keeps a program that arrived.
+    /// File with the stored part of a streamed program.
     pub kept: &'a Path,
-    /// What was found.
+    /// Result of the planning.
     pub prepared: &'a ResumePlan<A>,
-    /// How offsets and tool data differ by now from those that the job began with, a line each.
+    /// Differences of offsets and tool data from those that the job started with, one per line.
     pub differences: Vec<String>,
-    /// How the machine file differs by now from the job's copy, a line each; none where it does not.
+    /// Differences of the machine file from the job's copy, one per line; `None` where it is unchanged.
     pub machine_changes: Option<Vec<String>>,
-    /// The moves that bring the axes to the breakpoint first, each by its end in counts.
+    /// Moves that bring the axes to the breakpoint, each by its end in counts.
     pub way_back: Vec<[i64; A]>,
-    /// The place is the last one that the journal kept while the job ran, not where the card came to rest.
+    /// Whether the place is the last one in the journal, and not where the card came to rest.
     pub is_older_place: bool,
 }
 
-/// Shows what will be done, and asks whether to do it.
+/// Shows the summary and asks for confirmation.
 pub type Asking<'f, const A: usize> = dyn FnMut(&ResumeSummary<'_, A>) -> Result<bool, NumberedError> + 'f;
 
-/// The block under the breakpoint.
+/// Block at the breakpoint.
 #[derive(Default)]
 struct Block {
     whereabouts: String,
@@ -56,7 +56,7 @@ struct Block {
 }
 
 impl<const A: usize> ResumeSummary<'_, A> {
-    /// Shows it.
+    /// Prints the summary.
     pub fn show(&self, json: bool) {
         let block = self.block().unwrap_or_default();
         if json {
@@ -66,7 +66,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
         self.lines_of(&block).iter().for_each(|line| say!("  {line}"));
     }
 
-    /// What will be done, a line each.
+    /// Lines of the summary.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         self.lines_of(&self.block().unwrap_or_default())
@@ -81,12 +81,11 @@ impl<const A: usize> ResumeSummary<'_, A> {
         };
         if let Some(changes) = &self.machine_changes {
             let path = self.record.job.machine.path.as_deref().unwrap_or_default();
-            let what =
-                format!("the machine file {path} was changed since the job began; it goes on with its own copy:");
+            let what = format!("the machine file {path} has changed since the job started; the job uses its own copy:");
             changed(&mut lines, what, changes);
         }
         if !self.differences.is_empty() {
-            let what = "offsets and tool data changed since the job began; it goes on with its own:".to_owned();
+            let what = "offsets and tool data have changed since the job started; the job uses its own:".to_owned();
             changed(&mut lines, what, &self.differences);
         }
         lines
@@ -102,7 +101,11 @@ impl<const A: usize> ResumeSummary<'_, A> {
             ("block", block.text.clone()),
             (
                 "place",
-                format!("{:.3} mm into it (record {:.4})", prepared.into_line_mm(), f64::from(place.record) + share),
+                format!(
+                    "{:.3} mm into the block (record {:.4})",
+                    prepared.into_line_mm(),
+                    f64::from(place.record) + share
+                ),
             ),
             ("position", self.position_words()),
             ("modes", block.active.clone()),
@@ -114,26 +117,23 @@ impl<const A: usize> ResumeSummary<'_, A> {
             .map(|(number, is, to)| format!("{} from {is} to {to}", self.machine.channel_name(*number)))
             .collect();
         if self.is_older_place {
-            let text = "the last one in the journal, up to a second of motion before the machine stopped; what was cut since is cut again";
-            words.push(("this place", text.into()));
+            let text = "the last one in the journal, up to one second of motion before the machine stopped; that motion is repeated";
+            words.push(("note", text.into()));
         }
         if !self.way_back.is_empty() {
-            words.push(("way back", self.way_back_words()));
+            words.push(("approach", self.way_back_words()));
         }
         let entered = self.record.lengths();
         if !entered.is_empty() {
             let by: i64 = entered.iter().map(|change| change.pulses).sum();
             let axis = self.machine.tool_axis().map(|axis| &self.machine.axes[axis]);
             let by_mm = axis.map_or(0.0, |axis| by as f64 / axis.pulses_per_mm);
-            words.push((
-                "new tool",
-                format!("its length was entered in a pause, {by_mm:+.3} mm; the positions are with it"),
-            ));
+            words.push(("new tool", format!("length entered in a pause, {by_mm:+.3} mm; included in the positions")));
         }
         words.push(("switches", if restored.is_empty() { "nothing".into() } else { restored.join(", ") }));
         let behind = prepared.start().reached.wrapping_sub(place.boundary_ahead());
         if behind > 0 {
-            words.push(("then", format!("forward {behind} records to the furthest place executed, and on from there")));
+            words.push(("then", format!("forward {behind} records to the furthest place executed, then normal run")));
         }
         words.push(("history", format!("{:.1} s, {:.3} mm back", self.history_s(), prepared.history_mm())));
         words
@@ -142,12 +142,12 @@ impl<const A: usize> ResumeSummary<'_, A> {
     fn position_words(&self) -> String {
         let there = position(self.machine, &self.prepared.counts());
         if self.prepared.matches_card() {
-            return format!("{there}, as the card's counters say");
+            return format!("{there}, equal to the card's counts");
         }
-        format!("{there}; the machine stands at {}", position(self.machine, &self.prepared.card().counts))
+        format!("{there}; the machine is at {}", position(self.machine, &self.prepared.card().counts))
     }
 
-    /// `Z to 5.000, then X to 10.000 Y to 2.000, then Z to -3.000`.
+    /// Text such as `Z to 5.000, then X to 10.000 Y to 2.000, then Z to -3.000`.
     fn way_back_words(&self) -> String {
         let mut from = self.prepared.card().counts;
         let mut moves = Vec::new();
@@ -202,14 +202,15 @@ impl<const A: usize> ResumeSummary<'_, A> {
         f64::from(self.prepared.start().place.record.wrapping_sub(self.prepared.oldest())) * self.machine.period_s()
     }
 
-    /// Outputs that will be switched: channel, as it is, as it will be.
+    /// Outputs that will be switched: channel, current value, new value.
     fn differing(&self) -> Vec<(u8, i32, i32)> {
         let (is, to) = (&self.prepared.card().outputs, self.prepared.expected_outputs());
         let each = (0..channel::COUNT).filter(|&n| is[n] != to[n]);
         each.map(|n| (n as u8, is[n], to[n])).collect()
     }
 
-    /// Looks up the block by decoding the program once more, up to the first of its line behind the last mark before the breakpoint.
+    /// Finds the block by decoding the program again, up to the first block of its line after the last mark before the
+    /// breakpoint.
     fn block(&self) -> Option<Block> {
         let place = self.prepared.start().place.record;
         let marks = self.record.marks().ok()?.map_while(Result::ok);
@@ -238,7 +239,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
     }
 }
 
-/// A position in words: axis by axis, mm.
+/// Text of a position: axis by axis, mm.
 #[must_use]
 pub fn position(machine: &MachineConfig, counts: &[i64]) -> String {
     let axes = machine.axes.iter().zip(counts);
@@ -247,21 +248,21 @@ pub fn position(machine: &MachineConfig, counts: &[i64]) -> String {
     each.collect::<Vec<_>>().join(" ")
 }
 
-/// Asks on the terminal whether the machine really stands at this position; no where there is no terminal.
+/// Asks on the terminal whether the machine is at this position; no where there is no terminal.
 pub fn position_is_confirmed(stands: &str) -> bool {
-    io::stdin().is_terminal() && answer(&format!("the card was restarted: does the machine stand at {stands}? [y/N] "))
+    io::stdin().is_terminal() && answer(&format!("the card was restarted: is the machine at {stands}? [y/N] "))
 }
 
-/// Asks on the terminal whether to go on.
+/// Asks on the terminal for confirmation.
 ///
 /// # Errors
 /// `E2215` where there is no terminal.
 pub fn asked() -> Result<bool, NumberedError> {
     if !io::stdin().is_terminal() {
-        let what = "nobody is there to agree: nothing has moved";
-        return Err(NumberedError::new("E2215", what, "look at what it would do, then say it again with --yes"));
+        let what = "no terminal to confirm at; nothing has moved";
+        return Err(NumberedError::new("E2215", what, "check the summary, then repeat the command with --yes"));
     }
-    Ok(answer("go on from there? [y/N] "))
+    Ok(answer("resume there? [y/N] "))
 }
 
 fn answer(question: &str) -> bool {

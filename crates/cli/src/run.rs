@@ -1,6 +1,7 @@
-//! `retrace run`: machines a program.
+//! `retrace run`: runs a program.
 //!
-//! Invariant: nothing moves before machine file, script and program have been read and checked, and the job's journal has begun.
+//! Invariant: nothing moves before machine file, script and program have been read and checked, and the job's journal
+//! exists.
 
 use retrace_controller::job::JobStart;
 use retrace_controller::journal::entry;
@@ -23,10 +24,10 @@ use crate::operate;
 use crate::program::{CommandFailure, Program, ProgramStream};
 use crate::sim_wiring::{simulated, traced};
 
-/// Runs the command; its exit code.
+/// Runs the command. Returns its exit code.
 ///
 /// # Errors
-/// What keeps the job from beginning.
+/// Whatever prevents the job from starting.
 pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
     let (params, tools) = (args.reading.params.as_deref(), args.reading.tools.as_deref());
     args.reading.machine_tables = machine_tables::of_machine(&args.port.card, args.machine_file.path(), params, tools);
@@ -37,10 +38,10 @@ pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
     run_on(args, machine, files::machine_text(args.machine_file.path())?, at_screen)
 }
 
-/// Runs it on this machine, whose file had this text.
+/// Runs the program on this machine; `text` is the text of the machine file.
 ///
 /// # Errors
-/// As [`run`].
+/// See [`run`].
 pub fn run_on(args: &args::Run, machine: MachineConfig, text: String, at_screen: bool) -> Result<u8, CommandFailure> {
     let script = files::script(args.operator.as_deref())?;
     let with = RunContext { args, text, script, at_screen };
@@ -51,22 +52,22 @@ pub fn run_on(args: &args::Run, machine: MachineConfig, text: String, at_screen:
     }
 }
 
-/// The simulated card's time.
+/// Clock of the simulated card.
 pub fn clock(machine: &MachineConfig, realtime: bool) -> Clock {
     if realtime { Clock::wall(machine.period_us) } else { Clock::Virtual }
 }
 
-/// What a job is run with.
+/// Inputs of a job.
 struct RunContext<'a> {
     args: &'a args::Run,
-    /// Of the machine file.
+    /// Text of the machine file.
     text: String,
     script: Vec<ScriptInstruction>,
     at_screen: bool,
 }
 
 impl RunContext<'_> {
-    /// Finds the card, and runs the job on it.
+    /// Connects the card and runs the job on it.
     fn on_card<const A: usize>(self, machine: MachineConfig) -> Result<u8, CommandFailure> {
         let args = self.args;
         if args.port.is_simulated() {
@@ -86,11 +87,11 @@ impl RunContext<'_> {
             return Err(NumberedError::new(
                 "E2152",
                 what,
-                "retrace card serve --vcd FILE writes that of a served card",
+                "`retrace card serve --vcd FILE` writes the trace of a served card",
             )
             .into());
         }
-        // Everything that can be refused without the card is refused before it is asked for.
+        // Everything that can be refused without the card is checked before the card is contacted.
         self.open(&machine)?;
         let mut card = linked_card::find::<A>(&args.port.card)?;
         card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
@@ -113,16 +114,17 @@ impl RunContext<'_> {
         }
         let status = linked_card::look(&mut card, &args.port.card, settings)?;
         let (kept, input) = keep(args, &program, &machine, (&self.text, named), &status)?;
-        // From here on the card expects to hear of the host all the time.
+        // From here on the card's watchdog expects messages from the host.
         prepare_real_time();
         card.open(settings).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
         let (code, _) = self.machining(&machine, &program, kept, input).run(&mut *card, |_, _| Ok(()))?;
-        // The card stands, or has an alarm that says more than this would.
+        // The card is at rest, or has an alarm that says more than an error here would.
         let _ = card.close();
         Ok(code)
     }
 
-    /// Opens the program and checks it whole; at the screen it is checked there, where what keeps it from running can be put right.
+    /// Opens the program and checks it completely. At the screen the check runs there, where its errors can be
+    /// corrected.
     fn open(&self, machine: &MachineConfig) -> Result<Program, CommandFailure> {
         let program = Program::open(&self.args.reading, machine)?;
         if !self.at_screen {
@@ -132,7 +134,7 @@ impl RunContext<'_> {
             && u64::from(line) > lines
         {
             let what = format!("--start-line {line}: {} has {lines} lines", program.name());
-            return Err(NumberedError::new("E2151", what, "a line of the program").into());
+            return Err(NumberedError::new("E2151", what, "give a line of the program").into());
         }
         Ok(program)
     }
@@ -163,10 +165,10 @@ impl RunContext<'_> {
     }
 }
 
-/// Text of the machine file, and the card: what a job's journal says of the machine.
+/// Text of the machine file, and the card, for the job's journal.
 pub type At = (String, entry::JobCard);
 
-/// Begins the job's journal, for a card of this status; and what a program that arrives is taken from.
+/// Creates the job's journal, for a card with this status. Returns it with the source of a streamed program.
 fn keep<const A: usize>(
     args: &args::Run,
     program: &Program,
@@ -175,7 +177,7 @@ fn keep<const A: usize>(
     status: &CardStatus<A>,
 ) -> Result<(Option<JournaledJob>, Option<ProgramStream>), CommandFailure> {
     let input = program.arriving()?;
-    // What was run without its outputs is not to be taken up with them.
+    // A dry run cannot be resumed: its outputs were inhibited.
     if args.no_journal || machine.inhibits_outputs {
         return Ok((None, input));
     }
@@ -188,7 +190,7 @@ fn keep<const A: usize>(
     Ok((Some(claimed.begin(care, job, progress)?), input))
 }
 
-/// A job that is begun at a screen, on a card that is open already.
+/// Job that is started at a screen, on a card that is open already.
 pub struct JobSpec<'a> {
     args: &'a args::Run,
     machine: &'a MachineConfig,
@@ -198,7 +200,7 @@ pub struct JobSpec<'a> {
 }
 
 impl<'a> JobSpec<'a> {
-    /// Of a program that was opened and checked for this machine.
+    /// Job of a program that was opened and checked for this machine.
     pub fn of(
         args: &'a args::Run,
         machine: &'a MachineConfig,
@@ -209,10 +211,11 @@ impl<'a> JobSpec<'a> {
         Self { args, machine, script, program, at }
     }
 
-    /// Begins its journal, on a card of this status; and what a program that arrives is taken from. That takes as long as the disk takes.
+    /// Creates the job's journal, for a card with this status. Returns it with the source of a streamed program. It
+    /// takes as long as the disk takes.
     ///
     /// # Errors
-    /// The journal cannot be written, or the program cannot be had.
+    /// The journal cannot be written, or the program cannot be read.
     pub fn keep<const A: usize>(
         &self,
         status: &CardStatus<A>,
@@ -221,10 +224,10 @@ impl<'a> JobSpec<'a> {
         keep(self.args, &self.program, self.machine, (text, named.clone()), status)
     }
 
-    /// Runs it on a card: its exit code, and the card. `at_screen`: who operates it there.
+    /// Runs the job on a card. Returns its exit code and the card; `at_screen` is the operator's screen.
     ///
     /// # Errors
-    /// What keeps it from beginning; a file that cannot be written at its end.
+    /// Whatever prevents it from starting; a file that cannot be written at its end.
     pub fn run<const A: usize, C: MotionCard<A>>(
         self,
         card: C,
@@ -238,7 +241,7 @@ impl<'a> JobSpec<'a> {
             script,
             operator: args.operator.is_some(),
             wall_time: true,
-            // Said by the screen's script.
+            // The screen's script sets it.
             optional_stop: None,
             real_time: !args.port.is_simulated(),
             tables: TableFiles::of(&args.reading),

@@ -1,6 +1,6 @@
-//! What a run leaves behind: the lines of its log, and the parameters that outlive a program.
+//! Outputs of a run: its log lines, and the parameters and tools at the end of the program.
 //!
-//! Invariant: only a run leaves anything, a check never does. Parameters and tools are left by a program that has come to its end.
+//! Invariant: only a run writes anything, never a check. Only a program that completes leaves parameters and tools.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -8,25 +8,25 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use retrace_gcode::{Canon, CanonStep, Parameters, ToolTable};
 
-/// Gathers it while a program is decoded.
+/// Collects the outputs while a program is decoded.
 #[derive(Debug, Default)]
 pub struct RunOutputs {
     log: Option<BufWriter<File>>,
     tables: Arc<Mutex<Option<(Parameters, ToolTable)>>>,
 }
 
-/// The parameters and tools of a program that has come to its end.
+/// Parameters and tools of a program that has completed.
 #[derive(Debug)]
 pub struct LastStatus(Arc<Mutex<Option<(Parameters, ToolTable)>>>);
 
 impl RunOutputs {
-    /// Where the parameters and tools will be found.
+    /// Handle for the parameters and tools.
     #[must_use]
     pub fn last(&self) -> LastStatus {
         LastStatus(Arc::clone(&self.tables))
     }
 
-    /// Writes what a block logs (LOGOPEN, LOGAPPEND, LOG, LOGCLOSE).
+    /// Writes the log output of a block (LOGOPEN, LOGAPPEND, LOG, LOGCLOSE).
     pub fn take(&mut self, steps: &[CanonStep]) {
         for step in steps {
             let done = match &step.canon {
@@ -50,7 +50,7 @@ impl RunOutputs {
         Ok(())
     }
 
-    /// Notes the parameters and tools at the program's end.
+    /// Stores the parameters and tools at the end of the program.
     pub fn end(&mut self, parameters: &Parameters, tools: &ToolTable) {
         let mut last = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
         *last = Some((parameters.clone(), tools.clone()));
@@ -58,7 +58,7 @@ impl RunOutputs {
 }
 
 impl LastStatus {
-    /// What the program has left; none where it has not come to its end.
+    /// Parameters and tools; `None` where the program has not completed.
     #[must_use]
     pub fn tables(&self) -> Option<(Parameters, ToolTable)> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()

@@ -1,8 +1,9 @@
-//! A program that comes over an RS-232 line: `serial:PATH?baud=9600&format=7e2` (SHP-30 … SHP-33).
+//! Program over an RS-232 line: `serial:PATH?baud=9600&format=7e2` (SHP-30 … SHP-33).
 //!
-//! A thread serves the port, so that the sender is told to pause in time whatever the decoder does.
+//! A thread serves the port, so that the sender is paused in time whatever the decoder does.
 //!
-//! Invariant: of what arrives whole, every line is given on once; behind a damaged character, an overrun or a silence nothing is.
+//! Invariant: every line that arrives undamaged is passed on once; after a damaged character, an overrun or a silence
+//! nothing is.
 
 use std::collections::VecDeque;
 use std::io::{self, BufRead, Read};
@@ -19,39 +20,43 @@ use retrace_controller::read_ahead::SourceStatus;
 use retrace_controller::tape::{ReceivedByte, TapeReader};
 use retrace_hal_serial::{Character, CharacterFormat, ParityBit, PortLost, ProgramPort};
 
-/// What such a program's name begins with.
+/// Prefix of the name of such a program.
 const SCHEME: &str = "serial:";
 /// Bytes that may wait for the decoder.
 const SPACE: usize = 16 << 10;
-/// The sender is told to pause where a quarter of the space is left, and to send again where three quarters are free.
+/// Fill levels at which the sender is paused and resumed.
 const PAUSE_AT: usize = SPACE / 4 * 3;
 const RESUME_AT: usize = SPACE / 4;
-/// More than that is an overrun: besides the space, characters may be on their way before the sender notices that it is to pause.
+/// Fill level that counts as an overrun: beyond `SPACE`, characters may be under way before the sender pauses.
 const OVERRUN_AT: usize = SPACE + (2 << 10);
-/// Bytes that the decoder takes at a time.
+/// Number of bytes that the decoder reads at a time.
 const TAKEN: usize = 1024;
-/// The longest wait for the port.
+/// Longest wait for the port.
 const SERVED_EVERY: Duration = Duration::from_millis(10);
-/// DC1 is repeated after so long without a character.
+/// Silence after which DC1 is repeated.
 const REPEATED_AFTER: Duration = Duration::from_secs(5);
 const DC1: u8 = 0x11;
 const DC3: u8 = 0x13;
 
-/// The address in a program's name, if it is one: `PATH?setting=value&…`.
+/// Address in a program's name, if it has the prefix: `PATH?setting=value&…`.
 #[must_use]
 pub fn address(program: &str) -> Option<&str> {
     program.strip_prefix(SCHEME)
 }
 
-/// The path of an address, and its settings over those of the machine file.
+/// Parses an address: its path, and its settings over those of the machine file.
 ///
 /// # Errors
-/// `E2301`: no path, or a setting that is not known.
+/// `E2301`: no path, or an unknown setting.
 pub fn parse(address: &str, mut settings: SerialSettings) -> Result<(PathBuf, SerialSettings), NumberedError> {
     let (path, parameters) = address.split_once('?').unwrap_or((address, ""));
     if path.is_empty() {
-        let what = format!("{SCHEME}{address} names no port");
-        return Err(NumberedError::new("E2301", what, "serial:PATH, as in serial:/dev/ttyUSB0?baud=9600&format=7e2"));
+        let what = format!("{SCHEME}{address} has no port");
+        return Err(NumberedError::new(
+            "E2301",
+            what,
+            "use serial:PATH, such as serial:/dev/ttyUSB0?baud=9600&format=7e2",
+        ));
     }
     for parameter in parameters.split('&').filter(|parameter| !parameter.is_empty()) {
         let (key, value) = parameter.split_once('=').unwrap_or((parameter, ""));
@@ -60,7 +65,7 @@ pub fn parse(address: &str, mut settings: SerialSettings) -> Result<(PathBuf, Se
     Ok((path.into(), settings))
 }
 
-/// What has arrived and was not taken yet.
+/// Text that has arrived and has not been read.
 #[derive(Debug, Default)]
 struct Queue {
     text: VecDeque<u8>,
@@ -80,7 +85,7 @@ impl Shared {
     }
 }
 
-/// A program that comes over a serial line.
+/// Program over a serial line.
 #[derive(Debug)]
 pub struct SerialSource {
     shared: Arc<Shared>,
@@ -91,10 +96,10 @@ pub struct SerialSource {
 }
 
 impl SerialSource {
-    /// Opens the port of an address, and asks the sender to send.
+    /// Opens the port of an address, and resumes the sender.
     ///
     /// # Errors
-    /// `E2301`, and what keeps the port from being opened.
+    /// `E2301`, and any error of opening the port.
     pub fn open(
         address: &str,
         settings: SerialSettings,
@@ -164,7 +169,7 @@ impl Read for SerialSource {
     }
 }
 
-/// What a receiver needs of a port; [`ProgramPort`] has it.
+/// Operations of a receiver on its port; [`ProgramPort`] implements them.
 trait ProgramLine {
     fn read(&mut self, characters: &mut Vec<Character>, wait: Duration) -> Result<(), PortLost>;
     fn send(&mut self, byte: u8) -> Result<bool, PortLost>;
@@ -190,7 +195,7 @@ impl ProgramLine for ProgramPort {
     }
 }
 
-/// The thread that serves the port.
+/// Thread that serves the port.
 struct Receiver<P> {
     name: String,
     port: P,
@@ -199,17 +204,17 @@ struct Receiver<P> {
     end: ProgramEndDetector,
     shared: Arc<Shared>,
     given_up: Arc<AtomicBool>,
-    /// The sender has been told to send.
+    /// Whether the sender was last resumed.
     is_asking: bool,
-    /// When a character came last, or the sender was told to send again.
+    /// Time of the last character, or of the last resumption.
     heard: Instant,
-    /// When the sender was told to send last.
+    /// Time of the last resumption.
     asked: Instant,
     has_begun: bool,
 }
 
 impl<P: ProgramLine> Receiver<P> {
-    /// Serves a port from its first character on.
+    /// Receiver that serves a port from its first character on.
     fn new(name: String, port: P, settings: SerialSettings, shared: Arc<Shared>, given_up: Arc<AtomicBool>) -> Self {
         Self {
             name,
@@ -228,7 +233,7 @@ impl<P: ProgramLine> Receiver<P> {
 
     fn run(mut self) {
         let result = self.receive();
-        // The sender is told to pause whatever has happened; a line that is gone needs nothing.
+        // The sender is paused in any case; a line that is gone needs nothing.
         let _ = self.ask(false);
         let mut queue = self.shared.lock();
         match result {
@@ -239,7 +244,7 @@ impl<P: ProgramLine> Receiver<P> {
         self.shared.changed.notify_all();
     }
 
-    /// Receives until the end of the program, or nobody wants it.
+    /// Receives until the end of the program, or until it is no longer needed.
     fn receive(&mut self) -> io::Result<()> {
         let (mut characters, mut text) = (Vec::new(), Vec::new());
         while !self.given_up.load(Ordering::Relaxed) {
@@ -275,7 +280,7 @@ impl<P: ProgramLine> Receiver<P> {
         Ok(())
     }
 
-    /// Gives text to the decoder, as far as there is space for it.
+    /// Passes text to the decoder, as far as there is space for it.
     fn give(&mut self, text: &mut Vec<u8>) -> io::Result<()> {
         let mut queue = self.shared.lock();
         let room = OVERRUN_AT.saturating_sub(queue.text.len());
@@ -289,13 +294,13 @@ impl<P: ProgramLine> Receiver<P> {
             return Ok(());
         }
         let what = format!(
-            "E2306: {} sends although it was told to pause, and characters were lost; use the same handshake on both sides",
+            "E2306: {} kept sending while paused, and characters were lost; use the same handshake on both sides",
             self.name
         );
         Err(io::Error::new(io::ErrorKind::InvalidData, what))
     }
 
-    /// Nothing has come: true where the program may end so, an error where it has been too long.
+    /// Handles silence: true where the program may end that way, an error where it lasts too long.
     fn silence(&mut self) -> io::Result<bool> {
         if !self.is_asking {
             return Ok(false);
@@ -327,7 +332,7 @@ impl<P: ProgramLine> Receiver<P> {
         Ok(false)
     }
 
-    /// Tells the sender to send, or to pause.
+    /// Resumes or pauses the sender.
     fn ask(&mut self, sends: bool) -> io::Result<()> {
         let lost = |lost: PortLost| io::Error::other(format!("E2309: {lost}"));
         let handshake = self.settings.handshake;
@@ -335,7 +340,7 @@ impl<P: ProgramLine> Receiver<P> {
             self.port.set_request_to_send(sends).map_err(lost)?;
         }
         if handshake.has_xon_xoff() {
-            // With both, this end sends only where CTS allows it; it is tried again the next time round.
+            // With both handshakes this end sends only while CTS permits it; the next pass tries again.
             let may_send = !handshake.has_rts_cts() || self.port.is_clear_to_send();
             if !may_send || !self.port.send(if sends { DC1 } else { DC3 }).map_err(lost)? {
                 return Ok(());

@@ -1,4 +1,4 @@
-//! `retrace completions` and `retrace man`: the files that a package installs beside the command.
+//! `retrace completions` and `retrace man`: generate the files that a package installs with the command.
 //!
 //! Invariant: both are generated from the definition of the command line, so that they cannot differ from `--help`.
 
@@ -12,7 +12,7 @@ use retrace_controller::numbered_error::NumberedError;
 use crate::args::Cli;
 use crate::console::unwritable;
 
-/// The name of the command in completions and manual pages.
+/// Name of the command in completions and manual pages.
 const NAME: &str = "retrace";
 
 /// The hidden subcommands for packages.
@@ -33,10 +33,10 @@ pub enum ShellFiles {
     },
 }
 
-/// Runs one of them.
+/// Runs the command.
 ///
 /// # Errors
-/// Where a page cannot be written.
+/// A page cannot be written.
 pub fn run(command: &ShellFiles) -> Result<(), NumberedError> {
     match command {
         ShellFiles::Completions { shell } => {

@@ -1,7 +1,7 @@
-//! What hangs on a simulated card: switches and contacts where the machine file says that they are.
+//! Wiring of a simulated card: switches and contacts as the machine file declares them.
 //!
-//! Invariant: whatever a machine file has a card wait for comes, so that a program that is right ends on the simulated machine; homing finds
-//! each switch at the position that the file gives it.
+//! Invariant: every input that a machine file makes the card wait for becomes active, so that a correct program
+//! completes on the simulated machine; homing finds each switch at the position in the file.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -15,14 +15,14 @@ use retrace_link::{InputUse, InputWait, PathStart, channel};
 
 use crate::console::unwritable;
 
-/// Millimetres from a soft limit to its switch.
+/// Distance from a soft limit to its switch, in mm.
 const OUTSIDE_MM: f64 = 1.0;
-/// Millimetres from a home switch to the limit switch behind it: room to brake in.
+/// Distance from a home switch to the limit switch behind it, for braking, in mm.
 const BEHIND_MM: f64 = 5.0;
-/// So long whatever a code waits for takes, in microseconds; less where the machine file does not wait so long.
+/// Time until an awaited input becomes active, in microseconds; less where the machine file has a shorter timeout.
 const TAKES_US: u32 = 50_000;
 
-/// A simulated card in this process, at rest, with the machine of the file on it.
+/// Simulated card in this process, at rest, with the machine of the file.
 ///
 /// # Errors
 /// `E2113`
@@ -31,10 +31,10 @@ pub fn simulated<const A: usize>(machine: &MachineConfig, clock: Clock) -> Resul
         .map_err(|_| NumberedError::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
 }
 
-/// Has the card write a trace to this file, if one is named.
+/// Adds a trace file to the card, if a path is given.
 ///
 /// # Errors
-/// `E2105` where the file cannot be made.
+/// `E2105` where the file cannot be created.
 pub fn traced<const A: usize>(
     mut card: SimCard<A>,
     machine: &MachineConfig,
@@ -49,7 +49,7 @@ pub fn traced<const A: usize>(
     Ok(card)
 }
 
-/// What hangs on a simulated card of a machine that stands at 0: switches, and what says that it is done.
+/// Wiring of a simulated card with its machine at 0: switches, and replies.
 pub fn hung_on<const A: usize>(machine: &MachineConfig) -> PlantSettings {
     let inputs = machine.card_settings::<A>(PathStart::at(0)).inputs;
     let travel: Vec<[i64; 2]> = (0..machine.axes.len()).map(|axis| limits(machine, axis)).collect();
@@ -82,7 +82,7 @@ fn limits(machine: &MachineConfig, axis: usize) -> [i64; 2] {
     [machine.counts_of(axis, low), machine.counts_of(axis, high)]
 }
 
-/// What says that a code is done, for every input that a code waits for.
+/// Replies for every input that a code waits for.
 fn replies(machine: &MachineConfig) -> Vec<Reply> {
     let mut replies: Vec<Reply> = Vec::new();
     for (code, CodeSwitching { until, .. }) in machine.switching.described() {
@@ -94,7 +94,7 @@ fn replies(machine: &MachineConfig) -> Vec<Reply> {
         for (channel, states) in switched(machine, code) {
             let at = replies.iter().position(|reply| (reply.channel, reply.input) == (channel, input));
             let at = at.unwrap_or_else(|| {
-                // Whatever no code waits for is the other way round.
+                // A channel that no code waits for has the opposite level.
                 replies.push(Reply { channel, input, active: [!active; 2], after_us: TAKES_US });
                 replies.len() - 1
             });
@@ -108,7 +108,7 @@ fn replies(machine: &MachineConfig) -> Vec<Reply> {
     replies
 }
 
-/// The channels that a code switches, and whether it makes them 0, and other than 0.
+/// Channels that a code switches, with whether it sets them to 0 and to other values.
 fn switched(machine: &MachineConfig, code: &str) -> Vec<(u8, [bool; 2])> {
     const OFF: [bool; 2] = [true, false];
     const ON: [bool; 2] = [false, true];
@@ -119,7 +119,7 @@ fn switched(machine: &MachineConfig, code: &str) -> Vec<(u8, [bool; 2])> {
         "M8" => vec![(channel::FLOOD, ON)],
         "M9" => vec![(channel::MIST, OFF), (channel::FLOOD, OFF)],
         "S" => vec![(channel::SPEED, [true; 2])],
-        // T switches nothing: what it waits for is there.
+        // T switches nothing: its input is active already.
         "M6" | "T" => vec![(channel::TOOL, [true; 2])],
         user => {
             let number = user.strip_prefix('M').and_then(|number| number.parse().ok());

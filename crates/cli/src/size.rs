@@ -1,6 +1,7 @@
-//! `retrace size`: how large the ring must be (REV-4).
+//! `retrace size`: calculates the size of the ring (REV-4).
 //!
-//! Invariant: the formula's value is printed as REV-4 gives it; what the machine file gives is what the ring really takes.
+//! Invariant: the formula's value is printed as REV-4 gives it; the size for the machine file is what the ring really
+//! needs.
 
 use retrace_controller::machine::MachineConfig;
 use retrace_controller::numbered_error::NumberedError;
@@ -15,12 +16,12 @@ use crate::args;
 pub fn run(args: &args::Size) -> Result<(), NumberedError> {
     let positive = |x: f64| x.is_finite() && x > 0.0 && x < 1e9;
     if !positive(args.hours) || !positive(args.period_ms) || args.axes == 0 || args.bytes == 0 {
-        return Err(NumberedError::new("E2131", "the ring has no size for these numbers", "numbers above zero"));
+        return Err(NumberedError::new("E2131", "these numbers give no ring size", "use numbers above zero"));
     }
     let history_ms = (args.hours * 3_600_000.0).round() as u64;
     let period_us = (args.period_ms * 1000.0).round() as u64;
     let bytes = size::history_bytes(args.bytes, args.axes, history_ms, period_us).ok_or_else(|| {
-        NumberedError::new("E2131", "a ring of this size is beyond any memory", "fewer hours or a longer period")
+        NumberedError::new("E2131", "a ring of this size exceeds any memory", "use fewer hours or a longer period")
     })?;
     say!(
         "L = n·a·(h·3600·1000)/T = {}·{}·({}·3600·1000)/{} = {} bytes ({:.2} MiB)",
@@ -36,7 +37,7 @@ pub fn run(args: &args::Size) -> Result<(), NumberedError> {
     Ok(())
 }
 
-/// What the ring of a machine takes.
+/// Text about the ring of a machine.
 fn of_machine(machine: &MachineConfig) -> String {
     let record = match machine.axes.len() {
         0..=4 => size_of::<Record<4>>(),
@@ -60,7 +61,7 @@ fn of_machine(machine: &MachineConfig) -> String {
     )
 }
 
-/// A number with its thousands apart.
+/// Formats a number with separated thousands.
 fn grouped(n: u64) -> String {
     let digits = n.to_string();
     let mut text = String::new();

@@ -1,14 +1,14 @@
-//! A program that another computer sends: `tcp://HOST:PORT` (DNC, *Beyond the source*).
+//! Program from another computer: `tcp://HOST:PORT` (DNC, *Beyond the source*).
 //!
-//! The sender is connected to and sends the program from its beginning, and again from its beginning each time the connection was lost:
-//! what has come already is held against it and left out.
+//! This end connects to the sender, which sends the program from its beginning, and again from its beginning after each
+//! lost connection: the part that arrived before is compared and skipped.
 //!
-//! A sender that is connected and silent is waited for, ten minutes unless `?silence_timeout_s=` says otherwise; one that has vanished
-//! without a word is noticed by keepalive probes within half a minute. Whoever can send to that address moves the machine: nothing is
-//! encrypted and nobody is asked who he is.
+//! A sender that is connected and silent is awaited, ten minutes unless `?silence_timeout_s=` sets another time; one
+//! that has disappeared is detected by keepalive probes within half a minute. Anyone who can send to that address can
+//! move the machine: there is no encryption and no authentication.
 //!
-//! Invariant: the bytes that come out are those of one program, each once; a connection that stalls is waited for, one that ends before
-//! the program does is made anew.
+//! Invariant: the bytes that are passed on are those of one program, each once. A connection that stalls is awaited;
+//! one that ends before the program does is established again.
 
 use std::io::{self, ErrorKind, Read};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -18,51 +18,53 @@ use std::time::{Duration, Instant};
 use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::program_end::ProgramEndDetector;
 
-/// What such a program's name begins with.
+/// Prefix of the name of such a program.
 const SCHEME: &str = "tcp://";
-/// How long one attempt to connect takes at most.
+/// Maximum duration of one attempt to connect.
 const ATTEMPT: Duration = Duration::from_secs(3);
-/// The longest silence of a sender that is connected, where its address says nothing else.
+/// Maximum silence of a sender that is connected, where its address sets no other.
 const SILENCE: Duration = Duration::from_secs(600);
-/// So often a silent sender is looked at.
+/// Interval of the polls of a silent sender.
 const LOOKS_EVERY: Duration = Duration::from_millis(500);
-/// Between two attempts.
+/// Pause between two attempts.
 const PAUSE: Duration = Duration::from_millis(200);
-/// So long a sender that has gone is looked for.
+/// Maximum duration of reconnecting.
 const PATIENCE: Duration = Duration::from_secs(600);
-/// A sender that has sent nothing new over so many whole connections has nothing more, whatever the program lacks at its end.
+/// Number of complete connections without anything new after which the sender has no more to send, whatever the
+/// program's end lacks.
 const NO_MORE: u32 = 3;
 
-/// A program that comes over a socket.
+/// Program over a socket.
 #[derive(Debug)]
 pub struct Socket {
     address: String,
     stream: Option<TcpStream>,
     patience: Duration,
-    /// Longest silence of a sender that is connected; none: for ever.
+    /// Maximum silence of a sender that is connected; `None` is unlimited.
     silence: Option<Duration>,
-    /// What has come.
+    /// Hash of the bytes that have arrived.
     received: u64,
     check: SenderCheck,
     end: ProgramEndDetector,
-    /// Connections that were closed without anything new, one after the other.
+    /// Number of successive connections that were closed without anything new.
     barren: u32,
     ended: bool,
 }
 
-/// The address in a program's name, if it is one.
+/// Address in a program's name, if it has the prefix.
 #[must_use]
 pub fn address(program: &str) -> Option<&str> {
     program.strip_prefix(SCHEME)
 }
 
-/// The host and port of an address, and the longest silence that its `silence_timeout_s` allows; none where that is 0, for ever.
+/// Parses an address: host and port, and the maximum silence from `silence_timeout_s`; `None` where that is 0, which is
+/// unlimited.
 fn parse(address: &str) -> Result<(&str, Option<Duration>), NumberedError> {
     let refused = |what: String| {
         NumberedError::new(
             "E2301",
             what,
-            "tcp://HOST:PORT, or tcp://HOST:PORT?silence_timeout_s=600 (seconds, 0 for ever)",
+            "use tcp://HOST:PORT, or tcp://HOST:PORT?silence_timeout_s=600 (seconds, 0 is unlimited)",
         )
     };
     let Some((host, parameters)) = address.split_once('?') else { return Ok((address, Some(SILENCE))) };
@@ -70,7 +72,7 @@ fn parse(address: &str) -> Result<(&str, Option<Duration>), NumberedError> {
         .strip_prefix("silence_timeout_s=")
         .and_then(|value| value.parse::<f64>().ok())
         .filter(|seconds| (0.0..=86_400.0).contains(seconds))
-        .ok_or_else(|| refused(format!("{SCHEME}{address}: the parameter `{parameters}` is not known")))?;
+        .ok_or_else(|| refused(format!("{SCHEME}{address}: unknown parameter `{parameters}`")))?;
     Ok((host, (seconds > 0.0).then(|| Duration::from_secs_f64(seconds))))
 }
 
@@ -85,12 +87,12 @@ impl Socket {
     /// Connects to a sender at `HOST:PORT`.
     ///
     /// # Errors
-    /// `E2107`: nobody sends there. `E2301`: a parameter that is not known.
+    /// `E2107`: no sender there. `E2301`: an unknown parameter.
     pub fn open(address: &str) -> Result<Self, NumberedError> {
         let (address, silence) = parse(address)?;
         let stream = connect(address).map_err(|error| {
-            let remedy = "start the sender first; the name is tcp://HOST:PORT, as in tcp://planner:5000";
-            NumberedError::new("E2107", format!("no program can be had from {SCHEME}{address}: {error}"), remedy)
+            let remedy = "start the sender first; the address is tcp://HOST:PORT, such as tcp://planner:5000";
+            NumberedError::new("E2107", format!("cannot connect to {SCHEME}{address}: {error}"), remedy)
         })?;
         Ok(Self {
             address: address.to_owned(),
@@ -105,7 +107,7 @@ impl Socket {
         })
     }
 
-    /// Looks for the sender again, until it is there and has sent what is known already.
+    /// Connects to the sender again, until it has sent the part that arrived before.
     fn reconnect(&mut self) -> io::Result<TcpStream> {
         let lost = Instant::now();
         loop {
@@ -118,7 +120,7 @@ impl Socket {
         }
     }
 
-    /// Reads what has come already, and holds it against what came then.
+    /// Reads the part that arrived before, and compares it.
     fn pass_over(&self, stream: &mut TcpStream) -> io::Result<()> {
         let (mut check, mut end) = (SenderCheck::default(), ProgramEndDetector::default());
         let (mut left, mut bytes, begun) = (self.received, [0; 4096], Instant::now());
@@ -148,10 +150,10 @@ impl Socket {
         if check == self.check {
             return Ok(());
         }
-        Err(self.differs(&format!("its first {} bytes are not those that had arrived before", self.received)))
+        Err(self.differs(&format!("its first {} bytes differ from those that had arrived before", self.received)))
     }
 
-    /// That the sender has been silent for too long.
+    /// Error of a sender that has been silent for too long.
     fn silent(&self, silent: Duration) -> io::Error {
         let what = format!(
             "E2304: {SCHEME}{} has been silent for {:.0} s inside the program; check the sender and the network",
@@ -161,7 +163,7 @@ impl Socket {
         io::Error::new(ErrorKind::TimedOut, what)
     }
 
-    /// That the sender sends a different program after the connection was lost.
+    /// Error of a sender that sends a different program after reconnecting.
     fn differs(&self, how: &str) -> io::Error {
         let what =
             format!("the sender at {SCHEME}{} sends a different program after reconnecting: {how}", self.address);
@@ -179,7 +181,7 @@ impl Read for Socket {
             };
             match stream.read(bytes) {
                 Ok(0) if self.end.is_reached() => self.ended = true,
-                // Lost, by its end or by an error: it is made anew.
+                // The connection has ended or failed: it is established again.
                 Ok(0) if self.barren < NO_MORE => {
                     self.barren += 1;
                     thread::sleep(PAUSE);
@@ -208,7 +210,7 @@ impl Read for Socket {
 }
 
 fn connect(address: &str) -> io::Result<TcpStream> {
-    let mut last = io::Error::new(ErrorKind::NotFound, "the name leads nowhere");
+    let mut last = io::Error::new(ErrorKind::NotFound, "the host name has no address");
     for socket in address.to_socket_addrs()? {
         match TcpStream::connect_timeout(&socket, ATTEMPT) {
             Ok(stream) => {
@@ -226,7 +228,7 @@ fn is_time_out(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock)
 }
 
-/// Notices a sender that has vanished: after 10 s of silence it is probed every 5 s, and is gone after three probes.
+/// Detects a sender that has disappeared: after 10 s of silence it is probed every 5 s, and is gone after three probes.
 #[cfg(unix)]
 fn keep_alive(stream: &TcpStream) -> io::Result<()> {
     use rustix::net::sockopt;
@@ -236,13 +238,13 @@ fn keep_alive(stream: &TcpStream) -> io::Result<()> {
     Ok(sockopt::set_tcp_keepcnt(stream, 3)?)
 }
 
-/// Elsewhere the read time-out alone notices.
+/// Without keepalive probes only the read timeout detects it.
 #[cfg(not(unix))]
 fn keep_alive(_: &TcpStream) -> io::Result<()> {
     Ok(())
 }
 
-/// Tells two beginnings of programs apart (Fowler-Noll-Vo, variant 1a, of 64 bits).
+/// Hash of the beginning of a program (Fowler-Noll-Vo, variant 1a, of 64 bits).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct SenderCheck(u64);
 

@@ -1,7 +1,8 @@
-//! Ctrl-C, SIGTERM and SIGHUP for a job without a screen, and for work by hand: it is stopped on its path, as by the operator's *stop*.
+//! Ctrl-C, SIGTERM and SIGHUP for a job without a screen and for manual tasks: they stop it on its path, as the
+//! operator's *stop* does.
 //!
-//! Invariant: a signal never ends the process while a job runs: the machine comes to rest first, the report is written, the breakpoint is kept. A signal
-//! that the process was begun with as ignored (`nohup`) stays ignored.
+//! Invariant: a signal never ends the process while a job runs: the machine comes to rest first, the report is written,
+//! the breakpoint is saved. A signal that was ignored when the process started (`nohup`) stays ignored.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,38 +14,38 @@ use retrace_controller::event::EventKind;
 use retrace_controller::operator::OperatorCommand;
 use retrace_controller::telemetry::Telemetry;
 
-/// How often it is looked whether a signal has come.
+/// Interval of the polls for a signal.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
 
-/// What a job that is being stopped still waits for.
+/// What a job that is stopping still waits for.
 #[derive(Debug, Default)]
 struct Progress {
     line: u32,
     is_moving: bool,
-    /// The instruction that the card executes, and its line.
+    /// Instruction in execution, and its line.
     instruction: Option<(String, u32)>,
 }
 
 impl Progress {
     fn in_words(&self) -> String {
         match (&self.instruction, self.is_moving) {
-            (Some((code, line)), _) => format!("{code} of line {line} is being executed, and is completed first"),
-            (None, true) => format!("the machine comes to rest on its path, at line {}", self.line),
-            (None, false) => "the machine stands; the report is being written".into(),
+            (Some((code, line)), _) => format!("{code} of line {line} must complete first"),
+            (None, true) => format!("the machine is braking on its path, at line {}", self.line),
+            (None, false) => "the machine is at rest; the report is being written".into(),
         }
     }
 }
 
-/// What signals stop.
+/// What a signal stops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopPolicy {
-    /// A job, whose breakpoint is kept.
+    /// Job, whose breakpoint is saved.
     Job,
-    /// Homing, a jog or a block by hand.
+    /// Homing, a jog or an MDI block.
     ByHand,
 }
 
-/// Watches for signals as long as a job runs.
+/// Watcher for signals while a job runs.
 #[derive(Debug)]
 pub struct StopSignals {
     came: Arc<AtomicBool>,
@@ -54,7 +55,8 @@ pub struct StopSignals {
 }
 
 impl StopSignals {
-    /// Watches for signals that [`StopSignals::listen`] lets come; and the words that they say to the job. None where there is no thread for it.
+    /// Starts the watcher. Returns it with the receiver of its commands; `None` where no thread can be started. Signals
+    /// end the process until [`StopSignals::listen`] is called.
     #[must_use]
     pub fn watch(kind: StopPolicy) -> Option<(Self, CommandReceiver)> {
         let came = Arc::new(AtomicBool::new(false));
@@ -73,7 +75,8 @@ impl StopSignals {
         Some((Self { came, progress, over, watcher: Some(watcher) }, heard))
     }
 
-    /// From now on signals stop the job, and no longer end the process. Where the system does not let us, they still do.
+    /// From now on signals stop the job instead of ending the process. Where the system rejects that, they still end
+    /// it.
     pub fn listen(&self) {
         #[cfg(unix)]
         {
@@ -85,7 +88,7 @@ impl StopSignals {
         }
     }
 
-    /// Takes what the job tells.
+    /// Applies an item of telemetry.
     pub fn told<const A: usize>(&self, told: &Telemetry<A>) {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
         match told {
@@ -109,7 +112,7 @@ impl Drop for StopSignals {
     }
 }
 
-/// Says *stop* at the first signal, and what is waited for at each one after it.
+/// Sends *stop* at the first signal, and prints what is awaited at each further one.
 fn look(kind: StopPolicy, came: &AtomicBool, said: &CommandSender, progress: &Mutex<Progress>, over: &AtomicBool) {
     let mut is_stopping = false;
     while !over.load(Ordering::Relaxed) {
@@ -122,15 +125,16 @@ fn look(kind: StopPolicy, came: &AtomicBool, said: &CommandSender, progress: &Mu
             eprintln!("still stopping: {}", progress.in_words());
         } else if said.send(OperatorCommand::Stop).is_ok() {
             is_stopping = true;
-            let kept = if kind == StopPolicy::Job { ", and the breakpoint is kept" } else { "" };
-            eprintln!("stopping: the machine comes to rest on its path, cutting outputs go off{kept}");
+            let kept = if kind == StopPolicy::Job { ", the breakpoint is saved" } else { "" };
+            eprintln!("stopping: braking on the path, cutting outputs go off{kept}");
         } else {
             came.store(true, Ordering::Relaxed);
         }
     }
 }
 
-/// The signals that the process was begun with as ignored, a bit each, the first for signal 1; where the system tells (Linux).
+/// Signals that were ignored when the process started, as a bit mask whose lowest bit is signal 1; 0 where the system
+/// does not report them (Linux does).
 #[cfg(unix)]
 fn ignored() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

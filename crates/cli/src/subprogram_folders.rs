@@ -1,6 +1,7 @@
 //! Subprograms in files of their own: `O<part> call` finds `part.ngc`.
 //!
-//! Invariant: the program's own folder comes first, then those of the command line in their order; nothing outside of them is read.
+//! Invariant: the program's own folder comes first, then those of the command line in their order; no file outside them
+//! is read.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -12,7 +13,7 @@ use retrace_gcode::{SubFile, SubFiles, Text};
 
 use crate::files;
 
-/// The folders that are looked into, and what was found there.
+/// Folders that are searched, and the files found there.
 #[derive(Debug)]
 pub struct Folders {
     folders: Vec<PathBuf>,
@@ -20,7 +21,7 @@ pub struct Folders {
 }
 
 impl Folders {
-    /// The folder of a program, and more.
+    /// The folder of a program, and further ones.
     #[must_use]
     pub fn of(program: &Path, more: &[PathBuf]) -> Self {
         let own = if crate::program::StreamSource::named(program).is_some() {
@@ -31,12 +32,12 @@ impl Folders {
         Self { folders: own.into_iter().chain(more.iter().cloned()).collect(), read: Mutex::default() }
     }
 
-    /// Forgets what was read: the program is opened again, for another job.
+    /// Clears the list of files: the program is opened again, for another job.
     pub fn forget(&self) {
         self.read.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }
 
-    /// The files that were read by now, each once.
+    /// Files that were read so far, each once.
     #[must_use]
     pub fn read(&self) -> Vec<ReadFile> {
         self.read.lock().unwrap_or_else(PoisonError::into_inner).clone()

@@ -1,7 +1,8 @@
-//! The operator of a job without a screen and without a script, in wall time: M0, M1 and M6 wait, and Enter at the terminal is cycle start.
+//! Operator at a terminal, for a job in wall time without a screen and without a script: M0, M1 and M6 wait, and Enter
+//! is cycle start.
 //!
-//! Invariant: nothing goes on that nobody has pressed Enter for after it was asked for; standard input is read only while something is waited for,
-//! only where it is a terminal that this process is in the foreground of, and never where it is the program.
+//! Invariant: nothing resumes unless Enter was pressed after the prompt. Standard input is read only while the job
+//! waits, only where it is a terminal with this process in the foreground, and never where it is the program.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -12,16 +13,16 @@ use retrace_controller::command_queue::{CommandReceiver, CommandSender, command_
 use retrace_controller::event::{Event, EventKind};
 use retrace_controller::operator::OperatorCommand;
 
-/// How often it is looked whether something is waited for, or a line has come.
+/// Interval of the polls for a wait and for input.
 const LOOKS_EVERY: Duration = Duration::from_millis(50);
 
-/// What Enter says to the job; none while nothing is waited for.
+/// Command that Enter sends; `None` while the job waits for nothing.
 type Awaited = Arc<Mutex<Option<OperatorCommand>>>;
 
 /// Where Enter can be pressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Keyboard {
-    /// At a terminal.
+    /// A terminal.
     Terminal,
     /// Nowhere: standard input is not a terminal.
     None,
@@ -29,24 +30,25 @@ pub enum Keyboard {
     Program,
 }
 
-/// The operator at a terminal, as long as a job runs.
+/// Operator at a terminal, while a job runs.
 #[derive(Debug)]
 pub struct TerminalOperator {
     keyboard: Keyboard,
     keeps_breakpoint: bool,
     awaited: Awaited,
-    /// What was waited for when Enter was pressed last: it is waited for again where that is refused.
+    /// Command that Enter sent last: the job waits for it again where it is rejected.
     answered: Awaited,
     over: Arc<AtomicBool>,
     reader: Option<JoinHandle<()>>,
 }
 
 impl TerminalOperator {
-    /// Begins to listen; the words come out of the other end. `optional_stop`: whether M1 stops. `keeps_breakpoint`: whether the job has a journal.
+    /// Starts the reader. Returns the receiver of its commands. `optional_stop` is whether M1 stops, `keeps_breakpoint`
+    /// whether the job has a journal.
     #[must_use]
     pub fn new(keyboard: Keyboard, optional_stop: bool, keeps_breakpoint: bool) -> (Self, CommandReceiver) {
         let (said, heard) = command_channel();
-        // There is room for the first word.
+        // The channel has room for the first command.
         let _ = said.send(OperatorCommand::OptionalStop(optional_stop));
         let (awaited, answered, over) = (Awaited::default(), Awaited::default(), Arc::<AtomicBool>::default());
         let reader = {
@@ -59,13 +61,14 @@ impl TerminalOperator {
                     read_terminal(keyboard, &awaited, &answered, &said, &over);
                 }
             };
-            // Without the thread nobody presses Enter, and the job waits for a signal.
+            // Without the thread Enter has no effect, and the job waits for a signal.
             thread::Builder::new().name("terminal".into()).spawn(read).ok()
         };
         (Self { keyboard, keeps_breakpoint, awaited, answered, over, reader }, heard)
     }
 
-    /// Takes an event of the job: what is to be said to the person there, if it waits for something now. `tool_name` names a tool of the tool table.
+    /// Applies an event of the job. Returns the prompt to print, if the job waits now. `tool_name` looks up a tool of
+    /// the tool table.
     pub fn observe(&self, event: &Event, tool_name: impl Fn(u32) -> Option<String>) -> Option<String> {
         let line = event.line;
         let (deed, what) = match &event.kind {
@@ -77,7 +80,7 @@ impl TerminalOperator {
                 (OperatorCommand::CycleStart, format!("M6 of line {line} waits: {insert}"))
             }
             EventKind::OutputsDiffer(_) => {
-                (OperatorCommand::Confirm, format!("line {line} waits: going on restores the outputs that differ"))
+                (OperatorCommand::Confirm, format!("line {line} waits: resuming restores the outputs that differ"))
             }
             EventKind::CommandRejected(_) => {
                 let again = lock(&self.answered).take()?;
@@ -93,12 +96,12 @@ impl TerminalOperator {
         Some(format!("{what}; {}", self.way_on()))
     }
 
-    /// How to go on, and how to stop.
+    /// How to resume, and how to stop.
     fn way_on(&self) -> String {
         let pid = std::process::id();
-        let kept = if self.keeps_breakpoint { "; `retrace resume` at a terminal goes on from here" } else { "" };
+        let kept = if self.keeps_breakpoint { "; `retrace resume` at a terminal resumes from here" } else { "" };
         match self.keyboard {
-            Keyboard::Terminal if in_foreground() => "press Enter to go on, Ctrl-C to stop".into(),
+            Keyboard::Terminal if in_foreground() => "press Enter to resume, Ctrl-C to stop".into(),
             Keyboard::Terminal => format!(
                 "this command runs in the background: bring it to the foreground (fg) and press Enter, or stop it with `kill {pid}`{kept}"
             ),
@@ -123,7 +126,7 @@ fn lock(awaited: &Awaited) -> std::sync::MutexGuard<'_, Option<OperatorCommand>>
     awaited.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Reads the terminal while something is waited for. What was typed before is discarded: it was typed for something else.
+/// Reads the terminal while the job waits. Earlier input is discarded: it was typed for something else.
 #[cfg(unix)]
 fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said: &CommandSender, over: &AtomicBool) {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -135,7 +138,7 @@ fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said
     let stdin = std::io::stdin();
     let mut is_flushed = false;
     while !over.load(Ordering::Relaxed) && lock(awaited).is_some() {
-        // In the background reading, and flushing, would stop the whole process, and the machine with it.
+        // In the background, reading and flushing would stop the whole process, and the machine with it.
         if !in_foreground() {
             is_flushed = false;
             thread::sleep(LOOKS_EVERY);
@@ -151,7 +154,7 @@ fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said
         }
         let mut bytes = [0; 256];
         match rustix::io::read(&stdin, &mut bytes) {
-            // The terminal has gone: nobody presses anything any more.
+            // The terminal is gone: there is no further input.
             Ok(0) => thread::sleep(LOOKS_EVERY),
             Ok(read) if bytes.iter().take(read).any(|&byte| byte == b'\n') => {
                 let Some(deed) = lock(awaited).take() else { return };
@@ -166,11 +169,11 @@ fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said
     }
 }
 
-/// Elsewhere there is no terminal to be read in this way.
+/// Without a terminal interface there is nothing to read.
 #[cfg(not(unix))]
 fn read_terminal(_: Keyboard, _: &Awaited, _: &Awaited, _: &CommandSender, _: &AtomicBool) {}
 
-/// Is this process in the foreground of the terminal on its standard input?
+/// Whether this process is in the foreground of the terminal on its standard input.
 #[cfg(unix)]
 fn in_foreground() -> bool {
     rustix::termios::tcgetpgrp(std::io::stdin()).is_ok_and(|group| group == rustix::process::getpgrp())

@@ -1,6 +1,7 @@
-//! Watches whether the sender of a program is waited for.
+//! Watches whether the program waits for its sender.
 //!
-//! Invariant: a wait of a second or longer is reported once when it is that long, and once when it ends; asking costs next to nothing.
+//! Invariant: a wait of a second or longer is reported once when it has lasted that long, and once when it ends;
+//! polling costs next to nothing.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -9,28 +10,28 @@ use retrace_controller::event::EventKind;
 use retrace_controller::journal::timestamp::Timestamp;
 use retrace_controller::read_ahead::SourceStatus;
 
-/// A wait is reported after so long.
+/// Duration after which a wait is reported.
 const REPORTED_AFTER: Duration = Duration::from_secs(1);
-/// The source is looked at so often.
+/// Minimum interval between two polls of the source.
 const LOOKS_EVERY: Duration = Duration::from_millis(100);
 
-/// Watches one source; none for a program that is a file.
+/// Watch on one source; on nothing for a program in a file.
 #[derive(Debug)]
 pub struct WaitWatch {
     source: Option<Arc<SourceStatus>>,
     looked: Option<Instant>,
-    /// The wait that has been reported: when it began.
+    /// Start of the wait that was reported.
     reported: Option<SystemTime>,
 }
 
 impl WaitWatch {
-    /// Watches this source.
+    /// Watch on this source.
     #[must_use]
     pub fn new(source: Option<Arc<SourceStatus>>) -> Self {
         Self { source, looked: None, reported: None }
     }
 
-    /// What there is to report by now, asked as often as you like.
+    /// Returns an event that is due. It may be called at any rate.
     pub fn poll(&mut self) -> Option<EventKind> {
         if self.looked.is_some_and(|looked| looked.elapsed() < LOOKS_EVERY) {
             return None;
@@ -38,7 +39,7 @@ impl WaitWatch {
         self.poll_now()
     }
 
-    /// What there is to report at this moment.
+    /// Returns an event that is due, regardless of the last poll.
     pub fn poll_now(&mut self) -> Option<EventKind> {
         let source = self.source.as_ref()?;
         self.looked = Some(Instant::now());

@@ -2,12 +2,12 @@
 //!
 //! Invariant: the program is made before the clock starts; everything between its text and its last record is timed, on one core.
 
-#[path = "../../motion/benches/motion/roads.rs"]
-#[allow(dead_code)] // this bench uses its part
-mod roads;
 #[path = "../../motion/benches/motion/row.rs"]
 #[allow(dead_code)]
 mod row;
+#[path = "../../motion/benches/motion/test_paths.rs"]
+#[allow(dead_code)] // this bench uses its part
+mod test_paths;
 
 use std::fmt::Write as _;
 use std::time::Instant;
@@ -21,8 +21,8 @@ use retrace_gcode::{CanonStep, Prescan, Program, Progress, Setup, Text};
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
-use roads::Way;
 use row::{Goal, Row, median};
+use test_paths::TestMove;
 
 /// A program being decoded.
 struct Decoder(Program<&'static [u8]>);
@@ -80,19 +80,19 @@ impl MotionSink<3> for Records {
 
 /// The 3-D surface of 0.1 mm lines, at a feed at which so many lines take so many seconds.
 fn program(lines: usize, seconds: f64) -> String {
-    let ways = roads::surface(lines).ways;
+    let moves = test_paths::surface(lines).moves;
     let mut at = [0.0; 3];
-    let length: f64 = ways
+    let length: f64 = moves
         .iter()
-        .map(|way| {
-            let from = std::mem::replace(&mut at, way.end());
+        .map(|step| {
+            let from = std::mem::replace(&mut at, step.end());
             from.iter().zip(&at).map(|(a, b)| (b - a) * (b - a)).sum::<f64>().sqrt()
         })
         .sum();
     let mut text = format!("G21 G90 G17 G64 P0.05\nF{:.1}\n", length / seconds * 60.0);
-    for way in &ways {
-        let [x, y, z] = way.end();
-        if let Way::Line(_) = way {
+    for step in &moves {
+        let [x, y, z] = step.end();
+        if let TestMove::Line(_) = step {
             // Writing into memory cannot fail.
             let _ = writeln!(text, "G1 X{x:.3} Y{y:.3} Z{z:.3}");
         }

@@ -31,7 +31,7 @@ pub fn of_planning() -> Result<u32, NumberedError> {
     let machine = MachineConfig::built_in()?;
     let planner = Planner::<4>::new(machine.limits(), machine.start_mm())
         .map_err(|why| NumberedError::new("E2112", why.to_string(), "please report this"))?
-        .blending_by(machine.blending);
+        .with_blending(machine.blending);
     let mut planned = Planned { planner, hash: FileHash::of(b"") };
     let mut program = Fixed(Program::new(PROGRAM.as_bytes(), mdi::setup(&machine)));
     let (blocks, findings) = job::feed_all(&machine, &mut program, &mut planned);

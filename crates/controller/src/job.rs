@@ -179,10 +179,11 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let planner = Planner::new(machine.limits(), machine.start_mm()).map_err(|e| unfit(e.to_string()))?;
     let cancel = AtomicBool::new(false);
     let (mut asking, mut heeding) = overrides(look_ahead);
-    let mut feeder = PlanWriter::new(planner.blending_by(machine.blending), producer, sender, origin.outputs, &cancel)
-        .noting(keeping.index, &origin.counts)
-        .inhibiting(machine.inhibited_channels())
-        .within(machine);
+    let mut feeder =
+        PlanWriter::new(planner.with_blending(machine.blending), producer, sender, origin.outputs, &cancel)
+            .noting(keeping.index, &origin.counts)
+            .inhibiting(machine.inhibited_channels())
+            .within(machine);
     let (line, resumption) = match begin {
         JobStart::First => (None, None),
         JobStart::Line(line) => (Some(line), None),

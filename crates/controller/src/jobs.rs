@@ -478,6 +478,12 @@ mod tests {
         crate::journal::journal_line::append(&mut bytes, 1, true, b"{\"novelty\":1}");
         fs::write(damaged.journal(), bytes).expect("a file");
         assert!(matches!(damaged.state(), JobState::Unusable(refusal) if refusal.number == "E2205"));
+        // of an older one, with the crc of its first line
+        let mut older = Vec::new();
+        crate::journal::journal_line::append(&mut older, 0, true, b"{\"job\":{\"format\":1,\"id\":\"x\"}}");
+        fs::write(damaged.journal(), older).expect("a file");
+        let JobState::Unusable(refusal) = damaged.state() else { panic!("{:?}", damaged.state()) };
+        assert!(refusal.number == "E2205" && refusal.cause.contains("an older version"), "{refusal:?}");
         assert_eq!(empty.state(), JobState::NeverBegan);
     }
 

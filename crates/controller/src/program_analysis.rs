@@ -106,7 +106,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
     /// # Errors
     /// Limits that the planner does not take; a checked machine has none of these.
     pub fn new(machine: &'m MachineConfig) -> Result<Self, LimitError> {
-        let planner = Planner::new(machine.limits(), machine.start_mm())?.blending_by(machine.blending);
+        let planner = Planner::new(machine.limits(), machine.start_mm())?.with_blending(machine.blending);
         Ok(Self {
             scan: LimitCheck::new(machine),
             work: Vec::new(),

@@ -3,6 +3,7 @@
 //! Invariant: a new kind of event does not compile here until it has an example.
 
 #[path = "../../../tests/src/json_page.rs"]
+#[allow(dead_code, unreachable_pub, reason = "shared with the end-to-end tests, which use all of it")]
 mod json_page;
 
 use std::collections::BTreeSet;

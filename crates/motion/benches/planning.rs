@@ -1,4 +1,4 @@
-//! How long planning takes for a block, blends included, and emission for a control period.
+//! Duration of planning per block, blends included, and of emission per control period.
 
 use std::hint::black_box;
 
@@ -8,7 +8,8 @@ use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
 
 const BLOCKS: usize = 100_000;
 
-/// A row-by-row surface of short lines, as CAM systems write them: pieces of about 0.1 mm with coordinates in steps of 1 µm.
+/// A row-by-row surface of short lines, as CAM systems write them: pieces of about 0.1 mm with coordinates in steps of
+/// 1 µm.
 fn surface() -> Vec<[f64; 4]> {
     let row = 500;
     (0..BLOCKS)

@@ -1,4 +1,4 @@
-//! Draws docs/figures/corner.svg: how a corner is passed in a glide, and what that does to the speed.
+//! Draws docs/figures/corner.svg: a corner that is passed in a glide, and the effect on the speed.
 //!
 //! `cargo run --release -p retrace-motion --example corner_figure > docs/figures/corner.svg`
 
@@ -10,7 +10,7 @@ use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner, SetPoint};
 /// Length of the legs and the tolerance, mm.
 const LEG: f64 = 20.0;
 const TOLERANCE: f64 = 0.05;
-/// Size of a panel, pixels, and what it shows of the corner, mm.
+/// Size of a panel, pixels, and the part of the corner it shows, mm.
 const PANEL: (f64, f64) = (300.0, 220.0);
 const SHOWN: f64 = 0.5;
 /// Time shown, s, and speed, mm/s.
@@ -37,7 +37,7 @@ fn polyline(points: impl Iterator<Item = (f64, f64)>, style: &str) -> String {
     format!("<polyline points=\"{}\" {style}/>\n", list.join(" "))
 }
 
-/// The corner from near.
+/// The corner, magnified.
 fn corner(degrees: f64, glide: &[SetPoint<2>], number: usize) -> String {
     let (sin, cos) = degrees.to_radians().sin_cos();
     // The middle between the legs is the middle of the panel.

@@ -1,22 +1,23 @@
-//! The speed of one solve beside rsruckig's, and the count of equal durations, on the random cases of `tests/solver`.
+//! The speed of one solve compared with rsruckig's, and the count of equal durations, on the random cases of
+//! `tests/solver`.
 //!
-//! Invariant: all solvers get the same cases in turns of a few hundred, so that a busy machine slows all of them alike.
+//! Invariant: all solvers get the same cases in turns of a few hundred, so that other load slows all of them alike.
 //!
 //! `cargo run --release -p retrace-motion --example solver_speed [CASES]`
 
 #[path = "../tests/solver/cases.rs"]
 mod cases;
+#[path = "../tests/solver/outcome.rs"]
+mod outcome;
 #[path = "../tests/solver/peer.rs"]
 mod peer;
-#[path = "../tests/solver/verdict.rs"]
-mod verdict;
 
 use cases::{Case, case};
+use outcome::{Tally, compare};
 use peer::Peer;
 use retrace_motion::profile::{KinematicState, fastest, fastest_any_way};
 use std::hint::black_box;
 use std::time::Instant;
-use verdict::{Tally, judge};
 
 const TURN: u64 = 250;
 
@@ -51,9 +52,9 @@ fn main() {
     print_times(&format!("each tenth case {AGAIN} times, medians over the cases"), alone);
     let mut tally = Tally::default();
     for k in 0..count {
-        let verdict = judge(&case(k), &mut peer);
-        assert!(verdict.is_sound(), "case {k}: {verdict:?}");
-        tally.count(verdict);
+        let outcome = compare(&case(k), &mut peer);
+        assert!(outcome.is_sound(), "case {k}: {outcome:?}");
+        tally.count(outcome);
     }
     println!("{tally}");
 }
@@ -73,7 +74,7 @@ fn solve(solver: usize, case: &Case, peer: &mut Peer) {
             let _ = black_box(peer.solve_bare(case));
         }
         _ => {
-            // Its signs taken off, as look-ahead asks: speeds and distance are not negative.
+            // Without its signs, as look-ahead requires: speeds and distance are not negative.
             let upright = |state: KinematicState| KinematicState { v: state.v.abs(), ..state };
             let _ = black_box(fastest(upright(case.from), upright(case.to), case.length.abs(), case.limits));
         }

@@ -1,16 +1,16 @@
 //! Blending: the programmed moves of one run become pieces whose direction and curvature are continuous, within the
 //! tolerance (G64 P; SMO-2 … SMO-7 in our form).
 //!
-//! Each joint gets a [`Corner`], as wide as tolerance, machine and road allow; sparse corners are rounded one by one, and in
-//! dense chains of short lines the corrections overlap and smooth the whole chain.
+//! Each junction gets a [`Correction`], as wide as tolerance, machine and path allow. Sparse corners are rounded one by
+//! one; in dense chains of short lines the corrections overlap and smooth the whole chain.
 //!
-//! Invariant: the sum of all corrections never exceeds the tolerance of the move it lies on, no correction reaches into a
-//! move that is to be exact or beyond a stop, and what is handed on never changes. Only the order and length of moves decide
-//! what is handed on when.
+//! Invariant: the sum of all corrections never exceeds the tolerance of the move it is on, no correction extends into a
+//! move that is to be exact or beyond a stop, and pieces that were released never change. Only the order and length of
+//! moves decide what is released when.
 
 use std::collections::VecDeque;
 
-use crate::correction::{Correction, CorrectionEvent, CorrectionSum, G_MOST};
+use crate::correction::{Correction, CorrectionEvent, CorrectionSum, MAX_G};
 use crate::curve::Curve;
 use crate::merge::LineMark;
 use crate::piece::{PathPiece, PieceJunction};
@@ -19,27 +19,27 @@ use crate::piece::{PathPiece, PieceJunction};
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PathSegment<const A: usize> {
     pub(crate) curve: Curve<A>,
-    /// Length in mm, above 0.
+    /// Length, mm, above 0.
     pub(crate) length: f64,
-    /// mm/s.
+    /// Feed, mm/s.
     pub(crate) feed: f64,
     pub(crate) tag: u32,
-    /// How far the path may be from it, mm; 0 where it is exact.
+    /// Largest distance of the path from the move, mm; 0 where it is exact.
     pub(crate) tolerance: f64,
-    /// How many marks of further program lines belong to it.
+    /// Number of marks of further program lines that belong to it.
     pub(crate) marks: u32,
 }
 
 /// How a segment is entered from the one before.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Junction<const A: usize> {
-    /// With the jumps that there are, no faster than the joint allows.
+    /// With its jumps unchanged, no faster than the junction allows.
     Kink(PieceJunction),
     /// Smoothed: the jumps of the first and second derivative.
     Smooth { turn: [f64; A], bend: [f64; A] },
 }
 
-/// A corner and the road that its correction may use.
+/// A corner and the part of the path that its correction may use.
 #[derive(Clone, Copy, Debug)]
 struct CorrectionCandidate<const A: usize> {
     corner: Correction<A>,
@@ -49,48 +49,48 @@ struct CorrectionCandidate<const A: usize> {
     high: f64,
 }
 
-/// Segments that are not handed on yet. All places are counted from the start of the first of them.
+/// Segments that are not released yet. All places are counted from the start of the first of them.
 #[derive(Debug)]
 pub(crate) struct Blender<const A: usize> {
     segments: VecDeque<(PathSegment<A>, f64, Option<PieceJunction>)>,
     total: f64,
-    /// The total at which some is handed on.
-    enough: f64,
-    /// The number of segments at which some are.
-    many: usize,
-    /// Those of all segments, each from the start of its segment.
+    /// Total length at which some are released.
+    release_length: f64,
+    /// Number of segments at which some are released.
+    release_count: usize,
+    /// Marks of all segments, each from the start of its segment.
     marks: VecDeque<LineMark>,
-    /// In order of place; the first `decided` have their width.
+    /// Corners in order of place; the first `decided` have their width.
     corners: Vec<CorrectionCandidate<A>>,
     decided: usize,
-    /// The end of the last exact segment, or the start of the run.
+    /// End of the last exact segment, or start of the run.
     barrier: f64,
-    /// The widest correction, mm: wider ones gain no speed.
+    /// Half width of the widest correction, mm: wider ones gain no speed.
     reach: f64,
     moments: Vec<[[f64; A]; 4]>,
     events: Vec<CorrectionEvent>,
-    /// Stretches where the tolerance is exceeded, and by which factor.
+    /// Intervals where the tolerance is exceeded, and by which factor.
     excess: Vec<(f64, f64, f64)>,
 }
 
-/// Segments after which some are handed on even if they are short.
+/// Number of segments after which some are released even if they are short.
 const MAX_SEGMENTS: usize = 4096;
-/// Road, in widest corrections, after which segments are handed on again.
+/// Length of path, in widest corrections, after which segments are released again.
 const STEP: f64 = 8.0;
-/// Segments after which some are handed on again; where many more must be kept, half as many as those.
+/// Number of segments after which some are released again; where many more must be retained, half as many as those.
 const BATCH: usize = 64;
-/// Rounds of narrowing before corrections are kept apart from each other, which always does.
+/// Rounds of narrowing before corrections are separated from each other, which always succeeds.
 const ROUNDS: usize = 24;
 
 impl<const A: usize> Blender<A> {
-    /// Corrections up to `reach` mm to each side.
+    /// Creates a blender with corrections of up to `reach` mm to each side.
     pub(crate) fn new(reach: f64) -> Self {
         Self {
             segments: VecDeque::new(),
             total: 0.0,
             marks: VecDeque::new(),
-            enough: STEP * reach,
-            many: BATCH,
+            release_length: STEP * reach,
+            release_count: BATCH,
             corners: Vec::new(),
             decided: 0,
             barrier: 0.0,
@@ -106,7 +106,7 @@ impl<const A: usize> Blender<A> {
         self.segments.back().map(|(segment, ..)| segment)
     }
 
-    /// The program line at the end of the segment that was pushed last.
+    /// Program line at the end of the segment that was pushed last.
     pub(crate) fn last_tag(&self) -> u32 {
         let marked = self.marks.back().map(|mark| mark.tag);
         self.last().map_or(0, |last| if last.marks > 0 { marked.unwrap_or(last.tag) } else { last.tag })
@@ -134,26 +134,26 @@ impl<const A: usize> Blender<A> {
         self.segments.push_back((segment, s, joint));
     }
 
-    /// The first segment has just been pushed: no correction may reach nearer to its start than `way`.
-    pub(crate) fn keep_clear(&mut self, way: f64) {
-        self.barrier = way;
+    /// Forbids corrections nearer than `distance` to the start of the first segment, which has just been pushed.
+    pub(crate) fn forbid_near_start(&mut self, distance: f64) {
+        self.barrier = distance;
     }
 
-    /// How much of the end of the last segment no correction that is decided reaches.
+    /// Length at the end of the last segment that no decided correction reaches.
     pub(crate) fn free_end(&self) -> f64 {
         let reached = self.corners[..self.decided].iter().map(|c| c.corner.s + c.corner.h).fold(0.0, f64::max);
         self.total - reached
     }
 
-    /// Takes the last `way` of the last segment away.
-    pub(crate) fn shorten(&mut self, way: f64) {
+    /// Removes the last `distance` of the last segment.
+    pub(crate) fn shorten(&mut self, distance: f64) {
         if let Some((segment, ..)) = self.segments.back_mut() {
-            segment.length -= way;
-            self.total -= way;
+            segment.length -= distance;
+            self.total -= distance;
         }
     }
 
-    /// No correction may reach over place `s`.
+    /// Forbids corrections across place `s`.
     fn close(&mut self, s: f64) {
         self.barrier = s;
         for candidate in self.corners.iter_mut().rev().take_while(|c| c.high == f64::MAX) {
@@ -161,14 +161,14 @@ impl<const A: usize> Blender<A> {
         }
     }
 
-    /// Is there enough to hand some of it on?
+    /// Whether there is enough to release some of it.
     pub(crate) fn is_ready(&self) -> bool {
-        self.total > self.enough || self.segments.len() >= self.many.min(MAX_SEGMENTS)
+        self.total > self.release_length || self.segments.len() >= self.release_count.min(MAX_SEGMENTS)
     }
 
-    /// Hands pieces on, each with the joint at its start, and their marks, each from the start of its piece: all of them where the run has `ended`, else those that later moves
-    /// cannot change.
-    pub(crate) fn hand_on(
+    /// Releases pieces, each with the junction at its start, and their marks, each from the start of its piece: all of
+    /// them where the run has `ended`, otherwise those that later moves cannot change.
+    pub(crate) fn release_pieces(
         &mut self,
         ended: bool,
         out: &mut VecDeque<(PathPiece<A>, PieceJunction)>,
@@ -185,31 +185,31 @@ impl<const A: usize> Blender<A> {
             far.max(many).max(self.decided)
         };
         self.widen(end);
-        self.keep_tolerance(end);
+        self.narrow_to_tolerance(end);
         self.decided = end;
         let done = if ended {
             self.segments.len()
         } else {
-            // A corner that is yet to come may reach this far back.
+            // A corner that is not known yet may reach this far back.
             let open = self.corners.get(end).map_or(self.total, |c| c.corner.s);
             let before = |place: f64| self.segments.partition_point(|(_, s, _)| *s <= place);
             let many = if self.segments.len() >= MAX_SEGMENTS { before(open) / 2 } else { 0 };
             before(open - self.reach).saturating_sub(1).max(many)
         };
         self.cut(done, out, lines);
-        self.enough = self.total + STEP * self.reach;
-        self.many = self.segments.len() + BATCH.max(self.segments.len() / 2);
+        self.release_length = self.total + STEP * self.reach;
+        self.release_count = self.segments.len() + BATCH.max(self.segments.len() / 2);
     }
 
-    /// Gives the corners up to `end` their first width: the largest at which a chain of corrections of that width around it
-    /// keeps the tolerance.
+    /// Gives the corners up to `end` their first width: the largest at which a chain of corrections of that width
+    /// around it stays within the tolerance.
     fn widen(&mut self, end: usize) {
         self.sum_moments();
         for k in self.decided..end {
             let CorrectionCandidate { corner, tolerance, low, high } = self.corners[k];
             let room = (corner.s - low.max(0.0)).min(high.min(self.total) - corner.s).min(self.reach);
             let turn = size(&corner.turn);
-            let mut h = room.min(tolerance / (G_MOST * turn).max(1e-12));
+            let mut h = room.min(tolerance / (MAX_G * turn).max(1e-12));
             for _ in 0..12 {
                 let off = self.deviation(corner.s, h);
                 if off <= tolerance {
@@ -221,7 +221,7 @@ impl<const A: usize> Blender<A> {
         }
     }
 
-    /// Sums of Δ·sⁿ, n = 0 … 3, over the corners before each.
+    /// Computes the sums of Δ·sⁿ, n = 0 … 3, over the corners before each.
     fn sum_moments(&mut self) {
         self.moments.clear();
         let mut sums = [[0.0; A]; 4];
@@ -238,7 +238,7 @@ impl<const A: usize> Blender<A> {
         }
     }
 
-    /// How far corrections of the same half width `h` would move the path at place `s`.
+    /// Distance by which corrections of equal half width `h` would move the path at place `s`.
     fn deviation(&self, s: f64, h: f64) -> f64 {
         let index = |at: f64| self.corners.partition_point(|c| c.corner.s < at);
         let (from, middle, to) = (index(s - h), index(s), index(s + h));
@@ -255,9 +255,9 @@ impl<const A: usize> Blender<A> {
         size(&off)
     }
 
-    /// Narrows the corrections of the undecided corners up to `end` until their sum, with those decided before, keeps the
-    /// tolerance everywhere.
-    fn keep_tolerance(&mut self, end: usize) {
+    /// Narrows the corrections of the undecided corners up to `end` until their sum, with those decided before, is
+    /// within the tolerance everywhere.
+    fn narrow_to_tolerance(&mut self, end: usize) {
         for _ in 0..ROUNDS {
             self.measure(end);
             if self.excess.is_empty() {
@@ -273,10 +273,10 @@ impl<const A: usize> Blender<A> {
                 corner.h *= if worst > 1.0 { (0.95 / worst.sqrt()).max(0.3) } else { 1.0 };
             }
         }
-        self.set_apart(end);
+        self.separate(end);
         self.measure(end);
         if !self.excess.is_empty() {
-            // What was decided before keeps the tolerance by itself; next to nothing is added to it.
+            // What was decided before is within the tolerance by itself; next to nothing is added to it.
             for CorrectionCandidate { corner, tolerance, .. } in &mut self.corners[self.decided..end] {
                 corner.h = corner.h.min(1e-4 * *tolerance);
             }
@@ -285,7 +285,7 @@ impl<const A: usize> Blender<A> {
     }
 
     /// Makes the corrections so narrow that no two of the undecided ones overlap.
-    fn set_apart(&mut self, end: usize) {
+    fn separate(&mut self, end: usize) {
         for k in self.decided..end {
             let s = self.corners[k].corner.s;
             let before = if k > 0 { s - self.corners[k - 1].corner.s } else { f64::MAX };
@@ -295,7 +295,7 @@ impl<const A: usize> Blender<A> {
         }
     }
 
-    /// Collects the events of the corners up to `end`, and where their sum exceeds the tolerance.
+    /// Collects the events of the corners up to `end`, and the intervals where their sum exceeds the tolerance.
     fn measure(&mut self, end: usize) {
         self.events.clear();
         for (number, CorrectionCandidate { corner, .. }) in self.corners[..end].iter().enumerate() {
@@ -316,7 +316,7 @@ impl<const A: usize> Blender<A> {
                 tolerance = tolerance.min(self.segments[next].0.tolerance);
                 next += 1;
             }
-            let most = sum.most(event.s - sum.s);
+            let most = sum.size_bound(event.s - sum.s);
             if most > tolerance + 1e-9 {
                 self.excess.push((sum.s, event.s, most / tolerance.max(1e-9)));
             }
@@ -325,7 +325,7 @@ impl<const A: usize> Blender<A> {
         }
     }
 
-    /// Hands the first `done` segments on, cut where the correction changes its form.
+    /// Releases the first `done` segments, cut where the correction changes its form.
     fn cut(&mut self, done: usize, out: &mut VecDeque<(PathPiece<A>, PieceJunction)>, lines: &mut Vec<LineMark>) {
         if done == 0 {
             return;
@@ -339,7 +339,7 @@ impl<const A: usize> Blender<A> {
             let mut entry = joint.unwrap_or(PieceJunction::SMOOTH);
             let (mut tag, mut left) = (segment.tag, segment.marks);
             loop {
-                // All that jumps here, within rounding.
+                // All jumps at this place, within rounding.
                 while let Some(event) = events.next_if(|event| event.s <= sum.s + SLIVER) {
                     sum.jump(&self.corners[event.corner as usize].corner, event.knot, event.s);
                     largest = larger(largest, sum.size());
@@ -371,10 +371,10 @@ impl<const A: usize> Blender<A> {
             }
         }
         self.marks = marks;
-        self.forget(done, sum.s);
+        self.remove_released(done, sum.s);
     }
 
-    /// The sum of the decided corrections at place `s`, from each of them anew.
+    /// Sum of the decided corrections at place `s`, computed from each of them again.
     fn sum_at(&self, s: f64) -> CorrectionSum<A> {
         let decided = &self.corners[..self.decided];
         let from = decided.partition_point(|c| c.corner.s < s - self.reach);
@@ -382,8 +382,8 @@ impl<const A: usize> Blender<A> {
         CorrectionSum::of(near.map(|c| &c.corner), s)
     }
 
-    /// The first `done` segments, which end at place `s`, are handed on.
-    fn forget(&mut self, done: usize, s: f64) {
+    /// Removes the first `done` segments, which end at place `s` and are released.
+    fn remove_released(&mut self, done: usize, s: f64) {
         self.segments.drain(..done);
         for (_, start, _) in &mut self.segments {
             *start -= s;
@@ -394,9 +394,9 @@ impl<const A: usize> Blender<A> {
         self.corners.retain(|c| {
             index += 1;
             let open = index > decided;
-            let kept = open || c.corner.s + c.corner.h > s;
-            self.decided -= usize::from(!kept);
-            kept
+            let retained = open || c.corner.s + c.corner.h > s;
+            self.decided -= usize::from(!retained);
+            retained
         });
         for CorrectionCandidate { corner, low, high, .. } in &mut self.corners {
             corner.s -= s;
@@ -410,7 +410,7 @@ impl<const A: usize> Blender<A> {
     }
 }
 
-/// Sorts by place what is nearly sorted: each event goes back by as many as overlap it.
+/// Sorts by place what is nearly sorted: each event moves back past those that it overlaps.
 fn sort(events: &mut [CorrectionEvent]) {
     for k in 1..events.len() {
         let event = events[k];
@@ -426,10 +426,10 @@ fn sort(events: &mut [CorrectionEvent]) {
 /// Pieces shorter than this, in mm, are not made.
 const SLIVER: f64 = 1e-9;
 
-/// Rounding in mm that a running sum of corrections may gather before it is summed up anew.
+/// Rounding in mm that a running sum of corrections may accumulate before it is computed again.
 const ROUNDING: f64 = 2e-15;
 
-/// What rounding of the given second and third derivatives grows to over `length`.
+/// Rounding of the given second and third derivatives after `length`.
 fn rounding((second, third): (f64, f64), length: f64) -> f64 {
     f64::EPSILON * length * length * (0.5 * second + length * third / 6.0)
 }
@@ -438,7 +438,8 @@ fn larger(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
     (a.0.max(b.0), a.1.max(b.1))
 }
 
-/// Size of a vector over all axes. A rotary axis counts like a linear one, so that a tolerance bounds its deviation too.
+/// Size of a vector over all axes. A rotary axis counts like a linear one, so that a tolerance bounds its deviation
+/// too.
 pub(crate) fn size(vector: &[f64]) -> f64 {
     vector.iter().map(|x| x * x).sum::<f64>().sqrt()
 }

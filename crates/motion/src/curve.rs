@@ -1,28 +1,33 @@
 //! Exact geometry of a programmed move: lines, and arcs and helices with linear motion of the other axes.
 //!
-//! Invariant: a curve's parameter s is the length along its linear axes in mm (the first three axes; all axes where those stand
-//! still); `at(0)` is its start and `at(length)` its end, to the rounding of an f64.
+//! Invariant: a curve's parameter s is the length along its linear axes in mm (the first three axes; all axes where
+//! those do not move); `at(0)` is its start and `at(length)` its end, to the rounding of an f64.
 
 use crate::error::MoveError;
 
-/// A circular arc or helix, as the canonical function ARC_FEED describes it.
+/// Circular arc or helix, as the canonical function `ARC_FEED` describes it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arc<const A: usize> {
-    /// The two axes of the plane, from 0, in the order in which counterclockwise turns the first towards the second.
+    /// The two axes of the plane, from 0, both axes of the machine and different. Counterclockwise turns the first
+    /// towards the second.
     pub plane: [usize; 2],
     /// Centre in the plane, absolute, mm.
     pub centre_mm: [f64; 2],
-    /// Above 0 counterclockwise, below 0 clockwise; ±1 is at most one full turn, each further 1 a full turn more.
+    /// Direction and number of turns, not 0: positive is counterclockwise, negative clockwise. ±1 is at most one full
+    /// turn; each further 1 adds a full turn. At most ±1 000 000.
     pub rotation: i32,
-    /// Where all axes end; those outside the plane move linearly.
+    /// End position of all axes, absolute, mm or degrees. Axes outside the plane move linearly.
     pub end_mm: [f64; A],
 }
 
 impl<const A: usize> Arc<A> {
-    /// Direction from the centre to `start_mm`, and the angle that the arc turns through from there, in radians, positive
-    /// counterclockwise. From the direction alone a full circle and no motion look alike; it is a full circle.
+    /// Direction from the centre to `start_mm`, and the angle from there to the end of the arc, both in radians.
     ///
-    /// The axes of the plane must be axes of the machine.
+    /// The direction is in −π … π; the angle is positive counterclockwise. Where start and end have the same direction,
+    /// the arc is a full circle.
+    ///
+    /// # Panics
+    /// Where an axis of the plane is not an axis of the machine.
     #[must_use]
     pub fn sweep(&self, start_mm: &[f64; A]) -> (f64, f64) {
         let direction = |point: &[f64; A]| {
@@ -45,14 +50,14 @@ impl<const A: usize> Arc<A> {
 /// Coefficients of a cubic in s for every axis, constant first.
 pub(crate) type Cubic<const A: usize> = [[f64; A]; 4];
 
-/// Position along a move as a function of s: a cubic, and for an arc a turning radius besides.
+/// Position along a move as a function of s: a cubic, plus a rotating radius for an arc.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Curve<const A: usize> {
     cubic: Cubic<A>,
     circle: Option<Circle>,
 }
 
-/// `radius` in the direction `angle + turn·s` in a plane.
+/// Vector of length `radius` in the direction `angle + turn·s` in a plane.
 #[derive(Clone, Copy, Debug)]
 struct Circle {
     plane: [usize; 2],
@@ -62,7 +67,7 @@ struct Circle {
     turn: f64,
 }
 
-/// First, second and third derivative of the position by s, per axis.
+/// First, second and third derivative of the position by s, for each axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Derivatives<const A: usize> {
     pub(crate) first: [f64; A],
@@ -70,29 +75,29 @@ pub(crate) struct Derivatives<const A: usize> {
     pub(crate) third: [f64; A],
 }
 
-/// Ends of an arc may lie this far from one circle, in mm and as a share of its radius.
+/// Largest difference between the radii at start and end of an arc, in mm and as a share of the radius.
 const RADIUS_SLACK: (f64, f64) = (0.01, 0.01);
 
-/// Length over the linear axes, or over all axes where those stand still.
-fn length_of<const A: usize>(way: [f64; A]) -> f64 {
+/// Length over the linear axes, or over all axes where those do not move.
+fn length_of<const A: usize>(displacement: [f64; A]) -> f64 {
     let norm = |axes: &[f64]| axes.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let linear = norm(&way[..A.min(3)]);
-    if linear > 1e-9 { linear } else { norm(&way) }
+    let linear = norm(&displacement[..A.min(3)]);
+    if linear > 1e-9 { linear } else { norm(&displacement) }
 }
 
 impl<const A: usize> Curve<A> {
-    /// A line and its length in mm.
+    /// Line from `start` to `end`, and its length in mm.
     pub(crate) fn line(start: [f64; A], end: [f64; A]) -> (Self, f64) {
-        let way: [f64; A] = std::array::from_fn(|i| end[i] - start[i]);
-        let length = length_of(way);
-        let rate = way.map(|x| x / length.max(f64::MIN_POSITIVE));
+        let displacement: [f64; A] = std::array::from_fn(|i| end[i] - start[i]);
+        let length = length_of(displacement);
+        let rate = displacement.map(|x| x / length.max(f64::MIN_POSITIVE));
         (Self { cubic: [start, rate, [0.0; A], [0.0; A]], circle: None }, length)
     }
 
-    /// An arc and its length in mm. Where the end lies a little off the circle, the path drifts there evenly.
+    /// Arc from `start`, and its length in mm. Where the end is a little off the circle, the path drifts there evenly.
     ///
     /// # Errors
-    /// E4003 where start and end are not on one circle, E4004 for a plane or rotation that is none.
+    /// E4003 where start and end are not on one circle, E4004 where the plane or the rotation is not valid.
     pub(crate) fn arc(start: [f64; A], arc: &Arc<A>) -> Result<(Self, f64), MoveError> {
         let [p, q] = arc.plane;
         if p >= A || q >= A || p == q || arc.rotation == 0 || arc.rotation.unsigned_abs() > 1_000_000 {
@@ -101,26 +106,26 @@ impl<const A: usize> Curve<A> {
         let from = [start[p] - arc.centre_mm[0], start[q] - arc.centre_mm[1]];
         let to = [arc.end_mm[p] - arc.centre_mm[0], arc.end_mm[q] - arc.centre_mm[1]];
         let (start_mm, end_mm) = (from[0].hypot(from[1]), to[0].hypot(to[1]));
-        let off = (end_mm - start_mm).abs();
-        if start_mm < 1e-6 || off > RADIUS_SLACK.0.max(RADIUS_SLACK.1 * start_mm).min(0.5 * start_mm) {
+        let radius_error = (end_mm - start_mm).abs();
+        if start_mm < 1e-6 || radius_error > RADIUS_SLACK.0.max(RADIUS_SLACK.1 * start_mm).min(0.5 * start_mm) {
             return Err(MoveError::ArcRadius { start_mm, end_mm });
         }
         let (angle, sweep) = arc.sweep(&start);
-        let mut way: [f64; A] = std::array::from_fn(|i| arc.end_mm[i] - start[i]);
-        (way[p], way[q]) = (start_mm * sweep, 0.0);
-        let length = length_of(way);
+        let mut displacement: [f64; A] = std::array::from_fn(|i| arc.end_mm[i] - start[i]);
+        (displacement[p], displacement[q]) = (start_mm * sweep, 0.0);
+        let length = length_of(displacement);
         let (sin, cos) = (angle + sweep).sin_cos();
-        // What is left between the end of the circle and the programmed end.
-        way[p] = arc.end_mm[p] - (arc.centre_mm[0] + start_mm * cos);
-        way[q] = arc.end_mm[q] - (arc.centre_mm[1] + start_mm * sin);
+        // The difference between the end of the circle and the programmed end.
+        displacement[p] = arc.end_mm[p] - (arc.centre_mm[0] + start_mm * cos);
+        displacement[q] = arc.end_mm[q] - (arc.centre_mm[1] + start_mm * sin);
         let mut base = start;
         (base[p], base[q]) = (arc.centre_mm[0], arc.centre_mm[1]);
         let circle = Circle { plane: arc.plane, radius: start_mm, angle, turn: sweep / length };
-        let curve = Self { cubic: [base, way.map(|x| x / length), [0.0; A], [0.0; A]], circle: Some(circle) };
+        let curve = Self { cubic: [base, displacement.map(|x| x / length), [0.0; A], [0.0; A]], circle: Some(circle) };
         Ok((curve, length))
     }
 
-    /// The same curve from `s` on, with `correction` added to it.
+    /// The curve from `s` on, with `correction` added to it.
     pub(crate) fn corrected(&self, s: f64, correction: &Cubic<A>) -> Self {
         let [a, b, c, d] = &self.cubic;
         let [value, first, second, third] = correction;
@@ -133,7 +138,7 @@ impl<const A: usize> Curve<A> {
         Self { cubic, circle: self.circle.map(|circle| Circle { angle: circle.angle + circle.turn * s, ..circle }) }
     }
 
-    /// The position at s.
+    /// Position at `s`.
     #[inline]
     pub(crate) fn at(&self, s: f64) -> [f64; A] {
         let [a, b, c, d] = &self.cubic;
@@ -146,7 +151,7 @@ impl<const A: usize> Curve<A> {
         at
     }
 
-    /// The derivatives at s.
+    /// Derivatives at `s`.
     pub(crate) fn derivatives(&self, s: f64) -> Derivatives<A> {
         let [_, b, c, d] = &self.cubic;
         let mut all = Derivatives {
@@ -189,17 +194,18 @@ impl<const A: usize> Curve<A> {
         all
     }
 
-    /// Is it straight?
+    /// Whether the curve is a straight line.
     pub(crate) fn is_line(&self) -> bool {
         self.circle.is_none() && self.cubic[2] == [0.0; A] && self.cubic[3] == [0.0; A]
     }
 
-    /// The same curve from `s` on.
+    /// The curve from `s` on.
     pub(crate) fn from(&self, s: f64) -> Self {
         self.corrected(s, &[[0.0; A]; 4])
     }
 
-    /// In a pure arc the tangential and the centripetal part of a derivative are never both at their bound in one axis.
+    /// Whether the curve is a pure arc. In one, the tangential and the centripetal part of a derivative are never both
+    /// at their bound in one axis.
     pub(crate) fn is_arc(&self) -> bool {
         self.circle.is_some() && self.cubic[2] == [0.0; A] && self.cubic[3] == [0.0; A]
     }
@@ -214,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn arcs_turn_the_way_and_as_often_as_they_are_told() {
+    fn arcs_turn_in_the_direction_and_as_often_as_given() {
         let turn = |end: [f64; 3], rotation| {
             let arc = Arc { plane: [0, 1], centre_mm: [0.0, 0.0], rotation, end_mm: end };
             let (curve, length) = Curve::arc([10.0, 0.0, 0.0], &arc).expect("valid");
@@ -231,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arc_that_is_none_is_refused_by_number() {
+    fn an_invalid_arc_is_refused_by_number() {
         let number = |arc: Arc<3>| Curve::arc([10.0, 0.0, 0.0], &arc).map(|_| ()).unwrap_err().number();
         let arc = Arc { plane: [0, 1], centre_mm: [0.0, 0.0], rotation: 1, end_mm: [0.0, 10.5, 0.0] };
         assert_eq!(number(arc), "E4003");

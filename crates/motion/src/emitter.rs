@@ -1,8 +1,8 @@
-//! Emission: the committed plan, sampled once a control period, becomes records of whole increments (REV-1).
+//! Emission: the committed plan, sampled once per control period, becomes records of whole increments (REV-1).
 //!
-//! Invariant: after every record the sum of all increments is the position times pulses per mm, rounded half away from zero:
-//! it is never further than half a pulse from the plan and nothing accumulates. A stop takes whole periods: its last
-//! record ends exactly at the commanded position, at rest. Nothing is allocated here.
+//! Invariant: after every record the sum of all increments is the position times pulses per mm, rounded half away from
+//! zero: it is never further than half a pulse from the plan and nothing accumulates. A stop takes whole periods: its
+//! last record ends exactly at the commanded position, at rest. Nothing is allocated here.
 
 mod unplayed;
 
@@ -22,23 +22,23 @@ use crate::pulses::{counts_of, increment_of};
 use crate::rapid_cap::{Shares, SpeedCap, cap, larger, larger_of, shares_of};
 use crate::sampler::{CellSampler, PhaseSampler};
 
-/// A part of the committed plan.
+/// Part of the committed plan.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum PlanItem<const A: usize> {
-    /// A profile over `length` mm from where the item before it ends; it ends in piece number `last`.
+    /// Profile over `length` mm from the end of the item before it; it ends in piece number `last`.
     Span { profile: Profile, duration: f64, length: f64, last: u64 },
-    /// The glide in front of the queue of glides; pieces before number `piece` are done.
+    /// Glide at the front of the queue of glides; pieces before number `piece` are done.
     Glide { piece: u64 },
     /// Rest at `end`; pieces before number `piece` are done.
     Stop { piece: u64, end: [f64; A], flags: Flags, tag: u32 },
 }
 
-/// An un-rounded set-point: where the plan is at the end of a record.
+/// Unrounded set-point: the state of the plan at the end of a record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SetPoint<const A: usize> {
-    /// Position of each axis, mm.
+    /// Position of each axis, mm or degrees.
     pub position_mm: [f64; A],
-    /// Speed along the path, mm/s.
+    /// Speed along the path, mm/s, not negative.
     pub velocity_mm_s: f64,
     /// Acceleration along the path, mm/s².
     pub acceleration_mm_s2: f64,
@@ -53,48 +53,48 @@ pub(crate) struct Emitter<const A: usize> {
     items: VecDeque<PlanItem<A>>,
     glides: VecDeque<GlideSegment<A>>,
     pieces: VecDeque<PathPiece<A>>,
-    /// Program lines of the pieces beside the one at the start of each.
+    /// Program lines of the pieces other than the one at the start of each.
     marks: VecDeque<LineMark>,
-    /// Number of the piece in front.
+    /// Number of the front piece.
     first_piece: u64,
-    /// Where the front piece starts, in mm from the start of the front span.
+    /// Start of the front piece, in mm from the start of the front span.
     piece_start: f64,
-    /// What the front piece asks of the axes, as long as a span is in front.
+    /// Demand of the front piece on the axes, while a span is in front.
     demand: SpeedCap,
-    /// Time of the last sample after the start of the front item, s; not above 0 where the item is yet to be entered.
+    /// Time of the last sample after the start of the front item, s; not above 0 while the item is not entered.
     time: f64,
     phase: PhaseSampler,
     cell: CellSampler<A>,
     /// Whole pulses so far.
     counts: [f64; A],
-    /// One by what the plan may ask of each axis: velocity, acceleration, jerk.
-    per_most: Derivatives<A>,
+    /// Reciprocals of what the plan may use of each axis: velocity, acceleration, jerk.
+    per_max: Derivatives<A>,
     point: SetPoint<A>,
-    /// The cap of the last record.
+    /// Rapid-retrace cap of the last record.
     cap: RapidCap,
-    /// What the record in the making has met before where it is now.
-    met: PeriodDemand,
+    /// Demand of the current record up to the current state.
+    period_demand: PeriodDemand,
 }
 
-/// What a record has met.
+/// Demand of one record on the limits.
 #[derive(Clone, Copy, Debug)]
 struct PeriodDemand {
-    /// What the axes themselves did in glides.
+    /// Shares of the axes themselves in glides.
     axes: Shares,
-    /// Of all pieces that are passed; `None` where there is none.
+    /// Demand of all pieces that were passed; `None` where there is none.
     demand: Option<SpeedCap>,
     jerk: f64,
     rough: bool,
     kind: RecordKind,
 }
 
-/// What motion a record is made of.
+/// Kind of motion in a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum RecordKind {
-    /// None yet.
+    /// No motion yet.
     None,
     Rapid,
-    /// Some of it, at least, is not a rapid motion.
+    /// At least part of it is not a rapid move.
     Feed,
 }
 
@@ -103,7 +103,7 @@ impl RecordKind {
         if rapid { Self::Rapid } else { Self::Feed }
     }
 
-    /// With motion of another kind.
+    /// This kind combined with motion of kind `other`.
     fn with(self, other: Self) -> Self {
         if self == Self::None || self == other { other } else { Self::Feed }
     }
@@ -113,7 +113,7 @@ impl PeriodDemand {
     const NOTHING: Self = Self { axes: [0.0; 3], demand: None, jerk: 0.0, rough: false, kind: RecordKind::None };
 }
 
-/// Samples that come this much of a period before the end of an item are taken at its end.
+/// Part of a period: samples that fall this short before the end of an item are taken at its end.
 const LATE: f64 = 1e-6;
 
 impl<const A: usize> Emitter<A> {
@@ -133,24 +133,24 @@ impl<const A: usize> Emitter<A> {
             phase: PhaseSampler::NONE,
             cell: CellSampler::NONE,
             counts: counts_of(&start, &limits.pulses_per_mm),
-            per_most: Derivatives {
+            per_max: Derivatives {
                 first: planned.v.map(f64::recip),
                 second: planned.a.map(f64::recip),
                 third: planned.j.map(f64::recip),
             },
             point: rest,
             cap: RapidCap::PLANNED,
-            met: PeriodDemand::NOTHING,
+            period_demand: PeriodDemand::NOTHING,
         }
     }
 
-    /// Appends a piece of path; gives its number.
+    /// Appends a piece of path and returns its number.
     pub(crate) fn append(&mut self, piece: PathPiece<A>) -> u64 {
         self.pieces.push_back(piece);
         self.first_piece + self.pieces.len() as u64 - 1
     }
 
-    /// Appends the marks of pieces that are yet to be appended.
+    /// Appends the marks of pieces that are appended later.
     pub(crate) fn mark(&mut self, marks: &[LineMark]) {
         self.marks.extend(marks);
     }
@@ -163,7 +163,7 @@ impl<const A: usize> Emitter<A> {
         }
     }
 
-    /// Commits a glide; pieces before number `piece` are done when it begins.
+    /// Commits a glide. Pieces before number `piece` are done when it begins.
     pub(crate) fn commit_glide(&mut self, glide: GlideSegment<A>, piece: u64) {
         self.glides.push_back(glide);
         self.commit(PlanItem::Glide { piece });
@@ -174,7 +174,8 @@ impl<const A: usize> Emitter<A> {
         &self.point
     }
 
-    /// The machine stands elsewhere, by whole pulses; false, with nothing changed, where a part of the plan waits still.
+    /// Moves the position by whole pulses without motion. Returns false, with nothing changed, while a part of the plan
+    /// is waiting.
     pub(crate) fn displace(&mut self, pulses: [i64; A], pulses_per_mm: &[f64; A]) -> bool {
         if !self.items.is_empty() {
             return false;
@@ -186,7 +187,7 @@ impl<const A: usize> Emitter<A> {
         true
     }
 
-    /// One control period; `None` where the committed plan ends before it.
+    /// Record of the next control period; `None` where the committed plan ends before it.
     #[inline]
     pub(crate) fn next_record(&mut self) -> Option<Record<A>> {
         let time = self.time + self.limits.period_s;
@@ -198,11 +199,11 @@ impl<const A: usize> Emitter<A> {
             self.time = time;
             return Some(self.glide());
         }
-        self.go_on()
+        self.next_record_of_items()
     }
 
-    /// The same, where the sample does not lie in the present phase or cell.
-    fn go_on(&mut self) -> Option<Record<A>> {
+    /// Emits the record where the sample is outside the current phase or cell.
+    fn next_record_of_items(&mut self) -> Option<Record<A>> {
         let period = self.limits.period_s;
         loop {
             let time = self.time + period;
@@ -234,7 +235,8 @@ impl<const A: usize> Emitter<A> {
                     }
                     self.time -= duration;
                     let glide = self.glides.pop_front();
-                    self.met.kind = self.met.kind.with(RecordKind::of(glide.is_some_and(|glide| glide.rapid)));
+                    self.period_demand.kind =
+                        self.period_demand.kind.with(RecordKind::of(glide.is_some_and(|glide| glide.rapid)));
                     self.next_item();
                 }
             }
@@ -246,26 +248,27 @@ impl<const A: usize> Emitter<A> {
         self.enter();
     }
 
-    /// Goes to the start of the item in front.
+    /// Enters the front item at its start.
     fn enter(&mut self) {
         (self.phase, self.cell.until) = (PhaseSampler::NONE, f64::MIN);
         match self.items.front() {
             Some(PlanItem::Span { .. }) => {
                 self.demand =
-                    self.pieces.front().map_or(SpeedCap::NONE, |piece| SpeedCap::of(&piece.bounds, &self.per_most));
+                    self.pieces.front().map_or(SpeedCap::NONE, |piece| SpeedCap::of(&piece.bounds, &self.per_max));
                 self.enter_phase(0);
             }
             Some(&PlanItem::Stop { piece, .. }) => self.pass_pieces(piece),
             Some(&PlanItem::Glide { piece }) => {
                 self.pass_pieces(piece);
                 self.enter_cell(0);
-                self.met.axes = larger_of(self.met.axes, shares_of(&self.cell.start.by_time, &self.per_most));
+                self.period_demand.axes =
+                    larger_of(self.period_demand.axes, shares_of(&self.cell.start.by_time, &self.per_max));
             }
             None => {}
         }
     }
 
-    /// All pieces before number `piece` are done; the motion stands at its start.
+    /// Passes all pieces before number `piece`; the motion is then at its start.
     fn pass_pieces(&mut self, piece: u64) {
         while self.first_piece < piece {
             self.next_piece();
@@ -274,10 +277,10 @@ impl<const A: usize> Emitter<A> {
     }
 
     fn next_piece(&mut self) {
-        self.met.demand.get_or_insert(SpeedCap::NONE).raise(&self.demand);
+        self.period_demand.demand.get_or_insert(SpeedCap::NONE).raise(&self.demand);
         if let Some(piece) = self.pieces.front() {
             self.piece_start += piece.length;
-            self.met.kind = self.met.kind.with(RecordKind::of(piece.is_rapid()));
+            self.period_demand.kind = self.period_demand.kind.with(RecordKind::of(piece.is_rapid()));
             if piece.marks > 0 {
                 self.marks.drain(..piece.marks as usize);
             }
@@ -285,11 +288,11 @@ impl<const A: usize> Emitter<A> {
         self.pieces.pop_front();
         self.first_piece += 1;
         let Some(piece) = self.pieces.front() else { return };
-        self.met.rough |= piece.rough_entry;
-        self.demand = SpeedCap::of(&piece.bounds, &self.per_most);
+        self.period_demand.rough |= piece.rough_entry;
+        self.demand = SpeedCap::of(&piece.bounds, &self.per_max);
     }
 
-    /// Phase `number` of the front span begins, in the state that the one before it ends in.
+    /// Enters phase `number` of the front span, in the end state of the phase before it.
     fn enter_phase(&mut self, number: usize) {
         let Some(PlanItem::Span { profile, duration, last, .. }) = self.items.front() else { return };
         let before = self.phase;
@@ -311,13 +314,14 @@ impl<const A: usize> Emitter<A> {
         };
     }
 
-    /// Goes to the phase of the front span that holds time `t` after its start, and notes every jerk on the way.
+    /// Advances to the phase of the front span that contains time `t` after its start, and records every jerk on the
+    /// way there.
     fn pass_phases(&mut self, t: f64) {
         let Some(&PlanItem::Span { profile, .. }) = self.items.front() else { return };
         loop {
             let PhaseSampler { number, since, jerk, .. } = self.phase;
             if profile.times[number] > 0.0 {
-                self.met.jerk = larger(self.met.jerk, jerk.abs());
+                self.period_demand.jerk = larger(self.period_demand.jerk, jerk.abs());
             }
             if number == 6 || t <= since + profile.times[number] {
                 return;
@@ -326,7 +330,7 @@ impl<const A: usize> Emitter<A> {
         }
     }
 
-    /// Cell `number` of the front glide begins.
+    /// Enters cell `number` of the front glide.
     fn enter_cell(&mut self, number: usize) {
         let Some(glide) = self.glides.front() else { return };
         let since = number as f64 * glide.ramps.cell;
@@ -340,7 +344,8 @@ impl<const A: usize> Emitter<A> {
         };
     }
 
-    /// Goes to the cell of the front glide that holds time `t` after its start, and notes what the axes do on the way.
+    /// Advances to the cell of the front glide that contains time `t` after its start, and records the demand of the
+    /// axes on the way there.
     fn pass_cells(&mut self, t: f64) {
         while let Some(glide) = self.glides.front() {
             let CellSampler { number, since, .. } = self.cell;
@@ -352,7 +357,7 @@ impl<const A: usize> Emitter<A> {
                 return;
             }
             let at_end = self.cell.at(end).by_time;
-            self.met.axes = larger_of(self.met.axes, shares_of(&at_end, &self.per_most));
+            self.period_demand.axes = larger_of(self.period_demand.axes, shares_of(&at_end, &self.per_max));
             if number + 1 == CELLS {
                 return;
             }
@@ -360,7 +365,7 @@ impl<const A: usize> Emitter<A> {
         }
     }
 
-    /// The record that ends in the present phase.
+    /// Record that ends in the current phase.
     #[inline]
     fn sample(&mut self) -> Record<A> {
         let PhaseSampler { jerk, .. } = self.phase;
@@ -370,11 +375,11 @@ impl<const A: usize> Emitter<A> {
         self.point = SetPoint { position_mm, velocity_mm_s: state.v, acceleration_mm_s2: state.a, jerk_mm_s3: jerk };
         let shares = self.shares(before, true, jerk);
         let rapid = self.pieces.front().is_some_and(PathPiece::is_rapid);
-        self.met.kind = self.met.kind.with(RecordKind::of(rapid));
+        self.period_demand.kind = self.period_demand.kind.with(RecordKind::of(rapid));
         self.record(shares, Flags::NONE, tag)
     }
 
-    /// Goes to place `s` after the start of the front span; the position and the program line there.
+    /// Advances to place `s` after the start of the front span and returns the position and the program line there.
     #[inline]
     fn place(&mut self, s: f64) -> ([f64; A], u32) {
         while let Some(piece) = self.pieces.front()
@@ -397,7 +402,7 @@ impl<const A: usize> Emitter<A> {
         (piece.curve.at(s), piece.tag)
     }
 
-    /// The record that ends in the present cell.
+    /// Record that ends in the current cell.
     #[inline]
     fn glide(&mut self) -> Record<A> {
         let GlideSample { position, by_time } = self.cell.at(self.time);
@@ -411,17 +416,17 @@ impl<const A: usize> Emitter<A> {
             acceleration_mm_s2: along,
             jerk_mm_s3: size(third),
         };
-        let own = shares_of(&by_time, &self.per_most);
+        let own = shares_of(&by_time, &self.per_max);
         let shares = larger_of(self.shares(before, false, 0.0), own);
         let rapid = self.glides.front().is_some_and(|glide| glide.rapid);
-        self.met.kind = self.met.kind.with(RecordKind::of(rapid));
+        self.period_demand.kind = self.period_demand.kind.with(RecordKind::of(rapid));
         let record = self.record(shares, Flags::NONE, self.cell.tag);
-        // The next record begins like this.
-        self.met.axes = own;
+        // The next record begins in this state.
+        self.period_demand.axes = own;
         record
     }
 
-    /// The last record of a stop.
+    /// Last record of a stop.
     fn arrive(&mut self, end: [f64; A], flags: Flags, tag: u32) -> Record<A> {
         let before = (self.point.velocity_mm_s, self.point.acceleration_mm_s2);
         self.point = SetPoint { position_mm: end, velocity_mm_s: 0.0, acceleration_mm_s2: 0.0, jerk_mm_s3: 0.0 };
@@ -429,18 +434,22 @@ impl<const A: usize> Emitter<A> {
         self.record(shares, flags, tag)
     }
 
-    /// What the record takes of the limits, if it began at this speed and acceleration and ends at the present point, on the piece
-    /// in front if it is on its `path`.
+    /// Demand of the record that begins at this speed and acceleration and ends at the current point. It is on the
+    /// front piece where it is on its `path`.
     #[inline]
     fn shares(&self, (v, a): (f64, f64), path: bool, jerk: f64) -> Shares {
         let v = larger(v, self.point.velocity_mm_s);
         let a = larger(a.abs(), self.point.acceleration_mm_s2.abs());
-        let j = larger(self.met.jerk, jerk.abs());
-        let met = self.met.demand.as_ref().map_or(self.met.axes, |met| larger_of(met.shares(v, a, j), self.met.axes));
+        let j = larger(self.period_demand.jerk, jerk.abs());
+        let met = self
+            .period_demand
+            .demand
+            .as_ref()
+            .map_or(self.period_demand.axes, |met| larger_of(met.shares(v, a, j), self.period_demand.axes));
         if path { larger_of(self.demand.shares(v, a, j), met) } else { met }
     }
 
-    /// The record from the last counts to those of the present point.
+    /// Record from the last counts to those of the current point.
     #[inline]
     fn record(&mut self, shares: Shares, flags: Flags, line: u32) -> Record<A> {
         let wanted = counts_of(&self.point.position_mm, &self.limits.pulses_per_mm);
@@ -450,9 +459,9 @@ impl<const A: usize> Emitter<A> {
             self.counts[i] += pulses;
             increments[i] = increment;
         }
-        self.cap = if self.met.rough { RapidCap::PLANNED } else { cap(shares, self.cap) };
-        let flags = if self.met.kind == RecordKind::Rapid { flags.with(Flags::RAPID) } else { flags };
-        self.met = PeriodDemand::NOTHING;
+        self.cap = if self.period_demand.rough { RapidCap::PLANNED } else { cap(shares, self.cap) };
+        let flags = if self.period_demand.kind == RecordKind::Rapid { flags.with(Flags::RAPID) } else { flags };
+        self.period_demand = PeriodDemand::NOTHING;
         Record { increments, line, flags, cap: self.cap, spare: 0 }
     }
 }

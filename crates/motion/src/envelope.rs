@@ -1,14 +1,15 @@
-//! The acceleration-limited envelope of a road of blocks, and what it proposes to the jerk-limited plan.
+//! The acceleration-limited envelope of a path of blocks, and the accelerations that it proposes to the jerk-limited
+//! plan.
 //!
-//! Invariant: no jerk-limited motion that keeps the caps is anywhere faster than the envelope; where the envelope does not
-//! touch a cap, the acceleration limit alone keeps every legal motion below that cap.
+//! Invariant: no jerk-limited motion that observes the caps is anywhere faster than the envelope; where the envelope
+//! does not touch a cap, the acceleration limit alone keeps every legal motion below that cap.
 
 use crate::profile::PathLimits;
 
-/// One stretch of road with uniform limits.
+/// Part of the path with uniform limits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PathBlock {
-    /// Length in mm, above 0.
+    /// Length, mm, above 0.
     pub(crate) length: f64,
     /// Limits along the path.
     pub(crate) limits: PathLimits,
@@ -21,25 +22,25 @@ const WIDE: f64 = 0.75;
 /// … and where the envelope is smooth enough to be followed closely.
 const NARROW: f64 = 0.1;
 
-/// The envelope over `n` blocks; everything is indexed by joint, 0 … n, unless said otherwise.
+/// Envelope over `n` blocks; everything is indexed by junction, 0 … n, unless stated otherwise.
 #[derive(Debug, Default)]
 pub(crate) struct Envelope {
-    /// Place in mm.
+    /// Place, mm.
     pub(crate) s: Vec<f64>,
     /// Cap on the speed, mm/s.
     pub(crate) cap: Vec<f64>,
-    /// The envelope's speed, mm/s.
+    /// Speed of the envelope, mm/s.
     pub(crate) v: Vec<f64>,
-    /// Time the envelope takes over block k, s.
+    /// Duration of the envelope over block k, s.
     pub(crate) time: Vec<f64>,
     /// Acceleration proposed where the envelope touches its cap, mm/s².
     pub(crate) a: Vec<f64>,
-    /// Does the envelope touch its cap?
+    /// Whether the envelope touches its cap.
     pub(crate) touches: Vec<bool>,
 }
 
 impl Envelope {
-    /// Computes it for a road entered at `v0` and left at `v1`.
+    /// Computes the envelope for a path entered at `v0` and left at `v1`.
     pub(crate) fn compute(&mut self, blocks: &[PathBlock], v0: f64, v1: f64) {
         let n = blocks.len();
         for list in [&mut self.s, &mut self.cap, &mut self.v, &mut self.a] {
@@ -87,30 +88,32 @@ impl Envelope {
         }));
     }
 
-    /// The envelope's speed in block k, `t` seconds after its start.
+    /// Speed of the envelope in block k, `t` seconds after its start.
     fn within(&self, blocks: &[PathBlock], k: usize, t: f64) -> f64 {
         let PathLimits { v, a, .. } = blocks[k].limits;
         (self.v[k] + a * t).min(self.v[k + 1] + a * (self.time[k] - t)).min(v)
     }
 
-    /// Is the envelope at joint `k`, which is none of the ends, no higher than in the blocks on both sides, and lower than in
-    /// one of them? It may rise and fall again within a block.
+    /// Whether the envelope at junction `k`, which is not one of the ends, is no higher than in the blocks on both
+    /// sides, and lower than in one of them. It may rise and fall again within a block.
     pub(crate) fn is_valley(&self, blocks: &[PathBlock], k: usize) -> bool {
-        let here = self.v[k];
-        let beside = |block: usize, joint: usize| {
+        let speed = self.v[k];
+        let compare_block = |block: usize, junction: usize| {
             let PathLimits { v, a, .. } = blocks[block].limits;
             let peak_squared = 0.5 * (self.v[block].powi(2) + self.v[block + 1].powi(2)) + a * blocks[block].length;
-            (self.v[joint] >= here, peak_squared.sqrt().min(v) > here * (1.0 + 1e-9))
+            (self.v[junction] >= speed, peak_squared.sqrt().min(v) > speed * (1.0 + 1e-9))
         };
-        let ((level_before, higher_before), (level_after, higher_after)) = (beside(k - 1, k - 1), beside(k, k + 1));
+        let ((level_before, higher_before), (level_after, higher_after)) =
+            (compare_block(k - 1, k - 1), compare_block(k, k + 1));
         (level_before || higher_before) && (level_after || higher_after) && (higher_before || higher_after)
     }
 
-    /// Where the envelope touches a cap: its own slope if a motion of limited jerk can follow it, else its mean slope over a
-    /// wider window. That is 0 in a sharp valley and −A in the middle of a long braking.
+    /// Proposes an acceleration where the envelope touches a cap: its own slope if a motion of limited jerk can follow
+    /// it, otherwise its mean slope over a wider window. That is 0 in a sharp valley and −A in the middle of a long
+    /// braking.
     fn propose(&mut self, blocks: &[PathBlock]) {
         let n = blocks.len();
-        // Four places that follow each joint: narrow and wide, behind and ahead of it.
+        // Four places that follow each junction: narrow and wide, behind and ahead of it.
         let mut walkers = [(0usize, 0.0f64); 4];
         let mut now = 0.0;
         for k in 1..n {
@@ -145,7 +148,7 @@ impl Envelope {
     }
 }
 
-/// The largest acceleration a gate at speed `v` may have: more would ask for a negative speed on one of its sides.
+/// Largest acceleration that a gate at speed `v` may have: more would require a negative speed on one of its sides.
 pub(crate) fn gate_acceleration(v: f64, limits: PathLimits) -> f64 {
     limits.a.min((1.9 * limits.j * v).sqrt())
 }

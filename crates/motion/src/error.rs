@@ -1,18 +1,18 @@
-//! What can be wrong with limits and moves: values with a number, explained in `docs/errors.md`.
+//! Errors of limits and of moves, each with the number under which `docs/errors.md` explains it.
 
 use std::fmt;
 
-/// A machine limit out of its range.
+/// A machine limit that is out of its range, from [`MachineLimits::validate`](crate::MachineLimits::validate).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum LimitError {
-    /// E4101: not a positive, finite number.
+    /// E4101: a limit of an axis is not a positive, finite number.
     NotPositive {
         /// Axis, from 0.
         axis: usize,
-        /// What it limits.
+        /// Name of the limit, such as `jerk`.
         quantity: &'static str,
-        /// The number given.
+        /// The number given, in axis units.
         value: f64,
     },
     /// E4102: the axis at full velocity makes more pulses in a control period than a record holds (32 766).
@@ -32,7 +32,7 @@ pub enum LimitError {
         /// The number given.
         value: f64,
     },
-    /// E4105: the control period is outside 0 … 1 s.
+    /// E4105: the control period is outside 0 … 1 s, or 0.
     Period {
         /// The number given, s.
         value: f64,
@@ -66,11 +66,14 @@ impl fmt::Display for LimitError {
                 write!(f, "the {quantity} of axis {axis} must be above 0, not {value}")
             }
             Self::TooManyPulses { axis, pulses } => {
-                write!(f, "axis {axis} would make {pulses} pulses in a control period; a record holds 32766")
+                write!(
+                    f,
+                    "axis {axis} at full velocity makes {pulses} pulses in a control period; a record holds 32766"
+                )
             }
             Self::PathVelocity { value } => write!(f, "the path velocity must be above 0 mm/s, not {value}"),
-            Self::Reserve { value } => write!(f, "the reserve must lie between 0 and 0.9, not {value}"),
-            Self::Period { value } => write!(f, "the control period must lie between 0 and 1 s, not {value}"),
+            Self::Reserve { value } => write!(f, "the reserve must be between 0 and 0.9, not {value}"),
+            Self::Period { value } => write!(f, "the control period must be above 0 and at most 1 s, not {value}"),
             Self::GlideRatio { value } => write!(f, "the glide ratio must be above 0 and at most 1, not {value}"),
         }
     }
@@ -89,14 +92,15 @@ pub enum MoveError {
         /// The number given, mm/s or s.
         value: f64,
     },
-    /// E4003: the start and the end of an arc do not lie on one circle about its centre, or its radius is 0.
+    /// E4003: the start and the end of an arc are not on one circle about its centre, or its radius is 0.
     ArcRadius {
         /// Distance of the start from the centre, mm.
         start_mm: f64,
         /// Distance of the end from the centre, mm.
         end_mm: f64,
     },
-    /// E4004: the plane of an arc names an axis that the machine has not, or one axis twice, or its rotation is 0.
+    /// E4004: the plane of an arc names an axis that the machine does not have, or one axis twice, or its rotation is
+    /// 0.
     ArcPlane,
 }
 
@@ -121,7 +125,10 @@ impl fmt::Display for MoveError {
             Self::ArcRadius { start_mm, end_mm } => {
                 write!(f, "the arc starts {start_mm} mm and ends {end_mm} mm from its centre")
             }
-            Self::ArcPlane => write!(f, "the plane or the rotation of the arc is not valid"),
+            Self::ArcPlane => write!(
+                f,
+                "the plane of the arc needs two different axes of the machine, and its rotation must not be 0"
+            ),
         }
     }
 }

@@ -1,21 +1,22 @@
-//! How two moves are joined: by a full stop, roughly, or smoothed.
+//! How two moves meet: by a full stop, with a kink, or smoothed.
 //!
-//! Invariant: the jumps of velocity and acceleration in a joint that is passed at its cap take no more of the jerk, as it is
-//! seen over one control period, than the share that the pieces on both sides leave.
+//! Invariant: the jumps of velocity and acceleration in a junction that is passed at its cap use no more of the jerk,
+//! measured over one control period, than the share that the pieces on both sides leave.
 
 use crate::blend::{Junction, PathSegment, size};
-use crate::correction::G_MOST;
+use crate::correction::MAX_G;
 use crate::glide::tracks::FarEnd;
 use crate::limits::AxisLimits;
 use crate::piece::PieceJunction;
 use crate::planner::MAX_OVERRIDE;
-use crate::run::least;
+use crate::run::smallest;
 
-/// Share of the jerk that joints may take: the first that lets a joint pass at full speed, else the last.
-const JOINT_SHARES: [f64; 4] = [0.0, 0.001, 0.02, 0.25];
-/// A joint that takes no more than this share of the jerk is smooth.
+/// Shares of the jerk that junctions may use: the first that allows full speed through the junction, otherwise the
+/// last.
+const JUNCTION_SHARES: [f64; 4] = [0.0, 0.001, 0.02, 0.25];
+/// A junction that uses no more than this share of the jerk is smooth.
 const SMOOTH: f64 = 5e-8;
-/// Joints that could only be passed at less than this speed, in mm/s, are stops.
+/// Junctions that could only be passed at less than this speed, in mm/s, are stops.
 const SLOWEST: f64 = 0.2;
 /// Turns sharper than this (length of the difference of the unit directions) always stop: the path nearly reverses.
 const SHARPEST: f64 = 1.9;
@@ -23,7 +24,7 @@ const SHARPEST: f64 = 1.9;
 /// Speed through a rounded corner, as a share of what curvature alone would allow.
 const PASSED: f64 = 0.75;
 
-/// How to go from `last` into `next`; `None` for a full stop.
+/// Decides how to pass from `last` into `next`; `None` for a full stop.
 pub(crate) fn join<const A: usize>(
     last: &PathSegment<A>,
     next: &PathSegment<A>,
@@ -37,13 +38,13 @@ pub(crate) fn join<const A: usize>(
         let passes = size(&turn) < SHARPEST && blend_is_faster(last, next, size(&turn), tolerance, axes);
         passes.then_some(Junction::Smooth { turn, bend })
     } else {
-        let joint = rough(last, next, &turn, &bend, axes);
+        let joint = kink(last, next, &turn, &bend, axes);
         (joint != PieceJunction::STOP).then_some(Junction::Kink(joint))
     }
 }
 
-/// Cap and share of a joint that stays as it is.
-fn rough<const A: usize>(
+/// Cap and share of a junction that is not changed.
+fn kink<const A: usize>(
     last: &PathSegment<A>,
     next: &PathSegment<A>,
     turn: &[f64; A],
@@ -51,8 +52,8 @@ fn rough<const A: usize>(
     axes: &AxisLimits<A>,
 ) -> PieceJunction {
     let shortest = last.length.min(next.length);
-    // Share of the jerk, or of the acceleration, that the jumps take at speed v, seen over a period. Within three periods there
-    // may be several joints.
+    // Share of the jerk, or of the acceleration, that the jumps use at speed v, measured over a period. Within three
+    // periods there may be several junctions.
     let taken = |v: f64| {
         let crowd = 2.0 * (1.0 + 3.0 * v * axes.period / shortest);
         (0..A).fold(0.0f64, |most, i| {
@@ -64,7 +65,7 @@ fn rough<const A: usize>(
     };
     let full = last.feed.min(next.feed).min(axes.path_v);
     let needed = taken(full);
-    // The share is chosen for the programmed feed; an override may pass the joint as fast as that share lets it.
+    // The share is chosen for the programmed feed; an override may pass the junction as fast as that share allows.
     let raised = |share: f64| {
         let (mut low, mut high) = (full, (MAX_OVERRIDE * full).min(axes.path_v));
         if taken(high) <= share {
@@ -79,8 +80,8 @@ fn rough<const A: usize>(
     if needed <= SMOOTH {
         return PieceJunction { v: raised(SMOOTH), share: 0.0 };
     }
-    let most = JOINT_SHARES[JOINT_SHARES.len() - 1];
-    let share = JOINT_SHARES.into_iter().find(|&share| needed <= share).unwrap_or(most);
+    let most = JUNCTION_SHARES[JUNCTION_SHARES.len() - 1];
+    let share = JUNCTION_SHARES.into_iter().find(|&share| needed <= share).unwrap_or(most);
     if needed <= share {
         return PieceJunction { v: raised(share), share };
     }
@@ -92,16 +93,18 @@ fn rough<const A: usize>(
     if low < SLOWEST { PieceJunction::STOP } else { PieceJunction { v: low, share } }
 }
 
-/// Between moves longer than `GLIDES.0 / √turn − GLIDES.1` half widths of a rounding, glides are faster; in chains of shorter ones
-/// rounding is, as roundings overlap. Found by trial on polygons and zigzags with moves of 0.1 … 16 mm and turns of 3 … 90°.
+/// Between moves longer than `GLIDES.0 / √turn − GLIDES.1` half widths of a rounding, glides are faster; in chains of
+/// shorter ones rounding is, as roundings overlap. Found by trial on polygons and zigzags with moves of 0.1 … 16 mm and
+/// turns of 3 … 90°.
 const GLIDES: (f64, f64) = (1.75, 0.2);
-/// From rest to rest, turns of more than these, about 1° and 6°, are glided: if a move is shorter than so many half widths of a
-/// rounding, and in any case.
+/// From rest to rest, turns of more than these, about 1° and 6°, are glided: if a move is shorter than so many half
+/// widths of a rounding, and in any case.
 const SLIGHT: (f64, f64) = (0.02, 0.1);
 const ROUNDED: f64 = 4.0;
 
-/// Is a corner one for a glide? Not where the moves are so short, or the turn so slight, that rounding costs less.
-pub(crate) fn glide_pays<const A: usize>(
+/// Whether a corner is suited to a glide. It is not where the moves are so short, or the turn so slight, that rounding
+/// costs less.
+pub(crate) fn glide_is_faster<const A: usize>(
     [last, next]: [(&PathSegment<A>, FarEnd); 2],
     joined: Option<&Junction<A>>,
     tolerance: f64,
@@ -109,16 +112,16 @@ pub(crate) fn glide_pays<const A: usize>(
 ) -> bool {
     let Some(Junction::Smooth { turn, .. }) = joined else { return true };
     let turn = size(turn);
-    let (a, j) = (least(axes.a), least(axes.j));
-    let h = tolerance / (G_MOST * turn).max(1e-12);
+    let (a, j) = (smallest(axes.a), smallest(axes.j));
+    let h = tolerance / (MAX_G * turn).max(1e-12);
     let through = PASSED * (0.5 * j * h * h / turn).cbrt().min((0.6 * a * h / turn).sqrt());
     let passes = through >= last.0.feed.min(next.0.feed).min(axes.path_v);
     if last.1 == FarEnd::Rest && next.1 == FarEnd::Rest {
-        // A rounding that takes up much of a move would slow its start or stop down.
+        // A rounding that uses much of a move would slow down its start or stop.
         let wide = last.0.length.min(next.0.length) < ROUNDED * h;
         return !passes || turn > SLIGHT.1 || wide && turn > SLIGHT.0;
     }
-    // A move that begins or ends at rest has only this joint to speed up for.
+    // A move that begins or ends at rest has only this junction to speed up for.
     let leg = |(segment, far_end): (&PathSegment<A>, FarEnd)| match far_end {
         FarEnd::Rest => 2.0 * segment.length,
         FarEnd::Moving => segment.length,
@@ -126,7 +129,8 @@ pub(crate) fn glide_pays<const A: usize>(
     !passes && leg(last).min(leg(next)) > h * (GLIDES.0 / turn.sqrt() - GLIDES.1)
 }
 
-/// Is rounding a corner with a turn of `size` faster than stopping in it? In a chain of short moves it always is.
+/// Whether rounding a corner with a turn of `size` is faster than stopping in it. In a chain of short moves it always
+/// is.
 fn blend_is_faster<const A: usize>(
     last: &PathSegment<A>,
     next: &PathSegment<A>,
@@ -134,24 +138,24 @@ fn blend_is_faster<const A: usize>(
     tolerance: f64,
     axes: &AxisLimits<A>,
 ) -> bool {
-    let (a, j) = (least(axes.a), least(axes.j));
-    let h = tolerance / (G_MOST * size).max(1e-12);
+    let (a, j) = (smallest(axes.a), smallest(axes.j));
+    let h = tolerance / (MAX_G * size).max(1e-12);
     let leg = last.length.min(next.length);
     if leg < 2.0 * h {
         return true;
     }
-    // As planned: tangential motion has its share, and the speed is kept under the cap of the narrowest part.
+    // As planned: tangential motion has its share, and the speed is held under the cap of the narrowest part.
     let through = PASSED * (0.5 * j * h * h / size).cbrt().min((0.6 * a * h / size).sqrt());
     let full = last.feed.min(next.feed).min(axes.path_v).min((a * leg).sqrt());
     if through >= full {
         return true;
     }
-    // Time and way of braking from full speed to v at zero acceleration.
+    // Duration and distance of braking from full speed to v at zero acceleration.
     let brake = |v: f64| {
         let dv = full - v;
         let time = if dv * j >= a * a { dv / a + a / j } else { 2.0 * (dv / j).sqrt() };
         (time, 0.5 * (full + v) * time)
     };
-    let ((stop, stop_way), (blend, blend_way)) = (brake(0.0), brake(through));
-    blend + h / through + (stop_way - blend_way - h) / full < stop
+    let ((stop, stop_distance), (blend, blend_distance)) = (brake(0.0), brake(through));
+    blend + h / through + (stop_distance - blend_distance - h) / full < stop
 }

@@ -1,25 +1,34 @@
-//! Motion planning: geometry and feed become one record of whole increments a control period.
+//! Motion planning: programmed moves in, one record of whole increments per control period out.
 //!
-//! Lines, arcs and helices go into a [`Planner`], with their feed and path mode; records come out. On the way lie
+//! Lines, arcs and helices go into a [`Planner`], each with a feed rate and a path mode. Records come out.
 //!
-//! - exact geometry (`curve`) and how two moves are joined (`joining`): by a stop, as they are, or blended;
-//! - merging of nearly collinear lines (`merge`);
-//! - blending (`blend`, `corner`): what is handed on has continuous direction and curvature, within the tolerance;
-//! - what every axis allows along a piece of path (`piece`), how much of it is for going faster (`shares`), and the road of one run between two stops (`run`);
-//! - the jerk-limited plan over many blocks with the acceleration carried across joints (`envelope`, `lookahead`, `profile`),
-//!   with a plainer one where there is none (`stepwise`);
-//! - emission (`emitter`), one record a control period;
-//! - planning again what is not emitted when the feed override changes (`run::replan`).
+//! ```text
+//!  moves ─> merge ─> junction, blend, glide ─> piece ─> run, lookahead ─> emitter ─> records
+//!  mm, mm/s  G64 Q    stop, round or glide      limits   jerk-limited plan  one per T   pulses
+//! ```
 //!
-//! The crate knows no text and no port.
+//! - `curve`: exact geometry of a move; `junction`: how two moves meet, by a stop, unchanged or blended.
+//! - `merge`: merging of nearly collinear lines.
+//! - `blend`, `correction`, `glide`: blending within the tolerance; the result has continuous direction and curvature.
+//! - `piece`: the speed, acceleration and jerk that every axis allows along a piece of path; `accel_split`: how much of
+//!   them is for changes of speed.
+//! - `run`: the path between two stops; `envelope`, `lookahead`, `profile`: the jerk-limited plan over many blocks with
+//!   the acceleration carried across junctions; `rest_to_rest`: a simpler plan for the case that there is no other.
+//! - `emitter`: sampling, one record per control period.
+//! - `run::replan`: planning again what is not emitted when the feed override changes.
 //!
-//! Invariant: every axis keeps its velocity, and the plan's share α of its acceleration and jerk, everywhere; the sum of the
-//! increments is never further than half a pulse from the plan; the end is exact.
+//! The crate handles neither text nor ports. Lengths are in mm (degrees on rotary axes), times in s.
+//!
+//! Invariant: every axis stays within its velocity limit, and within the plan's share α of its acceleration and jerk
+//! limits, at all times; the sum of the increments is never further than half a pulse from the plan; the end position
+//! is exact.
+//!
+//! # Examples
 //!
 //! ```
-//! use retrace_motion::{Feed, Limits, PathMode, Planner};
-//! let mut planner = Planner::<3>::new(Limits::built_in(), [0.0; 3])?;
-//! planner.line([10.0, 5.0, 0.0], Feed::PerSecond(50.0), PathMode::ExactStop, 1)?;
+//! use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
+//! let mut planner = Planner::<3>::new(MachineLimits::built_in(), [0.0; 3])?;
+//! planner.line([10.0, 5.0, 0.0], FeedRate::PerSecond(50.0), PathMode::ExactStop, 1)?;
 //! planner.stop(retrace_core::Flags::NONE);
 //! let mut counts = [0i64; 3];
 //! while let Some(record) = planner.next_record() {

@@ -1,31 +1,43 @@
-//! What a machine can do, and what a plan may use of it.
+//! Limits of a machine, and the part of them that a plan may use.
 //!
-//! Invariant: limits that passed [`Limits::validate`] are finite and positive, and no axis at its full velocity makes more
-//! pulses in a control period than a record holds.
+//! Invariant: limits that passed [`MachineLimits::validate`] are finite and positive, and no axis at its full velocity
+//! makes more pulses in a control period than a record holds.
 
 use crate::error::LimitError;
 
 /// Limits of a machine with `A` axes. An axis unit is a millimetre, or a degree for a rotary axis.
+///
+/// [`MachineLimits::validate`] checks the ranges given below.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_motion::{LimitError, MachineLimits};
+/// let limits = MachineLimits::<3> { period_s: 0.002, ..MachineLimits::built_in() };
+/// assert_eq!(limits.validate(), Ok(()));
+/// let limits = MachineLimits::<3> { reserve: 0.95, ..limits };
+/// assert_eq!(limits.validate(), Err(LimitError::Reserve { value: 0.95 }));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MachineLimits<const A: usize> {
-    /// Highest velocity of each axis, axis units/s.
+    /// Highest velocity of each axis, axis units/s; above 0, and at most 32 766 pulses in a control period.
     pub velocity_mm_s: [f64; A],
-    /// Highest acceleration of each axis, axis units/s².
+    /// Highest acceleration of each axis, axis units/s²; above 0.
     pub acceleration_mm_s2: [f64; A],
-    /// Highest jerk of each axis, axis units/s³.
+    /// Highest jerk of each axis, axis units/s³; above 0.
     pub jerk_mm_s3: [f64; A],
-    /// Pulses in one axis unit.
+    /// Pulses per axis unit; above 0.
     pub pulses_per_mm: [f64; A],
-    /// Highest speed along the path, mm/s; also the speed of rapid moves.
+    /// Highest speed along the path, mm/s, above 0. Rapid moves have this speed too.
     pub path_velocity_mm_s: f64,
-    /// Share of each axis' acceleration and jerk that the plan leaves to the rate law (REV, *Rate law*), 0 … 0.9.
+    /// Share of the acceleration and jerk of each axis that the plan leaves to the rate law (REV, *Rate law*), 0 … 0.9.
     pub reserve: f64,
-    /// Control period *T*, s.
+    /// Control period *T*, s; above 0, at most 1.
     pub period_s: f64,
 }
 
 impl<const A: usize> MachineLimits<A> {
-    /// The built-in machine, the reference for every published figure.
+    /// Limits of the built-in machine, the reference for every published figure.
     #[must_use]
     pub const fn built_in() -> Self {
         Self {
@@ -39,16 +51,16 @@ impl<const A: usize> MachineLimits<A> {
         }
     }
 
-    /// The share α of acceleration and jerk that the plan may use.
+    /// Share α of acceleration and jerk that the plan may use: 1 − `reserve`, 0.1 … 1.
     #[must_use]
     pub fn alpha(&self) -> f64 {
         1.0 - self.reserve
     }
 
-    /// Checks every number.
+    /// Checks that every number is in its range.
     ///
     /// # Errors
-    /// The first number that is out of its range, and of which axis.
+    /// [`LimitError`] names the first number that is out of its range, and its axis.
     pub fn validate(&self) -> Result<(), LimitError> {
         let positive = |x: f64| x.is_finite() && x > 0.0;
         for axis in 0..A {
@@ -79,7 +91,7 @@ impl<const A: usize> MachineLimits<A> {
         Ok(())
     }
 
-    /// The limits that the plan itself keeps.
+    /// Limits that the plan itself observes.
     pub(crate) fn planned(&self) -> AxisLimits<A> {
         AxisLimits {
             v: self.velocity_mm_s,
@@ -91,24 +103,24 @@ impl<const A: usize> MachineLimits<A> {
     }
 }
 
-/// What the plan may use: mm/s, mm/s², mm/s³ per axis, mm/s along the path.
+/// Limits that the plan may use: mm/s, mm/s² and mm/s³ for each axis, mm/s along the path.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AxisLimits<const A: usize> {
     pub(crate) v: [f64; A],
     pub(crate) a: [f64; A],
     pub(crate) j: [f64; A],
     pub(crate) path_v: f64,
-    /// Control period in s.
+    /// Control period, s.
     pub(crate) period: f64,
 }
 
 impl<const A: usize> AxisLimits<A> {
-    /// Velocity, acceleration and jerk of axis `i`, as an order of axes.
+    /// Velocity, acceleration and jerk of axis `i` as bits, for an order of axes.
     pub(crate) fn limits_of(&self, i: usize) -> [u64; 3] {
         [self.v[i], self.a[i], self.j[i]].map(f64::to_bits)
     }
 
-    /// The same with each axis' limits replaced.
+    /// These limits with those of each axis replaced.
     pub(crate) fn with(&self, limits: impl Fn(usize) -> [u64; 3]) -> Self {
         let part = |k: usize| std::array::from_fn(|i| f64::from_bits(limits(i)[k]));
         Self { v: part(0), a: part(1), j: part(2), ..*self }

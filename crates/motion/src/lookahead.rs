@@ -1,40 +1,43 @@
-//! Look-ahead: a jerk-limited plan over a whole road of blocks, with the acceleration carried across joints (design, idea 7).
+//! Look-ahead: a jerk-limited plan over a whole path of blocks, with the acceleration carried across junctions (design,
+//! idea 7).
 //!
-//! A *gate* is a state (v, a) that the plan passes at a joint; between two gates runs one *span*, the fastest profile between
-//! them, however many blocks it covers. Joints where the envelope touches its cap propose gates. A stack pass connects them
-//! from left to right: a gate that cannot be reached is skipped, one that cannot brake to the next is dropped, and where a
-//! span overshoots a cap that joint becomes a gate. Tuning then drops or raises single gates.
+//! A *gate* is a state (v, a) that the plan passes at a junction; between two gates runs one *span*, the fastest
+//! profile between them, however many blocks it covers. Junctions where the envelope touches its cap propose gates. A
+//! stack pass connects them from left to right: a gate that cannot be reached is skipped, one that cannot brake to the
+//! next is dropped, and where a span overshoots a cap that junction becomes a gate. Tuning then drops or raises single
+//! gates.
 //!
-//! Invariant: a span is accepted only after it was computed again from its phases and compared with every cap it passes.
-//! Choosing gates decides how fast a plan is, never whether it is legal. The work has a limit; where it is used up, or the
-//! start state allows no plan, there is none, and the caller runs its previous plan on, which ends at rest.
+//! Invariant: a span is accepted only after it was computed again from its phases and compared with every cap it
+//! passes. Choosing gates decides how fast a plan is, never whether it is legal. The work has a limit. Where it is used
+//! up, or the start state allows no plan, there is none, and the caller continues its previous plan, which ends at
+//! rest.
 
 use crate::envelope::{Envelope, PathBlock, gate_acceleration};
 use crate::profile::{KinematicState, PathLimits, Profile, ProfileError, fastest};
 use crate::rest_to_rest;
 
-/// A profile between two joints of a road.
+/// Profile between two junctions of a path.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Span {
-    /// Joint at its start.
+    /// Junction at its start.
     pub(crate) first: usize,
-    /// Joint at its end.
+    /// Junction at its end.
     pub(crate) last: usize,
     pub(crate) profile: Profile,
 }
 
-/// There is no plan within the limit of work, or none from this start state.
+/// No plan exists within the limit of work, or none from this start state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct PlanError;
 
-/// No limit at all: what an empty stretch of road asks for.
+/// No limit: the limits of an empty part of the path.
 const UNLIMITED: SpanLimits = SpanLimits { tight: PathLimits { v: f64::MAX, a: f64::MAX, j: f64::MAX }, fastest: 0.0 };
 
 /// Limits over several blocks.
 #[derive(Clone, Copy, Debug)]
 struct SpanLimits {
     tight: PathLimits,
-    /// The highest speed limit of the blocks.
+    /// Highest speed limit of the blocks.
     fastest: f64,
 }
 
@@ -51,10 +54,10 @@ impl SpanLimits {
 /// A gate and the span that leads to it.
 #[derive(Clone, Copy, Debug)]
 struct PlanGate {
-    joint: usize,
+    junction: usize,
     v: f64,
     a: f64,
-    stretch: SpanLimits,
+    limits: SpanLimits,
     profile: Profile,
 }
 
@@ -64,20 +67,20 @@ impl PlanGate {
     }
 }
 
-/// Spans solved before a plan is given up: a fixed part and one for each block.
+/// Number of spans that are solved before planning fails: a fixed part and one for each block.
 const WORK: (usize, usize) = (1000, 30);
-/// The least time between two proposed gates, in units of A/J; valleys always propose.
+/// Least time between two proposed gates, in units of A/J; valleys always propose.
 const SPACING: f64 = 0.3;
-/// How often a joint may be made a gate by overshoots, and how deep such insertions may nest.
+/// How often overshoots may make a junction a gate, and how deep such insertions may nest.
 const TRIES: (u8, u8) = (60, 40);
-/// How often a road is halved to brake on each part within its own limits.
+/// How often a path is halved to brake on each part within its own limits.
 const HALVINGS: u8 = 4;
-/// Shares of the speed that allows to brake, which are tried in turn.
+/// Shares of the speed that can be braked from, tried in turn.
 const EASED: [f64; 3] = [1.0, 0.75, 0.5];
 /// Gates that are further apart than this many blocks are not tried without the one between them.
 const DROP_REACH: usize = 256;
 
-/// The planner's look-ahead; it keeps its memory from plan to plan.
+/// The planner's look-ahead; it retains its memory from plan to plan.
 #[derive(Debug, Default)]
 pub(crate) struct LookAhead {
     envelope: Envelope,
@@ -91,7 +94,7 @@ impl LookAhead {
     /// Plans `blocks` from speed `v0` and acceleration `a0` to those of `end` and appends the spans to `out`.
     ///
     /// # Errors
-    /// [`NoPlan`]; `out` is unchanged then.
+    /// [`PlanError`]; `out` is unchanged then.
     pub(crate) fn plan(
         &mut self,
         blocks: &[PathBlock],
@@ -104,14 +107,18 @@ impl LookAhead {
         self.tries.clear();
         self.tries.resize(blocks.len() + 1, 0);
         self.gates.clear();
-        self.gates.push(PlanGate { joint: 0, v: v0, a: a0, stretch: UNLIMITED, profile: Profile::default() });
+        self.gates.push(PlanGate { junction: 0, v: v0, a: a0, limits: UNLIMITED, profile: Profile::default() });
         self.connect_all(blocks, end)?;
         self.tune(blocks);
-        out.extend(self.gates.windows(2).map(|g| Span { first: g[0].joint, last: g[1].joint, profile: g[1].profile }));
+        out.extend(self.gates.windows(2).map(|g| Span {
+            first: g[0].junction,
+            last: g[1].junction,
+            profile: g[1].profile,
+        }));
         Ok(())
     }
 
-    /// The stack pass over all proposals.
+    /// Runs the stack pass over all proposals.
     fn connect_all(&mut self, blocks: &[PathBlock], end: KinematicState) -> Result<(), PlanError> {
         let n = blocks.len();
         let mut since = UNLIMITED;
@@ -136,8 +143,9 @@ impl LookAhead {
         if self.attach(blocks, n, end, &mut since, (0, false))? { Ok(()) } else { Err(PlanError) }
     }
 
-    /// Connects joint `k` in state `to` to the gates so far; false where it cannot be reached. `since` holds the limits
-    /// between the last gate and `k`, and afterwards those beyond the last gate. `must`: another state is better than none.
+    /// Connects junction `k` in state `to` to the gates so far; false where it cannot be reached. `since` holds the
+    /// limits between the last gate and `k`, and afterwards those beyond the last gate. `must`: another state is better
+    /// than none.
     fn attach(
         &mut self,
         blocks: &[PathBlock],
@@ -148,29 +156,29 @@ impl LookAhead {
     ) -> Result<bool, PlanError> {
         while let Some(&left) = self.gates.last() {
             match self.span(blocks, &left, k, to, *since)? {
-                Ok(profile) => match self.overshoot(left.joint, k, &profile) {
+                Ok(profile) => match self.overshoot(left.junction, k, &profile) {
                     None => {
-                        self.gates.push(PlanGate { joint: k, v: to.v, a: to.a, stretch: *since, profile });
+                        self.gates.push(PlanGate { junction: k, v: to.v, a: to.a, limits: *since, profile });
                         *since = UNLIMITED;
                         return Ok(true);
                     }
-                    Some((joint, a)) => {
-                        self.insert(blocks, left.joint, joint, a, depth)?;
-                        let last = self.gates.last().map_or(0, |gate| gate.joint);
+                    Some((junction, a)) => {
+                        self.insert(blocks, left.junction, junction, a, depth)?;
+                        let last = self.gates.last().map_or(0, |gate| gate.junction);
                         *since = SpanLimits::of(&blocks[last..k]);
                     }
                 },
-                Err(misfit) if self.relax(blocks, k, to, since, (misfit, must))? => return Ok(true),
+                Err(error) if self.relax(blocks, k, to, since, (error, must))? => return Ok(true),
                 Err(ProfileError::TargetTooHigh) if k < blocks.len() => return Ok(false),
-                Err(misfit) if self.gates.len() == 1 => {
-                    let eased = misfit == ProfileError::StartTooHigh
+                Err(error) if self.gates.len() == 1 => {
+                    let eased = error == ProfileError::StartTooHigh
                         && (must && self.tries[k] <= 2 || k == blocks.len())
                         && self.ease(blocks, k, to, since, depth)?;
-                    // The start is fixed: fly over k, and look at its cap when the span is longer.
+                    // The start is fixed: skip k, and check its cap when the span is longer.
                     return if eased || k < blocks.len() { Ok(eased) } else { Err(PlanError) };
                 }
                 Err(_) => {
-                    *since = since.with(left.stretch);
+                    *since = since.with(left.limits);
                     self.gates.pop();
                 }
             }
@@ -178,31 +186,32 @@ impl LookAhead {
         Err(PlanError)
     }
 
-    /// Connects joint `k` with zero acceleration there, or at the last gate, which brakes too hard to come up to `k` again; false
-    /// where that does not help.
+    /// Connects junction `k` with zero acceleration there, or at the last gate, which brakes too hard to reach `k`
+    /// afterwards; false where that does not help.
     fn relax(
         &mut self,
         blocks: &[PathBlock],
         k: usize,
         to: KinematicState,
         since: &mut SpanLimits,
-        (misfit, must): (ProfileError, bool),
+        (error, must): (ProfileError, bool),
     ) -> Result<bool, PlanError> {
         let Some(&left) = self.gates.last() else { return Ok(false) };
-        // The end of the road stays as it is.
+        // The state at the end of the path does not change.
         let levels = must && to.a != 0.0 && k < blocks.len();
         if levels && self.push_span(blocks, left, k, KinematicState::moving(to.v, 0.0), since)? {
             return Ok(true);
         }
         let [.., before, _] = self.gates[..] else { return Ok(false) };
-        if misfit != ProfileError::TargetTooHigh || left.a >= 0.0 {
+        if error != ProfileError::TargetTooHigh || left.a >= 0.0 {
             return Ok(false);
         }
-        let Ok(profile) = self.span(blocks, &before, left.joint, KinematicState::moving(left.v, 0.0), left.stretch)?
+        let Ok(profile) =
+            self.span(blocks, &before, left.junction, KinematicState::moving(left.v, 0.0), left.limits)?
         else {
             return Ok(false);
         };
-        if self.overshoot(before.joint, left.joint, &profile).is_some() {
+        if self.overshoot(before.junction, left.junction, &profile).is_some() {
             return Ok(false);
         }
         let flat = PlanGate { a: 0.0, profile, ..left };
@@ -214,8 +223,8 @@ impl LookAhead {
         Ok(pushed)
     }
 
-    /// Connects joint `k` over a gate half-way, from where it can be braked for however tight the limits are there: each half of
-    /// the road is then braked on within its own limits. False where that does not help.
+    /// Connects junction `k` over a gate half-distance, from where braking is possible however tight the limits are
+    /// there: each half of the path is then braked on within its own limits. False where that does not help.
     fn ease(
         &mut self,
         blocks: &[PathBlock],
@@ -224,7 +233,7 @@ impl LookAhead {
         since: &mut SpanLimits,
         depth: u8,
     ) -> Result<bool, PlanError> {
-        let left = self.gates.last().map_or(0, |gate| gate.joint);
+        let left = self.gates.last().map_or(0, |gate| gate.junction);
         if k < left + 2 || depth > HALVINGS {
             return Ok(false);
         }
@@ -232,8 +241,8 @@ impl LookAhead {
         let middle = self.envelope.s.partition_point(|s| *s < 0.5 * (from + end)).clamp(left + 1, k - 1);
         let behind = SpanLimits::of(&blocks[middle..k]);
         let limits = PathLimits { v: behind.fastest, ..behind.tight };
-        let way = PathBlock { length: end - self.envelope.s[middle], limits, exit_v: to.v };
-        let v = rest_to_rest::reach(to.v, &way).min(self.envelope.v[middle]);
+        let second_half = PathBlock { length: end - self.envelope.s[middle], limits, exit_v: to.v };
+        let v = rest_to_rest::reach(to.v, &second_half).min(self.envelope.v[middle]);
         let to = if k < blocks.len() { KinematicState { a: 0.0, ..to } } else { to };
         for share in EASED {
             let mut ahead = SpanLimits::of(&blocks[left..middle]);
@@ -245,7 +254,7 @@ impl LookAhead {
         Ok(false)
     }
 
-    /// Makes joint `k` a gate if one legal span leads to it from `left`, which is or replaces the last gate.
+    /// Makes junction `k` a gate if one legal span leads to it from `left`, which is or replaces the last gate.
     fn push_span(
         &mut self,
         blocks: &[PathBlock],
@@ -255,15 +264,16 @@ impl LookAhead {
         since: &mut SpanLimits,
     ) -> Result<bool, PlanError> {
         let Ok(profile) = self.span(blocks, &left, k, to, *since)? else { return Ok(false) };
-        let legal = self.overshoot(left.joint, k, &profile).is_none();
+        let legal = self.overshoot(left.junction, k, &profile).is_none();
         if legal {
-            self.gates.push(PlanGate { joint: k, v: to.v, a: to.a, stretch: *since, profile });
+            self.gates.push(PlanGate { junction: k, v: to.v, a: to.a, limits: *since, profile });
             *since = UNLIMITED;
         }
         Ok(legal)
     }
 
-    /// Makes the overshot joint `m` a gate: at its cap with the span's own slope `a`; if that was tried before, ever lower.
+    /// Makes the overshot junction `m` a gate: at its cap with the slope `a` of the span; if that was tried before, at
+    /// ever lower speeds.
     fn insert(&mut self, blocks: &[PathBlock], left: usize, m: usize, a: f64, depth: u8) -> Result<(), PlanError> {
         let mut since = SpanLimits::of(&blocks[left..m]);
         loop {
@@ -290,7 +300,8 @@ impl LookAhead {
         }
     }
 
-    /// The fastest profile from gate `left` to joint `k` in state `to` whose crest keeps the limits of the blocks under it.
+    /// The fastest profile from gate `left` to junction `k` in state `to` whose crest observes the limits of the blocks
+    /// under it.
     fn span(
         &mut self,
         blocks: &[PathBlock],
@@ -299,21 +310,21 @@ impl LookAhead {
         to: KinematicState,
         stretch: SpanLimits,
     ) -> Result<Result<Profile, ProfileError>, PlanError> {
-        let start = self.envelope.s[left.joint];
+        let start = self.envelope.s[left.junction];
         let length = self.envelope.s[k] - start;
         let mut v = stretch.fastest;
         for _ in 0..8 {
             self.work = self.work.checked_sub(1).ok_or(PlanError)?;
             let profile = match fastest(left.state(), to, length, PathLimits { v, ..stretch.tight }) {
                 Ok(profile) => profile,
-                Err(misfit) => return Ok(Err(misfit)),
+                Err(error) => return Ok(Err(error)),
             };
             if v <= stretch.tight.v {
                 return Ok(Ok(profile));
             }
             let (peak, begin, end) = profile.crest();
             let mut cap = f64::MAX;
-            for (m, block) in (left.joint..k).zip(&blocks[left.joint..k]) {
+            for (m, block) in (left.junction..k).zip(&blocks[left.junction..k]) {
                 if self.envelope.s[m + 1] >= start + begin && self.envelope.s[m] <= start + end {
                     cap = cap.min(block.limits.v);
                 }
@@ -326,7 +337,8 @@ impl LookAhead {
         Ok(Err(ProfileError::TargetTooHigh))
     }
 
-    /// The worst overshoot of a touching cap strictly inside a span: the joint and the span's acceleration there.
+    /// The worst overshoot of a touching cap strictly inside a span: the junction and the acceleration of the span
+    /// there.
     fn overshoot(&self, first: usize, last: usize, profile: &Profile) -> Option<(usize, f64)> {
         let mut walk = ProfileWalk::new(profile);
         let (mut worst, mut found) = (1.0 + 1e-9, None);
@@ -342,7 +354,7 @@ impl LookAhead {
         found
     }
 
-    /// Tries to drop or raise each gate; a change is kept only where both spans it touches stay legal and together
+    /// Tries to drop or raise each gate. A change is accepted only where both spans it touches stay legal and together
     /// take less time.
     fn tune(&mut self, blocks: &[PathBlock]) {
         let mut old = std::mem::take(&mut self.gates);
@@ -377,32 +389,32 @@ impl LookAhead {
         gate: PlanGate,
         right: PlanGate,
     ) -> Result<GateChange, PlanError> {
-        let both = gate.stretch.with(right.stretch);
-        let s = |joint: usize| self.envelope.s[joint];
+        let both = gate.limits.with(right.limits);
+        let s = |junction: usize| self.envelope.s[junction];
         let time = gate.profile.duration() + right.profile.duration();
-        if time * both.tight.v <= (s(right.joint) - s(left.joint)) * (1.0 + 1e-9) {
-            return Ok(GateChange::Keep); // at the speed limit all the way
+        if time * both.tight.v <= (s(right.junction) - s(left.junction)) * (1.0 + 1e-9) {
+            return Ok(GateChange::Keep); // at the speed limit throughout
         }
-        if right.joint - left.joint <= DROP_REACH
-            && let Ok(profile) = self.span(blocks, &left, right.joint, right.state(), both)?
+        if right.junction - left.junction <= DROP_REACH
+            && let Ok(profile) = self.span(blocks, &left, right.junction, right.state(), both)?
             && profile.duration() < time
-            && self.overshoot(left.joint, right.joint, &profile).is_none()
+            && self.overshoot(left.junction, right.junction, &profile).is_none()
         {
-            return Ok(GateChange::Drop(PlanGate { stretch: both, profile, ..right }));
+            return Ok(GateChange::Drop(PlanGate { limits: both, profile, ..right }));
         }
-        let cap = self.envelope.cap[gate.joint];
+        let cap = self.envelope.cap[gate.junction];
         for v in [cap, 0.5 * (gate.v + cap)] {
             if gate.v >= cap {
                 break;
             }
             let most = gate_acceleration(v, PathLimits { a: 0.9999 * both.tight.a, ..both.tight });
             let to = KinematicState::moving(v, gate.a.clamp(-most, most));
-            let Ok(one) = self.span(blocks, &left, gate.joint, to, gate.stretch)? else { continue };
+            let Ok(one) = self.span(blocks, &left, gate.junction, to, gate.limits)? else { continue };
             let moved = PlanGate { v, a: to.a, profile: one, ..gate };
-            let Ok(two) = self.span(blocks, &moved, right.joint, right.state(), right.stretch)? else { continue };
+            let Ok(two) = self.span(blocks, &moved, right.junction, right.state(), right.limits)? else { continue };
             if one.duration() + two.duration() < time
-                && self.overshoot(left.joint, gate.joint, &one).is_none()
-                && self.overshoot(gate.joint, right.joint, &two).is_none()
+                && self.overshoot(left.junction, gate.junction, &one).is_none()
+                && self.overshoot(gate.junction, right.junction, &two).is_none()
             {
                 return Ok(GateChange::Move(moved, PlanGate { profile: two, ..right }));
             }
@@ -411,16 +423,16 @@ impl LookAhead {
     }
 }
 
-/// What tuning does with one gate.
+/// Change that tuning makes to one gate.
 enum GateChange {
     Keep,
-    /// The gate goes; the next gate is reached by one span.
+    /// The gate is dropped; the next gate is reached by one span.
     Drop(PlanGate),
     /// The gate and the next gate, with their new spans.
     Move(PlanGate, PlanGate),
 }
 
-/// Walks a profile by place, forward only.
+/// Iterator over a profile by place, forward only.
 struct ProfileWalk<'a> {
     profile: &'a Profile,
     phase: usize,
@@ -443,7 +455,7 @@ impl<'a> ProfileWalk<'a> {
         self.state.after(self.jerk(), self.profile.times[self.phase])
     }
 
-    /// The state at place `s`, which must not fall from call to call.
+    /// The state at place `s`, which must not decrease from call to call.
     fn at(&mut self, s: f64) -> KinematicState {
         while self.phase < 6 && s > self.phase_end {
             self.state = self.end_of_phase();
@@ -451,15 +463,15 @@ impl<'a> ProfileWalk<'a> {
             self.phase_end = self.end_of_phase().s;
         }
         let (jerk, longest) = (self.jerk(), self.profile.times[self.phase]);
-        let way = s - self.state.s;
-        let mut t = if self.state.v > 0.0 { (way / self.state.v).min(longest) } else { 0.5 * longest };
+        let distance = s - self.state.s;
+        let mut t = if self.state.v > 0.0 { (distance / self.state.v).min(longest) } else { 0.5 * longest };
         for _ in 0..12 {
-            let there = self.state.after(jerk, t);
-            let error = there.s - s;
-            if error.abs() < 1e-12 || there.v <= 0.0 {
+            let next_state = self.state.after(jerk, t);
+            let error = next_state.s - s;
+            if error.abs() < 1e-12 || next_state.v <= 0.0 {
                 break;
             }
-            t = (t - error / there.v).clamp(0.0, longest);
+            t = (t - error / next_state.v).clamp(0.0, longest);
         }
         self.state.after(jerk, t)
     }
@@ -470,8 +482,8 @@ pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Roads of all kinds: tiny and long blocks, caps that wander or jump, limits that change, full stops.
-    pub(crate) fn road() -> impl Strategy<Value = Vec<PathBlock>> {
+    /// Paths of all kinds: tiny and long blocks, caps that wander or jump, limits that change, full stops.
+    pub(crate) fn block_path() -> impl Strategy<Value = Vec<PathBlock>> {
         let block = (-3.0..1.5f64, 0.0..1.0f64, 0.05..1.0f64, 0.1..1.0f64, 0.0..1.0f64, prop::bool::weighted(0.1));
         (prop::collection::vec(block, 1..80), 0.02..1.0f64).prop_map(|(blocks, least)| {
             blocks
@@ -485,13 +497,13 @@ pub(crate) mod tests {
         })
     }
 
-    /// Spans follow one another from (v, a) to rest, and keep every limit of every block under them.
+    /// Spans follow one another from (v, a) to rest, and observe every limit of every block under them.
     pub(crate) fn check(blocks: &[PathBlock], spans: &[Span], start: KinematicState) -> Result<(), String> {
-        let (mut joint, mut state) = (0, start);
+        let (mut junction, mut state) = (0, start);
         for span in spans {
             let Span { first, last, profile } = span;
-            if *first != joint || (profile.v0, profile.a0) != (state.v, state.a) {
-                return Err(format!("the span at joint {first} does not follow joint {joint}"));
+            if *first != junction || (profile.v0, profile.a0) != (state.v, state.a) {
+                return Err(format!("the span at junction {first} does not follow junction {junction}"));
             }
             let (duration, mut begin) = (profile.duration(), 0.0);
             for block in &blocks[*first..*last] {
@@ -511,26 +523,26 @@ pub(crate) mod tests {
             }
             let end = profile.at(duration);
             if (end.s - begin).abs() > 1e-9 {
-                return Err(format!("the span to joint {last} ends {} mm off", end.s - begin));
+                return Err(format!("the span to junction {last} ends {} mm off", end.s - begin));
             }
-            (joint, state) = (*last, KinematicState::moving(end.v, end.a));
+            (junction, state) = (*last, KinematicState::moving(end.v, end.a));
             // The next span starts in the exact state of the gate.
-            if let Some(next) = spans.iter().find(|next| next.first == joint) {
+            if let Some(next) = spans.iter().find(|next| next.first == junction) {
                 let gap = (next.profile.v0 - state.v).abs().max(1e-3 * (next.profile.a0 - state.a).abs());
                 if gap > 1e-8 {
-                    return Err(format!("a gap of {gap} at joint {joint}"));
+                    return Err(format!("a gap of {gap} at junction {junction}"));
                 }
                 state = KinematicState::moving(next.profile.v0, next.profile.a0);
             }
         }
-        if joint == blocks.len() && state.v.abs() < 1e-8 { Ok(()) } else { Err("does not end at rest".into()) }
+        if junction == blocks.len() && state.v.abs() < 1e-8 { Ok(()) } else { Err("does not end at rest".into()) }
     }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(1000))]
 
         #[test]
-        fn plans_are_legal_from_rest_and_from_their_own_gates(blocks in road(), pick in any::<prop::sample::Index>()) {
+        fn plans_are_legal_from_rest_and_from_their_own_gates(blocks in block_path(), pick in any::<prop::sample::Index>()) {
             let (mut look_ahead, mut spans) = (LookAhead::default(), Vec::new());
             if look_ahead.plan(&blocks, (0.0, 0.0), KinematicState::default(), &mut spans).is_err() {
                 prop_assert!(spans.is_empty());

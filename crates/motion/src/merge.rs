@@ -1,25 +1,27 @@
 //! Merging: nearly collinear lines that follow one another become one line (G64 Q), before anything is blended.
 //!
-//! What a line was cut into then costs nothing further on, and what rounding of the coordinates to whole micrometres adds to
-//! a dense chain is gone before it could slow the chain down. The program lines of the parts are kept beside the merged one.
+//! A line that was cut into parts then costs no more than one line, and the rounding of coordinates to whole
+//! micrometres is removed from a dense chain before it can slow the chain down. The program lines of the parts are
+//! stored with the merged one.
 //!
-//! Lines are merged while their chord stays in the cone of all directions from its start that pass every end between near
-//! enough. The cone is kept as one ball of directions inside the intersection of the balls of all ends, so a further line
-//! costs the same however many there are; in a plane the ball is the whole intersection.
+//! Lines are merged while their chord stays in the cone of all directions from its start that pass every end between
+//! near enough. The cone is represented by one ball of directions inside the intersection of the balls of all ends, so
+//! a further line costs the same however many there are; in a plane the ball is the whole intersection.
 //!
-//! Invariant: a merged line is nowhere further from the programmed lines than by what its tolerance is less than theirs, and
-//! that is at most what [`merging`] allows of it; so merging and blending together stay within the tolerance. It depends on the
-//! lines alone, in their order.
+//! Invariant: a merged line is nowhere further from the programmed lines than its tolerance is less than theirs, and
+//! that is at most what [`merging`] allows of it; so merging and blending together stay within the tolerance. It
+//! depends on the lines alone, in their order.
 
 use crate::blend::{PathSegment, size};
 use crate::curve::Curve;
 
-/// Share of the tolerance that merging uses where the program does not say: what is left makes corners fast.
+/// Share of the tolerance that merging uses where the program gives none: the rest makes corners fast.
 const SHARE: f64 = 0.05;
-/// Share of the tolerance that it may use at most: with nothing left, the corners between merged lines would be stops.
+/// Largest share of the tolerance that merging may use: with nothing left, the corners between merged lines would be
+/// stops.
 const MAX_SHARE: f64 = 0.5;
-/// Lines that are merged at most: a bound on the memory.
-const MOST: usize = 4096;
+/// Largest number of lines that are merged: a bound on the memory.
+const MAX_LINES: usize = 4096;
 
 /// From `place` on, in mm from the start of a segment or piece, the program line is `tag`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,23 +30,23 @@ pub(crate) struct LineMark {
     pub(crate) tag: u32,
 }
 
-/// A line that is to be merged, or not.
+/// A line that may be merged.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LinearMove<const A: usize> {
     pub(crate) start: [f64; A],
     pub(crate) end: [f64; A],
-    /// mm/s.
+    /// Feed, mm/s.
     pub(crate) feed: f64,
     pub(crate) tag: u32,
-    /// How far the path may be from it, mm; above 0.
+    /// Largest distance of the path from the line, mm; above 0.
     pub(crate) tolerance: f64,
-    /// How far it may be from the line that it is merged into, mm: a part of the tolerance.
+    /// Largest distance from the line that it is merged into, mm: a part of the tolerance.
     pub(crate) merging: f64,
 }
 
-/// What merging may use of `tolerance`, mm, where the program asks for `asked`.
-pub(crate) fn merging(tolerance: f64, asked: Option<f64>) -> f64 {
-    asked.map_or(SHARE * tolerance, |asked| asked.min(MAX_SHARE * tolerance))
+/// Part of `tolerance` that merging may use, mm, where the program requests `asked`.
+pub(crate) fn merging(tolerance: f64, requested: Option<f64>) -> f64 {
+    requested.map_or(SHARE * tolerance, |asked| asked.min(MAX_SHARE * tolerance))
 }
 
 /// Lines that are merged so far.
@@ -52,9 +54,9 @@ pub(crate) fn merging(tolerance: f64, asked: Option<f64>) -> f64 {
 pub(crate) struct Merger<const A: usize> {
     /// All lines from the start of the first to the end of the last.
     chord: Option<LinearMove<A>>,
-    /// Where each line but the last ends, and the program line of the next.
+    /// End of each line but the last, and the program line of the next.
     ends: Vec<([f64; A], u32)>,
-    /// Directions that a chord may have: those this near to that one.
+    /// Directions that a chord may have: those within `radius` of this one.
     axis: [f64; A],
     radius: f64,
 }
@@ -64,13 +66,13 @@ impl<const A: usize> Merger<A> {
         Self { chord: None, ends: Vec::new(), axis: [0.0; A], radius: 0.0 }
     }
 
-    /// Is there a line that was not taken out?
+    /// Whether there is no line to take out.
     pub(crate) fn is_empty(&self) -> bool {
         self.chord.is_none()
     }
 
-    /// Takes `line` up; false where it cannot be merged with what there is, which is to be taken out first.
-    pub(crate) fn offer(&mut self, line: &LinearMove<A>) -> bool {
+    /// Merges `line` with those before it; false where it cannot be merged, and these are to be taken out first.
+    pub(crate) fn try_merge(&mut self, line: &LinearMove<A>) -> bool {
         let Some(chord) = &mut self.chord else {
             self.chord = Some(*line);
             self.ends.clear();
@@ -79,20 +81,20 @@ impl<const A: usize> Merger<A> {
         };
         let alike = (line.feed, line.tolerance, line.merging) == (chord.feed, chord.tolerance, chord.merging)
             && line.merging > 0.0;
-        if !alike || self.ends.len() >= MOST {
+        if !alike || self.ends.len() >= MAX_LINES {
             return false;
         }
         let (to, on) = (difference(&line.start, &chord.start), difference(&line.end, &line.start));
         let whole = difference(&line.end, &chord.start);
         let (far, step, length) = (size(&to), size(&on), size(&whole));
         let (before, direction) = (to.map(|x| x / far), whole.map(|x| x / length));
-        // No way back along the chord, and rotary axes keep their share of the motion.
+        // No reversal along the chord; the rotary axes retain their share of the motion.
         let ahead: f64 = on.iter().zip(&direction).map(|(a, b)| a * b).sum();
         let forward = ahead > 0.5 * step;
         if !forward || (linear_share(&on, step) - linear_share(&to, far)).abs() > 0.01 {
             return false;
         }
-        let (axis, radius) = within((self.axis, self.radius), (before, chord.merging / far));
+        let (axis, radius) = ball_within((self.axis, self.radius), (before, chord.merging / far));
         let near = size(&difference(&direction, &axis)) <= radius;
         if !near {
             return false;
@@ -103,17 +105,17 @@ impl<const A: usize> Merger<A> {
         true
     }
 
-    /// Takes the line out, as a segment; the program lines after its first go to the end of `marks`.
-    pub(crate) fn take(&mut self, marks: &mut Vec<LineMark>) -> Option<PathSegment<A>> {
+    /// Takes the line out, as a segment. The program lines after its first are appended to `marks`.
+    pub(crate) fn take_merged(&mut self, marks: &mut Vec<LineMark>) -> Option<PathSegment<A>> {
         let chord = self.chord.take()?;
         let (curve, length) = Curve::line(chord.start, chord.end);
-        let way = difference(&chord.end, &chord.start);
-        let squared: f64 = way.iter().map(|x| x * x).sum();
+        let displacement = difference(&chord.end, &chord.start);
+        let squared: f64 = displacement.iter().map(|x| x * x).sum();
         let (mut off, mut place) = (0.0f64, 0.0f64);
         for (end, tag) in &self.ends {
             let to = difference(end, &chord.start);
-            let share = to.iter().zip(&way).map(|(a, b)| a * b).sum::<f64>() / squared;
-            let aside: [f64; A] = std::array::from_fn(|i| to[i] - share * way[i]);
+            let share = to.iter().zip(&displacement).map(|(a, b)| a * b).sum::<f64>() / squared;
+            let aside: [f64; A] = std::array::from_fn(|i| to[i] - share * displacement[i]);
             off = off.max(aside.iter().map(|x| x * x).sum());
             place = place.max(share * length);
             marks.push(LineMark { place, tag: *tag });
@@ -124,29 +126,29 @@ impl<const A: usize> Merger<A> {
     }
 }
 
-/// The largest ball within two balls, each a centre and a radius; negative where they are apart.
-fn within<const A: usize>(a: ([f64; A], f64), b: ([f64; A], f64)) -> ([f64; A], f64) {
+/// Largest ball within two balls, each a centre and a radius; negative where they are apart.
+fn ball_within<const A: usize>(a: ([f64; A], f64), b: ([f64; A], f64)) -> ([f64; A], f64) {
     let ((a_centre, a_radius), (b_centre, b_radius)) = (a, b);
-    let way = difference(&b_centre, &a_centre);
-    let apart = size(&way);
+    let displacement = difference(&b_centre, &a_centre);
+    let apart = size(&displacement);
     if apart + b_radius <= a_radius {
         return b;
     }
     if apart + a_radius <= b_radius {
         return a;
     }
-    // Their lens reaches on the way from a's centre to b's from the near side of b to the far side of a.
+    // On the line from a's centre to b's, their lens extends from the near side of b to the far side of a.
     let middle = 0.5 * (apart - b_radius + a_radius) / apart;
-    (std::array::from_fn(|i| a_centre[i] + middle * way[i]), 0.5 * (a_radius + b_radius - apart))
+    (std::array::from_fn(|i| a_centre[i] + middle * displacement[i]), 0.5 * (a_radius + b_radius - apart))
 }
 
 fn difference<const A: usize>(to: &[f64; A], from: &[f64; A]) -> [f64; A] {
     std::array::from_fn(|i| to[i] - from[i])
 }
 
-/// Share of the linear axes in a way of this size.
-fn linear_share(way: &[f64], all: f64) -> f64 {
-    if way.len() <= 3 { 1.0 } else { size(&way[..3]) / all }
+/// Share of the linear axes in a distance of this size.
+fn linear_share(displacement: &[f64], all: f64) -> f64 {
+    if displacement.len() <= 3 { 1.0 } else { size(&displacement[..3]) / all }
 }
 
 #[cfg(test)]
@@ -158,18 +160,19 @@ mod tests {
         LinearMove { start, end, feed: 10.0, tag, tolerance: 0.05, merging: merging(0.05, None) }
     }
 
-    /// Distance of `p` from the endless line through `a` and `b`.
+    /// Distance of `p` from the infinite line through `a` and `b`.
     fn distance(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
-        let (to, way) = (difference(&p, &a), difference(&b, &a));
-        let squared: f64 = way.iter().map(|x| x * x).sum();
-        let share = to.iter().zip(&way).map(|(a, b)| a * b).sum::<f64>() / squared;
-        size(&std::array::from_fn::<f64, 3, _>(|i| to[i] - share * way[i]))
+        let (to, displacement) = (difference(&p, &a), difference(&b, &a));
+        let squared: f64 = displacement.iter().map(|x| x * x).sum();
+        let share = to.iter().zip(&displacement).map(|(a, b)| a * b).sum::<f64>() / squared;
+        size(&std::array::from_fn::<f64, 3, _>(|i| to[i] - share * displacement[i]))
     }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(1000))]
 
-        /// Any chain: every end lies on its merged line, as far off as that line's tolerance says, in order and under its tag.
+        /// Any chain: every end is on its merged line, within the distance that the line's tolerance gives, in order
+        /// and under its tag.
         #[test]
         fn merged_lines_are_near_the_programmed_ones(
             steps in prop::collection::vec((-3.0..1.0f64, -1.0..1.0f64, -1.0..1.0f64), 1..200), bend in -5.0..0.5f64,
@@ -180,7 +183,7 @@ mod tests {
             let (mut merger, mut at, mut points, mut merged) = (Merger::new(), [0.0; 3], vec![[0.0; 3]], Vec::new());
             let mut take = |merger: &mut Merger<3>| {
                 let mut marks = Vec::new();
-                if let Some(segment) = merger.take(&mut marks) {
+                if let Some(segment) = merger.take_merged(&mut marks) {
                     assert_eq!(segment.marks as usize, marks.len());
                     merged.push((segment, marks));
                 }
@@ -189,9 +192,9 @@ mod tests {
                 let (length, bend) = (10f64.powf(length), 10f64.powf(bend));
                 let next = [at[0] + length, at[1] + length * bend * y, at[2] + length * bend * z];
                 let line = LinearMove { merging: most, ..line(at, next, k as u32) };
-                if !merger.offer(&line) {
+                if !merger.try_merge(&line) {
                     take(&mut merger);
-                    assert!(merger.offer(&line));
+                    assert!(merger.try_merge(&line));
                 }
                 at = next;
                 points.push(at);
@@ -223,14 +226,14 @@ mod tests {
             let (mut at, mut marks) = ([0.0; 3], Vec::new());
             chords = 1;
             for point in points {
-                if !merger.offer(&line(at, point, 1)) {
-                    merger.take(&mut marks);
+                if !merger.try_merge(&line(at, point, 1)) {
+                    merger.take_merged(&mut marks);
                     chords += 1;
-                    merger.offer(&line(at, point, 1));
+                    merger.try_merge(&line(at, point, 1));
                 }
                 at = point;
             }
-            merger.take(&mut marks);
+            merger.take_merged(&mut marks);
             chords
         };
         assert_eq!(run(&mut (1..=1000).map(|k| [0.003 * f64::from(k), 0.004 * f64::from(k), 0.0])), 1);
@@ -242,7 +245,7 @@ mod tests {
 
     /// Chords around a circle: the more may be merged, the fewer they are, down to none merged at Q 0.
     #[test]
-    fn the_more_is_asked_for_the_fewer_lines_are_left() {
+    fn a_larger_merging_tolerance_leaves_fewer_lines() {
         let on = |k: u32| (f64::from(k) * 0.001).sin_cos();
         let lines = |asked: f64| {
             let (mut merger, mut at, mut count) = (Merger::new(), [0.0; 3], 1);
@@ -251,10 +254,10 @@ mod tests {
                     merging: merging(0.05, Some(asked)),
                     ..line(at, [30.0 * on(k).0, 30.0 * (1.0 - on(k).1), 0.0], k)
                 };
-                if !merger.offer(&next) {
-                    merger.take(&mut Vec::new());
+                if !merger.try_merge(&next) {
+                    merger.take_merged(&mut Vec::new());
                     count += 1;
-                    assert!(merger.offer(&next));
+                    assert!(merger.try_merge(&next));
                 }
                 at = next.end;
             }
@@ -270,10 +273,10 @@ mod tests {
     }
 
     #[test]
-    fn corners_ways_back_and_other_feeds_are_kept() {
+    fn corners_reversals_and_other_feeds_are_not_merged() {
         let merges = |next: LinearMove<3>| {
             let mut merger = Merger::new();
-            merger.offer(&line([0.0; 3], [1.0, 0.0, 0.0], 1)) && merger.offer(&next)
+            merger.try_merge(&line([0.0; 3], [1.0, 0.0, 0.0], 1)) && merger.try_merge(&next)
         };
         let next = line([1.0, 0.0, 0.0], [2.0, 0.0, 0.0], 2);
         assert!(merges(next));

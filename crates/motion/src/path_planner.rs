@@ -1,7 +1,7 @@
-//! The road: how each move goes over into the next one, by a stop, as it is, rounded, or in a glide.
+//! The path planner: how each move meets the next one, by a stop, unchanged, rounded, or in a glide.
 //!
-//! Invariant: a move waits until the next one, or a stop, is known, since that decides how it is joined to the one before. What is
-//! handed on to be planned never changes, and depends on the moves and stops alone.
+//! Invariant: a move waits until the next one, or a stop, is known, since that decides how it meets the one before.
+//! What is released to be planned never changes, and depends on the moves and stops alone.
 
 use std::collections::VecDeque;
 
@@ -15,32 +15,32 @@ use crate::glide::optimum::{gentle, rest_time};
 use crate::glide::ramp_pair::RampPair;
 use crate::glide::tracks::{FarEnd, Track, Tracks};
 use crate::glide::{Blending, source};
-use crate::junction::{glide_pays, join};
+use crate::junction::{glide_is_faster, join};
 use crate::limits::{AxisLimits, MachineLimits};
 use crate::merge::LineMark;
 use crate::piece::{PathPiece, PieceJunction, RAPID};
 use crate::profile::{KinematicState, fastest, stopping_distance};
-use crate::run::{PlanRun, least};
+use crate::run::{PlanRun, smallest};
 
-/// A move that waits for the next one, which decides how it is joined to the one before.
+/// A move that waits for the next one, which decides how it meets the one before.
 #[derive(Clone, Copy, Debug)]
 struct PendingMove<const A: usize> {
     segment: PathSegment<A>,
     start: [f64; A],
-    /// It ends with a full stop.
+    /// Whether it ends with a full stop.
     stops: bool,
 }
 
-/// The first segment of a run, as long as it is the only one.
+/// The first segment of a run, while it is the only one.
 #[derive(Clone, Copy, Debug)]
 struct FirstSegment {
-    /// In which state the run begins, its place counted from the start of the whole segment.
+    /// State in which the run begins, its place counted from the start of the whole segment.
     start: KinematicState,
     /// Length of the whole segment, mm.
     length: f64,
 }
 
-/// The road ahead, from moves to the plan.
+/// Planner of the path ahead, from moves to the plan.
 #[derive(Debug)]
 pub(crate) struct PathPlanner<const A: usize> {
     axes: AxisLimits<A>,
@@ -50,26 +50,26 @@ pub(crate) struct PathPlanner<const A: usize> {
     blending: Blending,
     glide_cache: GlideCache,
     pending: Option<PendingMove<A>>,
-    /// Marks of the held move.
+    /// Marks of the pending move.
     marks: Vec<LineMark>,
     lead: Option<FirstSegment>,
-    /// The last move in the blender ends with a full stop.
+    /// Whether the last move in the blender ends with a full stop.
     stops: bool,
-    /// Pieces that wait to be planned, and marks on their way from the blender, kept for their memory.
+    /// Pieces that wait to be planned, and marks from the blender, retained for their memory.
     pieces: VecDeque<(PathPiece<A>, PieceJunction)>,
     lines: Vec<LineMark>,
 }
 
-/// Pieces that are planned at most when a move is taken up, so that none has to wait for all that the blender hands on together;
-/// more than a move is ever cut into.
-const PIECES: usize = 24;
+/// Largest number of pieces that are planned when a move is accepted, so that no move waits for everything that the
+/// blender releases together; more than a move is ever cut into.
+const MAX_PIECES: usize = 24;
 
 impl<const A: usize> PathPlanner<A> {
-    /// A road that begins at rest at `start_mm`.
+    /// Creates a planner at rest at `start_mm`.
     pub(crate) fn new(limits: MachineLimits<A>, start_mm: [f64; A]) -> Self {
         let axes = limits.planned();
         // A turn of 1/8 rad rounded this widely takes half the jerk at full speed; sharper ones are slower in any case.
-        let reach = 0.5 * (axes.path_v.powi(3) / least(axes.j)).sqrt();
+        let reach = 0.5 * (axes.path_v.powi(3) / smallest(axes.j)).sqrt();
         Self {
             axes,
             emitter: Emitter::new(limits, start_mm),
@@ -86,34 +86,35 @@ impl<const A: usize> PathPlanner<A> {
         }
     }
 
-    /// Plans over that many blocks at a time.
-    pub(crate) fn look_over(&mut self, blocks: usize) {
-        self.run.look_over(blocks);
+    /// Plans over `blocks` blocks at a time.
+    pub(crate) fn set_look_ahead(&mut self, blocks: usize) {
+        self.run.set_look_ahead(blocks);
     }
 
-    /// From the next record on programmed feeds count times `factor`; where moves are joined, and how, does not depend on it.
-    pub(crate) fn override_feeds(&mut self, factor: f64) {
-        self.run.override_feeds(factor, &mut self.emitter);
+    /// Multiplies programmed feeds by `factor` from the next record on. Which junctions are blended, and how, does not
+    /// depend on it.
+    pub(crate) fn set_feed_factor(&mut self, factor: f64) {
+        self.run.set_feed_factor(factor, &mut self.emitter);
     }
 
-    /// Passes the corners that follow by that method.
-    pub(crate) fn blend_by(&mut self, blending: Blending) {
+    /// Sets the method by which the corners that follow are blended.
+    pub(crate) fn set_blending(&mut self, blending: Blending) {
         self.blending = blending;
     }
 
-    /// Has anything moved since the last stop?
-    pub(crate) fn moves(&self) -> bool {
+    /// Whether anything has moved since the last stop.
+    pub(crate) fn has_motion(&self) -> bool {
         self.pending.is_some() || self.blender.last().is_some()
     }
 
-    /// The next control period's record, if it is planned.
+    /// Record of the next control period, if it is planned.
     pub(crate) fn next_record(&mut self) -> Option<Record<A>> {
         self.emitter.next_record()
     }
 
-    /// As [`crate::Planner::displace`].
+    /// See [`crate::Planner::displace`].
     pub(crate) fn displace(&mut self, pulses: [i64; A], pulses_per_mm: &[f64; A]) -> bool {
-        !self.moves() && self.emitter.displace(pulses, pulses_per_mm)
+        !self.has_motion() && self.emitter.displace(pulses, pulses_per_mm)
     }
 
     /// The last set-point.
@@ -121,36 +122,37 @@ impl<const A: usize> PathPlanner<A> {
         self.emitter.point()
     }
 
-    /// A stop at `end`, whose record carries `flags` and program line `tag`.
+    /// Adds a stop at `end`, whose record has `flags` and program line `tag`.
     pub(crate) fn stop(&mut self, end: [f64; A], tag: u32, flags: Flags) {
-        if let Some(held) = self.pending.take() {
-            self.place(&held, None);
+        if let Some(pending) = self.pending.take() {
+            self.connect(&pending, None);
         }
         self.come_to_rest(end, tag, flags);
     }
 
-    /// Takes up `segment`, whose `marks` are taken out, and joins the one before it; does it end with a full stop?
+    /// Accepts `segment`, whose `marks` are taken out, and connects the one before it. `stops`: the segment ends with a
+    /// full stop.
     pub(crate) fn accept(&mut self, segment: PathSegment<A>, stops: bool, marks: &mut Vec<LineMark>) {
         let start = segment.curve.at(0.0);
         let before = self.pending.replace(PendingMove { segment, start, stops });
         if let Some(before) = before {
-            self.place(&before, Some(&segment));
+            self.connect(&before, Some(&segment));
         }
         std::mem::swap(marks, &mut self.marks);
         marks.clear();
     }
 
-    /// Joins a move to what there is; `next` follows it, or a stop.
-    fn place(&mut self, held: &PendingMove<A>, next: Option<&PathSegment<A>>) {
-        let PendingMove { segment, start, .. } = held;
+    /// Connects a move to those before it; `next` follows it, or a stop.
+    fn connect(&mut self, pending: &PendingMove<A>, next: Option<&PathSegment<A>>) {
+        let PendingMove { segment, start, .. } = pending;
         let mut entry = Junction::Kink(PieceJunction::STOP);
         if let Some(last) = self.blender.last().copied() {
             let stops = self.stops;
             let joined = join(&last, segment, &self.axes).filter(|_| !stops);
-            let glide = if stops { None } else { self.find_glide(&last, held, next, joined.as_ref()) };
+            let glide = if stops { None } else { self.find_glide(&last, pending, next, joined.as_ref()) };
             match (glide, joined) {
                 (Some((tracks, ramps)), _) => {
-                    if self.pass(&tracks, &ramps, &last, held) {
+                    if self.pass_by_glide(&tracks, &ramps, &last, pending) {
                         return;
                     }
                 }
@@ -158,7 +160,7 @@ impl<const A: usize> PathPlanner<A> {
                 (None, None) => self.come_to_rest(*start, self.blender.last_tag(), Flags::REST),
             }
         }
-        self.stops = held.stops;
+        self.stops = pending.stops;
         self.lead = self
             .blender
             .last()
@@ -168,24 +170,25 @@ impl<const A: usize> PathPlanner<A> {
         if self.blender.is_ready() {
             self.flush_pieces(false);
         } else {
-            self.plan_on(PIECES);
+            self.plan_pieces(MAX_PIECES);
         }
     }
 
-    /// A glide from `last` into the held move, if the method has one: the optimum only where it is faster than any other way.
+    /// A glide from `last` into the pending move, if the method has one: the optimum only where it is faster than any
+    /// other way.
     fn find_glide(
         &mut self,
         last: &PathSegment<A>,
-        held: &PendingMove<A>,
+        pending: &PendingMove<A>,
         next: Option<&PathSegment<A>>,
         joined: Option<&Junction<A>>,
     ) -> Option<(Tracks<A>, RampPair)> {
-        let segment = &held.segment;
+        let segment = &pending.segment;
         let tolerance = last.tolerance.min(segment.tolerance);
         if tolerance <= 0.0 {
             return None;
         }
-        // On arcs roundings are faster than glides, which take only what the arc allows all along.
+        // On arcs roundings are faster than glides, which use only what the arc allows throughout.
         if !last.curve.is_line() || !segment.curve.is_line() {
             return None;
         }
@@ -193,7 +196,7 @@ impl<const A: usize> PathPlanner<A> {
         if u[A.min(3)..].iter().chain(&w[A.min(3)..]).any(|x| *x != 0.0) {
             return None;
         }
-        let moves_on = |stops: bool, next: Option<&PathSegment<A>>| {
+        let far_end_of = |stops: bool, next: Option<&PathSegment<A>>| {
             if stops || next.is_none_or(|next| next.tolerance.min(segment.tolerance) <= 0.0) {
                 FarEnd::Rest
             } else {
@@ -205,9 +208,9 @@ impl<const A: usize> PathPlanner<A> {
             Some(FirstSegment { length, .. }) => (length, FarEnd::Moving),
             None => (last.length, FarEnd::Moving),
         };
-        let to = moves_on(held.stops, next);
+        let to = far_end_of(pending.stops, next);
         if self.blending == Blending::Optimum
-            && !glide_pays([(last, from), (segment, to)], joined, tolerance, &self.axes)
+            && !glide_is_faster([(last, from), (segment, to)], joined, tolerance, &self.axes)
         {
             return None;
         }
@@ -225,11 +228,11 @@ impl<const A: usize> PathPlanner<A> {
             Blending::Optimum => self.glide_cache.glide(&tracks, &self.axes)?,
             Blending::Source(ratio) => source::glide(&tracks, &self.axes, ratio)?,
         };
-        self.fitted(&tracks, ramps)
+        self.fit_glide(&tracks, ramps)
     }
 
-    /// The glide as large as the way before it allows.
-    fn fitted(&self, tracks: &Tracks<A>, ramps: RampPair) -> Option<(Tracks<A>, RampPair)> {
+    /// The glide, as large as the path before it allows.
+    fn fit_glide(&self, tracks: &Tracks<A>, ramps: RampPair) -> Option<(Tracks<A>, RampPair)> {
         let before = &tracks.pair[0];
         let free = self.blender.free_end();
         [1.0, 0.97, 0.9, 0.7, 0.5, 0.3].into_iter().map(|factor| ramps.scaled(factor)).find_map(|ramps| {
@@ -245,16 +248,22 @@ impl<const A: usize> PathPlanner<A> {
         })
     }
 
-    /// Goes over into the held move by a glide; false where the motion before it could not be brought into it.
-    fn pass(&mut self, tracks: &Tracks<A>, ramps: &RampPair, last: &PathSegment<A>, held: &PendingMove<A>) -> bool {
+    /// Passes into the pending move by a glide; false where the motion before it could not be brought into it.
+    fn pass_by_glide(
+        &mut self,
+        tracks: &Tracks<A>,
+        ramps: &RampPair,
+        last: &PathSegment<A>,
+        pending: &PendingMove<A>,
+    ) -> bool {
         let [out, into] = ramps.ends();
-        let PendingMove { segment, start, stops } = held;
+        let PendingMove { segment, start, stops } = pending;
         let tag = self.blender.last_tag();
         self.blender.shorten(out.s);
         self.flush_pieces(true);
         let (piece, reached) = self.run.finish_moving(KinematicState::moving(out.v, -out.a), &mut self.emitter);
         if !reached {
-            // At rest a little before the corner; the rest of the way is a move of its own.
+            // At rest a little before the corner; the remaining distance is a move of its own.
             let from = last.length - out.s;
             self.emitter.commit(PlanItem::Stop { piece, end: last.curve.at(from), flags: Flags::NONE, tag });
             let rest = PathSegment { curve: last.curve.from(from), length: out.s, tag, marks: 0, ..*last };
@@ -269,7 +278,7 @@ impl<const A: usize> PathPlanner<A> {
         self.run.begin(KinematicState::moving(into.v, into.a), tracks.pair[1].limits, ramps.duration());
         self.stops = *stops;
         self.lead = Some(FirstSegment { start: into, length: segment.length });
-        // Program lines that begin within the glide are passed over.
+        // Program lines that begin within the glide are skipped.
         let passed = self.marks.partition_point(|mark| mark.place <= into.s);
         let tag = self.marks.drain(..passed).next_back().map_or(segment.tag, |mark| mark.tag);
         for mark in &mut self.marks {
@@ -283,28 +292,28 @@ impl<const A: usize> PathPlanner<A> {
             ..*segment
         };
         self.blender.push(rest, Junction::Kink(PieceJunction::STOP), &self.marks);
-        self.blender.keep_clear(stopping_distance(into, gentle(tracks.pair[1].limits, into)));
+        self.blender.forbid_near_start(stopping_distance(into, gentle(tracks.pair[1].limits, into)));
         true
     }
 
     fn flush_pieces(&mut self, ended: bool) {
-        self.blender.hand_on(ended, &mut self.pieces, &mut self.lines);
+        self.blender.release_pieces(ended, &mut self.pieces, &mut self.lines);
         self.emitter.mark(&self.lines);
         self.lines.clear();
         if ended {
-            self.plan_on(usize::MAX);
+            self.plan_pieces(usize::MAX);
         }
     }
 
-    /// Up to `most` of the pieces that wait are planned.
-    fn plan_on(&mut self, most: usize) {
-        let most = most.min(self.pieces.len());
+    /// Plans up to `max_pieces` of the pieces that wait.
+    fn plan_pieces(&mut self, max_pieces: usize) {
+        let most = max_pieces.min(self.pieces.len());
         for (piece, entry) in self.pieces.drain(..most) {
             self.run.push(piece, entry, &mut self.emitter);
         }
     }
 
-    /// Everything that the blender holds comes to rest at `end`.
+    /// Releases everything that the blender holds and comes to rest at `end`.
     fn come_to_rest(&mut self, end: [f64; A], tag: u32, flags: Flags) {
         self.flush_pieces(true);
         self.lead = None;

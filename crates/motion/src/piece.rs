@@ -1,39 +1,39 @@
-//! A piece of path, and what speed the axes allow along it.
+//! A piece of path, and the speed that the axes allow along it.
 //!
-//! Invariant: motion along a piece within its path limits keeps every axis within its planned velocity, acceleration and
-//! jerk, less the share of the jerk that is left to the joints at its ends.
+//! Invariant: motion along a piece within its path limits keeps every axis within its planned velocity, acceleration
+//! and jerk, less the share of the jerk that is left to the junctions at its ends.
 
-use crate::accel_split::{GENTLE, LONG, LimitOptions, SPEED_KEPT, TANGENTIAL};
+use crate::accel_split::{GENTLE, LONG, LimitOptions, RETAINED_SPEED, TANGENTIAL};
 use crate::curve::{Curve, Derivatives};
 use crate::limits::AxisLimits;
 use crate::profile::PathLimits;
 
-/// The speed that is asked for along rapid motion: as fast as the axes can.
+/// Requested speed of rapid motion: as fast as the axes can.
 pub(crate) const RAPID: f64 = f64::MAX;
 
-/// A piece of path that is moved along in one go.
+/// A piece of path with uniform limits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PathPiece<const A: usize> {
     pub(crate) curve: Curve<A>,
-    /// Length in mm, above 0.
+    /// Length, mm, above 0.
     pub(crate) length: f64,
-    /// Highest speed asked for, mm/s.
+    /// Highest requested speed, mm/s.
     pub(crate) feed: f64,
     /// Program line at its start.
     pub(crate) tag: u32,
-    /// How many marks of further program lines belong to it.
+    /// Number of marks of further program lines that belong to it.
     pub(crate) marks: u32,
     /// Bounds on the derivatives.
     pub(crate) bounds: Derivatives<A>,
-    /// The way from the piece before it into this one is not smooth.
+    /// Whether the path from the piece before it into this one is not smooth.
     pub(crate) rough_entry: bool,
-    /// Share of the jerk that is left to the joints at its ends.
+    /// Share of the jerk that is left to the junctions at its ends.
     pub(crate) share: f64,
     /// Cap on the speed at its end, mm/s.
     pub(crate) exit_v: f64,
 }
 
-/// How a joint may be passed.
+/// How a junction may be passed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PieceJunction {
     /// Cap on the speed, mm/s; 0 for a stop.
@@ -55,47 +55,48 @@ impl<const A: usize> PathPiece<A> {
         Self { curve, length, feed, tag, marks: 0, bounds, rough_entry: false, share: 0.0, exit_v: f64::MAX }
     }
 
-    /// Is it rapid motion?
+    /// Whether the piece is rapid motion.
     pub(crate) fn is_rapid(&self) -> bool {
         self.feed == RAPID
     }
 
-    /// Path limits to choose from along the piece when its feed counts times `factor`.
-    pub(crate) fn offer(&self, axes: &AxisLimits<A>, factor: f64) -> LimitOptions {
+    /// Path limits to choose from along the piece when its feed is multiplied by `factor`.
+    pub(crate) fn limit_options(&self, axes: &AxisLimits<A>, factor: f64) -> LimitOptions {
         let share = self.share;
         let (mut want, mut a, mut j) = ((factor * self.feed).min(axes.path_v), f64::MAX, f64::MAX);
         for i in 0..A {
             let per_first = self.bounds.first[i].max(1e-12).recip();
             want = want.min(axes.v[i] * per_first);
-            a = a.min(a_left(axes, share, i) * per_first);
-            j = j.min(j_left(axes, share, i) * per_first);
+            a = a.min(remaining_acceleration(axes, share, i) * per_first);
+            j = j.min(remaining_jerk(axes, share, i) * per_first);
         }
         if self.bounds.second.iter().all(|&d| d == 0.0) {
             let limits = PathLimits { v: want, a, j };
             return LimitOptions { v: want, gentle: GENTLE * a, calm: limits, rough: limits };
         }
         let most = self.speed(axes, share, along((a, j), TANGENTIAL[0]), want);
-        let kept = |part: f64| {
-            let keeps = |&&shares: &&(f64, f64)| self.allows(axes, share, along((a, j), shares), part * most);
-            let shares = TANGENTIAL.iter().rev().find(keeps).unwrap_or(&TANGENTIAL[0]);
+        let at_least = |part: f64| {
+            let allowed = |&&shares: &&(f64, f64)| self.allows(axes, share, along((a, j), shares), part * most);
+            let shares = TANGENTIAL.iter().rev().find(allowed).unwrap_or(&TANGENTIAL[0]);
             let (a, j) = along((a, j), *shares);
             PathLimits { v: self.speed(axes, share, (a, j), most), a, j }
         };
-        let rough = kept(if self.length > LONG * most { SPEED_KEPT.2 } else { SPEED_KEPT.1 });
-        // Where nothing was given up, nothing is to be won.
-        let calm = if rough.v >= SPEED_KEPT.0 * most { rough } else { kept(SPEED_KEPT.0) };
+        let rough = at_least(if self.length > LONG * most { RETAINED_SPEED.2 } else { RETAINED_SPEED.1 });
+        // Where nothing was given up, nothing can be gained.
+        let calm = if rough.v >= RETAINED_SPEED.0 * most { rough } else { at_least(RETAINED_SPEED.0) };
         LimitOptions { v: most, gentle: GENTLE * a, calm, rough }
     }
 
-    /// What tangential motion (a, j) leaves of the acceleration and jerk of axis `i`.
+    /// Acceleration and jerk of axis `i` that tangential motion (a, j) leaves.
     fn remaining(&self, axes: &AxisLimits<A>, share: f64, (a, j): (f64, f64), i: usize) -> (f64, f64) {
-        let (a_all, j_all, first) = (a_left(axes, share, i), j_left(axes, share, i), self.bounds.first[i]);
+        let (a_all, j_all, first) =
+            (remaining_acceleration(axes, share, i), remaining_jerk(axes, share, i), self.bounds.first[i]);
         let along = first * a;
         let across = if self.curve.is_arc() { (a_all * a_all - along * along).max(0.0).sqrt() } else { a_all - along };
         (across.max(0.0), (j_all - first * j).max(0.0))
     }
 
-    /// Does speed `v` keep the limits with tangential acceleration and jerk `along`?
+    /// Whether speed `v` is within the limits with tangential acceleration and jerk `along`.
     fn allows(&self, axes: &AxisLimits<A>, share: f64, along: (f64, f64), v: f64) -> bool {
         (0..A).all(|i| {
             let (second, third) = (self.bounds.second[i], self.bounds.third[i]);
@@ -104,7 +105,7 @@ impl<const A: usize> PathPiece<A> {
         })
     }
 
-    /// The highest speed up to `v` that keeps the limits with tangential acceleration and jerk `along`.
+    /// Highest speed up to `v` that is within the limits with tangential acceleration and jerk `along`.
     fn speed(&self, axes: &AxisLimits<A>, share: f64, along: (f64, f64), mut v: f64) -> f64 {
         for i in 0..A {
             let (second, third) = (self.bounds.second[i], self.bounds.third[i]);
@@ -125,14 +126,14 @@ fn along((a, j): (f64, f64), (a_share, j_share): (f64, f64)) -> (f64, f64) {
     (a_share * a, j_share * j)
 }
 
-/// Acceleration of axis `i` that is left to a piece whose joints get `share` of acceleration and jerk: seen over one period, a
-/// joint adds no more than that share, nor more than the share of the jerk does in the period.
-fn a_left<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
+/// Acceleration of axis `i` that remains for a piece whose junctions get `share` of acceleration and jerk. Measured
+/// over one period, a junction adds no more than that share, nor more than the share of the jerk does in the period.
+fn remaining_acceleration<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
     axes.a[i] - share * axes.a[i].min(axes.j[i] * axes.period)
 }
 
-/// Jerk of axis `i` that is left to a piece whose joints get `share` of it.
-fn j_left<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
+/// Jerk of axis `i` that remains for a piece whose junctions get `share` of it.
+fn remaining_jerk<const A: usize>(axes: &AxisLimits<A>, share: f64, i: usize) -> f64 {
     (1.0 - share) * axes.j[i]
 }
 
@@ -147,13 +148,13 @@ fn speed_within(wanted: f64, cubic: f64, linear: f64, most: f64) -> f64 {
     for _ in 0..3 {
         v -= (used(v) - most) / (3.0 * cubic * v * v + linear).max(f64::MIN_POSITIVE);
     }
-    // Newton came from above; the chord from 0 ends below the root, because the function is convex.
+    // Newton's steps came from above; the chord from 0 ends below the root, because the function is convex.
     let above = used(v);
     if above > most { v * most / above } else { v.max(0.0) }
 }
 
-/// At least the cube root of `x`, which is not below 0, and at most a sixteenth more: the chord over each factor of two between
-/// powers of 8 (the first guess of FreeBSD's `cbrt`, without what it takes off).
+/// A bound between the cube root of `x` ≥ 0 and a sixteenth more: the chord over each factor of two between powers of 8
+/// (the first guess of FreeBSD's `cbrt`, without its correction).
 fn above_root(x: f64) -> f64 {
     if x.is_nan() { x } else { f64::from_bits(x.to_bits() / 3 + (682 << 52)) }
 }
@@ -185,11 +186,11 @@ mod tests {
     fn a_diagonal_line_is_faster_than_an_axis_and_a_small_circle_slower() {
         let axes = MachineLimits::<3>::built_in().planned();
         let (curve, length) = Curve::line([0.0; 3], [10.0, 10.0, 0.0]);
-        let limits = PathPiece::new(curve, length, 1e9, 1).offer(&axes, 1.0).rough;
+        let limits = PathPiece::new(curve, length, 1e9, 1).limit_options(&axes, 1.0).rough;
         assert!((limits.a - 900.0 * 2f64.sqrt()).abs() < 1e-9 && (limits.v - 100.0).abs() < 1e-9);
         let arc = crate::Arc { plane: [0, 1], centre_mm: [0.0, 1.0], rotation: 1, end_mm: [0.0, 0.0, 0.0] };
         let (curve, length) = Curve::arc([0.0; 3], &arc).expect("valid");
-        let limits = PathPiece::new(curve, length, 1e9, 1).offer(&axes, 1.0).rough;
+        let limits = PathPiece::new(curve, length, 1e9, 1).limit_options(&axes, 1.0).rough;
         assert!(limits.v < 30.0 && limits.v > 20.0 && limits.a >= 0.05 * 900.0, "{limits:?}");
     }
 }

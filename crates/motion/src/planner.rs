@@ -1,7 +1,8 @@
-//! The planner: moves go in, records come out, look-ahead in between.
+//! The planner: moves go in, records come out, with look-ahead in between.
 //!
-//! Invariant: what comes out depends on the moves, their modes and the stops, in their order, on after which record the feed
-//! override was changed, and on nothing else: never on when records are asked for. A committed record never changes, and what is committed can always be followed by a stop.
+//! Invariant: the records depend on the moves, their modes and the stops, in their order, on the record after which the
+//! feed override was changed, and on nothing else: never on when records are requested. A committed record never
+//! changes, and what is committed can always be followed by a stop.
 
 use retrace_core::{Flags, Record};
 
@@ -16,45 +17,45 @@ use crate::path_planner::PathPlanner;
 use crate::piece::RAPID;
 use crate::pulses::counts_of;
 
-/// The most that an override may raise feeds to, as a factor: 200 %.
+/// Highest feed override as a factor: 200 %.
 pub const MAX_OVERRIDE: f64 = 2.0;
 
-/// How fast a move goes.
+/// Speed of a move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FeedRate {
-    /// Along the path, mm/s (G94); degrees/s where only rotary axes move.
+    /// Speed along the path, mm/s, above 0 (G94); degrees/s where only rotary axes move.
     PerSecond(f64),
-    /// The whole move takes this long at least, s (G93).
+    /// Least duration of the whole move, s, above 0 (G93).
     Duration(f64),
     /// As fast as the machine can (G0).
     Rapid,
 }
 
-/// How a move goes over into the next one.
+/// How a move meets the next one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PathMode {
     /// Full stop at the end of the move (G61.1).
     ExactStop,
-    /// Exactly along the path; full stops only where it is not smooth (G61).
+    /// Exactly along the path, with full stops only where it is not smooth (G61).
     ExactPath,
-    /// Corners may be cut by up to the tolerance (G64 P), and lines that are nearly collinear become one (G64 Q).
+    /// Corners may be cut by up to the tolerance (G64 P), and nearly collinear lines are merged (G64 Q).
     Blend {
-        /// Largest distance from the programmed path, mm; the rounding to whole pulses is within it.
+        /// Largest distance from the programmed path, mm, 0 … 10⁶. It includes the rounding to whole pulses.
         tolerance_mm: f64,
-        /// How far lines at one feed may be from the line that they are merged into, mm. It is taken out of the tolerance, of
-        /// which at most half goes there; 0 merges nothing, `None` leaves it to the planner.
+        /// Largest distance of lines with equal feed from the line that they are merged into, mm, 0 … 10⁶. It is part
+        /// of the tolerance, at most half of it. 0 merges nothing; `None` leaves the choice to the planner.
         merge_mm: Option<f64>,
     },
 }
 
 impl PathMode {
-    /// Blending within `tolerance_mm`; how much of it goes into merging is the planner's choice.
+    /// Blending within `tolerance_mm`, mm, 0 … 10⁶. The planner chooses how much of it merging uses.
     #[must_use]
     pub const fn blend(tolerance_mm: f64) -> Self {
         Self::Blend { tolerance_mm, merge_mm: None }
     }
 
-    /// The tolerances in mm, of the path and of merging; where nothing is blended, none.
+    /// Tolerances of the path and of merging, mm; 0 where nothing is blended.
     fn tolerances(self) -> (f64, Option<f64>) {
         match self {
             Self::Blend { tolerance_mm, merge_mm } => (tolerance_mm, merge_mm),
@@ -63,24 +64,42 @@ impl PathMode {
     }
 }
 
-/// Plans moves and emits one record a control period.
+/// Planner of moves, which emits one record per control period.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
+/// let mut planner = Planner::<2>::new(MachineLimits::built_in(), [0.0; 2])?;
+/// let mode = PathMode::blend(0.05);
+/// planner.line([20.0, 0.0], FeedRate::PerSecond(50.0), mode, 1)?;
+/// planner.line([20.0, 20.0], FeedRate::PerSecond(50.0), mode, 2)?;
+/// planner.stop(retrace_core::Flags::NONE);
+/// let mut periods = 0;
+/// while let Some(record) = planner.next_record() {
+///     assert!(record.increments[0].abs() <= 100, "100 mm/s is 100 pulses per millisecond");
+///     periods += 1;
+/// }
+/// assert!(periods > 800, "40 mm at 50 mm/s");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Planner<const A: usize> {
     pulses_per_mm: [f64; A],
     merger: Merger<A>,
-    road: PathPlanner<A>,
+    path: PathPlanner<A>,
     /// Marks of the line that comes out of the merger.
     marks: Vec<LineMark>,
-    /// Where the last move ends.
-    at: [f64; A],
+    /// End of the last move.
+    commanded: [f64; A],
     /// Program line of the last move.
     tag: u32,
-    /// Where the last stop is, and the flags its record carries.
+    /// Position of the last stop, and the flags of its record.
     rest: ([f64; A], Flags),
 }
 
 impl<const A: usize> Planner<A> {
-    /// A planner at rest at `start_mm`.
+    /// Creates a planner at rest at `start_mm`, in mm or degrees.
     ///
     /// # Errors
     /// E41xx: a limit is out of its range.
@@ -89,128 +108,136 @@ impl<const A: usize> Planner<A> {
         Ok(Self {
             pulses_per_mm: limits.pulses_per_mm,
             merger: Merger::new(),
-            road: PathPlanner::new(limits, start_mm),
+            path: PathPlanner::new(limits, start_mm),
             marks: Vec::new(),
-            at: start_mm,
+            commanded: start_mm,
             tag: 0,
             rest: (start_mm, Flags::NONE),
         })
     }
 
-    /// A planner that looks ahead over that many blocks of the road instead of as far as it needs to stop: up to them are planned
-    /// together, and half of them are then committed. A block of the road is a move, or a part of a blended one. At least 2;
-    /// `usize::MAX` plans every run whole.
+    /// Creates a planner with a look-ahead of `blocks` blocks of the path, instead of as far as it needs to stop.
+    ///
+    /// That many blocks are planned together at most, and half of them are then committed. A block is a move, or a part
+    /// of a blended one. `blocks` is at least 2; `usize::MAX` plans every run as a whole.
     ///
     /// # Errors
     /// E41xx: a limit is out of its range.
     pub fn with_look_ahead(limits: MachineLimits<A>, start_mm: [f64; A], blocks: usize) -> Result<Self, LimitError> {
         let mut planner = Self::new(limits, start_mm)?;
-        planner.road.look_over(blocks);
+        planner.path.set_look_ahead(blocks);
         Ok(planner)
     }
 
-    /// The same planner, which passes corners by `method`.
+    /// Sets the method by which corners are blended.
     #[must_use]
-    pub fn blending_by(mut self, method: Blending) -> Self {
-        self.road.blend_by(method);
+    pub fn with_blending(mut self, method: Blending) -> Self {
+        self.path.set_blending(method);
         self
     }
 
-    /// Where the last move ends, mm.
+    /// End of the last move, mm or degrees.
     #[must_use]
     pub fn commanded_mm(&self) -> [f64; A] {
-        self.at
+        self.commanded
     }
 
-    /// A straight move to `end_mm`; `tag` is its program line.
+    /// Adds a straight move to `end_mm`, absolute, mm or degrees, at most ±10⁶. `tag` is its program line.
     ///
     /// # Errors
-    /// E4001, E4002; nothing is changed then.
+    /// E4001, E4002. Nothing is changed then.
     pub fn line(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, tag: u32) -> Result<(), MoveError> {
         check(&end_mm, feed, mode)?;
-        let (curve, length) = Curve::line(self.at, end_mm);
+        let (curve, length) = Curve::line(self.commanded, end_mm);
         self.add(curve, length, end_mm, feed, mode, tag);
         Ok(())
     }
 
-    /// An arc or helix; `tag` is its program line.
+    /// Adds an arc or helix, with coordinates of at most ±10⁶ mm. `tag` is its program line.
     ///
     /// # Errors
-    /// E4001 … E4004; nothing is changed then.
+    /// E4001 … E4004. Nothing is changed then.
     pub fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, tag: u32) -> Result<(), MoveError> {
         check(&arc.end_mm, feed, mode)?;
         check(&arc.centre_mm, feed, mode)?;
-        let (curve, length) = Curve::arc(self.at, arc)?;
+        let (curve, length) = Curve::arc(self.commanded, arc)?;
         self.add(curve, length, arc.end_mm, feed, mode, tag);
         Ok(())
     }
 
-    /// A planned stop here: the motion is at rest at the end of the last record, which carries [`Flags::REST`] and `flags`.
+    /// Adds a planned stop at the end of the last move. The motion is at rest at the end of the last record, which has
+    /// [`Flags::REST`] and `flags`.
     ///
-    /// Where nothing has moved since the last stop, and `flags` asks for what that one's record does not carry, the stop
-    /// takes one record without motion.
+    /// Where nothing has moved since the last stop, and `flags` contains a flag that the record of that stop does not
+    /// have, the stop takes one record without motion.
     pub fn stop(&mut self, flags: Flags) {
         let flags = flags.with(Flags::REST);
-        let (end, held) = self.rest;
-        let moves = self.road.moves() || !self.merger.is_empty();
+        let (end, rest_flags) = self.rest;
+        let moves = self.path.has_motion() || !self.merger.is_empty();
         let counts = |at: &[f64; A]| counts_of(at, &self.pulses_per_mm);
-        let elsewhere = counts(&end) != counts(&self.at);
-        if moves || elsewhere || !held.contains(flags) && flags != Flags::REST {
+        let elsewhere = counts(&end) != counts(&self.commanded);
+        if moves || elsewhere || !rest_flags.contains(flags) && flags != Flags::REST {
             self.pass_merged();
-            self.road.stop(self.at, self.tag, flags);
-            self.rest = (self.at, flags);
+            self.path.stop(self.commanded, self.tag, flags);
+            self.rest = (self.commanded, flags);
         }
     }
 
-    /// The machine stands elsewhere than was planned, by so many whole pulses of each axis: what follows is planned from there.
+    /// Moves the machine position by whole pulses of each axis, without motion. What follows is planned from there.
     ///
-    /// False, with nothing changed, where the motion is not at rest: after [`Planner::stop`], with every record taken out, it is.
+    /// Returns false, with nothing changed, where the motion is not at rest. It is at rest after [`Planner::stop`],
+    /// once every record has been taken out.
     pub fn displace(&mut self, pulses: [i64; A]) -> bool {
-        if !self.merger.is_empty() || !self.road.displace(pulses, &self.pulses_per_mm) {
+        if !self.merger.is_empty() || !self.path.displace(pulses, &self.pulses_per_mm) {
             return false;
         }
         for (axis, &pulses) in pulses.iter().enumerate() {
-            self.at[axis] += pulses as f64 / self.pulses_per_mm[axis];
+            self.commanded[axis] += pulses as f64 / self.pulses_per_mm[axis];
         }
-        self.rest.0 = self.at;
+        self.rest.0 = self.commanded;
         true
     }
 
-    /// The feed override above 100 %: from the next record on, feeds of programmed moves count times `factor`, which is held within
-    /// 1 … [`MAX_OVERRIDE`]; gives the factor that is in force. Rapid moves, and what the axes and the path velocity allow,
-    /// stay as they are. Records that came out before never change; what was planned of the road ahead is planned anew.
+    /// Sets the feed override above 100 %, from the next record on, and returns the factor that is in force.
     ///
-    /// The path does not depend on it: corners are cut as at the programmed feeds, and glides are passed as fast as these allow. One
-    /// thing may: where no plan leads into a glide, the motion stops in the corner, and that can be so for one factor and not
-    /// for another.
-    /// Where the motion is faster than a lower factor allows, it brakes at once, as fast as the axes allow; where no plan
-    /// does that, the old one is kept as far as the first place from which one does.
+    /// Feeds of programmed moves are multiplied by `factor`, which is clamped to 1 … [`MAX_OVERRIDE`]. Rapid moves and
+    /// the limits of the axes and of the path velocity do not change. Records that were emitted never change; the rest
+    /// of the plan is planned again.
+    ///
+    /// The path does not depend on the factor: corners are cut as at the programmed feeds, and glides are passed as
+    /// fast as these allow. There is one exception: where no plan leads into a glide, the motion stops in the corner,
+    /// and that can be so for one factor and not for another.
+    ///
+    /// Where the motion is faster than a lower factor allows, it brakes at once, as fast as the axes allow. Where no
+    /// plan does that, the old plan stays in force up to the first place from which one does.
     pub fn set_feed_override(&mut self, factor: f64) -> f64 {
         let factor = if factor >= 1.0 { factor.min(MAX_OVERRIDE) } else { 1.0 };
-        self.road.override_feeds(factor);
+        self.path.set_feed_factor(factor);
         factor
     }
 
-    /// The next control period's record; `None` where more input, or a stop, is needed first. Where records are taken out until
-    /// `None` before the next move goes in, memory stays bounded however long the program is.
+    /// Takes out the record of the next control period; `None` where more moves, or a stop, are needed first.
     ///
-    /// Every full stop, also that in a corner which is not smooth, takes whole periods and its last record carries
+    /// Memory stays bounded, however long the program is, where records are taken out until `None` before the next move
+    /// goes in.
+    ///
+    /// Every full stop, including one in a corner that is not smooth, takes whole periods, and its last record has
     /// [`Flags::REST`].
     pub fn next_record(&mut self) -> Option<Record<A>> {
-        self.road.next_record()
+        self.path.next_record()
     }
 
-    /// The un-rounded set-point at the end of the last record.
+    /// Unrounded set-point at the end of the last record.
     #[must_use]
     pub fn set_point(&self) -> &SetPoint<A> {
-        self.road.point()
+        self.path.point()
     }
 
     fn add(&mut self, curve: Curve<A>, length: f64, end: [f64; A], feed: FeedRate, mode: PathMode, tag: u32) {
-        let start = std::mem::replace(&mut self.at, end);
+        let start = std::mem::replace(&mut self.commanded, end);
         self.tag = tag;
         if length < 1e-9 {
-            return; // no motion; should it end on another pulse, the next stop sees to it
+            return; // no motion; where it ends on another pulse, the next stop covers the difference
         }
         let feed = match feed {
             FeedRate::PerSecond(v) => v,
@@ -220,26 +247,26 @@ impl<const A: usize> Planner<A> {
         let (tolerance, merging) = self.tolerance(mode);
         if tolerance > 0.0 && curve.is_line() {
             let line = LinearMove { start, end, feed, tag, tolerance, merging };
-            if !self.merger.offer(&line) {
+            if !self.merger.try_merge(&line) {
                 self.pass_merged();
-                self.merger.offer(&line);
+                self.merger.try_merge(&line);
             }
         } else {
             self.pass_merged();
             let segment = PathSegment { curve, length, feed, tag, tolerance, marks: 0 };
-            self.road.accept(segment, mode == PathMode::ExactStop, &mut self.marks);
+            self.path.accept(segment, mode == PathMode::ExactStop, &mut self.marks);
         }
     }
 
-    /// The line that is being merged is complete.
+    /// Passes the merged line on to the path planner.
     fn pass_merged(&mut self) {
-        if let Some(segment) = self.merger.take(&mut self.marks) {
-            self.road.accept(segment, false, &mut self.marks);
+        if let Some(segment) = self.merger.take_merged(&mut self.marks) {
+            self.path.accept(segment, false, &mut self.marks);
         }
     }
 
-    /// How far the path may be cut, with room for the rounding to whole pulses, and how much of that merging may use; 0 where it
-    /// leaves nothing worth it.
+    /// Largest distance by which the path may be cut, with allowance for the rounding to whole pulses, and the part of
+    /// it that merging may use; both 0 where too little remains to be useful. mm.
     fn tolerance(&self, mode: PathMode) -> (f64, f64) {
         let (tolerance_mm, merge_mm) = mode.tolerances();
         let rounding = 0.5 * size(&self.pulses_per_mm.map(f64::recip));

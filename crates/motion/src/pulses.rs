@@ -10,8 +10,8 @@ pub(crate) fn counts_of<const A: usize>(position_mm: &[f64; A], pulses_per_mm: &
     std::array::from_fn(|i| {
         let pulses = position_mm[i] * pulses_per_mm[i];
         let size = pulses.abs();
-        // To the nearest whole number, and half to the even one, as sums beyond 2⁵² are; then half up. Quicker than `round`,
-        // and the same up to 2⁵² pulses.
+        // To the nearest whole number, and half to the even one, as sums beyond 2⁵² are; then half up. Quicker than
+        // `round`, and equal to it up to 2⁵² pulses.
         let even = size + WHOLE - WHOLE;
         let up = if size - even == 0.5 { 1.0 } else { 0.0 };
         (even + up).copysign(pulses)
@@ -21,7 +21,7 @@ pub(crate) fn counts_of<const A: usize>(position_mm: &[f64; A], pulses_per_mm: &
 /// From here on every f64 is a whole number.
 const WHOLE: f64 = (1u64 << 52) as f64;
 
-/// A whole number of pulses, held within those of an increment.
+/// A whole number of pulses, clamped to the range of an increment.
 #[inline]
 pub(crate) fn increment_of(pulses: f64) -> (f64, i16) {
     let (least, most) = (f64::from(i16::MIN), f64::from(i16::MAX));

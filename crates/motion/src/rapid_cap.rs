@@ -1,14 +1,14 @@
-//! How much faster than planned a record may be retraced: its rapid-retrace cap (REV, *Rate law*).
+//! The rapid-retrace cap of a record: how much faster than planned it may be retraced (REV, *Rate law*).
 //!
-//! Invariant: at its cap r, bounds of r·|v|, r²·|a| and r³·|j| of every axis in the record are within what the plan may use. A cap
-//! may be lower than it could be, never higher.
+//! Invariant: at its cap r, bounds of r·|v|, r²·|a| and r³·|j| of every axis in the record are within what the plan may
+//! use. A cap may be lower than it could be, never higher.
 
 use retrace_core::RapidCap;
 
 use crate::curve::Derivatives;
 
-/// What motion along a piece takes of its axes' limits, at most: for each kind of motion along the path the largest share that any
-/// axis takes. Where it is not the same axis for all of them, that is a little too much.
+/// Largest shares of the axis limits that motion along a piece uses: for each kind of motion along the path the largest
+/// share of any axis. Where it is not the same axis for all of them, this is slightly too much.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SpeedCap {
     /// By speed, of the velocity; by acceleration, of the acceleration; by jerk, of the jerk.
@@ -25,7 +25,7 @@ pub(crate) type Shares = [f64; 3];
 impl SpeedCap {
     pub(crate) const NONE: Self = Self { direct: [0.0; 3], bent: [0.0; 2], twisted: 0.0 };
 
-    /// That of a piece with these `bounds`; `per_most` are one by the limits of the axes.
+    /// Demand of a piece with these `bounds`; `per_most` are the reciprocals of the axis limits.
     pub(crate) fn of<const A: usize>(bounds: &Derivatives<A>, per_most: &Derivatives<A>) -> Self {
         let mut all = Self::NONE;
         for i in 0..A {
@@ -41,7 +41,7 @@ impl SpeedCap {
         all
     }
 
-    /// Takes in what another one asks for.
+    /// Raises each share to that of `other`.
     #[inline]
     pub(crate) fn raise(&mut self, other: &Self) {
         for (all, own) in self.direct.iter_mut().zip(other.direct) {
@@ -53,7 +53,7 @@ impl SpeedCap {
         self.twisted = larger(self.twisted, other.twisted);
     }
 
-    /// What motion along the path with this speed, acceleration and jerk, none negative, takes.
+    /// Shares that motion along the path uses at this speed, acceleration and jerk, none negative.
     #[inline]
     pub(crate) fn shares(&self, v: f64, a: f64, j: f64) -> Shares {
         let ([by_v, by_a, by_j], [by_vv, by_va]) = (self.direct, self.bent);
@@ -61,7 +61,7 @@ impl SpeedCap {
     }
 }
 
-/// What the axes themselves take: the largest share of any of them.
+/// Largest shares of any axis by its own motion.
 #[inline]
 pub(crate) fn shares_of<const A: usize>(by_time: &Derivatives<A>, per_most: &Derivatives<A>) -> Shares {
     let mut all = [0.0; 3];
@@ -78,7 +78,7 @@ pub(crate) fn shares_of<const A: usize>(by_time: &Derivatives<A>, per_most: &Der
     all
 }
 
-/// The larger of two numbers; one instruction, other than `f64::max`, which looks for NaN.
+/// The larger of two numbers. One instruction, unlike `f64::max`, which checks for NaN.
 #[inline]
 pub(crate) fn larger(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
@@ -90,7 +90,7 @@ pub(crate) fn larger_of(a: Shares, b: Shares) -> Shares {
     std::array::from_fn(|k| larger(a[k], b[k]))
 }
 
-/// The largest cap for a record that takes these shares; `near` is a guess, best the cap of the record before.
+/// Largest cap for a record that uses these shares; `near` is a guess, best the cap of the record before.
 #[inline]
 pub(crate) fn cap(shares: Shares, near: RapidCap) -> RapidCap {
     let n = near.get();
@@ -103,7 +103,7 @@ pub(crate) fn cap(shares: Shares, near: RapidCap) -> RapidCap {
     search(shares)
 }
 
-/// The largest cap, above that of a record as planned.
+/// Largest cap, above that of a record as planned.
 fn search(shares: Shares) -> RapidCap {
     let (mut low, mut high) = (RapidCap::PLANNED.get() + 1, RapidCap::MAX.get() + 1);
     while high - low > 1 {
@@ -113,7 +113,7 @@ fn search(shares: Shares) -> RapidCap {
     RapidCap::sixteenths(low)
 }
 
-/// Do `shares` leave room for retracing at `n` sixteenths?
+/// Whether `shares` permit retracing at `n` sixteenths.
 #[inline]
 fn allows([v, a, j]: Shares, n: u8) -> bool {
     // A little more, for rounding.
@@ -128,7 +128,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// The cap is the largest that all shares allow, whatever was guessed.
+        /// The cap is the largest that all shares allow, for any guess.
         #[test]
         fn a_cap_is_the_largest_that_is_allowed(sizes in [-4.0..0.1f64, -7.0..0.1f64, -10.0..0.1f64], near in 0u8..=255) {
             let shares = sizes.map(|x| 10f64.powf(x));
@@ -138,7 +138,7 @@ mod tests {
             prop_assert!(found == 8.0 || found + 1.0 / 16.0 > rate * (1.0 - 1e-8), "{} of {}", found, rate);
         }
 
-        /// The demand of a piece bounds what each of its axes takes by itself.
+        /// The demand of a piece bounds the shares of each of its axes alone.
         #[test]
         fn a_demand_bounds_every_axis(
             bounds in [[0.0..2.0f64, 0.0..2.0f64, 0.0..2.0f64], [0.0..2.0f64, 0.0..2.0f64, 0.0..2.0f64],

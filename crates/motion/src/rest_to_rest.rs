@@ -1,7 +1,7 @@
-//! The last resort: a plan that is at zero acceleration at every joint.
+//! The fallback: a plan with zero acceleration at every junction.
 //!
-//! Invariant: from rest it always exists, because a profile from rest to rest does over any length; it is legal like any
-//! other plan, only slower.
+//! Invariant: from rest it always exists, because a profile from rest to rest does over any length; it is legal like
+//! any other plan, only slower.
 
 use crate::envelope::PathBlock;
 use crate::lookahead::Span;
@@ -9,14 +9,14 @@ use crate::profile::{KinematicState, PathLimits, Profile, fastest};
 
 /// Plans `blocks` from rest to rest and appends one span for each block to `out`.
 pub(crate) fn plan(blocks: &[PathBlock], out: &mut Vec<Span>) {
-    let kept = out.len();
+    let spans_before = out.len();
     if flowing(blocks, out).is_none() {
-        out.truncate(kept);
+        out.truncate(spans_before);
         out.extend(blocks.iter().enumerate().map(|(k, b)| Span { first: k, last: k + 1, profile: rest_to_rest(b) }));
     }
 }
 
-/// As fast through each joint as zero acceleration there allows; `None` where a profile lost its digits.
+/// Plans each junction as fast as zero acceleration there allows; `None` where a profile lost its digits.
 fn flowing(blocks: &[PathBlock], out: &mut Vec<Span>) -> Option<()> {
     let n = blocks.len();
     let mut v = vec![0.0f64; n + 1];
@@ -45,7 +45,7 @@ fn rest_to_rest(block: &PathBlock) -> Profile {
     Profile { v0: 0.0, a0: 0.0, jerk: length / (2.0 * t * t * t), times: [t, 0.0, t, 0.0, t, 0.0, t] }
 }
 
-/// The speed from which, or to which, a block allows to go from or to `v` with zero acceleration at both ends, taken low by
+/// Highest speed at the other end of a block that is at `v` at one end, with zero acceleration at both; rounded down by
 /// a part in 10⁶.
 pub(crate) fn reach(v: f64, block: &PathBlock) -> f64 {
     let PathLimits { a, j, .. } = block.limits;
@@ -67,14 +67,14 @@ pub(crate) fn reach(v: f64, block: &PathBlock) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lookahead::tests::{check, road};
+    use crate::lookahead::tests::{block_path, check};
     use proptest::prelude::*;
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(500))]
 
         #[test]
-        fn there_always_is_a_legal_plan_from_rest(blocks in road()) {
+        fn there_always_is_a_legal_plan_from_rest(blocks in block_path()) {
             let mut spans = Vec::new();
             plan(&blocks, &mut spans);
             prop_assert_eq!(check(&blocks, &spans, KinematicState::default()), Ok(()));

@@ -1,8 +1,8 @@
-//! A run: the road since the last stop, as far as its plan is not committed.
+//! A run: the path since the last stop, as far as its plan is not committed.
 //!
-//! Invariant: the plan over the first `planned` blocks ends at rest; what is committed of it can always be followed by the
-//! rest of it. Only the number and length of the pieces decide when a part is committed, and where the override is changed. Where
-//! it can be, a run that ends at rest takes whole periods (SMO-9).
+//! Invariant: the plan over the first `planned` blocks ends at rest; what is committed of it can always be followed by
+//! the rest of it. Only the number and length of the pieces, and the records after which the override is changed,
+//! decide when a part is committed. Where possible, a run that ends at rest takes whole periods (SMO-9).
 
 mod replan;
 
@@ -15,23 +15,23 @@ use crate::piece::{PathPiece, PieceJunction};
 use crate::profile::{KinematicState, PathLimits, Profile, fastest, lengthened, slowed};
 use crate::rest_to_rest;
 
-/// The road since the last stop, as far as it is not committed.
+/// Path since the last stop, as far as it is not committed.
 #[derive(Debug)]
 pub(crate) struct PlanRun<const A: usize> {
     axes: AxisLimits<A>,
-    /// Programmed feeds count times this.
+    /// Factor of programmed feeds.
     factor: f64,
-    /// The last piece and the joint at its start, kept back until the joint at its end is known.
+    /// The last piece and the junction at its start, retained until the junction at its end is known.
     tail: Option<(PathPiece<A>, PieceJunction)>,
     blocks: Vec<PathBlock>,
-    /// What the blocks behind the planned ones may choose from.
-    offers: Vec<LimitOptions>,
+    /// Options of the limits of the blocks behind the planned ones.
+    options: Vec<LimitOptions>,
     choice: LimitSelector,
     /// Number of the first piece of each block.
     numbers: Vec<u64>,
     /// Number of the piece after the last block.
     next_piece: u64,
-    /// Sum of the blocks' lengths, mm.
+    /// Sum of the lengths of the blocks, mm.
     length: f64,
     /// Speed and acceleration at the start.
     v: f64,
@@ -40,41 +40,41 @@ pub(crate) struct PlanRun<const A: usize> {
     elapsed: f64,
     /// Limits of a run that begins in motion.
     lead: PathLimits,
-    /// The plan over the first `planned` blocks; it ends at rest.
+    /// Plan over the first `planned` blocks; it ends at rest.
     plan: Vec<Span>,
     planned: usize,
     look_ahead: LookAhead,
-    /// Spans of the next plan, kept for their memory.
+    /// Spans of the next plan, retained for their memory.
     fresh: Vec<Span>,
-    /// Road in mm that is kept back when a part of the plan is committed.
+    /// Length of path in mm that is retained when a part of the plan is committed.
     keep: f64,
-    /// Blocks after which the run is planned and partly committed however short they are.
+    /// Number of blocks after which the run is planned and partly committed however short they are.
     max_blocks: usize,
-    /// How often the plan could not be extended since it was last.
+    /// Number of times that the plan could not be extended since it last was.
     failures: usize,
 }
 
-/// Blocks after which a run is planned and partly committed even if they are short.
+/// Number of blocks after which a run is planned and partly committed even if they are short.
 const MAX_BLOCKS: usize = 8192;
-/// Blocks that are planned together where the road is long enough.
+/// Number of blocks that are planned together where the path is long enough.
 const BATCH: usize = 48;
-/// Stopping distances from the end of a plan to what more road does not change.
+/// Stopping distances from the end of a plan to the part that more path does not change.
 const SPARE: f64 = 1.5;
-/// A run that is over a border between periods by less than this part of one ends on it.
-const OVER: f64 = 1e-6;
+/// Part of a period: a run that exceeds a border between periods by less than this ends on it.
+const PERIOD_SLACK: f64 = 1e-6;
 /// Smooth pieces are planned together up to this length, mm: what is shorter is passed in less than a few periods.
 const GROUP: f64 = 0.02;
 
 impl<const A: usize> PlanRun<A> {
     pub(crate) fn new(axes: AxisLimits<A>) -> Self {
-        let (v, a, j) = (axes.path_v, least(axes.a), least(axes.j));
+        let (v, a, j) = (axes.path_v, smallest(axes.a), smallest(axes.j));
         let stopping = 0.5 * v * (v / a + a / j);
         Self {
             axes,
             factor: 1.0,
             tail: None,
             blocks: Vec::new(),
-            offers: Vec::new(),
+            options: Vec::new(),
             choice: LimitSelector::default(),
             numbers: Vec::new(),
             next_piece: 0,
@@ -93,8 +93,8 @@ impl<const A: usize> PlanRun<A> {
         }
     }
 
-    /// From now on looks ahead over `blocks`, whatever their length.
-    pub(crate) fn look_over(&mut self, blocks: usize) {
+    /// Sets the look-ahead to `blocks` blocks, whatever their length.
+    pub(crate) fn set_look_ahead(&mut self, blocks: usize) {
         (self.keep, self.max_blocks) = (f64::MAX, blocks.max(2));
     }
 
@@ -116,7 +116,7 @@ impl<const A: usize> PlanRun<A> {
         }
     }
 
-    /// Plans and commits everything, to rest; gives the number of the next piece.
+    /// Plans and commits everything, to rest; returns the number of the next piece.
     pub(crate) fn finish(&mut self, emitter: &mut Emitter<A>) -> u64 {
         self.push_tail(PieceJunction::STOP, emitter);
         self.replan(KinematicState::default(), true);
@@ -126,26 +126,27 @@ impl<const A: usize> PlanRun<A> {
         self.next_piece
     }
 
-    /// Begins the next run in motion, after a glide of so many seconds; within `limits` it must be able to come to rest on its first
-    /// piece.
+    /// Begins the next run in motion, after a glide of `glide` seconds. Within `limits` it must be able to come to rest
+    /// on its first piece.
     pub(crate) fn begin(&mut self, start: KinematicState, limits: PathLimits, glide: f64) {
         (self.v, self.a) = (start.v, start.a);
         self.lead = limits;
-        self.pass(glide);
+        self.add_time(glide);
     }
 
-    /// So many seconds more are committed.
-    fn pass(&mut self, seconds: f64) {
+    /// Adds `seconds` to the committed time.
+    fn add_time(&mut self, seconds: f64) {
         self.elapsed = (self.elapsed + seconds) % self.axes.period;
     }
 
-    /// Slows the plan, which ends at rest, down until the run takes whole periods (SMO-9): the last period is there anyhow. A plan
-    /// from rest is slowed as a whole; else one of its spans rises less high, or the last period is not filled.
+    /// Slows the plan, which ends at rest, down until the run takes whole periods (SMO-9): the last period exists
+    /// anyway. A plan from rest is slowed as a whole; otherwise one of its spans rises less high, or the last period is
+    /// not filled.
     fn stop_on_a_period(&mut self) {
         let period = self.axes.period;
         let duration: f64 = self.plan.iter().map(|span| span.profile.duration()).sum();
         let periods = (self.elapsed + duration) / period;
-        let missing = ((periods - OVER).ceil() - periods) * period;
+        let missing = ((periods - PERIOD_SLACK).ceil() - periods) * period;
         if missing <= 0.0 || duration <= 0.0 {
             return;
         }
@@ -165,8 +166,8 @@ impl<const A: usize> PlanRun<A> {
         }
     }
 
-    /// Plans and commits everything, to state `end`; where that cannot be reached any more, to rest, and says so. Gives the
-    /// number of the next piece.
+    /// Plans and commits everything, to state `end`, or to rest where that cannot be reached. Returns the number of the
+    /// next piece, and whether `end` was reached.
     pub(crate) fn finish_moving(&mut self, end: KinematicState, emitter: &mut Emitter<A>) -> (u64, bool) {
         self.push_tail(PieceJunction { v: end.v, share: 0.0 }, emitter);
         let reached = self.replan(end, true) || self.approach(end, emitter);
@@ -180,18 +181,18 @@ impl<const A: usize> PlanRun<A> {
         (self.next_piece, reached)
     }
 
-    /// The joint at the end of the last piece is known: the piece joins the road.
+    /// Adds the last piece to the path once the junction at its end is known.
     fn push_tail(&mut self, exit: PieceJunction, emitter: &mut Emitter<A>) {
         let Some((mut piece, entry)) = self.tail.take() else { return };
         piece.rough_entry = entry.share > 0.0;
         (piece.share, piece.exit_v) = (entry.share.max(exit.share), exit.v);
-        let offer = piece.offer(&self.axes, self.factor);
+        let offer = piece.limit_options(&self.axes, self.factor);
         let number = emitter.append(piece);
         self.next_piece = number + 1;
         self.length += piece.length;
-        // The first block of a run that begins in motion stays as it is, so that it is long enough to stop in.
+        // The first block of a run that begins in motion does not change, so that it is long enough to stop in.
         let grows = self.blocks.len() > 1 || self.v == 0.0;
-        if let Some((block, last)) = self.blocks.last_mut().zip(self.offers.last_mut())
+        if let Some((block, last)) = self.blocks.last_mut().zip(self.options.last_mut())
             && grows
             && entry == PieceJunction::SMOOTH
             && block.length + piece.length <= GROUP
@@ -201,37 +202,38 @@ impl<const A: usize> PlanRun<A> {
             block.exit_v = exit.v;
         } else {
             self.blocks.push(PathBlock { length: piece.length, limits: offer.rough, exit_v: exit.v });
-            self.offers.push(offer);
+            self.options.push(offer);
             self.numbers.push(number);
         }
     }
 
-    /// Plans all blocks to `end`: from the gate on that more road cannot change, else from the present state. Where that fails
-    /// too, the plan there is stays up to one of its next gates, and what lies beyond is planned from there; its last gate is at
-    /// rest, and from rest there always is a plan to rest. False where it came to that and `end` is not at rest. The road goes on
-    /// behind the blocks unless it `ends`.
+    /// Plans all blocks to `end`: from the gate on that more path cannot change, otherwise from the current state.
+    /// Where that fails too, the current plan remains up to one of its next gates, and the path beyond is planned from
+    /// there; its last gate is at rest, and from rest there always is a plan to rest. Returns false where only that was
+    /// left and `end` is not at rest. The path continues behind the blocks unless it `ends`.
     fn replan(&mut self, end: KinematicState, ends: bool) -> bool {
         if !self.choose(ends) {
             return true;
         }
-        self.offers.clear();
+        self.options.clear();
         let (settled, gates) = (self.settled(), self.plan.len());
         let later = std::iter::successors(Some(1), |gate| Some(2 * gate)).take_while(|&gate| gate < gates);
         let tries = [settled, 0].into_iter().take(if settled > 0 { 2 } else { 1 }).chain(later);
-        let mut kept = None;
+        let mut retained = None;
         for gate in tries {
             if self.plan_from_gate(gate, end) {
-                kept = Some(gate);
+                retained = Some(gate);
                 break;
             }
         }
-        let reached = kept.is_some() || self.plan_from_rest(end);
-        self.take_over(kept.unwrap_or(self.plan.len()));
+        let reached = retained.is_some() || self.plan_from_rest(end);
+        self.adopt_plan(retained.unwrap_or(self.plan.len()));
         reached
     }
 
-    /// Plans all blocks to rest from the gate on that more road cannot change, or one beside it if that has failed before. False
-    /// where there is no such plan: then nothing is changed, and with more road there may be one, as the road does not end here.
+    /// Plans all blocks to rest from the gate on that more path cannot change, or from a gate near it if that has
+    /// failed before. Returns false, with nothing changed, where no such plan exists. With more path there may be one,
+    /// as the path does not end here.
     fn extend(&mut self) -> bool {
         if !self.choose(false) {
             return true;
@@ -242,31 +244,31 @@ impl<const A: usize> PlanRun<A> {
         let gate = if self.failures % 2 == 1 { settled.saturating_sub(aside) } else { settled + aside };
         let found = (gate == 0 || gate < self.plan.len()) && self.plan_from_gate(gate, KinematicState::default());
         if found {
-            self.offers.clear();
-            self.take_over(gate);
+            self.options.clear();
+            self.adopt_plan(gate);
         }
         found
     }
 
-    /// Chooses limits of the blocks behind the planned ones; false where there are none.
+    /// Chooses the limits of the blocks behind the planned ones; false where there are none.
     fn choose(&mut self, ends: bool) -> bool {
-        let before = self.blocks.len().saturating_sub(self.offers.len());
+        let before = self.blocks.len().saturating_sub(self.options.len());
         let v = before.checked_sub(1).map_or(self.v, |last| self.blocks[last].limits.v.min(self.blocks[last].exit_v));
-        self.choice.choose(&mut self.blocks[before..], &self.offers, v, ends);
+        self.choice.choose(&mut self.blocks[before..], &self.options, v, ends);
         before < self.blocks.len()
     }
 
-    /// Plans all blocks behind gate `gate` of the plan there is; false where there is no such plan.
+    /// Plans all blocks behind gate `gate` of the current plan; false where no such plan exists.
     fn plan_from_gate(&mut self, gate: usize, end: KinematicState) -> bool {
         let state = self.plan.get(gate).map(|span| (span.first, span.profile.v0, span.profile.a0));
         let (first, v, a) = state.unwrap_or((0, self.v, self.a));
         self.plan_from(first, (v, a), end)
     }
 
-    /// The fresh spans follow gate `kept` of the plan there is.
-    fn take_over(&mut self, kept: usize) {
-        let beyond = self.plan.get(kept).map_or(self.planned, |span| span.first);
-        self.plan.truncate(kept);
+    /// Appends the fresh spans to the current plan behind gate `gate`.
+    fn adopt_plan(&mut self, gate: usize) {
+        let beyond = self.plan.get(gate).map_or(self.planned, |span| span.first);
+        self.plan.truncate(gate);
         self.plan.extend(self.fresh.drain(..).map(|span| Span {
             first: span.first + beyond,
             last: span.last + beyond,
@@ -275,7 +277,7 @@ impl<const A: usize> PlanRun<A> {
         self.planned = self.blocks.len();
     }
 
-    /// Plans what lies behind the plan there is, which ends at rest; false where that is to rest instead of `end`.
+    /// Plans the blocks behind the current plan, which ends at rest; false where that is to rest instead of `end`.
     fn plan_from_rest(&mut self, end: KinematicState) -> bool {
         if self.planned == 0 && self.v > 0.0 {
             self.stop_in_first_block();
@@ -289,12 +291,13 @@ impl<const A: usize> PlanRun<A> {
         end == KinematicState::default()
     }
 
-    /// A run that begins in motion and finds no other plan comes to rest at the end of its first block, which is long enough.
+    /// Brings a run that begins in motion and finds no other plan to rest at the end of its first block, which is long
+    /// enough.
     fn stop_in_first_block(&mut self) {
         let PathBlock { length, limits, .. } = self.blocks[0];
         let (from, rest) = (KinematicState::moving(self.v, self.a), KinematicState::default());
-        // What a block leaves to a joint at its end is not needed by motion that is at rest there; and a little more than the
-        // feed is better than a jump.
+        // Motion at rest does not need what a block leaves to a junction at its end; and slightly more than the feed is
+        // better than a jump.
         let any_feed = PathLimits { v: f64::MAX, a: self.lead.a.max(self.a.abs()), ..self.lead };
         let stop =
             [limits, self.lead, any_feed].into_iter().find_map(|limits| fastest(from, rest, length, limits).ok());
@@ -304,9 +307,9 @@ impl<const A: usize> PlanRun<A> {
         }
     }
 
-    /// The gate that more road cannot change any more: the last before the plan brakes to its end, and one more for the tuning
-    /// of gates, or one from which the end is far enough away to stop with something to spare. Were it not so, the plan would
-    /// lose a little time there, no more.
+    /// The gate that more path cannot change: the last before the plan brakes to its end, and one more for the tuning
+    /// of gates, or one from which the end is far enough away to stop with a margin. Otherwise the plan would lose a
+    /// little time there, no more.
     fn settled(&self) -> usize {
         let v = |gate: usize| self.plan[gate].profile.v0;
         let rises =
@@ -322,7 +325,7 @@ impl<const A: usize> PlanRun<A> {
         far.unwrap_or(rises)
     }
 
-    /// Plans the blocks from number `first` on into `fresh`; false where there is no plan between these states.
+    /// Plans the blocks from number `first` on into `fresh`; false where no plan exists between these states.
     fn plan_from(&mut self, first: usize, from: (f64, f64), end: KinematicState) -> bool {
         first < self.blocks.len() && self.look_ahead.plan(&self.blocks[first..], from, end, &mut self.fresh).is_ok()
     }
@@ -333,14 +336,14 @@ impl<const A: usize> PlanRun<A> {
         for span in &self.plan {
             emitter.commit(self.item(span.profile, s[span.last] - s[span.first], span.last - 1));
         }
-        self.pass(self.plan.iter().map(|span| span.profile.duration()).sum());
+        self.add_time(self.plan.iter().map(|span| span.profile.duration()).sum());
         self.plan.clear();
         self.blocks.clear();
         self.numbers.clear();
         (self.planned, self.v, self.a, self.length) = (0, 0.0, 0.0, 0.0);
     }
 
-    /// Places of all joints, mm from the start.
+    /// Places of all junctions, mm from the start.
     fn joints(&self) -> Vec<f64> {
         let mut sum = 0.0;
         let ends = self.blocks.iter().map(|block| {
@@ -350,19 +353,19 @@ impl<const A: usize> PlanRun<A> {
         std::iter::once(0.0).chain(ends).collect()
     }
 
-    /// The committed form of `profile` over `length` mm, which ends in block `last`.
+    /// Committed form of `profile` over `length` mm, which ends in block `last`.
     fn item(&self, profile: Profile, length: f64, last: usize) -> PlanItem<A> {
         let last = self.numbers.get(last + 1).map_or(self.next_piece, |number| *number) - 1;
         PlanItem::Span { profile, duration: profile.duration(), length, last }
     }
 
-    /// Commits the plan up to a place inside the block that lies `keep` before the end, or in the middle of the blocks where
-    /// they are shorter than that.
+    /// Commits the plan up to a place inside the block `keep` before the end, or in the middle of the blocks where they
+    /// are shorter than that.
     fn commit_part(&mut self, emitter: &mut Emitter<A>) {
         let s = self.joints();
         let target = if self.length > 2.0 * self.keep { self.length - self.keep } else { s[self.blocks.len() / 2] };
         let block = s.partition_point(|&s| s <= target).clamp(1, self.blocks.len()) - 1;
-        // Away from the joints, so that no block is left with no length.
+        // Away from the junctions, so that no block has zero length.
         let (from, to) = (s[block], s[block + 1]);
         let target = target.clamp(0.75 * from + 0.25 * to, 0.25 * from + 0.75 * to);
         let cut = self.plan.partition_point(|span| s[span.last] <= target);
@@ -373,7 +376,7 @@ impl<const A: usize> PlanRun<A> {
         let length = target - s[crossing.first];
         let (before, after) = crossing.profile.cut(crossing.profile.time_at(length));
         emitter.commit(self.item(before, length, block));
-        self.pass(self.plan[..cut].iter().map(|span| span.profile.duration()).sum::<f64>() + before.duration());
+        self.add_time(self.plan[..cut].iter().map(|span| span.profile.duration()).sum::<f64>() + before.duration());
         self.plan.drain(..cut);
         self.plan[0].profile = after;
         for span in &mut self.plan {
@@ -389,7 +392,7 @@ impl<const A: usize> PlanRun<A> {
     }
 }
 
-/// The least of all axes' limits.
-pub(crate) fn least<const A: usize>(of: [f64; A]) -> f64 {
-    of.into_iter().fold(f64::MAX, f64::min)
+/// Smallest of the limits of all axes.
+pub(crate) fn smallest<const A: usize>(values: [f64; A]) -> f64 {
+    values.into_iter().fold(f64::MAX, f64::min)
 }

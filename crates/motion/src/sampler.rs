@@ -1,4 +1,5 @@
-//! What emission samples at present: a phase of a span, or a cell of a glide, with all that a sample needs kept ready.
+//! The part of the plan that emission samples: a phase of a span, or a cell of a glide, with all values that a sample
+//! needs.
 //!
 //! Invariant: within it motion is one cubic of time, and a sample up to `until` needs nothing else.
 
@@ -6,20 +7,21 @@ use crate::curve::Derivatives;
 use crate::glide::glide_segment::GlideSample;
 use crate::profile::KinematicState;
 
-/// The phase of the front span that the last sample lies in.
+/// Phase of the front span that contains the last sample.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PhaseSampler {
     pub(crate) number: usize,
-    /// Samples up to this time after the start of the span lie in it, s; below any time where there is no span in front.
+    /// Samples up to this time after the start of the span are in the phase, s; below any time where no span is in
+    /// front.
     pub(crate) until: f64,
-    /// When it begins.
+    /// Start of the phase, s.
     pub(crate) since: f64,
     /// State at its start.
     pub(crate) start: KinematicState,
     pub(crate) jerk: f64,
-    /// A sixth of it: a division less.
+    /// A sixth of the jerk: saves a division.
     pub(crate) sixth: f64,
-    /// Number of the piece that the span ends in.
+    /// Number of the piece in which the span ends.
     pub(crate) last: u64,
 }
 
@@ -34,7 +36,7 @@ impl PhaseSampler {
         last: 0,
     };
 
-    /// The state at time `t` after the start of the span.
+    /// State at time `t` after the start of the span.
     #[inline]
     pub(crate) fn at(&self, t: f64) -> KinematicState {
         let (t, KinematicState { s, v, a }) = (t - self.since, self.start);
@@ -46,13 +48,14 @@ impl PhaseSampler {
     }
 }
 
-/// The cell of the front glide that the last sample lies in.
+/// Cell of the front glide that contains the last sample.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CellSampler<const A: usize> {
     pub(crate) number: usize,
-    /// Samples up to this time after the start of the glide lie in it, s; below any time where there is no glide in front.
+    /// Samples up to this time after the start of the glide are in the cell, s; below any time where no glide is in
+    /// front.
     pub(crate) until: f64,
-    /// When it begins.
+    /// Start of the cell, s.
     pub(crate) since: f64,
     /// Position and its derivatives by time at its start.
     pub(crate) start: GlideSample<A>,
@@ -71,7 +74,7 @@ impl<const A: usize> CellSampler<A> {
         tag: 0,
     };
 
-    /// The moment at time `t` after the start of the glide.
+    /// Sample at time `t` after the start of the glide.
     #[inline]
     pub(crate) fn at(&self, t: f64) -> GlideSample<A> {
         let (t, GlideSample { position, by_time: Derivatives { first, second, third } }) =

@@ -1,4 +1,4 @@
-//! Corners of two straight legs: never slower than stopping, and the table of their optima is what linear programs say.
+//! Corners of two straight legs: never slower than stopping, and the table of their optima agrees with linear programs.
 
 #[path = "../benches/motion/oracle.rs"]
 #[allow(dead_code, unreachable_pub)] // the bench uses the rest
@@ -38,7 +38,7 @@ fn slower_than_stopping(degrees: f64, legs: [f64; 2], feed: FeedRate, tolerance_
     (blend > stop).then(|| format!("{degrees}°, {legs:?} mm, {tolerance_mm} mm: {blend} periods, {stop} stopping"))
 }
 
-/// The corners of the table, and no plan is faster than the optimum, of which the table knows a part in 200.
+/// No plan for a corner of the table is faster than the optimum, which the table gives to a part in 200.
 #[test]
 fn corners_are_never_slower_than_stopping_and_never_faster_than_possible() {
     let rows = table();
@@ -84,7 +84,7 @@ fn the_table_is_what_linear_programs_say() {
         assert!((legs.stopping().iter().sum::<f64>() - stop).abs() < 1e-6);
         let least = |seconds: f64, share: f64| legs.min_tolerance(Optimum { seconds, share }, 80);
         let name = format!("{degrees}°, {leg} mm, {tolerance} mm");
-        let enough = least(1.003 * seconds, share).expect("there is a way");
+        let enough = least(1.003 * seconds, share).expect("the corner can be passed");
         assert!(enough <= tolerance, "{name}: {enough} mm in the table's time");
         for share in [share - 0.01, share, share + 0.01] {
             let short = least(0.99 * seconds, share).unwrap_or(f64::MAX);

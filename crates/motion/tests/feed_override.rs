@@ -1,4 +1,4 @@
-//! The feed override above 100 %: it changes when the machine is where, and never where it goes.
+//! The feed override above 100 %: it changes when the machine is where, and never the path.
 
 mod common;
 
@@ -9,7 +9,8 @@ use proptest::test_runner::TestRunner;
 use retrace_core::Flags;
 use retrace_motion::{FeedRate, MAX_OVERRIDE, MachineLimits, PathMode, Planner};
 
-/// Feeds `moves`, with `most` records taken out after each move; the override is changed before the records of these numbers.
+/// Feeds `moves`, with at most `most` records taken out after each move; the override is changed before the records of
+/// these numbers.
 fn play_overridden(limits: MachineLimits<3>, moves: &[Move], most: usize, changes: &[(usize, f64)]) -> Run {
     let mut changes = changes.iter().peekable();
     let planner = Planner::new(limits, [0.0; 3]).expect("valid limits");
@@ -69,12 +70,12 @@ proptest! {
         let moves = program(&steps, mode);
         let run = play_overridden(limits, &moves, most, &changes);
         let tolerance = if let PathMode::Blend { tolerance_mm, .. } = mode { tolerance_mm } else { 0.0 };
-        if let Err(broken) = judge(&limits, &moves, &run, tolerance, 40) {
+        if let Err(broken) = check(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
         }
     }
 
-    /// An override of 100 % is none, and neither is one that is taken back before the first record.
+    /// An override of 100 % changes nothing, and neither does one that is cancelled before the first record.
     #[test]
     fn no_override_changes_nothing(
         steps in prop::collection::vec(step(), 1..20), mode in mode(), at in prop::collection::vec(0usize..2000, 0..20),
@@ -88,9 +89,9 @@ proptest! {
     }
 }
 
-/// Programs at one feed, raised somewhere within their first half second, take less time together and stop where they stop without
-/// it: the same corners are glided through. Once in some hundred programs a plan leads into a glide at one feed and not at another;
-/// the machine then stops in that corner.
+/// Programs at one feed, raised somewhere within their first half second, take less time together and stop where they
+/// stop without it: the same corners are glided through. Once in some hundred programs a plan leads into a glide at one
+/// feed and not at another; the machine then stops in that corner.
 #[test]
 fn raised_feeds_save_time_and_glide_through_the_same_corners() {
     let limits = MachineLimits::built_in();
@@ -116,7 +117,7 @@ fn raised_feeds_save_time_and_glide_through_the_same_corners() {
         }
         let plain = play(limits, &moves, usize::MAX);
         let raised = play_overridden(limits, &moves, usize::MAX, &[(at, factor)]);
-        judge_points(&limits, &raised.points, [0.0; 3]).expect("limits kept");
+        check_points(&limits, &raised.points, [0.0; 3]).expect("limits kept");
         (plain_time, raised_time) = (plain_time + plain.records.len(), raised_time + raised.records.len());
         different += usize::from(stops(&plain) != stops(&raised));
     }
@@ -127,11 +128,12 @@ fn raised_feeds_save_time_and_glide_through_the_same_corners() {
 /// Speeds in mm/s at the end of each record of a line of 400 mm at 20 mm/s.
 fn speeds(moves: &[Move], changes: &[(usize, f64)]) -> Vec<f64> {
     let run = play_overridden(MachineLimits::built_in(), moves, usize::MAX, changes);
-    judge(&MachineLimits::built_in(), moves, &run, 0.05, 2).expect("limits kept, path and end exact");
+    check(&MachineLimits::built_in(), moves, &run, 0.05, 2).expect("limits kept, path and end exact");
     run.points.windows(2).map(|w| (0..3).map(|i| (w[1][i] - w[0][i]).powi(2)).sum::<f64>().sqrt() * 1000.0).collect()
 }
 
-/// Within a tenth of a second of the change the speed is what is asked for, up and down, on one long line and on many short ones.
+/// Within a tenth of a second of the change the speed is the requested one, up and down, on one long line and on many
+/// short ones.
 #[test]
 fn a_change_acts_at_once() {
     for (n, mode) in [
@@ -156,7 +158,7 @@ fn a_change_acts_at_once() {
     }
 }
 
-/// Rapid moves are as fast as they were, and no number is taken that is none.
+/// Rapid moves are as fast as before, and a value that is not a number is refused.
 #[test]
 fn rapids_and_nonsense_change_nothing() {
     let moves =

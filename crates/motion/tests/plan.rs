@@ -1,4 +1,4 @@
-//! Properties of whole plans, judged on what comes out.
+//! Properties of whole plans, checked on the emitted records.
 
 mod common;
 
@@ -25,12 +25,13 @@ proptest! {
         let moves = program(&steps, mode);
         let run = play(limits, &moves, usize::MAX);
         let tolerance = if let PathMode::Blend { tolerance_mm, .. } = mode { tolerance_mm } else { 0.0 };
-        if let Err(broken) = judge(&limits, &moves, &run, tolerance, 40) {
+        if let Err(broken) = check(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
         }
     }
 
-    /// Played faster by its cap, every record keeps velocity, acceleration and jerk, seen over the records of a window.
+    /// Played faster by its cap, every record is within velocity, acceleration and jerk, measured over the records of a
+    /// window.
     #[test]
     fn rapid_retrace_caps_leave_the_limits_whole(steps in prop::collection::vec(step(), 1..20), mode in mode()) {
         let limits = MachineLimits::built_in();
@@ -93,25 +94,26 @@ proptest! {
         let moves = wandering(seed, size, wander, PathMode::blend(tolerance_mm));
         let limits = MachineLimits::built_in();
         let run = play(limits, &moves, most);
-        if let Err(broken) = judge(&limits, &moves, &run, tolerance_mm, 4000) {
+        if let Err(broken) = check(&limits, &moves, &run, tolerance_mm, 4000) {
             prop_assert!(false, "{}", broken);
         }
         prop_assert_eq!(play(limits, &moves, usize::MAX), run);
     }
 
-    /// Merging as the program asks for it (G64 Q): within P whatever Q is.
+    /// Merging as the program requests it (G64 Q): within P whatever Q is.
     #[test]
     fn dense_chains_stay_within_the_tolerance_however_much_is_merged(
         seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64, merge in 0.0..0.1f64,
     ) {
         let moves = wandering(seed, size, wander, PathMode::Blend { tolerance_mm, merge_mm: Some(merge) });
         let limits = MachineLimits::built_in();
-        if let Err(broken) = judge(&limits, &moves, &play(limits, &moves, usize::MAX), tolerance_mm, 4000) {
+        if let Err(broken) = check(&limits, &moves, &play(limits, &moves, usize::MAX), tolerance_mm, 4000) {
             prop_assert!(false, "{}", broken);
         }
     }
 
-    /// Corners between lines, sharp ones too: glides swing to both sides of their tracks, and beyond the ends of sharp ones.
+    /// Corners between lines, sharp ones too: glides swing to both sides of their tracks, and beyond the ends of sharp
+    /// ones.
     #[test]
     fn zigzags_stay_within_the_tolerance(
         turns in prop::collection::vec((0.3..2.8f64, any::<bool>(), 1.0..20.0f64), 8), tolerance_mm in 0.005..0.1f64,
@@ -126,16 +128,16 @@ proptest! {
             })
             .collect();
         let limits = MachineLimits::built_in();
-        // Set-points leave the rounding to whole pulses its half of the diagonal.
+        // Set-points leave half of the pulse diagonal for the rounding to whole pulses.
         let rounding = 0.5e-3 * 3f64.sqrt();
         let left = if tolerance_mm - rounding > 0.1 * tolerance_mm { tolerance_mm - rounding } else { 0.0 };
         let run = play(limits, &moves, usize::MAX);
-        if let Err(broken) = judge(&limits, &moves, &run, left, 3) {
+        if let Err(broken) = check(&limits, &moves, &run, left, 3) {
             prop_assert!(false, "{}", broken);
         }
     }
 
-    /// Other machines: slow and fast, axes unlike each other, long and short periods, coarse and fine pulses.
+    /// Other machines: slow and fast, with different axes, long and short periods, coarse and fine pulses.
     #[test]
     fn any_machine_keeps_its_limits(
         steps in prop::collection::vec(step(), 1..30), mode in mode(),
@@ -157,7 +159,7 @@ proptest! {
         let moves = program(&steps, mode);
         let run = play(limits, &moves, usize::MAX);
         let tolerance = if let PathMode::Blend { tolerance_mm, .. } = mode { tolerance_mm } else { 0.0 };
-        if let Err(broken) = judge(&limits, &moves, &run, tolerance, 40) {
+        if let Err(broken) = check(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
         }
     }
@@ -171,7 +173,7 @@ proptest! {
             moves[k].mode = if k % 7 == 6 { PathMode::ExactStop } else { PathMode::ExactPath };
         }
         let run = play(limits, &moves, usize::MAX);
-        if let Err(broken) = judge(&limits, &moves, &run, 0.05, 60) {
+        if let Err(broken) = check(&limits, &moves, &run, 0.05, 60) {
             prop_assert!(false, "{}", broken);
         }
         let (records, points) = run
@@ -180,7 +182,7 @@ proptest! {
             .zip(&run.points)
             .filter(|(record, _)| record.line > 0 && moves[record.line as usize - 1].mode != PathMode::blend(0.05))
             .unzip();
-        let wrong = astray(&moves, &Run { records, points }, 60, 2e-5);
+        let wrong = find_astray(&moves, &Run { records, points }, 60, 2e-5);
         prop_assert!(wrong.is_none(), "{:?}", wrong);
     }
 }
@@ -234,14 +236,14 @@ fn a_plan_beyond_the_limits_is_caught_by_both_judges() {
     let limits = MachineLimits::built_in();
     let m = Move { path: Path::Line([40.0, 3.0, 0.0]), feed: FeedRate::Rapid, mode: PathMode::ExactStop, stop: true };
     let run = play(limits, &[m], 0);
-    assert_eq!(judge(&limits, &[m], &run, 0.0, 2), Ok(()));
+    assert_eq!(check(&limits, &[m], &run, 0.0, 2), Ok(()));
     let lower: [fn(&mut MachineLimits<3>); 3] =
         [|l| l.velocity_mm_s[0] *= 0.85, |l| l.acceleration_mm_s2[0] *= 0.85, |l| l.jerk_mm_s3[0] *= 0.85];
     for lower in lower {
         let mut tighter = limits;
         lower(&mut tighter);
-        assert!(judge_points(&tighter, &run.points, [0.0; 3]).is_err());
-        assert!(judge_records(&tighter, &run.records).is_err());
+        assert!(check_points(&tighter, &run.points, [0.0; 3]).is_err());
+        assert!(check_records(&tighter, &run.records).is_err());
     }
 }
 
@@ -270,7 +272,8 @@ fn a_blended_corner_is_never_slower_than_a_stop() {
     }
 }
 
-/// A rotary axis that turns back is not cut short by more than the tolerance, and tiny pieces behind a long one take no time.
+/// A rotary axis that reverses is not cut short by more than the tolerance, and tiny pieces behind a long one take no
+/// time.
 #[test]
 fn rotary_reversals_are_kept_and_tiny_pieces_are_cheap() {
     let mode = PathMode::blend(0.05);
@@ -310,8 +313,8 @@ fn a_slow_cut_may_be_retraced_fast() {
     assert!(fast > run.records.len() - 100, "{fast} of {}", run.records.len());
 }
 
-/// Lines that are merged keep their program lines: each record carries that of the line it ends in, or of one beside it where
-/// the tolerance moves the path across their joint.
+/// Merged lines retain their program lines: each record has that of the line it ends in, or of an adjacent one where
+/// the tolerance moves the path across their junction.
 #[test]
 fn records_of_merged_lines_carry_the_line_that_they_end_in() {
     let limits = MachineLimits::built_in();
@@ -335,7 +338,7 @@ fn records_of_merged_lines_carry_the_line_that_they_end_in() {
             assert!(line >= last, "line {line} after line {last}");
             let aside = distance(point, &at(line - 1)).max(distance(point, &at(line))) - chord;
             let most = if radius.is_finite() { 0.05 } else { 1e-6 };
-            assert!(aside < most, "{aside} mm beside line {line} of {chord} mm around {radius} mm");
+            assert!(aside < most, "{aside} mm from line {line} of {chord} mm around {radius} mm");
             last = line;
         }
         assert_eq!(last, 300);
@@ -343,7 +346,8 @@ fn records_of_merged_lines_carry_the_line_that_they_end_in() {
 }
 
 proptest! {
-    /// A machine that stands elsewhere than was planned is planned on from there: the sum of all pulses is what the two places make.
+    /// A machine that was displaced is planned from there: the sum of all pulses is the distance between the two
+    /// positions.
     #[test]
     fn what_follows_a_displacement_begins_where_the_machine_stands(
         ends in prop::array::uniform3(prop::array::uniform3(-50.0..50.0f64)), pulses in prop::array::uniform3(-9_000i64..9_000),

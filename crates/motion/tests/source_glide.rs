@@ -1,4 +1,4 @@
-//! The source's own glide: slower than the optimum as it may be, every limit and the tolerance hold.
+//! The source's own glide: it may be slower than the optimum, but every limit and the tolerance hold.
 
 mod common;
 
@@ -8,7 +8,7 @@ use retrace_motion::{Blending, FeedRate, GlideRatio, MachineLimits, PathMode, Pl
 
 fn planner(limits: MachineLimits<3>, value: f64, of: RatioOf) -> Planner<3> {
     let ratio = GlideRatio::new(value, of).expect("in range");
-    Planner::new(limits, [0.0; 3]).expect("valid limits").blending_by(Blending::Source(ratio))
+    Planner::new(limits, [0.0; 3]).expect("valid limits").with_blending(Blending::Source(ratio))
 }
 
 fn ratio_of() -> impl Strategy<Value = RatioOf> {
@@ -25,12 +25,12 @@ proptest! {
         let limits = MachineLimits::built_in();
         let moves = program(&steps, PathMode::blend(tolerance));
         let run = play_on(planner(limits, value, of), &moves, usize::MAX);
-        if let Err(broken) = judge(&limits, &moves, &run, tolerance, 40) {
+        if let Err(broken) = check(&limits, &moves, &run, tolerance, 40) {
             prop_assert!(false, "{}", broken);
         }
     }
 
-    /// Axes unlike each other, and chains of short lines.
+    /// Axes with different limits, and chains of short lines.
     #[test]
     fn any_machine_keeps_its_limits(
         turns in prop::collection::vec((-2.5..2.5f64, -1.5..1.0f64), 2..60), value in 0.01..0.6f64, of in ratio_of(),
@@ -53,13 +53,14 @@ proptest! {
             })
             .collect();
         let run = play_on(planner(limits, value, of), &moves, usize::MAX);
-        if let Err(broken) = judge(&limits, &moves, &run, 0.05, 60) {
+        if let Err(broken) = check(&limits, &moves, &run, 0.05, 60) {
             prop_assert!(false, "{}", broken);
         }
     }
 }
 
-/// It is another method: a corner is passed, not stopped in, at the speed that the ratio says, and a larger ratio is faster.
+/// It is another method: a corner is passed, not stopped in, at the speed that the ratio gives, and a larger ratio is
+/// faster.
 #[test]
 fn a_corner_is_passed_at_the_speed_of_the_ratio() {
     let limits = MachineLimits::built_in();
@@ -72,8 +73,8 @@ fn a_corner_is_passed_at_the_speed_of_the_ratio() {
     });
     let periods = |value: f64| {
         let run = play_on(planner(limits, value, RatioOf::Speed), &corner, usize::MAX);
-        judge(&limits, &corner, &run, 1.0, 2).expect("legal");
-        // The least way in a period around the corner, as a speed.
+        check(&limits, &corner, &run, 1.0, 2).expect("legal");
+        // The shortest distance in a period around the corner, as a speed.
         let slowest = run.points.windows(2).filter(|pair| pair[0][0] > 10.0 && pair[1][1] < 10.0).map(|pair| {
             let way: f64 = (0..3).map(|i| (pair[1][i] - pair[0][i]).powi(2)).sum();
             way.sqrt() / limits.period_s

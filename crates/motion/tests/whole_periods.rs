@@ -11,7 +11,7 @@ use retrace_motion::{MachineLimits, PathMode, Planner};
 /// How a run ends.
 #[derive(Clone, Copy, Debug)]
 struct LastPart {
-    /// The time from the last set-point before the stop to rest, in periods, as speed and acceleration there say.
+    /// Time from the last set-point before the stop to rest, in periods, from speed and acceleration there.
     periods: f64,
     /// Periods since the stop before.
     since: usize,
@@ -24,7 +24,7 @@ impl LastPart {
     }
 }
 
-/// All stops but those whose last phase is shorter than a period: there speed and acceleration do not say it.
+/// All stops but those whose last phase is shorter than a period: there speed and acceleration do not determine it.
 fn last_parts(moves: &[Move], max_blocks: Option<usize>) -> Vec<LastPart> {
     let limits = MachineLimits::built_in();
     let mut planner = match max_blocks {
@@ -77,7 +77,7 @@ proptest! {
     }
 }
 
-/// Runs that were committed in part, or begin in a glide, can only be filled where a span has something to give.
+/// Runs that were committed in part, or begin in a glide, can only be filled where a span can be lengthened.
 #[test]
 fn most_stops_behind_committed_motion_end_a_whole_period() {
     let mut parts = Vec::new();

@@ -1,7 +1,7 @@
-//! The machine's thread: sets it up by hand, runs a job, and stands again.
+//! Machine thread: executes manual tasks, runs jobs, and keeps the card served in between.
 //!
-//! Invariant: while no job runs periods go on passing, so that the card hears of its host; a path begins anew where the machine stands
-//! before each job.
+//! Invariant: control periods continue while no job runs, so that the card hears from its host. Before each job a new
+//! path starts at the machine's position.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, TryRecvError};
@@ -36,27 +36,27 @@ use crate::screen::model::{AlarmShown, Question, ScreenModel, ScreenStage};
 use crate::screen::model_observer::{ModelObserver, locked};
 use crate::screen::program_facts::ProgramCheck;
 
-/// What stands at the screen is told after so many periods.
+/// Number of periods between two updates of the screen at rest.
 const TOLD_EVERY: u64 = 20;
-/// A card that is at fault is asked again after so long.
+/// Delay before a card that is at fault is polled again.
 const FAULTY: Duration = Duration::from_millis(5);
 
-/// How the machine was left.
+/// State in which the machine was left.
 #[derive(Debug)]
 pub(super) struct ExitState {
-    /// Has any job run?
+    /// Whether any job ran.
     pub(super) ran: bool,
-    /// Exit code of the last one.
+    /// Exit code of the last job.
     pub(super) code: u8,
-    /// Its report, for a person.
+    /// Report of the last job, for a person.
     pub(super) report: Option<String>,
-    /// Why the job that was to be resumed was not.
+    /// Why the job was not resumed.
     pub(super) failure: Option<CommandFailure>,
 }
 
-/// A machine, and who works at it.
+/// The machine, its card and its operator.
 pub(super) struct MachineThread<'m, const A: usize, C> {
-    /// With the program that is loaded now.
+    /// Arguments, with the program that is loaded now.
     args: args::Run,
     machine: MachineConfig,
     homing: &'m Homing,
@@ -64,25 +64,25 @@ pub(super) struct MachineThread<'m, const A: usize, C> {
     script: Vec<ScriptInstruction>,
     at: At,
     card: &'m mut C,
-    /// What is in force for blocks by hand, and for the next program.
+    /// Modal state for MDI blocks and for the next program.
     by_hand: mdi::ModalContext,
     table_keeper: TableKeeper,
     words: Receiver<UiCommand>,
     desk: &'m Arc<CommandRouter>,
     live: ModelObserver,
-    /// The alarm that was told.
+    /// Alarm that was reported.
     alarm: Option<Alarm>,
-    /// The card has failed for good.
+    /// Whether the card has failed for good.
     failed: bool,
-    /// M1 stops in the jobs to come.
+    /// Whether M1 stops in later jobs.
     optional_stop: bool,
-    /// The job that it begins with.
+    /// Job to resume first.
     resumed: Option<ResumingJob<'m, A, C>>,
     left: ExitState,
 }
 
 impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
-    /// Of a machine that stands, on an open card.
+    /// Machine at rest, on an open card.
     pub(super) fn new(
         args: args::Run,
         (machine, homing): (&MachineConfig, &'m Homing),
@@ -118,12 +118,12 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         }
     }
 
-    /// The same, which begins with a job that is resumed.
+    /// Adds the job to resume first.
     pub(super) fn resuming(self, resumed: Option<ResumingJob<'m, A, C>>) -> Self {
         Self { resumed, ..self }
     }
 
-    /// Works until the machine is left.
+    /// Works until the operator quits.
     pub(super) fn work(mut self) -> ExitState {
         self.tell_outputs();
         self.tell_homed();
@@ -147,7 +147,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                 }
                 Ok(UiCommand::CloseRefusal) => self.close_refusal(),
                 Ok(UiCommand::DryRun(on)) => self.machine.inhibits_outputs = on,
-                // Words to a job that has just ended, and an answer to a question of its.
+                // Commands to a job that has just ended, or an answer to its question.
                 Ok(UiCommand::Deed(_) | UiCommand::Turn(_) | UiCommand::Answer(_)) => {}
                 Ok(UiCommand::Quit) | Err(TryRecvError::Disconnected) => return self.leave(),
                 Err(TryRecvError::Empty) => self.stand(),
@@ -155,18 +155,18 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         }
     }
 
-    /// How the machine is left: where none was run because the program has errors, that is what the exit code says.
+    /// Exit state: exit code 1 where no job ran because the program has errors.
     fn leave(self) -> ExitState {
         let is_refused = matches!(locked(&self.desk.model).facts.check, ProgramCheck::Refused(_));
         let code = if is_refused && !self.left.ran { 1 } else { self.left.code };
         ExitState { code, ..self.left }
     }
 
-    /// Lets a period pass in which the machine stands.
+    /// Passes one control period at rest.
     fn stand(&mut self) {
         if let Err(fault) = self.card.run_period() {
             let trouble = CardError::of(&fault);
-            // A latched alarm is told below, and can be cleared.
+            // A latched alarm is reported below, and can be cleared.
             if self.card.status().alarm.is_none() && !self.failed {
                 self.failed = true;
                 self.tell(EventKind::Alarm(trouble));
@@ -199,7 +199,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         locked(&self.desk.model).say(time_s, 0, text);
     }
 
-    /// Tells every output.
+    /// Reports every output.
     fn tell_outputs(&mut self) {
         let outputs = self.card.status().outputs;
         for (channel, &value) in (0u8..).zip(&outputs) {
@@ -210,7 +210,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         }
     }
 
-    /// Tells whether a program may move the machine.
+    /// Reports whether a program may move the machine.
     fn tell_homed(&mut self) {
         let (homed, homing) = (self.homing.check(&self.machine).is_ok(), self.homing.axes(&self.machine));
         let mut model = locked(&self.desk.model);
@@ -218,12 +218,12 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         model.changes += 1;
     }
 
-    /// Is it a block that moves the machine?
+    /// Whether a task is an MDI block that moves the machine.
     fn moves(&self, task: &ManualTask, machine: &MachineConfig) -> bool {
         matches!(task, ManualTask::Mdi(block) if self.by_hand.block(machine, block).is_ok_and(|block| block.moves()))
     }
 
-    /// After a job: the machine is set up for the next one.
+    /// Returns to setup after a job.
     fn set_up(&mut self) {
         let mut model = locked(&self.desk.model);
         if model.stage != ScreenStage::Job {
@@ -232,7 +232,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         }
     }
 
-    /// Work by hand.
+    /// Executes a manual task.
     fn task(&mut self, task: &ManualTask) {
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
         let script = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us));
@@ -250,9 +250,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         self.tell_homed();
         match done {
             Ok(ManualTaskDone::Whole { cut_short: false }) if *task == ManualTask::ClearAlarm => {
-                self.note("the alarm is cleared")
+                self.note("alarm cleared")
             }
-            Ok(ManualTaskDone::Whole { cut_short: true }) => self.note("at the soft limit: no farther"),
+            Ok(ManualTaskDone::Whole { cut_short: true }) => self.note("stopped at the soft limit"),
             Ok(ManualTaskDone::Whole { .. }) => {}
             Ok(ManualTaskDone::Stopped) => self.note("stopped"),
             Err(ManualTaskError::Refused(refusal)) => {
@@ -262,9 +262,9 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                 lines.iter().flat_map(|text| diagnostic_text::in_words(text)).for_each(|line| self.note(line));
             }
             Err(ManualTaskError::Trouble(_)) if *task == ManualTask::ClearAlarm => {
-                self.note("not cleared: its cause is still there")
+                self.note("not cleared: its cause is still present")
             }
-            // An alarm is told where the machine stands.
+            // An alarm is reported at the next period at rest.
             Err(ManualTaskError::Trouble(CardError::Latched(_))) => {}
             Err(ManualTaskError::Trouble(trouble)) => self.tell(EventKind::Alarm(trouble)),
         }
@@ -280,14 +280,14 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         self.check_again();
     }
 
-    /// Has the program checked, and its path drawn, for where the machine stands and for the offsets in force now.
+    /// Checks the program again and redraws its path, for the current position and offsets.
     fn check_again(&self) {
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
         let setup = self.by_hand.setup_of_program(&machine);
         preview_thread::check_again::<A>(&self.desk.model, machine, &self.program, setup);
     }
 
-    /// Loads another program. Where its file cannot be read the one before stays.
+    /// Loads another program. Where its file cannot be read, the previous one stays loaded.
     fn load(&mut self, path: PathBuf) {
         if locked(&self.desk.model).stage == ScreenStage::Job {
             return;
@@ -302,7 +302,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         match loaded {
             Ok(program) => {
                 self.program = Arc::new(program);
-                // A line to begin at was one of the program before.
+                // A start line belonged to the previous program.
                 self.args = args::Run { reading, start_line: None, ..self.args.clone() };
                 locked(&self.desk.model).stage = ScreenStage::Setup;
                 preview_thread::show_program::<A>(&self.desk.model, machine, &self.program);
@@ -311,7 +311,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         }
     }
 
-    /// Does something that may take long, while periods go on passing, so that the card hears of its host.
+    /// Does work that may take long while control periods continue, so that the card hears from its host.
     fn while_standing<T: Send>(&mut self, work: impl FnOnce() -> T + Send) -> T {
         let done = thread::scope(|scope| {
             let working = scope.spawn(work);
@@ -323,7 +323,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 
-    /// Runs the program from where the machine stands.
+    /// Runs the program from the current position.
     fn job(&mut self) {
         if locked(&self.desk.model).stage == ScreenStage::Job {
             return;
@@ -361,32 +361,32 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                 self.refused(&why);
             }
         }
-        // What the session told is the same alarm.
+        // The session reported the same alarm already.
         self.alarm = self.card.status().alarm;
     }
 
-    /// What is said in a job besides the keys: that M1 stops, and the script.
+    /// Script of a job besides the keys: optional stop, and the script of the command line.
     fn script_of_job(&self) -> Vec<ScriptInstruction> {
         let stops = if self.optional_stop { "at 0s optional stop on" } else { "" };
-        // What is written here can be read.
+        // This text always parses.
         let mut script = operator::parse(stops, "screen").unwrap_or_default();
         script.extend(self.script.iter().copied());
         script
     }
 
-    /// A job has ended with this exit code: takes over what it leaves.
+    /// Takes over the results of a job that ended with this exit code.
     fn take_over(&mut self, code: u8, ended: JobResult) {
         if let Some((parameters, tools)) = ended.tables {
             self.by_hand.set_tables(parameters, tools);
             self.table_keeper.is_kept(self.by_hand.modal_snapshot());
         }
         (self.left.code, self.left.report) = (code, Some(ended.text));
-        // A job that is resumed brings it along.
+        // A resumed job brings its own setting.
         self.optional_stop = locked(&self.desk.model).optional_stop;
         locked(&self.desk.model).end(&ended.short);
     }
 
-    /// Runs a job that was interrupted, from its breakpoint on.
+    /// Resumes an interrupted job at its breakpoint.
     fn resume(&mut self, resumed: ResumingJob<'m, A, C>) -> Result<(), CommandFailure> {
         let mut ended = JobResult::default();
         let at_screen = TuiOptions { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
@@ -407,20 +407,20 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         Ok(())
     }
 
-    /// Begins a job's journal, while periods go on passing: the disk may take longer than the card waits for its host.
+    /// Creates the journal of a job while control periods continue: the disk may take longer than the card's watchdog.
     fn begun(&mut self, job: &JobSpec<'_>) -> Result<(Option<JournaledJob>, Option<ProgramStream>), CommandFailure> {
         let status = *self.card.status();
         self.while_standing(move || job.keep(&status))
     }
 
-    /// Why no job can begin now.
+    /// Reason why no job can start now.
     fn cannot_begin(&self) -> Option<&'static str> {
         if self.failed {
-            Some("the card does not answer any more: quit, and begin again")
+            Some("the card no longer responds: quit and start again")
         } else if self.card.status().alarm.is_some() {
-            Some("first clear the alarm (a)")
+            Some("clear the alarm first (a)")
         } else if self.left.ran && self.args.reading.program.as_os_str() == "-" {
-            Some("standard input has been read: it cannot be run again")
+            Some("the program came from standard input and cannot run again")
         } else if !self.program.is_loaded() {
             Some("no program is loaded: O opens one")
         } else {
@@ -428,7 +428,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         }
     }
 
-    /// Opens the program and checks it, while periods go on passing.
+    /// Opens the program and checks it while control periods continue.
     fn prepared(&mut self, machine: &MachineConfig) -> Result<Program, String> {
         let (program, setup) = (&self.program, self.by_hand.setup_of_program(machine));
         let (program, model) = (Arc::clone(program), Arc::clone(&self.desk.model));
@@ -451,7 +451,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         }
     }
 
-    /// The operator has read why the program is refused.
+    /// Closes the box of a refused program.
     fn close_refusal(&mut self) {
         let mut model = locked(&self.desk.model);
         if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) {
@@ -459,7 +459,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         }
     }
 
-    /// A program was refused: says why, a line for each finding.
+    /// Shows why a program is refused, one line per finding.
     fn refused(&mut self, why: &str) {
         let findings = diagnostic_text::in_words(why);
         let cause = findings.first().cloned().unwrap_or_default();
@@ -470,7 +470,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     }
 }
 
-/// Asks the operator, who agrees or not; who leaves the screen does not.
+/// Asks the operator. Returns whether he confirms; quitting is a no.
 fn ask(model: &Mutex<ScreenModel>, words: &Receiver<UiCommand>, title: &str, lines: Vec<String>) -> bool {
     locked(model).ask(Some(Question { title: title.into(), lines }));
     let is_agreed = loop {
@@ -484,7 +484,7 @@ fn ask(model: &Mutex<ScreenModel>, words: &Receiver<UiCommand>, title: &str, lin
     is_agreed
 }
 
-/// Shows work by hand: a block is a small job of its own, and none to the screen.
+/// Observer of manual tasks: to the controller an MDI block is a job of its own, to the screen it is none.
 struct ManualTables(ModelObserver);
 
 impl<const A: usize> Observer<A> for ManualTables {
@@ -499,7 +499,7 @@ impl<const A: usize> Observer<A> for ManualTables {
     }
 }
 
-/// A failure with everything that there is to say.
+/// Full text of a failure.
 fn in_full(failure: CommandFailure) -> String {
     match failure {
         CommandFailure::Refused(refusal) | CommandFailure::Card(refusal) => refusal.to_string(),

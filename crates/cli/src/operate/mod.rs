@@ -1,10 +1,10 @@
-//! Full-screen operation: joins the screen, the machine by hand, and the jobs that run on it.
+//! Full-screen operation: connects the screen, manual operation, and the jobs that run.
 //!
-//! Three threads: the screen, which may come to stand still with its terminal; the machine, which is set up, runs a job and stands again
-//! ([`machinist`]); and this one, which looks after both.
+//! Three threads: the screen, which may block with its terminal; the machine ([`machine_thread`]), which executes
+//! manual tasks and jobs; and this one, which supervises both.
 //!
-//! Invariant: the machine never runs on without its operator. Where the terminal is gone, by a signal, by an error or because nothing can be
-//! shown on it any more, the job is stopped on its path and can be resumed.
+//! Invariant: the machine never runs without its operator. Where the terminal is gone, by a signal or an error or
+//! because nothing can be drawn on it, the job is stopped on its path and can be resumed.
 
 mod command_router;
 mod machine_thread;
@@ -35,68 +35,68 @@ use command_router::CommandRouter;
 use machine_thread::MachineThread;
 use signals::Signals;
 
-/// How often it is looked after.
+/// Interval of the supervision.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
-/// A screen that shows nothing for so long cannot be operated: the machine is held.
+/// A screen that draws nothing for this long cannot be operated: the machine is held.
 const HELD_AFTER: Duration = Duration::from_secs(5);
-/// And after so long its terminal counts as gone.
+/// After this long without a redraw the terminal counts as gone.
 const GONE_AFTER: Duration = Duration::from_secs(60);
-/// So long the screen may take to put the terminal back.
+/// Time that the screen may take to restore the terminal.
 const TO_LEAVE: Duration = Duration::from_secs(1);
 
-/// Is the machine to be operated at a screen?
+/// Whether the machine is to be operated at a screen.
 ///
 /// # Errors
-/// `E2142` where one was asked for that there cannot be.
+/// `E2142` where a screen is requested and impossible.
 pub fn is_wanted(args: &args::Run) -> Result<bool, NumberedError> {
     let is_terminal = std::io::stdout().is_terminal();
     if !args.tui {
         return Ok(!args.no_tui && !args.format.json && args.realtime && is_terminal);
     }
     if args.format.json {
-        let what = "--tui and --json both want standard output";
+        let what = "--tui and --json both need standard output";
         return Err(NumberedError::new(
             "E2142",
             what,
-            "leave one out; --journal DIR keeps the report of a job at the screen",
+            "omit one of them; --journal DIR saves the report of a job at the screen",
         ));
     }
     needs_terminal()?;
     Ok(true)
 }
 
-/// The screen needs a terminal.
+/// Checks that standard output is a terminal.
 ///
 /// # Errors
-/// `E2142` where standard output is none.
+/// `E2142` where it is not.
 pub fn needs_terminal() -> Result<(), NumberedError> {
     if std::io::stdout().is_terminal() {
         return Ok(());
     }
     let what = "--tui: standard output is not a terminal";
-    Err(NumberedError::new("E2142", what, "run it in a terminal, or leave --tui out"))
+    Err(NumberedError::new("E2142", what, "run the command in a terminal, or omit --tui"))
 }
 
-/// Runs a job that is resumed, on a card, at a screen; asks before anything moves. Its exit code.
+/// Runs a resumed job on a card at a screen, with a question before anything moves. Returns its exit code.
 pub type Resume<'f, const A: usize, C> =
     Box<dyn FnOnce(&mut C, TuiOptions<'_>, &mut Asking<'_, A>) -> Result<u8, CommandFailure> + Send + 'f>;
 
-/// A job that the screen begins with: it was interrupted, and is resumed.
+/// Job to resume when the screen opens.
 pub struct ResumingJob<'f, const A: usize, C> {
-    /// Place of its first record.
+    /// Record at which its path starts.
     pub origin: u32,
-    /// The operator has agreed already to what will be done.
+    /// Whether the operator has confirmed already.
     pub is_agreed: bool,
-    /// Runs it.
+    /// Function that runs it.
     pub resume: Resume<'f, A, C>,
 }
 
-/// Operates a machine that stands, on an open card, until the operator quits or the terminal is gone: the exit code of the last job; that of
-/// a stopped one where none has run. `program` is checked here, and may have errors. It begins with a job that is `resumed`, if there is one, and is
-/// left at once where that cannot be.
+/// Operates a machine at rest, on an open card, until the operator quits or the terminal is gone. Returns the exit code
+/// of the last job; that of a stopped job where none ran. `program` is checked here, and may have errors. A job in
+/// `resumed` is resumed first; where that fails, the screen closes at once.
 ///
 /// # Errors
-/// The terminal cannot be taken.
+/// The terminal cannot be opened.
 pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     args: &args::Run,
     machine: &MachineConfig,
@@ -128,7 +128,7 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
                 desk.say_to_job(OperatorCommand::Hold);
             }
         }
-        // A panic over there is a defect, never an input; it is passed on when the terminal is as it was.
+        // A panic of the machine thread is a defect, never an input; it is passed on once the terminal is restored.
         machine.join()
     });
     let shown = screen.end();
@@ -145,11 +145,11 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     Ok(done.code)
 }
 
-/// The screen in its thread.
+/// Screen thread under supervision.
 struct Watched {
     thread: Option<JoinHandle<std::io::Result<()>>>,
     model: Arc<Mutex<ScreenModel>>,
-    /// When a picture was last seen to be drawn, and how many there were then.
+    /// Time of the last redraw that was seen, and the number of redraws then.
     drawn: (Instant, u64),
     held: bool,
 }
@@ -161,7 +161,7 @@ impl Watched {
         Self { thread: Some(thread), model: Arc::clone(model), drawn: (Instant::now(), 0), held: false }
     }
 
-    /// Has it been left, whatever the reason, or has its terminal gone?
+    /// Whether the screen was closed, for any reason, or its terminal is gone.
     fn is_gone(&mut self) -> bool {
         let count = locked(&self.model).redraw.count;
         if count != self.drawn.1 {
@@ -170,12 +170,12 @@ impl Watched {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished) || self.drawn.0.elapsed() > GONE_AFTER
     }
 
-    /// Has it stood still for long? Said once.
+    /// Whether the screen has been blocked for long; true once per blockage.
     fn is_stuck(&mut self) -> bool {
         self.drawn.0.elapsed() > HELD_AFTER && !std::mem::replace(&mut self.held, true)
     }
 
-    /// Has it leave the terminal. One that stands still with its terminal is left to itself.
+    /// Closes the screen. A screen that is blocked with its terminal is abandoned.
     fn end(mut self) -> std::io::Result<()> {
         locked(&self.model).over = true;
         let begun = Instant::now();

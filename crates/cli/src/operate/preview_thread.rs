@@ -1,6 +1,6 @@
-//! What the screen is told of a program before it runs: its text, its path, and from the plan itself how long it takes.
+//! Preview of a program before it runs: its text, its path, and its duration from the plan itself.
 //!
-//! Invariant: whatever takes time is done in a thread of its own; the picture says "reckoning" until it is there.
+//! Invariant: slow work runs in a thread of its own; the screen shows "calculating" until it is done.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -19,7 +19,7 @@ use crate::screen::model_observer::locked;
 use crate::screen::preview::Preview;
 use crate::screen::program_facts::{Planned, ProgramCheck, ProgramFacts};
 
-/// What is known at once.
+/// Facts that are known at once.
 pub(super) fn facts(machine: &MachineConfig, program: &Program) -> ProgramFacts {
     let tools = program.tool_table().map_or_else(Vec::new, |table| {
         let tool = |tool: &retrace_gcode::Tool| {
@@ -37,7 +37,7 @@ pub(super) fn facts(machine: &MachineConfig, program: &Program) -> ProgramFacts 
     ProgramFacts { tools, tool_names, check, ..ProgramFacts::of(machine, &file_name(program.name()), &program.text()) }
 }
 
-/// Shows another program on a machine that stands there: its text now, and its check, path and time when they are known.
+/// Shows another program for the machine's position: its text now; its check, path and duration when they are known.
 pub(super) fn show_program<const A: usize>(
     model: &Arc<Mutex<ScreenModel>>,
     machine: MachineConfig,
@@ -55,7 +55,7 @@ pub(super) fn show_program<const A: usize>(
     );
 }
 
-/// A job is about to be resumed, whose path began at this place.
+/// Shows that a job whose path starts at this record is about to be resumed.
 pub(super) fn show_resuming(model: &Mutex<ScreenModel>, origin: u32) {
     let facts = ProgramFacts { first_place: origin, ..(*locked(model).facts).clone() };
     let mut model = locked(model);
@@ -63,7 +63,7 @@ pub(super) fn show_resuming(model: &Mutex<ScreenModel>, origin: u32) {
     model.changes += 1;
 }
 
-/// The machine stands elsewhere now, or its offsets are others: the program is checked again with this setup, and drawn where it would go.
+/// Checks the program again with this setup and redraws its path, after the position or the offsets changed.
 pub(super) fn check_again<const A: usize>(
     model: &Arc<Mutex<ScreenModel>>,
     machine: MachineConfig,
@@ -76,7 +76,7 @@ pub(super) fn check_again<const A: usize>(
     );
 }
 
-/// The program has been opened and checked again, for a machine that may stand elsewhere now: what changed is reckoned again.
+/// Updates the facts after the program was opened and checked again, for a position that may have changed.
 pub(super) fn look_again<const A: usize>(model: &Arc<Mutex<ScreenModel>>, machine: &MachineConfig, program: &Program) {
     let (new, old) = (facts(machine, program), Arc::clone(&locked(model).facts));
     let is_same = new.program == old.program && new.stands_at_mm == old.stands_at_mm && old.first_place == 0;
@@ -88,29 +88,29 @@ pub(super) fn look_again<const A: usize>(model: &Arc<Mutex<ScreenModel>>, machin
     compute_preview::<A>(model, PreviewThread { machine, program, setup: None, is_checked: true });
 }
 
-/// The last part of a path: what has room on a screen.
+/// File name in a path, which is what fits on a screen.
 fn file_name(name: &str) -> String {
     let last = std::path::Path::new(name).file_name();
     last.map_or_else(|| name.to_owned(), |last| last.to_string_lossy().into_owned())
 }
 
-/// The reckoning that counts: a later one makes the earlier ones end.
+/// Number of the current calculation; a later one ends the earlier ones.
 static LATEST: AtomicU64 = AtomicU64::new(0);
-/// One is at work at a time, so that they do not heap up while an axis is jogged step by step.
+/// Only one calculation runs at a time, so that they do not queue up while an axis is jogged step by step.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-/// What is to be reckoned.
+/// Calculation request.
 struct PreviewThread {
-    /// Where it stands.
+    /// Machine at its current position.
     machine: MachineConfig,
     program: Arc<Program>,
-    /// What the program is to be read with, where that is not what it was read with.
+    /// Setup to read the program with, where it differs from the one it was read with.
     setup: Option<Setup>,
-    /// It has been checked already, and may be run.
+    /// Whether the program has been checked and may run.
     is_checked: bool,
 }
 
-/// Reckons check, path and time of a program, and has them shown when they are known.
+/// Calculates check, path and duration of a program in a thread, and shows them as they become known.
 fn compute_preview<const A: usize>(model: &Arc<Mutex<ScreenModel>>, reckoning: PreviewThread) {
     let number = LATEST.fetch_add(1, Ordering::Relaxed) + 1;
     let program = &reckoning.program;
@@ -163,7 +163,7 @@ fn reckoned<const A: usize>(model: &Mutex<ScreenModel>, number: u64, reckoning: 
     publish(model, number, |facts| ProgramFacts { planned, ..facts });
 }
 
-/// Has the picture show facts that are changed like that. They are copied outside of the picture's lock.
+/// Publishes changed facts. They are copied outside the lock of the model.
 fn publish(model: &Mutex<ScreenModel>, number: u64, change: impl FnOnce(ProgramFacts) -> ProgramFacts) {
     let old = Arc::clone(&locked(model).facts);
     let new = Arc::new(change((*old).clone()));
@@ -174,7 +174,7 @@ fn publish(model: &Mutex<ScreenModel>, number: u64, change: impl FnOnce(ProgramF
     }
 }
 
-/// A program that comes to its end when nobody wants to know any more.
+/// Program decoder that ends once a later calculation was requested.
 struct PreviewRequest {
     decoder: Decoder,
     number: u64,

@@ -1,20 +1,20 @@
-//! Signals that end the operator's presence: the terminal was closed, or the command is told to end.
+//! Signals that end the operator's presence: the terminal was closed, or the command is to terminate.
 //!
-//! Invariant: a signal only sets a flag here; what follows from it happens in threads.
+//! Invariant: a signal only sets a flag here; threads act on it.
 
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The signals that have come.
+/// Whether a signal has arrived.
 #[derive(Debug)]
 pub(super) struct Signals(Arc<AtomicBool>);
 
 impl Signals {
-    /// Listens from now on, to the end of the process.
+    /// Registers the signals, for the rest of the process.
     ///
     /// # Errors
-    /// The system does not let us.
+    /// The system rejects the registration.
     pub(super) fn listen() -> io::Result<Self> {
         let came = Arc::new(AtomicBool::new(false));
         #[cfg(unix)]
@@ -24,7 +24,7 @@ impl Signals {
         Ok(Self(came))
     }
 
-    /// Has one come?
+    /// Whether a signal has arrived.
     pub(super) fn came(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

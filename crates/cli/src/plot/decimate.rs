@@ -1,13 +1,13 @@
-//! Leaves out what no pixel can show.
+//! Drops points that no pixel can show.
 //!
 //! Invariant: no point of the full line is farther than 0.3 pixels from the thinned one; ends always stay.
 
 use super::picture::Point;
 
-/// How far a point that is left out may lie beside the line that is drawn, and as far beyond its end, in pixels.
+/// Maximum distance of a dropped point from the drawn line, and beyond its end, in pixels.
 const DEVIATION_PX: f32 = 0.15;
 
-/// A path in pixels without the points that a straight line between two others passes closely enough.
+/// Path in pixels without the points that a straight line between two others passes closely enough.
 pub(super) fn path(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
     let mut points = points.into_iter();
     let Some(first) = points.next() else { return Vec::new() };
@@ -18,7 +18,7 @@ pub(super) fn path(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
         if !sleeve.takes(point) {
             kept.push(last);
             sleeve = Corridor::from(last);
-            // Nothing constrains a new sleeve, so that it takes any point.
+            // Nothing constrains a new corridor, so that it accepts any point.
             sleeve.takes(point);
         }
         last = point;
@@ -29,12 +29,12 @@ pub(super) fn path(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
     kept
 }
 
-/// The directions from a point that was kept in which a straight line passes close to every point left out since.
+/// Directions from a retained point in which a straight line passes close to every point dropped since.
 struct Corridor {
     from: Point,
-    /// The bounds of those directions, as vectors: to the right of none and to the left of none are allowed.
+    /// Bounds of those directions, as vectors; `None` where none bounds them.
     bounds: Option<[Point; 2]>,
-    /// How far the points have gone; one that turns back is not on the line.
+    /// Distance of the farthest point; a point that turns back is not on the line.
     reach: f32,
 }
 
@@ -47,7 +47,7 @@ impl Corridor {
         Self { from, bounds: None, reach: 0.0 }
     }
 
-    /// Can the line end in this point? If so, the point is counted among those that the line must pass close to.
+    /// Whether the line can end in this point. If so, the point is added to those that the line must pass closely.
     fn takes(&mut self, point: Point) -> bool {
         let along = [point[0] - self.from[0], point[1] - self.from[1]];
         let distance = along[0].hypot(along[1]);
@@ -76,7 +76,7 @@ impl Corridor {
     }
 }
 
-/// A curve over x, growing, as it looks in columns of one pixel: the first, lowest, highest and last point of each.
+/// Curve over growing x as it looks in columns of one pixel: the first, lowest, highest and last point of each.
 pub(super) fn curve(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
     let mut kept = Vec::new();
     let mut column: Option<Column> = None;
@@ -133,7 +133,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The distance of a point from a straight line between two others.
+    /// Distance of a point from a straight line between two others.
     fn distance(point: Point, from: Point, to: Point) -> f32 {
         let along = [to[0] - from[0], to[1] - from[1]];
         let off = [point[0] - from[0], point[1] - from[1]];

@@ -1,6 +1,6 @@
-//! The drawing of a job's history: its path, and below it the place over time with what happened, in words.
+//! Drawing of a job's history: its path, and below it the place over time with labelled events.
 //!
-//! Invariant: what has no room for its words still has a mark at its time.
+//! Invariant: an event without space for its label still has a mark at its time.
 
 use super::draw_path::{ABOVE, LEFT, RIGHT, draw_end, draw_heading, draw_start, label_beside, shortened};
 use super::font;
@@ -12,18 +12,18 @@ use super::style::{self, LABEL_SIZE, TICK_SIZE, text};
 use super::tool_path::StrokeKind;
 use super::view::View;
 
-/// Of the height between heading and legend, so much is the path's.
+/// Share of the path in the height between heading and legend.
 const SHARE_OF_PATH: f32 = 0.47;
-/// Below a frame, in pixels: its marks and the name of its axis.
+/// Space below a frame, for its marks and the name of its axis, in pixels.
 const BELOW_FRAME: f32 = 44.0;
-/// The legend's row.
+/// Height of the legend's row.
 const LEGEND: f32 = 38.0;
-/// The strip with the words, as a share of the height, and at most in pixels.
+/// Height of the strip with the labels, as a share of the height, and its maximum in pixels.
 const STRIP: f32 = 0.17;
 const STRIP_MOST: f32 = 165.0;
-/// The strip that says what the job was doing.
+/// Height of the strip with the activity.
 const DOING: f32 = 20.0;
-/// Between two columns of words, in pixels.
+/// Distance of two columns of labels, in pixels.
 const COLUMN: f32 = 17.0;
 const TICK_GAP_ACROSS: f32 = 72.0;
 const TICK_GAP_UP: f32 = 30.0;
@@ -57,7 +57,7 @@ pub fn draw_history(history: &History, view: View, size: Size) -> DisplayList {
     picture
 }
 
-/// The place over time.
+/// Curve of the place over time.
 struct PlaceCurve<'h> {
     history: &'h History,
     time: Scale,
@@ -122,7 +122,7 @@ impl<'h> PlaceCurve<'h> {
         picture.text(Text { is_upward: true, ..text(at, name, LABEL_SIZE, Anchor::Middle) });
     }
 
-    /// What the job was doing, as a strip below the curve: shaded where it did not simply run, with a word where there is room.
+    /// Draws the activity as a strip below the curve: shaded except in normal run, with a label where there is space.
     fn draw_stretches(&self, picture: &mut DisplayList) {
         let (top, bottom) = (self.place.low_px, self.bottom);
         picture.line([self.time.low_px, top], [self.time.high_px, top], style::GRID);
@@ -140,7 +140,8 @@ impl<'h> PlaceCurve<'h> {
         }
     }
 
-    /// The words, upward above the frame, each with a line down to its place; a short mark alone where there is no room.
+    /// Draws the labels, upward above the frame, each with a line to its place; only a short mark where there is no
+    /// space.
     fn draw_remarks(&self, picture: &mut DisplayList, words_top: f32) {
         let top = self.place.high_px;
         let remarks = &self.history.remarks;
@@ -151,7 +152,7 @@ impl<'h> PlaceCurve<'h> {
         for index in order {
             let remark = &remarks[index];
             let x = self.time.px(remark.time_s);
-            // A column beside the place will do as well, if the line leads there.
+            // A column next to the place is possible too, if the line leads there.
             let column = [0.0, 1.0, -1.0, 2.0, -2.0].map(|side| x + side * COLUMN * 0.8).into_iter().find(|at| {
                 (self.time.low_px..=self.time.high_px + RIGHT - COLUMN).contains(at)
                     && columns.iter().all(|taken| (taken - at).abs() >= COLUMN)
@@ -250,7 +251,7 @@ mod tests {
                         for [x, y] in lines.iter().flatten() {
                             prop_assert!((0.0..=width as f32).contains(x) && (0.0..=height as f32).contains(y), "{x} {y}");
                         }
-                        // Those of the strip have two points, and so have marks; both begin at their upper end.
+                        // Lines of the strip have two points, and so do marks; both begin at their upper end.
                         let is_lead = |line: &&Vec<Point>| *pen == style::LEADER && (line.len() == 3 || line[1][1] - line[0][1] < 8.0);
                         leads += lines.iter().filter(is_lead).count();
                     }

@@ -1,6 +1,6 @@
-//! The drawing of a tool path: heading, extents, what was run how, and a legend.
+//! Drawing of a tool path: heading, extents, strokes by kind, and a legend.
 //!
-//! Invariant: what is retraced lies under what it repeats.
+//! Invariant: retraced strokes lie under the strokes that they repeat.
 
 use super::font;
 use super::picture::{Anchor, Colour, DisplayList, Pen, Point, Size, Text};
@@ -47,7 +47,7 @@ pub fn draw_path(path: &ToolPath, view: View, size: Size) -> DisplayList {
     picture
 }
 
-/// The title, what is seen, and a line below.
+/// Draws the title, the view, and a summary line.
 pub(super) fn draw_heading(picture: &mut DisplayList, title: &str, view: &str, summary: &str) {
     let right = picture.size.width() - RIGHT;
     picture.text(Text { colour: style::PALE_INK, ..text([right, 28.0], view, LABEL_SIZE, Anchor::Right) });
@@ -60,7 +60,7 @@ pub(super) fn draw_heading(picture: &mut DisplayList, title: &str, view: &str, s
     picture.text(Text { colour: style::PALE_INK, ..text([RIGHT, 49.0], summary, LABEL_SIZE, Anchor::Left) });
 }
 
-/// A text cut to the space there is.
+/// Cuts a text to the available space.
 pub(super) fn shortened(words: &str, size: f32, space: f32) -> String {
     if font::width(words, size) <= space {
         return words.to_owned();
@@ -90,7 +90,7 @@ pub(super) fn draw_end(picture: &mut DisplayList, [x, y]: Point) {
     picture.area(&square(MARK_PX * 0.35), style::PAPER);
 }
 
-/// What each line and mark means in one row below the frame, with lengths where there is room; returns where it ends.
+/// Draws the legend in one row below the frame, with lengths where there is space. Returns its right end.
 fn draw_legend(picture: &mut DisplayList, path: &ToolPath, size: Size) -> f32 {
     let kinds = [
         ("feed", StrokeKind::Feed, style::FEED),
@@ -109,7 +109,7 @@ fn draw_legend(picture: &mut DisplayList, path: &ToolPath, size: Size) -> f32 {
     let y = size.height() - 20.0;
     let mut x = RIGHT;
     for (name, length, pen) in entries {
-        // Round ends reach beyond the line by half its width.
+        // Round ends extend the line by half its width.
         let inset = pen.width / 2.0;
         picture.line([x + inset, y], [x + 30.0 - inset, y], pen);
         x = label_beside(picture, [x + 37.0, y], name + &length, style::INK);
@@ -120,7 +120,7 @@ fn draw_legend(picture: &mut DisplayList, path: &ToolPath, size: Size) -> f32 {
     label_beside(picture, [x + 20.0, y], "end".to_owned(), style::INK)
 }
 
-/// Writes a label of the legend and returns where the next one may begin.
+/// Draws a label of the legend. Returns where the next one may begin.
 pub(super) fn label_beside(picture: &mut DisplayList, [x, y]: Point, label: String, colour: Colour) -> f32 {
     let end = x + font::width(&label, LABEL_SIZE) + 24.0;
     picture.text(Text { colour, ..text([x, y + 4.6], label, LABEL_SIZE, Anchor::Left) });

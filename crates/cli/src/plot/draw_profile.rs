@@ -1,4 +1,4 @@
-//! The drawing of a profile: velocity, acceleration and jerk over time, one panel above the other.
+//! Drawing of a profile: velocity, acceleration and jerk over time, one panel above the other.
 
 use super::decimate;
 use super::draw_path::{draw_heading, label_beside};
@@ -12,14 +12,14 @@ const LEFT: f32 = 92.0;
 const RIGHT: f32 = 26.0;
 const ABOVE: f32 = 66.0;
 const BELOW: f32 = 78.0;
-/// Between two panels, in pixels.
+/// Space between two panels, in pixels.
 const GAP: f32 = 16.0;
-/// Head-room above the highest value, as a share of it.
+/// Headroom above the highest value, as a share of it.
 const HEADROOM: f64 = 0.12;
 const TICK_GAP_ACROSS: f32 = 72.0;
 const TICK_GAP_UP: f32 = 30.0;
 
-/// One panel: what it shows, and in which unit.
+/// Panel of one quantity with its unit.
 struct Panel {
     name: &'static str,
     unit: &'static str,
@@ -133,7 +133,7 @@ impl Panel {
         picture.text(Text { is_upward: true, ..text(at, label, LABEL_SIZE, Anchor::Middle) });
     }
 
-    /// What the panel spans: every value and every limit, with some head-room; upward only where nothing is negative.
+    /// Range of the panel: every value and every limit, with some headroom; only upward where nothing is negative.
     fn range(&self) -> [f64; 2] {
         let values =
             || self.curves.iter().flat_map(|(curve, _)| &curve.values).copied().filter(|value| value.is_finite());

@@ -1,20 +1,21 @@
-//! A small stroke font: letters as lines, so that a drawing needs no font of the machine it is made on.
+//! Small stroke font: letters as lines, so that a drawing needs no font of the computer it is made on.
 //!
-//! Invariant: every printable ASCII character has a glyph, and so has what else our labels use; any other is a box.
+//! Invariant: every printable ASCII character has a glyph, and so has every other character of our labels; any other is
+//! a box.
 //!
 //! A glyph is a list of strokes; a point is two hexadecimal digits, x and y. The base line is y = 3, a capital ends at
-//! y = 14, a small letter at y = 11, and a descender at y = 0. A stroke that opens with `~` is a curve: its inner points
-//! are the corners of a quadratic B-spline.
+//! y = 14, a small letter at y = 11, and a descender at y = 0. A stroke that opens with `~` is a curve: its inner
+//! points are the corners of a quadratic B-spline.
 
 use super::picture::Point;
 
-/// The height of a capital letter, as a share of the size of the text.
+/// Height of a capital letter, as a share of the size of the text.
 const CAPITAL_HEIGHT: f32 = 0.72;
 const BASE_LINE: f32 = 3.0;
 const CAPITAL_UNITS: f32 = 11.0;
-/// Between two letters, in units of the glyphs.
+/// Space between two letters, in units of the glyphs.
 const SPACING: f32 = 3.0;
-/// Straight pieces for each corner of a curve.
+/// Number of straight segments for each corner of a curve.
 const PIECES: usize = 5;
 
 /// Character, width in units, strokes.
@@ -127,11 +128,11 @@ const GLYPHS: &[Glyph] = &[
     ('–', 8, "08 88"),
     ('−', 6, "08 68"),
     ('…', 10, "13 14;53 54;93 94"),
-    // What stands for every other character.
+    // Glyph of every other character.
     ('\u{fffd}', 6, "03 0e 6e 63 03"),
 ];
 
-/// The strokes of a text and its width, both in pixels; the text begins at the origin, its base line is y = 0.
+/// Strokes of a text and its width, both in pixels; the text begins at the origin, its base line is y = 0.
 pub(super) fn strokes(words: &str, size: f32) -> (Vec<Vec<Point>>, f32) {
     let unit = size * CAPITAL_HEIGHT / CAPITAL_UNITS;
     let mut lines = Vec::new();
@@ -147,13 +148,13 @@ pub(super) fn strokes(words: &str, size: f32) -> (Vec<Vec<Point>>, f32) {
     (lines, (x - SPACING).max(0.0) * unit)
 }
 
-/// The width of a text in pixels.
+/// Width of a text in pixels.
 pub(super) fn width(words: &str, size: f32) -> f32 {
     let units: f32 = words.chars().map(|letter| f32::from(glyph(letter).1) + SPACING).sum();
     (units - SPACING).max(0.0) * size * CAPITAL_HEIGHT / CAPITAL_UNITS
 }
 
-/// The width in pixels of the line that a text of this size is written with.
+/// Width in pixels of the line that a text of this size is drawn with.
 pub(super) fn pen_width(size: f32, is_bold: bool) -> f32 {
     size * if is_bold { 0.13 } else { 0.095 }
 }
@@ -162,20 +163,20 @@ fn glyph(letter: char) -> &'static Glyph {
     GLYPHS.iter().find(|glyph| glyph.0 == letter).unwrap_or(&GLYPHS[GLYPHS.len() - 1])
 }
 
-/// The points of one stroke, in units.
+/// Points of one stroke, in units.
 fn points(stroke: &str) -> Vec<Point> {
     let (is_curve, stroke) = stroke.strip_prefix('~').map_or((false, stroke), |rest| (true, rest));
     let corners: Vec<Point> = stroke.split(' ').filter_map(point).collect();
     if is_curve { curve(&corners) } else { corners }
 }
 
-/// Two hexadecimal digits.
+/// Parses two hexadecimal digits.
 fn point(digits: &str) -> Option<Point> {
     let mut digits = digits.chars().filter_map(|digit| digit.to_digit(16)).map(|digit| digit as f32);
     Some([digits.next()?, digits.next()?])
 }
 
-/// A quadratic B-spline from the first corner to the last.
+/// Quadratic B-spline from the first corner to the last.
 fn curve(corners: &[Point]) -> Vec<Point> {
     let middle = |a: Point, b: Point| [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0];
     let Some(&start) = corners.first() else { return Vec::new() };

@@ -1,21 +1,22 @@
-//! What became of a job over time: where on its path it was, what it was doing there, and what happened.
+//! History of a job over time: its place on the path, its activity, and its events.
 //!
-//! Invariant: moments come in the order of their times; what is to be said of them may be less than happened, and says then how much less.
+//! Invariant: samples are in the order of their times. The labels may cover fewer events than happened, and state how
+//! many are missing.
 
 use super::tool_path::ToolPath;
 
-/// What a job was doing.
+/// Activity of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
     /// Normal run.
     Run,
     /// Reverse run.
     Reverse,
-    /// Forward run over what was recorded.
+    /// Forward run over recorded motion.
     Forward,
-    /// The handwheel.
+    /// Handwheel.
     Wheel,
-    /// On the way back to the furthest place.
+    /// Return to the furthest place.
     Return,
     /// At the furthest place, where outputs differ.
     Settle,
@@ -30,7 +31,7 @@ pub enum Activity {
 }
 
 impl Activity {
-    /// In a word.
+    /// Label in a word.
     pub(super) fn word(self) -> &'static str {
         match self {
             Self::Run => "run",
@@ -46,85 +47,85 @@ impl Activity {
         }
     }
 
-    /// Is the path run over that was run before?
+    /// Whether the activity repeats recorded motion.
     #[must_use]
     pub fn is_retracing(self) -> bool {
         matches!(self, Self::Reverse | Self::Forward | Self::Wheel | Self::Return | Self::Settle)
     }
 }
 
-/// Where a job was at a time.
+/// Place of a job at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HistorySample {
-    /// Machine time in seconds since the job began.
+    /// Machine time in seconds since the job started.
     pub time_s: f64,
-    /// The place, in seconds of programmed motion.
+    /// Place, in seconds of programmed motion.
     pub place_s: f64,
-    /// The furthest place ever executed, in seconds of programmed motion.
+    /// Furthest place ever executed, in seconds of programmed motion.
     pub reached_s: f64,
-    /// What it was doing from then on.
+    /// Activity from then on.
     pub doing: Activity,
 }
 
-/// How much something matters: where there is no room, what matters less is left out.
+/// Priority of a label: where there is no space, lower ones are left out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Priority {
-    /// It ended or interrupted the job.
+    /// The event ended or interrupted the job.
     Ending,
-    /// The machine stood for it.
+    /// The machine stopped for it.
     Standing,
-    /// The operator did it.
+    /// The operator caused it.
     Operator,
     /// The program switched something.
     Switching,
-    /// It went by.
+    /// The event has no effect on the motion.
     Passing,
 }
 
-/// Something that happened.
+/// Event in a history.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HistoryEvent {
-    /// Machine time in seconds since the job began.
+    /// Machine time in seconds since the job started.
     pub time_s: f64,
-    /// How much it matters.
+    /// Priority of the label.
     pub rank: Priority,
-    /// What happened.
+    /// Label.
     pub words: String,
 }
 
-/// What became of a job.
+/// History of a job.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
-    /// The path that was executed, and what of it was retraced; named as the program.
+    /// Path that was executed, with its retraced sections; it has the name of the program.
     pub path: ToolPath,
-    /// How it ended, and what else is to be said in a line.
+    /// How the job ended, in one line.
     pub summary: String,
-    /// Where it was over time.
+    /// Places over time.
     pub course: Vec<HistorySample>,
-    /// What happened, in the order of time.
+    /// Events in the order of time.
     pub remarks: Vec<HistoryEvent>,
-    /// Where the machine stands now, X Y Z in mm.
+    /// Current position of the machine, X Y Z in mm.
     pub stands_mm: Option<[f64; 3]>,
 }
 
 impl History {
-    /// How long the job took, in seconds of machine time.
+    /// Duration of the job, in seconds of machine time.
     pub(super) fn duration_s(&self) -> f64 {
         let remarks = self.remarks.iter().map(|remark| remark.time_s);
         self.course.iter().map(|moment| moment.time_s).chain(remarks).fold(0.0, f64::max)
     }
 
-    /// The place at a time, in seconds of programmed motion.
+    /// Place at a time, in seconds of programmed motion.
     pub(super) fn place_s(&self, time_s: f64) -> Option<f64> {
         let next = self.course.partition_point(|moment| moment.time_s <= time_s);
-        // What is told before the first position happened there.
+        // Events before the first position are placed there.
         let before = self.course.get(next.saturating_sub(1))?;
         let Some(after) = self.course.get(next).filter(|_| next > 0) else { return Some(before.place_s) };
         let share = (time_s - before.time_s) / (after.time_s - before.time_s);
         Some(before.place_s + (after.place_s - before.place_s) * share)
     }
 
-    /// The stretches of time in which it was doing the same, first and last time in seconds.
+    /// Sections of time with the same activity: first and last time in seconds.
     pub(super) fn stretches(&self) -> Vec<(Activity, [f64; 2])> {
         let mut stretches: Vec<(Activity, [f64; 2])> = Vec::new();
         for pair in self.course.windows(2) {

@@ -1,7 +1,7 @@
 //! Drawings of a job: its tool path, its velocity, acceleration and jerk over time, and its history, as SVG or PNG.
 //!
-//! Invariant: what is drawn depends on the data and the size alone. Both formats are written from one display list, and
-//! the letters are strokes of our own, so that a drawing needs no fonts and looks the same everywhere.
+//! Invariant: a drawing depends only on the data and the size. Both formats are written from one display list, and the
+//! letters are strokes of our own, so that a drawing needs no fonts and looks the same everywhere.
 
 mod decimate;
 mod draw_history;

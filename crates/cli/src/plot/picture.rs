@@ -1,20 +1,20 @@
-//! The display list: everything a drawing consists of, in the pixels that it is laid out in, in drawing order.
+//! Display list: all elements of a drawing, in the pixels of its layout and in drawing order.
 //!
 //! Invariant: x grows to the right and y downward from the upper left corner; every coordinate is finite.
 
 use thiserror::Error;
 
-/// Where a drawing has more pixels than these in both width and height, it is laid out in fewer and seen larger.
+/// Maximum layout size: a drawing with more pixels in both width and height is laid out in fewer and scaled up.
 const LAID_OUT: [f32; 2] = [800.0, 320.0];
 
-/// The size of a drawing, within 480 × 320 … 8 000 × 8 000 pixels.
+/// Size of a drawing, within 480 × 320 … 8 000 × 8 000 pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
     width: u16,
     height: u16,
 }
 
-/// A drawing of that size is not made.
+/// Error for a size out of range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("a drawing is 480 × 320 to 8000 × 8000 pixels large, not {width} × {height}")]
 pub struct SizeError {
@@ -23,10 +23,10 @@ pub struct SizeError {
 }
 
 impl Size {
-    /// A size in pixels.
+    /// Size in pixels.
     ///
     /// # Errors
-    /// Where it is too small for its own labels, or too large to be held in memory with ease.
+    /// The size is too small for the drawing's labels, or too large for memory.
     pub fn pixels(width: u32, height: u32) -> Result<Self, SizeError> {
         match (u16::try_from(width), u16::try_from(height)) {
             (Ok(w @ 480..=8000), Ok(h @ 320..=8000)) => Ok(Self { width: w, height: h }),
@@ -34,39 +34,39 @@ impl Size {
         }
     }
 
-    /// Width and height in pixels of the finished drawing.
+    /// Width and height of the finished drawing in pixels.
     pub(super) fn in_pixels(self) -> [u32; 2] {
         [self.width, self.height].map(u32::from)
     }
 
-    /// Pixels of the finished drawing for one that it is laid out in. A large drawing is a small one seen larger, so that letters are 9 pt
-    /// high where it is printed across a sheet of A4, whatever its size; unless it is too flat for that.
+    /// Pixels of the finished drawing for one of its layout. A large drawing is a small one scaled up, so that letters
+    /// are 9 pt high on a sheet of A4, whatever its size; unless it is too flat for that.
     pub(super) fn scale(self) -> f32 {
         let [width, height] = [self.width, self.height].map(f32::from);
         (width / LAID_OUT[0]).min(height / LAID_OUT[1]).max(1.0)
     }
 
-    /// The width in pixels that it is laid out in.
+    /// Width of the layout in pixels.
     #[must_use]
     pub fn width(self) -> f32 {
         f32::from(self.width) / self.scale()
     }
 
-    /// The height in pixels that it is laid out in.
+    /// Height of the layout in pixels.
     #[must_use]
     pub fn height(self) -> f32 {
         f32::from(self.height) / self.scale()
     }
 }
 
-/// A point in pixels.
+/// Point in pixels.
 pub(super) type Point = [f32; 2];
 
-/// A colour: red, green, blue, opacity.
+/// Colour: red, green, blue, opacity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Colour(pub(super) [u8; 4]);
 
-/// How a line is drawn.
+/// Style of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Pen {
     pub(super) colour: Colour,
@@ -76,7 +76,7 @@ pub(super) struct Pen {
     pub(super) dash: Option<[f32; 2]>,
 }
 
-/// Which point of a text stands at its place.
+/// Point of a text that is at its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
     Left,
@@ -84,36 +84,36 @@ pub(super) enum Anchor {
     Right,
 }
 
-/// A line of text, its base line through `at`.
+/// Line of text, with its base line through `at`.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Text {
     pub(super) at: Point,
     pub(super) words: String,
-    /// Size in pixels; a capital letter is 0.72 of it high.
+    /// Size in pixels; a capital letter has 0.72 of that height.
     pub(super) size: f32,
     pub(super) anchor: Anchor,
     pub(super) colour: Colour,
-    /// Does it run upward instead of to the right?
+    /// Whether it runs upward instead of to the right.
     pub(super) is_upward: bool,
     pub(super) is_bold: bool,
 }
 
-/// One thing on the drawing.
+/// Element of a drawing.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Item {
-    /// Lines with one pen; where they cross, a translucent pen does not grow darker.
+    /// Lines with one pen; a translucent pen does not grow darker where they cross.
     Lines { lines: Vec<Vec<Point>>, pen: Pen },
-    /// A filled polygon.
+    /// Filled polygon.
     Area { corners: Vec<Point>, fill: Colour },
-    /// A line of text.
+    /// Line of text.
     Text(Text),
 }
 
-/// A finished drawing; [`Picture::to_svg`] and [`Picture::to_png`] write it.
+/// Finished drawing; [`DisplayList::to_svg`] and [`DisplayList::to_png`] write it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DisplayList {
     pub(super) size: Size,
-    /// What the drawing is, for those who do not see it.
+    /// Description of the drawing, for readers who do not see it.
     pub(super) title: String,
     pub(super) items: Vec<Item>,
 }
@@ -151,7 +151,7 @@ mod tests {
         for (width, height) in [(800, 600), (1200, 900), (4800, 3600)] {
             let size = Size::pixels(width, height).expect("allowed");
             let paper_mm = 210.0 * crate::plot::style::TICK_SIZE * size.scale() / width as f32;
-            // 9 pt are 3.175 mm; a letter's size is reckoned with the space around it.
+            // 9 pt are 3.175 mm; the size of a letter includes the space around it.
             assert!((3.1..3.2).contains(&paper_mm), "{width}: {paper_mm}");
         }
         assert_eq!(Size::pixels(8000, 320).map(Size::scale), Ok(1.0));

@@ -1,4 +1,4 @@
-//! A drawing as a PNG image, one pixel of the display list to one of the image.
+//! Writes a drawing as a PNG image; a pixel of the display list is scaled to the image.
 
 use super::font;
 use super::picture::{Colour, DisplayList, Item, Pen, Point};
@@ -7,10 +7,10 @@ use super::svg::placed;
 use thiserror::Error;
 use tiny_skia::{Color, FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Stroke, StrokeDash, Transform};
 
-/// The image cannot be made.
+/// Error of writing a PNG image.
 #[derive(Debug, Error)]
 pub enum PngError {
-    /// The image needs more memory than there is.
+    /// The image needs more memory than available.
     #[error("an image of {width} × {height} pixels cannot be held in memory")]
     TooLarge {
         /// Width in pixels.
@@ -23,14 +23,14 @@ pub enum PngError {
     Encoding(String),
 }
 
-/// Lines of an opaque pen are drawn in stretches of so many points: the cost of one grows faster than its length.
+/// Maximum number of points per section of an opaque line: the cost of a line grows faster than its length.
 const STRETCH: usize = 512;
 
 impl DisplayList {
-    /// The drawing as a PNG image.
+    /// Renders the drawing as a PNG image.
     ///
     /// # Errors
-    /// Where the image cannot be held in memory or written.
+    /// The image does not fit the memory, or cannot be written.
     pub fn to_png(&self) -> Result<Vec<u8>, PngError> {
         let [width, height] = self.size.in_pixels();
         let scale = Transform::from_scale(self.size.scale(), self.size.scale());
@@ -67,7 +67,7 @@ fn draw_lines(image: &mut Pixmap, lines: &[Vec<Point>], pen: &Pen, scale: Transf
             image.stroke_path(&path, &paint(pen.colour), &stroke, scale, None);
         }
     };
-    // Stretches meet in a shared point, which only a translucent or dashed pen shows.
+    // Sections share a point, which only a translucent or dashed pen shows.
     if pen.colour.0[3] == u8::MAX && pen.dash.is_none() {
         for line in lines {
             let mut rest = line.as_slice();

@@ -1,48 +1,48 @@
-//! Velocity, acceleration and jerk over time, taken from positions by finite differences.
+//! Velocity, acceleration and jerk over time, from positions by finite differences.
 //!
-//! Invariant: every curve of one profile begins at the same time and has the same period.
+//! Invariant: every curve of one profile starts at the same time and has the same period.
 
-/// One axis' way: its positions at equal times, and its limits.
+/// Track of one axis: its positions at equal intervals, and its limits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisTrack {
-    /// What the axis is called.
+    /// Name of the axis.
     pub name: String,
-    /// Its position in mm at the end of every period.
+    /// Position in mm at the end of every period.
     pub positions_mm: Vec<f64>,
-    /// Its limits in mm/s, mm/s² and mm/s³.
+    /// Limits in mm/s, mm/s² and mm/s³.
     pub limits: Derivatives<f64>,
 }
 
-/// Something for each of velocity, acceleration and jerk.
+/// A value for each of velocity, acceleration and jerk.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Derivatives<T> {
-    /// Of velocity, in mm/s.
+    /// Value for velocity, in mm/s.
     pub velocity: T,
-    /// Of acceleration, in mm/s².
+    /// Value for acceleration, in mm/s².
     pub acceleration: T,
-    /// Of jerk, in mm/s³.
+    /// Value for jerk, in mm/s³.
     pub jerk: T,
 }
 
-/// What is drawn over time.
+/// Data of a drawing over time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    /// What it is called: the program's name.
+    /// Title: the program's name.
     pub title: String,
-    /// The control period in seconds.
+    /// Control period in seconds.
     pub period_s: f64,
-    /// Over how many periods differences are taken: 1 for planned positions; 16 or more for whole pulses, of which a
-    /// single one would read as an enormous jerk.
+    /// Number of periods over which differences are taken: 1 for planned positions; 16 or more for whole pulses, a
+    /// single one of which would read as an enormous jerk.
     pub stride_periods: usize,
-    /// The axes, all with the same number of positions.
+    /// Axes, all with the same number of positions.
     pub axes: Vec<AxisTrack>,
-    /// Stretches of time in seconds in which motion was retraced.
+    /// Intervals in seconds in which motion was retraced.
     pub retraced_s: Vec<[f64; 2]>,
-    /// The stretch of time in seconds that is drawn; all of it where none is given.
+    /// Interval in seconds that is drawn; `None` for all.
     pub shown_s: Option<[f64; 2]>,
 }
 
-/// A curve over time: its first time, and a value every period.
+/// Curve over time: its first time, and a value per period.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Curve {
     pub(super) start_s: f64,
@@ -50,7 +50,7 @@ pub(super) struct Curve {
 }
 
 impl Curve {
-    /// The part of the curve within this stretch of time in seconds, one period beyond it at either end at most.
+    /// Part of the curve within this interval in seconds, with at most one period beyond either end.
     fn within(self, [from_s, to_s]: [f64; 2], period_s: f64) -> Self {
         let index = |at_s: f64| ((at_s - self.start_s) / period_s).max(0.0);
         let first = (index(from_s).floor() as usize).min(self.values.len());
@@ -60,12 +60,12 @@ impl Curve {
 }
 
 impl Profile {
-    /// The stretch of time in seconds that is drawn.
+    /// Interval in seconds that is drawn.
     pub(super) fn shown(&self) -> [f64; 2] {
         self.shown_s.unwrap_or([0.0, self.duration_s()])
     }
 
-    /// The drawn part of a curve.
+    /// Drawn part of a curve.
     pub(super) fn cut(&self, curve: Curve) -> Curve {
         match self.shown_s {
             Some(shown_s) => curve.within(shown_s, self.period_s),
@@ -73,8 +73,8 @@ impl Profile {
         }
     }
 
-    /// One axis' derivative of order 1, 2 or 3, each value in the middle of the window that it is taken over; before the
-    /// first position and after the last the axis stands still.
+    /// Derivative of one axis of order 1, 2 or 3, each value in the middle of its window; before the first position and
+    /// after the last the axis is at rest.
     pub(super) fn derivative(&self, axis: &AxisTrack, order: usize) -> Curve {
         let stride = self.stride_periods.max(1);
         let window = order * stride;
@@ -94,7 +94,7 @@ impl Profile {
         Curve { start_s: (half as f64 - window as f64 / 2.0) * self.period_s, values: values.collect() }
     }
 
-    /// The speed along the path, in mm/s.
+    /// Speed along the path, in mm/s.
     pub(super) fn path_speed(&self) -> Curve {
         let mut speed = Curve { start_s: 0.0, values: Vec::new() };
         for axis in &self.axes {
@@ -109,7 +109,7 @@ impl Profile {
         speed
     }
 
-    /// How long the profile is, in seconds.
+    /// Duration of the profile, in seconds.
     pub(super) fn duration_s(&self) -> f64 {
         let periods = self.axes.iter().map(|axis| axis.positions_mm.len()).max().unwrap_or(0);
         periods.saturating_sub(1) as f64 * self.period_s
@@ -136,7 +136,7 @@ mod tests {
         let acceleration = profile.derivative(&axis, 2);
         let jerk = profile.derivative(&axis, 3);
         assert_eq!((acceleration.values.len(), jerk.values.len()), (200, 200));
-        // Where the window does not reach into the standstill before and after.
+        // Where the window does not reach into the rest before and after.
         for (index, value) in acceleration.values.iter().enumerate().take(196).skip(4) {
             let t = acceleration.start_s + index as f64 * 0.01;
             assert!((value - (10.0 + 42.0 * t)).abs() < 1e-6);

@@ -1,6 +1,6 @@
-//! From a quantity to pixels, and the round values at which an axis is marked.
+//! Scales from a quantity to pixels, and the round values at which an axis is marked.
 
-/// A linear scale: two values and the pixels at which they stand.
+/// Linear scale: two values and their pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Scale {
     pub(super) low: f64,
@@ -10,13 +10,13 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// Where a value stands, in pixels.
+    /// Pixel of a value.
     pub(super) fn px(&self, value: f64) -> f32 {
         let share = (value - self.low) / (self.high - self.low);
         self.low_px + (self.high_px - self.low_px) * share as f32
     }
 
-    /// The marks of this scale, no closer than `gap_px` pixels.
+    /// Marks of this scale, no closer than `gap_px` pixels.
     pub(super) fn ticks(&self, gap_px: f32) -> Ticks {
         Ticks::within(self.low, self.high, f64::from((self.high_px - self.low_px).abs() / gap_px))
     }
@@ -29,7 +29,7 @@ pub(super) struct Ticks {
     decimals: usize,
 }
 
-/// More marks than this are never made.
+/// Maximum number of marks.
 const MOST: f64 = 200.0;
 
 impl Ticks {
@@ -44,13 +44,13 @@ impl Ticks {
         Self { values, decimals: decimals(step) }
     }
 
-    /// A mark's number, with as many decimals as the step needs.
+    /// Number of a mark, with as many decimals as the step needs.
     pub(super) fn label(&self, value: f64) -> String {
         fixed(value, self.decimals)
     }
 }
 
-/// A number with so many decimals, and never −0.
+/// Formats a number with this many decimals, never −0.
 pub(super) fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     if text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.')) {
@@ -60,13 +60,13 @@ pub(super) fn fixed(value: f64, decimals: usize) -> String {
     }
 }
 
-/// A number with at most so many decimals, and no needless zeros.
+/// Formats a number with at most this many decimals and without trailing zeros.
 pub(super) fn short(value: f64, decimals: usize) -> String {
     let text = fixed(value, decimals);
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
-/// The smallest of 1, 2, 5 times a power of ten that is no smaller than `value`.
+/// Smallest of 1, 2, 5 times a power of ten that is not smaller than `value`.
 pub(super) fn round_up(value: f64) -> f64 {
     if !(value.is_finite() && value > 1e-12) {
         return 1e-12;
@@ -79,7 +79,7 @@ pub(super) fn round_up(value: f64) -> f64 {
         .unwrap_or(value)
 }
 
-/// The decimals that multiples of a step need.
+/// Number of decimals that multiples of a step need.
 pub(super) fn decimals(step: f64) -> usize {
     (-(step.log10() + 1e-9).floor()).clamp(0.0, 6.0) as usize
 }

@@ -1,4 +1,4 @@
-//! The sheet that a tool path lies on: true proportions, marked axes, a bar for the scale.
+//! Sheet of a tool path: true proportions, marked axes, a scale bar.
 //!
 //! Invariant: a millimetre is as long across as it is upward.
 
@@ -12,15 +12,15 @@ use super::view::View;
 
 /// Space between the path and the frame, as a share of the larger extent.
 const PADDING: f64 = 0.04;
-/// The smallest extent that is drawn, in mm: a single point has none.
+/// Minimum extent that is drawn, in mm: a single point has none.
 const MIN_MM: f64 = 0.01;
-/// A frame is no flatter than this share of the space there is.
+/// Minimum height of a frame, as a share of the available height.
 const FLATTEST: f32 = 0.3;
-/// The least distance of two marks in pixels: side by side, and one above the other.
+/// Minimum distance of two marks in pixels: side by side, and one above the other.
 const TICK_GAP_ACROSS: f32 = 62.0;
 const TICK_GAP_UP: f32 = 34.0;
 
-/// The part of the drawing that there is for a frame, in pixels; axis labels go around it.
+/// Part of the drawing available for a frame, in pixels; axis labels are around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct DrawingArea {
     pub(super) left: f32,
@@ -29,7 +29,7 @@ pub(super) struct DrawingArea {
     pub(super) bottom: f32,
 }
 
-/// How millimetres lie on the drawing.
+/// Mapping of millimetres to the drawing.
 pub(super) struct Sheet {
     view: View,
     pub(super) across: Scale,
@@ -37,7 +37,7 @@ pub(super) struct Sheet {
 }
 
 impl Sheet {
-    /// The largest scale at which everything fits, the same in both directions.
+    /// Largest scale at which everything fits, the same in both directions.
     pub(super) fn fitting(path: &ToolPath, view: View, extents: &Extents, room: DrawingArea) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut include = |point: [f64; 3]| {
@@ -78,14 +78,14 @@ impl Sheet {
         Self { view, across: scale(0, 1.0), up: scale(1, -1.0) }
     }
 
-    /// Where a point of the machine stands on the drawing.
+    /// Position of a machine point on the drawing.
     pub(super) fn place(&self, point: [f64; 3]) -> Point {
         let [right, up] = self.view.project(point);
         [self.across.px(right), self.up.px(up)]
     }
 
     pub(super) fn draw_strokes(&self, picture: &mut DisplayList, path: &ToolPath, kind: StrokeKind, pen: Pen) {
-        // What follows at once in the same place is one line: a dash then runs on over it.
+        // Strokes that follow each other in the same place are one line, so that its dashes continue.
         let mut lines: Vec<Vec<Point>> = Vec::new();
         for stroke in path.of_kind(kind) {
             let points = stroke.points.iter().filter(|point| is_finite(point)).map(|point| self.place(*point));
@@ -99,7 +99,7 @@ impl Sheet {
         picture.lines(lines, pen);
     }
 
-    /// A frame with marks and a grid.
+    /// Draws a frame with marks and a grid.
     pub(super) fn draw_axes(&self, picture: &mut DisplayList, [name_across, name_up]: [&str; 2]) {
         let (left, right) = (self.across.low_px, self.across.high_px);
         let (bottom, top) = (self.up.low_px, self.up.high_px);
@@ -129,7 +129,7 @@ impl Sheet {
         picture.text(Text { is_upward: true, ..text(at, format!("{name_up} mm"), LABEL_SIZE, Anchor::Middle) });
     }
 
-    /// The box of the extents, marked along three of its edges.
+    /// Draws the box of the extents, marked along three of its edges.
     pub(super) fn draw_box(&self, picture: &mut DisplayList, extents: &Extents) {
         let all = corners(extents).map(|corner| self.place(corner));
         // Corner numbers count X in bit 0, Y in bit 1, Z in bit 2.
@@ -143,7 +143,7 @@ impl Sheet {
         }
     }
 
-    /// Marks along one edge of the box, from `from` to `high` on its axis, labelled on its outward side.
+    /// Draws the marks along one edge of the box, from `from` to `high` on its axis, labelled on its outward side.
     fn draw_edge(&self, picture: &mut DisplayList, from: [f64; 3], axis: usize, high: f64, outward: Point) {
         let at = |value: f64| {
             let mut point = from;
@@ -168,7 +168,8 @@ impl Sheet {
         picture.text(text([x, y + 4.3], name, LABEL_SIZE, anchor));
     }
 
-    /// A bar of a round length up to `right`, beside a legend above `bottom` that ends at `legend_end`; above it where they would meet.
+    /// Draws a bar of a round length up to `right`, next to a legend above `bottom` that ends at `legend_end`; above it
+    /// where they would overlap.
     pub(super) fn draw_scale_bar(&self, picture: &mut DisplayList, right: f32, bottom: f32, legend_end: f32) {
         let per_mm = f64::from(self.across.high_px - self.across.low_px) / (self.across.high - self.across.low);
         let length_mm = round_up(50.0 / per_mm);
@@ -184,7 +185,7 @@ impl Sheet {
     }
 }
 
-/// The corners of the extents; the number of each counts X in bit 0, Y in bit 1, Z in bit 2.
+/// Corners of the extents; the number of each counts X in bit 0, Y in bit 1, Z in bit 2.
 fn corners(extents: &Extents) -> [[f64; 3]; 8] {
     std::array::from_fn(|number| {
         std::array::from_fn(|axis| if number >> axis & 1 == 0 { extents.low[axis] } else { extents.high[axis] })

@@ -1,4 +1,4 @@
-//! The hands that everything is drawn with: colours, pens and letter sizes.
+//! Styles of drawings: colours, pens and letter sizes.
 //!
 //! The colours are those of Okabe and Ito, which colour-blind readers tell apart; what matters differs in shape or dash
 //! too, so that it survives a black and white printer.
@@ -18,16 +18,16 @@ pub(super) const GRID: Pen = Pen { colour: Colour([0xe4, 0xe4, 0xe4, 0xff]), wid
 pub(super) const FEED: Pen = Pen { colour: Colour([0x00, 0x4f, 0x8c, 0xff]), width: 1.5, dash: None };
 pub(super) const RAPID: Pen = Pen { colour: Colour([0x8c, 0x8c, 0x8c, 0xff]), width: 1.0, dash: Some([5.0, 4.0]) };
 pub(super) const RETRACED: Pen = Pen { colour: Colour([0xe6, 0x9f, 0x00, 0x90]), width: 8.0, dash: None };
-/// What was retraced, over time; heavier than what was run, so that it is told apart in print.
+/// Retraced motion over time; heavier than normal run, so that print shows the difference.
 pub(super) const GONE_OVER: Pen = Pen { colour: Colour([0xb3, 0x5c, 0x00, 0xff]), width: 2.8, dash: Some([7.0, 3.5]) };
-/// The furthest place ever executed.
+/// Furthest place ever executed.
 pub(super) const REACHED: Pen = Pen { colour: PALE_INK, width: 1.0, dash: Some([2.0, 3.0]) };
-/// From words to what they speak of.
+/// Line from a label to its place.
 pub(super) const LEADER: Pen = Pen { colour: Colour([0x77, 0x77, 0x77, 0xff]), width: 0.8, dash: None };
 pub(super) const LIMIT: Pen = Pen { colour: INK, width: 1.2, dash: Some([7.0, 4.0]) };
 pub(super) const PATH_SPEED: Pen = Pen { colour: INK, width: 1.8, dash: None };
 
-/// The pens of the axes, in their order; beyond the last they begin again.
+/// Pens of the axes, in their order; after the last they repeat.
 pub(super) const AXES: [Pen; 4] = [
     Pen { colour: Colour([0x00, 0x72, 0xb2, 0xff]), width: 1.3, dash: None },
     Pen { colour: Colour([0xd5, 0x5e, 0x00, 0xff]), width: 1.3, dash: None },

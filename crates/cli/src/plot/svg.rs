@@ -1,4 +1,4 @@
-//! A drawing as an SVG document.
+//! Writes a drawing as an SVG document.
 //!
 //! Invariant: the document needs nothing outside itself; the same drawing gives the same text.
 
@@ -8,7 +8,7 @@ use super::style::PAPER;
 use std::fmt::Write;
 
 impl DisplayList {
-    /// The drawing as a complete SVG 1.1 document.
+    /// Drawing as a complete SVG 1.1 document.
     #[must_use]
     pub fn to_svg(&self) -> String {
         let ([across, down], width, height) = (self.size.in_pixels(), self.size.width(), self.size.height());
@@ -45,7 +45,7 @@ impl DisplayList {
     }
 }
 
-/// The strokes of a text where they belong on the drawing.
+/// Strokes of a text at its position on the drawing.
 pub(super) fn placed(text: &Text) -> Vec<Vec<Point>> {
     let (mut lines, width) = font::strokes(&text.words, text.size);
     let shift = match text.anchor {
@@ -81,7 +81,7 @@ fn path(lines: &[Vec<Point>], is_closed: bool) -> String {
     path
 }
 
-/// A coordinate in hundredths of a pixel, without needless zeros.
+/// Formats a coordinate in hundredths of a pixel, without trailing zeros.
 fn number(text: &mut String, value: f32) {
     let hundredths = (f64::from(value) * 100.0).round() as i64;
     let (whole, rest) = (hundredths.abs() / 100, hundredths.abs() % 100);
@@ -116,7 +116,7 @@ fn fill(Colour([red, green, blue, opacity]): Colour) -> String {
     text
 }
 
-/// Text inside an XML document: what XML cannot hold is dropped, what it reserves is written in its own way.
+/// Escapes text for XML: characters that XML cannot contain are dropped, reserved ones are escaped.
 fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for letter in text.chars() {

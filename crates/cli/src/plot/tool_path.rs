@@ -1,39 +1,39 @@
-//! A tool path as it is drawn: strokes of points in mm, each of one kind.
+//! Tool path for a drawing: strokes of points in mm, each of one kind.
 //!
-//! Invariant: points that are not finite are passed over, wherever they come from.
+//! Invariant: points that are not finite are skipped, whatever their source.
 
-/// What the tool did along a stroke.
+/// Kind of motion along a stroke.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StrokeKind {
     /// Positioning (G0).
     Rapid,
     /// Machining (G1, G2, G3).
     Feed,
-    /// Motion that was executed, of whatever kind.
+    /// Executed motion of any kind.
     Executed,
-    /// Motion that was run backward or repeated forward; it is laid under the stroke that it repeats.
+    /// Motion that was run backward or repeated forward; it lies under the stroke that it repeats.
     Retraced,
 }
 
-/// Points in a row, X Y Z in mm.
+/// Sequence of points, X Y Z in mm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stroke {
-    /// What the tool did.
+    /// Kind of motion.
     pub kind: StrokeKind,
-    /// The points, X Y Z in mm.
+    /// Points, X Y Z in mm.
     pub points: Vec<[f64; 3]>,
 }
 
-/// A tool path, with the name that it is drawn under.
+/// Tool path with its name.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToolPath {
-    /// What it is called: the program's name.
+    /// Title: the program's name.
     pub title: String,
-    /// Its strokes, in the order in which they were run.
+    /// Strokes, in the order of execution.
     pub strokes: Vec<Stroke>,
 }
 
-/// The smallest and largest value on each axis, in mm.
+/// Minimum and maximum on each axis, in mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Extents {
     pub(super) low: [f64; 3],
@@ -41,7 +41,7 @@ pub(super) struct Extents {
 }
 
 impl Extents {
-    /// The extents of these points; none where there are none.
+    /// Extents of these points; `None` without points.
     fn of<'a>(points: impl Iterator<Item = &'a [f64; 3]>) -> Option<Self> {
         let mut extents: Option<Self> = None;
         for point in points.filter(|point| is_finite(point)) {
@@ -56,28 +56,28 @@ impl Extents {
 }
 
 impl ToolPath {
-    /// The strokes of one kind.
+    /// Strokes of one kind.
     pub(super) fn of_kind(&self, kind: StrokeKind) -> impl Iterator<Item = &Stroke> {
         self.strokes.iter().filter(move |stroke| stroke.kind == kind)
     }
 
-    /// The extents of everything.
+    /// Extents of everything.
     pub(super) fn extents(&self) -> Option<Extents> {
         Extents::of(self.strokes.iter().flat_map(|stroke| &stroke.points))
     }
 
-    /// The extents of the program itself, without what was retraced: that is the machine's path, blends and all.
+    /// Extents of the program itself, without retraced motion, which is the machine's path with its blends.
     pub(super) fn program_extents(&self) -> Option<Extents> {
         let own = self.strokes.iter().filter(|stroke| stroke.kind != StrokeKind::Retraced);
         Extents::of(own.flat_map(|stroke| &stroke.points))
     }
 
-    /// The extents of what was machined.
+    /// Extents of the machining strokes.
     pub(super) fn feed_extents(&self) -> Option<Extents> {
         Extents::of(self.of_kind(StrokeKind::Feed).flat_map(|stroke| &stroke.points))
     }
 
-    /// The length of all strokes of one kind, in mm.
+    /// Length of all strokes of one kind, in mm.
     pub(super) fn length_mm(&self, kind: StrokeKind) -> f64 {
         self.of_kind(kind)
             .flat_map(|stroke| stroke.points.windows(2))
@@ -86,7 +86,7 @@ impl ToolPath {
             .sum()
     }
 
-    /// Where the program's own motion begins and ends.
+    /// Start and end of the program's own motion.
     pub(super) fn ends(&self) -> Option<[[f64; 3]; 2]> {
         let own = || {
             self.strokes
@@ -99,7 +99,7 @@ impl ToolPath {
     }
 }
 
-/// Can this point be drawn?
+/// Whether this point can be drawn.
 pub(super) fn is_finite(point: &[f64; 3]) -> bool {
     point.iter().all(|value| value.is_finite())
 }

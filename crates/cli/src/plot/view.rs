@@ -1,8 +1,8 @@
-//! From which side a tool path is looked at.
+//! View of a tool path.
 
 use super::tool_path::{Extents, ToolPath};
 
-/// From which side a tool path is looked at; lengths are true along every axis that is seen.
+/// View of a tool path; lengths are true along every visible axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum View {
     /// From above: X to the right, Y upward.
@@ -15,12 +15,12 @@ pub enum View {
     Iso,
 }
 
-/// An extent below this is flat, in mm.
+/// Maximum extent that counts as flat, in mm.
 const FLAT_MM: f64 = 1e-6;
 const COS_30: f64 = 0.866_025_403_784_438_6;
 
 impl View {
-    /// The plan, unless the program is flat in another plane.
+    /// View from above, unless the program is flat in another plane.
     #[must_use]
     pub fn fitting(path: &ToolPath) -> Self {
         let Some(Extents { low, high }) = path.feed_extents().or_else(|| path.extents()) else { return Self::Xy };
@@ -32,7 +32,7 @@ impl View {
         }
     }
 
-    /// The place of a point on the drawing in mm: to the right, and upward.
+    /// Position of a point on the drawing in mm: to the right, and upward.
     pub(super) fn project(self, [x, y, z]: [f64; 3]) -> [f64; 2] {
         match self {
             Self::Xy => [x, y],
@@ -42,7 +42,7 @@ impl View {
         }
     }
 
-    /// The names of the axes to the right and upward, where the drawing has such.
+    /// Names of the axes to the right and upward, where the view has such axes.
     pub(super) fn axes(self) -> Option<[&'static str; 2]> {
         match self {
             Self::Xy => Some(["X", "Y"]),
@@ -52,7 +52,7 @@ impl View {
         }
     }
 
-    /// What the drawing is called.
+    /// Name of the view.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Xy => "plan XY",

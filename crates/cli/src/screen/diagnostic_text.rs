@@ -1,8 +1,9 @@
-//! Diagnostics in words: from the form that shows the source line with a mark below it to a line that a message can have.
+//! Short form of diagnostics: one message line instead of the form with source line and mark.
 //!
-//! Invariant: number, what is wrong, place and remedy are kept; frames and marks are left out, whatever the text is.
+//! Invariant: number, cause, location and remedy are kept; frames and marks are dropped.
 
-/// Says each diagnostic of a rendered text in a line; any other text stays as it is, line by line. Never empty where the text is not.
+/// Converts each diagnostic of a rendered text to one line; any other text is kept, line by line. Not empty unless the
+/// text is.
 #[must_use]
 pub fn in_words(rendered: &str) -> Vec<String> {
     let mut said: Vec<String> = Vec::new();
@@ -26,14 +27,14 @@ pub fn in_words(rendered: &str) -> Vec<String> {
     said
 }
 
-/// Number and text of a heading, as in `error[E1101]: what is wrong` or `E1101: what is wrong`.
+/// Number and text of a heading such as `error[E1101]: what is wrong`.
 fn heading(line: &str) -> Option<(&str, &str)> {
     let (head, what) = line.split_once(": ")?;
     let number = ["error[", "warning["].iter().find_map(|level| head.strip_prefix(level)?.strip_suffix(']'));
     Some((number?, what))
 }
 
-/// File and line of a place such as `folder/part.ngc:12:4`. A block by hand has none.
+/// File and line of a location such as `folder/part.ngc:12:4`. An MDI block has none.
 fn place_of(at: &str) -> Option<String> {
     let mut parts = at.rsplitn(3, ':');
     let (_column, line, file) = (parts.next()?, parts.next()?, parts.next()?);
@@ -42,7 +43,7 @@ fn place_of(at: &str) -> Option<String> {
     (is_line && name != "by hand").then(|| format!("{name} line {line}"))
 }
 
-/// Is it the source line, the mark below it, or the frame around them?
+/// Whether the line is the source line, the mark below it, or the frame around them.
 fn is_frame(bare: &str) -> bool {
     bare.trim_start_matches(|c: char| c.is_ascii_digit()).trim_start().starts_with('|')
 }

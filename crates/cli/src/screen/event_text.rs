@@ -1,6 +1,6 @@
-//! Events in words for the operator at the screen: what he did and what the machine did, without the syntax of scripts.
+//! Events in words for the operator at the screen, without the syntax of scripts.
 //!
-//! Invariant: whatever has no words of its own here is shown as everywhere else.
+//! Invariant: an event without words of its own is shown as everywhere else.
 
 use retrace_controller::dnc_events::DncStep;
 use retrace_controller::event::{Event, EventKind};
@@ -10,33 +10,33 @@ use retrace_link::channel;
 use super::diagnostic_text;
 use super::model::ScreenModel;
 
-/// An event in words, a line each; none where it is not news for an operator.
+/// Text lines of an event; empty where the event is of no interest to an operator.
 #[must_use]
 pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
     let text = match &event.kind {
-        EventKind::Started => "the program begins".into(),
+        EventKind::Started => "program started".into(),
         EventKind::Mode(mode) => match mode_words(mode) {
             Some(words) => words.into(),
             None => return Vec::new(),
         },
-        EventKind::Operator(deed) => format!("you: {}", deed_words(model, deed)),
-        EventKind::CommandRejected(why) => format!("not possible: {why}"),
+        EventKind::Operator(deed) => format!("operator: {}", deed_words(model, deed)),
+        EventKind::CommandRejected(why) => format!("rejected: {why}"),
         EventKind::OutputChanged(number, value) => output_words(model, *number, *value),
         EventKind::RetraceSwitched(number, value) => format!("retrace: {}", output_words(model, *number, *value)),
-        EventKind::CutterOn(number) => format!("{} on by hand", model.facts.output_name(*number)),
+        EventKind::CutterOn(number) => format!("{} on (manual)", model.facts.output_name(*number)),
         EventKind::CutterOff { channel, .. } => {
             let text = event.text();
             let why = text.split_once(" off: ").map_or("", |(_, why)| why);
             format!("{} off: {}", model.facts.output_name(*channel), why.replace("`recover`", "k"))
         }
         EventKind::CutterBoundary => {
-            "standing where the program switched the cutter, and it is on: x switches it off, r cuts on".into()
+            "at rest where the program switched the cutter, which is on: x switches it off, r continues cutting".into()
         }
         EventKind::ToolChange(tool) => tool_change_words(model, *tool),
         EventKind::OutputsDiffer(some) => {
             let each = some.list().iter().map(|(number, is, wants)| {
                 format!(
-                    "{}, the program wants {}",
+                    "{}, the program expects {}",
                     output_words(model, *number, *is),
                     state_words(model, *number, *wants)
                 )
@@ -44,7 +44,7 @@ pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
             format!("outputs differ: {}", each.collect::<Vec<_>>().join("; "))
         }
         EventKind::Dnc(dnc) => match dnc.step {
-            DncStep::Paused { .. } => "paused: the breakpoint is kept".into(),
+            DncStep::Paused { .. } => "paused: breakpoint saved".into(),
             DncStep::Jogged { axis, mm, cut_short, .. } => {
                 let short = if cut_short { ", cut short" } else { "" };
                 format!("{} moved by {mm:.3} mm{short}", axis.to_ascii_uppercase())
@@ -61,10 +61,10 @@ pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
     vec![text]
 }
 
-/// A mode of operation. The way back to the furthest place and the wait there are said by what follows.
+/// Text of a mode. The return to the furthest place and the wait there have none; the events that follow report them.
 fn mode_words(mode: &str) -> Option<&'static str> {
     Some(match mode {
-        "run" => "along the program",
+        "run" => "normal run",
         "reverse" => "reverse run",
         "forward" => "forward run",
         "wheel" => "handwheel",
@@ -81,44 +81,44 @@ fn deed_words(model: &ScreenModel, deed: &OperatorCommand) -> String {
         OperatorCommand::Override(rate) => format!("override {:.0} %", percent(*rate)),
         OperatorCommand::RapidOverride(rate) => format!("rapid override {:.0} %", percent(*rate)),
         OperatorCommand::Wheel { .. } => "handwheel".into(),
-        OperatorCommand::Leave { ask: false } => "forward and on with the program".into(),
-        OperatorCommand::Leave { ask: true } => "forward and on, asking before outputs change".into(),
-        OperatorCommand::Confirm => "agreed".into(),
-        OperatorCommand::Recover => "start the cutter again and go on".into(),
+        OperatorCommand::Leave { ask: false } => "forward, then resume".into(),
+        OperatorCommand::Leave { ask: true } => "forward, then resume, asking before outputs change".into(),
+        OperatorCommand::Confirm => "confirmed".into(),
+        OperatorCommand::Recover => "restart the cutter and resume".into(),
         OperatorCommand::CutterOff => "cutter off".into(),
         OperatorCommand::CutterOn => "cutter on".into(),
         OperatorCommand::OptionalStop(on) => format!("optional stop {}", if *on { "on" } else { "off" }),
-        OperatorCommand::Output { number, on } => format!("{} by hand", output_words(model, *number, i32::from(*on))),
+        OperatorCommand::Output { number, on } => format!("{} (manual)", output_words(model, *number, i32::from(*on))),
         OperatorCommand::Single => format!("single block {}", if model.single { "on" } else { "off" }),
         OperatorCommand::Stop => "stop the job".into(),
         OperatorCommand::BackBy(mm) => format!("back by {mm} mm"),
         OperatorCommand::BackToBlock => "back to the start of the block".into(),
-        OperatorCommand::BackToPierce => "back to where the jet came on".into(),
+        OperatorCommand::BackToPierce => "back to the last pierce".into(),
         OperatorCommand::Pause => "pause".into(),
         OperatorCommand::SpindleStop => "stop the spindle".into(),
         OperatorCommand::SpindleStart => "start the spindle".into(),
         OperatorCommand::Jog { axis, mm } => format!("jog {} by {mm} mm", axis.to_ascii_uppercase()),
         OperatorCommand::ToolLength(length) => length.to_string(),
-        OperatorCommand::Online => "back to on-line mode".into(),
+        OperatorCommand::Online => "return to on-line mode".into(),
     }
 }
 
-/// What is to be done at a tool change by hand.
+/// Instruction for a manual tool change.
 #[must_use]
 pub fn tool_change_words(model: &ScreenModel, tool: i32) -> String {
     match (tool, model.facts.tool_names.get(&tool)) {
-        (0, _) => "take the tool out".into(),
+        (0, _) => "remove the tool".into(),
         (_, Some(name)) => format!("insert tool T{tool}: {name}"),
         (_, None) => format!("insert tool T{tool}"),
     }
 }
 
-/// An output and its state: `output 3 on`, `spindle clockwise`.
+/// Text of an output and its state: `output 3 on`, `spindle clockwise`.
 fn output_words(model: &ScreenModel, number: u8, value: i32) -> String {
     format!("{} {}", model.facts.output_name(number), state_words(model, number, value))
 }
 
-/// The state of an output in words.
+/// Text of the state of an output.
 fn state_words(model: &ScreenModel, number: u8, value: i32) -> String {
     match (number, value) {
         _ if model.facts.is_of_cutter(number) => if value == 0 { "off" } else { "on" }.into(),

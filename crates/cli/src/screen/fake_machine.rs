@@ -1,7 +1,6 @@
-//! A pretended machine behind the screen: it plays a program's records as the real one would, without a card, so that the screen can be
-//! tested by itself, period by period.
+//! Fake machine for tests of the screen: it plays a program's records without a card, period by period.
 //!
-//! Invariant: modes and the way back are those of the core; only rates and outputs are pretended.
+//! Invariant: modes and the return path are those of the core; only rates and outputs are simulated here.
 
 use std::sync::{Arc, Mutex};
 
@@ -28,10 +27,10 @@ use super::program_facts::{Planned, ProgramCheck, ProgramFacts};
 use crate::program::Program;
 use crate::sim_wiring::simulated;
 
-/// Most by which the rate changes in a period.
+/// Maximum change of the rate in a period.
 const SLOPE: Travel = ONE / 150;
 
-/// What is known of a program before it runs.
+/// Facts of a program before it runs.
 pub fn facts(machine: &MachineConfig, program: &Program, text: &str, tape: &FakePath) -> ProgramFacts {
     ProgramFacts {
         planned: Planned::Known(tape.records.len() as f64 * machine.period_s()),
@@ -41,7 +40,7 @@ pub fn facts(machine: &MachineConfig, program: &Program, text: &str, tape: &Fake
     }
 }
 
-/// What a program's run emits, period by period.
+/// Records of a program, period by period.
 #[derive(Debug, Default)]
 pub struct FakePath {
     /// Line and increments of each record.
@@ -51,14 +50,14 @@ pub struct FakePath {
 }
 
 impl FakePath {
-    /// Runs the program once, as fast as that goes.
+    /// Runs the program once, at full speed.
     pub fn of(machine: &MachineConfig, program: &Program) -> Self {
         let mut tape = Self::default();
         if let Ok(card) = simulated::<9>(machine, Clock::Virtual) {
             let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us));
             let manner = RunMode { wall_time: false, operator: false, real_time: false };
             let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
-            // What cannot be run leaves the tape empty.
+            // A program that cannot run leaves it empty.
             let _ = job::run::<9, _>(machine, program.decoder(), conduct, card, &mut tape);
         }
         tape
@@ -75,7 +74,7 @@ impl Observer<9> for FakePath {
     }
 }
 
-/// The pretended machine.
+/// Fake machine.
 pub struct FakeMachine {
     tape: FakePath,
     model: Arc<Mutex<ScreenModel>>,
@@ -93,7 +92,7 @@ pub struct FakeMachine {
 }
 
 impl FakeMachine {
-    /// With this tape, for this picture.
+    /// Machine with these records, for this model.
     pub fn new(tape: FakePath, model: Arc<Mutex<ScreenModel>>, period_s: f64) -> Self {
         let live = ModelObserver::new(Arc::clone(&model));
         let outputs = vec![0; retrace_link::channel::COUNT];
@@ -114,7 +113,7 @@ impl FakeMachine {
         }
     }
 
-    /// The operator says something.
+    /// Executes a command of the operator.
     pub fn hear(&mut self, said: &UiCommand) {
         match said {
             UiCommand::Start => {
@@ -141,7 +140,7 @@ impl FakeMachine {
         }
     }
 
-    /// Does what needs no mode; says whether it was that.
+    /// Executes a command that needs no mode. Returns whether it was one.
     fn by_hand(&mut self, deed: OperatorCommand) -> bool {
         match deed {
             OperatorCommand::Output { number, on } => self.switch(number, i32::from(on)),
@@ -176,7 +175,7 @@ impl FakeMachine {
             OperatorCommand::Wheel { .. } => ModeCommand::Wheel,
             OperatorCommand::Leave { ask } => ModeCommand::Leave { ask },
             OperatorCommand::Confirm => ModeCommand::Confirm,
-            _ => return Err(CommandError::NotNow("the pretended machine does not do that")),
+            _ => return Err(CommandError::NotNow("the fake machine does not support that")),
         };
         let mode = self.operation.mode();
         self.operation.apply(order)?;
@@ -198,7 +197,7 @@ impl FakeMachine {
         Observer::<9>::on_telemetry(&mut self.live, &Telemetry::Output(OutputChange { channel, value }));
     }
 
-    /// What the program expects at the furthest place.
+    /// Outputs that the program expects at the furthest place.
     fn expected(&self) -> Vec<i32> {
         let mut expected = vec![0; self.outputs.len()];
         for (_, change) in self.tape.changes.iter().filter(|(place, _)| *place < self.reached) {
@@ -215,7 +214,7 @@ impl FakeMachine {
         Observer::<9>::on_telemetry(&mut self.live, &Telemetry::Event(event));
     }
 
-    /// A control period.
+    /// Executes a control period.
     pub fn step(&mut self) {
         self.period += 1;
         let is_job = locked(&self.model).stage == ScreenStage::Job;
@@ -258,13 +257,13 @@ impl FakeMachine {
         }
     }
 
-    /// Walks over the tape: what it emits.
+    /// Moves along the records. Returns the increments.
     fn walk(&mut self) -> [i32; 9] {
         let end = self.tape.records.len() as Travel * ONE;
         let furthest = if self.operation.mode() == Mode::Run { end } else { Travel::from(self.reached) * ONE };
         let from = self.cursor;
         let mut to = (from + self.rate).clamp(0, furthest.max(from));
-        // Rest is on a boundary there, as on the real card.
+        // Rest is at a record boundary there, as on the real card.
         if to == from && from % ONE != 0 && self.operation.mode() != Mode::Run && furthest - from < ONE {
             to = furthest;
         }

@@ -1,15 +1,15 @@
-//! Names of program files at a prompt: completing them, and the home folder.
+//! File names at a prompt: completion, and the home folder.
 //!
-//! Invariant: what was typed is never shortened; folders are only read.
+//! Invariant: typed text is never shortened; folders are only read.
 
 use std::path::{MAIN_SEPARATOR, Path, PathBuf};
 
-/// Names that are listed where several are possible.
+/// Maximum number of names that are listed.
 const MAX_LISTED: usize = 6;
-/// Entries of a folder that are looked at.
+/// Maximum number of folder entries that are read.
 const MAX_ENTRIES: usize = 10_000;
 
-/// The path that a text names; `~` is the home folder.
+/// Path of a text; `~` is the home folder.
 #[must_use]
 pub fn expanded(text: &str) -> PathBuf {
     let home = std::env::var_os("HOME").map(PathBuf::from);
@@ -19,7 +19,8 @@ pub fn expanded(text: &str) -> PathBuf {
     }
 }
 
-/// Completes the name of a file as far as only one is possible. Where that adds nothing, returns what is possible, or that nothing is.
+/// Completes a file name as far as it is unique. Where that adds nothing, returns the candidates, or that there are
+/// none.
 #[must_use]
 pub fn complete(text: &mut String) -> Option<String> {
     let (folder, begun) = text.rsplit_once(MAIN_SEPARATOR).map_or(("", text.as_str()), |(folder, name)| (folder, name));
@@ -29,7 +30,7 @@ pub fn complete(text: &mut String) -> Option<String> {
         _ => expanded(&format!("{folder}{MAIN_SEPARATOR}")),
     };
     let names = names_in(&path, begun);
-    let Some(first) = names.first() else { return Some("no file or folder begins like that".into()) };
+    let Some(first) = names.first() else { return Some("no file or folder has this prefix".into()) };
     let common = names.iter().fold(first.as_str(), |common, name| common_beginning(common, name));
     if common.len() > begun.len() {
         let added = common[begun.len()..].to_owned();
@@ -43,7 +44,8 @@ pub fn complete(text: &mut String) -> Option<String> {
     (names.len() > 1).then(|| listed.join("  "))
 }
 
-/// Names in a folder that begin so, sorted; those of folders end with a separator. Hidden ones only where they are asked for.
+/// Names in a folder with a prefix, sorted; those of folders end with a separator. Hidden names only where the prefix
+/// begins with a dot.
 fn names_in(folder: &Path, begun: &str) -> Vec<String> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let name_of = |entry: std::fs::DirEntry| {
@@ -59,7 +61,7 @@ fn names_in(folder: &Path, begun: &str) -> Vec<String> {
     names
 }
 
-/// What two texts begin with, both.
+/// Longest common prefix of two texts.
 fn common_beginning<'t>(one: &'t str, other: &str) -> &'t str {
     let end = one.char_indices().zip(other.chars()).find(|((_, a), b)| a != b).map(|((at, _), _)| at);
     &one[..end.unwrap_or_else(|| one.len().min(other.len()))]

@@ -1,7 +1,7 @@
-//! What the operator is doing at the keys: from a key to the words that it says.
+//! Key state: turns keys into operator commands.
 //!
-//! Invariant: a pure function of the key, the time and the picture; a hold is said whatever is open, but while a line is being typed
-//! that spaces belong to, where nothing runs.
+//! Invariant: a pure function of key, time and model. Space is feed hold whatever dialog is open, except while a line
+//! is typed where nothing runs: there it is a blank.
 
 use retrace_controller::manual::ManualTask;
 use retrace_controller::operator::OperatorCommand;
@@ -15,42 +15,42 @@ use super::files;
 use super::keys::{self, Key, KeyAction, Situation};
 use super::model::{ScreenModel, ScreenStage};
 
-/// What a prompt asks for.
+/// Question of a prompt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PendingQuestion {
-    /// So many mm back.
+    /// Distance to go back, mm.
     BackBy,
-    /// The number of an output.
+    /// Number or name of an output.
     Output,
-    /// A block.
+    /// MDI block.
     Mdi,
-    /// An axis, or all.
+    /// Axis letter, or all.
     WorkZero,
-    /// The length of a tool.
+    /// Tool length.
     ToolLength,
     /// Whether to stop the job.
     Stop,
-    /// The file of another program.
+    /// Path of another program.
     Program,
 }
 
-/// What lies over the screen.
+/// Dialog over the screen.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum OpenDialog {
-    /// Nothing.
+    /// No dialog.
     #[default]
     Nothing,
-    /// All keys, this page of them; pages begin again behind the last.
+    /// List of keys, with the page number; pages wrap around.
     Help(usize),
     /// The tool table.
     Tools,
-    /// All messages, so many lines above the newest.
+    /// All messages, with the number of lines scrolled back.
     Messages(usize),
-    /// A question, what was typed so far, and what was wrong with it.
+    /// Prompt: question, text typed so far, and the error in it.
     Prompt(PendingQuestion, String, Option<String>),
 }
 
-/// From where the path is seen.
+/// View of the drawing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum View {
     /// From above.
@@ -64,28 +64,28 @@ pub enum View {
     Iso,
 }
 
-/// What the drawing shows whole where it is neither zoomed nor panned.
+/// Region that the drawing shows at zoom 1 without pan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fit {
-    /// The program's path and the tool.
+    /// Path of the program, and the tool.
     #[default]
     Program,
-    /// The table: all that the soft limits enclose, and the path.
+    /// Table: the volume inside the soft limits, and the path.
     Table,
 }
 
-/// How the drawing is framed.
+/// Frame of the drawing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
-    /// What it is fitted to.
+    /// Region that it is fitted to.
     pub fit: Fit,
-    /// How many times as large as fitted, 1 to [`MAX_ZOOM`].
+    /// Zoom relative to the fitted drawing, 1 to [`MAX_ZOOM`].
     pub zoom: f64,
-    /// How far its centre lies off that of the fitted drawing, across and up, as shares of the fitted drawing.
+    /// Offset of the centre from that of the fitted drawing, across and up, as fractions of the fitted drawing.
     pub pan: [f64; 2],
 }
 
-/// The largest zoom.
+/// Maximum zoom.
 pub const MAX_ZOOM: f64 = 256.0;
 
 impl Default for Frame {
@@ -95,13 +95,13 @@ impl Default for Frame {
 }
 
 impl Frame {
-    /// Zooms by a factor.
+    /// Multiplies the zoom by a factor.
     fn zoom_by(&mut self, factor: f64) {
         self.zoom = (self.zoom * factor).clamp(1.0, MAX_ZOOM);
         self.pan_by([0.0; 2]);
     }
 
-    /// Moves the view by shares of what it shows. It stays within the fitted drawing.
+    /// Pans by fractions of the visible region. The view stays within the fitted drawing.
     fn pan_by(&mut self, shares: [f64; 2]) {
         let most = 0.5 - 0.5 / self.zoom;
         for (pan, share) in self.pan.iter_mut().zip(shares) {
@@ -110,59 +110,59 @@ impl Frame {
     }
 }
 
-/// Steps of a jog, mm; the last one goes on until it is stopped.
+/// Jog steps, mm; the last one is a continuous jog.
 pub const STEPS_MM: [Option<f64>; 5] = [Some(0.01), Some(0.1), Some(1.0), Some(10.0), None];
 
-/// The rates that a key gives when it is pressed again and again, in percent.
+/// Rates that repeated presses of a key select, in per cent.
 const RATES: [Travel; 4] = [100, 50, 25, 10];
 
-/// Lines that all messages may come to, and more.
+/// Maximum number of lines that the messages can be scrolled back.
 const MAX_SCROLL: usize = 2_000;
 
-/// How long a notice is shown, ms.
+/// Duration of a notice, ms.
 const NOTICE_MS: u64 = 4_000;
 
-/// Arrows that come faster than this are one that is held down, ms.
+/// Maximum time between two arrows of a key that is held down, ms.
 const REPEATED_MS: u64 = 150;
 
-/// The steps of the rapid override, in percent.
+/// Steps of the rapid override, in per cent.
 const RAPID_OVERRIDES: [f64; 4] = [100.0, 50.0, 25.0, 0.0];
-/// The highest override that a key asks for, and the lowest, in percent.
+/// Minimum and maximum of the override that keys can request, in per cent.
 const OVERRIDES: [f64; 2] = [0.0, 200.0];
 
-/// What the operator is doing.
+/// State of the keys: open dialog, view, jog settings.
 #[derive(Clone, Debug, Default)]
 pub struct KeyState {
-    /// What lies over the screen.
+    /// Open dialog.
     pub open: OpenDialog,
-    /// Has the operator put the alarm's box aside?
+    /// Whether the operator hid the alarm's box.
     pub alarm_aside: bool,
-    /// From where the path is seen.
+    /// View of the drawing.
     pub view: View,
-    /// How it is framed.
+    /// Frame of the drawing.
     pub frame: Frame,
     /// Index of the jog step.
     pub step: usize,
-    /// Index of the axis that is chosen.
+    /// Index of the selected axis.
     pub axis: usize,
-    /// Is a dry run asked for?
+    /// Whether a dry run is requested.
     pub dry: bool,
     notice: Option<(String, u64)>,
-    /// Direction and index of the rate that was asked for last.
+    /// Direction, and index of the rate, that was requested last.
     asked: Option<(Mode, usize)>,
     turned: Option<(bool, u64, i32)>,
-    /// The override that was asked for last, in percent, and when: it may not be in the picture yet.
+    /// Override that was requested last, in per cent, and when: the model may not show it yet.
     overridden: Option<(f64, u64)>,
 }
 
 impl KeyState {
-    /// With a jog step of 1 mm.
+    /// State with a jog step of 1 mm.
     #[must_use]
     pub fn new() -> Self {
         Self { step: 2, ..Self::default() }
     }
 
-    /// What the operator should know of the last key, if it is not old.
+    /// Notice about the last key, while it is recent.
     #[must_use]
     pub fn notice(&self, now_ms: u64) -> Option<&str> {
         self.notice.as_ref().filter(|(_, until)| now_ms < *until).map(|(text, _)| text.as_str())
@@ -173,14 +173,15 @@ impl KeyState {
         self.notice = Some((text.into(), now_ms + NOTICE_MS));
     }
 
-    /// The mouse wheel was turned by a notch: only in handwheel mode it is one.
+    /// Handles a notch of the mouse wheel: four counts in handwheel mode, nothing otherwise.
     #[must_use]
     pub fn mouse_wheel(&mut self, forward: bool, model: &ScreenModel) -> Option<UiCommand> {
         let is_wheel = Situation::of(model) == Situation::Wheel && self.open == OpenDialog::Nothing;
         is_wheel.then_some(UiCommand::Turn(if forward { 4 } else { -4 }))
     }
 
-    /// What lies over the screen, if it still has a meaning: a question about a job ends with it, and one about the machine when a job begins.
+    /// Open dialog, if it still applies: a question about a job closes with the job, one about the machine when a job
+    /// starts.
     #[must_use]
     pub fn open(&self, model: &ScreenModel) -> &OpenDialog {
         let is_job = model.stage == ScreenStage::Job;
@@ -198,12 +199,12 @@ impl KeyState {
         }
     }
 
-    /// A key was pressed.
+    /// Handles a key.
     #[must_use]
     pub fn key(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
         match model.alarm {
             None => self.alarm_aside = false,
-            // An alarm stands before whatever was open.
+            // An alarm closes any open dialog.
             Some(_) if !self.alarm_aside => self.open = OpenDialog::Nothing,
             Some(_) => {}
         }
@@ -220,7 +221,7 @@ impl KeyState {
             if let Some((row, when)) = keys::elsewhere(key) {
                 self.send(format!("{} ({}) works {}", row.shown, row.short, when.words()), now_ms);
             } else if key != Key::Enter && key != Key::Backspace {
-                self.send("that key does nothing; ? shows all keys", now_ms);
+                self.send("this key has no function; ? shows all keys", now_ms);
             }
             return None;
         };
@@ -228,7 +229,7 @@ impl KeyState {
     }
 
     fn act(&mut self, act: KeyAction, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
-        // A program that has come to its end is released by whatever comes next.
+        // The next action releases a program that has come to its end.
         let is_job = model.stage == ScreenStage::Job && !model.is_at_program_end();
         let deed = match act {
             KeyAction::CycleStart if !is_job => return Some(UiCommand::Start),
@@ -246,11 +247,11 @@ impl KeyState {
             KeyAction::Agree if model.question.is_some() => return Some(UiCommand::Answer(true)),
             KeyAction::Decline if model.question.is_some() => return Some(UiCommand::Answer(false)),
             KeyAction::Decline => {
-                self.send("nothing is asked", now_ms);
+                self.send("no question is open", now_ms);
                 return None;
             }
             KeyAction::Agree if model.differ.is_empty() => {
-                self.send("there is nothing to agree to", now_ms);
+                self.send("nothing to confirm", now_ms);
                 return None;
             }
             KeyAction::Agree => OperatorCommand::Confirm,
@@ -279,7 +280,7 @@ impl KeyState {
             KeyAction::Online => OperatorCommand::Online,
             KeyAction::Jog | KeyAction::JogDown | KeyAction::JogUp => return self.jog(key, now_ms, model),
             KeyAction::ClearAlarm if model.alarm.is_none() => {
-                self.send("there is no alarm", now_ms);
+                self.send("no alarm is active", now_ms);
                 return None;
             }
             KeyAction::ClearAlarm if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) => {
@@ -300,7 +301,7 @@ impl KeyState {
         Some(UiCommand::Deed(deed))
     }
 
-    /// Acts that say nothing: boxes, and what is shown.
+    /// Handles functions that send no command: dialogs and the drawing.
     fn look(&mut self, act: KeyAction, key: Key, model: &ScreenModel) {
         let ask = |ask, text: &str| OpenDialog::Prompt(ask, text.into(), None);
         self.open = match act {
@@ -318,7 +319,7 @@ impl KeyState {
         };
         match act {
             KeyAction::View => {
-                // What was panned to is somewhere else from another side.
+                // Pan and zoom do not carry over to another view.
                 self.frame = Frame { fit: self.frame.fit, ..Frame::default() };
                 self.view = match self.view {
                     View::Xy => View::Xz,
@@ -345,7 +346,7 @@ impl KeyState {
         }
     }
 
-    /// The rate of a key that is pressed again and again.
+    /// Rate of a key that is pressed repeatedly.
     fn stepped(&mut self, mode: Mode, model: &ScreenModel) -> Travel {
         let index = match self.asked {
             Some((last, index)) if last == mode && model.mode == mode => (index + 1) % RATES.len(),
@@ -355,7 +356,7 @@ impl KeyState {
         RATES[index] * ONE / 100
     }
 
-    /// The override asked for, in steps of 10 %: keys that follow each other quickly build on each other.
+    /// Requested override, in steps of 10 %; quick repeated keys add up.
     fn overridden(&mut self, model: &ScreenModel, by: f64, now_ms: u64) -> Travel {
         let [least, most] = OVERRIDES;
         let shown = model.override_rate * 100.0;
@@ -368,7 +369,7 @@ impl KeyState {
         (percent.round() as Travel * ONE + 50) / 100
     }
 
-    /// Counts of a key that turns the wheel: one that is held down turns it faster.
+    /// Counts of a key that turns the handwheel; a key that is held down turns it faster.
     fn turn(&mut self, key: Key, now_ms: u64) -> i32 {
         let (forward, counts) = match key {
             Key::PageUp => (true, 10),
@@ -402,7 +403,7 @@ impl KeyState {
         let step = STEPS_MM.get(self.step).copied().flatten();
         let is_paused = model.stage == ScreenStage::Job;
         Some(match step {
-            // A paused program's jogs are steps: each of them is remembered.
+            // Jogs of a paused program are steps, each of which is recorded.
             _ if is_paused => {
                 let mm = step.unwrap_or(10.0);
                 UiCommand::Deed(OperatorCommand::Jog { axis: letter, mm: if up { mm } else { -mm } })
@@ -412,9 +413,9 @@ impl KeyState {
         })
     }
 
-    /// A key while something lies over the screen.
+    /// Handles a key while a dialog is open.
     fn key_in_box(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
-        // At the end of the program nothing moves, and names of files have spaces.
+        // At the end of the program nothing moves, and file names may have blanks.
         let is_job = model.stage == ScreenStage::Job && !model.is_at_program_end();
         if key == Key::Char(' ') && (is_job || !matches!(self.open, OpenDialog::Prompt(..))) {
             self.open = OpenDialog::Nothing;
@@ -454,7 +455,7 @@ impl KeyState {
                 return None;
             }
             (ask, Key::Char(c)) if text.chars().count() < 500 => {
-                // What stands there is a suggestion: the first key replaces it.
+                // The text is a suggestion: the first key replaces it.
                 let suggested = matches!(
                     (ask, text.as_str()),
                     (PendingQuestion::BackBy, "20") | (PendingQuestion::WorkZero, "all")
@@ -475,22 +476,22 @@ impl KeyState {
             }
             Err(why) => {
                 *wrong = Some(why);
-                self.send("not understood", now_ms);
+                self.send("invalid input", now_ms);
                 None
             }
         }
     }
 }
 
-/// What a prompt's answer says, or what is wrong with it.
+/// Command of a prompt's answer, or the error in it.
 fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCommand, String> {
     match ask {
         PendingQuestion::BackBy => match text.parse::<f64>() {
             Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(UiCommand::Deed(OperatorCommand::BackBy(mm))),
-            _ => Err("a length in mm above 0, such as 20".into()),
+            _ => Err("enter a distance above 0 mm, such as 20".into()),
         },
         PendingQuestion::Output => output(text, model),
-        PendingQuestion::Mdi if text.is_empty() => Err("a block such as G0 X10".into()),
+        PendingQuestion::Mdi if text.is_empty() => Err("enter a block such as G0 X10".into()),
         PendingQuestion::Mdi => Ok(UiCommand::Task(ManualTask::Mdi(text.into()))),
         PendingQuestion::WorkZero => {
             let lower = text.to_ascii_lowercase();
@@ -498,17 +499,17 @@ fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCom
             match (lower.as_str(), axis) {
                 ("all", _) => Ok(UiCommand::Task(ManualTask::WorkZero(None))),
                 (_, Some(axis)) => Ok(UiCommand::Task(ManualTask::WorkZero(Some(axis.letter)))),
-                _ => Err("all, or the letter of an axis".into()),
+                _ => Err("enter all or an axis letter".into()),
             }
         }
-        // With a sign it is by how much the new tool is longer.
+        // With a sign it is the difference to the old tool.
         PendingQuestion::ToolLength => match text.parse::<f64>() {
             Ok(mm) if mm.abs() <= 10_000.0 && text.starts_with(['+', '-']) => Ok(tool_length(EnteredLength::By(mm))),
             Ok(mm) if (0.0..=10_000.0).contains(&mm) => Ok(tool_length(EnteredLength::To(mm))),
-            _ => Err("a length in mm such as 84.2, or +0.35 where the new tool is that much longer".into()),
+            _ => Err("enter a length in mm such as 84.2, or a difference such as +0.35".into()),
         },
         PendingQuestion::Stop => Ok(UiCommand::Deed(OperatorCommand::Stop)),
-        PendingQuestion::Program if text.is_empty() => Err("the path of a program file".into()),
+        PendingQuestion::Program if text.is_empty() => Err("enter the path of a program file".into()),
         PendingQuestion::Program => Ok(UiCommand::Load(files::expanded(text))),
     }
 }
@@ -517,18 +518,19 @@ fn tool_length(length: EnteredLength) -> UiCommand {
     UiCommand::Deed(OperatorCommand::ToolLength(length))
 }
 
-/// `3+` switches output 3 on and `3-` off; a name stands for its number. Without a sign an output is switched over, unless it is a cutter's.
+/// Parses an output command: `3+` switches output 3 on, `3-` off; a name may replace the number. Without a sign the
+/// output is toggled, unless it fires a cutter.
 fn output(text: &str, model: &ScreenModel) -> Result<UiCommand, String> {
     let name = text.trim_end_matches(['+', '-']);
     let Some(number) = model.facts.output_named(name) else {
-        return Err("a number from 0 to 63, or a name, and + or -: 3+, 3-".into());
+        return Err("enter a number from 0 to 63 or a name, then + or -: 3+, 3-".into());
     };
     let on = match &text[name.len()..] {
-        "" if model.facts.is_of_cutter(number) => return Err("say which: + is on, - is off".into()),
+        "" if model.facts.is_of_cutter(number) => return Err("add + for on or - for off".into()),
         "" => model.output(number) == 0,
         "+" => true,
         "-" => false,
-        _ => return Err("+ is on, - is off".into()),
+        _ => return Err("add + for on or - for off".into()),
     };
     Ok(match model.stage {
         ScreenStage::Job => UiCommand::Deed(OperatorCommand::Output { number, on }),

@@ -1,53 +1,53 @@
-//! What every key does, and when: the one table that keys, key line and help are taken from.
+//! Key table: what every key does, and in which situations. Key handling, key line and help are generated from it.
 //!
-//! Invariant: in one situation a key does one thing.
+//! Invariant: in one situation a key has one function.
 
 use retrace_controller::telemetry::HoldReason;
 use retrace_core::mode::Mode;
 
 use super::model::{ScreenModel, ScreenStage};
 
-/// A key, as the screen knows it.
+/// A key as the screen receives it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Key {
     /// A character.
     Char(char),
-    /// An arrow.
+    /// Arrow up.
     Up,
-    /// An arrow.
+    /// Arrow down.
     Down,
-    /// An arrow.
+    /// Arrow left.
     Left,
-    /// An arrow.
+    /// Arrow right.
     Right,
-    /// An arrow with Shift.
+    /// Shift and arrow up.
     ShiftUp,
-    /// An arrow with Shift.
+    /// Shift and arrow down.
     ShiftDown,
-    /// An arrow with Shift.
+    /// Shift and arrow left.
     ShiftLeft,
-    /// An arrow with Shift.
+    /// Shift and arrow right.
     ShiftRight,
     /// Page up.
     PageUp,
     /// Page down.
     PageDown,
-    /// Tabulator.
+    /// Tab.
     Tab,
     /// Return.
     Enter,
     /// Escape.
     Esc,
-    /// Rubs out a character.
+    /// Backspace.
     Backspace,
-    /// Control and C.
+    /// Ctrl-C.
     Interrupt,
 }
 
-/// What a key does.
+/// Function of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum KeyAction {
-    /// Cycle start; begins the program where none runs.
+    /// Cycle start; starts the program where none runs.
     CycleStart,
     /// Feed hold.
     Hold,
@@ -63,27 +63,27 @@ pub enum KeyAction {
     Wheel,
     /// Turns the handwheel.
     Turn,
-    /// Leaves retracing.
+    /// Returns to the furthest place and resumes the program.
     Leave,
-    /// The same, and asks where outputs differ.
+    /// Returns to the furthest place, and asks for confirmation where outputs differ.
     LeaveAsk,
-    /// Agrees to the outputs.
+    /// Confirms the outputs, or answers yes.
     Agree,
-    /// Does not agree to what is asked.
+    /// Answers no.
     Decline,
-    /// Back by a length.
+    /// Back by a distance.
     BackBy,
-    /// Back to the beginning of the block.
+    /// Back to the start of the block.
     BackBlock,
-    /// Back to where the jet came on.
+    /// Back to the last pierce.
     BackJet,
-    /// More override.
+    /// Override up.
     Faster,
-    /// Less override.
+    /// Override down.
     Slower,
     /// Override 100 %.
     Whole,
-    /// Rapid override, the next lower step.
+    /// Rapid override, next step down.
     RapidOverride,
     /// Single block.
     Single,
@@ -91,72 +91,72 @@ pub enum KeyAction {
     Pause,
     /// Switches every cutter off.
     CutterOff,
-    /// Switches the cutter on by hand.
+    /// Switches the cutter on manually.
     CutterOn,
-    /// Restores the outputs, the cutter last, and goes on.
+    /// Restores the outputs, the cutter last, and resumes.
     Recover,
-    /// M1 stops, or does not.
+    /// Optional stop (M1) on or off.
     OptionalStop,
-    /// Stops the spindle, or starts it.
+    /// Stops or starts the spindle.
     Spindle,
-    /// The length of a tool that was changed.
+    /// Enters the length of a new tool.
     ToolLength,
     /// On-line mode.
     Online,
     /// Jogs an axis.
     Jog,
-    /// Jogs the chosen axis down.
+    /// Jogs the selected axis in the negative direction.
     JogDown,
-    /// Jogs the chosen axis up.
+    /// Jogs the selected axis in the positive direction.
     JogUp,
-    /// Chooses the axis.
+    /// Selects the next axis.
     NextAxis,
-    /// Chooses the jog step.
+    /// Selects the next jog step.
     Step,
-    /// An output by hand.
+    /// Switches an output manually.
     Output,
     /// Clears the alarm.
     ClearAlarm,
-    /// After a job: sets the machine up again.
+    /// Back to setup after a job.
     SetUp,
-    /// Homes.
+    /// Homes all axes.
     Home,
-    /// A block by hand.
+    /// MDI block.
     Mdi,
     /// Sets the work zero.
     WorkZero,
-    /// Outputs inhibited.
+    /// Dry run: outputs inhibited.
     DryRun,
     /// Opens another program.
     OpenProgram,
-    /// The tool table.
+    /// Shows the tool table.
     Tools,
-    /// Turns the drawing.
+    /// Next view of the drawing.
     View,
     /// Enlarges the drawing.
     ZoomIn,
-    /// Makes it smaller again.
+    /// Reduces the drawing.
     ZoomOut,
-    /// Moves it.
+    /// Pans the drawing.
     Pan,
-    /// Fits it to the program, or to the table.
+    /// Fits the drawing to the program, or to the table.
     Fit,
-    /// All messages.
+    /// Shows all messages.
     Messages,
-    /// All keys.
+    /// Shows all keys.
     Help,
     /// Stops the job; leaves the screen.
     Quit,
 }
 
-/// In what situation the operator is.
+/// Situation of the operator; selects the keys that apply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Situation {
     /// No job runs.
     Setup = 1,
-    /// Normal run, moving or standing.
+    /// Normal run, moving or at rest.
     Run = 2,
-    /// Reverse run, forward run, on the way back, or outputs to be agreed to.
+    /// Reverse run, forward run, the return to the furthest place, or outputs to be confirmed.
     Retrace = 4,
     /// The handwheel.
     Wheel = 8,
@@ -171,7 +171,7 @@ pub enum Situation {
 }
 
 impl Situation {
-    /// All of them.
+    /// All situations.
     pub const ALL: [Self; 8] = [
         Self::Setup,
         Self::Run,
@@ -183,7 +183,7 @@ impl Situation {
         Self::Resuming,
     ];
 
-    /// The one that the picture shows.
+    /// Situation that the model shows.
     #[must_use]
     pub fn of(model: &ScreenModel) -> Self {
         match (&model.stage, model.mode) {
@@ -198,7 +198,7 @@ impl Situation {
         }
     }
 
-    /// When, in words.
+    /// Situation in words, for the key list.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
@@ -214,20 +214,20 @@ impl Situation {
     }
 }
 
-/// A row of the table.
+/// Row of the key table.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
-    /// Any of these keys.
+    /// Keys, any of which works.
     pub keys: &'static [Key],
-    /// How they are shown.
+    /// Label of the keys.
     pub shown: &'static str,
-    /// What they do, in a word.
+    /// Function in a word.
     pub short: &'static str,
-    /// What they do, in a line of the help.
+    /// Function in one line of the help.
     pub long: &'static str,
-    /// In which situations.
+    /// Situations, as a bit mask.
     pub when: u8,
-    /// What they do.
+    /// Function.
     pub act: KeyAction,
 }
 
@@ -242,9 +242,9 @@ const JOB: u8 = RUN | RETRACE | WHEEL | PAUSED | PROGRAM_END;
 const MOVING: u8 = RUN | RETRACE | WHEEL | PROGRAM_END;
 const ALWAYS: u8 = SETUP | JOB | ENDED;
 const RESUMING: u8 = Situation::Resuming as u8;
-/// Whatever the situation.
+/// Every situation.
 const EVER: u8 = ALWAYS | RESUMING;
-/// No job runs, or the one that does can be released.
+/// No job runs, or the job can be released.
 const FREE: u8 = SETUP | ENDED | PROGRAM_END;
 
 const ARROWS: &[Key] = &[Key::Left, Key::Right, Key::Up, Key::Down, Key::PageUp, Key::PageDown];
@@ -262,75 +262,75 @@ const fn row(
     Row { keys, shown, short, long, when, act }
 }
 
-/// The table.
+/// Key table.
 #[rustfmt::skip]
 pub const TABLE: &[Row] = &[
-    row(&[Key::Char('c')], "c", "start", "cycle start: begin, or go on after a hold or stop", ALWAYS, KeyAction::CycleStart),
+    row(&[Key::Char('c')], "c", "start", "cycle start: start, or continue after a hold or stop", ALWAYS, KeyAction::CycleStart),
     row(&[Key::Char(' '), Key::Char('h')], "Space", "hold", "feed hold, at any time (h too); stops a jog", SETUP | JOB | RESUMING, KeyAction::Hold),
-    row(&[Key::Char('r')], "r", "reverse", "back along the path; again: 50, 25, 10 %, 100 %", MOVING, KeyAction::Reverse),
-    row(&[Key::Char('R')], "R", "rapid back", "back in rapid: up to 800 % with the jet off", MOVING, KeyAction::ReverseRapid),
-    row(&[Key::Char('f')], "f", "forward", "forward over what was cut; again: 50, 25, 10 %", RETRACE | WHEEL, KeyAction::Forward),
-    row(&[Key::Char('F')], "F", "rapid fwd", "forward in rapid, to where it was", RETRACE | WHEEL, KeyAction::ForwardRapid),
+    row(&[Key::Char('r')], "r", "reverse", "reverse run; again: 50, 25, 10 %, 100 %", MOVING, KeyAction::Reverse),
+    row(&[Key::Char('R')], "R", "rapid back", "rapid reverse run: up to 800 % with the cutter off", MOVING, KeyAction::ReverseRapid),
+    row(&[Key::Char('f')], "f", "forward", "forward run over retraced path; again: 50, 25, 10 %", RETRACE | WHEEL, KeyAction::Forward),
+    row(&[Key::Char('F')], "F", "rapid fwd", "rapid forward run, to the furthest place", RETRACE | WHEEL, KeyAction::ForwardRapid),
     row(&[Key::Char('w')], "w", "wheel", "handwheel: arrows and mouse wheel move the machine", RUN | RETRACE | PROGRAM_END, KeyAction::Wheel),
-    row(ARROWS, "← →", "turn", "turn the wheel back, forward; PgUp PgDn ten counts", WHEEL, KeyAction::Turn),
-    row(&[Key::Char('l')], "l", "leave", "leave: forward to where it was, then on", RETRACE | WHEEL, KeyAction::Leave),
-    row(&[Key::Char('L')], "L", "leave, ask", "the same, but ask before outputs are restored", RETRACE | WHEEL, KeyAction::LeaveAsk),
-    row(&[Key::Char('y')], "y", "agree", "agree to what is asked, as to the outputs", RETRACE | WHEEL | RESUMING, KeyAction::Agree),
-    row(&[Key::Char('n')], "n", "no", "do not agree to what is asked", RESUMING, KeyAction::Decline),
-    row(&[Key::Char('b')], "b", "back mm", "back by so many mm", MOVING, KeyAction::BackBy),
+    row(ARROWS, "← →", "turn", "turn the wheel; PgUp PgDn: ten counts", WHEEL, KeyAction::Turn),
+    row(&[Key::Char('l')], "l", "leave", "forward to the furthest place, then resume", RETRACE | WHEEL, KeyAction::Leave),
+    row(&[Key::Char('L')], "L", "leave, ask", "as l, but ask before outputs are restored", RETRACE | WHEEL, KeyAction::LeaveAsk),
+    row(&[Key::Char('y')], "y", "confirm", "confirm the outputs, or answer yes", RETRACE | WHEEL | RESUMING, KeyAction::Agree),
+    row(&[Key::Char('n')], "n", "no", "answer no", RESUMING, KeyAction::Decline),
+    row(&[Key::Char('b')], "b", "back mm", "back by a distance in mm", MOVING, KeyAction::BackBy),
     row(&[Key::Char('B')], "B", "block", "back to the start of this block", MOVING, KeyAction::BackBlock),
-    row(&[Key::Char('j')], "j", "jet", "back to where the jet came on", MOVING, KeyAction::BackJet),
-    row(&[Key::Char('+'), Key::Char('=')], "+", "faster", "feed override 10 % up; rapids keep theirs", JOB, KeyAction::Faster),
+    row(&[Key::Char('j')], "j", "pierce", "back to the last pierce, where the cutter came on", MOVING, KeyAction::BackJet),
+    row(&[Key::Char('+'), Key::Char('=')], "+", "faster", "feed override 10 % up; rapids have their own", JOB, KeyAction::Faster),
     row(&[Key::Char('-')], "-", "slower", "feed override 10 % down", JOB, KeyAction::Slower),
     row(&[Key::Char('0')], "0", "100 %", "feed override 100 %", JOB, KeyAction::Whole),
     row(&[Key::Char('*')], "*", "rapids", "rapid override: 50, 25, 0 %, 100 %", JOB, KeyAction::RapidOverride),
     row(&[Key::Char('s')], "s", "single", "single block on, off", JOB, KeyAction::Single),
-    row(&[Key::Char('p')], "p", "pause", "pause the program, to move away and come back", RUN, KeyAction::Pause),
-    row(&[Key::Char('x'), Key::Char('X')], "x", "cutter off", "cutter off, at once, whatever the machine does", EVER, KeyAction::CutterOff),
-    row(&[Key::Char('i')], "i", "cutter on", "cutter on, where it may cut by hand", MOVING, KeyAction::CutterOn),
-    row(&[Key::Char('k')], "k", "recover", "restore the outputs, the cutter last, and go on", RUN | RETRACE | WHEEL, KeyAction::Recover),
-    row(&[Key::Char('S')], "S", "spindle", "stop the spindle; again: start it as it was", PAUSED, KeyAction::Spindle),
-    row(&[Key::Char('M')], "M", "M1 stop", "M1 stops, or does not", SETUP | JOB, KeyAction::OptionalStop),
+    row(&[Key::Char('p')], "p", "pause", "pause: move away from the path and return", RUN, KeyAction::Pause),
+    row(&[Key::Char('x'), Key::Char('X')], "x", "cutter off", "cutter off at once, in any situation", EVER, KeyAction::CutterOff),
+    row(&[Key::Char('i')], "i", "cutter on", "cutter on, where manual cutting is permitted", MOVING, KeyAction::CutterOn),
+    row(&[Key::Char('k')], "k", "recover", "restore the outputs, the cutter last, and resume", RUN | RETRACE | WHEEL, KeyAction::Recover),
+    row(&[Key::Char('S')], "S", "spindle", "stop the spindle; again: restart it", PAUSED, KeyAction::Spindle),
+    row(&[Key::Char('M')], "M", "M1 stop", "optional stop (M1) on, off", SETUP | JOB, KeyAction::OptionalStop),
     row(&[Key::Char('z')], "z", "tool length", "new tool length, spindle off: 84.2 mm, or +0.35", PAUSED, KeyAction::ToolLength),
-    row(&[Key::Char('n')], "n", "on line", "back to on-line mode", PAUSED, KeyAction::Online),
-    row(ARROWS, "arrows", "jog", "← → X, ↑ ↓ Y, PgUp PgDn Z, by the step", SETUP | PAUSED, KeyAction::Jog),
-    row(&[Key::Char('[')], "[", "jog -", "jog the chosen axis down", SETUP | PAUSED, KeyAction::JogDown),
-    row(&[Key::Char(']')], "]", "jog +", "jog the chosen axis up", SETUP | PAUSED, KeyAction::JogUp),
-    row(&[Key::Tab], "Tab", "axis", "choose the axis for [ and ]", SETUP | PAUSED, KeyAction::NextAxis),
-    row(&[Key::Char('t')], "t", "step", "jog step: 0.01, 0.1, 1, 10 mm, on until Space", SETUP | PAUSED, KeyAction::Step),
-    row(&[Key::Char('u')], "u", "set up", "release the job; set up: home, jog, MDI, work zero", ENDED | PROGRAM_END, KeyAction::SetUp),
+    row(&[Key::Char('n')], "n", "on line", "return to on-line mode", PAUSED, KeyAction::Online),
+    row(ARROWS, "arrows", "jog", "← → X, ↑ ↓ Y, PgUp PgDn Z, by the jog step", SETUP | PAUSED, KeyAction::Jog),
+    row(&[Key::Char('[')], "[", "jog -", "jog the selected axis, negative", SETUP | PAUSED, KeyAction::JogDown),
+    row(&[Key::Char(']')], "]", "jog +", "jog the selected axis, positive", SETUP | PAUSED, KeyAction::JogUp),
+    row(&[Key::Tab], "Tab", "axis", "select the axis for [ and ]", SETUP | PAUSED, KeyAction::NextAxis),
+    row(&[Key::Char('t')], "t", "step", "jog step: 0.01, 0.1, 1, 10 mm, continuous", SETUP | PAUSED, KeyAction::Step),
+    row(&[Key::Char('u')], "u", "set up", "release the job and set up: home, jog, MDI, zero", ENDED | PROGRAM_END, KeyAction::SetUp),
     row(&[Key::Char('O')], "O", "open", "open another program; Tab completes its name", FREE, KeyAction::OpenProgram),
     row(&[Key::Char('H')], "H", "home", "home all axes", SETUP, KeyAction::Home),
-    row(&[Key::Char('m')], "m", "MDI", "a block by hand", SETUP, KeyAction::Mdi),
-    row(&[Key::Char('z')], "z", "zero", "work zero here, of one axis or all", SETUP, KeyAction::WorkZero),
+    row(&[Key::Char('m')], "m", "MDI", "execute one MDI block", SETUP, KeyAction::Mdi),
+    row(&[Key::Char('z')], "z", "zero", "set the work zero here: one axis or all", SETUP, KeyAction::WorkZero),
     row(&[Key::Char('d')], "d", "dry run", "dry run: the cutter stays off", SETUP, KeyAction::DryRun),
     row(&[Key::Char('T')], "T", "tools", "the tool table", EVER, KeyAction::Tools),
-    row(&[Key::Char('o')], "o", "output", "an output by hand: its number or name, then + or -", SETUP | JOB, KeyAction::Output),
+    row(&[Key::Char('o')], "o", "output", "switch an output: number or name, then + or -", SETUP | JOB, KeyAction::Output),
     row(&[Key::Char('a')], "a", "reset", "alarm reset", ALWAYS, KeyAction::ClearAlarm),
-    row(&[Key::Char('v')], "v", "view", "the drawing from another side", EVER, KeyAction::View),
+    row(&[Key::Char('v')], "v", "view", "next view of the drawing", EVER, KeyAction::View),
     row(&[Key::Char('>'), Key::Char('.')], ">", "zoom in", "enlarge the drawing", EVER, KeyAction::ZoomIn),
-    row(&[Key::Char('<'), Key::Char(',')], "<", "zoom out", "make the drawing smaller again", EVER, KeyAction::ZoomOut),
-    row(SHIFT_ARROWS, "Shift ←", "pan", "Shift and an arrow: move the enlarged drawing", EVER, KeyAction::Pan),
+    row(&[Key::Char('<'), Key::Char(',')], "<", "zoom out", "reduce the drawing", EVER, KeyAction::ZoomOut),
+    row(SHIFT_ARROWS, "Shift ←", "pan", "Shift and an arrow: pan the enlarged drawing", EVER, KeyAction::Pan),
     row(&[Key::Char('e')], "e", "fit", "fit the drawing to the table; again: to the program", EVER, KeyAction::Fit),
     row(&[Key::Char('g')], "g", "log", "all messages", EVER, KeyAction::Messages),
     row(&[Key::Char('?')], "?", "keys", "all keys", EVER, KeyAction::Help),
-    row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, asked first; quit", EVER, KeyAction::Quit),
+    row(&[Key::Char('q'), Key::Interrupt], "q", "quit", "stop the job, after a question; quit", EVER, KeyAction::Quit),
 ];
 
-/// What a key does in a situation; the row that has it.
+/// Row of a key in a situation, if the key has a function there.
 #[must_use]
 pub fn row_of(key: Key, situation: Situation) -> Option<&'static Row> {
     TABLE.iter().find(|row| row.keys.contains(&key) && row.when & situation as u8 != 0)
 }
 
-/// Where a key that does nothing here does something: its row, and when.
+/// Row of a key that has no function here, and a situation in which it has one.
 #[must_use]
 pub fn elsewhere(key: Key) -> Option<(&'static Row, Situation)> {
     let row = TABLE.iter().find(|row| row.keys.contains(&key))?;
     Situation::ALL.into_iter().find(|&s| row.when & s as u8 != 0).map(|situation| (row, situation))
 }
 
-/// The row of an act.
+/// Row of a function.
 #[must_use]
 pub fn row_for(act: KeyAction) -> Option<&'static Row> {
     TABLE.iter().find(|row| row.act == act)

@@ -1,23 +1,23 @@
-//! Where each pane stands on a screen of a given size.
+//! Layout of the panes on a screen of a given size.
 //!
-//! Invariant: panes lie within the screen and never over each other; from 80 × 24 on every one of them has room.
+//! Invariant: panes lie within the screen and never overlap; from 80 × 24 every pane has space.
 
 use ratatui::layout::Rect;
 
-/// The least size.
+/// Minimum size.
 pub const LEAST: (u16, u16) = (80, 24);
 
-/// Rows of the motion pane, its border included.
+/// Rows of the motion pane, with its border.
 const MOTION_ROWS: u16 = 7;
-/// Rows of the state pane, its border included, at least.
+/// Minimum number of rows of the state pane, with its border.
 const STATE_ROWS: u16 = 5;
 
-/// The panes.
+/// Areas of the panes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Panes {
-    /// Program, state, time.
+    /// Status, program, time.
     pub head: Rect,
-    /// Why, and which keys go on.
+    /// Reason, and the keys that apply.
     pub why: Rect,
     /// The program.
     pub program: Rect,
@@ -29,13 +29,13 @@ pub struct Panes {
     pub motion: Rect,
     /// Modal state, spindle, outputs.
     pub state: Rect,
-    /// The last messages.
+    /// Latest messages.
     pub messages: Rect,
-    /// The keys that make sense now.
+    /// Keys that apply now.
     pub keys: Rect,
 }
 
-/// Lays the panes out; none below the least size.
+/// Lays out the panes; `None` below the minimum size.
 #[must_use]
 pub fn panes(width: u16, height: u16, axes: usize) -> Option<Panes> {
     if width < LEAST.0 || height < LEAST.1 {
@@ -67,7 +67,7 @@ pub fn panes(width: u16, height: u16, axes: usize) -> Option<Panes> {
     })
 }
 
-/// Two columns: program over path, and the figures.
+/// Two columns: program above path, and the readouts.
 fn narrow(body: Rect, position_rows: u16) -> [Rect; 5] {
     let (left, right) = columns(body, body.width / 2);
     let (program_path, figures) = if position_rows + MOTION_ROWS + STATE_ROWS <= body.height {
@@ -76,7 +76,7 @@ fn narrow(body: Rect, position_rows: u16) -> [Rect; 5] {
         let (motion, state) = rows(rest, MOTION_ROWS);
         ([program, path], [position, motion, state])
     } else {
-        // Many axes: their table changes places with the path.
+        // With many axes their table and the path exchange places.
         let (program, position) = rows(left, body.height.saturating_sub(position_rows));
         let (motion, rest) = rows(right, MOTION_ROWS);
         let (state, path) = rows(rest, STATE_ROWS);
@@ -86,7 +86,7 @@ fn narrow(body: Rect, position_rows: u16) -> [Rect; 5] {
     [program, path, position, motion, state]
 }
 
-/// Three columns: program, path, figures.
+/// Three columns: program, path, readouts.
 fn wide(body: Rect, position_rows: u16) -> [Rect; 5] {
     let (rest, right) = columns(body, body.width - 44);
     let (program, path) = columns(rest, rest.width * 2 / 5);
@@ -95,7 +95,7 @@ fn wide(body: Rect, position_rows: u16) -> [Rect; 5] {
     if state.height >= STATE_ROWS {
         return [program, path, position, motion, state];
     }
-    // Many axes: the state stands below the program.
+    // With many axes the state is below the program.
     let (program, state) = rows(program, body.height - STATE_ROWS);
     [program, path, position, rest, state]
 }

@@ -1,9 +1,10 @@
-//! Full-screen operation: the loop that joins keys, picture and terminal.
+//! Full-screen operation: the loop that connects keys, model and terminal.
 //!
-//! The screen is a pure function from a picture of the machine ([`model::Model`]) to cells ([`view`]), and another from keys to words
-//! ([`hand`]). The picture is kept up by the reporter's thread ([`live`]); the motion path knows nothing of all this.
+//! The screen is a pure function from the model ([`model::ScreenModel`]) to terminal cells ([`view`]), and a second one
+//! from keys to commands ([`key_state`]). The reporter's thread updates the model ([`model_observer`]); the motion path
+//! does not know the screen.
 //!
-//! Invariant: the terminal is as it was before, however the loop ends.
+//! Invariant: the terminal is restored, however the loop ends.
 
 pub mod diagnostic_text;
 mod event_text;
@@ -45,45 +46,45 @@ use model::ScreenModel;
 use model_observer::locked;
 use view::Theme;
 
-/// How often keys are looked for.
+/// Interval of the polls for keys.
 const POLL: Duration = Duration::from_millis(20);
 
-/// The shortest time between two pictures.
+/// Minimum time between two redraws.
 const REDRAW: Duration = Duration::from_millis(40);
 
-/// A picture is drawn at least so often, so that a notice goes away.
+/// Maximum time between two redraws, so that a notice disappears.
 const AT_LEAST: Duration = Duration::from_millis(500);
 
-/// What the operator says at the screen.
+/// Command of the operator at the screen.
 #[derive(Clone, Debug, PartialEq)]
 pub enum UiCommand {
-    /// While a job runs.
+    /// Command to the running job.
     Deed(OperatorCommand),
-    /// While none runs. What moves on until it is stopped, [`Deed::Hold`] stops.
+    /// Manual task while no job runs. A continuous motion ends with [`OperatorCommand::Hold`].
     Task(ManualTask),
-    /// The handwheel was turned by so many counts.
+    /// The handwheel was turned by this number of counts.
     Turn(i32),
-    /// The program is to begin.
+    /// Start the program.
     Start,
-    /// The machine is to be set up again: the job has ended.
+    /// Return to setup after a job.
     SetUp,
-    /// Another program is to be loaded, from this file.
+    /// Load another program from this file.
     Load(PathBuf),
-    /// Every cutter is to be switched off.
+    /// Switch every cutter off.
     CutterOff,
-    /// M1 is to stop, or not.
+    /// Switch optional stop (M1) on or off.
     OptionalStop(bool),
-    /// What was asked is agreed to, or not.
+    /// Answer to the open question.
     Answer(bool),
-    /// The operator has read why the program is refused.
+    /// Close the box of a refused program.
     CloseRefusal,
-    /// A dry run is wanted, or not.
+    /// Switch dry run on or off.
     DryRun(bool),
-    /// The screen is to be left; no job runs.
+    /// Close the screen; no job runs.
     Quit,
 }
 
-/// The screen.
+/// Screen loop.
 #[derive(Debug)]
 pub struct Screen {
     hand: KeyState,
@@ -97,19 +98,19 @@ impl Default for Screen {
 }
 
 impl Screen {
-    /// Shows the picture and listens to the keys, until the operator quits, or the picture says that it is over.
+    /// Draws the model and handles keys until the operator quits or the model is closed.
     ///
     /// # Errors
-    /// The terminal reports a fault.
+    /// The terminal reports an error.
     pub fn run(&mut self, model: &Mutex<ScreenModel>, say: impl FnMut(UiCommand)) -> io::Result<()> {
-        // It puts the terminal back on a panic as well.
+        // The terminal is restored on a panic too.
         let mut terminal = ratatui::try_init()?;
         let hook = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
             let _ = execute!(io::stdout(), DisableMouseCapture);
             hook(panic);
         }));
-        // A terminal without a mouse works as well.
+        // A terminal without a mouse works too.
         let _ = execute!(io::stdout(), EnableMouseCapture);
         let done = self.show(&mut terminal, model, say);
         put_back();
@@ -152,7 +153,7 @@ impl Screen {
             if !event::poll(POLL)? {
                 continue;
             }
-            // All that waits is taken before the next picture: a wheel turns faster than a screen is drawn.
+            // All pending events are handled before the next redraw: a wheel turns faster than a screen is drawn.
             while event::poll(Duration::ZERO)? {
                 touched = true;
                 let now_ms = begun.elapsed().as_millis() as u64;
@@ -182,13 +183,13 @@ impl Screen {
     }
 }
 
-/// Puts the terminal back to what it was. One that is gone takes nothing any more.
+/// Restores the terminal. Errors of a terminal that is gone are ignored.
 pub fn put_back() {
     let _ = execute!(io::stdout(), DisableMouseCapture);
     let _ = ratatui::try_restore();
 }
 
-/// Publishes how long a picture took.
+/// Publishes the duration of a redraw.
 fn measured(model: &Mutex<ScreenModel>, took: Duration) {
     let ms = took.as_secs_f64() * 1000.0;
     let mut model = locked(model);
@@ -198,7 +199,7 @@ fn measured(model: &Mutex<ScreenModel>, took: Duration) {
     redraw.max_ms = redraw.max_ms.max(ms);
 }
 
-/// The key, if it is one that the screen knows.
+/// Converts a key event, if the key has a use on the screen.
 fn known(event: &KeyEvent) -> Option<Key> {
     Some(match event.code {
         KeyCode::Char('c') if event.modifiers.contains(KeyModifiers::CONTROL) => Key::Interrupt,

@@ -1,6 +1,6 @@
-//! What the screen shows: one picture of the machine at a moment, with no thread and no axis count of its own.
+//! Screen model: a snapshot of the machine, independent of threads and of the number of axes.
 //!
-//! Invariant: bounded however long the job is; everything on the screen is a function of this and of what the operator is typing.
+//! Invariant: its size is bounded however long the job is. The screen is a function of this model and of the key state.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -15,100 +15,100 @@ use super::path_length::PathLengths;
 use super::program_facts::ProgramFacts;
 use super::trail::Trail;
 
-/// Messages that are kept.
+/// Maximum number of retained messages.
 pub const MESSAGES: usize = 200;
 
-/// Where a job is.
+/// Stage of the job.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum ScreenStage {
-    /// None runs: the machine is being set up.
+    /// No job runs: setup.
     #[default]
     Setup,
-    /// One that was interrupted is about to be resumed: its breakpoint is looked for, or the operator is asked.
+    /// An interrupted job is about to be resumed: its breakpoint is being located, or the operator is asked.
     Resuming,
-    /// One runs.
+    /// A job runs.
     Job,
-    /// It has ended; how, in words.
+    /// The job has ended; how, in words.
     Ended(String),
 }
 
-/// An alarm.
+/// Alarm as the screen shows it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlarmShown {
-    /// Its number.
+    /// Error number.
     pub number: String,
-    /// What is wrong.
+    /// Cause.
     pub cause: String,
-    /// What to do.
+    /// Remedy.
     pub remedy: String,
-    /// The program is refused; the machine has nothing.
+    /// Whether it is a refused program and not an alarm of the machine.
     pub is_refusal: bool,
 }
 
-/// A question that is answered with yes or no.
+/// Yes-or-no question.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Question {
-    /// In a few words.
+    /// Question in a few words.
     pub title: String,
-    /// What there is to know before it is answered.
+    /// Facts for the decision.
     pub lines: Vec<String>,
 }
 
-/// Something that was told.
+/// Message line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Message {
     /// Machine time, s.
     pub time_s: f64,
-    /// Program line.
+    /// Program line; 0 for none.
     pub line: u32,
-    /// What.
+    /// Text.
     pub text: String,
-    /// How often it was told, lately.
+    /// Number of times it was reported recently.
     pub times: u32,
 }
 
-/// A message that was told so few messages ago is counted, and not repeated.
+/// A message that repeats one of the last few is counted instead of added.
 const REPEATED_WITHIN: usize = 8;
 
-/// Is an axis homed?
+/// Homing state of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AxisHoming {
-    /// It has no home switch, or the card is one that needs none.
+    /// The axis has no home switch, or the card needs none.
     #[default]
     NotNeeded,
-    /// Since the card was switched on.
+    /// Homed since the card was switched on.
     Homed,
-    /// Not since the card was switched on.
+    /// Not homed since the card was switched on.
     NotHomed,
 }
 
-/// How far a pause has come (DNC-1 … DNC-6).
+/// Progress of a pause (DNC-1 … DNC-6).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pause {
-    /// Which way the spindle turned at the breakpoint; 0: it stood.
+    /// Direction of the spindle at the breakpoint; 0 is stopped.
     pub spindle: i32,
-    /// It has been stopped (DNC-3).
+    /// Whether the spindle was stopped (DNC-3).
     pub stopped: bool,
-    /// It has been started again (DNC-4).
+    /// Whether the spindle was restarted (DNC-4).
     pub started: bool,
-    /// On-line mode is restored (DNC-5).
+    /// Whether on-line mode was restored (DNC-5).
     pub online: bool,
 }
 
-/// The modal state that holds where the machine is, as far as it was told.
+/// Modal state in force at the cursor, as far as it was reported.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Active {
-    /// The G and M codes in force.
+    /// Active G and M codes.
     pub modal: String,
     /// Programmed feed, mm/min.
     pub feed: Option<f64>,
-    /// Number of the tool.
+    /// Tool number.
     pub tool: Option<i32>,
-    /// What moves along the path.
+    /// Kind of the current motion.
     pub motion: MotionKind,
 }
 
-/// What kind of motion a block commands.
+/// Kind of motion that a block commands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MotionKind {
     /// At the programmed feed.
@@ -116,137 +116,137 @@ pub enum MotionKind {
     Feed,
     /// A rapid move.
     Rapid,
-    /// A canned cycle: some of its moves are rapid.
+    /// Canned cycle, some of whose moves are rapid.
     Cycle,
 }
 
-/// How long the screen takes to draw itself, ms.
+/// Time that the screen takes to draw itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Redraw {
-    /// The mean of all.
+    /// Mean, ms.
     pub mean_ms: f64,
-    /// The longest.
+    /// Maximum, ms.
     pub max_ms: f64,
-    /// How many there were.
+    /// Number of redraws.
     pub count: u64,
 }
 
-/// Time that is left.
+/// Time remaining.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeLeft {
-    /// Seconds of motion, once it goes on.
+    /// Seconds of motion.
     pub seconds: f64,
-    /// Is it from the plan alone? With an override it is an estimate.
+    /// Whether it is the planned time; with an override it is an estimate.
     pub exact: bool,
 }
 
-/// What the screen shows.
+/// Model of the screen.
 #[derive(Clone, Debug)]
 pub struct ScreenModel {
-    /// What does not change.
+    /// Facts that do not change while a program is loaded.
     pub facts: Arc<ProgramFacts>,
-    /// Where the job is.
+    /// Stage of the job.
     pub stage: ScreenStage,
-    /// Has every axis been homed? Where it has not, no program moves.
+    /// Whether every axis is homed. No program moves otherwise.
     pub homed: bool,
-    /// Which axes have been homed, in the order of the axes.
+    /// Homing state of each axis.
     pub homing: Vec<AxisHoming>,
-    /// Control periods since the card started, and when the job began.
+    /// Control periods since the card started.
     pub period: u64,
-    /// The period in which the job began.
+    /// Period in which the job began.
     pub began: u64,
-    /// The period in which the program came to its end, or the job ended before; none while it goes on. The job's clock stops there.
+    /// Period in which the program ended, or the job before it; the job's clock stops there.
     pub ended: Option<u64>,
     /// Counts of the axes, pulses.
     pub counts: Vec<i64>,
     /// Machine position of the work zero, mm (degrees).
     pub work_zero_mm: Vec<f64>,
-    /// By how much the path was moved along each axis, because a tool length was entered, mm.
+    /// Offset of the path along each axis from tool lengths that were entered, mm.
     pub moved_mm: Vec<f64>,
-    /// Where the cursor stands.
+    /// Place of the cursor.
     pub place: Place,
-    /// The furthest place executed.
+    /// Record of the furthest place executed.
     pub reached: u32,
-    /// The oldest place that can be gone back to.
+    /// Record of the oldest place in the history.
     pub oldest: u32,
-    /// Place behind the last record that is planned.
+    /// Place after the last planned record.
     pub planned: u32,
-    /// What the card holds.
+    /// Records that the card holds: first, and after the last.
     pub window: [u32; 2],
-    /// Rate that is run; 1 is as recorded.
+    /// Rate; 1 is as recorded.
     pub rate: f64,
     /// Speed along the path, mm/min.
     pub feed_mm_min: f64,
-    /// The override asked for; 1 is 100 %.
+    /// Requested feed override; 1 is 100 %.
     pub override_rate: f64,
-    /// The rapid override; 1 is 100 %.
+    /// Rapid override; 1 is 100 %.
     pub rapid_override: f64,
-    /// The override that is planned, 1 or more.
+    /// Override that the plan permits, 1 or more.
     pub override_planned: f64,
     /// Program line at the cursor.
     pub line: u32,
     /// Program line at the furthest place.
     pub reached_line: u32,
-    /// The mode of operation.
+    /// Mode of operation.
     pub mode: Mode,
-    /// Why it stands in normal run.
+    /// Why the machine holds in normal run.
     pub standing: HoldReason,
-    /// Does the cursor stand?
+    /// Whether the cursor is at rest.
     pub at_rest: bool,
-    /// Was the rate held down for want of records?
+    /// Whether the rate was reduced for lack of records.
     pub short: bool,
-    /// Is the machine off the path?
+    /// Whether the machine is off the path.
     pub off_path: bool,
-    /// Is single block on?
+    /// Whether single block is on.
     pub single: bool,
-    /// The instruction that is being executed, if one is.
+    /// Instruction in execution.
     pub switching: Option<&'static str>,
-    /// Which inputs are active.
+    /// Inputs that are active, as a bit mask.
     pub inputs: u16,
-    /// Output channels that were told.
+    /// Values of the output channels that were reported.
     pub outputs: BTreeMap<u8, i32>,
-    /// What the program has had the outputs at, at this place, as far as it was told; what is missing is 0.
+    /// Outputs that the program expects at this place, as far as they were reported; a missing one is 0.
     pub program_outputs: BTreeMap<u8, i32>,
-    /// M1 stops.
+    /// Whether M1 stops.
     pub optional_stop: bool,
-    /// The tool that is to be changed by hand; 0 for none at all.
+    /// Tool for a manual tool change; 0 removes the tool.
     pub tool_change: Option<i32>,
-    /// The cutter went out where it was to cut: the program goes on only with it.
+    /// Whether the cutter went off where it was to cut: the program resumes only with it on.
     pub cutter_is_out: bool,
-    /// It stands where the program switched the cutter, which is on by hand.
+    /// Whether the machine is at rest where the program switched the cutter, which is on manually.
     pub at_cutter_boundary: bool,
-    /// The modal state.
+    /// Modal state.
     pub active: Active,
-    /// The alarm in force.
+    /// Active alarm.
     pub alarm: Option<AlarmShown>,
-    /// Outputs that differ at `reached`: channel, value, value that the program expects.
+    /// Outputs that differ at `reached`: channel, value, expected value.
     pub differ: Vec<(u8, i32, i32)>,
-    /// How far a pause has come.
+    /// Progress of a pause.
     pub pause: Option<Pause>,
-    /// Whose program is waited for, and the period in which that was reported, a second after it had begun.
+    /// Source that the program is awaited from, and the period of that report, one second after the wait began.
     pub waiting: Option<(String, u64)>,
-    /// What the operator is asked.
+    /// Open question.
     pub question: Option<Question>,
-    /// Of a job that is resumed: the oldest place that can be gone back to, and the length of the path from there, mm.
+    /// Of a resumed job: the oldest record in its history, and the length of the path from there, mm.
     pub history_before: Option<(u32, f64)>,
-    /// What was told last, the newest at the end.
+    /// Latest messages, the newest last.
     pub messages: VecDeque<Message>,
-    /// Where the machine went.
+    /// Path of the tool.
     pub trail: Trail,
-    /// How long the path is.
+    /// Lengths along the path.
     pub lengths: PathLengths,
-    /// Times that the look-ahead ran dry.
+    /// Number of underruns of the look-ahead.
     pub underruns: u32,
-    /// How long drawing takes.
+    /// Time that drawing takes.
     pub redraw: Redraw,
-    /// The screen is to be left.
+    /// Whether the screen is to be closed.
     pub over: bool,
-    /// Counts every change of the rest, so that nothing is drawn twice.
+    /// Counter of changes, so that nothing is drawn twice.
     pub changes: u64,
 }
 
 impl ScreenModel {
-    /// A machine that stands, of which nothing was told yet.
+    /// Model of a machine at rest, without any report yet.
     #[must_use]
     pub fn new(facts: Arc<ProgramFacts>) -> Self {
         let (axes, first) = (facts.axes.len(), facts.first_place);
@@ -317,7 +317,7 @@ impl ScreenModel {
         self.machine_mm(axis) - self.work_zero_mm.get(axis).copied().unwrap_or(0.0)
     }
 
-    /// How far an axis has to go to the end of the block, mm (degrees), where that is known.
+    /// Distance of an axis to the end of the block, mm (degrees), where it is known.
     #[must_use]
     pub fn to_go_mm(&self, axis: usize) -> Option<f64> {
         let end = self.facts.preview.end_of(self.line)?;
@@ -325,13 +325,13 @@ impl ScreenModel {
         (self.stage == ScreenStage::Job && !self.off_path).then_some(end - self.machine_mm(axis))
     }
 
-    /// Where the machine is in the drawing: X, Y, Z, mm.
+    /// Position in the drawing: X, Y, Z, mm.
     #[must_use]
     pub fn in_space(&self) -> [f32; 3] {
         self.facts.space().map(|axis| axis.map_or(0.0, |i| self.machine_mm(i) as f32))
     }
 
-    /// How far back the history reaches from here: seconds at 100 %, and mm.
+    /// Length of the history behind the cursor: seconds at 100 %, and mm.
     #[must_use]
     pub fn history(&self) -> (f64, f64) {
         let records = f64::from(span(self.oldest, self.place.record));
@@ -339,26 +339,26 @@ impl ScreenModel {
         (records * self.facts.period_s, mm.max(0.0))
     }
 
-    /// How far the machine has gone back from the furthest place, mm.
+    /// Distance from the furthest place back to the cursor, mm.
     #[must_use]
     pub fn back_mm(&self) -> f64 {
         (self.lengths.total_mm() - self.lengths.at(self.place)).max(0.0)
     }
 
-    /// Seconds that are planned beyond the cursor.
+    /// Seconds of motion planned ahead of the cursor.
     #[must_use]
     pub fn ahead_s(&self) -> f64 {
         f64::from(span(self.place.record, self.planned)) * self.facts.period_s
     }
 
-    /// Whose program is waited for, and since how many seconds, where the machine stands for want of it.
+    /// Source that the machine waits for, and for how many seconds.
     #[must_use]
     pub fn waits_for(&self) -> Option<(&str, f64)> {
         let (source, reported) = self.waiting.as_ref()?;
         Some((source, 1.0 + self.period.saturating_sub(*reported) as f64 * self.facts.period_s))
     }
 
-    /// Does the machine move in rapid? In a canned cycle, whatever is faster than the programmed feed.
+    /// Whether the machine moves in rapid. In a canned cycle: whether it is faster than the programmed feed.
     #[must_use]
     pub fn is_rapid(&self) -> bool {
         let fastest = self.active.feed.unwrap_or(0.0) * self.override_rate.max(1.0) * 1.02;
@@ -371,13 +371,13 @@ impl ScreenModel {
             }
     }
 
-    /// Machine time that the job has run, up to the end of its program, s.
+    /// Machine time of the job, up to the end of its program, s.
     #[must_use]
     pub fn run_s(&self) -> f64 {
         self.ended.unwrap_or(self.period).saturating_sub(self.began) as f64 * self.facts.period_s
     }
 
-    /// Time that is left, where it is known.
+    /// Time remaining, where it is known.
     #[must_use]
     pub fn left(&self) -> Option<TimeLeft> {
         let executed = f64::from(span(self.facts.first_place, self.reached)) * self.facts.period_s;
@@ -390,7 +390,7 @@ impl ScreenModel {
         })
     }
 
-    /// The value of an output channel; 0 where nothing was told of it.
+    /// Value of an output channel; 0 where none was reported.
     #[must_use]
     pub fn output(&self, channel: u8) -> i32 {
         self.outputs.get(&channel).copied().unwrap_or(0)
@@ -401,13 +401,13 @@ impl ScreenModel {
         self.outputs.iter().filter(|&(&c, &v)| usize::from(c) < channel::DIGITAL && v != 0).map(|(&c, _)| c)
     }
 
-    /// What the program has had an output at, at this place.
+    /// Value of an output that the program expects at this place.
     #[must_use]
     pub fn program_output(&self, channel: u8) -> i32 {
         self.program_outputs.get(&channel).copied().unwrap_or(0)
     }
 
-    /// Adds a message. One that was told a moment ago is counted.
+    /// Adds a message. A recent repetition is counted instead.
     pub fn say(&mut self, time_s: f64, line: u32, text: impl Into<String>) {
         let text = text.into();
         let recent = self.messages.len().saturating_sub(REPEATED_WITHIN);
@@ -421,13 +421,13 @@ impl ScreenModel {
         self.changes += 1;
     }
 
-    /// Does the machine stand at the end of the program, with reverse run still possible?
+    /// Whether the machine is at rest at the end of the program, where reverse run is still possible.
     #[must_use]
     pub fn is_at_program_end(&self) -> bool {
         self.stage == ScreenStage::Job && self.standing == HoldReason::Ended && self.mode == Mode::Run
     }
 
-    /// The job has ended; how, in words.
+    /// Ends the job; `how` says how, in words.
     pub fn end(&mut self, how: &str) {
         self.ended.get_or_insert(self.period);
         (self.stage, self.pause) = (ScreenStage::Ended(how.into()), None);
@@ -435,20 +435,20 @@ impl ScreenModel {
         self.say(self.period as f64 * self.facts.period_s, self.line, how);
     }
 
-    /// The operator is asked something, or nothing any more.
+    /// Opens a question, or closes it with `None`.
     pub fn ask(&mut self, question: Option<Question>) {
         self.question = question;
         self.changes += 1;
     }
 
-    /// The alarm has been cleared.
+    /// Removes the alarm.
     pub fn alarm_is_cleared(&mut self) {
         self.alarm = None;
         self.changes += 1;
     }
 }
 
-/// Records from one place to a later one; 0 where it is not later.
+/// Number of records from one place to a later one; 0 where it is not later.
 fn span(from: u32, to: u32) -> u32 {
     if is_before(from, to) { to.wrapping_sub(from) } else { 0 }
 }

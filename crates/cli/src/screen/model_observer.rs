@@ -1,6 +1,6 @@
-//! The picture of the machine, kept up with what the motion path tells; in the reporter's thread.
+//! Updates the screen model from telemetry, in the reporter's thread.
 //!
-//! Invariant: what is told is taken in the order in which it is told; the lock is held for the time of one of them at most.
+//! Invariant: telemetry is applied in the order in which it arrives; the lock is held for one item at a time.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -22,43 +22,43 @@ use super::path_length::PathLengths;
 use super::program_outputs::ProgramOutputs;
 use super::trail::{Trail, TrailPoint};
 
-/// Periods over which the speed is a mean, so that it can be read.
+/// Number of periods over which the displayed speed is averaged.
 const FEED_PERIODS: f64 = 32.0;
 
-/// Takes a picture's lock. Whoever panicked with it left a picture that is old at worst.
+/// Locks the model. After a panic of another thread the model is out of date at worst.
 pub fn locked(model: &Mutex<ScreenModel>) -> MutexGuard<'_, ScreenModel> {
     model.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Keeps a picture up.
+/// Observer that updates the model.
 #[derive(Clone, Debug)]
 pub struct ModelObserver {
     model: Arc<Mutex<ScreenModel>>,
-    /// The pause as it was before the operator's last word, should that be refused.
+    /// Pause before the operator's last command, in case it is rejected.
     before: Option<Pause>,
     modes: ModeHistory,
     program_outputs: ProgramOutputs,
 }
 
-/// Modal states that are kept at most.
+/// Maximum number of retained modal states.
 const MAX_MODES: usize = 4096;
 
-/// The modal states along the path of a job, so that the one under the tool is shown wherever the machine goes back to.
+/// Modal states along the path of a job, so that the state under the tool is shown wherever the machine goes back to.
 #[derive(Clone, Debug, Default)]
 struct ModeHistory {
-    /// Each from its place on, in the order of the path.
+    /// Modal states with the record from which each applies, in the order of the path.
     states: VecDeque<(u32, ActiveAt)>,
-    /// What was told since the last period.
+    /// State that was reported since the last period.
     news: Option<ActiveAt>,
-    /// Place of the one that is shown.
+    /// Record of the state that is shown.
     shown: Option<u32>,
-    /// The tool offset and the tool that a length was entered for, and by how much the path is moved along which axis with them, mm.
+    /// Tool offset and tool for which a length was entered, with the axis and distance by which the path is moved, mm.
     entered: Option<((Pose, u32), usize, f64)>,
-    /// The last that were told.
+    /// Tool offset and tool that were reported last.
     tool: (Pose, u32),
 }
 
-/// A modal state, and the work zero that goes with it.
+/// Modal state with its work zero.
 #[derive(Clone, Debug, Default)]
 struct ActiveAt {
     active: Active,
@@ -66,13 +66,13 @@ struct ActiveAt {
 }
 
 impl ModeHistory {
-    /// Begins with what is shown, from this place on.
+    /// History that starts with the state in the model, at this record.
     fn from(place: u32, model: &ScreenModel) -> Self {
         let now = ActiveAt { active: model.active.clone(), work_zero_mm: model.work_zero_mm.clone() };
         Self { states: VecDeque::from([(place, now)]), ..Self::default() }
     }
 
-    /// A tool length was entered: the path is moved, what lies behind and what is to come.
+    /// Moves the whole path along an axis: a tool length was entered.
     fn moved(&mut self, axis: usize, by_mm: f64, model: &mut ScreenModel) {
         let before_mm = self.entered.filter(|(tool, ..)| *tool == self.tool).map_or(0.0, |(.., mm)| mm);
         self.entered = Some((self.tool, axis, before_mm + by_mm));
@@ -81,7 +81,7 @@ impl ModeHistory {
         zeros.filter_map(|zeros| zeros.get_mut(axis)).for_each(|zero| *zero += by_mm);
     }
 
-    /// A modal state is told. A length that was entered counts with the tool and the offset that it was entered for.
+    /// Converts a reported modal state. An entered length applies to the tool and the offset for which it was entered.
     fn told(&mut self, active: &retrace_gcode::ActiveCodes, model: &mut ScreenModel) -> ActiveAt {
         self.tool = (active.tool_offset, active.current_tool);
         self.entered.take_if(|((_, tool), ..)| *tool != active.current_tool);
@@ -97,7 +97,7 @@ impl ModeHistory {
         told
     }
 
-    /// A period has come to an end with the cursor at `place`, and `reached` the furthest: shows the state there.
+    /// Ends a period with the cursor at `place` and the furthest place at `reached`: shows the state at the cursor.
     fn pass(&mut self, place: u32, reached: u32, model: &mut ScreenModel) {
         if let Some(new) = self.news.take() {
             if self.states.back().is_some_and(|&(at, _)| at == reached) {
@@ -126,7 +126,7 @@ impl ActiveAt {
 }
 
 impl ModelObserver {
-    /// Of this picture.
+    /// Observer of this model.
     #[must_use]
     pub fn new(model: Arc<Mutex<ScreenModel>>) -> Self {
         Self { model, before: None, modes: ModeHistory::default(), program_outputs: ProgramOutputs::default() }
@@ -216,7 +216,7 @@ fn take_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A>
     let paused = period.hold_reason == HoldReason::Paused;
     if paused && model.pause.is_none() {
         let spindle = model.output(channel::SPINDLE);
-        // A spindle that stood needs no step of its own.
+        // A spindle at rest needs no step of its own.
         model.pause = Some(Pause { spindle, stopped: spindle == 0, started: spindle == 0, online: false });
     } else if !paused && !period.off_path {
         model.pause = None;
@@ -237,7 +237,7 @@ fn take_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A>
     }
 }
 
-/// The modal state, its feed in mm/min where that is what it is, and the work zero that follows from it.
+/// Modal state for the screen, with its feed in mm/min where it has that unit, and its work zero.
 fn active_at(model: &ScreenModel, active: &retrace_gcode::ActiveCodes) -> ActiveAt {
     let unit_mm = active.units.millimetres();
     let per_minute = active.feed_mode == FeedMode::UnitsPerMinute && active.feed_rate > 0.0;
@@ -262,7 +262,7 @@ fn active_at(model: &ScreenModel, active: &retrace_gcode::ActiveCodes) -> Active
     ActiveAt { active: shown, work_zero_mm }
 }
 
-/// How far the machine moved in a period: along its linear axes, or where none of them moves, along the others.
+/// Distance in a period: along the linear axes, or along the others where no linear axis moves.
 fn step_mm<const A: usize>(model: &ScreenModel, increments: &[i32; A]) -> f64 {
     let (mut linear, mut rotary) = (0.0, 0.0);
     for (axis, &pulses) in model.facts.axes.iter().zip(increments) {
@@ -272,7 +272,7 @@ fn step_mm<const A: usize>(model: &ScreenModel, increments: &[i32; A]) -> f64 {
     if linear > 0.0 { linear.sqrt() } else { f64::sqrt(rotary) }
 }
 
-/// Takes an event; the pause as it was before the operator's last word.
+/// Applies an event. Returns the pause before the operator's last command.
 fn take_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) -> Option<Pause> {
     let mut keep = before;
     match &event.kind {
@@ -299,7 +299,7 @@ fn take_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) -> 
         }
         EventKind::OverridePlanned(percent) => model.override_planned = percent / 100.0,
         EventKind::OutputsDiffer(some) => {
-            // A long list comes in parts.
+            // A long list arrives in parts.
             let list = some.list();
             model.differ.retain(|(channel, _, _)| list.iter().all(|(new, _, _)| new != channel));
             model.differ.extend(list);
@@ -328,7 +328,7 @@ fn take_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) -> 
     keep
 }
 
-/// A job begins: what an earlier one left is forgotten, but for its messages.
+/// Starts a job: clears what an earlier job left, except its messages.
 fn begin(model: &mut ScreenModel, event: &Event) {
     (model.stage, model.began, model.alarm) = (ScreenStage::Job, event.period, None);
     (model.ended, model.standing, model.waiting) = (None, HoldReason::None, None);

@@ -1,4 +1,4 @@
-//! How long the path is up to a place, kept at coarse steps: what the history comes to in mm.
+//! Length of the path up to a place, stored in coarse steps: the length of the history in mm.
 //!
 //! Invariant: never more than [`MOST`] steps; lengths grow with their places.
 
@@ -7,27 +7,27 @@ use std::collections::VecDeque;
 use retrace_core::Place;
 use retrace_core::place::is_before;
 
-/// Steps that are kept.
+/// Maximum number of steps.
 pub const MOST: usize = 4096;
 
 /// Lengths at places.
 #[derive(Clone, Debug)]
 pub struct PathLengths {
     steps: VecDeque<(u32, f64)>,
-    /// Records from one step to the next.
+    /// Number of records from one step to the next.
     stride: u32,
-    /// The furthest place, and the length up to it.
+    /// Furthest place, and the length up to it.
     end: (Place, f64),
 }
 
 impl PathLengths {
-    /// Begins at a place, with a length of 0.
+    /// Path that starts at a place with length 0.
     #[must_use]
     pub fn from(place: Place) -> Self {
         Self { steps: VecDeque::from([(place.record, 0.0)]), stride: 1, end: (place, 0.0) }
     }
 
-    /// The same with a path of so many mm before it, from this place on.
+    /// Adds a path of this length before it, from this place on.
     #[must_use]
     pub fn behind(mut self, oldest: u32, mm: f64) -> Self {
         if is_before(oldest, self.end.0.record) {
@@ -37,19 +37,19 @@ impl PathLengths {
         self
     }
 
-    /// The furthest place.
+    /// Furthest place.
     #[must_use]
     pub const fn furthest(&self) -> Place {
         self.end.0
     }
 
-    /// The length up to the furthest place, mm.
+    /// Length up to the furthest place, mm.
     #[must_use]
     pub const fn total_mm(&self) -> f64 {
         self.end.1
     }
 
-    /// The path has grown by `mm`, up to `place`; what lies before `oldest` is of no interest any more.
+    /// Extends the path by `mm`, up to `place`; the part before `oldest` is dropped.
     pub fn grow(&mut self, place: Place, mm: f64, oldest: u32) {
         self.end = (place, self.end.1 + mm);
         if self.steps.back().is_none_or(|&(last, _)| place.record.wrapping_sub(last) >= self.stride) {
@@ -68,7 +68,7 @@ impl PathLengths {
         }
     }
 
-    /// The length up to a place, mm; within what is kept.
+    /// Length up to a place, mm; clamped to the stored range.
     #[must_use]
     pub fn at(&self, place: Place) -> f64 {
         let behind = self.steps.partition_point(|&(step, _)| !is_before(place.record, step));
@@ -84,7 +84,7 @@ impl PathLengths {
     }
 }
 
-/// How far a place is from a record at or before it, in records.
+/// Distance of a place from a record at or before it, in records.
 fn as_number(place: Place, from: u32) -> f64 {
     f64::from(place.record.wrapping_sub(from)) + f64::from(place.fraction) / 4_294_967_296.0
 }

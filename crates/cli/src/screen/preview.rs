@@ -1,6 +1,7 @@
-//! Where a program goes before it goes there: its path for the drawing, and where each of its blocks ends.
+//! Preview of a program: its path for the drawing, and the end of each block.
 //!
-//! Invariant: bounded however long the program is, but for one end a line; a line that ends in more places than one has none.
+//! Invariant: bounded however long the program is, except for one end per line; a line that ends in more than one place
+//! has no end.
 
 use retrace_controller::job::{self, BlockDecoder};
 use retrace_controller::machine::MachineConfig;
@@ -11,37 +12,37 @@ use retrace_motion::{Arc, FeedRate, PathMode};
 
 use super::trail::{Trail, TrailPoint};
 
-/// Lines whose ends are kept at most.
+/// Maximum number of lines whose ends are stored.
 const MAX_ENDS: usize = 1_000_000;
 
-/// A program's path and the ends of its blocks.
+/// Path of a program and the ends of its blocks.
 #[derive(Clone, Debug, Default)]
 pub struct Preview {
-    /// The path.
+    /// Path.
     pub path: Trail,
     ends: Vec<PreviewEnd>,
     axes: usize,
     space: [Option<usize>; 3],
     at_mm: [f64; 9],
     along_mm: f64,
-    /// The line that was gone through last.
+    /// Last line that was decoded.
     line: u32,
 }
 
-/// Where a line ends.
+/// End of a line.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum PreviewEnd {
-    /// It moves nothing.
+    /// The line moves nothing.
     #[default]
     Nowhere,
-    /// Machine position, mm; axes beyond the ninth there are not.
+    /// Machine position, mm, of at most nine axes.
     At([f32; 9]),
-    /// It is carried out more than once, with different ends.
+    /// The line is executed more than once, with different ends.
     Several,
 }
 
 impl Preview {
-    /// Goes through a program that was checked before.
+    /// Decodes a program that was checked before.
     #[must_use]
     pub fn of(machine: &MachineConfig, program: &mut impl BlockDecoder) -> Self {
         let space = ['x', 'y', 'z'].map(|name| machine.axes.iter().position(|a| a.name == name));
@@ -51,7 +52,7 @@ impl Preview {
         preview
     }
 
-    /// Where the block of a line ends, machine position in mm, if that is one place.
+    /// End of the block of a line, as a machine position in mm, if there is a single one.
     #[must_use]
     pub fn end_of(&self, line: u32) -> Option<&[f32]> {
         match self.ends.get(line as usize)? {
@@ -80,7 +81,7 @@ impl Preview {
             self.ends.resize(index + 1, PreviewEnd::Nowhere);
         }
         let slot = &mut self.ends[index];
-        // Several moves in a row are one block, of which the last one counts.
+        // Several successive moves are one block, whose last one counts.
         *slot = match *slot {
             PreviewEnd::At(old) if self.line != line && old != end => PreviewEnd::Several,
             PreviewEnd::Several => PreviewEnd::Several,

@@ -1,6 +1,6 @@
-//! What the screen shows that does not change while a job runs: machine, program, plan.
+//! Facts that the screen shows and that do not change while a job runs: machine, program, plan.
 //!
-//! Invariant: nothing here depends on how many axes the code was compiled for.
+//! Invariant: nothing here depends on the number of axes that the code is compiled for.
 
 use std::collections::BTreeMap;
 
@@ -10,42 +10,42 @@ use retrace_link::channel;
 
 use super::preview::Preview;
 
-/// An axis.
+/// Axis as the screen shows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisFacts {
-    /// Its letter, lower case.
+    /// Letter, lower case.
     pub letter: char,
-    /// Pulses to the mm (degree).
+    /// Pulses per mm (degree).
     pub pulses_per_mm: f64,
-    /// Its soft limits, mm (degrees).
+    /// Soft limits, mm (degrees).
     pub travel_mm: [f64; 2],
 }
 
-/// A cutter, as far as the screen shows it.
+/// Cutter as the screen shows it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CutterFacts {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// The channel that lights, opens or starts it.
+    /// Channel that fires, opens or starts it.
     pub fire: u8,
-    /// Every channel that belongs to it.
+    /// All channels that belong to it.
     pub channels: Vec<u8>,
 }
 
-/// How long all motion of a program is, from the plan itself.
+/// Duration of all motion of a program, from the plan itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Planned {
-    /// It is being reckoned.
+    /// Calculation in progress.
     #[default]
     Reckoning,
-    /// So many seconds.
+    /// Duration in seconds.
     Known(f64),
-    /// Nobody can know: the program comes as a stream.
+    /// Unknown: the program is a stream.
     Unknown,
 }
 
 impl Planned {
-    /// In seconds, where it is known.
+    /// Duration in seconds, where it is known.
     #[must_use]
     pub const fn seconds(self) -> Option<f64> {
         match self {
@@ -55,55 +55,55 @@ impl Planned {
     }
 }
 
-/// What checking the program has come to. A cycle start checks it again.
+/// Result of checking the program. A cycle start checks it again.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum ProgramCheck {
-    /// It is being checked.
+    /// Check in progress.
     #[default]
     Checking,
-    /// There is none: the screen was opened without one.
+    /// No program: the screen was opened without one.
     NotLoaded,
-    /// It can be run from where the machine stands.
+    /// The program can run from the current position.
     Ready,
-    /// It cannot; why, a line for each finding, never empty.
+    /// The program cannot run; the findings, one per line, never empty.
     Refused(Vec<String>),
-    /// It comes as a stream, and is checked block by block as it runs.
+    /// The program is a stream, which is checked block by block as it runs.
     CheckedAsItRuns,
 }
 
-/// What does not change while a job runs.
+/// Facts about machine and program.
 #[derive(Clone, Debug, Default)]
 pub struct ProgramFacts {
-    /// The machine's name.
+    /// Name of the machine.
     pub machine: String,
-    /// Its axes.
+    /// Axes.
     pub axes: Vec<AxisFacts>,
     /// Control period, s.
     pub period_s: f64,
-    /// The program.
+    /// Program text.
     pub program: Text,
-    /// Where the machine stands before the program, mm (degrees).
+    /// Machine position before the program, mm (degrees).
     pub stands_at_mm: Vec<f64>,
-    /// All motion of the program at an override of 100 %.
+    /// Duration of all motion at an override of 100 %.
     pub planned: Planned,
-    /// The place at which the job's first record stands.
+    /// Record at which the job's path starts.
     pub first_place: u32,
-    /// Where the program goes, and where its blocks end.
+    /// Path of the program, and the ends of its blocks.
     pub preview: Preview,
-    /// What checking the program has come to.
+    /// Result of checking the program.
     pub check: ProgramCheck,
-    /// The tool table, a tool a line.
+    /// Tool table, one line per tool.
     pub tools: Vec<String>,
-    /// Remarks of the tool table, by the number of the tool.
+    /// Comments of the tool table, by tool number.
     pub tool_names: BTreeMap<i32, String>,
-    /// The cutters: torches, jets and beams.
+    /// Cutters: torches, jets and beams.
     pub cutters: Vec<CutterFacts>,
-    /// What the output channels are called, in the order of the channels.
+    /// Names of the output channels, in the order of the channels.
     pub output_names: Vec<String>,
 }
 
 impl ProgramFacts {
-    /// The machine's share, for a program of this name and text; a stream has no text.
+    /// Facts of the machine, with a program of this name and text; the text of a stream is empty.
     #[must_use]
     pub fn of(machine: &MachineConfig, name: &str, text: &str) -> Self {
         let axes = machine.axes.iter().map(|axis| AxisFacts {
@@ -123,13 +123,13 @@ impl ProgramFacts {
         }
     }
 
-    /// What an output channel is called.
+    /// Name of an output channel.
     #[must_use]
     pub fn output_name(&self, channel: u8) -> String {
         self.output_names.get(usize::from(channel)).cloned().unwrap_or_else(|| channel_name(channel))
     }
 
-    /// The output of a name, or of a number; case is ignored.
+    /// Output with this name or number; case is ignored.
     #[must_use]
     pub fn output_named(&self, text: &str) -> Option<u8> {
         let text = text.trim();
@@ -142,13 +142,13 @@ impl ProgramFacts {
             .find(|&number| self.output_name(number).eq_ignore_ascii_case(text))
     }
 
-    /// Does the channel belong to a cutter?
+    /// Whether the channel belongs to a cutter.
     #[must_use]
     pub fn is_of_cutter(&self, channel: u8) -> bool {
         self.cutters.iter().any(|cutter| cutter.channels.contains(&channel))
     }
 
-    /// Which axes are X, Y and Z.
+    /// Axes that are X, Y and Z.
     #[must_use]
     pub fn space(&self) -> [Option<usize>; 3] {
         ['x', 'y', 'z'].map(|letter| self.axes.iter().position(|axis| axis.letter == letter))
@@ -161,18 +161,18 @@ fn cutter_facts(cutter: &CutterConfig) -> CutterFacts {
     CutterFacts { name: cutter.name.clone(), fire: cutter.fire, channels }
 }
 
-/// A program's text, line by line.
+/// Text of a program, by line.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Text {
-    /// What the program is called.
+    /// Name of the program.
     pub name: String,
     text: String,
-    /// Where each line begins.
+    /// Start of each line.
     begins: Vec<usize>,
 }
 
 impl Text {
-    /// Of a program of this name.
+    /// Text of a program of this name.
     #[must_use]
     pub fn new(name: &str, text: &str) -> Self {
         let begins = text.split_inclusive('\n').scan(0, |at, line| {
@@ -183,13 +183,13 @@ impl Text {
         Self { name: name.into(), begins: begins.collect(), text: text.into() }
     }
 
-    /// How many lines there are.
+    /// Number of lines.
     #[must_use]
     pub fn lines(&self) -> usize {
         self.begins.len()
     }
 
-    /// A line, from 1, without its end.
+    /// Line, counted from 1, without its line end.
     #[must_use]
     pub fn line(&self, number: usize) -> Option<&str> {
         let begin = *self.begins.get(number.checked_sub(1)?)?;

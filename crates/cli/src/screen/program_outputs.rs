@@ -1,62 +1,62 @@
-//! What the program has its outputs at along its path, so that it can stand beside what they are where the machine has gone back to.
+//! Outputs that the program expects along its path, shown next to their actual state where the machine has gone back.
 //!
-//! Invariant: only what the program switched counts, never the operator, a restart or the card; the oldest changes are forgotten where there is
-//! no room.
+//! Invariant: only switching by the program counts, not by the operator, a restart or the card; the oldest changes are
+//! dropped when the store is full.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use retrace_core::place::is_before;
 
-/// Changes that are kept at most.
+/// Maximum number of stored changes.
 const MAX_CHANGES: usize = 4096;
 
-/// An output that the program switched.
+/// Change of an output by the program.
 #[derive(Clone, Copy, Debug)]
 struct ProgramChange {
-    /// Before the record at this place.
+    /// Record before which the change takes place.
     place: u32,
     channel: u8,
     from: i32,
     to: i32,
 }
 
-/// The outputs of the program, as they are at the cursor's place.
+/// Outputs of the program at the cursor.
 #[derive(Clone, Debug, Default)]
 pub struct ProgramOutputs {
     changes: VecDeque<ProgramChange>,
-    /// How many of them lie behind the cursor.
+    /// Number of changes behind the cursor.
     passed: usize,
     here: BTreeMap<u8, i32>,
-    /// An instruction of the program is being executed, or was completed in this period.
+    /// Whether an instruction of the program is in execution, or was completed in this period.
     is_switching: bool,
     is_complete: bool,
 }
 
 impl ProgramOutputs {
-    /// Begins with these outputs.
+    /// Outputs at the start.
     #[must_use]
     pub fn from(outputs: &BTreeMap<u8, i32>) -> Self {
         Self { here: outputs.clone(), ..Self::default() }
     }
 
-    /// An instruction of the program begins: what is switched until it is complete, the program switches.
+    /// An instruction of the program begins: changes until it is complete are the program's.
     pub fn begin_instruction(&mut self) {
         (self.is_switching, self.is_complete) = (true, false);
     }
 
-    /// It is complete; outputs of this period belong to it still.
+    /// The instruction is complete; changes in this period still belong to it.
     pub fn complete_instruction(&mut self) {
         self.is_complete = true;
     }
 
-    /// An output has changed, for whatever reason, with the cursor at this place.
+    /// An output changed, for any reason, with the cursor at this record.
     pub fn output_changed(&mut self, place: u32, channel: u8, value: i32) {
         if self.is_switching {
             self.switched(place, channel, value);
         }
     }
 
-    /// The program has switched an output before the record at this place, which is the furthest.
+    /// The program switched an output before this record, which is the furthest.
     pub fn switched(&mut self, place: u32, channel: u8, value: i32) {
         let from = self.here.insert(channel, value).unwrap_or(0);
         if self.changes.len() >= MAX_CHANGES {
@@ -67,7 +67,7 @@ impl ProgramOutputs {
         self.passed = self.changes.len();
     }
 
-    /// A period has come to its end with the cursor in this record: the outputs there, if they are others than before.
+    /// Ends a period with the cursor in this record. Returns the outputs there.
     pub fn pass(&mut self, place: u32) -> &BTreeMap<u8, i32> {
         if self.is_complete {
             (self.is_switching, self.is_complete) = (false, false);
@@ -99,7 +99,7 @@ mod tests {
         outputs.output_changed(10, 3, 1);
         outputs.complete_instruction();
         outputs.pass(10);
-        // The card, or the operator, switches it off and on: that is not the program.
+        // The card or the operator switches it off and on: that is not the program.
         outputs.output_changed(12, 3, 0);
         outputs.switched(20, 3, 0);
         let at = |outputs: &mut ProgramOutputs, place| outputs.pass(place).get(&3).copied().unwrap_or(0);

@@ -1,6 +1,6 @@
-//! What the machine is doing, in words for somebody who has never seen it: why it stands, and which key goes on.
+//! Status line: what the machine is doing, why it waits, and which keys apply, in words for an untrained operator.
 //!
-//! Invariant: every key that is named does something in this situation.
+//! Invariant: every key that the line names has a function in this situation.
 
 use retrace_controller::telemetry::HoldReason;
 use retrace_core::Place;
@@ -12,27 +12,27 @@ use super::keys::KeyAction;
 use super::model::{Pause, ScreenModel, ScreenStage};
 use super::program_facts::ProgramCheck;
 
-/// How grave it is.
+/// Severity of a status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HintLevel {
-    /// It goes its way.
+    /// Normal operation.
     Well,
-    /// It waits for the operator.
+    /// Waits for the operator.
     Waits,
-    /// An alarm.
+    /// Alarm.
     Alarm,
 }
 
-/// What the machine is doing.
+/// Status of the machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StatusHint {
-    /// In a word or two.
+    /// Status in a word or two.
     pub word: &'static str,
-    /// In a line.
+    /// Reason, in one line.
     pub why: String,
-    /// How grave it is.
+    /// Severity.
     pub grade: HintLevel,
-    /// What goes on from here, the most useful first.
+    /// Actions that apply, the most useful first.
     pub acts: Vec<KeyAction>,
 }
 
@@ -40,7 +40,7 @@ fn guide(grade: HintLevel, word: &'static str, why: impl Into<String>, acts: &[K
     StatusHint { word, why: why.into(), grade, acts: acts.to_vec() }
 }
 
-/// Says what the machine is doing.
+/// Returns the status of the machine.
 #[must_use]
 pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
     if let Some(alarm) = &model.alarm {
@@ -80,7 +80,7 @@ pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
 
 fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
     if !model.at_rest {
-        return guide(HintLevel::Well, "MOVING", "by hand; Space stops it", &[KeyAction::Hold]);
+        return guide(HintLevel::Well, "MOVING", "manual motion; Space stops it", &[KeyAction::Hold]);
     }
     let rest = [
         KeyAction::Jog,
@@ -96,13 +96,13 @@ fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
     let mut acts = if model.homed { vec![KeyAction::CycleStart, KeyAction::Home] } else { vec![KeyAction::Home] };
     acts.extend(rest);
     if !model.homed {
-        return guide(HintLevel::Waits, "NOT HOMED", "the machine does not know where it is", &acts);
+        return guide(HintLevel::Waits, "NOT HOMED", "the machine position is not known", &acts);
     }
     let name = &model.facts.program.name;
     match &model.facts.check {
         ProgramCheck::NotLoaded => {
             acts[0] = KeyAction::OpenProgram;
-            return guide(HintLevel::Waits, "NO PROGRAM", "the machine can be set up", &acts);
+            return guide(HintLevel::Waits, "NO PROGRAM", "load a program, or set up the machine", &acts);
         }
         ProgramCheck::Refused(why) => {
             let first = why.first().map_or("", String::as_str);
@@ -172,12 +172,12 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 KeyAction::BackBy,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Waits, "FEED HOLD", "the cutter is off; c asks before it starts again, k does not", &acts)
+            guide(HintLevel::Waits, "FEED HOLD", "the cutter is off; c asks before it restarts, k restarts it", &acts)
         }
         HoldReason::Hold => guide(HintLevel::Waits, "FEED HOLD", "held by the operator", &held),
         HoldReason::ProgramStop => match model.tool_change {
             Some(tool) => guide(HintLevel::Waits, "TOOL CHANGE", tool_change_words(model, tool), &held),
-            None => guide(HintLevel::Waits, "PROGRAM STOP", "the program asked for a stop", &held),
+            None => guide(HintLevel::Waits, "PROGRAM STOP", "stopped by the program", &held),
         },
         HoldReason::SingleBlock => guide(HintLevel::Waits, "SINGLE BLOCK", "at the end of a block", &held),
         HoldReason::Ended => {
@@ -198,17 +198,17 @@ fn normal(model: &ScreenModel) -> StatusHint {
             guide(HintLevel::Waits, "PAUSED", "at the breakpoint", &[KeyAction::CycleStart, KeyAction::Quit])
         }
         HoldReason::None => match model.switching {
-            Some(code) => guide(HintLevel::Well, "RUNNING", format!("waits until {code} is done"), &running),
+            Some(code) => guide(HintLevel::Well, "RUNNING", format!("waiting for {code} to complete"), &running),
             None => match model.waits_for() {
                 Some((source, seconds)) if model.at_rest => {
-                    let why = format!("waiting for {source} since {seconds:.0} s");
+                    let why = format!("waiting for {source}, {seconds:.0} s so far");
                     guide(HintLevel::Waits, "WAITING", why, &running)
                 }
                 _ if model.short => {
-                    guide(HintLevel::Well, "RUNNING", "slowed down: the program comes too slowly", &running)
+                    guide(HintLevel::Well, "RUNNING", "slowed down: the program arrives too slowly", &running)
                 }
-                _ if model.at_rest => guide(HintLevel::Well, "RUNNING", "stands until more is planned", &running),
-                _ => guide(HintLevel::Well, "RUNNING", "along the program", &running),
+                _ if model.at_rest => guide(HintLevel::Well, "RUNNING", "at rest until more path is planned", &running),
+                _ => guide(HintLevel::Well, "RUNNING", "executing the program", &running),
             },
         },
     }
@@ -217,7 +217,7 @@ fn normal(model: &ScreenModel) -> StatusHint {
 fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
     if !model.differ.is_empty() {
         let acts = [KeyAction::Agree, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Output, KeyAction::Quit];
-        return guide(HintLevel::Waits, "OUTPUTS DIFFER", "from what the program had here", &acts);
+        return guide(HintLevel::Waits, "OUTPUTS DIFFER", "from the state that the program expects here", &acts);
     }
     let back = format!("{:.1} mm back", model.back_mm());
     let at_oldest = model.at_rest && model.place == Place::start_of(model.oldest);
@@ -248,7 +248,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
         }
         Mode::Wheel => {
             let why = match (at_oldest, at_reached) {
-                (true, _) => "at the oldest place: no further back".into(),
+                (true, _) => "at the start of the history".into(),
                 (_, true) => "arrows or mouse wheel; at the furthest place".into(),
                 _ => format!("arrows or mouse wheel; {back}"),
             };
@@ -266,12 +266,12 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
         Mode::Rejoin if !model.at_rest => guide(
             HintLevel::Well,
             "RETURNING",
-            format!("{back}, then on with the program"),
+            format!("{back}, then the program resumes"),
             &[KeyAction::Hold, KeyAction::Reverse],
         ),
         Mode::Rejoin | Mode::AwaitOutputs => {
             let acts = [KeyAction::Leave, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Quit];
-            guide(HintLevel::Waits, "RETURNING", format!("stands; {back}"), &acts)
+            guide(HintLevel::Waits, "RETURNING", format!("at rest; {back}"), &acts)
         }
         Mode::Reverse if model.at_cutter_boundary => {
             let acts = [
@@ -282,13 +282,13 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Wheel,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Waits, "CUTTER ON", "the program switched the cutter here, and it is on", &acts)
+            guide(HintLevel::Waits, "CUTTER ON", "the program switched the cutter here; it is still on", &acts)
         }
         Mode::Reverse if at_oldest => {
-            guide(HintLevel::Waits, "REVERSE", format!("at the oldest place, {back}: no further"), &standing)
+            guide(HintLevel::Waits, "REVERSE", format!("at the start of the history, {back}"), &standing)
         }
         Mode::Forward if at_reached => guide(HintLevel::Waits, "FORWARD", "at the furthest place", &standing),
-        _ if model.at_rest => guide(HintLevel::Waits, "STANDING", back, &standing),
+        _ if model.at_rest => guide(HintLevel::Waits, "AT REST", back, &standing),
         Mode::Forward => {
             let acts = [
                 KeyAction::Hold,
@@ -317,7 +317,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
     }
 }
 
-/// The steps of a pause, and which of them comes next (DNC-1 … DNC-6): what it is called, its act, is it done?
+/// Steps of a pause (DNC-1 … DNC-6): text, action, and whether the step is done.
 #[must_use]
 pub fn steps(pause: Pause) -> Vec<(&'static str, KeyAction, bool)> {
     let mut steps = Vec::new();
@@ -328,8 +328,8 @@ pub fn steps(pause: Pause) -> Vec<(&'static str, KeyAction, bool)> {
     if pause.spindle != 0 {
         steps.push(("start the spindle", KeyAction::Spindle, pause.started));
     }
-    steps.push(("back on line", KeyAction::Online, pause.online));
-    steps.push(("to the breakpoint, on", KeyAction::CycleStart, false));
+    steps.push(("back to on-line mode", KeyAction::Online, pause.online));
+    steps.push(("return and resume", KeyAction::CycleStart, false));
     steps
 }
 
@@ -338,16 +338,16 @@ fn paused(model: &ScreenModel, pause: Pause) -> StatusHint {
         return guide(
             HintLevel::Well,
             "APPROACHING",
-            "on the way back to the breakpoint",
+            "returning to the breakpoint",
             &[KeyAction::Hold, KeyAction::Quit],
         );
     }
     let steps = steps(pause);
     let next = steps.iter().position(|&(_, _, done)| !done).unwrap_or(0);
-    let (what, act, _) = steps.get(next).copied().unwrap_or(("go on", KeyAction::CycleStart, false));
+    let (what, act, _) = steps.get(next).copied().unwrap_or(("resume", KeyAction::CycleStart, false));
     let why = format!("step {} of {}: {what}", next + 1, steps.len());
     let mut acts = vec![act];
-    // Where the tool is free, what comes after is open as well.
+    // While the tool is free, the following step is available too.
     if act == KeyAction::Jog {
         acts.push(if pause.spindle != 0 { KeyAction::Spindle } else { KeyAction::Online });
     }

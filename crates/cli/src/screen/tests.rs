@@ -1,6 +1,6 @@
-//! The screen against its pictures, and against anything that may come.
+//! Compares the screen with golden files, and tests it with arbitrary models and keys.
 //!
-//! The pictures in `goldens/` were looked at by eye; `RETRACE_BLESS=1` writes them anew.
+//! The files in `goldens/` were reviewed; `RETRACE_BLESS=1` rewrites them.
 
 use std::sync::{Arc, Mutex};
 
@@ -28,7 +28,7 @@ use crate::program::Program;
 
 const PLAIN: view::Theme = view::Theme { colour: false };
 
-/// A person at the screen of the pretended machine.
+/// A person at the screen of the fake machine.
 struct ScreenFixture {
     machine: FakeMachine,
     model: Arc<Mutex<ScreenModel>>,
@@ -83,7 +83,7 @@ impl ScreenFixture {
         drawn(&self.picture(), &self.hand, width, height, self.now_ms)
     }
 
-    /// Compares the screen with its picture.
+    /// Compares the screen with its golden file.
     fn is_as(&self, name: &str, width: u16, height: u16) {
         let text = text(&self.screen(width, height));
         let path = format!("{}/src/screen/goldens/{name}-{width}x{height}.txt", env!("CARGO_MANIFEST_DIR"));
@@ -194,7 +194,7 @@ fn all_messages_are_shown_whole_and_all_keys_on_pages() {
         let _ = hand.key(Key::Down, 0, &model);
     }
     for row in TABLE {
-        // A long line may go on in the next one.
+        // A long line may continue in the next one.
         let begins: String = row.long.chars().take(40).collect();
         assert!(pages.contains(&begins), "{} is on no page", row.long);
     }
@@ -243,7 +243,7 @@ fn a_program_that_does_not_come_is_waited_for_by_name_and_time() {
     (model.stage, model.period, model.waiting) =
         (ScreenStage::Job, 14_000, Some(("tcp://cam-computer:7000".into(), 3_000)));
     let shown = text(&drawn(&model, &KeyState::new(), 80, 24, 0));
-    assert!(shown.contains("WAITING") && shown.contains("waiting for tcp://cam-computer:7000 since 12 s"), "{shown}");
+    assert!(shown.contains("WAITING") && shown.contains("waiting for tcp://cam-computer:7000, 12 s so far"), "{shown}");
 }
 
 #[test]
@@ -293,7 +293,8 @@ fn every_axis_says_whether_it_is_homed() {
     assert!(shown.contains("X ✓") && shown.contains("Y ?") && shown.contains("Z   "), "{shown}");
 }
 
-/// From hold to backing up, wheel and on: what a person reads and presses, and that the machine comes back to the pulse.
+/// From hold to reverse run, handwheel and back: what a person reads and presses, and that the machine returns to the
+/// pulse.
 #[test]
 fn a_person_backs_up_and_goes_on() {
     let mut bench = ScreenFixture::new();
@@ -309,7 +310,7 @@ fn a_person_backs_up_and_goes_on() {
     bench.keys(" ");
     bench.wait(400);
     says(&bench, "FEED HOLD");
-    says(&bench, "c cycle start · r back up · w handwheel");
+    says(&bench, "c cycle start · r reverse · w handwheel");
     assert_eq!(bench.hand.mouse_wheel(true, &bench.picture()), None, "no handwheel yet");
     let held = bench.picture();
     bench.keys("r");
@@ -335,7 +336,7 @@ fn a_person_backs_up_and_goes_on() {
     bench.wait(500);
     says(&bench, "RUNNING");
     bench.keys("q");
-    says(&bench, "y stops it");
+    says(&bench, "y stop");
     bench.keys("n");
     says(&bench, "RUNNING");
     bench.keys("qy");
@@ -383,7 +384,7 @@ fn mode() -> impl Strategy<Value = Mode> {
 }
 
 prop_compose! {
-    /// Any picture at all.
+    /// Arbitrary model.
     fn any_model()(
         (axes, lines, line) in (0..=9usize, 0..3000usize, 0..4000u32),
         (place, reached, oldest, planned) in (place(), any::<u32>(), any::<u32>(), any::<u32>()),
@@ -499,10 +500,10 @@ proptest! {
     }
 }
 
-/// How long a picture takes, at 200 × 60 with a program of 100 000 lines and a full trail. To be looked at: `cargo test … -- --ignored
+/// Measures a redraw at 200 × 60 with a program of 100 000 lines and a full trail: `cargo test … -- --ignored
 /// --nocapture`.
 #[test]
-#[ignore = "measures, and says nothing that could be wrong"]
+#[ignore = "a measurement without assertions"]
 fn measure_the_redraw() {
     let lines: String = (0..100_000).map(|n| format!("N{n} G1 X{}.{n:03} Y{}.5 F2400\n", n % 97, n % 89)).collect();
     let letters = ['x', 'y', 'z'];

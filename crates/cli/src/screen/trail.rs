@@ -1,43 +1,43 @@
-//! A line through space, kept to so many corners however long it grows: the tool path as the screen draws it.
+//! Polyline with a bounded number of corners, however long it grows: the tool path as the screen draws it.
 //!
-//! Invariant: never more than [`MOST`] corners. The tolerance doubles whenever there is no room, up to what nobody could see; where that
-//! is not enough, what is oldest is forgotten.
+//! Invariant: never more than [`MOST`] corners. The tolerance doubles whenever the corners run out, up to a value that
+//! is invisible; where that is not enough, the oldest corners are dropped.
 
-/// Corners that are kept.
+/// Maximum number of corners.
 pub const MOST: usize = 4096;
 
-/// Points that may wait between two corners, to be looked at again.
+/// Maximum number of points since the last corner that are checked against the line.
 const WAITING: usize = 24;
 
-/// The finest tolerance, mm.
+/// Initial tolerance, mm.
 const FINEST_MM: f32 = 0.005;
 
-/// The coarsest tolerance, as a share of the line's extent: less than a dot on the largest screen.
+/// Maximum tolerance, as a fraction of the line's extent: less than a dot on the largest screen.
 const COARSEST: f32 = 0.002;
 
-/// A point of the line.
+/// Point of the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrailPoint {
     /// Length of the line up to here, mm.
     pub along_mm: f64,
-    /// Where: X, Y, Z of the machine, mm; 0 for an axis that there is not.
+    /// Position: X, Y, Z of the machine, mm; 0 for a missing axis.
     pub at: [f32; 3],
-    /// Is this the end of a rapid move?
+    /// Whether a rapid move ends here.
     pub rapid: bool,
 }
 
-/// The line.
+/// Polyline.
 #[derive(Clone, Debug, Default)]
 pub struct Trail {
     corners: Vec<TrailPoint>,
     waiting: Vec<TrailPoint>,
     tolerance_mm: f32,
-    /// Least and greatest of each coordinate, once there is a point.
+    /// Minimum and maximum of each coordinate, once there is a point.
     extent: Option<[[f32; 3]; 2]>,
 }
 
 impl Trail {
-    /// Goes on to this point. One that is not finite is left out.
+    /// Extends the line to this point. A point that is not finite is skipped.
     pub fn push(&mut self, knot: TrailPoint) {
         if !knot.at.iter().all(|x| x.is_finite()) {
             return;
@@ -86,12 +86,12 @@ impl Trail {
         }
     }
 
-    /// The corners, the last point included.
+    /// Corners, with the last point.
     pub fn knots(&self) -> impl Iterator<Item = &TrailPoint> {
         self.corners.iter().chain(self.waiting.last())
     }
 
-    /// Least and greatest of X, Y and Z, mm.
+    /// Minimum and maximum of X, Y and Z, mm.
     #[must_use]
     pub const fn extent(&self) -> Option<[[f32; 3]; 2]> {
         self.extent
@@ -102,7 +102,7 @@ fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
     (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f32>().sqrt()
 }
 
-/// How far a point is from the stretch between two others.
+/// Distance of a point from the segment between two others.
 fn distance_to_line(point: [f32; 3], from: [f32; 3], to: [f32; 3]) -> f32 {
     let (mut dot, mut square) = (0.0, 0.0);
     for i in 0..3 {

@@ -39,6 +39,8 @@ pub enum JournalError {
         /// What is not known.
         why: String,
     },
+    /// A journal of another format than [`FORMAT`].
+    Format(u64),
     /// It cannot be read.
     Unreadable(io::Error),
 }
@@ -52,6 +54,10 @@ impl fmt::Display for JournalError {
                 write!(f, "line {line} has number {number}, so that lines are missing or too many")
             }
             Self::Unknown { line, why } => write!(f, "line {line} is of a newer version: {why}"),
+            Self::Format(format) => {
+                let age = if *format < u64::from(FORMAT) { "an older" } else { "a newer" };
+                write!(f, "{age} version of retrace wrote it, in format {format}; this version reads format {FORMAT}")
+            }
             Self::Unreadable(error) => write!(f, "{error}"),
         }
     }
@@ -65,7 +71,7 @@ impl JournalError {
         let (number, remedy) = match self {
             Self::NoBeginning => ("E2204", "nothing has moved in this job: run the program"),
             Self::Damaged { .. } | Self::Gap { .. } => ("E2203", again),
-            Self::Unknown { .. } => ("E2205", "use the version of retrace that has written it"),
+            Self::Unknown { .. } | Self::Format(_) => ("E2205", "use the version of retrace that has written it"),
             Self::Unreadable(_) => ("E2104", "check the file and its disk"),
         };
         NumberedError::new(number, format!("the journal {}: {self}", journal.display()), remedy)
@@ -147,7 +153,7 @@ fn parse_entry(json: &[u8], number: u64) -> Result<JournalEntry, JournalError> {
         let value: Value = serde_json::from_slice(json).map_err(|_| JournalError::NoBeginning)?;
         match value["job"]["format"].as_u64() {
             Some(format) if format == u64::from(FORMAT) => {}
-            Some(format) => return Err(unknown(format!("format {format}, and this is {FORMAT}"))),
+            Some(format) => return Err(JournalError::Format(format)),
             None => return Err(JournalError::NoBeginning),
         }
     }

@@ -1,7 +1,7 @@
-//! Corners beside the optimum of a linear program (Q3).
+//! Corners compared with the optimum of a linear program (Q3).
 //!
-//! Invariant: the optima come from a table that [`table`] makes anew; a full run solves the programs again and says how far
-//! the table is from them.
+//! Invariant: the optima come from a table that [`table`] recomputes; a full run solves the programs again and reports
+//! the distance of the table from them.
 
 use std::fmt::Write as _;
 
@@ -9,10 +9,11 @@ use retrace_core::Flags;
 use retrace_motion::{FeedRate, PathMode};
 
 use crate::oracle::{Allowed, Legs};
-use crate::roads::Road;
 use crate::row::{Goal, Row, median};
+use crate::test_paths::TestPath;
 
-/// Optima: degrees, leg and tolerance in mm, least time, time with a stop in the corner, share of the time before the switch.
+/// Optima: degrees, leg and tolerance in mm, least time, time with a stop in the corner, share of the time before the
+/// switch.
 pub(crate) const OPTIMA: &str = include_str!("corner_optimum.csv");
 
 /// Time steps of the linear programs.
@@ -32,9 +33,9 @@ impl Case {
         Legs { turn: self.degrees.to_radians(), leg: self.leg, allowed: Allowed::BUILT_IN }
     }
 
-    /// Seconds of motion of our plan.
+    /// Duration of our plan, s.
     pub(crate) fn ours(&self, mode: PathMode) -> f64 {
-        let mut planner = Road::planner();
+        let mut planner = TestPath::planner();
         for (tag, [x, y]) in (1..).zip(self.legs().points()) {
             planner.line([x, y, 0.0], FeedRate::PerSecond(100.0), mode, tag).expect("a valid line");
         }
@@ -70,7 +71,7 @@ pub(crate) fn table() -> String {
     text
 }
 
-/// Q3.
+/// Rows of Q3.
 pub(crate) fn rows(full: bool) -> Vec<Row> {
     let cases = cases();
     let (mut ratios, mut above, mut note, mut off) = (Vec::new(), 0u32, String::new(), 0.0f64);
@@ -109,7 +110,7 @@ pub(crate) fn rows(full: bool) -> Vec<Row> {
     ]
 }
 
-/// How many corners with short legs take longer than with a stop, and what the slowest comes to.
+/// Number of corners with short legs that take longer than with a stop, and the result of the slowest.
 fn short_legs() -> (f64, String) {
     let (mut slower, mut count, mut worst) = (0.0, 0, (1.0, String::from("none")));
     for degrees in [5.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 135.0, 170.0] {

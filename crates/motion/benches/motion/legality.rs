@@ -1,25 +1,26 @@
-//! Limits and path, judged on what comes out (Q7, Q8).
+//! Limits and path, checked on the emitted records (Q7, Q8).
 //!
-//! Invariant: the judges know the limits and the programmed moves, and nothing of the planner. A limit's share is taken of α·limit·Tᵏ,
-//! the k-th difference of un-rounded set-points; what rounding of the numbers themselves can do is taken off first.
+//! Invariant: the checks use the limits and the programmed moves, and nothing of the planner. A limit's share is taken
+//! of α·limit·Tᵏ, the k-th difference of unrounded set-points; the effect of rounding of the numbers themselves is
+//! subtracted first.
 
 use retrace_core::Record;
 use retrace_motion::{Arc, MachineLimits, PathMode};
 
-use crate::roads::{self, Numbers, Road, Way};
 use crate::row::{Goal, Row};
+use crate::test_paths::{self, Numbers, TestMove, TestPath};
 
-/// What a judged road came to, each as a share of what is allowed.
+/// Result for a path, each as a share of what is allowed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Verdict {
     /// Velocity, acceleration, jerk.
     limits: [f64; 3],
-    /// Of half a pulse.
+    /// Share of half a pulse.
     rounding: f64,
-    /// Of the tolerance.
+    /// Share of the tolerance.
     path: f64,
     periods: u64,
-    /// Set-points that no move near their own was within the tolerance of.
+    /// Number of set-points that are not within the tolerance of any move near their own.
     astray: u64,
 }
 
@@ -35,16 +36,16 @@ impl Verdict {
     }
 }
 
-/// Q7 and Q8 in the planner.
+/// Rows of Q7 and Q8 in the planner.
 pub(crate) fn rows(full: bool) -> Vec<Row> {
     let (blocks, programs) = if full { (100_000, 2_000) } else { (10_000, 200) };
-    let mut roads = roads::all(blocks);
-    roads.extend((0..programs).map(random));
+    let mut paths = test_paths::all(blocks);
+    paths.extend((0..programs).map(random));
     let limits = MachineLimits::built_in();
-    let all = roads.iter().fold(Verdict::default(), |all, road| all.with(Judge::of(road, &limits)));
+    let all = paths.iter().fold(Verdict::default(), |all, path| all.with(LegalityCheck::of(path, &limits)));
     let largest = all.limits.into_iter().fold(0.0, f64::max);
     let [v, a, j] = all.limits;
-    let roads_text = format!("{} generated roads, {} of them random, {} periods", roads.len(), programs, all.periods);
+    let roads_text = format!("{} generated paths, {} of them random, {} periods", paths.len(), programs, all.periods);
     let row = |name, what: &str, figure, goal, note| Row { name, what: what.to_owned(), figure, unit: "", goal, note };
     let caught = caught(&limits);
     vec![
@@ -73,12 +74,13 @@ pub(crate) fn rows(full: bool) -> Vec<Row> {
     ]
 }
 
-/// How many of nine judges with one limit lowered by a hundredth find a plan that uses all of them beyond it.
+/// Number of checkers, of nine with one limit lowered by a hundredth each, that detect a plan that uses all of the
+/// limits.
 fn caught(limits: &MachineLimits<3>) -> f64 {
-    // Along one axis at a time, so that each meets its own limits.
+    // Along one axis at a time, so that each reaches its own limits.
     let ends = [[40.0, 0.0, 0.0], [40.0, 40.0, 0.0], [40.0, 40.0, 40.0]];
-    let ways = ends.map(Way::Line).to_vec();
-    let road = Road { name: "one axis at a time", ways, feed: 100.0, mode: PathMode::ExactStop };
+    let ways = ends.map(TestMove::Line).to_vec();
+    let path = TestPath { name: "one axis at a time", moves: ways, feed: 100.0, mode: PathMode::ExactStop };
     let lower: [fn(&mut MachineLimits<3>, usize); 3] = [
         |limits, axis| limits.velocity_mm_s[axis] *= 0.99,
         |limits, axis| limits.acceleration_mm_s2[axis] *= 0.99,
@@ -89,7 +91,7 @@ fn caught(limits: &MachineLimits<3>) -> f64 {
         for axis in 0..3 {
             let mut tighter = *limits;
             lower(&mut tighter, axis);
-            let found = Judge::of(&road, &tighter).limits;
+            let found = LegalityCheck::of(&path, &tighter).limits;
             let alone = (0..3).all(|k| (found[k] > 1.0 + 1e-7) == (k == order));
             caught += if alone { 1.0 } else { 0.0 };
         }
@@ -97,24 +99,24 @@ fn caught(limits: &MachineLimits<3>) -> f64 {
     caught
 }
 
-/// Judges a road while it is played.
-struct Judge<'r> {
-    road: &'r Road,
+/// Checks a path while it is played.
+struct LegalityCheck<'r> {
+    path: &'r TestPath,
     limits: MachineLimits<3>,
-    /// Rows of differences of the last set-point, per axis: the point itself, and its first and second difference.
+    /// Rows of differences of the last set-point, for each axis: the point itself, and its first and second difference.
     last: [[f64; 3]; 3],
     counts: [i64; 3],
     verdict: Verdict,
 }
 
-/// Moves before and after its own that an emitted position may be nearest to.
+/// Number of moves before and after its own to which an emitted position may be nearest.
 const REACH: usize = 60;
 
-impl<'r> Judge<'r> {
-    fn of(road: &'r Road, limits: &MachineLimits<3>) -> Verdict {
+impl<'r> LegalityCheck<'r> {
+    fn of(path: &'r TestPath, limits: &MachineLimits<3>) -> Verdict {
         let mut judge =
-            Self { road, limits: *limits, last: [[0.0; 3]; 3], counts: [0; 3], verdict: Verdict::default() };
-        road.play(|record, planner| judge.take(record, planner.set_point().position_mm));
+            Self { path, limits: *limits, last: [[0.0; 3]; 3], counts: [0; 3], verdict: Verdict::default() };
+        path.play(|record, planner| judge.take(record, planner.set_point().position_mm));
         for _ in 0..3 {
             let [end, ..] = judge.last;
             judge.differences(end);
@@ -135,7 +137,7 @@ impl<'r> Judge<'r> {
         }
         let pulse = self.limits.pulses_per_mm.map(f64::recip);
         let half = 0.5 * dot(pulse, pulse).sqrt();
-        let tolerance = match self.road.mode {
+        let tolerance = match self.path.mode {
             // An exact path is exact to the rounding.
             PathMode::Blend { tolerance_mm, .. } => tolerance_mm.max(half),
             _ => half,
@@ -165,21 +167,21 @@ impl<'r> Judge<'r> {
         }
     }
 
-    /// Distance of an emitted position from the moves around the one it belongs to; no nearer one is looked for below a tenth
-    /// of the tolerance.
+    /// Distance of an emitted position from the moves around the one it belongs to; below a tenth of the tolerance no
+    /// nearer one is searched for.
     fn distance(&self, tag: usize, point: [f64; 3], tolerance: f64) -> f64 {
-        let own = tag.clamp(1, self.road.ways.len()) - 1;
+        let own = tag.clamp(1, self.path.moves.len()) - 1;
         let mut nearest = f64::MAX;
         for k in 0..=REACH {
-            for at in [own.checked_sub(k), Some(own + k)].into_iter().flatten().filter(|at| *at < self.road.ways.len())
+            for at in [own.checked_sub(k), Some(own + k)].into_iter().flatten().filter(|at| *at < self.path.moves.len())
             {
-                let start = if at == 0 { [0.0; 3] } else { self.road.ways[at - 1].end() };
-                nearest = nearest.min(match &self.road.ways[at] {
-                    Way::Line(end) => to_line(point, start, *end),
-                    Way::Arc(arc) => to_arc(point, start, arc),
+                let start = if at == 0 { [0.0; 3] } else { self.path.moves[at - 1].end() };
+                nearest = nearest.min(match &self.path.moves[at] {
+                    TestMove::Line(end) => to_line(point, start, *end),
+                    TestMove::Arc(arc) => to_arc(point, start, arc),
                 });
             }
-            // What is nearest is near its own move; farther ones are asked only where it is not.
+            // The nearest move is near its own; farther ones are checked only where it is not.
             if nearest <= tolerance && k >= 3 {
                 break;
             }
@@ -216,15 +218,15 @@ fn to_arc(point: [f64; 3], start: [f64; 3], arc: &Arc<3>) -> f64 {
     if turned > sweep.abs() {
         return ends;
     }
-    // Where the end lies a little off the circle, the programmed path drifts there evenly.
+    // Where the end is a little off the circle, the programmed path drifts there evenly.
     let share = turned / sweep.abs();
     let (first, last) = (from[0].hypot(from[1]), out(arc.end_mm)[0].hypot(out(arc.end_mm)[1]));
     let radial = to[0].hypot(to[1]) - (first + share * (last - first));
     radial.hypot(point[2] - start[2] - share * (arc.end_mm[2] - start[2])).min(ends)
 }
 
-/// A random road: lines and tangent arcs of 0.001 to 20 mm, turns of any size, in one of the path modes.
-fn random(seed: u64) -> Road {
+/// A random path: lines and tangent arcs of 0.001 to 20 mm, turns of any size, in one of the path modes.
+fn random(seed: u64) -> TestPath {
     let mut numbers = Numbers(1000 + seed);
     let (mut at, mut heading) = ([0.0f64; 3], 0.3f64);
     let mut ways = Vec::new();
@@ -240,7 +242,7 @@ fn random(seed: u64) -> Road {
         if numbers.whole() % 8 < 6 {
             let rise = if numbers.whole().is_multiple_of(4) { numbers.between(-0.3, 0.3) * length } else { 0.0 };
             at = [at[0] + length * heading.cos(), at[1] + length * heading.sin(), at[2] + rise];
-            ways.push(Way::Line(at));
+            ways.push(TestMove::Line(at));
             continue;
         }
         let bend = numbers.between(0.05, 3.0);
@@ -252,11 +254,11 @@ fn random(seed: u64) -> Road {
         heading += sweep;
         at = [centre[0] + radius * out.cos(), centre[1] + radius * out.sin(), at[2]];
         let rotation = if sweep > 0.0 { 1 } else { -1 };
-        ways.push(Way::Arc(Arc { plane: [0, 1], centre_mm: centre, rotation, end_mm: at }));
+        ways.push(TestMove::Arc(Arc { plane: [0, 1], centre_mm: centre, rotation, end_mm: at }));
     }
     let mode = match seed % 4 {
         0 => PathMode::ExactPath,
         _ => PathMode::blend(10f64.powf(numbers.between(-2.3, -0.7))),
     };
-    Road { name: "random", ways, feed: 10f64.powf(numbers.between(0.5, 2.0)), mode }
+    TestPath { name: "random", moves: ways, feed: 10f64.powf(numbers.between(0.5, 2.0)), mode }
 }

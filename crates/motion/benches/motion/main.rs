@@ -1,29 +1,31 @@
-//! What `cargo xtask bench motion` measures of the planner itself: quality beside optima and bounds, and speed.
+//! Measurements of the planner itself for `cargo xtask bench motion`: quality compared with optima and bounds, and
+//! speed.
 //!
-//! Invariant: one row a goal, in the order of the issue; a row that was not measured is not printed. Rows go to standard output,
-//! fields parted by tabs, for the task that adds the rows of whole programs and writes the page.
+//! Invariant: one row per goal, in the order of the issue; a row that was not measured is not printed. Rows go to
+//! standard output, with fields separated by tabs, for the task that adds the rows of whole programs and writes the
+//! page.
 
 mod corners;
 mod legality;
 mod oracle;
 mod quality;
-mod roads;
 mod row;
 mod solver;
 mod speed;
+mod test_paths;
 
 use row::Row;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    // As every bench is: run as a test, it only has to start.
+    // Like every bench: run as a test, it only has to start.
     if !arguments.iter().any(|argument| argument == "--bench") {
         return;
     }
     let full = arguments.iter().any(|argument| argument == "--full");
     let only: Vec<String> = arguments.into_iter().filter(|argument| !argument.starts_with('-')).collect();
     if only == ["optima"] {
-        // The table of corners, made anew.
+        // The table of corners, recomputed.
         print!("{}", corners::table());
         return;
     }
@@ -39,7 +41,7 @@ fn main() {
 /// Rows that are measured together.
 struct Group {
     names: &'static [&'static str],
-    /// Measures them; `true` takes the full sizes.
+    /// Measures the rows; `true` takes the full sizes.
     measure: fn(bool) -> Vec<Row>,
 }
 

@@ -1,20 +1,21 @@
 //! The least time through one corner inside the tolerance tube, by linear programs.
 //!
-//! The jerk of both axes is constant over each time step, so acceleration and jerk keep their limits at all times, and positions and
-//! speeds at the ends of the steps are linear in it. Up to the switch every step's end is within the tolerance of the first leg, from
-//! the switch on within that of the second. For given times before and after the switch, a linear program finds the least
-//! tolerance at which that can be; the optimum is the least sum of both times at which it is the tolerance asked for.
+//! The jerk of both axes is constant over each time step, so acceleration and jerk are within their limits at all
+//! times, and positions and speeds at the ends of the steps are linear in it. Up to the switch every step's end is
+//! within the tolerance of the first leg, from the switch on within that of the second. For given times before and
+//! after the switch, a linear program finds the least feasible tolerance. The optimum is the least sum of both times at
+//! which that is the requested tolerance.
 //!
-//! Which way it errs: a jerk that changes between two steps cannot be had (too slow by an order of (step)²), and between the ends
-//! of steps speed and tube are not looked at (too fast by an order of (step)²). With 120 steps the optimum is within 0.1 % of that
-//! with 480.
+//! Direction of the error: a jerk that changes between two steps cannot be represented (too slow by an order of
+//! (step)²), and between the ends of steps speed and tube are not checked (too fast by an order of (step)²). With 120
+//! steps the optimum is within 0.1 % of that with 480.
 //!
-//! Invariant: the programs know nothing of the planner: limits, legs and tolerance alone go in.
+//! Invariant: the programs are independent of the planner: limits, legs and tolerance are their only inputs.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 
-/// What axes and path are allowed, the reserve taken off: mm/s, mm/s², mm/s³; every axis alike.
+/// Limits of axes and path, less the reserve: mm/s, mm/s², mm/s³; equal for every axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Allowed {
     pub(crate) v: f64,
@@ -23,7 +24,7 @@ pub(crate) struct Allowed {
 }
 
 impl Allowed {
-    /// The built-in machine's, the reserve of 10 % taken off.
+    /// Limits of the built-in machine, less the reserve of 10 %.
     pub(crate) const BUILT_IN: Self = Self { v: 100.0, a: 900.0, j: 18_000.0 };
 
     /// Least time from rest to rest over `length` mm along a direction whose largest component is `share`, s.
@@ -48,19 +49,19 @@ pub(crate) struct Legs {
     pub(crate) allowed: Allowed,
 }
 
-/// The fastest way through a corner.
+/// The fastest motion through a corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Optimum {
     pub(crate) seconds: f64,
-    /// Share of it before the switch.
+    /// Share of the time before the switch.
     pub(crate) share: f64,
 }
 
-/// The far cap of a tube is bounded by these tangents besides its end: degrees off the leg.
+/// Directions of the tangents that bound the far cap of a tube, besides its end: degrees off the leg.
 const TANGENTS: [f64; 5] = [-60.0, -30.0, 0.0, 30.0, 60.0];
 
 impl Legs {
-    /// Where the corner is and where the second leg ends.
+    /// Positions of the corner and of the end of the second leg.
     pub(crate) fn points(&self) -> [[f64; 2]; 2] {
         let (sin, cos) = self.turn.sin_cos();
         [[self.leg, 0.0], [self.leg + self.leg * cos, self.leg * sin]]
@@ -72,12 +73,12 @@ impl Legs {
         [self.allowed.straight(self.leg, 1.0), self.allowed.straight(self.leg, sin.abs().max(cos.abs()))]
     }
 
-    /// No way from start to end is faster, however wide the tube.
+    /// Lower bound of the time from start to end, however wide the tube.
     fn floor(&self) -> f64 {
         self.points()[1].map(|way| self.allowed.straight(way.abs(), 1.0)).into_iter().fold(0.0, f64::max)
     }
 
-    /// The fastest way within `tolerance` mm, with so many time steps.
+    /// The fastest motion within `tolerance` mm, with `steps` time steps.
     pub(crate) fn optimum(&self, tolerance: f64, steps: usize) -> Optimum {
         let [first, second] = self.stopping();
         let mut best = Optimum { seconds: first + second, share: first / (first + second) };
@@ -93,13 +94,13 @@ impl Legs {
         best
     }
 
-    /// Least time for the given share, which `known` has been shown to be enough for.
+    /// Least time for the given share, for which `known` has been shown to be enough.
     fn min_time(&self, tolerance: f64, known: Optimum, steps: usize) -> f64 {
         let excess = |seconds: f64| {
             let least = self.min_tolerance(Optimum { seconds, ..known }, steps);
             least.map(|least| least.cbrt() - tolerance.cbrt())
         };
-        // The cube root of the tolerance falls nearly evenly with the time.
+        // The cube root of the tolerance decreases nearly evenly with the time.
         let (mut low, mut high) = ((self.floor() * (1.0 - 1e-9), None), (known.seconds, -tolerance.cbrt()));
         if let Some(at) = excess(high.0) {
             high.1 = at.min(-1e-9);
@@ -144,7 +145,7 @@ impl Legs {
         if best.1 < least(from.share) { best.0 } else { from.share }
     }
 
-    /// The least tolerance, mm, within which the corner is passed in those times; `None` where it cannot be at all.
+    /// The least tolerance, mm, within which the corner is passed in those times; `None` where that is impossible.
     pub(crate) fn min_tolerance(&self, times: Optimum, steps: usize) -> Option<f64> {
         let before = steps / 2;
         let each = [times.seconds * times.share, times.seconds * (1.0 - times.share)];
@@ -161,9 +162,9 @@ impl Legs {
     }
 }
 
-/// A linear program in the making: a row is a sum of terms that equals, or is at most, a number.
+/// A linear program under construction: a row is a sum of terms that equals, or is at most, a number.
 ///
-/// Units are the mean step, and the largest jerk's work in it, so that numbers are near 1.
+/// Units are the mean step, and the work of the largest jerk in it, so that numbers are near 1.
 struct Program {
     steps: usize,
     allowed: Allowed,
@@ -173,7 +174,7 @@ struct Program {
     most: Vec<(Vec<(usize, f64)>, f64)>,
 }
 
-/// What a variable is: the jerk in a step, or acceleration, speed or place at the end of one.
+/// A kind of variable: the jerk in a step, or acceleration, speed or place at the end of one.
 #[derive(Clone, Copy)]
 enum Of {
     Jerk,
@@ -204,7 +205,7 @@ impl Program {
         2 * (4 * self.steps + 3)
     }
 
-    /// From rest at the origin to rest at `end`, step by step.
+    /// Adds the motion from rest at the origin to rest at `end`, step by step.
     fn motion(&mut self, lengths: &[f64], end: [f64; 2]) {
         let step = (self.units[2] / self.allowed.j).cbrt();
         for (axis, end) in end.into_iter().enumerate() {
@@ -223,7 +224,7 @@ impl Program {
         }
     }
 
-    /// Jerk, acceleration and speed of each axis.
+    /// Adds the limits of jerk, acceleration and speed of each axis.
     fn limits(&mut self) {
         let Allowed { v, a, .. } = self.allowed;
         for axis in 0..2 {
@@ -237,7 +238,7 @@ impl Program {
         }
     }
 
-    /// Speed along the path: along the second leg and half way to it.
+    /// Adds the limit of the speed along the path: along the second leg and half way to it.
     fn path_speed(&mut self, turn: f64) {
         for angle in [0.5 * turn, turn] {
             let (sin, cos) = angle.sin_cos();
@@ -248,7 +249,8 @@ impl Program {
         }
     }
 
-    /// The ends of those steps are within the tolerance of a leg that ends at `corner` in the direction `angle`.
+    /// Requires the ends of those steps to be within the tolerance of a leg that ends at `corner` in the direction
+    /// `angle`.
     fn tube(&mut self, steps: std::ops::RangeInclusive<usize>, corner: [f64; 2], angle: f64) {
         let directions = TANGENTS.into_iter().chain([-90.0, 90.0]).map(|off| angle + f64::to_radians(off));
         for (sin, cos) in directions.map(f64::sin_cos) {

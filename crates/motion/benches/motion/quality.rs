@@ -1,14 +1,12 @@
-//! How near plans come to what is possible: cut lines and windows.
-//!
-//! Invariant: times are counted in emitted records, so that rounding to whole periods is part of every ratio.
+//! Distance of plans from the optimum: cut lines and windows.
 
 use retrace_core::Flags;
 use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
 
-use crate::roads::{self, Road, TOLERANCE};
 use crate::row::{Goal, Row};
+use crate::test_paths::{self, TOLERANCE, TestPath};
 
-/// Records of the moves that `give` puts into a planner.
+/// Number of records of the moves that `give` puts into a planner.
 fn periods(mut planner: Planner<3>, give: impl FnOnce(&mut Planner<3>)) -> u64 {
     give(&mut planner);
     planner.stop(Flags::NONE);
@@ -19,7 +17,7 @@ fn periods(mut planner: Planner<3>, give: impl FnOnce(&mut Planner<3>)) -> u64 {
 pub(crate) fn cut_line(_full: bool) -> Vec<Row> {
     let mode = PathMode::blend(TOLERANCE);
     let time = |pieces: u32, end: [f64; 3]| {
-        periods(Road::planner(), |planner| {
+        periods(TestPath::planner(), |planner| {
             for k in 1..=pieces {
                 let at = end.map(|x| x * f64::from(k) / f64::from(pieces));
                 planner.line(at, FeedRate::PerSecond(100.0), mode, k).expect("a valid line");
@@ -41,21 +39,21 @@ pub(crate) fn cut_line(_full: bool) -> Vec<Row> {
     vec![Row { name: "Q2", what, figure: worst, unit: "", goal: Goal::AtMost(1.001), note }]
 }
 
-/// Q4: a window of 1 000 blocks against the whole road.
+/// Q4: a window of 1 000 blocks against the whole path.
 pub(crate) fn windows(full: bool) -> Vec<Row> {
     let blocks = if full { 100_000 } else { 10_000 };
-    let time = |road: &Road, planner: Planner<3>| {
-        periods(planner, |planner| (0..road.ways.len()).for_each(|k| road.push(planner, k))) as f64
+    let time = |path: &TestPath, planner: Planner<3>| {
+        periods(planner, |planner| (0..path.moves.len()).for_each(|k| path.push(planner, k))) as f64
     };
     let window = |blocks| {
         let planner = Planner::with_look_ahead(MachineLimits::built_in(), [0.0; 3], blocks);
         planner.expect("the built-in machine is valid")
     };
     let (mut narrow_worst, mut whole_worst, mut note) = ((0.0f64, ""), (0.0f64, ""), String::new());
-    for road in &roads::all(blocks) {
-        let name = road.name;
-        let [narrow, wide, whole] = [1000, 10_000, usize::MAX].map(|blocks| time(road, window(blocks)));
-        let usual = time(road, Road::planner());
+    for path in &test_paths::all(blocks) {
+        let name = path.name;
+        let [narrow, wide, whole] = [1000, 10_000, usize::MAX].map(|blocks| time(path, window(blocks)));
+        let usual = time(path, TestPath::planner());
         note += &format!(
             "{name} {narrow}, of 10 000 {wide}, whole {whole}, as the planner does by itself {usual} periods; "
         );
@@ -63,7 +61,7 @@ pub(crate) fn windows(full: bool) -> Vec<Row> {
             *worst = if ratio > worst.0 { (ratio, name) } else { *worst };
         }
     }
-    note += "a block here is a part of the blended road, several to a programmed move; at least half the window is kept back";
+    note += "a block here is a part of the blended path, several to a programmed move; at least half the window is retained";
     let row = |what, figure, note| Row { name: "Q4", what, figure, unit: "", goal: Goal::AtMost(1.002), note };
     vec![
         row(

@@ -1,15 +1,15 @@
-//! One row of the table: a figure beside its goal.
+//! One row of the table: a figure and its goal.
 //!
-//! Invariant: a row says itself whether it meets its goal; nothing else decides it.
+//! Invariant: whether a row meets its goal depends on the row alone.
 
 use std::fmt;
 
-/// What the figure must be.
+/// Goal of a figure.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Goal {
     AtMost(f64),
     AtLeast(f64),
-    /// No goal: it is told for comparison.
+    /// No goal: reported for comparison.
     None,
 }
 
@@ -23,7 +23,7 @@ impl Goal {
     }
 }
 
-/// A figure beside its goal.
+/// A figure and its goal.
 #[derive(Clone, Debug)]
 pub(crate) struct Row {
     pub(crate) name: &'static str,
@@ -31,7 +31,7 @@ pub(crate) struct Row {
     pub(crate) figure: f64,
     pub(crate) unit: &'static str,
     pub(crate) goal: Goal,
-    /// Conditions, and where the figure comes from.
+    /// Conditions and origin of the figure.
     pub(crate) note: String,
 }
 
@@ -53,7 +53,7 @@ impl fmt::Display for Row {
     }
 }
 
-/// Five digits; more where the figure is near 1, since ratios are judged there.
+/// Five digits; more where the figure is near 1, since ratios are compared there.
 fn short(figure: f64) -> String {
     match figure.abs() {
         size if size != 0.0 && size < 1e-3 => format!("{figure:.2e}"),
@@ -63,7 +63,7 @@ fn short(figure: f64) -> String {
     }
 }
 
-/// The middle one, or the mean of the two in the middle; NaN of none.
+/// The middle value, or the mean of the two in the middle; NaN for no values.
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let middle = values.len() / 2;

@@ -1,37 +1,38 @@
-//! One-dimensional profiles beside rsruckig: durations (Q1) and speed (S1), on the random cases of `tests/solver`.
+//! One-dimensional profiles compared with rsruckig: durations (Q1) and speed (S1), on the random cases of
+//! `tests/solver`.
 //!
-//! Invariant: the solvers get the same cases in turns of a few hundred, so that load from elsewhere meets all of them alike.
+//! Invariant: the solvers get the same cases in turns of a few hundred, so that other load affects all of them alike.
 
 #[path = "../../tests/solver/cases.rs"]
 mod cases;
+#[path = "../../tests/solver/outcome.rs"]
+#[allow(dead_code)]
+mod outcome;
 #[path = "../../tests/solver/peer.rs"]
 #[allow(dead_code)] // the test uses the rest
 mod peer;
-#[path = "../../tests/solver/verdict.rs"]
-#[allow(dead_code)]
-mod verdict;
 
 use std::hint::black_box;
 use std::time::Instant;
 
 use cases::{Case, case};
+use outcome::{Tally, compare};
 use peer::Peer;
 use retrace_motion::profile::fastest_any_way;
-use verdict::{Tally, judge};
 
 use crate::row::{Goal, Row, median};
 
 /// Cases in a turn.
 const TURN: u64 = 250;
 
-/// Q1.
+/// Rows of Q1.
 pub(crate) fn durations(full: bool) -> Vec<Row> {
     let count = if full { 1_000_000 } else { 200_000 };
     let (mut peer, mut tally, mut unsound) = (Peer::new(), Tally::default(), 0u32);
     for k in 0..count {
-        let verdict = judge(&case(k), &mut peer);
-        unsound += u32::from(!verdict.is_sound());
-        tally.count(verdict);
+        let outcome = compare(&case(k), &mut peer);
+        unsound += u32::from(!outcome.is_sound());
+        tally.count(outcome);
     }
     let note =
         tally.to_string().lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect::<Vec<_>>();
@@ -40,7 +41,7 @@ pub(crate) fn durations(full: bool) -> Vec<Row> {
     vec![Row { name: "Q1", what, figure: unsound.into(), unit: "", goal: Goal::AtMost(0.0), note }]
 }
 
-/// S1.
+/// Rows of S1.
 pub(crate) fn speed(full: bool) -> Vec<Row> {
     let count = if full { 1_000_000 } else { 200_000 };
     let mut peer = Peer::new();

@@ -1,7 +1,7 @@
-//! What is committed and not emitted, taken back to be planned anew.
+//! The part of the plan that is committed and not emitted, withdrawn to be planned again.
 //!
-//! Invariant: the state at the end of the last record stays what it is, and so do pieces, glides and stops: only how fast the
-//! pieces between glides and stops are passed changes.
+//! Invariant: the state at the end of the last record does not change, nor do pieces, glides and stops; only the speed
+//! on the pieces between glides and stops changes.
 
 use std::collections::VecDeque;
 
@@ -10,9 +10,9 @@ use crate::glide::glide_segment::GlideSegment;
 use crate::piece::PathPiece;
 
 impl<const A: usize> Emitter<A> {
-    /// Takes back all that is committed and not emitted; [`Emitter::recommit`] puts it back. A span in front then begins in the
-    /// state at the end of the last record, or later.
-    pub(crate) fn take_back(&mut self) -> VecDeque<PlanItem<A>> {
+    /// Withdraws all items that are committed and not emitted; [`Emitter::recommit`] puts them back. A span in front
+    /// then begins in the state at the end of the last record, or later.
+    pub(crate) fn withdraw(&mut self) -> VecDeque<PlanItem<A>> {
         if self.time > 0.0
             && let Some(PlanItem::Span { profile, duration, length, .. }) = self.items.front_mut()
         {
@@ -26,7 +26,7 @@ impl<const A: usize> Emitter<A> {
         std::mem::take(&mut self.items)
     }
 
-    /// Commits what was taken back, planned anew.
+    /// Commits items that were withdrawn and planned again.
     pub(crate) fn recommit(&mut self, items: VecDeque<PlanItem<A>>) {
         self.items = items;
         // A glide or a stop in front was entered already.
@@ -35,17 +35,17 @@ impl<const A: usize> Emitter<A> {
         }
     }
 
-    /// Where the span in front, or the next one, begins: number of the piece in front, and the way from its start in mm.
+    /// Start of the front span, or of the next one: number of the front piece, and the distance from its start in mm.
     pub(crate) fn front(&self) -> (u64, f64) {
         (self.first_piece, -self.piece_start)
     }
 
-    /// Piece number `number`, if it is not passed.
+    /// Piece number `number`, unless it is passed.
     pub(crate) fn piece(&self, number: u64) -> Option<&PathPiece<A>> {
         self.pieces.get(usize::try_from(number.checked_sub(self.first_piece)?).ok()?)
     }
 
-    /// The glide that `before` others precede.
+    /// The glide after `before` other glides.
     pub(crate) fn glide_after(&self, before: usize) -> Option<&GlideSegment<A>> {
         self.glides.get(before)
     }

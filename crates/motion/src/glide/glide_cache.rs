@@ -1,10 +1,11 @@
-//! Glides that were found already.
+//! Cache of glides that were found before.
 //!
-//! A glide depends on the tracks' directions, lengths and feeds and on the tolerance. Tracks that are alike share one: they are
-//! rounded, and brought into one order of axes, signs and sides, before they are looked up. The glide that is found for them is
-//! scaled down until it is legal on the tracks themselves, which costs little, as they are nearly the same.
+//! A glide depends on the tracks' directions, lengths and feeds and on the tolerance. Similar tracks share one: they
+//! are rounded, and brought into one order of axes, signs and sides, before the lookup. The glide that is found for
+//! them is scaled down until it is legal on the tracks themselves, which costs little, as they are nearly the same.
 //!
-//! Invariant: what is looked up is what would be found anew, so that the path depends on the program alone. The book is bounded.
+//! Invariant: a cached glide equals the one that a search would find, so that the path depends on the program alone.
+//! The cache is bounded.
 
 use std::collections::HashMap;
 
@@ -14,20 +15,20 @@ use crate::glide::tracks::{FarEnd, Track, Tracks};
 use crate::limits::AxisLimits;
 use crate::profile::KinematicState;
 
-/// Glides by the tracks they belong to; it keeps the memory of the search.
+/// Glides by their tracks; it retains the memory of the search.
 #[derive(Debug, Default)]
 pub(crate) struct GlideCache {
     found: HashMap<Vec<i64>, Option<RampPair>>,
     optimiser: Optimiser,
 }
 
-/// Entries after which the book is begun anew.
-const MOST: usize = 1 << 14;
-/// Lengths are rounded down to steps of this ratio: of tracks that move on, and of tracks that end at rest.
+/// Number of entries after which the cache is cleared.
+const MAX_ENTRIES: usize = 1 << 14;
+/// Lengths are rounded down to steps of this ratio: of tracks that continue, and of tracks that end at rest.
 const LENGTHS: (f64, f64) = (1.25, 1.02);
-/// A track counts no longer than this many times the way that its speed takes to stop, …
+/// A track counts as no longer than this many times the stopping distance from its speed, …
 const LONG: f64 = 2.2;
-/// … nor, if it moves on, than this many times the other one.
+/// … nor, if it continues, than this many times the other one.
 const UNEQUAL: f64 = 3.0;
 /// Tolerances are rounded down to steps of this ratio: merged lines have a little less than the others.
 const TOLERANCES: f64 = 1.02;
@@ -46,7 +47,7 @@ impl GlideCache {
         let found = match self.found.get(&common.key) {
             Some(found) => *found,
             None => {
-                if self.found.len() >= MOST {
+                if self.found.len() >= MAX_ENTRIES {
                     self.found.clear();
                 }
                 let found = search(&mut self.optimiser, &common.tracks, &common.axes);
@@ -58,16 +59,16 @@ impl GlideCache {
         if common.swapped {
             ramps.pair.swap(0, 1);
         }
-        let taken = ramps.taken(tracks, axes);
+        let taken = ramps.used_share(tracks, axes);
         Some(if taken > 1.0 { ramps.scaled((1.0 - 1e-12) / taken) } else { ramps })
     }
 }
 
-/// Tracks in the form that all tracks alike share.
+/// Tracks in the form that all similar tracks share.
 struct CanonicalTracks<const A: usize> {
     tracks: Tracks<A>,
     axes: AxisLimits<A>,
-    /// The track before the joint stands for the one after it: the glide is run backward.
+    /// Whether the track before the junction stands for the one after it: the glide is run backward.
     swapped: bool,
     key: Vec<i64>,
 }
@@ -115,7 +116,7 @@ impl<const A: usize> CanonicalTracks<A> {
     }
 }
 
-/// Length of a track as it is looked up, in steps and in mm, and whether it counts as ending at rest.
+/// Length of a track for the lookup, in steps and in mm, and whether it counts as ending at rest.
 fn rounded<const A: usize>(track: &Track<A>, other: f64) -> (i64, bool, f64) {
     let limits = track.limits;
     let long = LONG * limits.v * (limits.v / limits.a + limits.a / limits.j);
@@ -132,7 +133,7 @@ fn search<const A: usize>(optimiser: &mut Optimiser, tracks: &Tracks<A>, axes: &
     let stop = stopping_time(tracks)?;
     let [one, two] = tracks.pair.map(|track| track.limits);
     let (v, a, j) = (one.v.max(two.v), one.a.min(two.a), one.j.min(two.j));
-    // What the shorter track takes with stops; half of a track that moves on was counted as half of its time.
+    // Time that the shorter track takes with stops; half of a track that continues counted as half of its time.
     let shorter = [0, 1].map(|side| {
         let half = if tracks.pair[side].far_end == FarEnd::Moving { 2.0 } else { 1.0 };
         half * rest_time(KinematicState::default(), tracks, side).unwrap_or(f64::MAX)
@@ -179,8 +180,8 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]
 
-        /// A glide is legal and begins and ends where its tracks have room; turned by a right angle, mirrored or run backward
-        /// the same tracks have the same glide.
+        /// A glide is legal and begins and ends where its tracks have space; turned by a right angle, mirrored or run
+        /// backward the same tracks have the same glide.
         #[test]
         fn glides_are_legal_and_the_same_from_every_side(
             heading in -3.0..3.0f64, turn in 0.1..2.6f64, sizes in [-1.0..1.3f64, -1.0..1.3f64], rest in any::<[bool; 2]>(),
@@ -189,25 +190,25 @@ mod tests {
             let axes = MachineLimits::built_in().planned();
             let lengths = sizes.map(|x| 10f64.powf(x));
             let own = tracks(&axes, [heading, heading + turn], lengths, rest, tolerance);
-            let mut book = GlideCache::default();
-            let Some(ramps) = book.glide(&own, &axes) else { return Ok(()) };
-            prop_assert!(ramps.taken(&own, &axes) <= 1.0);
+            let mut cache = GlideCache::default();
+            let Some(ramps) = cache.glide(&own, &axes) else { return Ok(()) };
+            prop_assert!(ramps.used_share(&own, &axes) <= 1.0);
             for (end, track) in ramps.ends().iter().zip(&own.pair) {
                 prop_assert!(end.s > 0.0 && end.s <= track.length && end.v >= 0.0);
             }
             let quarter = std::f64::consts::FRAC_PI_2;
             let turned = tracks(&axes, [heading + quarter, heading + turn + quarter], lengths, rest, tolerance);
-            prop_assert_eq!(book.glide(&turned, &axes).map(|r| r.cell), Some(ramps.cell));
+            prop_assert_eq!(cache.glide(&turned, &axes).map(|r| r.cell), Some(ramps.cell));
             let mirrored = tracks(&axes, [-heading, -heading - turn], lengths, rest, tolerance);
-            prop_assert_eq!(book.glide(&mirrored, &axes).map(|r| r.cell), Some(ramps.cell));
+            prop_assert_eq!(cache.glide(&mirrored, &axes).map(|r| r.cell), Some(ramps.cell));
             let [one, two] = own.pair;
             let back = |track: Track<3>| Track { direction: track.direction.map(|x| -x), ..track };
             let backward = Tracks { pair: [back(two), back(one)], ..own };
-            let reversed = book.glide(&backward, &axes);
+            let reversed = cache.glide(&backward, &axes);
             if (lengths[0] - lengths[1]).abs() > 0.3 * lengths[0] {
                 prop_assert_eq!(reversed.map(|r| r.cell), Some(ramps.cell));
             }
-            prop_assert!(book.found.len() <= 2);
+            prop_assert!(cache.found.len() <= 2);
         }
     }
 }

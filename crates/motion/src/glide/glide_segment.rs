@@ -1,6 +1,7 @@
-//! A glide in its place: what the machine does while one track dies away and the next one begins (SMO-7).
+//! A glide at its corner: the motion of the machine while one track fades out and the next one fades in (SMO-7).
 //!
-//! Invariant: it begins where, and as fast as, the motion on the first track hands over, and ends so on the second.
+//! Invariant: it begins with the place and velocity of the motion on the first track, and ends with those on the
+//! second.
 
 use crate::curve::Derivatives;
 use crate::glide::ramp_pair::{CELLS, HALF, RampPair};
@@ -9,19 +10,19 @@ use crate::profile::KinematicState;
 /// A glide at a corner.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GlideSegment<const A: usize> {
-    /// Where the tracks meet, mm.
+    /// Position where the tracks meet, mm.
     pub(crate) corner: [f64; A],
     /// Directions of the tracks.
     pub(crate) directions: [[f64; A]; 2],
     /// Program lines of the tracks.
     pub(crate) tags: [u32; 2],
-    /// Is the motion on both sides rapid?
+    /// Whether the motion on both sides is rapid.
     pub(crate) rapid: bool,
     pub(crate) ramps: RampPair,
     nodes: [[KinematicState; CELLS + 1]; 2],
 }
 
-/// Position and its derivatives by time, per axis.
+/// Position and its derivatives by time, for each axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GlideSample<const A: usize> {
     pub(crate) position: [f64; A],
@@ -39,17 +40,17 @@ impl<const A: usize> GlideSegment<A> {
         Self { corner, directions, tags, rapid, ramps, nodes: ramps.pair.map(|ramp| ramp.nodes(ramps.cell)) }
     }
 
-    /// Duration in s.
+    /// Duration, s.
     pub(crate) fn duration(&self) -> f64 {
         self.ramps.duration()
     }
 
-    /// Program line of the track that counts at time `t`.
+    /// Program line of the track in force at time `t`.
     pub(crate) fn tag(&self, t: f64) -> u32 {
         self.tags[usize::from(t > HALF as f64 * self.ramps.cell)]
     }
 
-    /// Where the machine is, and how it moves, `t` seconds after the start, by the jerks of cell `cell`.
+    /// Position and motion `t` seconds after the start, by the jerks of cell `cell`.
     pub(crate) fn at(&self, cell: usize, t: f64) -> GlideSample<A> {
         let t = t - cell as f64 * self.ramps.cell;
         let [one, two] = &self.nodes;
@@ -59,9 +60,9 @@ impl<const A: usize> GlideSegment<A> {
         let back = KinematicState { s: one.s, v: -one.v, a: one.a }.after(-j_one, t);
         let (two, [u, w]) = (two[cell].after(j_two, t), self.directions);
         let both = |p: f64, q: f64| -> [f64; A] { std::array::from_fn(|i| q * w[i] - p * u[i]) };
-        let way = both(back.s, two.s);
+        let place = both(back.s, two.s);
         GlideSample {
-            position: std::array::from_fn(|i| self.corner[i] + way[i]),
+            position: std::array::from_fn(|i| self.corner[i] + place[i]),
             by_time: Derivatives {
                 first: both(back.v, two.v),
                 second: both(back.a, two.a),
@@ -78,7 +79,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Position, velocity and acceleration are continuous through all cells and belong together.
+        /// Position, velocity and acceleration are continuous through all cells and consistent.
         #[test]
         fn a_passage_is_smooth(jerks in prop::collection::vec(-1e4..1e4f64, 2 * CELLS), cell in 0.001..0.01f64) {
             let ramp = |from: usize| Ramp(std::array::from_fn(|k| jerks[from + k]));

@@ -1,14 +1,15 @@
-//! Glides: corners passed by letting the motion on one track die away while that on the next one begins (SMO-1 … SMO-7).
+//! Glides: corners that are passed while the motion on one track fades out and that on the next one fades in (SMO-1 …
+//! SMO-7).
 //!
-//! - `tracks`: two adjacent tracks, and what a glide between them may do;
-//! - `ramp`: a glide is two ramps of constant jerk in cells, superposed in time;
+//! - `tracks`: two adjacent tracks, and the limits of a glide between them;
+//! - `ramp_pair`: a glide is two ramps of constant jerk in cells, superposed in time;
 //! - `optimum`: the glide that saves most time, by linear programs (`simplex`);
-//! - `book`: glides that were found already;
-//! - `source`: the glide of a set ratio, as the source has it;
-//! - `passage`: a glide in its place, as it is interpolated.
+//! - `glide_cache`: glides that were found before;
+//! - `source`: the glide of a set ratio, as the source defines it;
+//! - `glide_segment`: a glide at its corner, as it is interpolated.
 //!
-//! Invariant: a glide keeps every limit and the tolerance, and that of the default method never takes longer than a stop in the
-//! corner.
+//! Invariant: a glide stays within every limit and the tolerance, and a glide of the default method never takes longer
+//! than a stop in the corner.
 
 use source::GlideRatio;
 
@@ -23,9 +24,9 @@ pub(crate) mod tracks;
 /// How corners between two lines are passed where blending is allowed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Blending {
-    /// As fast as can be found: by an optimised glide or by rounding, whichever is faster, and never slower than a stop.
+    /// The fastest way that is found: an optimised glide or rounding, whichever is faster. Never slower than a stop.
     #[default]
     Optimum,
-    /// By the source's glide of this ratio; where it has no room, as in `Optimum` without glides.
+    /// The source's glide of this ratio; where there is no space for it, as `Optimum` without glides.
     Source(GlideRatio),
 }

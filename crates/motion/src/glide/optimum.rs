@@ -1,11 +1,12 @@
 //! The glide that saves most time on two tracks (SMO-2 … SMO-6, by optimisation instead of a set ratio).
 //!
-//! All limits are linear in the jerks of the ramps. The time that the rest of a track takes from the end of its ramp is not; it is
-//! replaced by its tangents in the points visited so far (Kelley's cutting planes, 1960) within a trust region, and each linear
-//! program gives the next point. Standing until the tracks' own start is always allowed, so there is always a point to begin with.
+//! All limits are linear in the jerks of the ramps. The time that the rest of a track takes from the end of its ramp is
+//! not. It is replaced by its tangents in the points visited so far (Kelley's cutting planes, 1960) within a trust
+//! region, and each linear program gives the next point. Remaining at rest until the tracks' own start is always
+//! allowed, so there is always a point to begin with.
 //!
-//! Invariant: what is returned keeps every limit, takes no longer than stopping in the corner would, and each track can still come
-//! to rest within its room. It depends on the tracks alone.
+//! Invariant: a glide that is returned stays within every limit, takes no longer than stopping in the corner would, and
+//! each track can still come to rest within its length. It depends on the tracks alone.
 
 use std::cmp::Ordering;
 
@@ -15,39 +16,39 @@ use crate::glide::tracks::{FarEnd, Track, Tracks};
 use crate::limits::AxisLimits;
 use crate::profile::{KinematicState, PathLimits, fastest, stopping_distance};
 
-/// Unknown jerks at most, …
+/// Largest number of unknown jerks, …
 const UNKNOWN: usize = 2 * CELLS;
 /// … and with them the times of both tracks.
 const COLUMNS: usize = UNKNOWN + 2;
 
-/// How finely a glide is sought.
+/// Effort of the search for a glide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Effort {
-    /// Stretches of constant jerk in each ramp; a divisor of [`CELLS`], and even.
+    /// Intervals of constant jerk in each ramp; a divisor of [`CELLS`], and even.
     pub(crate) stretches: usize,
-    /// Linear programs at most.
+    /// Largest number of linear programs.
     pub(crate) programs: usize,
 }
 
 impl Effort {
     /// For corners of which a program may have very many.
     pub(crate) const QUICK: Self = Self { stretches: 6, programs: 8 };
-    /// For those of which it has few.
+    /// For corners of which it has few.
     pub(crate) const THOROUGH: Self = Self { stretches: 12, programs: 24 };
 }
-/// How far the first step may go, as a share of the jerk.
+/// Size of the first step, as a share of the jerk.
 const TRUST: f64 = 2.0;
 /// A program that promises less than this part of the time is the last.
 const ENOUGH: f64 = 2e-3;
-/// Tangents kept for each track.
+/// Number of tangents retained for each track.
 const MAX_TANGENTS: usize = 8;
-/// Seconds are counted in this unit in the programs, so that all numbers are about 1.
+/// Unit of time in the programs, s, so that all numbers are about 1.
 const UNIT: f64 = 0.01;
-/// Share of its length within which a track that moves on must be able to come to rest.
+/// Share of its length within which a track that continues must be able to come to rest.
 const STOPS_WITHIN: f64 = 0.8;
-/// Share of the jerk with which a track that moves on can still come to rest within its room.
+/// Share of the jerk with which a track that continues can still come to rest within its length.
 const GENTLE: f64 = 0.6;
-/// How far the programs keep from what must stay below 0, so that their points converge from the allowed side.
+/// Distance of the programs from what must stay below 0, so that their points converge from the allowed side.
 const WALL_MARGIN: f64 = 0.006;
 
 /// A tangent on a track's time: slope by each of its jerks, and the time at jerk 0, in units.
@@ -58,7 +59,7 @@ struct Tangent {
 }
 
 impl Tangent {
-    /// The tangent with this slope that is `here` at `jerks`.
+    /// The tangent with this slope whose value is `here` at `jerks`.
     fn through(jerks: &[f64], here: f64, slope: [f64; CELLS]) -> Self {
         Self { slope, at_zero: here - slope.iter().zip(jerks).map(|(g, x)| g * x).sum::<f64>() }
     }
@@ -68,26 +69,26 @@ impl Tangent {
     }
 }
 
-/// Finds glides; it keeps its memory.
+/// Search for glides; it retains its memory.
 #[derive(Debug, Default)]
 pub(crate) struct Optimiser {
     program: LinearProgram,
-    /// Stretches of constant jerk in each ramp.
+    /// Intervals of constant jerk in each ramp.
     n: usize,
     rows: Vec<([f64; UNKNOWN], f64)>,
     tangents: [Vec<Tangent>; 2],
-    /// What must stay below 0, by its tangents.
+    /// Tangents on what must stay below 0.
     walls: [Vec<Tangent>; 2],
 }
 
-/// How the state at each border of the stretches depends on the jerk of each stretch: place, speed and acceleration.
+/// Dependence of the state at each border of the intervals on the jerk of each interval: place, speed and acceleration.
 struct Responses {
     n: usize,
     by: [[[f64; CELLS]; CELLS + 1]; 3],
 }
 
 impl Responses {
-    /// For `n` stretches, in units of `jerk`.
+    /// Responses of `n` intervals, in units of `jerk`.
     fn new(n: usize, stretch: f64, jerk: f64) -> Self {
         let mut by = [[[0.0; CELLS]; CELLS + 1]; 3];
         for pulse in 0..n {
@@ -100,7 +101,7 @@ impl Responses {
         Self { n, by }
     }
 
-    /// The state at the end of a ramp of these jerks.
+    /// State at the end of a ramp of these jerks.
     fn end(&self, jerks: &[f64]) -> KinematicState {
         let [s, v, a] = [0, 1, 2].map(|of: usize| {
             self.by[of][self.n].iter().zip(jerks).map(|(response, jerk)| response * jerk).sum::<f64>()
@@ -108,7 +109,7 @@ impl Responses {
         KinematicState { s, v, a }
     }
 
-    /// The slope by each jerk of what has these slopes by place, speed and acceleration at the end.
+    /// Slope by each jerk of a quantity with these slopes by place, speed and acceleration at the end.
     fn slope(&self, [by_s, by_v, by_a]: [f64; 3]) -> [f64; CELLS] {
         let [s, v, a] = [0, 1, 2].map(|of: usize| &self.by[of][self.n]);
         std::array::from_fn(|k| by_s * s[k] + by_v * v[k] + by_a * a[k])
@@ -122,33 +123,36 @@ pub(crate) struct OptimiserOutcome {
     pub(crate) time: f64,
 }
 
-/// The time both tracks take, each from its far end to the glide or from the glide to its far end, with the glide between.
+/// Time that both tracks take, each from its far end to the glide or from the glide to its far end, with the glide
+/// between.
 pub(crate) fn time<const A: usize>(ramps: &RampPair, tracks: &Tracks<A>) -> Option<f64> {
     let [one, two] = ramps.ends();
     Some(ramps.duration() + rest_time(one, tracks, 0)? + rest_time(two, tracks, 1)?)
 }
 
-/// The limits within which a track that moves on must be able to come to rest from `state`.
+/// Limits within which a track that continues must be able to come to rest from `state`.
 pub(crate) fn gentle(limits: PathLimits, state: KinematicState) -> PathLimits {
     PathLimits { a: limits.a.max(state.a.abs()), j: GENTLE * limits.j, ..limits }
 }
 
-/// The time both tracks take with a stop in the corner.
+/// Time that both tracks take with a stop in the corner.
 pub(crate) fn stopping_time<const A: usize>(tracks: &Tracks<A>) -> Option<f64> {
     Some(rest_time(KinematicState::default(), tracks, 0)? + rest_time(KinematicState::default(), tracks, 1)?)
 }
 
-/// The time that track `side` takes from state `from` to rest at its far end, or to its middle, if the other half belongs to a
-/// joint like this one: that is half of the time to the mirror image of the state.
+/// Time that track `side` takes from state `from` to rest at its far end, or to its middle, if the other half belongs
+/// to a junction like this one: that is half of the time to the mirror image of the state.
 pub(crate) fn rest_time<const A: usize>(from: KinematicState, tracks: &Tracks<A>, side: usize) -> Option<f64> {
     let track = &tracks.pair[side];
-    let way = track.length - from.s;
+    let distance = track.length - from.s;
     match track.far_end {
-        FarEnd::Rest => fastest(from, KinematicState::default(), way, track.limits).ok().map(|rest| rest.duration()),
+        FarEnd::Rest => {
+            fastest(from, KinematicState::default(), distance, track.limits).ok().map(|rest| rest.duration())
+        }
         FarEnd::Moving => {
             let stop = from.s + stopping_distance(from, gentle(track.limits, from));
             let mirrored = KinematicState::moving(from.v, -from.a);
-            let both = fastest(from, mirrored, way - from.s, track.limits).ok()?;
+            let both = fastest(from, mirrored, distance - from.s, track.limits).ok()?;
             (stop <= STOPS_WITHIN * track.length).then(|| 0.5 * both.duration())
         }
     }
@@ -188,8 +192,8 @@ impl Optimiser {
             let next: [f64; UNKNOWN] = std::array::from_fn(|k| x[k] + step[k]);
             let tangents = [0, 1].map(|side| tangent(&next, side, tracks, &responses));
             let there = time(&ramps_of(&next), tracks);
-            for (kept, new) in self.tangents.iter_mut().zip(tangents) {
-                kept.extend(new);
+            for (tangents, new) in self.tangents.iter_mut().zip(tangents) {
+                tangents.extend(new);
             }
             for side in 0..2 {
                 let walls = &mut self.walls[side];
@@ -203,7 +207,7 @@ impl Optimiser {
                 Some(time) if time < best - 0.1 * promised * UNIT => {
                     (x, best) = (next, time);
                     trust = f64::min(2.0 * trust, 4.0 * TRUST);
-                    self.forget(&x);
+                    self.prune(&x);
                 }
                 Some(_) => trust *= 0.6,
                 None => trust *= 0.85,
@@ -213,7 +217,7 @@ impl Optimiser {
             }
         }
         let ramps = ramps_of(&x);
-        let taken = ramps.taken(tracks, axes);
+        let taken = ramps.used_share(tracks, axes);
         let ramps = if taken > 1.0 { ramps.scaled((1.0 - 1e-12) / taken) } else { ramps };
         let time = time(&ramps, tracks)?;
         Some(OptimiserOutcome { ramps, time })
@@ -263,8 +267,8 @@ impl Optimiser {
         (z, -(z[unknown] + z[unknown + 1]))
     }
 
-    /// Forgets tangents that lie above the time at `x`, which they do where it is not convex, and the oldest.
-    fn forget(&mut self, x: &[f64; UNKNOWN]) {
+    /// Removes tangents that are above the time at `x`, which happens where it is not convex, and the oldest.
+    fn prune(&mut self, x: &[f64; UNKNOWN]) {
         let n = self.n;
         for (side, tangents) in self.tangents.iter_mut().enumerate() {
             let own = &x[side * n..(side + 1) * n];
@@ -275,7 +279,7 @@ impl Optimiser {
         }
     }
 
-    /// All limits as rows.
+    /// Collects all limits as rows.
     fn collect<const A: usize>(&mut self, tracks: &Tracks<A>, axes: &AxisLimits<A>, responses: &Responses, jerk: f64) {
         self.rows.clear();
         let (n, half) = (self.n, self.n / 2);
@@ -319,7 +323,7 @@ impl Optimiser {
                 add(&speeds[n - k], p, &speeds[k], q, feed);
             }
         }
-        // Half of both places, seen along the sum of their ways, keeps the corner within the tolerance.
+        // Half of both places, projected on the sum of their directions, keeps the corner within the tolerance.
         let apart = u.iter().zip(w).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
         add(&places[half], 0.5 * apart, &places[half], 0.5 * apart, tracks.tolerance);
         let band = tracks.band();
@@ -383,7 +387,7 @@ fn moved(state: KinematicState, [s, v, a]: [f64; 3], sign: f64) -> KinematicStat
     KinematicState { s: state.s + sign * s, v: state.v + sign * v, a: state.a + sign * a }
 }
 
-/// By how much of its length a track's state cannot stop in time.
+/// Share of its length that a track's state lacks to stop in time.
 fn overrun<const A: usize>(state: KinematicState, track: &Track<A>) -> f64 {
     let (room, limits) = match track.far_end {
         FarEnd::Rest => (track.length, PathLimits { a: track.limits.a.max(state.a.abs()), ..track.limits }),
@@ -392,8 +396,8 @@ fn overrun<const A: usize>(state: KinematicState, track: &Track<A>) -> f64 {
     (state.s + stopping_distance(state, limits) - room) / track.length
 }
 
-/// By how much of its length a track's state cannot take its acceleration away before the middle, if the rest belongs to
-/// another joint.
+/// Share of its length that a track's state lacks to reach zero acceleration before the middle, if the rest belongs to
+/// another junction.
 fn overreach<const A: usize>(state: KinematicState, track: &Track<A>) -> f64 {
     if track.far_end == FarEnd::Rest {
         return f64::MIN;
@@ -402,12 +406,12 @@ fn overreach<const A: usize>(state: KinematicState, track: &Track<A>) -> f64 {
     (settled.s - 0.5 * track.length) / track.length
 }
 
-/// By how much of its speed a track's state would have to go backward.
+/// Share of its speed at which a track's state would have to run backward.
 fn undershoot<const A: usize>(state: KinematicState, track: &Track<A>) -> f64 {
     (state.a * state.a.min(0.0).abs() / (2.0 * track.limits.j) - state.v) / track.limits.v
 }
 
-/// By how much a track's state comes to more than its speed.
+/// Share of its speed by which a track's state exceeds it.
 fn overspeed<const A: usize>(state: KinematicState, track: &Track<A>) -> f64 {
     (state.v + state.a * state.a.max(0.0) / (2.0 * track.limits.j)) / track.limits.v - 1.0
 }

@@ -1,12 +1,13 @@
-//! The two ramps that make a glide: how the motion on one track dies away while that on the next one begins.
+//! The two ramps that make a glide: how the motion on one track fades out while that on the next one fades in.
 //!
-//! A glide is interpolated as a vector (SMO-7): while it lasts, the place is C − e₁(t)·u₁ + e₂(t)·u₂, with the corner C, the
-//! directions u of the tracks, what is left of the first track e₁ and what is done of the second e₂. Both are the same kind of
-//! function, one of them run backward in time: at rest at 0 first, then moving away from the corner faster and faster. Time
-//! counts from the middle of the glide; before it the first track's tolerance counts, after it the second's.
+//! A glide is interpolated as a vector (SMO-7): during it, the place is C − e₁(t)·u₁ + e₂(t)·u₂, with the corner C, the
+//! directions u of the tracks, what remains of the first track e₁ and what is done of the second e₂. Both are the same
+//! kind of function, one of them run backward in time: first at rest at 0, then moving away from the corner faster and
+//! faster. Time counts from the middle of the glide; before it the first track's tolerance applies, after it the
+//! second's.
 //!
-//! Invariant: a ramp begins at rest at place 0; its jerk is constant in each cell. Everything about a glide is linear in its
-//! jerks, so a glide that is scaled down keeps whatever limits it kept.
+//! Invariant: a ramp begins at rest at place 0; its jerk is constant in each cell. Everything about a glide is linear
+//! in its jerks, so a glide that is scaled down stays within every limit that it was within.
 
 use crate::glide::tracks::{Track, Tracks};
 use crate::limits::AxisLimits;
@@ -14,13 +15,13 @@ use crate::profile::KinematicState;
 
 /// Cells of constant jerk in a ramp, half of them on each side of the middle.
 pub(crate) const CELLS: usize = 12;
-/// Share of the tolerance that may be taken where it is looked at, for what lies between.
+/// Share of the tolerance that may be used where it is checked, to cover the places between.
 const BETWEEN: f64 = 0.995;
 /// Cells before the middle.
 pub(crate) const HALF: usize = CELLS / 2;
 
-/// Share of the jerk that a track has beside a glide, where it is the end of a rounding.
-const BESIDE: f64 = 0.9;
+/// Share of the jerk that a track has next to a glide, where it is the end of a rounding.
+const JERK_OUTSIDE: f64 = 0.9;
 
 /// One track's share of a glide, from rest outward: jerk along the track in each cell, mm/s³.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -42,53 +43,54 @@ impl Ramp {
 pub(crate) struct RampPair {
     /// Duration of a cell, s.
     pub(crate) cell: f64,
-    /// Of the track before the joint, run backward, and of the one after it.
+    /// Ramps of the track before the junction, run backward, and of the one after it.
     pub(crate) pair: [Ramp; 2],
 }
 
 impl RampPair {
-    /// Duration of the glide in s.
+    /// Duration of the glide, s.
     pub(crate) fn duration(&self) -> f64 {
         CELLS as f64 * self.cell
     }
 
-    /// The state in which the glide leaves the corner on each track: place, speed and acceleration away from it.
+    /// State in which the glide leaves the corner on each track: place, speed and acceleration away from it.
     pub(crate) fn ends(&self) -> [KinematicState; 2] {
         self.pair.map(|ramp| ramp.nodes(self.cell)[CELLS])
     }
 
-    /// Both ramps with every jerk times `factor`.
+    /// Both ramps with every jerk multiplied by `factor`.
     pub(crate) fn scaled(&self, factor: f64) -> Self {
         Self { cell: self.cell, pair: self.pair.map(|ramp| Ramp(ramp.0.map(|jerk| jerk * factor))) }
     }
 
-    /// The largest share of any limit that the glide takes; above 1 it is illegal.
-    pub(crate) fn taken<const A: usize>(&self, tracks: &Tracks<A>, axes: &AxisLimits<A>) -> f64 {
+    /// Largest share of any limit that the glide uses; above 1 it is illegal.
+    pub(crate) fn used_share<const A: usize>(&self, tracks: &Tracks<A>, axes: &AxisLimits<A>) -> f64 {
         let nodes = self.pair.map(|ramp| ramp.nodes(self.cell));
         let motion = (0..=CELLS).fold(0.0, |most: f64, k| {
             let (p, q) = (nodes[0][CELLS - k], nodes[1][k]);
-            let most = most.max(self.taken_at(p, q, tracks, axes));
-            if k == CELLS { most } else { most.max(self.taken_in(k, p, q, tracks, axes)) }
+            let most = most.max(self.used_at(p, q, tracks, axes));
+            if k == CELLS { most } else { most.max(self.used_within(k, p, q, tracks, axes)) }
         });
-        motion.max(self.taken_of_tolerance(&nodes, tracks)).max(self.taken_beside(&nodes, tracks))
+        motion.max(self.used_of_tolerance(&nodes, tracks)).max(self.used_outside(&nodes, tracks))
     }
 
-    /// What is taken of each track's speed limit beside the glide: the acceleration with which it leaves the corner comes from, and
-    /// goes on to, a speed that is higher than its own. Were that above the limit, no plan would lead into the glide.
-    fn taken_beside<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
+    /// Share of each track's speed limit that is used next to the glide. The acceleration with which the glide leaves
+    /// the corner comes from, and leads to, a speed that is higher than its own. If that were above the limit, no plan
+    /// would lead into the glide.
+    fn used_outside<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
         nodes.iter().zip(&tracks.pair).fold(0.0, |most: f64, (nodes, Track { limits, .. })| {
             let KinematicState { v, a, .. } = nodes[CELLS];
-            most.max((v + 0.5 * a.max(0.0) * a / (BESIDE * limits.j)) / limits.v)
+            most.max((v + 0.5 * a.max(0.0) * a / (JERK_OUTSIDE * limits.j)) / limits.v)
         })
     }
 
-    /// The share of the tolerance that the glide takes.
-    pub(crate) fn taken_of_path<const A: usize>(&self, tracks: &Tracks<A>) -> f64 {
-        self.taken_of_tolerance(&self.pair.map(|ramp| ramp.nodes(self.cell)), tracks)
+    /// Share of the tolerance that the glide uses.
+    pub(crate) fn used_tolerance<const A: usize>(&self, tracks: &Tracks<A>) -> f64 {
+        self.used_of_tolerance(&self.pair.map(|ramp| ramp.nodes(self.cell)), tracks)
     }
 
-    /// What is taken of velocity and acceleration where both ramps are in these states.
-    fn taken_at<const A: usize>(
+    /// Share of velocity and acceleration that is used where both ramps are in these states.
+    fn used_at<const A: usize>(
         &self,
         p: KinematicState,
         q: KinematicState,
@@ -103,8 +105,8 @@ impl RampPair {
         })
     }
 
-    /// What is taken of velocity, jerk and feed within cell `k`, which the ramps enter in these states.
-    fn taken_in<const A: usize>(
+    /// Share of velocity, jerk and feed that is used within cell `k`, which the ramps enter in these states.
+    fn used_within<const A: usize>(
         &self,
         k: usize,
         p: KinematicState,
@@ -135,9 +137,9 @@ impl RampPair {
         most
     }
 
-    /// What is taken of the tolerance: before the middle by the second track, after it by the first, and at the corner itself,
-    /// which is not to be left further behind.
-    fn taken_of_tolerance<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
+    /// Share of the tolerance that is used: before the middle by the second track, after it by the first, and at the
+    /// corner itself, which the path must pass within the tolerance.
+    fn used_of_tolerance<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
         let [u, w] = tracks.pair.map(|track| track.direction);
         let (p, q) = (nodes[0][HALF].s, nodes[1][HALF].s);
         let missed = (0..A).map(|i| (q * w[i] - p * u[i]).powi(2)).sum::<f64>().sqrt();
@@ -146,12 +148,12 @@ impl RampPair {
                 most.max(to.s.abs()).max(turning_places(*from, *jerk, self.cell))
             })
         });
-        (missed / tracks.tolerance).max(away / tracks.band()).max(self.taken_beyond(nodes, tracks))
+        (missed / tracks.tolerance).max(away / tracks.band()).max(self.used_beyond_corner(nodes, tracks))
     }
 
-    /// What is taken of the tolerance by the distance from the nearer track, each seen as ending in the corner: in a sharp corner the
-    /// swing of one ramp may lead beyond the end of the other's track.
-    fn taken_beyond<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
+    /// Share of the tolerance that the distance from the nearer track uses, each track ending in the corner: in a sharp
+    /// corner the swing of one ramp may lead beyond the end of the other's track.
+    fn used_beyond_corner<const A: usize>(&self, nodes: &[[KinematicState; CELLS + 1]; 2], tracks: &Tracks<A>) -> f64 {
         let [u, w] = tracks.pair.map(|track| track.direction);
         let mut most = 0.0f64;
         for k in 0..CELLS {
@@ -161,11 +163,11 @@ impl RampPair {
                 let t = self.cell * part;
                 let p = KinematicState { v: -p.v, ..p }.after(-j_p, t).s;
                 let q = nodes[1][k].after(j_q, t).s;
-                let way: [f64; A] = std::array::from_fn(|i| q * w[i] - p * u[i]);
-                let before = u.iter().zip(way).map(|(u, x)| u * x).sum::<f64>().min(0.0);
-                let after = w.iter().zip(way).map(|(w, x)| w * x).sum::<f64>().max(0.0);
+                let offset: [f64; A] = std::array::from_fn(|i| q * w[i] - p * u[i]);
+                let before = u.iter().zip(offset).map(|(u, x)| u * x).sum::<f64>().min(0.0);
+                let after = w.iter().zip(offset).map(|(w, x)| w * x).sum::<f64>().max(0.0);
                 let off = |direction: [f64; A], along: f64| {
-                    way.iter().zip(direction).map(|(x, d)| (x - along * d).powi(2)).sum::<f64>()
+                    offset.iter().zip(direction).map(|(x, d)| (x - along * d).powi(2)).sum::<f64>()
                 };
                 most = most.max(off(u, before).min(off(w, after)));
             }
@@ -174,7 +176,7 @@ impl RampPair {
     }
 }
 
-/// The largest distance from 0 at which the motion turns within a cell.
+/// Largest distance from 0 at which the motion turns within a cell.
 fn turning_places(from: KinematicState, jerk: f64, cell: f64) -> f64 {
     let root = (from.a * from.a - 2.0 * jerk * from.v).max(0.0).sqrt();
     [(-from.a - root) / jerk, (-from.a + root) / jerk]

@@ -1,30 +1,31 @@
 //! A small dense linear program: the largest c·z with R·z ≤ b, where z may have any sign and z = 0 is allowed.
 //!
-//! It is the simplex method on a compact tableau (Dantzig 1951; Chvátal, *Linear Programming*, chapters 2 and 3). Because
-//! z = 0 is allowed there is no first phase, and because z is free a variable that has entered never leaves.
+//! It is the simplex method on a compact tableau (Dantzig 1951; Chvátal, *Linear Programming*, chapters 2 and 3).
+//! Because z = 0 is allowed there is no first phase, and because z is free a variable that has entered never leaves.
 //!
-//! Invariant: after every step the present point is allowed; work is bounded. Nothing is allocated once it has grown.
+//! Invariant: after every step the current point is allowed; work is bounded. Nothing is allocated once the memory has
+//! grown.
 
-/// A linear program and its tableau; it keeps its memory.
+/// A linear program and its tableau; it retains its memory.
 #[derive(Debug, Default)]
 pub(crate) struct LinearProgram {
     columns: usize,
     /// Rows of `columns` coefficients and the right side.
     table: Vec<f64>,
-    /// Which variable each row stands for: free variables 0 … columns − 1, then the slacks.
+    /// Variable of each row: free variables 0 … columns − 1, then the slacks.
     basic: Vec<usize>,
     nonbasic: Vec<usize>,
     /// Reduced costs, and the value so far.
     cost: Vec<f64>,
-    /// Row of the pivot, kept for its memory.
+    /// Row of the pivot, retained for its memory.
     pivot: Vec<f64>,
 }
 
-/// Steps after which a program is left where it is: allowed, if not the best.
+/// Steps after which a program stops: at an allowed point, though maybe not the best.
 const MAX_STEPS: usize = 400;
 
 impl LinearProgram {
-    /// An empty program with `columns` variables.
+    /// Resets to an empty program with `columns` variables.
     pub(crate) fn clear(&mut self, columns: usize) {
         self.columns = columns;
         self.table.clear();
@@ -35,14 +36,14 @@ impl LinearProgram {
         self.cost.resize(columns + 1, 0.0);
     }
 
-    /// Adds the row `coefficients · z ≤ most`; what is below 0 of `most` counts as 0.
+    /// Adds the row `coefficients · z ≤ most`; a negative `most` counts as 0.
     pub(crate) fn row(&mut self, coefficients: &[f64], most: f64) {
         self.table.extend_from_slice(coefficients);
         self.table.push(most.max(0.0));
         self.basic.push(self.columns + self.basic.len());
     }
 
-    /// Makes c·z as large as it can be and writes z.
+    /// Maximises c·z and writes z.
     pub(crate) fn maximise(&mut self, c: &[f64], z: &mut [f64]) {
         self.cost[..self.columns].copy_from_slice(c);
         for step in 0..MAX_STEPS {
@@ -63,7 +64,7 @@ impl LinearProgram {
         }
     }
 
-    /// The column that gains most; late, the first that gains at all, which cannot cycle (Bland 1977).
+    /// The column that gains most; in late steps, the first that gains at all, which cannot cycle (Bland 1977).
     fn entering(&self, step: usize) -> Option<(usize, f64)> {
         let mut best = (1e-10, None);
         for (column, variable) in self.nonbasic.iter().enumerate() {
@@ -77,7 +78,7 @@ impl LinearProgram {
         best.1
     }
 
-    /// Counts the free variable of a column the other way.
+    /// Reverses the sign of the free variable of a column.
     fn flip(&mut self, column: usize) {
         self.nonbasic[column] ^= FLIPPED;
         self.cost[column] = -self.cost[column];
@@ -103,7 +104,7 @@ impl LinearProgram {
         best.2
     }
 
-    /// The variable of `column` enters, that of `row` leaves.
+    /// Exchanges the entering variable of `column` and the leaving one of `row`.
     fn exchange(&mut self, row: usize, column: usize) {
         let width = self.columns + 1;
         let inverse = 1.0 / self.table[row * width + column];
@@ -136,7 +137,7 @@ impl LinearProgram {
     }
 }
 
-/// Marks a free variable that is counted the other way.
+/// Marks a free variable whose sign is reversed.
 const FLIPPED: usize = 1 << 63;
 
 #[cfg(test)]
@@ -158,7 +159,8 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(500))]
 
-        /// Weak duality from the outside: no allowed corner that random search finds is better, and the result is allowed.
+        /// Weak duality from the outside: no allowed corner that random search finds is better, and the result is
+        /// allowed.
         #[test]
         fn the_best_is_allowed_and_no_vertex_is_better(
             rows in prop::collection::vec((prop::collection::vec(-1.0..1.0f64, 2), 0.0..1.0f64), 3..12),

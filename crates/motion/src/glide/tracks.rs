@@ -1,29 +1,30 @@
-//! Two adjacent tracks and what a glide between them may do (SMO-1, SMO-3).
+//! Two adjacent tracks and the limits of a glide between them (SMO-1, SMO-3).
 //!
-//! Invariant: tracks are straight where they meet, their directions have length 1 over the linear axes, and they are not parallel.
+//! Invariant: tracks are straight where they meet, their directions have length 1 over the linear axes, and they are
+//! not parallel.
 
 use crate::limits::AxisLimits;
 use crate::profile::PathLimits;
 
-/// How a track goes on at its far end.
+/// How a track continues at its far end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FarEnd {
     /// At rest there.
     Rest,
-    /// On into another track: half of the length belongs to that joint.
+    /// Into another track: half of the length belongs to that junction.
     Moving,
 }
 
-/// One of the two tracks, seen from the joint.
+/// One of the two tracks, seen from the junction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Track<const A: usize> {
     /// Direction of motion.
     pub(crate) direction: [f64; A],
-    /// Length in mm.
+    /// Length, mm.
     pub(crate) length: f64,
-    /// How it goes on.
+    /// How it continues.
     pub(crate) far_end: FarEnd,
-    /// Speed asked for, mm/s.
+    /// Requested speed, mm/s.
     pub(crate) feed: f64,
     /// Limits of motion along it alone.
     pub(crate) limits: PathLimits,
@@ -42,12 +43,12 @@ impl<const A: usize> Track<A> {
     }
 }
 
-/// The two tracks of a joint, before and after it.
+/// The two tracks of a junction, before and after it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Tracks<const A: usize> {
-    /// Before and after the joint.
+    /// Before and after the junction.
     pub(crate) pair: [Track<A>; 2],
-    /// How far the motion may be from the tracks, mm.
+    /// Largest distance of the motion from the tracks, mm.
     pub(crate) tolerance: f64,
 }
 
@@ -59,7 +60,7 @@ impl<const A: usize> Tracks<A> {
         one.iter().zip(two).map(|(a, b)| (b - dot * a) * (b - dot * a)).sum::<f64>().sqrt()
     }
 
-    /// How far one track's part may go while the other one's tolerance counts, mm.
+    /// Largest distance of one track's part while the other one's tolerance applies, mm.
     pub(crate) fn band(&self) -> f64 {
         self.tolerance / self.sine()
     }

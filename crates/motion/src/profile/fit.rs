@@ -1,23 +1,23 @@
 //! Motion that takes a whole number of control periods (SMO-9).
 //!
-//! Invariant: what was within its limits stays within them, every place is still passed, and the chain still starts and ends
-//! at rest.
+//! Invariant: what was within its limits stays within them, every place is still passed, and the chain still starts and
+//! ends at rest.
 //!
-//! A chain of profiles that is run slower by the factor 1 + e, e ≥ 0, has its speeds divided by it, its accelerations by its
-//! square and its jerk by its cube; so all of them only sink, and where they meet they still meet. Only a chain between two
-//! stops can be treated so: anywhere else the speed at its ends is given. There a profile that rises above both of its ends takes
-//! longer if it rises less. It costs less than one period a stop.
+//! A chain of profiles that is run slower by the factor 1 + e, e ≥ 0, has its speeds divided by it, its accelerations
+//! by its square and its jerk by its cube. So all of them only decrease, and the profiles stay continuous where they
+//! meet. Only a chain between two stops can be slowed in this way: elsewhere the speed at its ends is fixed. There a
+//! profile that rises above both of its ends takes longer if it rises less. The cost is less than one period per stop.
 
 use super::{KinematicState, PathLimits, Profile, fastest};
 
-/// A chain counts as whole if it is so to this part: no period is added for a rounding.
+/// Relative rounding up to which a chain counts as whole: no period is added for it.
 const ROUNDING: f64 = 1e-12;
 
-/// Slows the chain of `profiles` down until it takes a whole number of periods of `period` seconds, and returns that number.
-/// The sum of the durations of the phases is then the number times the period, to a part in 10¹².
+/// Slows the chain of `profiles` down until it takes a whole number of periods of `period` seconds, and returns that
+/// number. The sum of the durations of the phases is then the number times the period, to a part in 10¹².
 ///
-/// `None`, and nothing is changed, where the chain does not start and end at rest, is empty or takes no time, or where `period`
-/// is not a duration.
+/// Returns `None`, with nothing changed, where the chain does not start and end at rest, is empty or takes no time, or
+/// where `period` is not a positive, finite number.
 pub fn whole_periods(profiles: &mut [Profile], period: f64) -> Option<u64> {
     let (first, last) = (profiles.first()?, profiles.last()?);
     if !(is_rest(first.start()) && is_rest(last.end())) {
@@ -35,7 +35,7 @@ pub fn whole_periods(profiles: &mut [Profile], period: f64) -> Option<u64> {
     Some(periods as u64)
 }
 
-/// The profile to state `to` that takes `more` seconds longer because its highest speed is lower; nowhere is it faster than
+/// Profile to state `to` that takes `more` seconds longer because its highest speed is lower; it is nowhere faster than
 /// before. `None` where it does not rise far enough above both of its ends, or where `more` is not above 0.
 pub(crate) fn lengthened(profile: &Profile, to: KinematicState, more: f64) -> Option<Profile> {
     let (from, length) = (profile.start(), profile.end().s);
@@ -45,7 +45,7 @@ pub(crate) fn lengthened(profile: &Profile, to: KinematicState, more: f64) -> Op
         return None;
     }
     let (wanted, mut best) = (profile.duration() + more, None);
-    // Lower and lower, until it takes too long or cannot be.
+    // Lower the speed until it takes too long or has no solution.
     for _ in 0..80 {
         let v = 0.5 * (low + high);
         let slower = fastest(from, to, length, PathLimits { v, a: steepest, j: profile.jerk });
@@ -57,7 +57,7 @@ pub(crate) fn lengthened(profile: &Profile, to: KinematicState, more: f64) -> Op
     best.filter(|best| wanted - best.duration() <= 1e-13 + 1e-10 * more)
 }
 
-/// The profile over the same places in `factor` times the time.
+/// Profile over the same places in `factor` times the time.
 pub(crate) fn slowed(profile: &Profile, factor: f64) -> Profile {
     let square = factor * factor;
     Profile {
@@ -68,7 +68,7 @@ pub(crate) fn slowed(profile: &Profile, factor: f64) -> Profile {
     }
 }
 
-/// Is it at rest, as far as the solver promises it?
+/// Whether the state is at rest, to the accuracy of the solver.
 fn is_rest(state: KinematicState) -> bool {
     state.v.abs() <= 1e-9 && state.a.abs() <= 1e-6
 }
@@ -120,7 +120,7 @@ mod tests {
             prop_assert!(is_rest(state));
         }
 
-        /// What is whole already is left as it is: no period is added, nothing gets slower twice.
+        /// A chain that is whole already is unchanged: no period is added, nothing gets slower twice.
         #[test]
         fn fitting_twice_is_fitting_once(chain in chain(), period in 1e-4..5e-3f64) {
             let (mut once, mut twice) = (chain.clone(), chain);
@@ -136,7 +136,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
 
-        /// It takes as much longer as is asked for, between the same states, and is nowhere faster or steeper.
+        /// The profile takes longer by the requested time, between the same states, and is nowhere faster or steeper.
         #[test]
         fn what_is_lengthened_is_nowhere_faster(
             from in (0.0..0.9f64, -1.0..1.0f64), to in prop_oneof![Just((0.0, 0.0)), (0.0..0.9f64, -1.0..1.0f64)],
@@ -146,7 +146,7 @@ mod tests {
             let (from, to) = (state(from), state(to));
             let Ok(before) = fastest(from, to, length, LIMITS) else { return Ok(()) };
             let Some(after) = lengthened(&before, to, more) else {
-                // With room above both ends, and a crest that is held, there is a way.
+                // With space above both ends, and a crest of constant speed, there is a solution.
                 prop_assert!(before.crest().0 < from.v.max(to.v) + 5.0 || before.times[3] <= 0.01 || before.jerk < 0.0);
                 return Ok(());
             };

@@ -1,19 +1,22 @@
 //! One jerk-limited profile: the fastest motion between two states over a given distance (SMO-1).
 //!
-//! [`fastest`] is what planning along a path uses: it never runs backward. [`fastest_any_way`] solves the general case of one
-//! axis, in which speeds and the distance have any sign. They share one closed form up to the root of a quartic. [`SpeedSearch`]
-//! is the source's way to a speed (SMO-8); [`whole_periods`] slows a run between two stops down to whole periods (SMO-9).
+//! [`fastest`] plans along a path and never runs backward. [`fastest_any_way`] solves the general case of one axis, in
+//! which speeds and the distance have any sign. They share one closed form up to the root of a quartic. [`SpeedSearch`]
+//! is the speed search of the source (SMO-8). [`whole_periods`] slows a run between two stops down to whole periods
+//! (SMO-9).
 //!
-//! Invariant: a profile is seven phases of constant jerk, [+J, 0, −J, 0, −J, 0, +J], any of which may be empty; speed and
-//! acceleration are continuous in it, and it never leaves the limits it was asked for. All units are mm and s along the path.
+//! Invariant: a profile is seven phases of constant jerk, [+J, 0, −J, 0, −J, 0, +J], any of which may be empty; speed
+//! and acceleration are continuous in it, and it never leaves its limits. All units are mm and s along the path.
+//!
+//! # Examples
 //!
 //! ```
-//! use retrace_motion::profile::{PathLimits, State, fastest, fastest_any_way};
+//! use retrace_motion::profile::{KinematicState, PathLimits, fastest, fastest_any_way};
 //! let limits = PathLimits { v: 100.0, a: 1_000.0, j: 20_000.0 };
-//! let rest = State::default();
-//! let there = fastest(rest, rest, 10.0, limits).expect("a stop can always be left and reached");
-//! let back = fastest_any_way(rest, rest, -10.0, limits).expect("so can it backward");
-//! assert!((there.duration() - back.duration()).abs() < 1e-12);
+//! let rest = KinematicState::default();
+//! let forward = fastest(rest, rest, 10.0, limits).expect("a profile from rest to rest always exists");
+//! let back = fastest_any_way(rest, rest, -10.0, limits).expect("backward too");
+//! assert!((forward.duration() - back.duration()).abs() < 1e-12);
 //! assert!((back.end().s + 10.0).abs() < 1e-12);
 //! ```
 
@@ -33,21 +36,21 @@ pub(crate) const SIGNS: [f64; 7] = [1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0];
 /// Place, speed and acceleration along the path, in mm, mm/s and mm/s².
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct KinematicState {
-    /// Place, in mm.
+    /// Place, mm.
     pub s: f64,
-    /// Speed, in mm/s.
+    /// Speed, mm/s; negative is backward.
     pub v: f64,
-    /// Acceleration, in mm/s².
+    /// Acceleration, mm/s².
     pub a: f64,
 }
 
 impl KinematicState {
-    /// A state at place 0.
+    /// State at place 0 with speed `v` in mm/s and acceleration `a` in mm/s².
     pub const fn moving(v: f64, a: f64) -> Self {
         Self { s: 0.0, v, a }
     }
 
-    /// The state `t` seconds later under constant jerk.
+    /// State `t` seconds later under constant jerk in mm/s³.
     #[inline]
     pub fn after(self, jerk: f64, t: f64) -> Self {
         Self {
@@ -58,14 +61,14 @@ impl KinematicState {
     }
 }
 
-/// Limits along the path, each above 0 and the same in both directions.
+/// Limits along the path, each above 0 and equal in both directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathLimits {
-    /// Speed, in mm/s.
+    /// Highest speed, mm/s.
     pub v: f64,
-    /// Acceleration, in mm/s².
+    /// Highest acceleration, mm/s².
     pub a: f64,
-    /// Jerk, in mm/s³.
+    /// Highest jerk, mm/s³.
     pub j: f64,
 }
 
@@ -77,7 +80,7 @@ impl PathLimits {
     }
 }
 
-/// The least distance in mm in which `from`, whose speed is no lower than what its acceleration takes away, comes to rest.
+/// Shortest distance in mm in which `from` comes to rest. Its speed is at least what its acceleration removes.
 pub(crate) fn stopping_distance(from: KinematicState, limits: PathLimits) -> f64 {
     let PathLimits { a: a_max, j, .. } = limits;
     let hardest = (j * from.v + 0.5 * from.a * from.a).max(0.0).sqrt().max(-from.a);
@@ -90,66 +93,66 @@ pub(crate) fn stopping_distance(from: KinematicState, limits: PathLimits) -> f64
     start.after(-j, (from.a + hardest) / j).after(0.0, held).after(j, hardest / j).s
 }
 
-/// Why two states cannot be connected over a distance.
+/// Reason why two states cannot be connected over a distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProfileError {
-    /// The target cannot be reached: it asks for more speed than the distance gives.
+    /// The target cannot be reached: its speed is higher than the distance allows.
     TargetTooHigh,
-    /// The start cannot be left: it has more speed than the distance can take away.
+    /// The start cannot be left: its speed is too high to be reduced over the distance.
     StartTooHigh,
 }
 
-/// Seven phases from a start state at place 0.
+/// Seven phases of constant jerk from a start state at place 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Profile {
-    /// Speed at the start, in mm/s.
+    /// Speed at the start, mm/s.
     pub v0: f64,
-    /// Acceleration at the start, in mm/s².
+    /// Acceleration at the start, mm/s².
     pub a0: f64,
-    /// Jerk of the first phase, in mm/s³; negative where the profile dips in place of rising.
+    /// Jerk of the first phase, mm/s³; negative where the profile dips instead of rising.
     pub jerk: f64,
-    /// Durations of the phases, in s, none negative.
+    /// Durations of the phases, s, none negative.
     pub times: [f64; 7],
 }
 
 impl Profile {
-    /// Duration in s.
+    /// Duration of the profile, s.
     pub fn duration(&self) -> f64 {
         self.times.iter().sum()
     }
 
-    /// The state at the start of phase `k`, which `state` comes to: while the speed is held there is no acceleration at all, and
-    /// a rounding of it would grow with the square of the time.
+    /// State at the start of phase `k`, with the rounding of `state` removed. At constant speed the acceleration is
+    /// exactly 0, because a rounding of it would grow with the square of the time.
     #[inline]
     pub(crate) fn entering(&self, k: usize, state: KinematicState) -> KinematicState {
         if k == 3 && self.times[3] > 0.0 { KinematicState { a: 0.0, ..state } } else { state }
     }
 
-    /// The state at the start.
+    /// State at the start.
     pub const fn start(&self) -> KinematicState {
         KinematicState::moving(self.v0, self.a0)
     }
 
-    /// The state `t` seconds after the start, held within the profile.
+    /// State `t` seconds after the start, with `t` clamped to the profile.
     pub fn at(&self, t: f64) -> KinematicState {
         let mut state = self.start();
-        let mut left = t.max(0.0);
+        let mut remaining = t.max(0.0);
         for (k, (sign, &phase)) in SIGNS.iter().zip(&self.times).enumerate() {
-            state = self.entering(k, state).after(sign * self.jerk, phase.min(left));
-            left -= phase;
-            if left <= 0.0 {
+            state = self.entering(k, state).after(sign * self.jerk, phase.min(remaining));
+            remaining -= phase;
+            if remaining <= 0.0 {
                 break;
             }
         }
         state
     }
 
-    /// The state at the end.
+    /// State at the end.
     pub fn end(&self) -> KinematicState {
         self.ends().last().unwrap_or(self.start())
     }
 
-    /// The states at the ends of the phases.
+    /// States at the ends of the phases.
     #[inline]
     pub(crate) fn ends(&self) -> impl Iterator<Item = KinematicState> + '_ {
         let mut state = self.start();
@@ -159,7 +162,7 @@ impl Profile {
         })
     }
 
-    /// The time at which place `s` is passed, by bisection: the place never falls in a profile.
+    /// Time at which place `s` is passed, by bisection: the place never decreases in a profile.
     pub(crate) fn time_at(&self, s: f64) -> f64 {
         let (mut low, mut high) = (0.0, self.duration());
         for _ in 0..52 {
@@ -169,21 +172,21 @@ impl Profile {
         low
     }
 
-    /// Cuts at time `t`: what lies before, and what lies after it.
+    /// Cuts the profile at time `t` into the part before and the part after.
     pub(crate) fn cut(&self, t: f64) -> (Self, Self) {
         let (mut before, mut after) = (*self, *self);
-        let mut left = t;
+        let mut remaining = t;
         for k in 0..7 {
-            before.times[k] = self.times[k].min(left.max(0.0));
+            before.times[k] = self.times[k].min(remaining.max(0.0));
             after.times[k] = self.times[k] - before.times[k];
-            left -= self.times[k];
+            remaining -= self.times[k];
         }
         let KinematicState { v, a, .. } = self.at(t);
         (after.v0, after.a0) = (v, a);
         (before, after)
     }
 
-    /// The highest speed, and the places between which it is held.
+    /// Highest speed, and the places between which it is constant.
     pub(crate) fn crest(&self) -> (f64, f64, f64) {
         let mut state = self.start();
         for (sign, &phase) in SIGNS.iter().zip(&self.times).take(3) {
@@ -224,18 +227,19 @@ mod tests {
                     let KinematicState { v, a, .. } = profile.at(duration * f64::from(k) / 200.0);
                     prop_assert!((-1e-9..=LIMITS.v * (1.0 + 1e-9)).contains(&v) && a.abs() <= LIMITS.a * (1.0 + 1e-9));
                 }
-                // Run backward it takes as long.
+                // The reversed profile takes as long.
                 let back = fastest(KinematicState::moving(to.v, -to.a), KinematicState::moving(from.v, -from.a), length, LIMITS);
                 if let Ok(back) = back {
                     prop_assert!((back.duration() - duration).abs() <= 1e-9 * (1.0 + duration));
                 }
-                // Free to run backward it is no slower.
+                // A profile that may run backward is no slower.
                 let any_way = fastest_any_way(from, to, length, LIMITS);
                 prop_assert!(any_way.is_ok_and(|any_way| any_way.duration() <= duration * (1.0 + 1e-9)));
             }
         }
 
-        /// The general solver keeps the limits all along, for any speeds and over any distance, and always finds something.
+        /// The general solver stays within the limits, for any speeds and over any distance, and always finds a
+        /// profile.
         #[test]
         fn any_two_states_are_connected(from in state(), to in state(), signs in 0..4, length in -50.0..50.0f64) {
             let turned = |state: KinematicState, turn: bool| if turn { KinematicState::moving(-state.v, -state.a) } else { state };
@@ -250,8 +254,8 @@ mod tests {
             }
         }
 
-        /// Nothing is faster: whatever a few phases within the limits come to, the solver comes to in no more time. Many of them
-        /// are the fastest themselves, and lie where one kind of profile turns into another.
+        /// Nothing is faster: whatever a few phases within the limits reach, the solver reaches in no more time. Many
+        /// of them are the fastest themselves, on the border between two kinds of profile.
         #[test]
         fn no_other_phases_are_faster(from in state(), turn in any::<bool>(),
                                       phases in prop::collection::vec((-1..=1i8, 0.0..0.03f64), 1..4)) {
@@ -269,21 +273,22 @@ mod tests {
             }
             let takes = |to: KinematicState| fastest_any_way(from, to, state.s, LIMITS).map_or(f64::MAX, |p| p.duration());
             // Where the acceleration only just keeps its sign, the last digits of the speed decide whether it can.
-            let beside = |part: f64| takes(KinematicState { v: state.v * (1.0 + part), ..state });
+            let near = |part: f64| takes(KinematicState { v: state.v * (1.0 + part), ..state });
             let is_as_fast = takes(state) <= duration * (1.0 + 1e-9) + 1e-9;
-            prop_assert!(is_as_fast || beside(1e-13).min(beside(-1e-13)) <= duration + 1e-6);
+            prop_assert!(is_as_fast || near(1e-13).min(near(-1e-13)) <= duration + 1e-6);
         }
 
-        /// Within the stopping distance there is a way to rest, within less there is none.
+        /// Within the stopping distance a profile to rest exists; within less there is none.
         #[test]
         fn the_stopping_distance_is_the_least_way_to_rest(from in state()) {
             prop_assume!(from.v > 0.1);
-            let way = stopping_distance(from, LIMITS);
-            let rests = |way: f64| fastest(from, KinematicState::default(), way, LIMITS).is_ok();
-            prop_assert!(rests(way * (1.0 + 1e-9)) && !rests(way * (1.0 - 1e-6)));
+            let distance = stopping_distance(from, LIMITS);
+            let rests = |distance: f64| fastest(from, KinematicState::default(), distance, LIMITS).is_ok();
+            prop_assert!(rests(distance * (1.0 + 1e-9)) && !rests(distance * (1.0 - 1e-6)));
         }
 
-        /// More road never makes an impossible profile of an easy one: with room to stop and go, there always is one.
+        /// More length never makes an impossible profile of an easy one: with space to stop and to start, there always
+        /// is one.
         #[test]
         fn with_enough_road_there_is_a_profile(from in state(), to in state(), more in 0.0..100.0f64) {
             prop_assert!(fastest(from, to, 30.0 + more, LIMITS).is_ok());
@@ -300,7 +305,8 @@ mod tests {
         }
     }
 
-    /// A long way at a crawl has a profile too: the rounding of the acceleration does not add up over the time.
+    /// A long distance at low speed has a profile too: the rounding of the acceleration does not accumulate over the
+    /// time.
     #[test]
     fn a_long_way_at_a_crawl_has_a_profile() {
         let crawl = PathLimits { v: 0.5, ..LIMITS };

@@ -1,20 +1,23 @@
-//! All profiles between two states that leave with rising acceleration, by the one number that is free in them.
+//! All profiles between two states that leave with rising acceleration, by their one free number.
 //!
-//! Invariant: what is returned is the profile of the least duration in its family that covers the length; phases come out in order and none is negative but for rounding.
+//! Invariant: what is returned is the profile of the least duration in its family that covers the length; phases are
+//! returned in order and none is negative, up to rounding.
 //!
-//! The jerk is the unit: lengths are divided by it (s³), speeds (s²) and accelerations (s) too. An [`End`] lies on a parabola of
-//! constant jerk that crosses zero acceleration at the speed `mu`. From there to the crest c a symmetric ramp leads, whose way
-//! is (c + mu)/2 times its duration, and from that the part before the end itself is taken off, which does not depend on c. So
-//! with x and y, the accelerations at which the two ramps turn, c = mu + x² = mu' + y², and one equation is left:
+//! The jerk is the unit: lengths are divided by it (s³), speeds (s²) and accelerations (s) too. An [`End`] is on a
+//! parabola of constant jerk that crosses zero acceleration at the speed `mu`. From there to the crest c a symmetric
+//! ramp leads, which covers the distance (c + mu)/2 times its duration; the part before the end itself is subtracted
+//! from it and does not depend on c. So with x and y, the accelerations at which the two ramps turn, c = mu + x² = mu'
+//! + y², and one equation remains:
 //!
-//! - no limit is met: x(mu + c) + y(mu' + c) = R, which with s = x + y is the quartic s⁴ + 4Ms² − 4Rs − D² = 0, where
-//!   M = mu + mu', D = mu − mu'; the duration is 2s and a constant;
+//! - no limit is met: x(mu + c) + y(mu' + c) = R, which with s = x + y is the quartic s⁴ + 4Ms² − 4Rs − D² = 0, where M
+//!   = mu + mu', D = mu − mu'; the duration is 2s and a constant;
 //! - one ramp meets the acceleration limit w: a quartic in the other ramp's x; both meet it: a quadratic in c.
 //!
-//! The same equations hold with x < 0: the acceleration then turns before it comes to zero, and there is no crest. In that
-//! branch the way need not grow with the duration where speeds are negative; where it turns is known in closed form too.
+//! The same equations hold with x < 0: the acceleration then turns before it reaches zero, and there is no crest. In
+//! that branch the distance need not grow with the duration where speeds are negative; its turning point has a closed
+//! form too.
 
-/// The acceleration limit, in s, and its inverse.
+/// Acceleration limit, in s, and its inverse.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cap {
     pub(super) w: f64,
@@ -28,9 +31,9 @@ pub(super) struct End {
     pub(super) v: f64,
     /// Acceleration, in s.
     pub(super) alpha: f64,
-    /// Speed at which the parabola of rising acceleration through this end has none, in s².
+    /// Speed at which the parabola of rising acceleration through this end has zero acceleration, in s².
     mu: f64,
-    /// Speed that the end comes to when its acceleration is taken to zero at once, in s².
+    /// Speed that the end reaches when its acceleration is taken to zero at once, in s².
     pub(super) free: f64,
 }
 
@@ -41,27 +44,27 @@ impl End {
         Self { v, alpha, mu: v - half, free: if alpha > 0.0 { v + half } else { v - half } }
     }
 
-    /// The end with all signs turned where `sign` is −1.
+    /// The end with all signs reversed where `sign` is −1.
     #[inline]
     pub(super) fn signed(self, sign: f64) -> Self {
         Self::new(sign * self.v, sign * self.alpha)
     }
 
-    /// The way from the parabola's zero to this end, taken negative.
+    /// Distance from the zero of the parabola to this end, negated.
     #[inline]
     fn offset(self) -> f64 {
         self.alpha * (self.mu + self.alpha * self.alpha * (1.0 / 6.0))
     }
 
-    /// The way of the whole ramp that gains `gain` ≥ 0 from mu.
+    /// Distance of the whole ramp that gains `gain` ≥ 0 from mu.
     #[inline]
     fn distance(self, gain: f64, cap: Cap) -> f64 {
-        // Both are computed, so that nothing has to be predicted.
+        // Both are computed, so that no branch has to be predicted.
         let (held, free) = (0.5 * (cap.w + gain * cap.per_w), gain.sqrt());
         (2.0 * self.mu + gain) * if gain > cap.w * cap.w { held } else { free }
     }
 
-    /// The phases of the ramp from this end up to the crest at mu + `gain`.
+    /// Phases of the ramp from this end up to the crest at mu + `gain`.
     #[inline]
     fn ramp(self, gain: f64, cap: Cap) -> [f64; 3] {
         let free = gain.sqrt();
@@ -69,20 +72,20 @@ impl End {
         [x - self.alpha, hold, x]
     }
 
-    /// The phases of a ramp that gains `gain` and meets the limit.
+    /// Phases of a ramp that gains `gain` and meets the limit.
     #[inline]
     fn held(self, gain: f64, cap: Cap) -> [f64; 3] {
         [cap.w - self.alpha, gain * cap.per_w - cap.w, cap.w]
     }
 
-    /// The phases of a ramp that turns at the acceleration `x`.
+    /// Phases of a ramp that turns at the acceleration `x`.
     #[inline]
     fn free_ramp(self, x: f64) -> [f64; 3] {
         [x - self.alpha, 0.0, x]
     }
 }
 
-/// The phases of a profile: two ramps, each in the order of its own time, and what lies between.
+/// Phases of a profile: two ramps, each in the order of its own time, and the time between them.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shape {
     pub(super) up: [f64; 3],
@@ -90,24 +93,26 @@ pub(super) struct Shape {
     pub(super) down: [f64; 3],
 }
 
-/// What all members of a family share; `high` is the end with the higher free speed, but in [`Family::apart`].
+/// What all members of a family share; `high` is the end with the higher free speed, except in
+/// [`ProfileFamily::apart`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ProfileFamily {
     pub(super) high: End,
     pub(super) low: End,
     pub(super) cap: Cap,
-    /// The speed limit, in s².
+    /// Speed limit, in s².
     pub(super) top: f64,
 }
 
 impl ProfileFamily {
-    /// By how much `length` (s³) exceeds what the first member covers: the fastest change from one state to the other.
+    /// Difference between `length` (s³) and what the first member covers: the fastest change from one state to the
+    /// other.
     #[inline]
     pub(super) fn excess(&self, length: f64) -> f64 {
         let Self { high, low, cap, .. } = *self;
         let (x, d) = (high.alpha, self.d());
         let square = x * x;
-        // |x| is within the limit, so that this end's ramp is not held.
+        // |x| is within the limit, so that this end's ramp does not meet it.
         self.whole(length) - x * (2.0 * high.mu + square) - low.distance(square + d, cap)
     }
 
@@ -130,29 +135,31 @@ impl ProfileFamily {
         }
     }
 
-    /// The way from one parabola's zero to the other's.
+    /// Distance from the zero of one parabola to that of the other.
     #[inline]
     fn whole(&self, length: f64) -> f64 {
         length + self.high.offset() + self.low.offset()
     }
 
-    /// By how much the speed `mu` of the higher end lies above that of the lower; differences first, to keep digits.
+    /// Difference of the speed `mu` of the higher end over that of the lower; differences are taken first, to keep
+    /// digits.
     #[inline]
     fn d(&self) -> f64 {
         let Self { high, low, .. } = self;
         (high.v - low.v) - 0.5 * (high.alpha * high.alpha - low.alpha * low.alpha)
     }
 
-    /// The same, for the few members that stand apart: both ends accelerate the same way, and between them the acceleration
-    /// sinks without coming to zero. Here `high` is the end with the lower free speed. Where they end, the other ramp is empty;
-    /// to take longer the acceleration would have to change its sign, and that takes longer by a leap.
+    /// The member of least duration among the few separate ones: both ends accelerate in the same direction, and
+    /// between them the acceleration decreases without reaching zero. Here `high` is the end with the lower free speed.
+    /// Where they end, the other ramp is empty; to take longer the acceleration would have to change its sign, and the
+    /// duration then jumps.
     #[cold]
     pub(super) fn apart(&self, length: f64, slack: f64) -> Option<Shape> {
         let Self { high, low, cap, .. } = *self;
         let d = self.d();
         let x = high.alpha;
         let last = low.alpha * low.alpha - d;
-        // The straight change, with one jerk only, lies on a border of this.
+        // The straight change, with one jerk only, is on the border of this family.
         let rounding = 1e-15 * (high.v.abs() + x * x + low.alpha * low.alpha);
         if x >= 0.0 || low.alpha <= 0.0 || high.free >= low.free || d.min(last).min(x * x - last) < -rounding {
             return None;
@@ -164,13 +171,13 @@ impl ProfileFamily {
         let r = self.whole(length);
         let end = -last.max(0.0).sqrt();
         let longest = end * (2.0 * high.mu + end * end) + low.distance(end * end + d, cap);
-        // Near zero acceleration the way there depends much on the last digits of the speeds.
+        // Near zero acceleration the distance depends strongly on the last digits of the speeds.
         let blur = 4e-16 * high.v.abs().max(low.v.abs()) * (high.mu + low.mu).abs() / -end.min(-f64::MIN_POSITIVE);
         let is_last = (r - longest).abs() <= slack + blur.min(100.0 * slack);
         self.without_crest(r, end).or_else(|| is_last.then(|| self.without_crest_at(end)))
     }
 
-    /// Up to a crest of at least the higher free speed and down again.
+    /// The member with a crest of at least the higher free speed.
     #[inline(never)]
     fn crest(&self, r: f64) -> Shape {
         let Self { high, low, cap, .. } = *self;
@@ -205,7 +212,8 @@ impl ProfileFamily {
             };
             return Shape { up, cruise: 0.0, down };
         }
-        // Without D, s is at most the cube root of 4R and, where M > 0, at most R/M, and at least half the lesser of both.
+        // Without D, s is at most the cube root of 4R and, where M > 0, at most R/M, and at least half the lesser of
+        // both.
         let guess = (r > 0.0).then(|| if m > 0.0 { rough_cbrt(4.0 * r).min(r / m) } else { rough_cbrt(4.0 * r) });
         let sum = |gain: f64| gain.sqrt() + (gain + d).max(0.0).sqrt();
         let s = self.none_held(r).root(sum(lowest), sum(top.min(g1)), 0.0, guess);
@@ -228,7 +236,7 @@ impl ProfileFamily {
         Shape { up: [x - self.high.alpha, 0.0, 0.0], cruise: 0.0, down: [y - self.low.alpha, hold, y + x] }
     }
 
-    /// The first member without a crest that covers `r` and turns at an acceleration up to `end` ≤ 0, where there is one.
+    /// The first member without a crest that covers `r` and turns at an acceleration up to `end` ≤ 0, where one exists.
     fn without_crest(&self, r: f64, end: f64) -> Option<Shape> {
         let Self { high, low, cap, .. } = *self;
         let (d, m, w) = (self.d(), high.mu + low.mu, cap.w);
@@ -263,7 +271,8 @@ impl ProfileFamily {
         Quartic([-d * d, -4.0 * r, 4.0 * m, 0.0])
     }
 
-    /// The equation for the acceleration at which the ramp from the higher mu turns, where the other one meets the limit.
+    /// The equation for the acceleration at which the ramp from the higher mu turns, where the other one meets the
+    /// limit.
     #[inline]
     fn one_held(&self, r: f64) -> Quartic {
         let Self { high, low, cap, .. } = *self;
@@ -272,7 +281,7 @@ impl ProfileFamily {
     }
 }
 
-/// The cube root to about a twentieth, by a third of the exponent (Kahan 1991).
+/// Cube root to about a twentieth, by a third of the exponent (Kahan 1991).
 #[inline]
 fn rough_cbrt(x: f64) -> f64 {
     f64::from_bits(x.to_bits() / 3 + 0x2A9F_7893_0000_0000)
@@ -285,7 +294,7 @@ fn halves(s: f64, d: f64) -> (f64, f64) {
     (0.5 * (s - apart), 0.5 * (s + apart))
 }
 
-/// z⁴ + q₃z³ + q₂z² + q₁z + q₀.
+/// Polynomial z⁴ + q₃z³ + q₂z² + q₁z + q₀.
 #[derive(Clone, Copy, Debug)]
 struct Quartic([f64; 4]);
 
@@ -296,8 +305,8 @@ impl Quartic {
         q0 + z * (q1 + z * (q2 + z * (q3 + z)))
     }
 
-    /// The first stretch of [begin, end] on which the way rises through zero; it is not positive at `begin`, and `extremes` are
-    /// where it has its maximum and, behind that, its minimum.
+    /// The first interval of [begin, end] on which the polynomial rises through zero. It is not positive at `begin`,
+    /// and `extremes` are its maximum and the minimum behind that.
     fn first_rise(&self, begin: f64, end: f64, extremes: Option<(f64, f64)>) -> Option<(f64, f64)> {
         let (maximum, minimum) = extremes.unwrap_or((begin, begin));
         if maximum > begin && maximum < end && self.at(maximum) >= 0.0 {
@@ -307,8 +316,8 @@ impl Quartic {
         (self.at(end) >= 0.0).then_some((begin, end))
     }
 
-    /// The root in [low, high], where the sign changes from − to + once; exact to a few units in the last place of the root or
-    /// of `scale`, whichever is larger. Halley's method, kept inside the bracket.
+    /// The root in [low, high], where the sign changes from − to + once; exact to a few units in the last place of the
+    /// root or of `scale`, whichever is larger. It uses Halley's method, confined to the bracket.
     #[inline(never)]
     fn root(&self, mut low: f64, mut high: f64, scale: f64, guess: Option<f64>) -> f64 {
         let [_, q1, q2, q3] = self.0;
@@ -330,7 +339,7 @@ impl Quartic {
             // Where the slope is small, Halley's steps lead to the extreme and not to the root.
             let sound = slope > 0.0 && square > bent.abs();
             let next = z - f * slope / (square - bent);
-            // The step's error is of its third order: below this it is rounding.
+            // The error of a step is of third order: below this it is rounding.
             if sound && bent.abs() <= 1e-6 * square && f.abs() <= 1e-6 * slope * (z.abs() + scale) {
                 return next.clamp(low, high);
             }

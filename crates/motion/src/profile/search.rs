@@ -1,36 +1,37 @@
 //! The speed search of SMO-8: trial speeds, step by step, in place of the closed form.
 //!
-//! Invariant: the speed found is never below both ends' speeds, and its two ramps together are no longer than the path.
+//! Invariant: the speed found is never below the speeds at both ends, and its two ramps together are no longer than the
+//! path.
 //!
-//! The closed form ([`super::fastest`]) is the default; the search is there because the requirement describes it, and each is
-//! tested against the other. Three things are settled that the source leaves open. The last trial need not fit, so the best
-//! one that did is kept. A trial below an end's speed may have longer ramps than a faster one, so that "too long" there does
-//! not mean "too fast": such a trial is raised. And between the ends' higher speed and the first trial above it may lie less
-//! than a step, so that this speed is tried before all others.
+//! The closed form ([`super::fastest`]) is the default. The search exists because the requirement describes it, and
+//! each is tested against the other. It settles three points that the source leaves open. The last trial need not fit,
+//! so the best one that fitted is retained. A trial below the speed at an end may have longer ramps than a faster one,
+//! so that "too long" there does not mean "too fast": such a trial is raised. Between the higher speed of the ends and
+//! the first trial above it there may be less than a step, so that this speed is tried before all others.
 
 use super::PathLimits;
 
-/// What a path asks for: from one speed to another over a length, at rest in acceleration at both ends.
+/// A path to search: from one speed to another over a length, with no acceleration at both ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SearchTrack {
-    /// Length in mm.
+    /// Length, mm; finite, not negative.
     pub length: f64,
-    /// Speed at the start, in mm/s, not negative.
+    /// Speed at the start, mm/s, not negative.
     pub start: f64,
-    /// Speed at the end, in mm/s, not negative.
+    /// Speed at the end, mm/s, not negative.
     pub end: f64,
-    /// Acceleration and jerk of the ramps; the speed matters to [`Variant::Fill`] only.
+    /// Acceleration and jerk of the ramps. The speed limit applies to [`SearchVariant::Fill`] only.
     pub limits: PathLimits,
 }
 
 impl SearchTrack {
-    /// S(v): the lengths in mm of both ramps together for the speed `v` ≥ 0 in mm/s between them, be it above or below the
+    /// S(v): the lengths in mm of both ramps together for a speed `v` ≥ 0 in mm/s between them, above or below the
     /// speeds at the ends.
     pub fn ramps(&self, v: f64) -> f64 {
         ramp(self.start, v, self.limits) + ramp(v, self.end, self.limits)
     }
 
-    /// Are all numbers finite and in range?
+    /// Whether all numbers are finite and in range.
     fn is_valid(&self) -> bool {
         let Self { length, start, end, limits } = *self;
         [length, start, end].iter().all(|x| x.is_finite() && *x >= 0.0)
@@ -38,8 +39,8 @@ impl SearchTrack {
     }
 }
 
-/// The length in mm of the fastest ramp between two speeds, without acceleration at its ends. It is symmetric, so that its mean
-/// speed is the mean of both.
+/// Length in mm of the fastest ramp between two speeds, without acceleration at its ends. It is symmetric, so that its
+/// mean speed is the mean of both.
 fn ramp(from: f64, to: f64, limits: PathLimits) -> f64 {
     let PathLimits { a, j, .. } = limits;
     let change = (to - from).abs();
@@ -80,46 +81,48 @@ impl SearchStep {
     }
 }
 
-/// When the search ends before its rounds are done, and what it does then; SMO-8 a to d.
+/// When the search ends before its last round, and what it does then; SMO-8 a to d.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SearchVariant {
-    /// (a) All rounds are done.
+    /// (a) All rounds are run.
     Plain,
-    /// (b) The first trial is kept at once if its ramps fit.
+    /// (b) The first trial is accepted at once if its ramps fit.
     CheckFirst,
-    /// (c) A trial that fits is raised while its ramps take no more than this share (0 to 1) of the length, and kept then.
+    /// (c) A trial that fits is raised while its ramps use no more than this share (0 to 1) of the length, and then
+    /// accepted.
     Raise(f64),
-    /// (d) As `Raise`; at the end the speed is held within the limit, and what is left of the length is run at it.
+    /// (d) As `Raise`; at the end the speed is limited, and the rest of the length is run at constant speed. The share
+    /// is 0 to 1.
     Fill(f64),
 }
 
-/// A search: where it begins, how it steps, how long.
+/// Parameters of a search: first trial, steps and number of rounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpeedSearch {
-    /// First trial speed in mm/s, above 0.
+    /// First trial speed, mm/s, above 0.
     pub first: f64,
     /// How trials are changed.
     pub step: SearchStep,
-    /// When it ends.
+    /// When the search ends.
     pub variant: SearchVariant,
-    /// The most trials.
+    /// Largest number of trials.
     pub rounds: u32,
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SearchOutcome {
-    /// Speed between the ramps, in mm/s.
+    /// Speed between the ramps, mm/s.
     pub v: f64,
-    /// Length of both ramps in mm.
+    /// Length of both ramps together, mm.
     pub ramps: f64,
-    /// Length in mm that is run at constant speed: what the ramps leave in [`Variant::Fill`], else 0.
+    /// Length that is run at constant speed, mm: what the ramps do not use in [`SearchVariant::Fill`], otherwise 0.
     pub constant: f64,
 }
 
 impl SpeedSearch {
-    /// Searches. `None` where a number is out of its range, or where no speed fits: the ramp from the start's to the end's speed
-    /// is longer than the path already.
+    /// Runs the search on `track`. Returns `None` where a number is out of its range, or where no speed fits because
+    /// the ramp from the start speed to the end speed is longer than the path.
     pub fn find(&self, track: &SearchTrack) -> Option<SearchOutcome> {
         let share_is_valid = match self.variant {
             SearchVariant::Plain | SearchVariant::CheckFirst => true,
@@ -153,14 +156,14 @@ impl SpeedSearch {
             let fits = ramps <= track.length;
             if fits {
                 best = best.max(v);
-                let is_kept = match self.variant {
+                let is_accepted = match self.variant {
                     SearchVariant::Plain => false,
                     SearchVariant::CheckFirst => round == 0 && v >= least,
                     SearchVariant::Raise(share) | SearchVariant::Fill(share) => {
                         v >= least && ramps > share * track.length
                     }
                 };
-                if is_kept {
+                if is_accepted {
                     break;
                 }
             }
@@ -176,7 +179,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Enough for the steps below, from any first trial to any speed and back.
+    /// Number of rounds that is enough for the steps below, from any first trial to any speed and back.
     const ROUNDS: u32 = 4_000;
 
     fn track() -> impl Strategy<Value = SearchTrack> {
@@ -198,7 +201,7 @@ mod tests {
         fastest(from, to, track.length, limits).ok().map(|profile| profile.crest().0)
     }
 
-    /// What is certain after enough rounds, of the speed `best`.
+    /// Speed that is certain to be found after enough rounds, where the best is `best`.
     fn certain(step: SearchStep, best: f64) -> f64 {
         match step {
             SearchStep::Geometric(c) => (1.0 - c) * best,
@@ -225,7 +228,7 @@ mod tests {
             }
         }
 
-        /// The bound that the spec wants shown, against the closed form.
+        /// The bound that the spec requires, against the closed form.
         #[test]
         fn the_plain_search_comes_within_a_step_of_the_closed_form(track in track(), step in step(), first in 0.01..500.0f64) {
             let found = SpeedSearch { first, step, variant: SearchVariant::Plain, rounds: ROUNDS }.find(&track);
@@ -233,14 +236,15 @@ mod tests {
             if let (Some(found), Some(best)) = (found, best) {
                 prop_assert!(found.v <= best * (1.0 + 1e-9) && found.v >= certain(step, best) * (1.0 - 1e-9));
             } else {
-                // Both find nothing, but for a rounding of the shortest ramp.
+                // Both find nothing, up to rounding of the shortest ramp.
                 let least = track.start.max(track.end);
                 let border = (track.ramps(least) - track.length).abs() <= 1e-9 * (1.0 + track.length);
                 prop_assert!(found.is_some() == best.is_some() || border);
             }
         }
 
-        /// The others end early, but never slower than they promise: (b) keeps the first trial, (c) and (d) fill their share.
+        /// The other variants end early, but are never slower than they promise: (b) accepts the first trial, (c) and
+        /// (d) fill their share.
         #[test]
         fn the_other_variants_keep_what_they_promise(track in track(), step in step(), first in 0.01..500.0f64,
                                                      share in 0.0..1.0f64) {
@@ -259,7 +263,8 @@ mod tests {
             }
         }
 
-        /// Small steps come to the closed form's profile: the same speed, and with (d) the same constant stretch.
+        /// Small steps converge to the profile of the closed form: the same speed, and with (d) the same length of
+        /// constant speed.
         #[test]
         fn small_steps_come_to_the_closed_form(track in track()) {
             let search = SpeedSearch { first: 50.0, step: SearchStep::Geometric(1e-3), variant: SearchVariant::Fill(1.0), rounds: 20_000 };
@@ -268,7 +273,7 @@ mod tests {
             }
         }
 
-        /// S(v) is what phases at the limits cover, above, between and below the ends' speeds.
+        /// S(v) is the length of phases at the limits, above, between and below the speeds at the ends.
         #[test]
         fn ramps_are_what_their_phases_cover(track in track(), v in 0.0..300.0f64) {
             let PathLimits { a, j, .. } = track.limits;

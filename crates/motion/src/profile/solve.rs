@@ -1,23 +1,26 @@
 //! Solving for a profile: which family covers the distance, and its fastest member.
 //!
-//! Invariant: what is returned was integrated and lands on the state and the distance that were asked for.
+//! Invariant: a profile is returned only after it was integrated and found to end in the requested state at the
+//! requested distance.
 //!
-//! Take the profiles that change from one state to the other in the duration T. Those that get furthest leave with rising
-//! acceleration, those that get least far with falling; both families begin with the fastest change of speed and acceleration,
-//! which covers the distance d. Between them every distance is covered, so the fastest profile over a length beyond d is the
-//! first member of the rising family that covers it, and below d the first of the falling one, its mirror image.
+//! Take the profiles that change from one state to the other in the duration T. Those that get furthest leave with
+//! rising acceleration, those that get least far with falling; both families begin with the fastest change of speed and
+//! acceleration, which covers the distance d. Between them every distance is covered, so the fastest profile over a
+//! length beyond d is the first member of the rising family that covers it, and below d the first of the falling one,
+//! its mirror image.
 
 use super::profile_shape::{Cap, End, ProfileFamily, Shape};
 use super::{KinematicState, PathLimits, Profile, ProfileError, SIGNS};
 
-/// The fastest profile from `from` to `to` (their places are ignored) over `length` mm that never runs backward.
+/// Returns the fastest profile from `from` to `to` over `length` mm that never runs backward. The places of the states
+/// are ignored; speeds and `length` are not negative.
 ///
-/// Where both ends accelerate the same way, there can be one more profile whose acceleration sinks between them and keeps its
-/// sign. It is not looked for here; [`fastest_any_way`] finds it.
+/// Where both ends accelerate in the same direction, there can be one more profile whose acceleration decreases between
+/// them and keeps its sign. It is not searched for here; [`fastest_any_way`] finds it.
 ///
 /// # Errors
-/// Which of the two states is too high for the distance or the limits; a state that cannot be left or reached without
-/// running backward is too high for any distance.
+/// [`ProfileError`] says which of the two states is too high for the distance or the limits. A state that cannot be
+/// left or reached without running backward is too high for any distance.
 pub fn fastest(
     from: KinematicState,
     to: KinematicState,
@@ -44,11 +47,12 @@ pub fn fastest(
     if sound && least >= -1e-10 { Ok(profile) } else { Err(ProfileError::TargetTooHigh) }
 }
 
-/// The fastest profile from `from` to `to` (their places are ignored) over `length` mm; speeds and the length may have any
-/// sign. The limits hold in both directions, and the first phase's jerk is positive or negative.
+/// Returns the fastest profile from `from` to `to` over `length` mm, with speeds and length of any sign. The places of
+/// the states are ignored. The limits hold in both directions, and the jerk of the first phase is positive or negative.
 ///
 /// # Errors
-/// Which of the two states lies outside the limits, or leaves them when its acceleration is taken to zero at once.
+/// [`ProfileError`] says which of the two states is outside the limits, or leaves them when its acceleration is taken
+/// to zero at once.
 pub fn fastest_any_way(
     from: KinematicState,
     to: KinematicState,
@@ -62,7 +66,8 @@ pub fn fastest_any_way(
     if !ends.to.legal_any_way(&ends) {
         return Err(ProfileError::TargetTooHigh);
     }
-    // Within a rounding of the fastest change that change is the answer; the mirror image would cover the rest on a detour.
+    // Within a rounding of the fastest change, that change is the answer; the mirror image would cover the rest on a
+    // detour.
     if let Some(straight) = straight(from, to, length, limits) {
         return Ok(straight);
     }
@@ -90,8 +95,8 @@ pub fn fastest_any_way(
     if lands(&profile, length, to, 1.0 + excursion).0 { Ok(profile) } else { Err(ProfileError::TargetTooHigh) }
 }
 
-/// The change with one jerk only, where it fits but for rounding. It lies on the border of all families, where the way depends
-/// without bound on the last digits of the speeds.
+/// The change with one jerk only, where it fits up to rounding. It is on the border of all families, where the distance
+/// depends without bound on the last digits of the speeds.
 #[inline]
 fn straight(from: KinematicState, to: KinematicState, length: f64, limits: PathLimits) -> Option<Profile> {
     let (rise, sum) = (to.a - from.a, from.v.abs() + to.v.abs());
@@ -119,7 +124,7 @@ impl Ends {
     #[inline]
     fn new(from: KinematicState, to: KinematicState, limits: PathLimits) -> Self {
         let per_jerk = 1.0 / limits.j;
-        // An end may lie above the limit by a rounding.
+        // An end may exceed the limit by a rounding.
         let a = limits.a.max(from.a.abs().max(to.a.abs()).min(limits.a * (1.0 + 1e-9)));
         Self {
             from: End::new(from.v * per_jerk, from.a * per_jerk),
@@ -130,7 +135,7 @@ impl Ends {
         }
     }
 
-    /// No less than what the fastest change of speed and acceleration covers to and fro (s³).
+    /// At least the distance that the fastest change of speed and acceleration covers to and fro (s³).
     #[inline]
     fn excursion(&self) -> f64 {
         let reach = |end: End| end.v.abs() + end.alpha * end.alpha;
@@ -139,14 +144,14 @@ impl Ends {
         2.0 * v * (self.cap.w + v * self.cap.per_w)
     }
 
-    /// The ends with all signs turned where `sign` is −1.
+    /// The ends with all signs reversed where `sign` is −1.
     #[inline]
     fn signed(&self, sign: f64) -> Self {
         Self { from: self.from.signed(sign), to: self.to.signed(sign), ..*self }
     }
 
-    /// The profile over `length` (s³) that belongs to the few that stand apart, see [`Family::apart`], where there is one, and
-    /// the sign of its first jerk. Both ends accelerate the same way.
+    /// Profile over `length` (s³) that belongs to the few separate ones, see [`ProfileFamily::apart`], where one
+    /// exists, and the sign of its first jerk. Both ends accelerate in the same direction.
     #[cold]
     fn apart(&self, length: f64, slack: f64) -> Option<(f64, [f64; 7])> {
         let one_way = |ends: &Self, length: f64| {
@@ -165,7 +170,7 @@ impl Ends {
 }
 
 impl Shape {
-    /// The phases in the order of time.
+    /// Phases in the order of time.
     #[inline]
     fn times(self, swapped: bool) -> [f64; 7] {
         let Self { up, cruise, down } = self;
@@ -175,13 +180,14 @@ impl Shape {
 }
 
 impl End {
-    /// Is it within the limits, and does it stay below the speed limit when its acceleration is taken to zero at once?
+    /// Whether the end is within the limits and stays below the speed limit when its acceleration is taken to zero at
+    /// once.
     #[inline]
     fn legal(self, ends: &Ends) -> bool {
         self.alpha.abs() <= ends.cap.w && self.free <= ends.top * (1.0 + 1e-12)
     }
 
-    /// The same in both directions.
+    /// Whether the end is within the limits in both directions.
     #[inline]
     fn legal_any_way(self, ends: &Ends) -> bool {
         let top = ends.top * (1.0 + 1e-12);
@@ -189,8 +195,8 @@ impl End {
     }
 }
 
-/// Do the phases really end at `length` in the state `to`, and what is the lowest speed between two of them? Places may be off
-/// by a part in 10¹² of `excursion`. It guards against lost digits.
+/// Whether the phases end at `length` in the state `to`, and the lowest speed between two of them. Places may be off by
+/// a part in 10¹² of `excursion`. This guards against lost digits.
 #[inline(always)]
 fn lands(profile: &Profile, length: f64, to: KinematicState, excursion: f64) -> (bool, f64) {
     // The same sums as in `Profile::ends`, without a division.

@@ -1,4 +1,4 @@
-//! Programs to plan, and judges of what comes out, written apart from the planner.
+//! Programs to plan, and checks of the records, written independently of the planner.
 #![allow(dead_code, unreachable_pub)] // each test file uses its part
 
 use proptest::prelude::*;
@@ -26,28 +26,28 @@ pub struct Move {
     pub path: Path,
     pub feed: FeedRate,
     pub mode: PathMode,
-    /// A stop follows.
+    /// Whether a stop follows.
     pub stop: bool,
 }
 
-/// Everything that came out of a planner.
+/// Everything that a planner emitted.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Run {
     pub records: Vec<Record<3>>,
     pub points: Vec<[f64; 3]>,
 }
 
-/// Feeds `moves`, with `most` records taken out after each move.
+/// Feeds `moves`, with at most `most` records taken out after each move.
 pub fn play(limits: MachineLimits<3>, moves: &[Move], most: usize) -> Run {
     play_on(Planner::new(limits, [0.0; 3]).expect("valid limits"), moves, most)
 }
 
-/// The same with a planner of one's own.
+/// Feeds `moves` to a given planner.
 pub fn play_on(planner: Planner<3>, moves: &[Move], most: usize) -> Run {
     play_through(planner, moves, most, |_, _| ())
 }
 
-/// The same with something done before each record.
+/// Feeds `moves` to a given planner, with `before` called before each record.
 pub fn play_through(
     mut planner: Planner<3>,
     moves: &[Move],
@@ -79,8 +79,8 @@ pub fn play_through(
     run
 }
 
-/// The un-rounded set-points keep α of the limits, judged by finite differences over single periods.
-pub fn judge_points(limits: &MachineLimits<3>, points: &[[f64; 3]], start: [f64; 3]) -> Result<(), String> {
+/// Checks that the unrounded set-points are within α of the limits, by finite differences over single periods.
+pub fn check_points(limits: &MachineLimits<3>, points: &[[f64; 3]], start: [f64; 3]) -> Result<(), String> {
     let Some(&end) = points.last() else { return Ok(()) };
     let still = |at| std::iter::repeat_n(at, 3);
     let all: Vec<[f64; 3]> = still(start).chain(points.iter().copied()).chain(still(end)).collect();
@@ -109,8 +109,8 @@ pub fn judge_points(limits: &MachineLimits<3>, points: &[[f64; 3]], start: [f64;
     Ok(())
 }
 
-/// What is emitted keeps the limits as the interface judges them, at rate 1.
-pub fn judge_records(limits: &MachineLimits<3>, records: &[Record<3>]) -> Result<(), String> {
+/// Checks that the records are within the limits as the interface measures them, at rate 1.
+pub fn check_records(limits: &MachineLimits<3>, records: &[Record<3>]) -> Result<(), String> {
     for axis in 0..3 {
         let mut counts = vec![0i64; 192];
         for record in records {
@@ -181,7 +181,7 @@ pub fn chain(start: [f64; 3], path: &Path) -> Vec<[f64; 3]> {
 }
 
 /// A set-point that is further than `tolerance` from every move around the one it belongs to, and its distance.
-pub fn astray(moves: &[Move], run: &Run, reach: usize, tolerance: f64) -> Option<(usize, f64)> {
+pub fn find_astray(moves: &[Move], run: &Run, reach: usize, tolerance: f64) -> Option<(usize, f64)> {
     let mut start = [0.0; 3];
     let chains: Vec<Vec<[f64; 3]>> = moves
         .iter()
@@ -211,10 +211,10 @@ pub fn astray(moves: &[Move], run: &Run, reach: usize, tolerance: f64) -> Option
     all.find(|(_, distance)| *distance > tolerance)
 }
 
-/// Everything at once: both judges, the exact end, half a pulse, the path within the tolerance.
-pub fn judge(limits: &MachineLimits<3>, moves: &[Move], run: &Run, tolerance: f64, reach: usize) -> Result<(), String> {
-    judge_points(limits, &run.points, [0.0; 3])?;
-    judge_records(limits, &run.records)?;
+/// Checks everything: set-points, records, the exact end, half a pulse, the path within the tolerance.
+pub fn check(limits: &MachineLimits<3>, moves: &[Move], run: &Run, tolerance: f64, reach: usize) -> Result<(), String> {
+    check_points(limits, &run.points, [0.0; 3])?;
+    check_records(limits, &run.records)?;
     let mut counts = [0i64; 3];
     for (record, point) in run.records.iter().zip(&run.points) {
         for i in 0..3 {
@@ -230,13 +230,13 @@ pub fn judge(limits: &MachineLimits<3>, moves: &[Move], run: &Run, tolerance: f6
     if counts != wanted {
         return Err(format!("ends at {counts:?}, commanded {wanted:?}"));
     }
-    match astray(moves, run, reach, tolerance + 2e-5) {
+    match find_astray(moves, run, reach, tolerance + 2e-5) {
         Some((n, distance)) => Err(format!("period {n} is {distance} mm off the path")),
         None => Ok(()),
     }
 }
 
-/// One move of a random program, relative to where it starts and to the direction before it.
+/// One move of a random program, relative to its start and to the direction before it.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
     pub kind: u8,
@@ -262,7 +262,7 @@ pub fn step() -> impl Strategy<Value = Step> {
         .prop_map(|(kind, size, turn, bend, rise, feed, stop)| Step { kind, size, turn, bend, rise, feed, stop })
 }
 
-/// Turns steps into a program: lines, arcs tangent to what came before, helices, inverse time, rapids.
+/// Turns steps into a program: lines, arcs tangent to the move before, helices, inverse time, rapids.
 pub fn program(steps: &[Step], mode: PathMode) -> Vec<Move> {
     let (mut at, mut heading) = ([0.0f64; 3], 0.3f64);
     steps

@@ -55,7 +55,7 @@ impl Dice {
             3 => a_max * self.scale(1e-6, 1.0),
             _ => self.within(-a_max, a_max),
         };
-        // Room for taking the acceleration to zero, in the direction of either end.
+        // Limit for taking the acceleration to zero, in the direction of either end.
         let room = (2.0 * j * (v_max - v.abs())).sqrt() * (1.0 - 1e-12);
         KinematicState { s: 0.0, v, a: a.clamp(-room, room) }
     }
@@ -79,8 +79,8 @@ pub(crate) fn case(number: u64) -> Case {
     Case { from, to, length, limits }
 }
 
-/// A length where one kind of profile turns into another: just where some phase of a neighbouring profile is empty, or the
-/// shortest one that the family has.
+/// A length where one kind of profile turns into another: where some phase of a neighbouring profile is just empty, or
+/// the shortest one of the family.
 fn border(dice: &mut Dice, from: KinematicState, to: KinematicState, length: f64, limits: PathLimits) -> f64 {
     let Ok(mut profile) = fastest_any_way(from, to, length, limits) else { return length };
     let emptied = (dice.next() % 7) as usize;
@@ -89,7 +89,7 @@ fn border(dice: &mut Dice, from: KinematicState, to: KinematicState, length: f64
         profile.times[3] = 0.0;
     }
     let end = profile.end();
-    // Emptying one phase misses the end; the way from there on by the fastest change is near a border all the same.
+    // With a phase emptied, the profile misses the end; the fastest change from there on is near a border nevertheless.
     let there = KinematicState { s: 0.0, v: end.v.clamp(-limits.v, limits.v), a: 0.0 };
     let rest = fastest_any_way(there, to, 0.0, limits).map_or(0.0, |p| p.end().s);
     (end.s + rest).clamp(-1e3, 1e3) * if dice.one_in(2) { 1.0 } else { 1.0 + dice.within(-1e-9, 1e-9) }

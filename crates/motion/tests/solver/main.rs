@@ -1,16 +1,18 @@
-//! Durations of profiles against rsruckig, on random cases with any speeds, accelerations and distances (Q1).
+//! Durations of profiles compared with rsruckig, on random cases with any speeds, accelerations and distances (Q1).
 //!
-//! Invariant: every case has a profile, it is integrated here and keeps its limits, and no case that differs goes uncounted.
+//! Invariant: every case has a profile, it is integrated here and is within its limits, and every case that differs is
+//! counted.
 //!
-//! The number of cases is 5 000, or what RETRACE_PROFILE_CASES says; RETRACE_PROFILE_SHOWN prints so many that differ.
+//! The number of cases is 5 000, or the value of RETRACE_PROFILE_CASES; RETRACE_PROFILE_SHOWN prints that many that
+//! differ.
 
 mod cases;
+mod outcome;
 mod peer;
-mod verdict;
 
 use cases::case;
+use outcome::{Outcome, Tally, compare};
 use peer::Peer;
-use verdict::{Tally, Verdict, judge};
 
 fn number(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).ok().and_then(|given| given.parse().ok()).unwrap_or(otherwise)
@@ -23,8 +25,8 @@ fn durations_are_those_of_rsruckig() {
     let mut left = shown;
     for k in 0..count {
         let case = case(k);
-        let verdict = judge(&case, &mut peer);
-        if left > 0 && verdict != Verdict::Equal {
+        let verdict = compare(&case, &mut peer);
+        if left > 0 && verdict != Outcome::Equal {
             println!("case {k} {verdict:?}: {case:?}");
             left -= 1;
         }
@@ -35,7 +37,7 @@ fn durations_are_those_of_rsruckig() {
     assert!(tally.equal as f64 >= 0.99 * count as f64, "{tally}");
 }
 
-/// What the speeds are compared with is the same solver: without its checks it gives the same durations.
+/// The peer's solver used for the comparison of speeds is the same: without its checks it gives the same durations.
 #[test]
 fn the_peers_solver_alone_is_the_peer() {
     let mut peer = Peer::new();
@@ -61,7 +63,7 @@ fn in_the_mirror_and_backward_in_time_it_takes_as_long() {
             let Ok(other) = other else { panic!("case {k} {name}: {c:?}") };
             let gap = (other.duration() - plain.duration()).abs();
             // At a border a rounding of the distance decides.
-            let close = gap <= 1e-9 * (1.0 + plain.duration()) || verdict::is_at_border(&c, gap);
+            let close = gap <= 1e-9 * (1.0 + plain.duration()) || outcome::is_at_border(&c, gap);
             assert!(close, "case {k} {name} {gap:e}: {c:?}");
         }
     }

@@ -1,6 +1,6 @@
 //! The peer: rsruckig, a port of Ruckig's community version (Berscheid and Kröger 2021).
 //!
-//! Invariant: it gets the same numbers as the solver under test, and its own tolerance is told apart from ours.
+//! Invariant: it gets the same numbers as the solver under test, and its own tolerance is distinguished from ours.
 
 use super::cases::Case;
 use retrace_motion::profile::KinematicState;
@@ -8,7 +8,7 @@ use rsruckig::block::Block;
 use rsruckig::position_third_step1::PositionThirdOrderStep1;
 use rsruckig::prelude::*;
 
-/// The peer with its memory, so that timing it times no allocation.
+/// The peer with its memory, so that its timing includes no allocation.
 pub(crate) struct Peer {
     solver: Ruckig<1, ThrowErrorHandler>,
     input: InputParameter<1>,
@@ -30,7 +30,7 @@ impl Peer {
         }
     }
 
-    /// Takes the numbers of a case.
+    /// Sets the numbers of a case.
     pub(crate) fn set(&mut self, case: &Case) {
         let Self { input, .. } = self;
         input.current_velocity[0] = case.from.v;
@@ -43,7 +43,7 @@ impl Peer {
         input.max_jerk[0] = case.limits.j;
     }
 
-    /// Solves it: the duration in s, or what the peer says.
+    /// Solves the case: the duration in s, or the error of the peer.
     pub(crate) fn solve(&mut self) -> Result<f64, String> {
         match self.solver.calculate(&self.input, &mut self.path) {
             Ok(_) => Ok(self.path.get_duration()),
@@ -51,7 +51,7 @@ impl Peer {
         }
     }
 
-    /// Where the phases of the last solution really end.
+    /// State in which the phases of the last solution end.
     pub(crate) fn end(&self, case: &Case) -> KinematicState {
         let profile = &self.path.get_profiles()[0][0];
         let mut state = KinematicState { s: 0.0, ..case.from };
@@ -65,7 +65,8 @@ impl Peer {
         state
     }
 
-    /// Solves the case by the peer's solver alone, without checking the input or filling a trajectory; its duration in s.
+    /// Solves the case by the peer's solver alone, without checking the input or filling a trajectory; its duration in
+    /// s.
     pub(crate) fn solve_bare(&mut self, case: &Case) -> Option<f64> {
         let Case { from, to, length, limits } = *case;
         let mut ends = Profile::default();

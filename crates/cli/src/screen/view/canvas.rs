@@ -1,21 +1,21 @@
-//! Dots in cells: two across and four down in each, which in a terminal lie about as far apart as they do down.
+//! Canvas of dots in cells: two across and four down in each, which are about equally spaced in a terminal.
 //!
-//! Invariant: nothing is drawn outside of its area, wherever the points lie.
+//! Invariant: nothing is drawn outside its area, wherever the points lie.
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::Style;
 
-/// A cell of dots.
+/// Cell of dots.
 #[derive(Clone, Copy, Debug, Default)]
 struct Dots {
     bits: u8,
     style: Style,
-    /// A sign that takes the place of the dots.
+    /// Sign that replaces the dots.
     sign: Option<char>,
 }
 
-/// An area of dots.
+/// Area of dots.
 #[derive(Clone, Debug)]
 pub(super) struct Canvas {
     area: Rect,
@@ -23,12 +23,12 @@ pub(super) struct Canvas {
 }
 
 impl Canvas {
-    /// Over an area.
+    /// Canvas over an area.
     pub(super) fn over(area: Rect) -> Self {
         Self { area, cells: vec![Dots::default(); usize::from(area.width) * usize::from(area.height)] }
     }
 
-    /// Its size in dots.
+    /// Size in dots.
     pub(super) fn size(&self) -> [f64; 2] {
         [f64::from(self.area.width) * 2.0, f64::from(self.area.height) * 4.0]
     }
@@ -42,7 +42,7 @@ impl Canvas {
         self.cells.get_mut(index)
     }
 
-    /// A line, of which one dot in `every` is drawn; or a sign in each of its cells.
+    /// Draws a line with one dot in `every`, or with a sign in each of its cells.
     pub(super) fn line(&mut self, from: [f64; 2], to: [f64; 2], every: usize, sign: Option<char>, style: Style) {
         let Some([from, to]) = self.clipped(from, to) else { return };
         let steps = (to[0] - from[0]).abs().max((to[1] - from[1]).abs()).ceil().max(1.0);
@@ -57,9 +57,10 @@ impl Canvas {
         }
     }
 
-    /// Which dots are left out depends on where they are, so that two lines over each other look like one.
+    /// Draws a dot. Which dots of a line are left out depends on their position, so that two overlapping lines look
+    /// like one.
     fn dot(&mut self, x: usize, y: usize, every: usize, style: Style) {
-        /// The bits of a cell's dots, in Unicode's order.
+        /// Bits of a cell's dots, in Unicode's order.
         const BITS: [[u8; 2]; 4] = [[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]];
         let width = usize::from(self.area.width);
         if x / 2 >= width || !(x + y).is_multiple_of(every) {
@@ -71,14 +72,14 @@ impl Canvas {
         }
     }
 
-    /// A sign in a cell.
+    /// Draws a sign in a cell.
     pub(super) fn sign(&mut self, at: [f64; 2], sign: char, style: Style) {
         if let Some(cell) = self.cell(at[0], at[1]) {
             (cell.sign, cell.style) = (Some(sign), style);
         }
     }
 
-    /// The part of a line that lies in the area.
+    /// Clips a line to the area.
     fn clipped(&self, from: [f64; 2], to: [f64; 2]) -> Option<[[f64; 2]; 2]> {
         let size = self.size();
         let (mut begin, mut end) = (0.0f64, 1.0f64);
@@ -101,7 +102,7 @@ impl Canvas {
         (begin <= end).then(|| [at(begin), at(end)])
     }
 
-    /// Puts it on the screen.
+    /// Writes the canvas to the screen.
     pub(super) fn show(&self, out: &mut Buffer) {
         let width = self.area.width.max(1);
         for (n, cell) in self.cells.iter().enumerate() {

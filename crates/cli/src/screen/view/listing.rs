@@ -1,6 +1,6 @@
-//! What is read line by line: the program with the active block, and the last messages.
+//! Line lists: the program with the active block, and the latest messages.
 //!
-//! Invariant: the active block is always in view.
+//! Invariant: the active block is always visible.
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
@@ -9,7 +9,7 @@ use ratatui::style::{Modifier, Style};
 use super::{Theme, fitted, pane, put_at};
 use crate::screen::model::{Message, ScreenModel, ScreenStage};
 
-/// The program, with `>` at the active block, and `x` at the furthest one.
+/// Draws the program, with `>` at the active block and `x` at the furthest one.
 pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
     let text = &model.facts.program;
     let lines = text.lines();
@@ -21,13 +21,13 @@ pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, look: T
     };
     let inside = pane(out, area, &title, look);
     if lines == 0 {
-        put_at(out, inside, 1, 0, "It comes as a stream:", look.faint());
-        put_at(out, inside, 1, 1, "no text to show.", look.faint());
+        put_at(out, inside, 1, 0, "Streamed program:", look.faint());
+        put_at(out, inside, 1, 1, "no listing.", look.faint());
         return;
     }
     let height = usize::from(inside.height);
     let digits = lines.to_string().len().max(3);
-    // The block stands in the middle, but for the ends of the program.
+    // The active block is in the middle, except at both ends of the program.
     let first = active.saturating_sub(height / 2).clamp(1, (lines + 1).saturating_sub(height).max(1));
     for (row, number) in (first..=lines).take(height).enumerate() {
         let is_active = number == active && model.stage != ScreenStage::Setup;
@@ -45,7 +45,7 @@ pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, look: T
     }
 }
 
-/// The last messages, the newest below.
+/// Draws the latest messages, the newest last.
 pub(super) fn messages(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
     let rows = usize::from(area.height);
     let skip = model.messages.len().saturating_sub(rows);
@@ -59,7 +59,7 @@ pub(super) fn messages(out: &mut Buffer, area: Rect, model: &ScreenModel, look: 
     }
 }
 
-/// A message in a line, with its time and, where it has one, its program line.
+/// Formats a message: time, program line if it has one, text.
 pub(super) fn told(message: &Message) -> String {
     let line = if message.line == 0 { String::new() } else { format!("line {}", message.line) };
     let times = if message.times > 1 { format!("  ×{}", message.times) } else { String::new() };

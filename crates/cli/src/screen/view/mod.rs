@@ -1,7 +1,7 @@
-//! From the picture of the machine to cells: the whole screen.
+//! Renders the whole screen: from the model to terminal cells.
 //!
-//! Invariant: a pure function of picture, hand, size and time; it draws something at every size, and what colour says words and signs
-//! say too.
+//! Invariant: a pure function of model, key state, size and time. It draws something at every size, and nothing is
+//! expressed by colour alone.
 
 mod canvas;
 mod listing;
@@ -21,15 +21,15 @@ use super::model::{ScreenModel, ScreenStage};
 use super::program_facts::Planned;
 use super::status_line::{self, HintLevel, StatusHint};
 
-/// How things look.
+/// Styles of the screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Theme {
-    /// May colour be used?
+    /// Whether colour may be used.
     pub colour: bool,
 }
 
 impl Theme {
-    /// From the environment: no colour where `NO_COLOR` asks for none, or the terminal has none.
+    /// Theme from the environment: no colour where `NO_COLOR` is set or the terminal has none.
     #[must_use]
     pub fn of_environment() -> Self {
         let unwanted = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
@@ -90,18 +90,18 @@ pub fn draw(out: &mut Buffer, model: &ScreenModel, hand: &KeyState, look: Theme,
     overlay::draw(out, panes.path, model, hand, &guide, look);
 }
 
-/// Below the least size: what must be said all the same.
+/// Text for a terminal below the minimum size: state, reason and the hold key.
 fn too_small(out: &mut Buffer, model: &ScreenModel, hand: &KeyState) {
     let guide = status_line::of(model, hand);
     let lines =
-        [format!("{} x {} is the least", LEAST.0, LEAST.1), guide.word.to_string(), guide.why, "Space holds".into()];
+        [format!("needs {} x {}", LEAST.0, LEAST.1), guide.word.to_string(), guide.why, "Space: feed hold".into()];
     for (y, line) in (out.area.y..out.area.bottom()).zip(lines) {
         put(out, Rect { y, height: 1, ..out.area }, 0, &line, Style::new());
     }
 }
 
 fn head(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, guide: &StatusHint, look: Theme) {
-    // A dry run is named first, for as long as it is on.
+    // A dry run is shown first while it is on.
     let word = if hand.dry { format!("DRY {}", guide.word) } else { guide.word.to_owned() };
     let mut style = Style::new().add_modifier(Modifier::REVERSED | Modifier::BOLD);
     if look.colour {
@@ -115,13 +115,13 @@ fn head(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, guid
             format!("{} run · {about}{} left", clock(model.run_s()), clock(left.seconds))
         }
         (ScreenStage::Job, None) if model.facts.planned == Planned::Reckoning => {
-            format!("{} run · reckoning …", clock(model.run_s()))
+            format!("{} run · calculating …", clock(model.run_s()))
         }
-        (ScreenStage::Job, None) => format!("{} run · end not known", clock(model.run_s())),
+        (ScreenStage::Job, None) => format!("{} run · end unknown", clock(model.run_s())),
         (ScreenStage::Ended(_), _) => format!("{} run", clock(model.run_s())),
         (ScreenStage::Setup | ScreenStage::Resuming, _) => match model.facts.planned {
             Planned::Known(s) => format!("{} of motion", clock(s)),
-            Planned::Reckoning => "reckoning …".into(),
+            Planned::Reckoning => "calculating …".into(),
             Planned::Unknown => String::new(),
         },
     };
@@ -132,7 +132,7 @@ fn head(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, guid
     put(out, area, (width.saturating_sub(time.chars().count() + 1)) as u16, &time, style);
 }
 
-/// Why it stands, and the first keys that go on, as many as have room.
+/// Draws why the machine waits and the first keys that apply, as many as fit.
 fn why(out: &mut Buffer, area: Rect, guide: &StatusHint, look: Theme) {
     let mut text = guide.why.clone();
     for (named, row) in guide.acts.iter().filter_map(|&act| keys::row_for(act)).take(3).enumerate() {
@@ -146,28 +146,28 @@ fn why(out: &mut Buffer, area: Rect, guide: &StatusHint, look: Theme) {
     put(out, area, 1, &fitted(&text, usize::from(area.width).saturating_sub(2)), look.of(guide.grade));
 }
 
-/// What an act is called where there is room for it.
+/// Long label of an action.
 fn spelled(act: KeyAction, short: &'static str) -> &'static str {
     match act {
         KeyAction::CycleStart => "cycle start",
-        KeyAction::Reverse => "back up",
+        KeyAction::Reverse => "reverse",
         KeyAction::Wheel => "handwheel",
         KeyAction::Hold => "feed hold",
-        KeyAction::Leave => "forward and on",
-        KeyAction::ClearAlarm => "clears it",
-        KeyAction::Home => "homes it",
-        KeyAction::Spindle => "spindle stop, start",
+        KeyAction::Leave => "forward, resume",
+        KeyAction::ClearAlarm => "clear the alarm",
+        KeyAction::Home => "home all axes",
+        KeyAction::Spindle => "spindle stop/start",
         _ => short,
     }
 }
 
-/// The keys that make sense now, as many as have room; or what must be known of the last key.
+/// Draws the keys that apply now, as many as fit; or the notice about the last key.
 fn key_line(out: &mut Buffer, area: Rect, model: &ScreenModel, guide: &StatusHint, notice: Option<&str>, look: Theme) {
     if let Some(notice) = notice {
         put(out, area, 1, notice, look.waits().add_modifier(Modifier::BOLD));
         return;
     }
-    // Where there is a cutter, its key is always named.
+    // The cutter key of a machine with a cutter is always shown.
     let help = if model.facts.cutters.is_empty() { "? all keys" } else { "x cutter off  ? all keys" };
     let end = area.width.saturating_sub(help.len() as u16 + 1);
     let mut x = 1;
@@ -183,8 +183,8 @@ fn key_line(out: &mut Buffer, area: Rect, model: &ScreenModel, guide: &StatusHin
     put(out, area, end, help, Style::new().add_modifier(Modifier::BOLD));
 }
 
-/// Puts a text into the first row of an area, from its column `x` on; what has no room is cut off, and what a terminal could not show is
-/// left out.
+/// Writes a text into the first row of an area, from column `x`. Text beyond the area is cut off; control characters
+/// become blanks.
 fn put(out: &mut Buffer, area: Rect, x: u16, text: &str, style: Style) {
     let area = area.intersection(out.area);
     if area.height == 0 || x >= area.width {
@@ -194,14 +194,14 @@ fn put(out: &mut Buffer, area: Rect, x: u16, text: &str, style: Style) {
     out.set_stringn(area.x + x, area.y, clean, usize::from(area.width - x), style);
 }
 
-/// The same in a row of the area.
+/// Writes a text into a row of the area; see [`put`].
 fn put_at(out: &mut Buffer, area: Rect, x: u16, row: u16, text: &str, style: Style) {
     if row < area.height {
         put(out, Rect { y: area.y + row, height: 1, ..area }, x, text, style);
     }
 }
 
-/// A pane with its border and its title; what is inside.
+/// Draws a pane with border and title. Returns the area inside.
 fn pane(out: &mut Buffer, area: Rect, title: &str, look: Theme) -> Rect {
     let block = Block::bordered().border_style(look.faint());
     let inside = block.inner(area);
@@ -211,7 +211,8 @@ fn pane(out: &mut Buffer, area: Rect, title: &str, look: Theme) -> Rect {
     inside
 }
 
-/// A text in lines of at most so many characters, broken between words where that is possible; lines behind the first are indented.
+/// Folds a text into lines of at most `width` characters, between words where possible; continuation lines are
+/// indented.
 fn folded(text: &str, width: usize, indent: usize) -> Vec<String> {
     let (width, indent) = (width.max(8), indent.min(width / 2));
     let mut lines = Vec::new();
@@ -227,7 +228,7 @@ fn folded(text: &str, width: usize, indent: usize) -> Vec<String> {
     lines
 }
 
-/// A text cut to so many characters, with a sign that there was more.
+/// Cuts a text to `width` characters; an ellipsis marks the cut.
 fn fitted(text: &str, width: usize) -> String {
     if text.chars().count() <= width {
         return text.into();
@@ -237,7 +238,7 @@ fn fitted(text: &str, width: usize) -> String {
     cut
 }
 
-/// Minutes and seconds, or hours.
+/// Formats a duration as minutes and seconds, or with hours.
 fn clock(seconds: f64) -> String {
     let whole = seconds.clamp(0.0, 3.6e9).round() as u64;
     let (hours, minutes, seconds) = (whole / 3600, whole / 60 % 60, whole % 60);

@@ -1,6 +1,6 @@
-//! What lies over the screen: questions, alarms, outputs that differ, all keys.
+//! Dialogs over the screen: questions, alarms, outputs that differ, the list of keys.
 //!
-//! Invariant: a box says by which key it goes away.
+//! Invariant: a dialog shows the key that closes it.
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
@@ -14,7 +14,7 @@ use crate::screen::keys::{KeyAction, Situation, TABLE, row_for};
 use crate::screen::model::{Pause, ScreenModel};
 use crate::screen::status_line::{self, HintLevel, StatusHint};
 
-/// Draws what is to be drawn over the rest.
+/// Draws the dialog that is open, if any.
 pub(super) fn draw(
     out: &mut Buffer,
     path: Rect,
@@ -41,7 +41,7 @@ pub(super) fn draw(
     }
 }
 
-/// The steps of a pause, at the foot of the path's pane, so that program and figures stay in view.
+/// Draws the steps of a pause at the bottom of the path's pane, so that program and readouts stay visible.
 fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, look: Theme) {
     let steps = status_line::steps(pause);
     let next = steps.iter().position(|&(_, _, done)| !done);
@@ -55,10 +55,10 @@ fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, look: Theme) {
     };
     let lines: Vec<String> = steps.iter().enumerate().map(line).collect();
     let height = (lines.len() as u16 + 2).min(path.height);
-    fill(out, Rect { y: path.bottom() - height, height, ..path }, "PAUSED: the steps back", &lines, look);
+    fill(out, Rect { y: path.bottom() - height, height, ..path }, "PAUSED: steps to resume", &lines, look);
 }
 
-/// A box in the middle, as large as its lines and no larger than the screen.
+/// Draws a centred box, as large as its lines and no larger than the screen.
 fn boxed(out: &mut Buffer, title: &str, lines: &[String], look: Theme) {
     let longest = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0).max(title.chars().count() + 4);
     let width = (longest + 4).min(usize::from(out.area.width)) as u16;
@@ -79,7 +79,7 @@ fn fill(out: &mut Buffer, at: Rect, title: &str, lines: &[String], look: Theme) 
     put_at(out, at, 2, 0, &format!(" {} ", fitted(title, usize::from(at.width).saturating_sub(6))), waits);
 }
 
-/// All keys, a page at a time: those of this situation first, then the others by situation.
+/// Draws all keys, one page at a time: those of this situation first, then the others by situation.
 fn help(out: &mut Buffer, model: &ScreenModel, page: usize, look: Theme) {
     let width = usize::from(out.area.width).saturating_sub(5);
     let lines: Vec<String> = help_lines(Situation::of(model), width);
@@ -87,16 +87,16 @@ fn help(out: &mut Buffer, model: &ScreenModel, page: usize, look: Theme) {
     let pages = lines.len().div_ceil(room);
     let page = page % pages.max(1);
     let mut shown: Vec<String> = lines.into_iter().skip(page * room).take(room).collect();
-    // Every page is as large as the first, so that the box stays where it is.
+    // Every page has the size of the first, so that the box does not move.
     shown.resize(room.min(shown.len().max(room)), String::new());
     let longest = shown.iter().map(|line| line.chars().count()).max().unwrap_or(0);
     if let Some(first) = shown.first_mut() {
         *first = format!("{first:width$}", width = longest.max(60).min(width));
     }
-    boxed(out, &format!("keys · page {} of {pages} · ↓ next  ↑ back  Esc closes", page + 1), &shown, look);
+    boxed(out, &format!("keys · page {} of {pages} · ↓ next  ↑ previous  Esc close", page + 1), &shown, look);
 }
 
-/// The help, by situation: each key under the first in which it works.
+/// Lines of the key list by situation; a key is listed under the first situation in which it applies.
 fn help_lines(situation: Situation, width: usize) -> Vec<String> {
     let mut lines = Vec::new();
     let mut listed: u128 = 0;
@@ -123,12 +123,12 @@ fn tools(out: &mut Buffer, model: &ScreenModel, look: Theme) {
     let room = usize::from(out.area.height.saturating_sub(4));
     let mut lines: Vec<String> = model.facts.tools.iter().take(room).cloned().collect();
     if lines.is_empty() {
-        lines.push("No tool table was given (--tools FILE).".into());
+        lines.push("No tool table is loaded (--tools FILE).".into());
     }
-    boxed(out, "tools · any key closes", &lines, look);
+    boxed(out, "tools · any key: close", &lines, look);
 }
 
-/// All messages, each as long as it is, the newest below; `back`: lines above the newest.
+/// Draws all messages in full, the newest last; `back` is the number of lines scrolled back.
 fn log(out: &mut Buffer, model: &ScreenModel, back: usize, look: Theme) {
     let room = usize::from(out.area.height.saturating_sub(4)).max(1);
     let width = usize::from(out.area.width).saturating_sub(5);
@@ -136,31 +136,29 @@ fn log(out: &mut Buffer, model: &ScreenModel, back: usize, look: Theme) {
     let end = all.len().saturating_sub(back).max(room.min(all.len()));
     let mut lines = all[end.saturating_sub(room)..end].to_vec();
     if lines.is_empty() {
-        lines.push("Nothing yet.".into());
+        lines.push("No messages.".into());
     }
-    boxed(out, "messages, the newest below · ↑ ↓ PgUp PgDn · any other key closes", &lines, look);
+    boxed(out, "messages, newest last · ↑ ↓ PgUp PgDn scroll · any other key: close", &lines, look);
 }
 
 fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str>, look: Theme) {
     let (title, question, keys) = match ask {
-        PendingQuestion::BackBy => ("back up", "Back along the path by how many mm?", "Enter goes · Esc does not"),
+        PendingQuestion::BackBy => ("back by", "Distance back along the path, mm:", "Enter OK · Esc cancel"),
         PendingQuestion::Output => {
-            ("output by hand", "Which output, by number or name? 3+ on, 3- off", "Enter switches · Esc does not")
+            ("output", "Output number or name, then + or -, such as 3+:", "Enter OK · Esc cancel")
         }
-        PendingQuestion::Mdi => ("MDI", "A block, as in a program: G0 X10", "Enter executes it · Esc does not"),
-        PendingQuestion::WorkZero => {
-            ("work zero", "Zero here for which axis? all, or its letter", "Enter sets it · Esc does not")
-        }
+        PendingQuestion::Mdi => ("MDI", "One block, such as G0 X10:", "Enter OK · Esc cancel"),
+        PendingQuestion::WorkZero => ("work zero", "Set the zero here for this axis, or all:", "Enter OK · Esc cancel"),
         PendingQuestion::ToolLength => (
             "tool length",
-            "Length of the new tool in mm; with + or - by how much it is longer",
-            "Enter moves the breakpoint and the path · Esc does not",
+            "Length of the new tool in mm; with + or -, the difference:",
+            "Enter OK, moves breakpoint and path · Esc cancel",
         ),
         PendingQuestion::Program => {
-            ("open a program", "Which file? Tab completes its name", "Enter opens it · Esc does not")
+            ("open a program", "Program file, Tab completes its name:", "Enter OK · Esc cancel")
         }
         PendingQuestion::Stop => {
-            ("stop the job?", "It stops here; the breakpoint is kept.", "y stops it · any other key goes on")
+            ("stop the job?", "The job stops here; the breakpoint is saved.", "y stop · any other key: cancel")
         }
     };
     let mut lines = vec![question.to_string()];
@@ -177,14 +175,14 @@ fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str
 fn alarm(out: &mut Buffer, model: &ScreenModel, look: Theme) {
     let Some(alarm) = &model.alarm else { return };
     let width = usize::from(out.area.width.clamp(20, 90)) - 6;
-    let mut lines = folded(&format!("What: {}", alarm.cause), width, 6);
-    lines.extend(folded(&format!("Do:   {}", alarm.remedy), width, 6));
+    let mut lines = folded(&format!("Cause:  {}", alarm.cause), width, 8);
+    lines.extend(folded(&format!("Remedy: {}", alarm.remedy), width, 8));
     lines.push(String::new());
     if alarm.is_refusal {
-        lines.push("a or Esc closes this box".into());
-        boxed(out, "THE PROGRAM IS REFUSED", &lines, look);
+        lines.push("a or Esc: close".into());
+        boxed(out, "PROGRAM REFUSED", &lines, look);
     } else {
-        lines.push("a clears the alarm · Esc puts this box aside".into());
+        lines.push("a: clear the alarm · Esc: hide this box".into());
         boxed(out, &format!("ALARM {}", alarm.number), &lines, look);
     }
 }
@@ -194,12 +192,12 @@ fn question(out: &mut Buffer, model: &ScreenModel, look: Theme) {
     let width = usize::from(out.area.width.clamp(20, 110)) - 6;
     let mut lines: Vec<String> = question.lines.iter().flat_map(|line| folded(line, width, 11)).collect();
     lines.push(String::new());
-    lines.push("y agrees · n does not".into());
+    lines.push("y confirm · n cancel".into());
     boxed(out, &question.title, &lines, look);
 }
 
 fn differ(out: &mut Buffer, model: &ScreenModel, look: Theme) {
-    let mut lines = vec![format!("{:<16}{:>8}{:>16}", "output", "is", "program wants")];
+    let mut lines = vec![format!("{:<16}{:>8}{:>16}", "output", "now", "program expects")];
     let room = usize::from(out.area.height.saturating_sub(9));
     let lists = model.differ.iter().take(room);
     lines.extend(
@@ -209,7 +207,7 @@ fn differ(out: &mut Buffer, model: &ScreenModel, look: Theme) {
         lines.push(format!("… {} more", model.differ.len() - room));
     }
     lines.push(String::new());
-    lines.push("y switches them as the program wants, and goes on".into());
-    lines.push("o switches one by hand · r backs up again".into());
+    lines.push("y: switch to the expected states and resume".into());
+    lines.push("o: switch one output · r: reverse run".into());
     boxed(out, "OUTPUTS DIFFER", &lines, look);
 }

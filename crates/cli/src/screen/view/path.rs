@@ -124,7 +124,7 @@ pub(super) fn draw(out: &mut Buffer, area: Rect, model: &ScreenModel, (view, fra
     canvas.show(out);
 }
 
-/// The edges of what the soft limits enclose.
+/// Draws the edges of the volume inside the soft limits.
 fn frame_of_limits(canvas: &mut Canvas, scale: &Scale, corners: &[[f32; 3]; 8], look: Theme) {
     for from in 0..8usize {
         for to in [1, 2, 4].map(|bit| from | bit).into_iter().filter(|&to| to != from) {
@@ -136,7 +136,7 @@ fn frame_of_limits(canvas: &mut Canvas, scale: &Scale, corners: &[[f32; 3]; 8], 
     }
 }
 
-/// What the signs mean, in the lower edge.
+/// Draws the legend in the lower edge.
 fn legend(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
     let text = if model.stage == ScreenStage::Job && model.back_mm() > 0.0 {
         " @ tool  o retraced  x furthest "
@@ -146,7 +146,7 @@ fn legend(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
     put_at(out, area, 2, area.height.saturating_sub(1), text, look.faint());
 }
 
-/// A line through knots: dots that are left out, and styles, of cuts and of rapid moves.
+/// Draws a line through points; `every` and `styles` are the dot spacing and style of cuts and of rapid moves.
 fn lines<'k>(
     canvas: &mut Canvas,
     scale: &Scale,
@@ -165,7 +165,7 @@ fn lines<'k>(
     }
 }
 
-/// The stretch from where the tool is to the furthest place.
+/// Draws the section from the tool to the furthest place.
 fn retraced(canvas: &mut Canvas, scale: &Scale, model: &ScreenModel, look: Theme) {
     let from_mm = model.lengths.at(model.place);
     let style = look.waits();

@@ -1,6 +1,6 @@
-//! The figures: positions, speeds with their bars, and what is switched.
+//! Readouts: positions, speeds with their bars, and switched states.
 //!
-//! Invariant: a figure has its unit; a bar only shows what stands beside it in digits.
+//! Invariant: a value has its unit, and a bar repeats a value that is shown in digits.
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
@@ -12,7 +12,7 @@ use crate::screen::key_state::{KeyState, STEPS_MM};
 use crate::screen::model::{AxisHoming, ScreenModel, ScreenStage};
 use crate::screen::program_facts::CutterFacts;
 
-/// Machine, work, and to go, axis by axis.
+/// Draws machine position, work position and distance to go of every axis.
 pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, look: Theme) {
     let marks = if model.homing.contains(&AxisHoming::NotHomed) {
         " · ✓ homed  ? not"
@@ -43,13 +43,13 @@ pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: 
     }
 }
 
-/// A length with three decimals, of at most eleven characters, and never −0.
+/// Formats a length with three decimals and at most eleven characters, never as −0.
 fn figure(mm: f64) -> String {
     let rounded = (mm * 1000.0).round() / 1000.0 + 0.0;
     if rounded.abs() < 999_999.5 { format!("{rounded:.3}") } else { format!("{rounded:.1e}") }
 }
 
-/// Feed, rate, override, how far back and how far ahead.
+/// Draws feed, rate, override, history and look-ahead.
 pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
     let inside = pane(out, area, "motion", look);
     let (history_s, history_mm) = model.history();
@@ -85,19 +85,19 @@ pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Th
     }
 }
 
-/// The feed override, and the rapid override where it is not 100 %.
+/// Formats the feed override, with the rapid override where it is not 100 %.
 fn overrides(feed: f64, rapid: f64) -> String {
     let (feed, rapid) = (format!("{:.0} %", feed * 100.0), (rapid * 100.0).round());
     if rapid == 100.0 { feed } else { format!("{feed}, rapids {rapid:.0} %") }
 }
 
-/// What stands beside a figure.
+/// Column to the right of a value.
 enum ReadoutColumn {
-    /// Words.
+    /// Text.
     Text(String),
-    /// What lies behind, and what was gone back, mm.
+    /// Length of the history behind the cursor and length retraced, mm.
     History(f64, f64),
-    /// A bar: 1 is half of it, below 0 it points the other way.
+    /// Bar: 1 fills half of it; below 0 it is drawn with another sign.
     Bar(f64),
 }
 
@@ -116,7 +116,7 @@ fn buffer(model: &ScreenModel) -> String {
     }
 }
 
-/// A bar of which the half is 100 %, with a mark there.
+/// Draws a bar whose middle, which has a mark, is 100 %.
 fn bar(share: f64, width: u16) -> String {
     let width = usize::from(width).min(40);
     let half = width / 2;
@@ -135,7 +135,7 @@ fn bar(share: f64, width: u16) -> String {
         .collect()
 }
 
-/// History as a line: what can be gone back over yet, the tool, and what was gone back over.
+/// Draws the history as a line: the part that can still be retraced, the tool, the part that was retraced.
 fn history_line(behind_mm: f64, back_mm: f64, width: u16) -> String {
     let cells = usize::from(width.min(40)).saturating_sub(1);
     let whole = behind_mm + back_mm;
@@ -156,7 +156,7 @@ fn length(mm: f64) -> String {
     if mm < 10_000.0 { format!("{mm:.1} mm") } else { format!("{:.1} m", mm / 1000.0) }
 }
 
-/// What is switched, and the modal state.
+/// Draws outputs, inputs and the modal state.
 pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, look: Theme) {
     let inside = pane(out, area, "state", look);
     let width = usize::from(inside.width).saturating_sub(2);
@@ -169,7 +169,7 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &Ke
     if model.stage == ScreenStage::Setup || model.pause.is_some() {
         let step = STEPS_MM.get(hand.step).copied().flatten();
         let optional = if model.optional_stop { " · M1 stops" } else { "" };
-        lines.push(format!("jog step {}{optional}", step.map_or("on until Space".into(), |mm| format!("{mm} mm"))));
+        lines.push(format!("jog step {}{optional}", step.map_or("continuous".into(), |mm| format!("{mm} mm"))));
     } else {
         let single = if model.single { "single block ON" } else { "single block off" };
         let inputs: Vec<String> = (0..16).filter(|n| model.inputs >> n & 1 == 1).map(|n| n.to_string()).collect();
@@ -180,14 +180,14 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &Ke
     lines.extend(wrapped(&model.active.modal, width));
     if lines.len() < usize::from(inside.height) {
         let redraw = model.redraw;
-        lines.push(format!("redraw {:.1} ms, most {:.0} ms", redraw.mean_ms, redraw.max_ms));
+        lines.push(format!("redraw mean {:.1} ms, max {:.0} ms", redraw.mean_ms, redraw.max_ms));
     }
     for (row, line) in lines.iter().enumerate() {
         put_at(out, inside, 1, row as u16, &fitted(line, width), Style::new());
     }
 }
 
-/// Each cutter, and what the program had it at, at this place.
+/// Lines for the cutters: state, and the state that the program expects at this place.
 fn cutters(model: &ScreenModel) -> Vec<String> {
     let state = |value: i32| if value == 0 { "off" } else { "ON" };
     let line = |cutter: &CutterFacts| {
@@ -205,7 +205,7 @@ fn spindle(model: &ScreenModel) -> String {
     let speed = f64::from(model.output(channel::SPEED)) / 1000.0;
     let spindle = match model.output(channel::SPINDLE) {
         _ if model.facts.is_of_cutter(channel::SPINDLE) => String::new(),
-        // A machine with a cutter of another kind shows a spindle that turns only.
+        // A machine with another kind of cutter shows its spindle only while it turns.
         0 if !model.facts.cutters.is_empty() => String::new(),
         0 => "spindle stopped · ".to_string(),
         1.. => format!("spindle cw {speed:.0}/min · "),
@@ -221,7 +221,7 @@ fn spindle(model: &ScreenModel) -> String {
     format!("{spindle}{coolant} · T{tool}")
 }
 
-/// The digital outputs that are on, by name, but for those that light a cutter.
+/// Lists the digital outputs that are on, by name, except those that fire a cutter.
 fn outputs(model: &ScreenModel) -> String {
     let fires: Vec<u8> = model.facts.cutters.iter().map(|cutter| cutter.fire).collect();
     let on: Vec<String> = model
@@ -239,7 +239,7 @@ fn outputs(model: &ScreenModel) -> String {
     }
 }
 
-/// Words in lines of so many characters.
+/// Breaks a text between words into lines of at most `width` characters.
 fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {

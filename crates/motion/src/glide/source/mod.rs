@@ -1,4 +1,4 @@
-//! The source's own glide: as large as a set ratio, not as fast as can be (SMO-2 … SMO-7, with the parts of SMO-10).
+//! The source's own glide: as large as a set ratio, not as fast as possible (SMO-2 … SMO-7, with the parts of SMO-10).
 //!
 //! | part | where |
 //! |---|---|
@@ -6,10 +6,10 @@
 //! | planning, parameter, track adjustment | `track` |
 //! | glide adjustment | `adjusted`, here |
 //! | glide acceleration | `pace` |
-//! | interpolation | `passage`, beside this room: one for both methods |
+//! | interpolation | `glide_segment`, outside this folder: one for both methods |
 //!
-//! Invariant: a glide keeps every limit and the tolerance, is no larger than its ratio, and both tracks can be planned to its ends.
-//! It may well be slower than another way through the corner; that is what the ratio asks for.
+//! Invariant: a glide stays within every limit and the tolerance, is no larger than its ratio, and both tracks can be
+//! planned to its ends. It may be slower than another way through the corner; that is what the ratio requests.
 
 mod pace;
 mod ratio;
@@ -26,12 +26,12 @@ use track::{Parameters, are_planned};
 
 /// Rounds of adjusting the glide to the tracks and the tracks to the glide.
 const ROUNDS: usize = 24;
-/// How much slower each round is.
+/// Factor of the speed from round to round.
 const SLOWER: f64 = 0.8;
-/// Slower glides than this, in mm/s, are left to the other ways of joining.
+/// Glides slower than this, in mm/s, are left to the other kinds of junction.
 const SLOWEST: f64 = 0.2;
 
-/// The glide of this ratio between two tracks; `None` where there is no room for one.
+/// The glide of this ratio between two tracks; `None` where there is no space for one.
 pub(crate) fn glide<const A: usize>(tracks: &Tracks<A>, axes: &AxisLimits<A>, ratio: GlideRatio) -> Option<RampPair> {
     let [one, two] = &tracks.pair;
     let planned = [Parameters::of(one)?, Parameters::of(two)?];
@@ -50,8 +50,8 @@ pub(crate) fn glide<const A: usize>(tracks: &Tracks<A>, axes: &AxisLimits<A>, ra
     None
 }
 
-/// The glide with this `share` of the speeds of `ends`, adjusted to lengths and speeds of the planned tracks, the tolerance and
-/// the limits (SMO-4).
+/// The glide with this `share` of the speeds of `ends`, adjusted to lengths and speeds of the planned tracks, the
+/// tolerance and the limits (SMO-4).
 fn adjusted<const A: usize>(
     ends: [End; 2],
     planned: [Parameters; 2],
@@ -65,13 +65,13 @@ fn adjusted<const A: usize>(
     };
     let ramps = with(share);
     let lengths = ramps.ends();
-    let beyond = (0..2).fold(ramps.taken_of_path(tracks), |most, side| {
+    let beyond = (0..2).fold(ramps.used_tolerance(tracks), |most, side| {
         most.max(lengths[side].s / ends[side].length.min(planned[side].length))
     });
     // Lengths grow with the speed's power of 3/2 at least.
     let ramps = if beyond > 1.0 { with(share * beyond.powf(-2.0 / 3.0)) } else { ramps };
     // The feed of one track may be too much for the other one.
-    let taken = ramps.taken(tracks, axes);
+    let taken = ramps.used_share(tracks, axes);
     if taken > 1.0 { ramps.scaled((1.0 - 1e-12) / taken) } else { ramps }
 }
 
@@ -103,7 +103,7 @@ mod tests {
             for of in [RatioOf::Length, RatioOf::Speed] {
                 let ratio = GlideRatio::new(value, of).expect("in range");
                 let Some(ramps) = glide(&tracks, &axes, ratio) else { continue };
-                prop_assert!(ramps.taken(&tracks, &axes) <= 1.0 + 1e-9);
+                prop_assert!(ramps.used_share(&tracks, &axes) <= 1.0 + 1e-9);
                 prop_assert!(are_planned(&tracks, ramps.ends()));
                 for (end, track) in ramps.ends().iter().zip(&tracks.pair) {
                     let planned = Parameters::of(track).expect("a plan");
@@ -115,7 +115,7 @@ mod tests {
         }
     }
 
-    /// With room and tolerance the ratio is taken whole; with less tolerance the glide is what the tolerance allows.
+    /// With space and tolerance the ratio is fully used; with less tolerance the glide is what the tolerance allows.
     #[test]
     fn the_ratio_counts_where_the_tolerance_is_wide_and_the_tolerance_where_it_is_not() {
         let axes = MachineLimits::built_in().planned();
@@ -132,7 +132,7 @@ mod tests {
         assert!(speed(0.3, &near) < 0.9 * speed(0.3, &square));
         let ratio = GlideRatio::new(0.3, RatioOf::Speed).expect("in range");
         let ramps = glide(&near, &axes, ratio).expect("there is room");
-        let taken = ramps.taken_of_path(&near);
+        let taken = ramps.used_tolerance(&near);
         assert!(taken <= 1.0 && taken > 0.7, "{taken}");
         // Slower, and as short as that speed allows.
         let shortest = Pace::shortest(ramps.ends().map(|end| end.v), &near, &axes).ramps([1.0; 2]);

@@ -1,9 +1,11 @@
-//! The glide's acceleration (SMO-6): how fast the velocity may go over from one track's into the other's.
+//! The glide's acceleration (SMO-6): how fast the velocity may change from that of one track to that of the other.
 //!
-//! Both tracks' parts follow one S-curve in time: the acceleration rises, is held and falls again, and what the first track loses
-//! the second gains. So the velocity goes straight from v₀·u₁ to v₁·u₂, and each axis sees the S-curve times its own change.
+//! Both tracks' parts follow one S-curve in time: the acceleration rises, is constant and falls again, and what the
+//! first track loses the second gains. So the velocity changes along a straight line from v₀·u₁ to v₁·u₂, and each axis
+//! has the S-curve times its own change.
 //!
-//! Invariant: no axis takes more than its acceleration and jerk, and of all paces on the cells of a ramp it is the shortest.
+//! Invariant: no axis uses more than its acceleration and jerk, and of all paces on the cells of a ramp it is the
+//! shortest.
 
 use crate::glide::ramp_pair::{CELLS, HALF, Ramp, RampPair};
 use crate::glide::tracks::Tracks;
@@ -14,12 +16,12 @@ use crate::limits::AxisLimits;
 pub(super) struct Pace {
     /// Duration of a cell, s.
     cell: f64,
-    /// Cells in which the acceleration rises, and in which it falls.
+    /// Number of cells in which the acceleration rises, and in which it falls.
     rising: usize,
 }
 
 impl Pace {
-    /// The shortest one for these speeds at the ends of the glide, mm/s.
+    /// The shortest pace for these speeds at the ends of the glide, mm/s.
     pub(super) fn shortest<const A: usize>(speeds: [f64; 2], tracks: &Tracks<A>, axes: &AxisLimits<A>) -> Self {
         let [u, w] = tracks.pair.map(|track| track.direction);
         let change: [f64; A] = std::array::from_fn(|i| (speeds[1] * w[i] - speeds[0] * u[i]).abs());
@@ -35,7 +37,7 @@ impl Pace {
         (2..=HALF).map(with).fold(with(1), |best, pace| if pace.cell < best.cell { pace } else { best })
     }
 
-    /// The ramps between rest and these speeds.
+    /// Ramps between rest and these speeds.
     pub(super) fn ramps(self, speeds: [f64; 2]) -> RampPair {
         let Self { cell, rising } = self;
         let pair = speeds.map(|speed| {
@@ -58,7 +60,8 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// The velocity goes from one end's to the other's, at rest in acceleration; the limits hold, and one of them is taken whole.
+        /// The velocity changes from one end's to the other's, with zero acceleration at both; the limits hold, and one
+        /// of them is fully used.
         #[test]
         fn a_pace_keeps_the_limits_and_wastes_none(
             headings in [-3.0..3.0f64, 0.2..2.9f64], speeds in [0.1..90.0f64, 0.1..90.0f64], a in 100.0..1e4f64, j in 1e3..1e6f64,

@@ -1,4 +1,4 @@
-//! Ratio setting and pre-computation (SMO-2, SMO-3): how large a glide is to be.
+//! Ratio setting and pre-computation (SMO-2, SMO-3): the size of a glide.
 //!
 //! Invariant: a ratio that exists is above 0 and at most 1.
 
@@ -7,16 +7,24 @@ use crate::glide::source::track::{Parameters, peak};
 use crate::glide::tracks::Track;
 use crate::profile::SearchTrack as Ramped;
 
-/// What a glide ratio is a ratio of.
+/// Quantity of which a glide ratio is a ratio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RatioOf {
-    /// The glide's length on a track over the whole length of that track.
+    /// Length of the glide on a track over the whole length of that track.
     Length,
-    /// The speed at the glide's end over the highest speed that the track comes to from rest to rest.
+    /// Speed at the end of the glide over the highest speed of the track from rest to rest.
     Speed,
 }
 
-/// How large a glide is, as a share of its tracks (SMO-2).
+/// Size of a glide as a share of its tracks, above 0 and at most 1 (SMO-2).
+///
+/// # Examples
+///
+/// ```
+/// use retrace_motion::{GlideRatio, RatioOf};
+/// assert!(GlideRatio::new(0.2, RatioOf::Length).is_ok());
+/// assert!(GlideRatio::new(0.0, RatioOf::Speed).is_err());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GlideRatio {
     value: f64,
@@ -24,20 +32,21 @@ pub struct GlideRatio {
 }
 
 impl GlideRatio {
-    /// A ratio, above 0 and at most 1.
+    /// Creates a ratio; `value` is above 0 and at most 1.
     ///
     /// # Errors
-    /// E4106: it is out of its range.
+    /// E4106: `value` is out of its range.
     pub fn new(value: f64, of: RatioOf) -> Result<Self, LimitError> {
         if value > 0.0 && value <= 1.0 { Ok(Self { value, of }) } else { Err(LimitError::GlideRatio { value }) }
     }
 
-    /// Speed and length of the glide on a track, as the ratio alone has them.
+    /// Speed and length of the glide on a track, as the ratio alone gives them.
     pub(super) fn end<const A: usize>(self, track: &Track<A>, planned: Parameters) -> Option<End> {
         match self.of {
             RatioOf::Length => {
                 let length = self.value * planned.length;
-                // The speed to which the track's own ramp comes over that length: over two of them it rises and falls again.
+                // The speed that the track's own ramp reaches over that length: over two of them it rises and falls
+                // again.
                 Some(End { speed: peak(2.0 * length, track.limits)?, length })
             }
             RatioOf::Speed => {
@@ -49,12 +58,12 @@ impl GlideRatio {
     }
 }
 
-/// Where a glide meets one of its tracks.
+/// State at which a glide meets one of its tracks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct End {
-    /// Speed along the track there, mm/s.
+    /// Speed along the track, mm/s.
     pub(super) speed: f64,
-    /// The longest that the glide may be on the track, mm.
+    /// Greatest length of the glide on the track, mm.
     pub(super) length: f64,
 }
 
@@ -66,7 +75,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// The pre-computed end has its ratio, and the track's own ramp from rest comes to its speed within its length.
+        /// The pre-computed end has its ratio, and the track's own ramp from rest reaches its speed within its length.
         #[test]
         fn an_end_has_its_ratio(value in 1e-3..1.0f64, length in -2.0..2.5f64, feed in 1.0..200.0f64) {
             let axes = MachineLimits::<3>::built_in().planned();

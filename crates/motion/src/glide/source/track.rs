@@ -1,4 +1,5 @@
-//! Planning, parameters and track adjustment (SMO-1, SMO-4, SMO-5): what a track comes to by itself, and beside a glide.
+//! Planning, parameters and track adjustment (SMO-1, SMO-4, SMO-5): what a track reaches by itself, and next to a
+//! glide.
 //!
 //! Invariant: parameters are those of a plan that exists.
 
@@ -14,18 +15,18 @@ pub(super) struct Parameters {
 }
 
 impl Parameters {
-    /// Of the whole track from rest to rest: the first planning.
+    /// Parameters of the whole track from rest to rest: the first planning.
     pub(super) fn of<const A: usize>(track: &Track<A>) -> Option<Self> {
         Some(Self { length: track.length, speed: peak(track.length, track.limits)? })
     }
 }
 
-/// The highest speed in mm/s from rest to rest over `length` mm.
+/// Highest speed in mm/s from rest to rest over `length` mm.
 pub(super) fn peak(length: f64, limits: PathLimits) -> Option<f64> {
     fastest(KinematicState::default(), KinematicState::default(), length, limits).ok().map(|plan| plan.crest().0)
 }
 
-/// The second planning: can both tracks, shortened by what the glide takes of them, be planned to its ends?
+/// Whether both tracks, shortened by what the glide uses of them, can be planned to its ends: the second planning.
 pub(super) fn are_planned<const A: usize>(tracks: &Tracks<A>, ends: [KinematicState; 2]) -> bool {
     (0..2).all(|side| ends[side].s < tracks.pair[side].length && rest_time(ends[side], tracks, side).is_some())
 }
@@ -39,7 +40,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// The closed form's highest speed is the one that the speed search of SMO-8 comes to.
+        /// The highest speed of the closed form is the one that the speed search of SMO-8 converges to.
         #[test]
         fn the_search_finds_the_same_highest_speed(length in -2.0..3.0f64, feed in 1.0..200.0f64) {
             let axes = MachineLimits::<3>::built_in().planned();
@@ -50,7 +51,7 @@ mod tests {
             prop_assert!((found.v - speed).abs() <= 1.1e-3 * speed, "{} mm/s, {} mm/s", found.v, speed);
         }
 
-        /// A glide that leaves room for the tracks' ramps can be planned to, one that does not cannot.
+        /// A glide that leaves space for the tracks' ramps can be planned to, one that does not cannot.
         #[test]
         fn a_second_planning_needs_the_room(length in 0.5..50.0f64, share in 0.01..0.99f64, turn in 0.1..3.0f64) {
             let axes = MachineLimits::<3>::built_in().planned();
@@ -58,12 +59,12 @@ mod tests {
                 Track::new([heading.cos(), heading.sin(), 0.0], length, FarEnd::Rest, 100.0, &axes)
             };
             let tracks = Tracks { pair: [track(0.0), track(turn)], tolerance: 0.05 };
-            let way = share * length;
+            let distance = share * length;
             let [fits, too_fast] = [0.999, 1.001].map(|part| {
                 tracks.pair.map(|track| {
-                    // From rest the rest of the track comes to this speed.
-                    let v = peak(2.0 * (length - way), PathLimits { v: 1e9, ..track.limits }).expect("a plan");
-                    KinematicState { s: way, ..KinematicState::moving(part * v, 0.0) }
+                    // From rest the rest of the track reaches this speed.
+                    let v = peak(2.0 * (length - distance), PathLimits { v: 1e9, ..track.limits }).expect("a plan");
+                    KinematicState { s: distance, ..KinematicState::moving(part * v, 0.0) }
                 })
             });
             let allowed = (0..2).all(|side| fits[side].v <= tracks.pair[side].limits.v);

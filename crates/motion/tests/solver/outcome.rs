@@ -1,28 +1,30 @@
-//! What a comparison of one case comes to.
+//! The outcome of the comparison of one case.
 //!
-//! Invariant: a profile of ours counts only after its phases were integrated here and found to land and to keep the limits.
+//! Invariant: a profile of ours counts only after its phases were integrated here and found to end in the target state
+//! within the limits.
 
 use super::cases::Case;
 use super::peer::Peer;
 use retrace_motion::profile::{KinematicState, Profile, fastest_any_way};
 use std::fmt;
 
-/// The outcome of one case; everything but the first says why the durations are not compared or not equal.
+/// Outcome of one case; everything but the first is a reason why the durations are not compared or not equal.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Verdict {
+pub(crate) enum Outcome {
     /// Equal to 1e-9, relative and absolute.
     Equal,
     /// The peer finds nothing; ours is legal.
     PeerFails,
-    /// The peer takes longer over a distance of nothing between equal states, which takes no time.
+    /// The peer takes longer over a distance of zero between equal states, which takes no time.
     PeerDetours,
     /// The peer takes longer, ours is legal.
     PeerSlower,
-    /// The peer is faster, but its phases end elsewhere: for the state and place in which they really end ours takes no longer.
+    /// The peer is faster, but its phases end elsewhere: for the state and place in which they end ours takes no
+    /// longer.
     PeerMisses,
-    /// A rounding of the distance, which only the real numbers could decide, makes more than the difference.
+    /// A rounding of the distance, which only real numbers could decide, causes more than the difference.
     Border,
-    /// The peer is faster and lands.
+    /// The peer is faster and reaches the target.
     OursSlower(f64),
     /// Ours finds nothing.
     OursFails,
@@ -30,41 +32,42 @@ pub(crate) enum Verdict {
     OursIllegal,
 }
 
-impl Verdict {
-    /// Is nothing wrong with ours?
+impl Outcome {
+    /// Whether nothing is wrong with ours.
     pub(crate) fn is_sound(self) -> bool {
         !matches!(self, Self::OursSlower(_) | Self::OursFails | Self::OursIllegal)
     }
 }
 
 /// Solves a case by both and compares.
-pub(crate) fn judge(case: &Case, peer: &mut Peer) -> Verdict {
-    let Ok(ours) = fastest_any_way(case.from, case.to, case.length, case.limits) else { return Verdict::OursFails };
+pub(crate) fn compare(case: &Case, peer: &mut Peer) -> Outcome {
+    let Ok(ours) = fastest_any_way(case.from, case.to, case.length, case.limits) else { return Outcome::OursFails };
     if !is_legal(case, &ours) {
-        return Verdict::OursIllegal;
+        return Outcome::OursIllegal;
     }
     peer.set(case);
-    let Ok(theirs) = peer.solve() else { return Verdict::PeerFails };
+    let Ok(theirs) = peer.solve() else { return Outcome::PeerFails };
     let gap = ours.duration() - theirs;
     let allowed = 1e-9 * (1.0 + theirs);
     if gap.abs() <= allowed {
-        return Verdict::Equal;
+        return Outcome::Equal;
     }
     if gap < 0.0 {
         let still = case.from == case.to && ours.duration() == 0.0;
-        return if still { Verdict::PeerDetours } else { Verdict::PeerSlower };
+        return if still { Outcome::PeerDetours } else { Outcome::PeerSlower };
     }
     let to = peer.end(case);
     let moved = Case { to, length: to.s, ..*case };
     if let Ok(same) = fastest_any_way(moved.from, moved.to, moved.length, moved.limits)
         && (same.duration() <= theirs + allowed || is_at_border(&moved, same.duration() - theirs))
     {
-        return Verdict::PeerMisses;
+        return Outcome::PeerMisses;
     }
-    if is_at_border(case, gap) { Verdict::Border } else { Verdict::OursSlower(gap) }
+    if is_at_border(case, gap) { Outcome::Border } else { Outcome::OursSlower(gap) }
 }
 
-/// Does a rounding of the distance, in the sum of the ways to and fro that it is made of, change the duration by `gap`?
+/// Whether a rounding of the distance, in the sum of the distances to and fro that it is made of, changes the duration
+/// by `gap`.
 pub(crate) fn is_at_border(case: &Case, gap: f64) -> bool {
     let duration = |length: f64| {
         fastest_any_way(case.from, case.to, length, case.limits).map_or(f64::NAN, |profile| profile.duration())
@@ -75,15 +78,15 @@ pub(crate) fn is_at_border(case: &Case, gap: f64) -> bool {
     gap <= 1.1 * (less - here).abs().max((more - here).abs()) + 1e-9
 }
 
-/// How far the two states reach in the time of a change of speed.
+/// Distance that the two states cover in the time of a change of speed.
 fn excursion(case: &Case) -> f64 {
     let Case { from, to, limits, .. } = *case;
     let v = (from.v.abs() + to.v.abs()) + 0.5 * (from.a * from.a + to.a * to.a) / limits.j;
     v * (2.0 * v / limits.a + limits.a / limits.j).min(2.0 * (2.0 * v / limits.j).sqrt() + 2.0 * v / limits.a)
 }
 
-/// Integrates the phases: they land, and speed and acceleration keep their limits at the ends of the phases and at the extremes
-/// of the speed between.
+/// Whether the integrated phases reach the target, with speed and acceleration within their limits at the ends of the
+/// phases and at the extremes of the speed between.
 fn is_legal(case: &Case, profile: &Profile) -> bool {
     let Case { from, to, length, limits } = *case;
     let (v_most, a_most) = (limits.v * (1.0 + 1e-9) + 1e-9, limits.a * (1.0 + 1e-9) + 1e-9);
@@ -104,7 +107,7 @@ fn is_legal(case: &Case, profile: &Profile) -> bool {
         && (state.a - to.a).abs() <= 1e-8 * (1.0 + limits.a)
 }
 
-/// How many cases came to what.
+/// Number of cases of each outcome.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Tally {
     pub(crate) equal: u64,
@@ -117,15 +120,15 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
-    pub(crate) fn count(&mut self, verdict: Verdict) {
+    pub(crate) fn count(&mut self, verdict: Outcome) {
         *match verdict {
-            Verdict::Equal => &mut self.equal,
-            Verdict::PeerFails => &mut self.peer_fails,
-            Verdict::PeerDetours => &mut self.peer_detours,
-            Verdict::PeerSlower => &mut self.peer_slower,
-            Verdict::PeerMisses => &mut self.peer_misses,
-            Verdict::Border => &mut self.border,
-            Verdict::OursSlower(_) | Verdict::OursFails | Verdict::OursIllegal => &mut self.wrong,
+            Outcome::Equal => &mut self.equal,
+            Outcome::PeerFails => &mut self.peer_fails,
+            Outcome::PeerDetours => &mut self.peer_detours,
+            Outcome::PeerSlower => &mut self.peer_slower,
+            Outcome::PeerMisses => &mut self.peer_misses,
+            Outcome::Border => &mut self.border,
+            Outcome::OursSlower(_) | Outcome::OursFails | Outcome::OursIllegal => &mut self.wrong,
         } += 1;
     }
 }
