@@ -32,7 +32,7 @@ pub fn all(program: &Program, decoder: &mut Decoder, findings: &[CheckFinding]) 
     let mut all: Vec<DiagnosticPrinter> = diagnostics.iter().map(|one| of_diagnostic(program, one)).collect();
     for (index, finding) in findings.iter().enumerate() {
         let is_same = |other: &CheckFinding| {
-            (other.line, other.number, &other.what) == (finding.line, finding.number, &finding.what)
+            (other.line, other.number, &other.cause) == (finding.line, finding.number, &finding.cause)
         };
         if !findings[..index].iter().any(is_same) {
             all.push(of_finding(program, finding));
@@ -69,7 +69,7 @@ fn of_diagnostic(program: &Program, diagnostic: &Diagnostic) -> DiagnosticPrinte
 
 /// A finding with its source line, in the form of the diagnostics.
 fn of_finding(program: &Program, finding: &CheckFinding) -> DiagnosticPrinter {
-    let CheckFinding { line, word, number, what, remedy } = finding;
+    let CheckFinding { line, word, number, cause: what, remedy } = finding;
     let gutter = " ".repeat(line.to_string().len());
     let source = program.prescan().map_or_else(Vec::new, |prescan| prescan.line_text(0, *line));
     let source = String::from_utf8_lossy(&source);

@@ -77,9 +77,14 @@ fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Displ
     let mut trace = PathTrace::new(&machine, args.profile, lines_shown(args));
     if args.profile || !script.is_empty() {
         let card = simulated::<9>(&machine, Clock::Virtual)?;
-        let operators = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
+        let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
         let manner = RunMode { wall_time: false, operator: args.operator.is_some(), real_time: false };
-        let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
+        let conduct = JobOptions {
+            start: JobStart::First,
+            commands: operators,
+            run_mode: manner,
+            journal: JournalConfig::default(),
+        };
         job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut trace)
             .map_err(|why| cannot_draw(why.to_string(), "set a shorter history_hours in the machine file"))?;
     }

@@ -22,7 +22,7 @@ use crate::plot::{Activity, History, HistoryEvent, HistorySample, Priority, Stro
 /// # Errors
 /// The job does not exist, or its journal cannot be used.
 pub fn history(id: Option<&str>, journal: Option<&Path>) -> Result<History, NumberedError> {
-    let jobs = JobStore::named(journal)?;
+    let jobs = JobStore::open_or_default(journal)?;
     let folder = match id {
         Some(id) => jobs.find(id)?,
         None => newest(&jobs)?,
@@ -36,7 +36,7 @@ pub fn history(id: Option<&str>, journal: Option<&Path>) -> Result<History, Numb
 }
 
 fn newest(jobs: &JobStore) -> Result<JobFolder, NumberedError> {
-    let newest = jobs.list().into_iter().find(|job| job.state != JobState::NeverBegan && job.glance.is_some());
+    let newest = jobs.list().into_iter().find(|job| job.state != JobState::NeverBegan && job.summary.is_some());
     newest.map(|job| job.folder).ok_or_else(|| {
         let what = format!("no jobs in {}", jobs.folder().display());
         NumberedError::new("E2202", what, "`retrace run PROGRAM` starts one; --journal selects another folder")
@@ -85,7 +85,7 @@ impl<'r> HistoryBuilder<'r> {
             )
         })?;
         for entry in JournalEntries::new(BufReader::new(file)) {
-            match entry.map_err(|flaw| flaw.refusal(&path))?.1 {
+            match entry.map_err(|flaw| flaw.numbered_error(&path))?.1 {
                 JournalEntry::Position(at) => self.position(&at),
                 JournalEntry::Event(event) => self.event(&event),
                 JournalEntry::Resumed(_) => {
@@ -288,7 +288,7 @@ mod tests {
 
     impl Observer<9> for JournalPath {
         fn on_telemetry(&mut self, told: &Telemetry<9>) {
-            self.0.told(told);
+            self.0.record(told);
         }
     }
 
@@ -325,16 +325,17 @@ mod tests {
             outputs: Vec::new(),
             executed: 0,
         };
-        let store = job_folder.new_journal().expect("a file");
+        let store = job_folder.create_journal().expect("a file");
         let logbook = JournalWriter::begin(store, Durability::Written, entry, None).expect("it works");
         let mut kept = JournalPath(JournalRecorder::new(&logbook, 3, 1000));
-        let keeping = JournalConfig { index: Box::new(logbook.index_writer(None, &[])), durable: logbook.durable() };
-        let operators = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
+        let keeping =
+            JournalConfig { index: Box::new(logbook.index_writer(None, &[])), durable: logbook.durable_place() };
+        let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
         let conduct = JobOptions {
-            begin: JobStart::First,
-            operators,
-            manner: RunMode { wall_time: false, operator: true, real_time: false },
-            keeping,
+            start: JobStart::First,
+            commands: operators,
+            run_mode: RunMode { wall_time: false, operator: true, real_time: false },
+            journal: keeping,
         };
         let card = SimCard::new(0, machine.rate_limits().expect("limits"), Clock::Virtual).expect("a card");
         job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut kept).expect("it runs");

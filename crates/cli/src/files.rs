@@ -88,7 +88,7 @@ pub fn program(path: &Path) -> Result<(Text, Option<FileHash>), NumberedError> {
     let mut hash = FileHash::of(b"");
     let text = Text::read(file, |part| {
         if !is_small {
-            hash = hash.then(part);
+            hash = hash.extend(part);
         }
     });
     let text = text.map_err(|error| unreadable(path, "program", &error))?;

@@ -130,14 +130,14 @@ impl JobRunner<'_> {
             real_time: manners.real_time,
         };
         let script = with_optional_stop(manners.optional_stop.filter(|_| terminal.is_none()), manners.script)?;
-        let script = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
+        let script = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
         // Without a screen, signals stop the job.
         let (signals, stops) = if heard.is_none() { StopSignals::watch(StopPolicy::Job) } else { None }.unzip();
         let operators = match heard {
-            Some(heard) => script.and(heard).releasing_the_end(),
+            Some(heard) => script.with_operator(heard).with_release_at_end(),
             None => match enter {
-                Some(enter) => script.and(enter).stopped_by(stops),
-                None => script.stopped_by(stops),
+                Some(enter) => script.with_operator(enter).with_stop_receiver(stops),
+                None => script.with_stop_receiver(stops),
             },
         };
         // Where a question comes first, Ctrl-C ends the command until it is confirmed: nothing has moved yet.
@@ -145,7 +145,7 @@ impl JobRunner<'_> {
             signals.listen();
         }
         let keeping = kept.as_ref().map_or_else(JournalConfig::default, JournaledJob::keeping);
-        let conduct = JobOptions { begin, operators, manner, keeping };
+        let conduct = JobOptions { start: begin, commands: operators, run_mode: manner, journal: keeping };
         let mut watching = RunObservers {
             console,
             keeper: kept.as_ref().map(|kept| kept.keeper(machine)),
@@ -171,7 +171,7 @@ impl JobRunner<'_> {
         if let Some(refused) = refused {
             return Err(refused);
         }
-        let JobEnd { outcome, tally, summary, card } = end.map_err(cannot_begin)?;
+        let JobEnd { outcome, stats: tally, summary, card } = end.map_err(cannot_begin)?;
         let wall_s = started.elapsed().as_secs_f64();
         let RunObservers { console, keeper, .. } = watching;
         drop(keeper);
@@ -181,7 +181,7 @@ impl JobRunner<'_> {
             machine,
             outcome: &outcome,
             line,
-            tally: &tally,
+            stats: &tally,
             blocks: summary.as_ref().map_or(0, |s| s.blocks),
             canonical: summary.as_ref().map_or(0, |s| s.canonical),
             commanded_mm: summary.as_ref().map_or(&[], |s| &s.commanded_mm),
@@ -310,7 +310,7 @@ impl<const A: usize> Observer<A> for RunObservers<'_, A> {
             signals.told(told);
         }
         if let Some(keeper) = &mut self.keeper {
-            keeper.told(told);
+            keeper.record(told);
         }
         if let (Some(terminal), Telemetry::Event(event)) = (self.terminal, told) {
             let name = |tool| self.program.tool_table().and_then(|table| table.name(tool)).map(str::to_owned);
@@ -321,7 +321,7 @@ impl<const A: usize> Observer<A> for RunObservers<'_, A> {
         let Telemetry::Period(period) = told else { return };
         self.last = Some((period.period, period.place, period.line));
         if period.period.is_multiple_of(ASKED_AFTER) {
-            while let Some(happening) = self.keeper.as_mut().and_then(|keeper| keeper.output_changes()) {
+            while let Some(happening) = self.keeper.as_mut().and_then(|keeper| keeper.next_notice()) {
                 let event = self.event(happening);
                 self.console.on_telemetry(&Telemetry::Event(event));
             }
@@ -349,7 +349,7 @@ impl<const A: usize> RunObservers<'_, A> {
         let event = Telemetry::Event(self.event(happening));
         self.console.on_telemetry(&event);
         if let Some(keeper) = &mut self.keeper {
-            keeper.told(&event);
+            keeper.record(&event);
         }
     }
 }
@@ -367,7 +367,7 @@ fn tell<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Optio
 
 /// Result of a job in one line.
 fn short<const A: usize>(report: &Report<'_, A>) -> String {
-    let Report { outcome, tally, machine, .. } = report;
+    let Report { outcome, stats: tally, machine, .. } = report;
     let seconds = |periods: u64| periods as f64 * machine.period_s();
     let how = match outcome {
         Outcome::Completed => "completed".to_owned(),
@@ -389,7 +389,7 @@ fn told<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
         seconds("switch_s"),
         seconds("held_s"),
         seconds("retrace_s"),
-        report.tally.periods,
+        report.stats.periods,
         report.wall_s
     );
     let each = |f: fn(&Value) -> String, key: &str| -> String {
@@ -409,7 +409,7 @@ fn told<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
     };
     let counted = format!(
         "  limit violations {} · underruns {} · reversals {}",
-        report.verdict.violations, report.tally.underruns, report.tally.reversals
+        report.verdict.violations, report.stats.underruns, report.stats.reversals
     );
     let offsets = tables.parameters.as_ref().map_or(String::new(), |path| format!("\n  offsets {}", path.display()));
     format!("{}: {}\n{times}\n{position}\n{counted}{offsets}", escape::name(report.program), report.outcome.word())

@@ -26,7 +26,7 @@ const LISTED: usize = 20;
 /// # Errors
 /// The jobs folder or the job is missing, or its journal cannot be used.
 pub fn run(args: &args::Jobs) -> Result<(), NumberedError> {
-    let jobs = JobStore::named(args.jobs.path())?;
+    let jobs = JobStore::open_or_default(args.jobs.path())?;
     match &args.action {
         None => list(&jobs, args),
         Some(args::JobsAction::Show { id }) => show(&jobs.find(id)?, args)?,
@@ -57,7 +57,7 @@ fn list(jobs: &JobStore, args: &args::Jobs) {
 }
 
 fn row(job: &ListedJob, journal: Option<&Path>) -> [String; 5] {
-    let (program, far) = job.glance.as_ref().map_or_else(
+    let (program, far) = job.summary.as_ref().map_or_else(
         || ("?".into(), String::new()),
         |glance| (escape::name(&glance.job.program).into_owned(), far(&glance.job, glance.at.as_ref(), &job.state)),
     );
@@ -114,7 +114,7 @@ fn listed_json(job: &ListedJob, journal: Option<&Path>) -> Value {
     if let JobState::Unusable(refusal) = &job.state {
         value["error"] = json!({"number": refusal.number, "cause": refusal.cause, "remedy": refusal.remedy});
     }
-    if let Some(glance) = &job.glance {
+    if let Some(glance) = &job.summary {
         value["program"] = json!(glance.job.program);
         value["source"] = json!(glance.job.source);
         value["began"] = json!(glance.job.when);
@@ -354,14 +354,15 @@ mod tests {
             executed: 2,
             counts: vec![1200, 0, -5],
         };
-        let store = folder.new_journal().expect("a file");
+        let store = folder.create_journal().expect("a file");
         drop(JournalWriter::begin(store, Durability::Written, job, None).expect("it works"));
-        let (store, tail) = (folder.old_journal().expect("a file"), folder.read().expect("whole").tail);
-        let logbook = JournalWriter::reopen(store, Durability::Written, tail, DurablePlace::from(0), resumed, None)
-            .expect("it works");
+        let (store, tail) = (folder.open_journal().expect("a file"), folder.read().expect("whole").tail);
+        let logbook =
+            JournalWriter::reopen(store, Durability::Written, tail, DurablePlace::starting_at(0), resumed, None)
+                .expect("it works");
         let mut keeper = JournalRecorder::<3>::new(&logbook, 3, 1000);
         for (channel, value) in [(channel::SPINDLE, 1), (channel::SPEED, 12_000_000), (3, 1)] {
-            keeper.told(&Telemetry::Output(OutputChange { channel, value }));
+            keeper.record(&Telemetry::Output(OutputChange { channel, value }));
         }
         let status = CardStatus::<3> {
             place,
@@ -371,10 +372,10 @@ mod tests {
             counts: [1200, 0, -5],
             ..CardStatus::at_rest(retrace_link::PathStart::at(0))
         };
-        keeper.told(&Telemetry::Period(PeriodRecord {
+        keeper.record(&Telemetry::Period(PeriodRecord {
             mode: mode::Mode::Reverse,
             at_rest: true,
-            ..PeriodRecord::of(&status)
+            ..PeriodRecord::from_status(&status)
         }));
         drop(keeper);
         let end = EndEntry { when, outcome: JobEnding::Stopped, exit_code: 4, report: Value::Null };

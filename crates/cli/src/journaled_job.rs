@@ -46,9 +46,9 @@ impl ReservedJobFolder {
     /// # Errors
     /// `E2201`, `E2105`: the jobs folder is missing or cannot be written.
     pub fn new(journal: Option<&Path>, program: &str) -> Result<Self, NumberedError> {
-        let (jobs, when) = (JobStore::named(journal)?, Timestamp::now());
+        let (jobs, when) = (JobStore::open_or_default(journal)?, Timestamp::now());
         let folder = jobs.create(program, when)?;
-        let held = folder.hold()?;
+        let held = folder.lock()?;
         Ok(Self { jobs, folder, held, when })
     }
 
@@ -60,7 +60,7 @@ impl ReservedJobFolder {
         let path = self.folder.stream();
         let (spooling, progress) =
             SpoolWriter::create(&path, from).map_err(|error| unwritable(&path.display().to_string(), &error))?;
-        Ok((Box::new(spooling.limited_to(quota)), progress))
+        Ok((Box::new(spooling.with_quota(quota)), progress))
     }
 
     /// Starts the journal.
@@ -75,7 +75,7 @@ impl ReservedJobFolder {
     ) -> Result<JournaledJob, NumberedError> {
         let Self { jobs, folder, held, when } = self;
         let job = JobHeader { id: folder.id().into(), when, ..job };
-        let logbook = JournalWriter::begin(folder.new_journal()?, care, job, spool)?;
+        let logbook = JournalWriter::begin(folder.create_journal()?, care, job, spool)?;
         Ok(JournaledJob { jobs, folder, _held: held, logbook, known: None, overrides: Vec::new() })
     }
 }
@@ -97,7 +97,7 @@ impl JournaledJob {
     /// Job that may be resumed; its journal is unchanged until [`JournaledJob::take_up`].
     #[must_use]
     pub fn waiting(jobs: JobStore, folder: JobFolder, held: JobLock, care: Durability, record: &JobRecord) -> Self {
-        let logbook = JournalWriter::waiting(care, record.durable());
+        let logbook = JournalWriter::queueing(care, record.durable_place());
         let (known, overrides) = (record.last_mark.map(|mark| mark.place), record.overrides());
         Self { jobs, folder, _held: held, logbook, known, overrides }
     }
@@ -112,7 +112,7 @@ impl JournaledJob {
         resumed: ResumeEntry,
         spool: Option<SpoolProgress>,
     ) -> Result<(), NumberedError> {
-        self.logbook.resume(self.folder.old_journal()?, record.tail, resumed, spool)
+        self.logbook.resume(self.folder.open_journal()?, record.tail, resumed, spool)
     }
 
     /// Name of the job.
@@ -125,14 +125,14 @@ impl JournaledJob {
     #[must_use]
     pub fn keeping(&self) -> JournalConfig {
         let notes = self.logbook.index_writer(self.known, &self.overrides);
-        JournalConfig { index: Box::new(notes), durable: self.logbook.durable() }
+        JournalConfig { index: Box::new(notes), durable: self.logbook.durable_place() }
     }
 
     /// Recorder of events and positions.
     #[must_use]
     pub fn keeper<const A: usize>(&self, machine: &MachineConfig) -> JournalRecorder<A> {
         JournalRecorder::new(&self.logbook, machine.axes.len(), machine.period_us)
-            .naming(ChannelNames::of_machine(machine))
+            .with_names(ChannelNames::of_machine(machine))
     }
 
     /// Writes the end of the job; its recorder has ended. Returns the lines to print. A write error changes nothing of

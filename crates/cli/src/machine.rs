@@ -198,7 +198,7 @@ fn described(machine: &MachineConfig) -> String {
     for cutter in &machine.cutters {
         let _ = write!(text, "\n  {}: {}", cutter.name, described_cutter(cutter));
     }
-    for (code, switching) in machine.switching.described() {
+    for (code, switching) in machine.switching.defined_codes() {
         let _ = write!(text, "\n  {code}: {}", described_code(switching, machine.period_s()));
     }
     text

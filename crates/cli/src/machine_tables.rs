@@ -42,7 +42,7 @@ pub fn of_machine(
         || "built-in".to_owned(),
         |path| {
             let whole = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-            let hash = FileHash::of(whole.as_os_str().as_encoded_bytes()).short();
+            let hash = FileHash::of(whole.as_os_str().as_encoded_bytes()).low_32();
             format!("{}-{hash:08x}", plain_name(&whole.display().to_string()))
         },
     );

@@ -141,7 +141,8 @@ where
     let show = if args.format.json { ConsoleOptions::Json } else { ConsoleOptions::Plain };
     let mut console = Console::<A>::new(show, machine, None)?;
     let (signals, stops) = StopSignals::watch(StopPolicy::ByHand).unzip();
-    let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us)).stopped_by(stops);
+    let operators =
+        CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us)).with_stop_receiver(stops);
     if let Some(signals) = &signals {
         signals.listen();
     }

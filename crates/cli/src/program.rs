@@ -413,7 +413,7 @@ impl Program {
     /// # Errors
     /// [`CommandFailure::Program`] where it has errors.
     pub fn check<'m>(&self, machine: &'m MachineConfig) -> Result<Option<Checked<LimitCheck<'m, 9>>>, CommandFailure> {
-        self.check_by(&mut Vec::new(), |decoder| Ok(job::scan::<9>(machine, decoder)))
+        self.check_by(&mut Vec::new(), |decoder| Ok(job::check_program::<9>(machine, decoder)))
     }
 
     /// Checks the whole program; see [`Self::check`]. Adds the diagnostics to `diagnostics` for a script, also where it
@@ -426,7 +426,7 @@ impl Program {
         machine: &MachineConfig,
         diagnostics: &mut Vec<Value>,
     ) -> Result<(), CommandFailure> {
-        self.check_by(diagnostics, |decoder| Ok(job::scan::<9>(machine, decoder))).map(|_| ())
+        self.check_by(diagnostics, |decoder| Ok(job::check_program::<9>(machine, decoder))).map(|_| ())
     }
 
     /// Checks and plans the whole program, for its times and extents. Adds the diagnostics to `diagnostics` for a
@@ -463,7 +463,7 @@ impl Program {
         if self.prescan.is_none() {
             return Ok(());
         }
-        let (_, findings, _) = job::scan::<9>(machine, &mut decoder);
+        let (_, findings, _) = job::check_program::<9>(machine, &mut decoder);
         let found = diagnostic_json::all(self, &mut decoder, &findings);
         let shown: Vec<String> = found.iter().map(|one| one.text.clone()).collect();
         if found.iter().any(|one| one.is_error) { Err(shown.join("\n")) } else { Ok(()) }

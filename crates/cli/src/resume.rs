@@ -74,12 +74,12 @@ fn attempt(args: &args::Resume, breakpoint: ResumeBreakpoint, by_card: &Cell<boo
     if args.tui {
         operate::needs_terminal()?;
     }
-    let jobs = JobStore::named(args.jobs.path())?;
+    let jobs = JobStore::open_or_default(args.jobs.path())?;
     let folder = match &args.job {
         Some(id) => jobs.find(id)?,
         None => newest(&jobs)?,
     };
-    let held = folder.hold()?;
+    let held = folder.lock()?;
     let record = folder.read()?;
     if let Some(line) = args.from_line {
         drop(held);

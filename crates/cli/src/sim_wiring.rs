@@ -85,7 +85,7 @@ fn limits(machine: &MachineConfig, axis: usize) -> [i64; 2] {
 /// Replies for every input that a code waits for.
 fn replies(machine: &MachineConfig) -> Vec<Reply> {
     let mut replies: Vec<Reply> = Vec::new();
-    for (code, CodeSwitching { until, .. }) in machine.switching.described() {
+    for (code, CodeSwitching { until, .. }) in machine.switching.defined_codes() {
         let Some(InputWait { input, active, timeout_periods: at_most }) = until else { continue };
         let waits_us = match at_most {
             0 => u32::MAX,

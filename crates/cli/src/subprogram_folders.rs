@@ -52,7 +52,7 @@ impl SubFiles for Folders {
         }
         let path = self.folders.iter().map(|folder| folder.join(format!("{name}.ngc"))).find(|path| path.is_file())?;
         let mut hash = FileHash::of(b"");
-        let text = File::open(&path).and_then(|file| Text::read(file, |part| hash = hash.then(part)));
+        let text = File::open(&path).and_then(|file| Text::read(file, |part| hash = hash.extend(part)));
         if text.is_ok() {
             let file = ReadFile { role: FileRole::Subprogram, path: files::absolute(&path), hash };
             let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);

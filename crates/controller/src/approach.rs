@@ -1,16 +1,18 @@
-//! The way back to a place in an order that is safe: retract plane, other axes, tool axis (DNC-6, *Beyond the source*).
+//! The approach to a position in a safe order: retract plane, other axes, tool axis (DNC-6, *Beyond the source*).
 //!
-//! Invariant: while an axis other than the tool axis moves, the tool axis stands at least as high as here, there, and at the retract plane;
-//! every end of a move lies within the soft limits, and the last one is the place to the pulse.
+//! Invariant: while an axis other than the tool axis moves, the tool axis is at least as high as at the start, at the
+//! destination, and at the retract plane. Every end of a move is within the soft limits, and the last one is the
+//! destination to the pulse.
 
 use crate::machine::MachineConfig;
 use crate::numbered_error::NumberedError;
 
-/// The moves from one place to another, each by its end, in counts of the machine's axes. None where the machine is there already, at most
-/// three. Where the tool axis alone has to move, it moves straight; without a tool axis all axes move at once.
+/// The moves from one position to another, each by its end, in counts of the machine's axes: none where the machine is
+/// there already, at most three. Where only the tool axis has to move, it moves straight; without a tool axis all axes
+/// move together.
 ///
 /// # Errors
-/// `E4305` where an axis would go beyond its soft limits. An axis that stands beyond them may move back.
+/// `E4305` where an axis would go beyond its soft limits. An axis that is beyond them may move back.
 pub fn approach<const A: usize>(
     machine: &MachineConfig,
     from: [i64; A],
@@ -29,7 +31,7 @@ pub fn approach<const A: usize>(
     Ok(moves)
 }
 
-/// The ends of the moves, those that move nothing left out.
+/// The ends of the moves; moves without motion are omitted.
 fn ends<const A: usize>(machine: &MachineConfig, from: &[i64; A], to: &[i64; A]) -> Vec<[i64; A]> {
     let mut moves: Vec<[i64; A]> = Vec::with_capacity(3);
     let tool = machine.tool_axis().filter(|&tool| tool < A);
@@ -97,12 +99,12 @@ mod tests {
         assert!(refused([0, 0, 0], [5_001, 0, 0]).cause.contains("axis X would go to 500.100 mm"));
         assert!(refused([0, 0, 0], [0, -20_001, 0]).cause.contains("axis Y"));
         assert_eq!(refused([0, 0, 0], [0, 0, 5_001]).number, "E4305");
-        // who stands beyond a limit may come back, and does not move along beyond it
+        // an axis beyond a limit may move back, and may not move along beyond it
         assert_eq!(approach::<3>(&machine, [-5, 0, 0], [0, 0, 0]), Ok(vec![[0, 0, 0]]));
     }
 
     proptest! {
-        /// Whatever the places, the tool axis and the retract plane: safe, within limits, and exact.
+        /// For any positions, tool axis and retract plane: safe, within limits, and exact.
         #[test]
         fn it_is_safe_and_exact(
             from in prop::array::uniform3(0.0..1.0_f64), to in prop::array::uniform3(0.0..1.0_f64),

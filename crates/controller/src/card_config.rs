@@ -1,6 +1,6 @@
-//! What the machine file says of the card: how it watches, switches and makes its pulses; and the settings that this comes to.
+//! The card in the machine file: inputs, monitoring, outputs and pulses; and the card settings that follow from it.
 //!
-//! Invariant: settings that were checked here name only inputs, outputs and axes that there can be.
+//! Invariant: settings that were checked here name only inputs, outputs and axes that can exist.
 
 use retrace_core::limits::RateLimits;
 use retrace_link::{CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, OutputChange, PathStart, channel};
@@ -10,8 +10,8 @@ use serde::Deserialize;
 use crate::machine::{AxisConfig, MachineConfig, within};
 use crate::numbered_error::NumberedError;
 
-/// So long the machine may stand with a rate asked for before it counts as standing with the cutter on, ms: on a line some 40 ms pass
-/// between the report of M3 and the first motion (CUT-6).
+/// Time in ms for which the machine may be at rest with a rate requested before the cutter counts as on at rest: on a
+/// serial line some 40 ms pass between the report of M3 and the first motion (CUT-6).
 const HANDOVER_MS: f64 = 100.0;
 
 /// Use of an input.
@@ -85,7 +85,7 @@ impl Default for CardSection {
     }
 }
 
-/// What the card is told besides the axes.
+/// Settings of the card other than those of the axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CardConfig {
     watchdog_periods: u16,
@@ -94,14 +94,14 @@ pub struct CardConfig {
     direction_setup_ns: u16,
     direction_inverted: u16,
     inputs: [InputSetting; MAX_INPUTS],
-    /// The inputs that the machine file declares, a bit each.
+    /// Inputs that the machine file declares, one bit each.
     declared_inputs: u16,
     /// Output channels that a fault switches off.
     pub off_at_fault: Vec<u8>,
 }
 
 impl CardSection {
-    /// Checks what is written. Without a list of its own a fault switches off what cuts, and the spindle.
+    /// Checks the settings. Without an explicit list, a fault switches off the cutters and the spindle.
     pub(crate) fn checked(
         self,
         axes: &[AxisConfig],
@@ -167,7 +167,7 @@ impl CardSection {
         let periods = |ms: f64| (ms / period_ms).round().max(1.0);
         Ok(CardConfig {
             watchdog_periods: periods(self.watchdog_ms) as u16,
-            // A report costs some thirty bytes: on a slow clock it may come a little later.
+            // A report takes some thirty bytes: at a low baud rate it may be sent a little later.
             report_periods: periods(self.report_every_ms).max((16.0 / period_ms).floor().min(8.0)).min(255.0) as u8,
             pulse_ns: (1000.0 * self.step_pulse_us) as u16,
             direction_setup_ns: (1000.0 * self.direction_setup_us) as u16,
@@ -178,7 +178,7 @@ impl CardSection {
         })
     }
 
-    /// Settings that each have one thing of these, the usual ones otherwise, and these last: to be checked one by one.
+    /// Settings that each have one of these parts and defaults otherwise, and these last: for checking them one by one.
     pub(crate) fn parts(&self) -> Vec<Self> {
         let usual = Self::default;
         let mut parts = vec![
@@ -195,18 +195,19 @@ impl CardSection {
 }
 
 impl CardConfig {
-    /// The most pulses a second that drives take whose step pulses have this length: each is high and low for as long at least.
+    /// Maximum pulses per second of drives with this length of the step pulse: each pulse is high and low for at least
+    /// that time.
     #[must_use]
     pub fn max_pulses_hz(&self) -> f64 {
         1e9 / (2.0 * f64::from(self.pulse_ns.max(1)))
     }
 
-    /// Does the machine file declare this input with a `[[card.input]]`?
+    /// Whether the machine file declares this input with a `[[card.input]]`.
     pub(crate) fn declares_input(&self, number: u8) -> bool {
         u32::from(number) < u16::BITS && self.declared_inputs & (1 << number) != 0
     }
 
-    /// Is there a switch to home an axis by at this end: its home switch, or the limit switch there?
+    /// Whether an axis has a switch for homing at this end: its home switch, or the limit switch there.
     pub(crate) fn can_home(&self, axis: usize, upper: bool) -> bool {
         self.inputs.iter().any(|input| match input.used_for {
             InputUse::Home { axis: of } => usize::from(of) == axis,
@@ -217,7 +218,7 @@ impl CardConfig {
 }
 
 impl MachineConfig {
-    /// What a card is told of this machine, and where the path is to be taken up.
+    /// Settings that a card receives for this machine, with the start of the path.
     #[must_use]
     pub fn card_settings<const A: usize>(&self, start: PathStart) -> CardSettings<A> {
         let card = &self.card;
@@ -244,7 +245,7 @@ impl MachineConfig {
             *slot = OutputChange { channel, value: 0 };
         }
         for (slot, axis) in settings.backlash_pulses.iter_mut().zip(&self.axes) {
-            // At most 10 mm; where that is more pulses than can be told, the most that can.
+            // At most 10 mm, and at most as many pulses as the settings can represent.
             *slot = (axis.backlash_mm * axis.pulses_per_mm).round() as u16;
         }
         settings

@@ -1,6 +1,7 @@
-//! The operator's words on their way from the screen to the motion path.
+//! The queue of operator commands from the screen to the motion path.
 //!
-//! Invariant: neither side waits for the other; a word that finds no room is refused at once, and the wheel loses no count.
+//! Invariant: neither side waits for the other; a command that does not fit is rejected immediately, and no handwheel
+//! count is lost.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, Ordering};
@@ -9,61 +10,61 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use crate::operator::OperatorCommand;
 use crate::script::ScriptPlayer;
 
-/// So many words may wait.
-const WORDS: usize = 64;
+/// Capacity of the queue, in commands.
+const MAX_COMMANDS: usize = 64;
 
-/// The two ends.
+/// Creates a connected sender and receiver.
 #[must_use]
 pub fn command_channel() -> (CommandSender, CommandReceiver) {
-    let (sender, receiver) = sync_channel(WORDS);
+    let (sender, receiver) = sync_channel(MAX_COMMANDS);
     let wheel = Arc::new(AtomicI32::new(0));
-    (CommandSender { words: sender, wheel: Arc::clone(&wheel) }, CommandReceiver { words: receiver, wheel })
+    (CommandSender { commands: sender, wheel: Arc::clone(&wheel) }, CommandReceiver { commands: receiver, wheel })
 }
 
-/// Too many words wait already.
+/// The command queue is full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommandQueueFull;
 
-/// The screen's end; it can be had more than once.
+/// The screen's end of the queue. It can be cloned.
 #[derive(Clone, Debug)]
 pub struct CommandSender {
-    words: SyncSender<OperatorCommand>,
+    commands: SyncSender<OperatorCommand>,
     wheel: Arc<AtomicI32>,
 }
 
 impl CommandSender {
-    /// Says a word.
+    /// Sends a command.
     ///
     /// # Errors
-    /// [`Busy`]; the word is not on its way then.
-    pub fn send(&self, deed: OperatorCommand) -> Result<(), CommandQueueFull> {
-        // A session that has ended hears nothing, and needs nothing.
-        match self.words.try_send(deed) {
+    /// [`CommandQueueFull`]; the command is not sent then.
+    pub fn send(&self, command: OperatorCommand) -> Result<(), CommandQueueFull> {
+        // A session that has ended needs no commands.
+        match self.commands.try_send(command) {
             Err(std::sync::mpsc::TrySendError::Full(_)) => Err(CommandQueueFull),
             _ => Ok(()),
         }
     }
 
-    /// Turns the handwheel by so many counts.
+    /// Turns the handwheel by this number of counts.
     pub fn turn_wheel(&self, counts: i32) {
         self.wheel.fetch_add(counts, Ordering::Relaxed);
     }
 }
 
-/// The motion path's end.
+/// The motion path's end of the queue.
 #[derive(Debug)]
 pub struct CommandReceiver {
-    words: Receiver<OperatorCommand>,
+    commands: Receiver<OperatorCommand>,
     wheel: Arc<AtomicI32>,
 }
 
 impl CommandReceiver {
-    /// The next word, if one waits.
+    /// Next command in the queue, if there is one.
     pub fn next_command(&mut self) -> Option<OperatorCommand> {
-        self.words.try_recv().ok()
+        self.commands.try_recv().ok()
     }
 
-    /// What the wheel was turned by since it was asked last; what does not fit comes the next time.
+    /// Handwheel counts since the last call. Counts that do not fit in an `i16` are returned by the next calls.
     pub fn wheel_counts(&mut self) -> i16 {
         let turned = self.wheel.load(Ordering::Relaxed);
         let counts = turned.clamp(i32::from(i16::MIN), i32::from(i16::MAX));
@@ -72,85 +73,87 @@ impl CommandReceiver {
     }
 }
 
-/// Who operates the machine: a script, somebody at a screen, or both, or nobody.
+/// The sources of commands: a script, an operator at a screen, both, or neither.
 #[derive(Debug)]
 pub struct CommandSources {
     script: ScriptPlayer,
-    heard: Option<CommandReceiver>,
-    /// What can stop the job, and is nobody who operates it: the system's signals.
-    stops: Option<CommandReceiver>,
-    /// A word of that which has come and was not taken yet.
+    live: Option<CommandReceiver>,
+    /// Source of stop commands that is not an operator: the system's signals.
+    stop_receiver: Option<CommandReceiver>,
+    /// Stop command that was received from it and is not applied yet.
     next_stop: Option<OperatorCommand>,
-    /// The job is over only when the operator says so.
-    releases: bool,
+    /// Whether the job ends only when the operator releases it.
+    waits_for_release: bool,
 }
 
 impl CommandSources {
-    /// A script; an empty one is nobody.
+    /// Commands from a script. An empty script means that there is no operator.
     #[must_use]
-    pub fn script(script: ScriptPlayer) -> Self {
-        Self { script, heard: None, stops: None, next_stop: None, releases: false }
+    pub fn from_script(script: ScriptPlayer) -> Self {
+        Self { script, live: None, stop_receiver: None, next_stop: None, waits_for_release: false }
     }
 
-    /// The same, and somebody at a screen, who stays to the end.
+    /// Adds an operator at a screen, who is present until the end.
     #[must_use]
-    pub fn and(self, heard: CommandReceiver) -> Self {
-        Self { heard: Some(heard), ..self }
+    pub fn with_operator(self, receiver: CommandReceiver) -> Self {
+        Self { live: Some(receiver), ..self }
     }
 
-    /// The same, and something that can stop the job without being an operator: whether anybody is there does not depend on it.
+    /// Adds a source of stop commands that is not an operator: it does not count as an operator being present.
     #[must_use]
-    pub fn stopped_by(self, stops: Option<CommandReceiver>) -> Self {
-        Self { stops, ..self }
+    pub fn with_stop_receiver(self, stops: Option<CommandReceiver>) -> Self {
+        Self { stop_receiver: stops, ..self }
     }
 
-    /// The same; a program that has come to its end stays open for reverse run until the operator releases it with [`Deed::Stop`].
+    /// Keeps a completed program open for reverse run until the operator releases it with [`OperatorCommand::Stop`].
     #[must_use]
-    pub fn releasing_the_end(self) -> Self {
-        Self { releases: true, ..self }
+    pub fn with_release_at_end(self) -> Self {
+        Self { waits_for_release: true, ..self }
     }
 
-    /// Does a program that has come to its end wait for the operator to release it?
+    /// Whether a completed program waits for the operator to release it.
     #[must_use]
-    pub fn releases_the_end(&self) -> bool {
-        self.releases
+    pub fn waits_for_release_at_end(&self) -> bool {
+        self.waits_for_release
     }
 
-    /// Is nobody there who has something left to say?
+    /// Whether no source has a command left to give: the script has ended and no operator is present.
     #[must_use]
     pub fn finished(&self) -> bool {
-        self.heard.is_none() && self.script.finished()
+        self.live.is_none() && self.script.finished()
     }
 
-    /// Is nobody there who would say something while the machine stands?
+    /// Whether no source will give a command while the machine is at rest.
     #[must_use]
     pub fn waits_for_motion(&self) -> bool {
-        self.heard.is_none() && self.script.waits_for_motion()
+        self.live.is_none() && self.script.waits_for_motion()
     }
 
-    /// The next word, if there is one now: in period `period`, with program line `line` being executed. The script's come first.
-    pub fn next_word(&mut self, period: u64, line: u32) -> Option<OperatorCommand> {
+    /// Next command that is due in period `period`, with program line `line` being executed. Script commands come
+    /// first.
+    pub fn next_command(&mut self, period: u64, line: u32) -> Option<OperatorCommand> {
         let scripted = self.script.due(period, line).map(|instruction| instruction.command);
         scripted.or_else(|| self.next_live_command())
     }
 
-    /// The next word of somebody who is there; a script says none here.
+    /// Next command of a live operator or a stop source. Script commands are not returned here.
     pub fn next_live_command(&mut self) -> Option<OperatorCommand> {
-        let said = self.heard.as_mut().and_then(CommandReceiver::next_command);
+        let said = self.live.as_mut().and_then(CommandReceiver::next_command);
         said.or_else(|| if self.stop_requested() { self.next_stop.take() } else { None })
     }
 
-    /// Does a word wait that stops the job, without being an operator's? For whoever waits outside of the turns of the motion path.
+    /// Whether a stop command from a source other than an operator is pending. For callers that wait outside of the
+    /// motion path's periods.
     pub fn stop_requested(&mut self) -> bool {
         if self.next_stop.is_none() {
-            self.next_stop = self.stops.as_mut().and_then(CommandReceiver::next_command);
+            self.next_stop = self.stop_receiver.as_mut().and_then(CommandReceiver::next_command);
         }
         self.next_stop.is_some()
     }
 
-    /// Counts that the handwheels turn by in this period.
+    /// Handwheel counts of all sources in this period.
     pub fn wheel_counts(&mut self, period: u64) -> i16 {
-        let turned = self.heard.as_mut().map_or(0, CommandReceiver::wheel_counts);
+        let turned = self.live.as_mut().map_or(0, CommandReceiver::wheel_counts);
         self.script.wheel_counts(period).saturating_add(turned)
     }
 }
@@ -162,13 +165,13 @@ mod tests {
     #[test]
     fn a_script_and_somebody_at_a_screen_are_both_heard() {
         let script = crate::operator::parse("at 0.002s hold\nafter 0s wheel 1000 for 1s", "script").expect("valid");
-        let (orders, heard) = command_channel();
-        let mut operators = CommandSources::script(ScriptPlayer::new(script, 1000)).and(heard);
+        let (orders, receiver) = command_channel();
+        let mut operators = CommandSources::from_script(ScriptPlayer::new(script, 1000)).with_operator(receiver);
         orders.send(OperatorCommand::Single).expect("room");
         orders.turn_wheel(5);
-        assert_eq!((operators.next_word(1, 0), operators.next_word(1, 0)), (Some(OperatorCommand::Single), None));
+        assert_eq!((operators.next_command(1, 0), operators.next_command(1, 0)), (Some(OperatorCommand::Single), None));
         orders.send(OperatorCommand::Stop).expect("room");
-        let words = [operators.next_word(2, 0), operators.next_word(2, 0), operators.next_word(2, 0)];
+        let words = [operators.next_command(2, 0), operators.next_command(2, 0), operators.next_command(2, 0)];
         assert!(
             matches!(
                 words,
@@ -181,15 +184,15 @@ mod tests {
 
     #[test]
     fn words_come_in_order_too_many_are_refused_and_no_count_is_lost() {
-        let (orders, mut heard) = command_channel();
+        let (orders, mut receiver) = command_channel();
         let taken = (0..).take_while(|&n| orders.send(OperatorCommand::BackBy(f64::from(n))).is_ok()).count();
-        assert_eq!(taken, WORDS);
+        assert_eq!(taken, MAX_COMMANDS);
         assert_eq!(
-            (heard.next_command(), heard.next_command()),
+            (receiver.next_command(), receiver.next_command()),
             (Some(OperatorCommand::BackBy(0.0)), Some(OperatorCommand::BackBy(1.0)))
         );
         orders.turn_wheel(40_000);
         orders.turn_wheel(-3);
-        assert_eq!([heard.wheel_counts(), heard.wheel_counts(), heard.wheel_counts()], [32_767, 7_230, 0]);
+        assert_eq!([receiver.wheel_counts(), receiver.wheel_counts(), receiver.wheel_counts()], [32_767, 7_230, 0]);
     }
 }

@@ -1,6 +1,7 @@
-//! What a program does with the machine's cutters between its moves: a beam goes off for a rapid, a torch or a jet must be off (CUT-4).
+//! Tracks the machine's cutters between a program's moves: a beam goes off for a rapid, a torch or a jet must be off
+//! (CUT-4).
 //!
-//! Invariant: no rapid move is given to a sink with a cutter on, unless its machine file allows it.
+//! Invariant: no rapid move is given to a sink with a cutter on, unless the machine file permits it.
 
 use retrace_link::OutputChange;
 
@@ -8,26 +9,26 @@ use crate::canon_executor::CanonError;
 use crate::machine::{CutterKind, MachineConfig};
 use crate::motion_sink::MotionSink;
 
-/// The machine's cutters as the program has switched them, in the order of the machine file.
+/// State of the machine's cutters as the program has switched them, in the order of the machine file.
 #[derive(Clone, Debug)]
 pub(crate) struct CutterTrack {
-    /// Is each of them on?
+    /// Whether each of them is on.
     lit: Vec<bool>,
-    /// Is each of them off for rapid moves only?
+    /// Whether each of them is off only for rapid moves.
     interrupted: Vec<bool>,
 }
 
 impl CutterTrack {
-    /// All of them off.
+    /// Creates the state with all cutters off.
     pub(crate) fn new(machine: &MachineConfig) -> Self {
         let count = machine.cutters.len();
         Self { lit: vec![false; count], interrupted: vec![false; count] }
     }
 
-    /// A rapid move follows: beams go off where it begins.
+    /// To be called before a rapid move: beams go off where it begins.
     ///
     /// # Errors
-    /// [`Untrackable::RapidWhileLit`] where a torch or a jet is on.
+    /// [`CanonError::RapidWhileLit`] where a torch or a jet is on.
     pub(crate) fn before_rapid<const A: usize>(
         &mut self,
         machine: &MachineConfig,
@@ -49,7 +50,7 @@ impl CutterTrack {
         Ok(())
     }
 
-    /// A feed move follows: beams that were off for rapid moves only are on again where it begins.
+    /// To be called before a feed move: beams that were off only for rapid moves are on again where it begins.
     pub(crate) fn before_feed<const A: usize>(
         &mut self,
         machine: &MachineConfig,
@@ -63,7 +64,7 @@ impl CutterTrack {
         }
     }
 
-    /// The program switches these outputs.
+    /// Records that the program switches these outputs.
     pub(crate) fn switched(&mut self, machine: &MachineConfig, changes: &[OutputChange]) {
         for (at, cutter) in machine.cutters.iter().enumerate() {
             for change in changes.iter().filter(|change| change.channel == cutter.fire) {

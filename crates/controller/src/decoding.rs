@@ -1,7 +1,7 @@
-//! Decoding in a thread of its own: blocks become steps, and these go over a belt of two batches to whoever plans.
+//! Decoding in its own thread: blocks become steps, which a channel of two batches passes to the planning thread.
 //!
-//! Invariant: the planning side never waits for more than the first block that there is; a batch goes to and fro, so that nothing is
-//! allocated per block but a modal state that has changed; what is decoded ahead is bounded.
+//! Invariant: the planning side never waits for more than the first block available. Batches are exchanged, so that
+//! nothing is allocated per block except a modal state that has changed. The amount decoded ahead is bounded.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -13,17 +13,17 @@ use retrace_gcode::{ActiveCodes, CanonStep};
 use crate::job::{BlockDecoder, DecodedBlock};
 use crate::plan_item::PlanEnd;
 
-/// Steps after which the decoder waits until the batch is taken. A block has as many as it has.
+/// Number of steps after which the decoder waits until the batch is taken. A block may have any number.
 const MAX_STEPS: usize = 2048;
-/// So long a decoder with no room sleeps: less than a planner takes for a batch.
+/// Interval at which a decoder without space polls: less than a planner takes for a batch.
 const NAP: Duration = Duration::from_micros(300);
 
-/// Steps of whole blocks, in their order.
+/// Steps of whole blocks, in order.
 #[derive(Debug, Default)]
 pub(crate) struct BlockBatch {
     /// The steps.
     pub(crate) steps: Vec<CanonStep>,
-    /// Behind how many of the steps each block ends.
+    /// Number of steps up to the end of each block.
     pub(crate) ends: Vec<u32>,
     /// The modal state from a block of the batch on, wherever it changes.
     pub(crate) modes: Vec<(u32, Box<ActiveCodes>)>,
@@ -37,7 +37,7 @@ impl BlockBatch {
         Self { steps, ends, modes: Vec::with_capacity(MAX_STEPS), ending: None }
     }
 
-    /// Empties it and keeps its room.
+    /// Empties the batch and keeps its capacity.
     pub(crate) fn clear(&mut self) {
         self.steps.clear();
         self.ends.clear();
@@ -46,26 +46,26 @@ impl BlockBatch {
     }
 }
 
-/// The belt between decoder and planner.
+/// The channel between decoder and planner.
 #[derive(Debug)]
 pub(crate) struct BatchChannel {
     batch: Mutex<BlockBatch>,
     /// The planner takes nothing any more.
     given_up: AtomicBool,
-    /// The decoder gives nothing any more.
+    /// The decoder sends nothing any more.
     ended: AtomicBool,
 }
 
 impl BatchChannel {
-    /// An empty belt, and the batch that the planner begins with.
+    /// Creates an empty channel, and the batch with which the planner begins.
     pub(crate) fn new() -> (Self, BlockBatch) {
         let batch = Mutex::new(BlockBatch::with_room());
         (Self { batch, given_up: AtomicBool::new(false), ended: AtomicBool::new(false) }, BlockBatch::with_room())
     }
 
-    /// Takes what there is for `batch`, which is given back to be filled; false, and nothing changed, where there is nothing.
+    /// Exchanges `batch` for the pending one, if that is not empty. Returns whether it did.
     pub(crate) fn take(&self, batch: &mut BlockBatch) -> bool {
-        // What is in a batch is whole blocks at all times, also where its holder panicked.
+        // A batch contains whole blocks at all times, also where its holder panicked.
         let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
         if held.ends.is_empty() && held.ending.is_none() {
             return false;
@@ -75,17 +75,18 @@ impl BatchChannel {
         true
     }
 
-    /// Will nothing more come? To be asked before [`Belt::take`] finds nothing.
+    /// Whether nothing more will be sent. To be called before [`BatchChannel::take`] finds nothing.
     pub(crate) fn ended(&self) -> bool {
         self.ended.load(Ordering::Acquire)
     }
 
-    /// Nobody takes anything any more.
+    /// Cancels the channel from the receiving end.
     pub(crate) fn give_up(&self) {
         self.given_up.store(true, Ordering::Relaxed);
     }
 
-    /// Puts a block on the belt, and the modal state where it has changed; false where nobody takes it. Waits for room, with short naps: neither side wakes the other.
+    /// Sends a block, and the modal state where it has changed. Returns false where the channel is cancelled. Waits for
+    /// space with short pauses: neither side wakes the other.
     fn put(&self, steps: &mut Vec<CanonStep>, changed: Option<Box<ActiveCodes>>, decoded: DecodedBlock) -> bool {
         while !self.given_up.load(Ordering::Relaxed) {
             let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
@@ -112,7 +113,7 @@ impl BatchChannel {
     }
 }
 
-/// Says that nothing more comes, however the decoder ends.
+/// Marks the channel as ended, however the decoder ends.
 struct BatchSender<'b>(&'b BatchChannel);
 
 impl Drop for BatchSender<'_> {
@@ -121,7 +122,7 @@ impl Drop for BatchSender<'_> {
     }
 }
 
-/// The decoding thread: block by block until the program, or the interest in it, ends.
+/// The decoding thread: decodes block by block until the program ends or is cancelled.
 pub(crate) fn decode(program: &mut impl BlockDecoder, belt: &BatchChannel) {
     let _ends = BatchSender(belt);
     let mut steps = Vec::with_capacity(64);

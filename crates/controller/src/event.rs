@@ -224,7 +224,7 @@ impl Event {
         let mut value = match &self.kind {
             EventKind::Started => json!({"event": "started"}),
             EventKind::Mode(mode) => json!({"event": "mode", "mode": mode}),
-            EventKind::Operator(deed) => json!({"event": "operator", "command": deed.to_string()}),
+            EventKind::Operator(command) => json!({"event": "operator", "command": command.to_string()}),
             EventKind::OverridePlanned(percent) => json!({"event": "override_planned", "percent": percent}),
             EventKind::CommandRejected(reason) => json!({"event": "command_rejected", "reason": reason.to_string()}),
             EventKind::HistoryStartReached => json!({"event": "history_start_reached"}),
@@ -269,8 +269,8 @@ impl Event {
                 json!({"event": "stream_resumed", "source": source, "waited_s": waited_s})
             }
             EventKind::Underrun => json!({"event": "underrun"}),
-            EventKind::Alarm(trouble) => {
-                let (number, cause, remedy) = trouble.parts();
+            EventKind::Alarm(error) => {
+                let (number, cause, remedy) = error.parts();
                 json!({"event": "alarm", "number": number, "cause": cause, "remedy": remedy})
             }
         };
@@ -318,7 +318,7 @@ impl Event {
         match &self.kind {
             EventKind::Started => "started".into(),
             EventKind::Mode(mode) => (*mode).to_string(),
-            EventKind::Operator(deed) => format!("operator: {deed}"),
+            EventKind::Operator(command) => format!("operator: {command}"),
             EventKind::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),
             EventKind::CommandRejected(why) => format!("not done: {why}"),
             EventKind::HistoryStartReached => "standing at the oldest record: it goes no further back".into(),
@@ -361,8 +361,8 @@ impl Event {
                 format!("the program from {source} arrives again, after {waited_s:.1} s")
             }
             EventKind::Underrun => "the look-ahead ran dry: slowed down on the path".into(),
-            EventKind::Alarm(trouble) => {
-                let (number, cause, remedy) = trouble.parts();
+            EventKind::Alarm(error) => {
+                let (number, cause, remedy) = error.parts();
                 format!("ALARM {number}: {cause}. {remedy}")
             }
         }

@@ -1,8 +1,10 @@
-//! The fingerprint of planning: what a fixed program comes to, so that a change of decoder, planner or floating-point library shows.
+//! The fingerprint of planning: a hash of the records of a fixed program, so that a change of decoder, planner or
+//! floating-point library is detected.
 //!
-//! A job is resumed by planning it again, and goes on only where that comes to the very same records.
+//! A job is resumed by planning it again, which is correct only where that gives identical records.
 //!
-//! Invariant: nothing but the fixed program on the built-in machine goes into it; it is reckoned each time, and kept by nobody.
+//! Invariant: the fingerprint depends only on the fixed program on the built-in machine. It is calculated each time and
+//! stored nowhere.
 
 use retrace_core::Flags;
 use retrace_gcode::{CanonStep, Program, Progress};
@@ -17,16 +19,16 @@ use crate::motion_sink::MotionSink;
 use crate::numbered_error::NumberedError;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 
-/// Lines, arcs, a helix, a spline, blends wide and narrow, exact stops, inverse time, a loop with functions.
+/// Lines, arcs, a helix, a spline, wide and narrow blends, exact stops, inverse time, a loop with functions.
 const PROGRAM: &str = "G21 G17 G90 G94 F3000\nG64 P0.05\nG0 X3.7 Y-1.3 Z2\nG1 X11.3 Y4.1 Z-0.25\nX12.9 Y9.7\nX12.95 Y9.8\nX13.1\n\
     G2 X19.3 Y3.6 I3.1 J-3.1 F5200\nG3 X16.2 Y0.5 Z-3.3 I-3.1 J0\nG5 X21.4 Y6.6 I2.2 J0.7 P-1.1 Q-2.9\nG64 P0.5\nG1 X25.1 Y-2.2\nX17.3\n\
     #1 = 0\nO100 while [#1 LT 12]\nG1 X[17.3 + 2.9 * COS[#1 * 27.7]] Y[2.9 * SIN[#1 * 27.7]] Z[#1 / 7]\n#1 = [#1 + 1]\nO100 endwhile\n\
     G61.1\nX1 Y1\nG61\nX2.2 Y3.3 F900\nG93 X9 Y9 F20\nG94 G64 P0.02 F6000\nG0 X0 Y0 Z0\nM2\n";
 
-/// What this version comes to.
+/// Fingerprint of this version.
 ///
 /// # Errors
-/// None in practice: the built-in machine goes through the checks of every other.
+/// None in practice: the built-in machine passes the checks of every other.
 pub fn of_planning() -> Result<u32, NumberedError> {
     let machine = MachineConfig::built_in()?;
     let planner = Planner::<4>::new(machine.limits(), machine.start_mm())
@@ -37,7 +39,7 @@ pub fn of_planning() -> Result<u32, NumberedError> {
     let (blocks, findings) = job::feed_all(&machine, &mut program, &mut planned);
     planned.rest();
     let outcome = format!("{blocks} {}", findings.len());
-    Ok(planned.hash.then(outcome.as_bytes()).short())
+    Ok(planned.hash.extend(outcome.as_bytes()).low_32())
 }
 
 struct Fixed(Program<&'static [u8]>);
@@ -52,7 +54,7 @@ impl BlockDecoder for Fixed {
     }
 }
 
-/// Plans, and takes the hash of the records.
+/// Plans and hashes the records.
 struct Planned {
     planner: Planner<4>,
     hash: FileHash,
@@ -62,9 +64,9 @@ impl Planned {
     fn take(&mut self) {
         while let Some(record) = self.planner.next_record() {
             for increment in record.increments {
-                self.hash = self.hash.then(&increment.to_le_bytes());
+                self.hash = self.hash.extend(&increment.to_le_bytes());
             }
-            self.hash = self.hash.then(&record.line.to_le_bytes());
+            self.hash = self.hash.extend(&record.line.to_le_bytes());
         }
     }
 

@@ -1,7 +1,8 @@
-//! Which axes were homed, noted beside the folder of jobs, so that every command that opens the card knows it.
+//! The homed axes, recorded next to the folder of jobs for every command that opens the card.
 //!
-//! Invariant: an axis counts as homed only on the card, and since the start of that card, where it was, and only while the machine file gives it the
-//! home that it had; a note is there whole or not at all, and one that cannot be read says that nothing was homed.
+//! Invariant: an axis counts as homed only on the card where it was homed, since the start of that card, and while the
+//! machine file has the same home for it. A record is written whole or not at all; one that cannot be read means that
+//! nothing was homed.
 
 use std::fs;
 use std::io;
@@ -17,7 +18,7 @@ use crate::state_file::{self, FileAccess};
 
 const NOTES: &str = "homed.json";
 const LOCK: &str = "homed.lock";
-/// So many cards are remembered, the one homed last first.
+/// Number of cards that are remembered, the one homed last first.
 const CARDS: usize = 64;
 
 /// A card since it was switched on.
@@ -35,11 +36,11 @@ impl From<&CardIdentity> for CardBoot {
     }
 }
 
-/// An axis, and the home that it was homed by.
+/// An axis, and the home with which it was homed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct HomedAxis {
     axis: char,
-    /// Where the switch is, of which end, and at what scale: counts mean something else where the file says otherwise.
+    /// Position of the switch, its end, and the scale: with other values, counts mean something else.
     position_mm: f64,
     upper: bool,
     pulses_per_mm: f64,
@@ -63,19 +64,19 @@ impl HomedFile {
     }
 }
 
-/// The notes of what was homed.
+/// The record of homed axes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HomedAxes {
     folder: PathBuf,
 }
 
 impl HomedAxes {
-    /// Those of the user, wherever a job's journal may be: what was homed is a matter of the machine.
+    /// The record of the user, independent of where a job's journal is: homing is a matter of the machine.
     ///
     /// # Errors
-    /// `E2201` where the user has no folder for them.
+    /// `E2201` where the user has no folder for it.
     pub fn usual() -> Result<Self, NumberedError> {
-        let jobs = JobStore::named(None).map_err(|refusal| {
+        let jobs = JobStore::open_or_default(None).map_err(|refusal| {
             let remedy = "set HOME or XDG_STATE_HOME: what was homed is noted there";
             NumberedError::new("E2201", refusal.cause, remedy)
         })?;
@@ -83,14 +84,15 @@ impl HomedAxes {
         Ok(Self::of(folder.parent().unwrap_or(folder)))
     }
 
-    /// Those in this folder, which need not be there yet.
+    /// The record in this folder, which need not exist yet.
     #[must_use]
     pub fn of(folder: &Path) -> Self {
         Self { folder: folder.to_owned() }
     }
 
-    /// Letters of the axes of this machine that have to be homed before a program moves them and were not since this card was switched on, in
-    /// the order of homing; none where the machine file lets programs move an unhomed machine.
+    /// Letters of the axes of this machine that have to be homed before a program moves them and were not since this
+    /// card was switched on, in the order of homing. Empty where the machine file lets programs move an unhomed
+    /// machine.
     #[must_use]
     pub fn unhomed(&self, card: &CardBoot, machine: &MachineConfig) -> Vec<char> {
         let (notes, needed) = (self.read(), required(machine));
@@ -102,25 +104,25 @@ impl HomedAxes {
             .collect()
     }
 
-    /// Was an axis homed since this card was switched on? None where it has no home switch.
+    /// Whether an axis was homed since this card was switched on. None where it has no home switch.
     #[must_use]
     pub fn is_homed(&self, card: &CardBoot, machine: &MachineConfig, letter: char) -> Option<bool> {
         let axis = axis_of(machine, letter)?;
         Some(self.read().of(card).contains(&axis))
     }
 
-    /// These axes are about to be homed: until that is done they are not.
+    /// Records that these axes are about to be homed: until that is done they are not homed.
     ///
     /// # Errors
-    /// `E2105`: it cannot be noted.
+    /// `E2105`: it cannot be written.
     pub fn begin(&self, card: &CardBoot, axes: &[char]) -> Result<(), NumberedError> {
         self.change(card, |homed| homed.retain(|axis| !axes.contains(&axis.axis)))
     }
 
-    /// These axes of this machine were homed.
+    /// Records that these axes of this machine were homed.
     ///
     /// # Errors
-    /// `E2105`: it cannot be noted.
+    /// `E2105`: it cannot be written.
     pub fn done(&self, card: &CardBoot, machine: &MachineConfig, axes: &[char]) -> Result<(), NumberedError> {
         self.change(card, |homed| {
             homed.retain(|axis| !axes.contains(&axis.axis));
@@ -133,7 +135,7 @@ impl HomedAxes {
         serde_json::from_slice(&text).unwrap_or_default()
     }
 
-    /// Changes what is noted of a card, one process after the other.
+    /// Changes the record of a card, one process at a time.
     fn change(&self, card: &CardBoot, change: impl FnOnce(&mut Vec<HomedAxis>)) -> Result<(), NumberedError> {
         let change = || {
             state_file::create_private_folder(&self.folder)?;
@@ -157,7 +159,7 @@ impl HomedAxes {
         })
     }
 
-    /// Whole, or not at all.
+    /// Writes the file whole or not at all.
     fn write(&self, notes: &HomedFile) -> io::Result<()> {
         let text = serde_json::to_vec_pretty(notes)?;
         state_file::replace(&self.folder.join(NOTES), &text, FileAccess::Private)
@@ -170,7 +172,7 @@ pub fn required(machine: &MachineConfig) -> &[char] {
     if machine.setting_up.allow_unhomed { &[] } else { machine.needs_homing() }
 }
 
-/// An axis as this machine homes it; none where it does not.
+/// An axis as this machine homes it. None where it does not.
 fn axis_of(machine: &MachineConfig, letter: char) -> Option<HomedAxis> {
     let index = machine.axis_of(letter)?;
     let home = (*machine.setting_up.homes.get(index)?)?;

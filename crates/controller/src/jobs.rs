@@ -1,7 +1,7 @@
-//! The folder of jobs: one folder a job, with its journal, the program that arrived for it, and its report.
+//! The job store: one folder per job, with its journal, the program that was streamed for it, and its report.
 //!
-//! Invariant: a job's folder is made by one process only and is durable before anything moves; one process at a time holds a job; only
-//! what can never be resumed is deleted.
+//! Invariant: a job's folder is created by one process only and is durable before anything moves. One process at a time
+//! locks a job. Only what can never be resumed is deleted.
 
 use std::ffi::OsString;
 use std::fs::{self, File, TryLockError};
@@ -16,12 +16,12 @@ use crate::journal::timestamp::Timestamp;
 use crate::numbered_error::{NumberedError, nearest};
 use crate::state_file;
 
-/// So many jobs that came to their end are kept.
-const COMPLETED: usize = 100;
-/// And so many bytes of them.
-const COMPLETED_BYTES: u64 = 1 << 30;
-/// After so long a folder in which no job has begun is nobody's any more.
-const NEVER_BEGAN: Duration = Duration::from_secs(86_400);
+/// Maximum number of completed jobs that are retained.
+const MAX_COMPLETED: usize = 100;
+/// Maximum number of bytes of completed jobs that are retained.
+const MAX_COMPLETED_BYTES: u64 = 1 << 30;
+/// Age after which a folder in which no job has begun may be deleted.
+const NEVER_BEGAN_AGE: Duration = Duration::from_secs(86_400);
 
 const JOURNAL: &str = "journal";
 const LOCK: &str = "lock";
@@ -34,29 +34,29 @@ pub struct JobStore {
     folder: PathBuf,
 }
 
-/// The folder of a job.
+/// The folder of one job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct JobFolder {
     path: PathBuf,
     id: String,
 }
 
-/// Holds a job, until it is dropped or the process ends, however that ends.
+/// A lock on a job, until it is dropped or the process ends, however that ends.
 #[derive(Debug)]
 pub struct JobLock(#[expect(dead_code, reason = "the lock goes with the open file")] File);
 
-/// What is going on with a job.
+/// State of a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum JobState {
-    /// A process holds it; its number where that is known.
+    /// A process has it locked; its process number where that is known.
     Running(Option<u32>),
-    /// It began, and nobody said how it ended: the computer or the process failed. It can be resumed.
+    /// The job began, and its end is not recorded: the computer or the process failed. It can be resumed.
     Interrupted,
     /// The operator stopped it, or a block was refused. It can be resumed.
     Stopped,
     /// An alarm stopped it. It can be resumed.
     Alarm,
-    /// It came to its end.
+    /// It was completed.
     Completed,
     /// Nothing has moved.
     NeverBegan,
@@ -65,13 +65,13 @@ pub enum JobState {
 }
 
 impl JobState {
-    /// Can it be resumed?
+    /// Whether it can be resumed.
     #[must_use]
     pub fn can_resume(&self) -> bool {
         matches!(self, Self::Interrupted | Self::Stopped | Self::Alarm)
     }
 
-    /// In a word.
+    /// The state as one word.
     #[must_use]
     pub fn word(&self) -> &'static str {
         match self {
@@ -91,45 +91,45 @@ impl JobState {
 pub struct ListedJob {
     /// Its folder.
     pub folder: JobFolder,
-    /// What is going on with it.
+    /// Its state.
     pub state: JobState,
-    /// What its journal says at a glance; none where that cannot be used.
-    pub glance: Option<JobSummary>,
+    /// Summary of its journal. None where the journal cannot be used.
+    pub summary: Option<JobSummary>,
 }
 
 impl JobStore {
-    /// The jobs of this folder, which need not be there yet.
+    /// The jobs of this folder, which need not exist yet.
     #[must_use]
     pub fn of(folder: &Path) -> Self {
         Self { folder: folder.to_owned() }
     }
 
-    /// The jobs of the folder that was named, or of the user's own: below `XDG_STATE_HOME` or `~/.local/state`, or what is usual on other
-    /// systems.
+    /// The jobs of the given folder, or of the user's own: below `XDG_STATE_HOME` or `~/.local/state`, or what is usual
+    /// on other systems.
     ///
     /// # Errors
-    /// `E2201` where none was named and the user has none.
-    pub fn named(folder: Option<&Path>) -> Result<Self, NumberedError> {
-        let usual = || usual(|name| std::env::var_os(name));
+    /// `E2201` where no folder was given and the user has none.
+    pub fn open_or_default(folder: Option<&Path>) -> Result<Self, NumberedError> {
+        let usual = || default_state_folder(|name| std::env::var_os(name));
         folder.map(Path::to_owned).or_else(usual).map(|folder| Self { folder }).ok_or_else(|| {
             let what = "no folder for jobs: neither XDG_STATE_HOME nor HOME names one";
             NumberedError::new("E2201", what, "name one with --journal DIR")
         })
     }
 
-    /// The user's folder for everything that outlives a command, as that of the jobs is found; none where the user has none.
+    /// The user's state folder, found in the same manner as that of the jobs. None where the user has none.
     #[must_use]
     pub fn state_folder() -> Option<PathBuf> {
-        usual(|name| std::env::var_os(name))?.parent().map(Path::to_owned)
+        default_state_folder(|name| std::env::var_os(name))?.parent().map(Path::to_owned)
     }
 
-    /// Where they are.
+    /// Path of the folder.
     #[must_use]
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Makes a folder for a job of this program, which begins at this moment.
+    /// Creates a folder for a job of this program, which begins at `when`.
     ///
     /// # Errors
     /// `E2105`
@@ -148,10 +148,10 @@ impl JobStore {
         Err(unwritable(&self.folder, &io::Error::from(ErrorKind::AlreadyExists)))
     }
 
-    /// The job of this name, or the only one whose name begins so.
+    /// Finds the job of this name, or the only one whose name begins so.
     ///
     /// # Errors
-    /// `E2202` with the one that may have been meant.
+    /// `E2202` with the job that may have been meant.
     pub fn find(&self, id: &str) -> Result<JobFolder, NumberedError> {
         let all = self.folders();
         if let Some(job) = all.iter().find(|job| job.id == id) {
@@ -168,12 +168,12 @@ impl JobStore {
         Err(NumberedError::new("E2202", format!("there is no job {id} in {}", self.folder.display()), remedy))
     }
 
-    /// All jobs, the newest first.
+    /// Lists all jobs, the newest first.
     #[must_use]
     pub fn list(&self) -> Vec<ListedJob> {
-        let mut all: Vec<ListedJob> = self.folders().into_iter().map(JobFolder::listed).collect();
-        let when = |job: &ListedJob| job.glance.as_ref().map(|glance| glance.job.when);
-        // Where a journal does not say when it began, the name does, to the second.
+        let mut all: Vec<ListedJob> = self.folders().into_iter().map(JobFolder::into_listed).collect();
+        let when = |job: &ListedJob| job.summary.as_ref().map(|glance| glance.job.when);
+        // Where a journal does not have its time of beginning, the name has it, to the second.
         all.sort_by(|a, b| {
             let by_name = || b.folder.id.cmp(&a.folder.id);
             match (when(a), when(b)) {
@@ -190,8 +190,8 @@ impl JobStore {
         self.list().into_iter().find(|job| job.state.can_resume())
     }
 
-    /// Deletes the oldest of the jobs that came to their end, where there are more than are kept, and what never began. How many; what
-    /// cannot be deleted stays.
+    /// Deletes the oldest completed jobs beyond the number that is retained, and jobs that never began. Returns how
+    /// many. What cannot be deleted stays.
     pub fn prune(&self) -> usize {
         let (mut completed, mut bytes, mut deleted) = (0, 0, 0);
         for job in self.list() {
@@ -199,12 +199,12 @@ impl JobStore {
                 JobState::Completed => {
                     completed += 1;
                     bytes += job.folder.bytes();
-                    completed <= COMPLETED && bytes <= COMPLETED_BYTES
+                    completed <= MAX_COMPLETED && bytes <= MAX_COMPLETED_BYTES
                 }
-                JobState::NeverBegan => !job.folder.is_older(NEVER_BEGAN),
+                JobState::NeverBegan => !job.folder.is_older(NEVER_BEGAN_AGE),
                 _ => true,
             };
-            if !is_kept && job.folder.hold().is_ok() && fs::remove_dir_all(&job.folder.path).is_ok() {
+            if !is_kept && job.folder.lock().is_ok() && fs::remove_dir_all(&job.folder.path).is_ok() {
                 deleted += 1;
             }
         }
@@ -223,35 +223,35 @@ impl JobStore {
 }
 
 impl JobFolder {
-    /// The job's name.
+    /// Name of the job.
     #[must_use]
     pub fn id(&self) -> &str {
         &self.id
     }
 
-    /// Its journal.
+    /// Path of its journal.
     #[must_use]
     pub fn journal(&self) -> PathBuf {
         self.path.join(JOURNAL)
     }
 
-    /// The program that arrived for it.
+    /// Path of the program that was streamed for it.
     #[must_use]
     pub fn stream(&self) -> PathBuf {
         self.path.join(STREAM)
     }
 
-    /// Its report.
+    /// Path of its report.
     #[must_use]
     pub fn report(&self) -> PathBuf {
         self.path.join(REPORT)
     }
 
-    /// Makes its journal, empty, and makes that it is there durable.
+    /// Creates its journal, empty, and makes the file durable.
     ///
     /// # Errors
     /// `E2105`
-    pub fn new_journal(&self) -> Result<FileStore, NumberedError> {
+    pub fn create_journal(&self) -> Result<FileStore, NumberedError> {
         let path = self.journal();
         let store = FileStore::create(&path).map_err(|error| unwritable(&path, &error))?;
         let above = self.path.parent().unwrap_or(&self.path);
@@ -261,11 +261,11 @@ impl JobFolder {
         Ok(store)
     }
 
-    /// Opens its journal to go on with it.
+    /// Opens its journal to append to it.
     ///
     /// # Errors
     /// `E2105`
-    pub fn old_journal(&self) -> Result<FileStore, NumberedError> {
+    pub fn open_journal(&self) -> Result<FileStore, NumberedError> {
         let path = self.journal();
         FileStore::open(&path).map_err(|error| unwritable(&path, &error))
     }
@@ -278,15 +278,15 @@ impl JobFolder {
         JobRecord::read(&self.journal())
     }
 
-    /// Holds the job, against every other process.
+    /// Locks the job against every other process.
     ///
     /// # Errors
-    /// `E2206` where another one has it; `E2105` where the folder does not know locks.
-    pub fn hold(&self) -> Result<JobLock, NumberedError> {
+    /// `E2206` where another process has it; `E2105` where the folder does not support locks.
+    pub fn lock(&self) -> Result<JobLock, NumberedError> {
         let path = self.path.join(LOCK);
         let failed = |error: &io::Error| unwritable(&path, error);
         let mut file = state_file::open_lock(&path).map_err(|error| failed(&error))?;
-        // Whoever lists the jobs has it for a moment.
+        // A process that lists the jobs has the lock for a moment.
         let mut patience = 10;
         loop {
             match file.try_lock() {
@@ -307,13 +307,13 @@ impl JobFolder {
                 }
             }
         }
-        // The number is for people; that it cannot be written stops nobody.
+        // The number is for people; failing to write it prevents nothing.
         let _ = file.set_len(0).and_then(|()| writeln!(file, "{}", std::process::id()));
         Ok(JobLock(file))
     }
 
-    /// Does a living process hold it?
-    fn is_held(&self) -> bool {
+    /// Whether a living process has it locked.
+    fn is_locked(&self) -> bool {
         let path = self.path.join(LOCK);
         let is_plain = fs::symlink_metadata(&path).is_ok_and(|found| found.is_file());
         is_plain && File::open(path).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
@@ -323,16 +323,16 @@ impl JobFolder {
         fs::read_to_string(self.path.join(LOCK)).ok()?.trim().parse().ok()
     }
 
-    /// What is going on with it.
+    /// State of the job.
     #[must_use]
     pub fn state(&self) -> JobState {
-        self.clone().listed().state
+        self.clone().into_listed().state
     }
 
-    fn listed(self) -> ListedJob {
+    fn into_listed(self) -> ListedJob {
         let glance = JobSummary::read(&self.journal());
         let state = match &glance {
-            _ if self.is_held() => JobState::Running(self.holder()),
+            _ if self.is_locked() => JobState::Running(self.holder()),
             Ok(glance) => match &glance.end {
                 None => JobState::Interrupted,
                 Some(end) => match end.outcome {
@@ -344,7 +344,7 @@ impl JobFolder {
             Err(refusal) if refusal.number == "E2204" || !self.journal().exists() => JobState::NeverBegan,
             Err(refusal) => JobState::Unusable(refusal.clone()),
         };
-        ListedJob { folder: self, state, glance: glance.ok() }
+        ListedJob { folder: self, state, summary: glance.ok() }
     }
 
     fn bytes(&self) -> u64 {
@@ -358,7 +358,8 @@ impl JobFolder {
     }
 }
 
-/// A folder's own entries arrive on the disk when the folder is synced; where it cannot be opened as a file, the system sees to that.
+/// A folder's entries are durable when the folder is synced; where it cannot be opened as a file, the system takes care
+/// of that.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }
@@ -372,8 +373,8 @@ fn unwritable(path: &Path, error: &io::Error) -> NumberedError {
     )
 }
 
-/// The folder that is usual on this system. A relative path counts for nothing, as the XDG base directory specification has it.
-fn usual(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+/// The usual folder on this system. A relative path is ignored, as the XDG base directory specification requires.
+fn default_state_folder(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
     let named = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let base = named("XDG_STATE_HOME").or_else(|| {
         if cfg!(windows) {
@@ -387,7 +388,7 @@ fn usual(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
     Some(base.join("retrace").join("jobs"))
 }
 
-/// The name of a file, without folders and ending, as part of a file name that every system takes.
+/// The name of a file, without folders and extension, as part of a file name that every system accepts.
 #[must_use]
 pub fn plain_name(program: &str) -> String {
     let stem = Path::new(program).file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
@@ -397,7 +398,7 @@ pub fn plain_name(program: &str) -> String {
     if name.is_empty() { "program".into() } else { name.into() }
 }
 
-/// As [`Jobs::create`] names them: date, time, program.
+/// Whether a name has the form that [`JobStore::create`] gives: date, time, program.
 fn is_id(name: &str) -> bool {
     let digits = |from: usize, to: usize| name.get(from..to).is_some_and(|s| s.bytes().all(|b| b.is_ascii_digit()));
     let rest = name.get(16..).unwrap_or_default();
@@ -418,12 +419,12 @@ mod tests {
         (folder, jobs)
     }
 
-    /// A job that began in this second, and how it ended.
+    /// Creates a job that began in this second and ended so.
     fn ran(jobs: &JobStore, second: u64, ended: Option<JobEnding>) -> JobFolder {
         let when = Timestamp::from_ms(second * 1000);
         let folder = jobs.create("part.ngc", when).expect("a folder");
         let job = crate::journal::entry::JobHeader { id: folder.id().into(), when, ..job("[machine]", JobCard::Sim) };
-        let store = folder.new_journal().expect("a file");
+        let store = folder.create_journal().expect("a file");
         let logbook = JournalWriter::begin(store, Durability::Written, job, None).expect("it works");
         match ended {
             None => drop(logbook),
@@ -460,7 +461,7 @@ mod tests {
         ran(&jobs, 300, Some(JobEnding::Alarm));
         ran(&jobs, 400, Some(JobEnding::Completed));
         let running = ran(&jobs, 500, None);
-        let held = running.hold().expect("nobody has it");
+        let held = running.lock().expect("nobody has it");
         let empty = jobs.create("x", Timestamp::from_ms(600_000)).expect("a folder");
         let damaged = ran(&jobs, 700, None);
         let mut bytes = fs::read(damaged.journal()).expect("a file");
@@ -491,12 +492,12 @@ mod tests {
     fn a_job_is_held_once() {
         let (_folder, jobs) = folder();
         let job = ran(&jobs, 100, None);
-        let held = job.hold().expect("nobody has it");
-        let refusal = job.hold().expect_err("somebody has it");
+        let held = job.lock().expect("nobody has it");
+        let refusal = job.lock().expect_err("somebody has it");
         assert_eq!(refusal.number, "E2206");
         assert!(refusal.cause.contains(&std::process::id().to_string()));
         drop(held);
-        assert!(job.hold().is_ok());
+        assert!(job.lock().is_ok());
     }
 
     #[test]
@@ -519,8 +520,8 @@ mod tests {
         let interrupted = ran(&jobs, 2, None);
         let empty = jobs.create("x", Timestamp::from_ms(3000)).expect("a folder");
         let completed: Vec<JobFolder> =
-            (0..COMPLETED as u64 + 2).map(|n| ran(&jobs, 10 + n, Some(JobEnding::Completed))).collect();
-        let held = completed[0].hold().expect("nobody has it");
+            (0..MAX_COMPLETED as u64 + 2).map(|n| ran(&jobs, 10 + n, Some(JobEnding::Completed))).collect();
+        let held = completed[0].lock().expect("nobody has it");
         assert_eq!(jobs.prune(), 1);
         drop(held);
         assert_eq!(jobs.prune(), 1);
@@ -533,7 +534,9 @@ mod tests {
     #[test]
     fn the_usual_folder() {
         let with = |set: &[(&str, &str)]| {
-            usual(|name| set.iter().find(|(known, _)| *known == name).map(|(_, value)| OsString::from(value)))
+            default_state_folder(|name| {
+                set.iter().find(|(known, _)| *known == name).map(|(_, value)| OsString::from(value))
+            })
         };
         let root = if cfg!(windows) { "C:\\" } else { "/" };
         let path = |name: &str| format!("{root}{name}");

@@ -1,8 +1,17 @@
-//! From program to card: reading, decoding and planning ahead, the motion path, and the report, each in a thread of its own.
+//! The controller: executes an NC program on a motion card. Reading, decoding, planning, the motion path and the report
+//! each run in their own thread ([`job`]).
 //!
-//! Invariant: a program that is a file is checked whole before anything of it reaches the card, one that is fed block by block as it
-//! comes. In wall time the motion path never waits for the planner; it never allocates, locks, formats or touches a file from its first
-//! control period to its last.
+//! ```text
+//!  program ─> decoding ─> canon_executor ─> plan_writer ─> ring ─> record_streamer ─> card
+//!  (read_ahead) (decoding) (planning) (core::ring) (session)
+//! ```
+//!
+//! The operator's commands ([`operator`]) reach the motion path through [`command_queue`]; what happens leaves it as
+//! [`telemetry`]. The [`journal`] records what is needed to resume an interrupted job ([`resume`]).
+//!
+//! Invariant: a program from a file is checked whole before anything of it reaches the card; a streamed program is
+//! checked block by block. In wall time the motion path never waits for the planner; it never allocates, locks, formats
+//! or accesses a file from its first control period to its last.
 #![forbid(unsafe_code)]
 
 pub mod approach;

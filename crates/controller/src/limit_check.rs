@@ -1,7 +1,7 @@
-//! The scan before the run: every move is looked at before the first one is made (PRE-5, *Beyond the source*).
+//! The check before the run: every move is checked before the first one is made (PRE-5, *Beyond the source*).
 //!
-//! Invariant: a program that the scan passes is programmed within the soft limits of every axis; blends may leave the programmed
-//! path by their tolerance.
+//! Invariant: a program that passes the check is programmed within the soft limits of every axis. Blends may leave the
+//! programmed path by their tolerance.
 
 use std::collections::BTreeMap;
 
@@ -18,9 +18,9 @@ use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 pub struct LimitFinding {
     /// Letter of the axis.
     pub axis: char,
-    /// How far it would go, mm.
+    /// Coordinate that the axis would reach, mm.
     pub position_mm: f64,
-    /// The limit it would pass, mm.
+    /// Limit that it would pass, mm.
     pub limit_mm: f64,
     /// Program line.
     pub line: u32,
@@ -31,7 +31,7 @@ impl LimitFinding {
     pub(crate) const REMEDY: &'static str =
         "move the work offset, correct the program, or widen `travel_mm` in the machine file";
 
-    /// The first of the machine's axes that a point lies beyond the soft limits of, of those that `concerned` names.
+    /// The first axis whose soft limits a point exceeds, of those selected by `concerned`.
     pub(crate) fn of<const A: usize>(
         machine: &MachineConfig,
         point: &[f64; A],
@@ -52,20 +52,20 @@ impl LimitFinding {
         format!("axis {axis} would go to {position_mm:.3} mm, beyond its soft limit at {limit_mm:.3} mm")
     }
 
-    /// As a finding.
+    /// The error as a finding.
     #[must_use]
     pub fn finding(&self) -> CheckFinding {
         CheckFinding {
             line: self.line,
             word: Some(self.axis.to_ascii_uppercase()),
             number: Self::NUMBER,
-            what: self.what(),
+            cause: self.what(),
             remedy: Self::REMEDY.into(),
         }
     }
 }
 
-/// Looks at every move of a program.
+/// Checks every move of a program.
 #[derive(Debug)]
 pub struct LimitCheck<'m, const A: usize> {
     machine: &'m MachineConfig,
@@ -74,23 +74,24 @@ pub struct LimitCheck<'m, const A: usize> {
     pub extents_mm: Option<[[f64; 2]; A]>,
     /// Moves beyond the soft limits, the first of each line.
     pub beyond: Vec<LimitFinding>,
-    /// Moves.
+    /// Number of moves.
     pub moves: u64,
-    /// The same as `extents_mm` for what has not been taken yet.
+    /// The same as `extents_mm`, since they were taken last.
     last_mm: Option<[[f64; 2]; A]>,
-    /// Digital outputs that are on, with the line that switched them on.
+    /// Digital outputs that are on, each with the line that switched it on.
     on: BTreeMap<u8, u32>,
-    /// Outputs that were on in a feed move and belong to nothing that the machine file declares, with the line that switched them on.
+    /// Outputs that were on in a feed move and that the machine file does not declare, each with the line that switched
+    /// it on.
     undeclared: BTreeMap<u8, u32>,
 }
 
-/// So much beyond a soft limit is rounding, mm.
+/// Excess beyond a soft limit that counts as rounding, mm.
 const SLACK_MM: f64 = 1e-6;
-/// Enough of them to say that there are more.
+/// Maximum number of findings.
 const MOST: usize = 100;
 
 impl<'m, const A: usize> LimitCheck<'m, A> {
-    /// A scan that begins where the machine stands.
+    /// Creates a check that begins at the machine's position.
     #[must_use]
     pub fn new(machine: &'m MachineConfig) -> Self {
         Self {
@@ -111,12 +112,12 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
         self.machine
     }
 
-    /// Least and greatest coordinates of the ends of moves since this was asked last, mm.
+    /// Least and greatest coordinates of the ends of moves since the last call, mm.
     pub fn take_last(&mut self) -> Option<[[f64; 2]; A]> {
         self.last_mm.take()
     }
 
-    /// What the program does with its outputs that may not be meant; nothing of it keeps it from running.
+    /// Warnings about the program's use of outputs. None of them prevents the run.
     #[must_use]
     pub fn warnings(&self) -> Vec<CheckFinding> {
         let name = |channel: u8| self.machine.channel_name(channel);
@@ -125,14 +126,14 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
             line,
             word: None,
             number: "W4101",
-            what: format!("{} is still on when the program ends; the end of the job switches it off", name(channel)),
+            cause: format!("{} is still on when the program ends; the end of the job switches it off", name(channel)),
             remedy: "switch it off where its cut ends".into(),
         });
         let undeclared = self.undeclared.iter().map(|(&channel, &line)| CheckFinding {
             line,
             word: None,
             number: "W4102",
-            what: format!(
+            cause: format!(
                 "{} is on in feed moves, and the machine file declares no cutter: a stop leaves it on",
                 name(channel)
             ),
@@ -143,7 +144,7 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
         all
     }
 
-    /// An output is switched.
+    /// Records that an output is switched.
     fn switched(&mut self, change: OutputChange, line: u32) {
         if change.value == 0 {
             self.on.remove(&change.channel);
@@ -152,7 +153,7 @@ impl<'m, const A: usize> LimitCheck<'m, A> {
         }
     }
 
-    /// A feed move is made with the outputs as they are.
+    /// Records a feed move with the outputs as they are.
     fn fed(&mut self) {
         if self.machine.cutters.is_empty() && !self.on.is_empty() {
             let digital = self.on.iter().filter(|(channel, _)| usize::from(**channel) < channel::DIGITAL);
@@ -222,7 +223,7 @@ impl<const A: usize> MotionSink<A> for LimitCheck<'_, A> {
     }
 }
 
-/// The points of an arc where an axis of its plane turns round: the quarter points that it passes.
+/// Points of an arc where an axis of its plane reverses: the quarter points that it passes.
 pub(crate) fn extremes<const A: usize>(start: &[f64; A], arc: &Arc<A>) -> Vec<[f64; A]> {
     use std::f64::consts::{FRAC_PI_2, TAU};
     let ([p, q], [cp, cq]) = (arc.plane, arc.centre_mm);

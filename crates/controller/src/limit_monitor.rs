@@ -1,67 +1,67 @@
-//! The judge of the emitted increments: did every axis keep its velocity, acceleration and jerk limits?
+//! The monitor of the emitted increments: checks that every axis keeps its velocity, acceleration and jerk limits.
 //!
-//! Invariant: only what was really emitted is judged, by finite differences of the positions in whole pulses over
-//! windows that begin at every period; the plan is never asked. A push allocates nothing and takes a fixed time.
+//! Invariant: only what was actually emitted is checked, by finite differences of the positions in whole pulses over
+//! windows that begin at every period; the plan is never consulted. A push allocates nothing and takes constant time.
 //!
-//! How limits are judged: positions are compared over strides of n = 1, 2, 4 … 64 periods of T seconds. The k-th
-//! difference, k = 1, 2, 3, may not exceed limit · (nT)ᵏ plus an allowance for rounding to whole pulses: 1, 2, 4 pulses
-//! in windows in which the rate is always −1, 0 or +1, and 2e, 4e, 8e pulses in all others, where e = 1 + A·T²/8 (in
-//! pulses, A the axis' acceleration) also covers the chord of a record that the cursor splits. Where the rate changes
-//! within a window of the third difference, the jerk limit is twice the axis limit (REV, rate law).
+//! Method: positions are compared over strides of n = 1, 2, 4 … 64 periods of T seconds. The k-th difference, k = 1, 2,
+//! 3, may not exceed limit · (nT)ᵏ plus an allowance for rounding to whole pulses: 1, 2, 4 pulses in windows in which
+//! the rate is always −1, 0 or +1, and 2e, 4e, 8e pulses in all others, where e = 1 + A·T²/8 (in pulses, A the axis'
+//! acceleration) also covers the chord of a record that the cursor splits. Where the rate changes within a window of
+//! the third difference, the jerk limit is twice the axis limit (REV, rate law).
 //!
-//! The axes stand still before the first period, and after the last where that is known; windows that reach into that rest are judged too. Windows
-//! over periods that nobody has measured are not.
+//! The axes are at rest before the first period, and after the last where that is known; windows that reach into that
+//! rest are checked too. Windows over periods that were not measured are not.
 
-/// One axis' limits, as the machine file gives them.
+/// Limits of one axis, from the machine file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MonitorLimits {
     /// Pulses per millimetre.
     pub pulses_per_mm: f64,
-    /// Largest velocity in mm/s.
+    /// Maximum velocity, mm/s.
     pub velocity_mm_s: f64,
-    /// Largest acceleration in mm/s².
+    /// Maximum acceleration, mm/s².
     pub acceleration_mm_s2: f64,
-    /// Largest jerk in mm/s³.
+    /// Maximum jerk, mm/s³.
     pub jerk_mm_s3: f64,
 }
 
-/// The largest derivatives that were seen on one axis beyond the allowance for rounding, over strides of 8 … 64 periods.
-/// (Over one period a single pulse would read as an enormous jerk.) Never below 0.
+/// Largest derivatives observed on one axis beyond the allowance for rounding, over strides of 8 … 64 periods. (Over
+/// one period a single pulse would read as an enormous jerk.) Never below 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisExtremes {
-    /// Largest velocity in mm/s.
+    /// Largest velocity, mm/s.
     pub velocity_mm_s: f64,
-    /// Largest acceleration in mm/s².
+    /// Largest acceleration, mm/s².
     pub acceleration_mm_s2: f64,
-    /// Largest jerk in mm/s³.
+    /// Largest jerk, mm/s³.
     pub jerk_mm_s3: f64,
 }
 
-/// The first window that broke a limit.
+/// The first window that violated a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LimitViolation {
     /// The period that closed the window, from 0.
     pub period: u64,
-    /// The axis, in the order of the increments.
+    /// Index of the axis, in the order of the increments.
     pub axis: usize,
-    /// Which limit: 1 velocity, 2 acceleration, 3 jerk.
+    /// Order of the limit: 1 velocity, 2 acceleration, 3 jerk.
     pub order: u8,
-    /// The stride in periods.
+    /// Stride in periods.
     pub stride: u16,
-    /// The difference that was found, in pulses.
+    /// Observed difference, in pulses.
     pub pulses: u32,
-    /// The largest difference that was allowed, in pulses.
+    /// Maximum permitted difference, in pulses.
     pub allowed_pulses: u32,
 }
 
-/// What the judge found.
+/// Result of the limit monitor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LimitReport<const A: usize> {
-    /// Windows over which an axis broke a limit; each axis, stride and order counts for itself.
+    /// Number of windows that violated a limit. Each axis, stride and order counts separately.
     pub violations: u64,
-    /// The largest derivatives, axis by axis.
+    /// Largest derivatives of each axis.
     pub extremes: [AxisExtremes; A],
-    /// The first window that broke a limit.
+    /// The first window that violated a limit.
     pub first: Option<LimitViolation>,
 }
 
@@ -69,18 +69,18 @@ pub struct LimitReport<const A: usize> {
 const STRIDES: usize = 7;
 /// Velocity, acceleration, jerk.
 const ORDERS: usize = 3;
-/// The longest window in periods: the third difference over the longest stride.
+/// Length of the longest window in periods: the third difference over the longest stride.
 const LONGEST: usize = ORDERS << (STRIDES - 1);
-/// Positions kept; a power of two above the longest window.
+/// Number of positions in the ring buffer: a power of two above the longest window.
 const KEPT: usize = 256;
-/// The shortest stride, as a power of two, that counts for the extremes.
+/// Shortest stride, as a power of two, that counts for the extremes.
 const FIRST_FOR_EXTREMES: usize = 3;
 /// Rate 1: motion as recorded, in units of 2⁻³².
 const RATE_ONE: i64 = 1 << 32;
-/// Increments are judged as if they were no larger than this, so that no difference overflows; no limit comes near it.
+/// Increments are clamped to this, so that no difference overflows. No limit comes near it.
 const MAX_INCREMENT: i32 = 1 << 20;
 
-/// Which bounds hold for a window, by what the rate does in it.
+/// Class of a window by its rates, which selects the bounds.
 #[derive(Clone, Copy)]
 enum RateClass {
     /// Always the same −1, 0 or +1.
@@ -106,33 +106,34 @@ impl RateClass {
     }
 }
 
-/// Figures of every stride, order and way of playing, for every axis.
+/// Values for every stride, order, rate class and axis.
 type Table<const A: usize> = [[[[i32; A]; PLAYS]; ORDERS]; STRIDES];
 
-/// The streaming judge for `A` axes: one [`push`](LimitJudge::push) a period, then [`finish`](LimitJudge::finish).
+/// The streaming monitor for `A` axes: one [`push`](LimitMonitor::push) per period, then
+/// [`finish`](LimitMonitor::finish).
 #[derive(Clone, Debug)]
 pub struct LimitMonitor<const A: usize> {
     axes: [MonitorLimits; A],
     period_s: f64,
     /// Positions in pulses, wrapping; period `t` ends at cell `t + 1`.
     positions: [[i32; A]; KEPT],
-    /// The largest allowed differences in pulses.
+    /// Maximum permitted differences in pulses.
     bounds: Table<A>,
-    /// The largest differences seen, in pulses.
+    /// Largest observed differences in pulses.
     largest: Table<A>,
     periods: u64,
     last_rate: i64,
-    /// For how many periods the rate has been whole (−1, 0, +1), and the same.
+    /// Number of periods for which the rate has been whole (−1, 0, +1) and constant.
     whole_for: usize,
     constant_for: usize,
-    /// For how many periods every increment has been measured.
+    /// Number of periods for which every increment has been measured.
     measured_for: usize,
     violations: u64,
     first: Option<LimitViolation>,
 }
 
 impl<const A: usize> LimitMonitor<A> {
-    /// A judge of these axes at a control period in seconds. Every figure must be positive and finite.
+    /// Creates a monitor of these axes for a control period in seconds. Every value must be positive and finite.
     #[must_use]
     pub fn new(axes: &[MonitorLimits; A], period_s: f64) -> Self {
         Self {
@@ -151,11 +152,11 @@ impl<const A: usize> LimitMonitor<A> {
         }
     }
 
-    /// Judges one period: what each axis emitted in it, in pulses, and the rate at which it was played, in 2⁻³².
+    /// Checks one period: the pulses that each axis emitted in it, and the rate of play in units of 2⁻³².
     pub fn push(&mut self, increments: &[i32; A], rate: i64) {
         let is_whole = rate == 0 || rate == RATE_ONE || rate == -RATE_ONE;
         self.whole_for = if is_whole { (self.whole_for + 1).min(LONGEST) } else { 0 };
-        // The standstill before the first period has no rate of its own.
+        // The rest before the first period has no rate of its own.
         let is_constant = rate == self.last_rate || self.periods == 0;
         self.constant_for = if is_constant { (self.constant_for + 1).min(LONGEST) } else { 1 };
         self.last_rate = rate;
@@ -173,11 +174,11 @@ impl<const A: usize> LimitMonitor<A> {
         self.periods += 1;
     }
 
-    /// The windows of one stride that this period closes.
+    /// Checks the windows of one stride that end with this period.
     #[inline]
     fn judge_stride(&mut self, stride: usize, now: &[i32; A]) {
         let periods = 1_usize << stride;
-        // Wrapping: only the place in the ring matters, and its size divides 2³².
+        // Wrapping: only the position in the ring buffer matters, and its size divides 2³².
         let newest = (self.periods as usize).wrapping_add(1);
         let back = |strides: usize| newest.wrapping_sub(strides * periods) % KEPT;
         let (one, two, three) = (&self.positions[back(1)], &self.positions[back(2)], &self.positions[back(3)]);
@@ -213,18 +214,18 @@ impl<const A: usize> LimitMonitor<A> {
         }
     }
 
-    /// Notes that periods are missing before the next one: no window over them is judged.
+    /// Records that periods are missing before the next one: windows over them are not checked.
     pub fn skip_unmeasured(&mut self) {
         (self.measured_for, self.whole_for, self.constant_for) = (0, 0, 0);
     }
 
-    /// How many windows broke a limit so far.
+    /// Number of windows that violated a limit so far.
     #[must_use]
     pub const fn violations(&self) -> u64 {
         self.violations
     }
 
-    /// Judges the standstill after the last period, and returns what was found.
+    /// Checks the rest after the last period, and returns the result.
     #[must_use]
     pub fn finish(mut self) -> LimitReport<A> {
         let rate = self.last_rate;
@@ -234,7 +235,7 @@ impl<const A: usize> LimitMonitor<A> {
         self.finish_moving()
     }
 
-    /// Returns what was found where nobody knows what the axes did after the last period.
+    /// Returns the result where the motion after the last period is not known.
     #[must_use]
     pub fn finish_moving(self) -> LimitReport<A> {
         let extremes = std::array::from_fn(|axis| AxisExtremes {
@@ -245,7 +246,7 @@ impl<const A: usize> LimitMonitor<A> {
         LimitReport { violations: self.violations, extremes, first: self.first }
     }
 
-    /// The largest derivative of one order on one axis, in mm and seconds.
+    /// Largest derivative of one order on one axis, in mm and seconds.
     fn extreme(&self, axis: usize, order: usize) -> f64 {
         let limits = &self.axes[axis];
         let mut extreme = 0.0_f64;
@@ -260,7 +261,7 @@ impl<const A: usize> LimitMonitor<A> {
     }
 }
 
-/// The offence among these differences, on the first axis that has one.
+/// The violation among these differences, on the first axis that has one.
 #[cold]
 fn offence<const A: usize>(
     period: u64,
@@ -284,12 +285,12 @@ const fn is_whole(play: usize) -> bool {
     play == RateClass::Recorded as usize || play == RateClass::Switched as usize
 }
 
-/// The length of a stride in seconds.
+/// Length of a stride in seconds.
 fn span_s(stride: usize, period_s: f64) -> f64 {
     period_s * f64::from(1_u32 << stride)
 }
 
-/// What rounding to whole pulses may add to a difference, in pulses.
+/// Pulses that rounding to whole pulses may add to a difference.
 fn allowance(limits: &MonitorLimits, period_s: f64, order: usize, is_whole: bool) -> f64 {
     let roundings = f64::from(1_u32 << order);
     if is_whole {
@@ -300,7 +301,7 @@ fn allowance(limits: &MonitorLimits, period_s: f64, order: usize, is_whole: bool
     }
 }
 
-/// The largest whole number of pulses that each kind of window allows.
+/// Maximum whole number of pulses that each rate class permits.
 fn bounds<const A: usize>(axes: &[MonitorLimits; A], period_s: f64) -> Table<A> {
     let mut table = [[[[0; A]; PLAYS]; ORDERS]; STRIDES];
     for (stride, orders) in table.iter_mut().enumerate() {
@@ -316,7 +317,7 @@ fn bounds<const A: usize>(axes: &[MonitorLimits; A], period_s: f64) -> Table<A> 
                     };
                     let reach = limit * span_s(stride, period_s).powi(order as i32 + 1) * limits.pulses_per_mm;
                     let pulses = reach + allowance(limits, period_s, order, is_whole(play));
-                    // A product that is whole on paper must not fall short by the floats' own rounding.
+                    // A product that is exact in theory must not become smaller by the rounding of floats.
                     *bound = (pulses + pulses * 1e-12).floor() as i32;
                 }
             }
@@ -342,7 +343,7 @@ mod tests {
 
     #[test]
     fn what_was_not_measured_is_not_judged() {
-        // 50 mm/s, and nobody knows how it ends: no standstill is made up.
+        // 50 mm/s with an unknown end: no rest is assumed.
         let ramp: Vec<i32> = (0..50).chain(std::iter::repeat_n(50, 300)).collect();
         let of = |skips: bool| {
             let mut judge = LimitMonitor::new(&[AXIS], PERIOD_S);
@@ -460,7 +461,7 @@ mod tests {
         assert!(verdict.violations > 0);
     }
 
-    /// The same rule, from whole arrays and in floats.
+    /// The same rule, calculated from whole arrays in floats.
     fn brute_force(increments: &[[i32; 2]], rates: &[i64], axes: &[MonitorLimits; 2]) -> (u64, [AxisExtremes; 2]) {
         let rest = LONGEST;
         let count = increments.len();
@@ -480,7 +481,7 @@ mod tests {
                     let p = |back: usize| positions[end - back * n];
                     let differences = [p(0) - p(1), p(0) - 2 * p(1) + p(2), p(0) - 3 * p(1) + 3 * p(2) - p(3)];
                     for k in 1..=3 {
-                        // The window before the start has the first rate for its own.
+                        // The window before the start takes the first rate.
                         let window: Vec<i64> = (end - k * n..end).map(|period| rate_at(period.max(rest))).collect();
                         let emitted = &window[window.len().saturating_sub(end - rest)..];
                         let whole = emitted.iter().all(|&rate| rate % RATE_ONE == 0 && rate.abs() <= RATE_ONE);

@@ -1,16 +1,17 @@
-//! What differs between two texts of a machine file, for people.
+//! Differences between two texts of a machine file, for people.
 //!
-//! Invariant: two texts that give different values differ here; a text that cannot be read is a difference, never an error.
+//! Invariant: two texts with different values differ here; a text that cannot be parsed is a difference, never an
+//! error.
 
 use std::collections::BTreeMap;
 
 use toml::{Table, Value};
 
-/// Lines that are shown at most.
+/// Maximum number of lines.
 const MAX_LINES: usize = 40;
 
-/// How a machine file was changed, a line for each key: `axis x, max_velocity_mm_per_s: 100 in the job, 80 now`. A change of comments and order
-/// alone gives one line that says so.
+/// Changes of a machine file, one line per key: `axis x, max_velocity_mm_per_s: 100 in the job, 80 now`. A change of
+/// only comments and order gives one line that reports it.
 #[must_use]
 pub fn changes(job: &str, now: &str) -> Vec<String> {
     let (Ok(was), Ok(is)) = (job.parse::<Table>(), now.parse::<Table>()) else {
@@ -53,7 +54,7 @@ fn gather(path: &str, table: &Table, all: &mut BTreeMap<String, String>) {
             Value::Table(table) => gather(&path, table, all),
             Value::Array(items) if items.iter().any(Value::is_table) => {
                 for (index, item) in items.iter().enumerate() {
-                    // An axis is known by its name, an input by its number.
+                    // An axis is identified by its name, an input by its number.
                     let name = ["name", "number", "kind"].iter().find_map(|key| item.get(key));
                     let name = name.map_or_else(|| (index + 1).to_string(), text_of);
                     match item {

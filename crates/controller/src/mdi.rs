@@ -1,7 +1,7 @@
-//! Blocks by hand (MDI): one after the other, each looked at as a program is before anything moves.
+//! MDI (manual data input): blocks one after the other, each checked as a program is before anything moves.
 //!
-//! Invariant: what a block changes is in force for the next one, and for the program that follows, only when it has been carried
-//! out; a block that is refused has changed nothing.
+//! Invariant: what a block changes is in force for the next one, and for the program that follows, only when it has
+//! been executed. A block that is rejected has changed nothing.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -13,7 +13,7 @@ use retrace_gcode::{
 use crate::job::{self, BlockDecoder, DecodedBlock};
 use crate::machine::MachineConfig;
 
-/// What an interpreter needs to know of a machine in millimetres, which stands where it does.
+/// Interpreter setup of a machine in millimetres at its current position.
 #[must_use]
 pub fn setup(machine: &MachineConfig) -> Setup {
     let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
@@ -21,13 +21,13 @@ pub fn setup(machine: &MachineConfig) -> Setup {
     Setup { axes: AxisSet::of(&axes), user_codes, position: position(machine), ..Setup::default() }
 }
 
-/// Where the machine stands, mm and degrees, machine coordinates.
+/// Position of the machine, mm and degrees, machine coordinates.
 fn position(machine: &MachineConfig) -> Pose {
     let axes = machine.axes.iter().zip(&machine.stands_at_mm);
     axes.fold(Pose::ZERO, |at, (axis, &mm)| at.with(Axis::ALL[axis.index()], mm))
 }
 
-/// What is in force at the machine between two blocks or programs.
+/// The modal state of the machine between two blocks or programs.
 #[derive(Clone, Debug)]
 pub struct ModalContext {
     setup: Setup,
@@ -35,7 +35,8 @@ pub struct ModalContext {
 }
 
 impl ModalContext {
-    /// Nothing has been carried out; `setup` has tools, parameters, cycles and folders of subprograms.
+    /// Creates the state in which nothing has been executed; `setup` has tools, parameters, cycles and folders of
+    /// subprograms.
     #[must_use]
     pub fn new(setup: Setup) -> Self {
         let carried = Interpreter::new(setup.clone()).modal_snapshot();
@@ -54,16 +55,16 @@ impl ModalContext {
         &self.carried
     }
 
-    /// What a program is to be read with now: offsets and tools are those of the desk, the modes those of a program's beginning.
+    /// Setup for reading a program now: offsets and tools are those in force, the modes those of a program's beginning.
     #[must_use]
     pub fn setup_of_program(&self, machine: &MachineConfig) -> Setup {
         Setup { position: position(machine), ..self.setup.clone() }.following(&self.carried)
     }
 
-    /// A block, for a machine that stands where `machine` says.
+    /// Checks a block, for a machine at the position of `machine`.
     ///
     /// # Errors
-    /// What is wrong with it, rendered: its diagnostics, and what this machine cannot run (E43…). Nothing has changed then.
+    /// Its errors, rendered: its diagnostics, and what this machine cannot execute (E43…). Nothing has changed then.
     pub fn block(&self, machine: &MachineConfig, text: &str) -> Result<MdiBlock, Vec<String>> {
         let begin = || {
             let setup = Setup { position: position(machine), ..self.setup.clone() }.continuing(&self.carried);
@@ -71,16 +72,16 @@ impl ModalContext {
             Ok::<_, Vec<String>>(MdiBlock { text: text.to_owned(), program, left: None, moves: false })
         };
         let mut looked_at = begin()?;
-        let (_, findings, scan) = job::scan::<9>(machine, &mut looked_at);
+        let (_, findings, scan) = job::check_program::<9>(machine, &mut looked_at);
         let mut wrong = rendered(looked_at.program.interpreter().diagnostics(), text);
         wrong.extend(findings.iter().filter(|finding| finding.is_error()).map(|finding| {
-            let job::CheckFinding { number, what, remedy, .. } = finding;
+            let job::CheckFinding { number, cause: what, remedy, .. } = finding;
             format!("error[{number}]: {what}\n  help: {remedy}")
         }));
         if wrong.is_empty() { Ok(MdiBlock { moves: scan.moves > 0, ..begin()? }) } else { Err(wrong) }
     }
 
-    /// Takes over what a block has left that was carried out.
+    /// Applies the state that an executed block has left.
     pub fn finish_block(&mut self, block: &MdiBlock) {
         self.carried = block.program.interpreter().modal_snapshot();
     }
@@ -91,7 +92,7 @@ impl ModalContext {
         self.carried = Interpreter::new(self.setup.clone().continuing(&carried)).modal_snapshot();
     }
 
-    /// Takes over what a program has left that was carried out.
+    /// Applies the state that an executed program has left.
     pub fn take_over(&mut self, left: ModalSnapshot) {
         self.carried = left;
     }
@@ -103,7 +104,7 @@ fn rendered(found: &[Diagnostic], text: &str) -> Vec<String> {
     errors.map(|found| found.render("by hand", if found.file == 0 { text } else { "" })).collect()
 }
 
-/// A block by hand on its way, as a program is.
+/// An MDI block, checked and ready to run as a program.
 #[derive(Debug)]
 pub struct MdiBlock {
     text: String,
@@ -112,17 +113,17 @@ pub struct MdiBlock {
     moves: bool,
 }
 
-/// Where a block that was decoded to its end puts what it leaves.
+/// Where a block that was decoded to its end stores its resulting state.
 pub(crate) type Left = Arc<Mutex<Option<ModalSnapshot>>>;
 
 impl MdiBlock {
-    /// Does it move the machine?
+    /// Whether it moves the machine.
     #[must_use]
     pub fn moves(&self) -> bool {
         self.moves
     }
 
-    /// The same, which puts what it leaves where it can be had when it has been carried out by somebody else.
+    /// Also returns where the block stores its resulting state, for a caller that has it executed.
     pub(crate) fn leaving(self) -> (Self, Left) {
         let left = Left::default();
         (Self { left: Some(Arc::clone(&left)), ..self }, left)
@@ -152,13 +153,13 @@ impl BlockDecoder for MdiBlock {
 mod tests {
     use super::*;
 
-    /// Carries a block out, and says where the machine's axes then are, mm.
-    fn done(desk: &mut ModalContext, machine: &MachineConfig, text: &str) -> MachineConfig {
-        let mut block = desk.block(machine, text).expect(text);
+    /// Executes a block, and returns the machine at its new position, mm.
+    fn done(context: &mut ModalContext, machine: &MachineConfig, text: &str) -> MachineConfig {
+        let mut block = context.block(machine, text).expect(text);
         let mut scan = crate::limit_check::LimitCheck::<9>::new(machine);
         assert_eq!(job::feed_all(machine, &mut block, &mut scan).1, [], "{text}");
-        desk.finish_block(&block);
-        let counts = machine.axes.iter().zip(desk.carried.state().machine_position().0);
+        context.finish_block(&block);
+        let counts = machine.axes.iter().zip(context.carried.state().machine_position().0);
         let counts: Vec<i64> = counts.map(|(axis, mm)| (mm * axis.pulses_per_mm).round() as i64).collect();
         machine.clone().standing_at(&counts)
     }
@@ -166,13 +167,13 @@ mod tests {
     #[test]
     fn single_blocks_build_on_each_other_and_the_program_on_them() {
         let mut machine = MachineConfig::built_in().expect("valid").standing_at(&[30_000, 20_000, -5_000]);
-        let mut desk = ModalContext::new(setup(&machine));
+        let mut context = ModalContext::new(setup(&machine));
         for text in ["G10 L20 P1 X0 Y0", "G92 Z3", "T1 M6", "G91", "G0 X10", "X-4"] {
-            machine = done(&mut desk, &machine, text);
+            machine = done(&mut context, &machine, text);
         }
         assert_eq!(machine.stands_at_mm, [36.0, 20.0, -5.0]);
-        assert!(desk.active().to_string().starts_with("G0 G17 G21 G40 G49 G54 G64 G80 G91"), "{}", desk.active());
-        let setup = desk.setup_of_program(&machine);
+        assert!(context.active().to_string().starts_with("G0 G17 G21 G40 G49 G54 G64 G80 G91"), "{}", context.active());
+        let setup = context.setup_of_program(&machine);
         let program = Interpreter::new(setup);
         let state = program.state();
         assert_eq!(state.position, Pose::xyz(6.0, 0.0, 3.0));
@@ -182,11 +183,11 @@ mod tests {
     #[test]
     fn what_the_machine_cannot_do_is_refused_before_and_nothing_has_changed() {
         let machine = MachineConfig::built_in().expect("valid");
-        let desk = ModalContext::new(setup(&machine));
-        let refused = |text: &str| desk.block(&machine, text).expect_err(text).join("\n");
+        let context = ModalContext::new(setup(&machine));
+        let refused = |text: &str| context.block(&machine, text).expect_err(text).join("\n");
         assert!(refused("G0 X2001").contains("E4304"), "{}", refused("G0 X2001"));
         assert!(refused("G1 X1").contains("E1508") && refused("O1 while [1]").contains("E1012"));
         assert!(refused("G38.2 X1 F10").contains("E4302"));
-        assert_eq!(desk.active(), ModalContext::new(setup(&machine)).active());
+        assert_eq!(context.active(), ModalContext::new(setup(&machine)).active());
     }
 }

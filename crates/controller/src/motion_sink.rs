@@ -1,30 +1,30 @@
-//! Where a program's moves and switching go: to the planner, or to the scan before the run.
+//! The receiver of a program's moves and switching: the planner, or the check before the run.
 //!
-//! Invariant: both sinks are given the same calls for the same program, so that what was scanned is what is run.
+//! Invariant: both sinks receive the same calls for the same program, so that what was checked is what is run.
 
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
 
-/// Takes a program's moves and switching, in machine coordinates and mm.
+/// Receives a program's moves and switching, in machine coordinates and mm.
 pub trait MotionSink<const A: usize> {
     /// A straight move.
     ///
     /// # Errors
-    /// What cannot be run, with nothing changed.
+    /// The reason why it is rejected; nothing has changed then.
     fn straight(&mut self, end_mm: [f64; A], feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError>;
 
     /// An arc or helix that begins where the last move ended.
     ///
     /// # Errors
-    /// What cannot be run, with nothing changed.
+    /// The reason why it is rejected; nothing has changed then.
     fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError>;
 
     /// A synchronous action, executed where the next move begins.
     fn action(&mut self, change: OutputChange, line: u32);
 
-    /// The same, which reverse run leaves as it is.
+    /// A synchronous action that reverse run leaves unchanged.
     fn lasting_action(&mut self, change: OutputChange, line: u32) {
         self.action(change, line);
     }

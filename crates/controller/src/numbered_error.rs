@@ -1,13 +1,13 @@
-//! What the command refuses outside of programs: wrong usage, machine files, operator scripts; with number, place and remedy.
+//! Errors of the command outside of programs: usage, machine files, operator scripts; with number, cause and remedy.
 //!
-//! Invariant: every number used here stands in `docs/errors.md`.
+//! Invariant: every number used here is in `docs/errors.md`.
 
 use std::fmt;
 
-/// A refusal: nothing has moved.
+/// An error with its number in `docs/errors.md`. Nothing has moved.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NumberedError {
-    /// Its number, `E2…`.
+    /// Number, `E2…`.
     pub number: &'static str,
     /// What is wrong, and where.
     pub cause: String,
@@ -16,7 +16,7 @@ pub struct NumberedError {
 }
 
 impl NumberedError {
-    /// A refusal.
+    /// Creates an error.
     #[must_use]
     pub fn new(number: &'static str, what: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { number, cause: what.into(), remedy: remedy.into() }
@@ -31,14 +31,14 @@ impl fmt::Display for NumberedError {
 
 impl std::error::Error for NumberedError {}
 
-/// The candidate nearest to `word`, if it is near enough to be a slip of the finger.
+/// The candidate nearest to `word`, if it is near enough to be a typing error.
 #[must_use]
 pub fn nearest<'c>(word: &str, candidates: impl IntoIterator<Item = &'c str>) -> Option<&'c str> {
     let limit = 1 + word.len() / 4;
     candidates.into_iter().map(|c| (distance(word, c), c)).filter(|(d, _)| *d <= limit).min().map(|(_, c)| c)
 }
 
-/// Number of letters to change, insert or take away to get from `a` to `b`.
+/// Number of letters to change, insert or remove to get from `a` to `b`.
 fn distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();

@@ -1,6 +1,8 @@
-//! The scripted operator: what is to be done when, one instruction a line (interface, *The scripted operator*).
+//! Operator commands, and the scripted operator: one instruction per line with the time at which it is due (interface,
+//! *The scripted operator*).
 //!
-//! Invariant: a script that was read is in order: instructions wait for each other, each for its own moment.
+//! Invariant: the instructions of a parsed script are executed in order; each one waits for the one before it and for
+//! its own time.
 
 use std::fmt;
 
@@ -13,12 +15,12 @@ use crate::machine::AXIS_LETTERS;
 use crate::numbered_error::{NumberedError, nearest};
 use crate::tool_length::{EnteredLength, ToolLengthError};
 
-/// When an instruction is due.
+/// Time at which an instruction is due.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ScriptTime {
-    /// At a machine time in seconds.
+    /// At a machine time, s.
     Time(f64),
-    /// When the program line is being executed.
+    /// When this program line is being executed.
     Line(u32),
     /// Seconds after the previous instruction.
     AfterSeconds(f64),
@@ -26,78 +28,79 @@ pub enum ScriptTime {
     AfterPeriods(u64),
 }
 
-/// What the operator does.
+/// A command of the operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OperatorCommand {
     /// Feed hold.
     Hold,
-    /// Cycle start: after a hold, at a program stop, in single block.
+    /// Resume after a hold, at a program stop, or in single block.
     Resume,
     /// Reverse run at this rate.
     Reverse(Travel),
     /// Forward run at this rate.
     Forward(Travel),
-    /// Feed override: rapid motion keeps its speed, but stands at 0 as all motion does.
+    /// Feed override. Rapid motion keeps its speed, but rests at 0 as all motion does.
     Override(Travel),
     /// Rapid override, 0 … 1.
     RapidOverride(Travel),
-    /// Turns the handwheel at so many counts a second, for so many seconds.
+    /// Turns the handwheel at a constant speed for some time.
     Wheel {
-        /// Counts a second, signed.
+        /// Counts per second, signed.
         counts_per_s: f64,
-        /// How long.
+        /// Duration, s.
         seconds: f64,
     },
-    /// Leaves reverse run, forward run or the handwheel.
+    /// Leaves reverse run, forward run or the handwheel: the machine runs forward to `reached` and resumes normal run.
     Leave {
-        /// Stop at `reached` where outputs differ, until [`Deed::Agree`].
+        /// Whether to stop at `reached` where outputs differ, until [`OperatorCommand::Confirm`].
         ask: bool,
     },
-    /// Agrees to the outputs that are to be restored.
+    /// Confirms the outputs that are to be restored.
     Confirm,
-    /// Starts the cutter again where it went out, and goes on; agrees to the outputs that are to be restored.
+    /// Starts the cutter again where it went out, and resumes the program. Also confirms the outputs that are to be
+    /// restored.
     Recover,
-    /// Switches every cutter off, at once.
+    /// Switches every cutter off immediately.
     CutterOff,
-    /// Switches the cutter on by hand.
+    /// Switches the cutter on manually.
     CutterOn,
-    /// M1 stops, or does not.
+    /// Optional stop: whether M1 stops the program.
     OptionalStop(bool),
-    /// Switches an output by hand.
+    /// Switches an output manually.
     Output {
-        /// Its number, 0 … 63; 64 is the output of M3.
+        /// Channel number: 0 … 63, or 64 for the output of M3.
         number: u8,
         /// On or off.
         on: bool,
     },
-    /// Single block on or off.
+    /// Toggles single block.
     Single,
     /// Stops the job.
     Stop,
-    /// Reverse run at full rate over this length of path in mm, and then stands.
+    /// Reverse run at full rate over this length of path in mm, then rest.
     BackBy(f64),
-    /// Reverse run to where the block begins that the machine is in; at its beginning already, to that of the block before.
+    /// Reverse run to the beginning of the current block; from its beginning, to that of the block before.
     BackToBlock,
-    /// Reverse run to where a cutting output was switched on last.
+    /// Reverse run to the last place at which a cutting output was switched on.
     BackToPierce,
     /// *Pause*: interrupts the program at a breakpoint (DNC-1).
     Pause,
-    /// The spindle is stopped by hand (DNC-3).
+    /// Stops the spindle manually (DNC-3).
     SpindleStop,
-    /// The spindle is started by hand, in the direction and at the speed that it had (DNC-4).
+    /// Starts the spindle manually, with the direction and speed that it had (DNC-4).
     SpindleStart,
-    /// An axis is moved by hand, so many mm (degrees).
+    /// Jogs an axis by a distance in mm (degrees).
     Jog {
-        /// Its letter, lower case.
+        /// Axis letter, lower case.
         axis: char,
-        /// How far, signed.
+        /// Distance, signed.
         mm: f64,
     },
-    /// The length of a tool that was changed in a pause.
+    /// Length of a tool that was changed in a pause.
     ToolLength(EnteredLength),
-    /// Back to on-line mode (DNC-5).
+    /// Returns to on-line mode (DNC-5).
     Online,
-    /// *Cycle start* (DNC-6); where nothing is paused, as [`Deed::Resume`].
+    /// *Cycle start* (DNC-6). The same as [`OperatorCommand::Resume`] where nothing is paused.
     CycleStart,
 }
 
@@ -135,30 +138,30 @@ impl fmt::Display for OperatorCommand {
     }
 }
 
-/// Why a word of the operator was not taken. Nothing has changed then.
+/// Reason why a command of the operator was rejected. A rejected command changes nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CommandError {
-    /// The mode of operation is another.
+    /// The command does not apply in the current mode.
     Mode(ModeError),
-    /// The override asked for is above this, which is in force now.
+    /// The override is above this maximum, which is in force now.
     AboveMaxOverride(Travel),
-    /// More changes of the override are on their way than there is room for.
+    /// The queue of override changes is full.
     TooManyOverrides,
     /// The card has no such output.
     NoOutput(u8),
-    /// No cutting output was switched on within the history that is kept.
+    /// No cutting output was switched on within the retained history.
     NoPierce,
-    /// Nothing was executed yet that could be gone back over.
+    /// Nothing has been executed yet that could be retraced.
     NothingBehind,
-    /// The step is not the next in the sequence that pausing and going on has (DNC-1 … DNC-8).
+    /// The step is not the next one in the sequence of a DNC pause (DNC-1 … DNC-8).
     Interrupted(interruption::InterruptionError),
-    /// The axis stands at its soft limit already, or the place to go to lies beyond it.
+    /// The axis is at its soft limit already, or the destination is beyond it.
     BeyondLimit(char),
     /// The machine has no such axis.
     NoAxis(char),
     /// The tool length cannot be entered.
     ToolLength(ToolLengthError),
-    /// It does not apply now; why.
+    /// The command does not apply now; the reason.
     NotNow(&'static str),
 }
 
@@ -200,15 +203,15 @@ impl From<interruption::InterruptionError> for CommandError {
 /// One line of a script.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScriptInstruction {
-    /// Line in the script.
+    /// Line number in the script.
     pub line: u32,
-    /// When it is due.
+    /// Time at which the instruction is due.
     pub when: ScriptTime,
-    /// What is to be done.
+    /// Command to execute.
     pub command: OperatorCommand,
 }
 
-/// Reads a script; `name` is what to call the file in messages.
+/// Parses a script. `name` names the file in messages.
 ///
 /// # Errors
 /// `E2121` with the line and what was expected there.
@@ -220,7 +223,7 @@ pub fn parse(text: &str, name: &str) -> Result<Vec<ScriptInstruction>, NumberedE
         if words.is_empty() {
             continue;
         }
-        let instruction = instruction(&words).map_err(|(what, remedy)| {
+        let instruction = parse_instruction(&words).map_err(|(what, remedy)| {
             NumberedError::new("E2121", format!("{name}, line {line_number}: {what}\n  | {}", line.trim()), remedy)
         })?;
         script.push(ScriptInstruction { line: line_number, ..instruction });
@@ -228,25 +231,25 @@ pub fn parse(text: &str, name: &str) -> Result<Vec<ScriptInstruction>, NumberedE
     Ok(script)
 }
 
-/// What is wrong, and what would be right.
-type Wrong = (String, String);
+/// Cause and remedy of an instruction that cannot be parsed.
+type InstructionError = (String, String);
 
-fn wrong<T>(what: impl Into<String>, remedy: impl Into<String>) -> Result<T, Wrong> {
+fn wrong<T>(what: impl Into<String>, remedy: impl Into<String>) -> Result<T, InstructionError> {
     Err((what.into(), remedy.into()))
 }
 
-fn instruction(words: &[&str]) -> Result<ScriptInstruction, Wrong> {
+fn parse_instruction(words: &[&str]) -> Result<ScriptInstruction, InstructionError> {
     let (when, rest) = match words {
         ["at", "line", line, rest @ ..] => match line.parse() {
             Ok(line) => (ScriptTime::Line(line), rest),
             Err(_) => return wrong(format!("`{line}` is not a line number"), "at line 40 …"),
         },
-        ["at", time, rest @ ..] => (ScriptTime::Time(seconds(time)?), rest),
+        ["at", time, rest @ ..] => (ScriptTime::Time(parse_seconds(time)?), rest),
         ["after", count, "periods", rest @ ..] => match count.parse() {
             Ok(count) => (ScriptTime::AfterPeriods(count), rest),
             Err(_) => return wrong(format!("`{count}` is not a number of periods"), "after 300 periods …"),
         },
-        ["after", time, rest @ ..] => (ScriptTime::AfterSeconds(seconds(time)?), rest),
+        ["after", time, rest @ ..] => (ScriptTime::AfterSeconds(parse_seconds(time)?), rest),
         _ => {
             return wrong(
                 "a line begins with `at` or `after`",
@@ -254,24 +257,24 @@ fn instruction(words: &[&str]) -> Result<ScriptInstruction, Wrong> {
             );
         }
     };
-    Ok(ScriptInstruction { line: 0, when, command: command(rest)? })
+    Ok(ScriptInstruction { line: 0, when, command: parse_command(rest)? })
 }
 
-fn command(words: &[&str]) -> Result<OperatorCommand, Wrong> {
+fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
     Ok(match words {
         ["hold"] => OperatorCommand::Hold,
         ["resume"] => OperatorCommand::Resume,
         ["cycle", "start"] => OperatorCommand::CycleStart,
-        ["reverse", rate] => OperatorCommand::Reverse(rate_of(rate)?),
-        ["forward", rate] => OperatorCommand::Forward(rate_of(rate)?),
-        ["override", rate] => OperatorCommand::Override(rate_of(rate)?),
-        ["rapid", "override", rate] => OperatorCommand::RapidOverride(rate_of(rate)?),
+        ["reverse", rate] => OperatorCommand::Reverse(parse_rate(rate)?),
+        ["forward", rate] => OperatorCommand::Forward(parse_rate(rate)?),
+        ["override", rate] => OperatorCommand::Override(parse_rate(rate)?),
+        ["rapid", "override", rate] => OperatorCommand::RapidOverride(parse_rate(rate)?),
         ["wheel", counts, "for", time] => {
-            let counts_per_s = number(counts)?;
+            let counts_per_s = parse_number(counts)?;
             if counts_per_s.abs() > 1e6 {
                 return wrong(format!("{counts} counts a second"), "at most 1000000 counts a second");
             }
-            OperatorCommand::Wheel { counts_per_s, seconds: seconds(time)? }
+            OperatorCommand::Wheel { counts_per_s, seconds: parse_seconds(time)? }
         }
         ["leave"] => OperatorCommand::Leave { ask: false },
         ["leave", "ask"] => OperatorCommand::Leave { ask: true },
@@ -291,14 +294,14 @@ fn command(words: &[&str]) -> Result<OperatorCommand, Wrong> {
         },
         ["single"] => OperatorCommand::Single,
         ["stop"] => OperatorCommand::Stop,
-        ["back", rest @ ..] => back(rest)?,
+        ["back", rest @ ..] => parse_back(rest)?,
         ["pause"] => OperatorCommand::Pause,
         ["online"] => OperatorCommand::Online,
         ["spindle", "stop"] => OperatorCommand::SpindleStop,
         ["spindle", "start"] => OperatorCommand::SpindleStart,
-        ["tool", "length", "by", mm] => OperatorCommand::ToolLength(EnteredLength::By(tool_length(mm)?)),
-        ["tool", "length", mm] => OperatorCommand::ToolLength(EnteredLength::To(tool_length(mm)?)),
-        ["jog", axis, mm] => OperatorCommand::Jog { axis: axis_of(axis)?, mm: length(mm)? },
+        ["tool", "length", "by", mm] => OperatorCommand::ToolLength(EnteredLength::By(parse_tool_length(mm)?)),
+        ["tool", "length", mm] => OperatorCommand::ToolLength(EnteredLength::To(parse_tool_length(mm)?)),
+        ["jog", axis, mm] => OperatorCommand::Jog { axis: parse_axis(axis)?, mm: parse_length(mm)? },
         [] => return wrong("nothing to do", "at 1.5s hold"),
         [first, ..] => {
             let known = [
@@ -308,7 +311,7 @@ fn command(words: &[&str]) -> Result<OperatorCommand, Wrong> {
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
-                Some(word) => example(word).into(),
+                Some(word) => usage_example(word).into(),
                 None => format!("one of {}", known.join(", ")),
             };
             return wrong(format!("`{}` is not understood", words.join(" ")), remedy);
@@ -316,8 +319,8 @@ fn command(words: &[&str]) -> Result<OperatorCommand, Wrong> {
     })
 }
 
-/// How a deed that begins with a known word is written whole.
-fn example(word: &str) -> &'static str {
+/// Example of a complete command that begins with this word.
+fn usage_example(word: &str) -> &'static str {
     match word {
         "back" => "back 50 mm · back to block · back to pierce",
         "spindle" => "spindle stop · spindle start",
@@ -333,35 +336,35 @@ fn example(word: &str) -> &'static str {
     }
 }
 
-fn back(words: &[&str]) -> Result<OperatorCommand, Wrong> {
+fn parse_back(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
     match words {
         ["to", "block"] => Ok(OperatorCommand::BackToBlock),
         ["to", "jet"] => Ok(OperatorCommand::BackToPierce),
-        [mm, "mm"] => match length(mm)? {
+        [mm, "mm"] => match parse_length(mm)? {
             mm if mm > 0.0 => Ok(OperatorCommand::BackBy(mm)),
             _ => wrong(format!("`back {mm} mm` goes nowhere"), "a length above 0, as in back 50 mm"),
         },
-        _ => wrong(format!("`back {}` is not understood", words.join(" ")), example("back")),
+        _ => wrong(format!("`back {}` is not understood", words.join(" ")), usage_example("back")),
     }
 }
 
-/// A length in mm (degrees), signed.
-fn length(word: &str) -> Result<f64, Wrong> {
-    match number(word)? {
+/// Parses a length in mm (degrees), signed.
+fn parse_length(word: &str) -> Result<f64, InstructionError> {
+    match parse_number(word)? {
         mm if mm.abs() <= 1e6 => Ok(mm),
         _ => wrong(format!("`{word}` is farther than any machine goes"), "a length in mm, such as 10"),
     }
 }
 
-/// A tool length or a difference of two, mm.
-fn tool_length(word: &str) -> Result<f64, Wrong> {
-    match number(word)? {
+/// Parses a tool length, or a difference of two, in mm.
+fn parse_tool_length(word: &str) -> Result<f64, InstructionError> {
+    match parse_number(word)? {
         mm if mm.abs() <= 10_000.0 => Ok(mm),
         _ => wrong(format!("`{word}` is not a length of a tool"), "a length in mm, such as 84.2"),
     }
 }
 
-fn axis_of(word: &str) -> Result<char, Wrong> {
+fn parse_axis(word: &str) -> Result<char, InstructionError> {
     let mut letters = word.chars().map(|letter| letter.to_ascii_lowercase());
     match (letters.next(), letters.next()) {
         (Some(letter), None) if AXIS_LETTERS.contains(&letter) => Ok(letter),
@@ -369,15 +372,15 @@ fn axis_of(word: &str) -> Result<char, Wrong> {
     }
 }
 
-fn number(word: &str) -> Result<f64, Wrong> {
+fn parse_number(word: &str) -> Result<f64, InstructionError> {
     match word.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
         _ => wrong(format!("`{word}` is not a number"), "a number such as 1.5"),
     }
 }
 
-fn seconds(word: &str) -> Result<f64, Wrong> {
-    let value = number(word.strip_suffix('s').unwrap_or(word))?;
+fn parse_seconds(word: &str) -> Result<f64, InstructionError> {
+    let value = parse_number(word.strip_suffix('s').unwrap_or(word))?;
     if (0.0..=1e9).contains(&value) {
         Ok(value)
     } else {
@@ -385,21 +388,21 @@ fn seconds(word: &str) -> Result<f64, Wrong> {
     }
 }
 
-/// A rate in percent.
+/// Rate in per cent.
 #[must_use]
 pub fn percent(rate: Travel) -> f64 {
     rate as f64 / ONE as f64 * 100.0
 }
 
-fn rate_of(word: &str) -> Result<Travel, Wrong> {
+fn parse_rate(word: &str) -> Result<Travel, InstructionError> {
     let Some(digits) = word.strip_suffix('%') else {
         return wrong(format!("`{word}` is not a rate"), "a rate such as 60%");
     };
-    let value = number(digits)?;
+    let value = parse_number(digits)?;
     if !(0.0..=800.0).contains(&value) {
         return wrong(format!("a rate of {word}"), "a rate from 0% to 800%");
     }
-    // in steps of a hundredth of a percent, so that 100 % is exactly one and nothing else reads like it
+    // Rounded to a hundredth of a per cent, so that 100 % is exactly 1 and no other input is.
     let steps = (value * 100.0).round() as Travel;
     Ok((steps * ONE + 5_000) / 10_000)
 }

@@ -1,14 +1,14 @@
-//! What the planning thread hands to the motion path beside records: switching, messages, the end.
+//! Items that the planning thread sends to the motion path in addition to records: switching, messages, the end.
 //!
-//! Invariant: an item is sent before the first record at or beyond its place, so that whoever has seen that record has seen the
-//! item (GMC-3: the front marker stands in the stream at its place).
+//! Invariant: an item is sent before the first record at or beyond its place, so that a consumer that has seen the
+//! record has seen the item (GMC-3: the front marker stands in the stream at its place).
 
 use retrace_gcode::ActiveCodes;
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange};
 
 use crate::place_index::MarkDifference;
 
-/// What an exclusive instruction is.
+/// Kind of an exclusive instruction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ExclusiveKind {
     /// An M, S or T code that switches outputs.
@@ -18,84 +18,85 @@ pub enum ExclusiveKind {
     Dwell,
     /// A program stop (M0, M60): waits for cycle start.
     ProgramStop,
-    /// An optional program stop (M1): waits for cycle start where the switch for optional stops is on.
+    /// An optional program stop (M1): waits for cycle start where optional stop is on.
     OptionalStop,
-    /// A tool change by hand (M6): waits for cycle start.
+    /// A manual tool change (M6): waits for cycle start.
     ToolChange,
 }
 
-/// An exclusive instruction, not yet numbered.
+/// An exclusive instruction without a number.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExclusiveInstruction {
-    /// The record before which it stands.
+    /// Record before which it is executed.
     pub place: u32,
-    /// Its program line.
+    /// Program line.
     pub line: u32,
-    /// What it is.
+    /// Kind of instruction.
     pub kind: ExclusiveKind,
-    /// As it is written in the program, for messages: `M3`, `G4` …
+    /// Code as written in the program, for messages: `M3`, `G4` …
     pub code: &'static str,
-    /// The outputs it switches, the first `count` of them.
+    /// Outputs to switch; the first `count` of them are valid.
     pub changes: [OutputChange; MAX_CHANGES],
-    /// How many of `changes` hold.
+    /// Number of valid `changes`.
     pub count: u8,
-    /// Control periods that it takes at least.
+    /// Minimum duration in control periods.
     pub periods: u32,
-    /// What it waits for besides.
+    /// Input that it waits for in addition.
     pub until: Option<InputWait>,
-    /// It cannot be passed backward (tool change).
-    pub one_way: bool,
+    /// Whether it is a retrace barrier (tool change).
+    pub is_barrier: bool,
 }
 
-/// How the program came to its end.
+/// How the program ended.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PlanEnd {
     /// M2, M30, or the end of the file.
     Completed,
-    /// It has an error, found only now (a program that was fed and could not be scanned before): rendered.
+    /// It has an error that was found only now (a streamed program cannot be checked before): rendered.
     Refused(String),
 }
 
-/// What the program came to.
+/// Summary of the plan of a program.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanSummary {
-    /// How it ended.
+    /// How the program ended.
     pub ending: PlanEnd,
-    /// Blocks executed.
+    /// Number of blocks executed.
     pub blocks: u64,
-    /// Canonical functions.
+    /// Number of canonical functions.
     pub canonical: u64,
-    /// End position of each of the machine's axes, in mm.
+    /// End position of each of the machine's axes, mm.
     pub commanded_mm: Vec<f64>,
 }
 
-/// One item.
+/// An item.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PathItem {
     /// An exclusive instruction.
     Exclusive(ExclusiveInstruction),
-    /// A synchronous action and its program line; line 0 where an exclusive instruction that was told of has done it already.
+    /// A synchronous action and its program line. Line 0: an exclusive instruction that was reported has done it
+    /// already.
     Action(OutputAction, u32),
-    /// A message of the program, to be shown when the motion comes to the place.
+    /// A message of the program, to be shown when the motion reaches the place.
     Message {
-        /// The record before which it stands.
+        /// Record before which it is shown.
         place: u32,
-        /// Its program line.
+        /// Program line.
         line: u32,
-        /// The text.
+        /// Text.
         text: String,
     },
     /// The modal state that is in force from a place on.
     Active {
-        /// The record before which it stands.
+        /// Record before which it takes effect.
         place: u32,
-        /// The state.
+        /// Modal state.
         active: Box<ActiveCodes>,
     },
-    /// A place of the plan is not as it was when the job ran before.
+    /// A place of the plan differs from the earlier run.
     Differs(Box<MarkDifference>),
-    /// All marks that were given were passed.
+    /// All given marks were passed.
     MarksPassed,
-    /// Nothing follows.
+    /// End of the plan.
     End(PlanSummary),
 }

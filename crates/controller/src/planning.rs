@@ -1,6 +1,6 @@
-//! The planning thread: takes decoded blocks off the belt and gives their moves and switching to the feeder.
+//! The planning thread: takes decoded blocks off the channel and gives their moves and switching to the plan writer.
 //!
-//! Invariant: it ends when the program does, or nobody is there to plan for any more, whatever the decoder is doing.
+//! Invariant: it ends when the program ends or planning is cancelled, whatever the decoder is doing.
 
 use std::thread;
 use std::time::Duration;
@@ -14,8 +14,9 @@ use crate::plan_item::{PlanEnd, PlanSummary};
 use crate::plan_writer::{Cancelled, PlanWriter};
 use crate::start_line::SkippedBlocks;
 
-/// Plans until the program, or the interest in it, ends: what the program came to, in the first case. `line`: where it begins, if not
-/// at its first block. `rests`: the blocks behind which the path rests, because a run before ended there.
+/// Plans until the program ends or planning is cancelled; in the first case, returns the summary. `line`: where to
+/// begin, if not at the first block. `rests`: the blocks behind which the path rests, because an earlier run ended
+/// there.
 pub(crate) fn plan<const A: usize>(
     machine: &MachineConfig,
     belt: &BatchChannel,
@@ -29,7 +30,7 @@ pub(crate) fn plan<const A: usize>(
         .run(belt, batch)
 }
 
-/// Tells the decoder that nobody takes anything any more, however planning ends.
+/// Cancels the decoder when planning ends, however it ends.
 struct CancelPlanOnDrop<'b>(&'b BatchChannel);
 
 impl Drop for CancelPlanOnDrop<'_> {
@@ -63,20 +64,21 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
             }
         };
         if let PlanEnd::Refused(_) = ending {
-            self.feeder.rest_behind(self.blocks);
+            self.feeder.record_early_end(self.blocks);
         }
         let commanded_mm = self.feeder.commanded_mm()[..self.machine.axes.len().min(A)].to_vec();
         let summary = PlanSummary { ending, blocks: self.blocks, canonical: self.canonical, commanded_mm };
         self.feeder.end(summary.clone()).ok()?;
         belt.give_up();
-        // As long as the job lasts a tool length may be entered.
-        while self.feeder.idle().is_ok() {
+        // A tool length may be entered as long as the job lasts.
+        while self.feeder.mark_planned().is_ok() {
             thread::sleep(Duration::from_millis(1));
         }
         Some(self.moved(summary))
     }
 
-    /// With the end position where the machine really is, if a tool length was entered behind the last move that says so.
+    /// Corrects the end position to the machine's, if a tool length was entered behind the last move to a machine
+    /// position.
     fn moved(&self, mut summary: PlanSummary) -> PlanSummary {
         if let Some((axis, mm)) = self.feeder.moved_by()
             && let Some(commanded_mm) = summary.commanded_mm.get_mut(axis)
@@ -86,7 +88,7 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
         summary
     }
 
-    /// Waits for something to plan; `None` where nothing will come, or nobody wants it.
+    /// Waits for something to plan; `None` where nothing will come, or planning is cancelled.
     fn wait(&mut self, belt: &BatchChannel, batch: &mut BlockBatch) -> Option<()> {
         for tries in 0u32.. {
             let ended = belt.ended();
@@ -96,7 +98,7 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
             if ended {
                 return None;
             }
-            self.feeder.idle().ok()?;
+            self.feeder.mark_planned().ok()?;
             match tries {
                 0..20 => thread::yield_now(),
                 20..200 => thread::sleep(Duration::from_micros(50)),
@@ -106,13 +108,14 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
         Some(())
     }
 
-    /// Gives a batch to the feeder, block by block; where a step cannot be run, why, and its line.
+    /// Gives a batch to the plan writer, block by block. Returns the error and its line where a step cannot be
+    /// executed.
     fn give_all(&mut self, batch: &mut BlockBatch) -> Result<(), (CanonError, u32)> {
         let mut first = 0;
         let mut modes = batch.modes.drain(..).peekable();
         for (block, &end) in (0u32..).zip(&batch.ends) {
             if let Some((_, active)) = modes.next_if(|(from, _)| *from == block) {
-                self.feeder.active(active);
+                self.feeder.set_active_codes(active);
             }
             self.give(&batch.steps[first..end as usize])?;
             first = end as usize;
@@ -121,16 +124,16 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
                 self.feeder.rest().map_err(|cancelled| (cancelled.into(), 0))?;
             }
         }
-        // What the last block, which ends the program, has left.
-        modes.for_each(|(_, active)| self.feeder.active(active));
+        // State behind the last block, which ends the program.
+        modes.for_each(|(_, active)| self.feeder.set_active_codes(active));
         self.give(&batch.steps[first..])
     }
 
-    /// Gives a block's steps to the feeder; those before the line to begin at are only remembered.
+    /// Gives a block's steps to the plan writer; those before the start line are only recorded.
     fn give(&mut self, steps: &[CanonStep]) -> Result<(), (CanonError, u32)> {
-        self.feeder.block(self.blocks + 1);
+        self.feeder.begin_block(self.blocks + 1);
         let ends_length = steps.iter().any(|step| self.track.ends_entered_length(&step.canon));
-        self.feeder.has_end_of_length(ends_length);
+        self.feeder.set_block_has_end(ends_length);
         for step in steps {
             if self.skipped.as_ref().is_some_and(|(line, _)| step.line >= *line)
                 && let Some((line, before)) = self.skipped.take()
@@ -143,8 +146,8 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
                     .map_err(|cancelled| (cancelled.into(), step.line))?;
             }
             let result = match &mut self.skipped {
-                Some((_, before)) => self.track.run::<A>(&step.canon, step.line, before),
-                None => self.track.run(&step.canon, step.line, &mut self.feeder),
+                Some((_, before)) => self.track.execute::<A>(&step.canon, step.line, before),
+                None => self.track.execute(&step.canon, step.line, &mut self.feeder),
             };
             result.map_err(|why| (why, step.line))?;
             self.canonical += u64::from(step.canon != Canon::MachineCoordinates);
@@ -152,11 +155,11 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
         if ends_length || self.blocks == 0 {
             self.tell_tool_length();
         }
-        self.feeder.has_end_of_length(false);
+        self.feeder.set_block_has_end(false);
         Ok(())
     }
 
-    /// A path that was moved along the tool axis, because a tool length was entered, ends here.
+    /// Ends a path that was moved along the tool axis because a tool length was entered.
     fn end_length(&mut self, is_move: bool) -> Result<(), Cancelled> {
         if let Some((axis, mm)) = self.feeder.end_length(is_move)? {
             self.track.correct_length(Axis::ALL[self.machine.axes[axis].index()], mm);

@@ -1,8 +1,10 @@
-//! What a program comes to, found out without a card: extents, motion time, tools, feeds and speeds, and what cannot be passed backward.
+//! Analysis of a program without a card: extents, motion time, tools, feeds and speeds, and retrace barriers.
 //!
-//! The motion time is that of the plan itself: the moves go through the same planner as in a run, and its records are counted.
+//! The motion time is that of the plan itself: the moves go through the same planner as in a run, and its records are
+//! counted.
 //!
-//! Invariant: the records counted are those that a run at 100 % plays, so that the time is the run's motion time to the period.
+//! Invariant: the records counted are those that a run at 100 % plays, so that the time is the run's motion time to the
+//! period.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,7 +20,7 @@ use crate::motion_sink::MotionSink;
 use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 
-/// Least and greatest of what was seen.
+/// Least and greatest of the observed values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ValueRange {
     /// Least.
@@ -32,19 +34,19 @@ impl ValueRange {
         Self { least: value, greatest: value }
     }
 
-    /// Takes a value in; a range that there was none of begins with it.
+    /// Extends a range by a value, or begins one.
     fn take(range: &mut Option<Self>, value: f64) {
         let old = range.unwrap_or(Self::of(value));
         *range = Some(Self { least: old.least.min(value), greatest: old.greatest.max(value) });
     }
 }
 
-/// Extents in the coordinates that a program was written in.
+/// Extents in the coordinates in which a program was written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorkExtents<const A: usize> {
-    /// The coordinate system and the offsets that held.
+    /// Coordinate system and offsets in force.
     pub offset: WorkOffset,
-    /// Least and greatest coordinate of each of the machine's axes, mm; none where the system is rotated.
+    /// Least and greatest coordinate of each of the machine's axes, mm. None where the system is rotated.
     pub extents_mm: Option<[[f64; 2]; A]>,
 }
 
@@ -53,11 +55,11 @@ pub struct WorkExtents<const A: usize> {
 pub struct BarrierLine {
     /// Program line.
     pub line: u32,
-    /// As it is written in the program.
+    /// Code as written in the program.
     pub code: &'static str,
 }
 
-/// What a program comes to.
+/// Result of the analysis of a program.
 #[derive(Debug)]
 pub struct ProgramAnalysis<'m, const A: usize> {
     /// Moves and extents in machine coordinates.
@@ -68,15 +70,15 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     pub motion_periods: u64,
     /// Control periods of dwells.
     pub dwell_periods: u64,
-    /// Control periods that switching takes, without what waits for an input.
+    /// Control periods of switching, without waiting for inputs.
     pub switch_periods: u64,
-    /// Numbers of the tools that are brought into the spindle.
+    /// Numbers of the tools that are loaded into the spindle.
     pub tools: BTreeSet<u32>,
     /// Programmed feeds, mm/min (degrees/min where only rotary axes move).
     pub feed_mm_per_min: Option<ValueRange>,
-    /// Spindle speeds, turns a minute.
+    /// Spindle speeds, rpm.
     pub speed_rpm: Option<ValueRange>,
-    /// What cannot be passed backward, by line, each once.
+    /// Retrace barriers, by line, each once.
     pub barriers: BTreeSet<BarrierLine>,
     /// Lines with a program stop.
     pub stops: BTreeSet<u32>,
@@ -84,27 +86,27 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     pub cutting_mm: f64,
     /// Path length of rapids over the linear axes, mm.
     pub rapid_mm: f64,
-    /// How often a cutter is switched on: an output of `cutting_outputs`, or the spindle where there are none.
+    /// Number of times a cutter is switched on: an output of `cutting_outputs`, or the spindle where there are none.
     pub pierces: u64,
     /// Control periods of motion with each tool, 0 before the first one.
     pub tool_periods: BTreeMap<u32, u64>,
-    /// The first line whose feed is beyond the machine's path velocity, and that feed, mm/min.
+    /// The first line whose feed is above the machine's path velocity, and that feed, mm/min.
     pub feed_beyond: Option<(u32, f64)>,
     /// The tool in the spindle.
     tool: u32,
-    /// The cutting outputs that are on.
+    /// Cutting outputs that are on.
     cutters_on: BTreeSet<u8>,
     planner: Planner<A>,
 }
 
-/// So many offsets are told apart; a program that sets more has the last in one.
+/// Maximum number of separate offsets; a program with more has the remaining ones in the last.
 const MAX_OFFSETS: usize = 100;
 
 impl<'m, const A: usize> ProgramAnalysis<'m, A> {
-    /// A survey that begins where the machine stands.
+    /// Creates an analysis that begins at the machine's position.
     ///
     /// # Errors
-    /// Limits that the planner does not take; a checked machine has none of these.
+    /// Limits that the planner does not accept; a checked machine has none of these.
     pub fn new(machine: &'m MachineConfig) -> Result<Self, LimitError> {
         let planner = Planner::new(machine.limits(), machine.start_mm())?.with_blending(machine.blending);
         Ok(Self {
@@ -155,7 +157,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         self.count();
     }
 
-    /// The way over the linear axes, squared, besides those given.
+    /// Squared distance over the linear axes, without those in `besides`.
     fn linear_squared(&self, from: &[f64; A], to: &[f64; A], besides: &[usize]) -> f64 {
         let axes = self.scan.machine().axes.iter().enumerate().take(A);
         let linear = axes.filter(|(index, axis)| !axis.is_rotary() && !besides.contains(index));
@@ -183,7 +185,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         }
     }
 
-    /// The moves since the last call were made with this offset.
+    /// Assigns the moves since the last call to this offset.
     fn in_work(&mut self, offset: WorkOffset) {
         let Some(moved) = self.scan.take_last() else { return };
         let known = self.work.iter().position(|work| work.offset == offset);
@@ -237,7 +239,7 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
             ExclusiveKind::OptionalStop => {}
         }
         switch.changes.iter().for_each(|&change| self.switched(change));
-        if switch.one_way {
+        if switch.is_barrier {
             self.barriers.insert(BarrierLine { line: switch.line, code: switch.code });
         }
         Ok(())
@@ -248,19 +250,19 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
     }
 }
 
-/// How near to its soft limits an axis comes.
+/// Distance between an axis and its soft limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TravelLeft {
-    /// Its letter.
+    /// Axis letter.
     pub axis: char,
     /// Least and greatest machine coordinate, mm.
     pub extents_mm: [f64; 2],
-    /// What is left to the lower and to the upper limit, mm; below 0 where it would be passed.
+    /// Remaining distance to the lower and to the upper limit, mm; negative where it would be passed.
     pub travel_left_mm: [f64; 2],
 }
 
 impl<const A: usize> ProgramAnalysis<'_, A> {
-    /// Each axis against its soft limits; empty where nothing moves.
+    /// Each axis with its distance to the soft limits. Empty where nothing moves.
     #[must_use]
     pub fn travel_left(&self) -> Vec<TravelLeft> {
         let Some(extents) = self.scan.extents_mm else { return Vec::new() };
@@ -273,16 +275,16 @@ impl<const A: usize> ProgramAnalysis<'_, A> {
         .collect()
     }
 
-    /// The offsets that were active over a move, but for none at all.
+    /// Offsets that were active over a move, without the one that is none at all.
     pub fn offsets(&self) -> impl Iterator<Item = &WorkExtents<A>> {
         self.work.iter().filter(|work| !work.offset.is_none())
     }
 }
 
-/// Goes through a whole program: how many blocks it has, what of it cannot be run, and what it comes to.
+/// Analyses a whole program. Returns the number of blocks, the findings, and the analysis.
 ///
 /// # Errors
-/// Limits that the planner does not take.
+/// Limits that the planner does not accept.
 pub fn analyse_program<'m, const A: usize>(
     machine: &'m MachineConfig,
     program: &mut impl BlockDecoder,

@@ -1,10 +1,10 @@
-//! The end of a program, seen in its text as it arrives.
+//! Detection of the end of a program in its streamed text.
 //!
-//! Invariant: what is held is one line; a program is at its end only where nothing of that line can be missing (DNC-10).
+//! Invariant: one line is stored. A program is at its end only where nothing of that line can be missing (DNC-10).
 
 use retrace_gcode::is_program_end;
 
-/// Bytes of a line that are held; no line of a program is longer.
+/// Bytes of a line that are stored; no line of a program is longer.
 const MAX_LINE: usize = 512;
 
 /// Detects whether the last line that is not blank ends the program.
@@ -18,7 +18,7 @@ pub struct ProgramEndDetector {
 }
 
 impl ProgramEndDetector {
-    /// Takes the next bytes of the program.
+    /// Processes the next bytes of the program.
     pub fn push(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             match byte {
@@ -48,7 +48,7 @@ impl ProgramEndDetector {
     }
 }
 
-/// The number of the M word in a line that ends the program: 2 or 30; none where there is none outside of comments.
+/// Number of the M word in a line that ends the program: 2 or 30. None where there is none outside of comments.
 #[must_use]
 pub fn program_end_of(line: &[u8]) -> Option<u32> {
     let code = code_of(line);

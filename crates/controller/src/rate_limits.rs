@@ -1,17 +1,17 @@
-//! What the rate law is told of a machine: its file's limits in pulses and control periods (REV, *Rate law*).
+//! The limits of the rate law: the machine file's limits in pulses and control periods (REV, *Rate law*).
 //!
-//! Invariant: nothing is told that is better than the machine file's limits, and the average is the shortest with `n ≥ A/J` on every axis.
+//! Invariant: no limit is better than the machine file's, and the filter is the shortest with `n ≥ A/J` on every axis.
 
 use retrace_core::drive::Braking;
 use retrace_core::limits::{PulseLimits, RateLimits};
 
 use crate::machine::AxisConfig;
 
-/// Longest average that a card's memory is expected to hold, in periods.
+/// Longest filter that a card's memory is expected to hold, in periods.
 const LONGEST: u16 = 1023;
 
-/// The limits as a card takes them, for axes that are not there those of the first. `None` where an axis is too slow to be told in
-/// [`AxisLimits`]' units, or its acceleration takes too many periods to build up for a card's memory.
+/// The limits as a card receives them. Missing axes have those of the first. `None` where an axis is too slow for the
+/// units of [`PulseLimits`], or its acceleration takes too many periods to build up for a card's memory.
 #[must_use]
 pub fn rate_limits<const A: usize>(axes: &[AxisConfig], reserve: f64, period_s: f64) -> Option<RateLimits<A>> {
     let mut all = [fixed(axes.first()?, period_s)?; A];
@@ -23,11 +23,11 @@ pub fn rate_limits<const A: usize>(axes: &[AxisConfig], reserve: f64, period_s: 
     RateLimits::new(average, ((1.0 - reserve) * 65_536.0).ceil() as u16, all)
 }
 
-/// One axis in fixed point; what is more than can be told counts as that much.
+/// Limits of one axis in fixed point. Values above the largest that can be represented become that.
 fn fixed(axis: &AxisConfig, period_s: f64) -> Option<PulseLimits> {
     let figure = |per_s: f64, power: i32| {
         let pulses = per_s * axis.pulses_per_mm * period_s.powi(power);
-        // A figure that is whole on paper is not to fall short by the floats' own rounding.
+        // A value that is exact in theory must not become smaller by the rounding of floats.
         let figure = (pulses * 4_294_967_296.0 * (1.0 + 1e-12)) as u64;
         (figure >= PulseLimits::MIN).then_some(figure.min(PulseLimits::MAX))
     };
@@ -38,25 +38,26 @@ fn fixed(axis: &AxisConfig, period_s: f64) -> Option<PulseLimits> {
     })
 }
 
-/// What follows from the limits for the host.
+/// What the host derives from the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StoppingTimes {
-    /// Periods within which the machine is at rest after a hold at rate one, wherever it is.
+    /// Periods within which the machine is at rest after a hold at rate 1, wherever it is.
     pub periods: u32,
-    /// The same on a straight run at an axis' full velocity.
+    /// The same on a straight run at an axis' maximum velocity.
     pub straight_periods: u32,
-    /// Records beyond the cursor on which the rate may depend up to rate one: what it needs to brake on, and what is surveyed.
+    /// Records beyond the cursor on which the rate may depend up to rate 1: those it needs to brake, and those of the
+    /// increment bounds.
     pub foresight_records: u32,
 }
 
 impl StoppingTimes {
-    /// For these limits. `None` where the machine brakes too slowly for a card.
+    /// Times for these limits. `None` where the machine brakes too slowly for a card.
     #[must_use]
     pub fn of<const A: usize>(limits: &RateLimits<A>) -> Option<Self> {
         let braking = Braking::<32>::new(limits)?;
         let average = u32::from(limits.average());
         let braked = (braking.length(retrace_core::ONE) >> 32) as u32 + average / 2 + 4;
-        // blocks of eight are surveyed, two beyond what the cursor may come to
+        // bounds cover blocks of eight records, two beyond what the cursor may reach
         let foresight_records = braked.max(average + 36);
         let ramp = limits.axes().iter().map(|axis| axis.velocity.div_ceil(axis.acceleration)).max().unwrap_or(0);
         let straight_periods = u32::try_from(ramp).ok()?.checked_add(average)?;

@@ -1,7 +1,7 @@
-//! Reading ahead: the bytes of a program that arrives, taken by a thread of their own.
+//! Reading ahead: a thread reads the bytes of a streamed program.
 //!
-//! Invariant: whoever decodes waits for bytes only while there are none, and no longer than somebody wants the program; what is held is
-//! bounded, however long the program is.
+//! Invariant: the decoder waits for bytes only while there are none, and not after the program is cancelled. The memory
+//! is bounded, however long the program is.
 
 use std::io::{self, BufRead, Read};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,14 +10,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
-/// Bytes of a buffer.
+/// Size of a buffer in bytes.
 const BYTES: usize = 1 << 16;
-/// Buffers that go to and fro.
+/// Number of buffers that circulate.
 const BUFFERS: usize = 4;
-/// So often whoever waits looks whether the program is still wanted.
+/// Interval at which a waiting reader checks whether the program is cancelled.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
 
-/// Whether whoever decodes a program that arrives waits for its sender, and since when.
+/// Whether the decoder of a streamed program waits for its sender, and since when.
 #[derive(Debug)]
 pub struct SourceStatus {
     name: String,
@@ -25,36 +25,36 @@ pub struct SourceStatus {
 }
 
 impl SourceStatus {
-    /// The status of a source of this name, which nobody waits for.
+    /// Creates the status of a source of this name, with no wait.
     #[must_use]
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into(), waiting_since: Mutex::default() }
     }
 
-    /// The name of the source.
+    /// Name of the source.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Since when the decoder waits for the source; none where it does not wait.
+    /// Time since which the decoder waits for the source. None where it does not wait.
     #[must_use]
     pub fn waiting_since(&self) -> Option<SystemTime> {
         *self.waiting_since.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The decoder waits; a wait that has begun goes on.
+    /// Records that the decoder waits. A wait in progress continues.
     pub fn begin_wait(&self) {
         self.waiting_since.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(SystemTime::now);
     }
 
-    /// The decoder does not wait any more.
+    /// Records that the decoder does not wait any more.
     pub fn end_wait(&self) {
         *self.waiting_since.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 }
 
-/// A reader in front of which another thread reads.
+/// A reader whose input is read by another thread.
 #[derive(Debug)]
 pub struct ReadAhead {
     full: Receiver<io::Result<Vec<u8>>>,
@@ -67,29 +67,29 @@ pub struct ReadAhead {
 }
 
 impl ReadAhead {
-    /// Reads ahead of `input`, which comes to its end for whoever waits for it when `given_up` is set: a source that stalls for ever keeps
-    /// its thread, and nobody else.
+    /// Creates a reader that reads ahead of `input`. It reports the end of input when `given_up` is set: a source that
+    /// stalls blocks only its own thread.
     ///
     /// # Errors
-    /// Where the system has no thread left.
+    /// The system cannot create a thread.
     pub fn of(input: impl Read + Send + 'static, given_up: Arc<AtomicBool>) -> io::Result<Self> {
         let (sends_full, full) = sync_channel(BUFFERS);
         let (empty, takes_empty) = sync_channel(BUFFERS);
         for _ in 1..BUFFERS {
-            // There is room for them all.
+            // There is space for them all.
             let _ = empty.try_send(Vec::with_capacity(BYTES));
         }
         thread::Builder::new().name("reading".into()).spawn(move || read(input, &takes_empty, &sends_full))?;
         Ok(Self { full, empty, held: Vec::with_capacity(BYTES), at: 0, ended: false, given_up, status: None })
     }
 
-    /// The same, which shows in `status` whether its source is waited for.
+    /// Shows in `status` whether the source is waited for.
     #[must_use]
     pub fn showing(self, status: Arc<SourceStatus>) -> Self {
         Self { status: Some(status), ..self }
     }
 
-    /// Changes the buffer that was read for one with more bytes; none at the end.
+    /// Exchanges the used buffer for one with more bytes; none at the end.
     fn next(&mut self) -> io::Result<()> {
         let buffer = loop {
             match self.full.recv_timeout(LOOKS_EVERY) {
@@ -110,7 +110,7 @@ impl ReadAhead {
     }
 }
 
-/// The thread that reads: until the end of the input, an error, or nobody takes the bytes any more.
+/// The reading thread: reads until the end of the input, an error, or cancellation.
 fn read(mut input: impl Read, empty: &Receiver<Vec<u8>>, full: &SyncSender<io::Result<Vec<u8>>>) {
     while let Ok(mut buffer) = empty.recv() {
         buffer.resize(BYTES, 0);

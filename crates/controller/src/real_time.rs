@@ -1,19 +1,20 @@
 //! Real-time scheduling of the motion thread (SCHED_FIFO), and memory that stays resident.
 //!
-//! Invariant: without permission everything works as before; a thread that leaves real-time scheduling is scheduled as usual.
+//! Invariant: without permission everything works as before. A thread that leaves real-time scheduling is scheduled as
+//! usual.
 
 use std::fmt;
 
-/// The priority of the motion thread under SCHED_FIFO, of 1 to 99: above everything that is not real-time, below the kernel's own threads
-/// that serve interrupts where these have a higher one.
+/// Priority of the motion thread under SCHED_FIFO, of 1 to 99: above everything that is not real-time, below the
+/// kernel's own interrupt threads where these have a higher one.
 pub const PRIORITY: u8 = 40;
 
-/// The system does not permit it.
+/// The system does not permit real-time scheduling.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RealTimeDenied {
-    /// What was asked for.
+    /// What was requested.
     pub what: &'static str,
-    /// What the system said.
+    /// The system's reason.
     pub why: String,
 }
 
@@ -25,7 +26,7 @@ impl fmt::Display for RealTimeDenied {
 
 impl std::error::Error for RealTimeDenied {}
 
-/// Schedules the calling thread under SCHED_FIFO. Threads that it begins from then on are scheduled so, too.
+/// Schedules the calling thread under SCHED_FIFO. Threads that it spawns from then on are scheduled so, too.
 ///
 /// # Errors
 /// It is not permitted, or the system has no such scheduling.
@@ -36,22 +37,23 @@ pub fn enter() -> Result<(), RealTimeDenied> {
 /// Schedules the calling thread as usual again.
 ///
 /// # Errors
-/// The system says so; none in practice.
+/// The error of the system; none in practice.
 pub fn leave() -> Result<(), RealTimeDenied> {
     platform::schedule(None)
 }
 
-/// Whether a thread may be scheduled under SCHED_FIFO; tried on a thread of its own.
+/// Checks whether a thread may be scheduled under SCHED_FIFO, on a thread of its own.
 ///
 /// # Errors
-/// Why it may not.
+/// The reason why it may not.
 pub fn permitted() -> Result<(), RealTimeDenied> {
     let tried = std::thread::Builder::new().name("real-time check".into()).spawn(enter);
     let denied = |why: &str| RealTimeDenied { what: "SCHED_FIFO", why: why.into() };
     tried.map_err(|error| denied(&error.to_string()))?.join().unwrap_or_else(|_| Err(denied("the check failed")))
 }
 
-/// Keeps all memory of the process resident, now and later. Only where there is no limit on it: with one, a later allocation would fail.
+/// Locks all memory of the process, present and future. Only where there is no limit on it: with one, a later
+/// allocation would fail.
 ///
 /// # Errors
 /// It is limited, or not permitted.

@@ -23,7 +23,7 @@ pub struct Report<'a, const A: usize> {
     /// Program line that was executed last.
     pub line: u32,
     /// Where the time went.
-    pub tally: &'a RunStats,
+    pub stats: &'a RunStats,
     /// Blocks of the program that were executed.
     pub blocks: u64,
     /// Canonical functions they came to.
@@ -73,7 +73,7 @@ impl<const A: usize> Report<'_, A> {
     /// Machine time of program motion, first passage, in seconds.
     #[must_use]
     pub fn motion_s(&self) -> f64 {
-        self.seconds(self.tally.motion)
+        self.seconds(self.stats.motion)
     }
 
     /// Pulse counts of the machine's axes; none where the card has not confirmed where it came to rest.
@@ -101,7 +101,7 @@ impl<const A: usize> Report<'_, A> {
     /// The report as one JSON object.
     #[must_use]
     pub fn to_json(&self) -> Value {
-        let t = self.tally;
+        let t = self.stats;
         let counts = self.counts();
         let position_counts = counts.map_or(Value::Null, |counts| self.per_axis(|i| json!(counts[i])));
         let position_mm = counts.map_or(Value::Null, |counts| {

@@ -1,14 +1,14 @@
-//! How outputs are brought back at a restart: by the instructions that switched them, in program order, each with its duration and with what
-//! it waits for (CUT-17, DNC-9).
+//! The plan of a restart: outputs are restored by the instructions that switched them, in program order, each with its
+//! duration and its input (CUT-17, DNC-9).
 //!
 //! Invariant: a cutter is lit last and put out first; no output is switched that agrees already.
 
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs, channel};
 
-/// What switched an output last.
+/// The instruction that switched an output last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct OutputOrigin {
-    /// Counts the instructions in program order; 0 where nothing of the program switched it.
+    /// Number of the instruction in program order; 0 where none of the program's instructions switched it.
     sequence: u32,
     code: &'static str,
     line: u32,
@@ -17,20 +17,20 @@ struct OutputOrigin {
     until: Option<InputWait>,
 }
 
-/// One instruction to carry out again.
+/// One instruction to execute again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RestartStep {
-    /// As it is written in the program: `M3`, `M64` …
+    /// Code as written in the program: `M3`, `M64` …
     pub code: &'static str,
-    /// Its program line; 0 where nothing of the program switched the output.
+    /// Program line; 0 where no instruction of the program switched the output.
     pub line: u32,
-    /// The outputs to switch; the first `count` of them.
+    /// Outputs to switch; the first `count` of them are valid.
     pub changes: [OutputChange; MAX_CHANGES],
-    /// How many of `changes` are valid.
+    /// Number of valid `changes`.
     pub count: u8,
-    /// Control periods that it takes at least.
+    /// Minimum duration in control periods.
     pub periods: u32,
-    /// The input that it waits for.
+    /// Input that it waits for.
     pub until: Option<InputWait>,
 }
 
@@ -42,7 +42,7 @@ impl RestartStep {
     }
 }
 
-/// Which instruction switched each output last, off and on.
+/// The instructions that switched each output last, off and on.
 #[derive(Clone, Debug)]
 pub struct OutputOrigins {
     of: [[OutputOrigin; 2]; channel::COUNT],
@@ -56,8 +56,8 @@ impl Default for OutputOrigins {
 }
 
 impl OutputOrigins {
-    /// An instruction of the program has switched these outputs, before the record at `place`.
-    pub fn switched(
+    /// Records that an instruction of the program has switched these outputs before the record at `place`.
+    pub fn record_switching(
         &mut self,
         changes: &[OutputChange],
         (code, line, place): (&'static str, u32, u32),
@@ -73,16 +73,16 @@ impl OutputOrigins {
         }
     }
 
-    /// The program has switched an output in passing.
-    pub fn passed(&mut self, action: &OutputAction, line: u32) {
+    /// Records that the program has switched an output without a stop.
+    pub fn record_action(&mut self, action: &OutputAction, line: u32) {
         let code = if action.after == 0 { "M63" } else { "M62" };
         let change = OutputChange { channel: action.channel, value: action.after };
-        self.switched(&[change], (code, line, action.place), 0, None);
+        self.record_switching(&[change], (code, line, action.place), 0, None);
     }
 
-    /// A dwell of so many control periods before the record at `place`. Where a cutter was lit at this very place it is the pierce, and
+    /// Records a dwell before the record at `place`. Where a cutter was lit at this very place it is the pierce, and
     /// belongs to the start of the cutter.
-    pub fn dwelt(&mut self, place: u32, periods: u32, expected: &Outputs, cutting: &[u8]) {
+    pub fn record_dwell(&mut self, place: u32, periods: u32, expected: &Outputs, cutting: &[u8]) {
         for &channel in cutting {
             let at = usize::from(channel);
             if let (Some([_, origin]), Some(&value)) = (self.of.get_mut(at), expected.get(at))
@@ -95,10 +95,10 @@ impl OutputOrigins {
         }
     }
 
-    /// Puts into `steps`, which is emptied first, what brings the outputs `are` to what the program `wants`, of the channels that `concerned`
-    /// names: what goes off first, the cutters before anything else; then what comes on, in program order, the cutters last. Allocates
-    /// nothing where `steps` has room for all channels.
-    pub fn steps(
+    /// Replaces the contents of `steps` by what brings the outputs from `are` to `wants`, for the channels selected by
+    /// `concerned`: first what goes off, the cutters before anything else; then what comes on, in program order, the
+    /// cutters last. Does not allocate where `steps` has capacity for all channels.
+    pub fn plan_restart(
         &self,
         are: &Outputs,
         wants: &Outputs,
@@ -171,17 +171,17 @@ mod tests {
 
     fn steps(origins: &OutputOrigins, are: &Outputs, wants: &Outputs) -> Vec<(&'static str, Vec<OutputChange>, u32)> {
         let mut steps = Vec::new();
-        origins.steps(are, wants, &[3], |_| true, &mut steps);
+        origins.plan_restart(are, wants, &[3], |_| true, &mut steps);
         steps.iter().map(|step| (step.code, step.changes().to_vec(), step.periods)).collect()
     }
 
     #[test]
     fn outputs_come_back_in_program_order_with_their_durations_and_the_cutter_last() {
         let mut origins = OutputOrigins::default();
-        origins.switched(&[change(3, 1)], ("M101", 2, 0), 1500, None);
-        origins.switched(&[change(SPEED, 900_000)], ("S", 3, 0), 0, None);
-        origins.switched(&[change(SPINDLE, 1), change(4, 1)], ("M3", 4, 0), 800, None);
-        origins.switched(&[change(FLOOD, 1)], ("M8", 5, 0), 20, None);
+        origins.record_switching(&[change(3, 1)], ("M101", 2, 0), 1500, None);
+        origins.record_switching(&[change(SPEED, 900_000)], ("S", 3, 0), 0, None);
+        origins.record_switching(&[change(SPINDLE, 1), change(4, 1)], ("M3", 4, 0), 800, None);
+        origins.record_switching(&[change(FLOOD, 1)], ("M8", 5, 0), 20, None);
         let wants = outputs(&[(3, 1), (SPEED, 900_000), (SPINDLE, 1), (4, 1), (FLOOD, 1)]);
         let all = steps(&origins, &outputs(&[]), &wants);
         let expected = vec![
@@ -191,7 +191,7 @@ mod tests {
             ("M101", vec![change(3, 1)], 1500),
         ];
         assert_eq!(all, expected);
-        // what agrees is left alone
+        // outputs that agree are not switched
         let are = outputs(&[(3, 1), (SPEED, 900_000), (SPINDLE, 1), (FLOOD, 1)]);
         assert_eq!(steps(&origins, &are, &wants), vec![("M3", vec![change(4, 1)], 800)]);
     }
@@ -199,8 +199,8 @@ mod tests {
     #[test]
     fn what_is_on_by_hand_goes_off_first_the_cutter_before_anything_else() {
         let mut origins = OutputOrigins::default();
-        origins.switched(&[change(FLOOD, 0)], ("M9", 2, 0), 10, None);
-        origins.switched(&[change(SPINDLE, 1)], ("M3", 3, 0), 800, None);
+        origins.record_switching(&[change(FLOOD, 0)], ("M9", 2, 0), 10, None);
+        origins.record_switching(&[change(SPINDLE, 1)], ("M3", 3, 0), 800, None);
         let wants = outputs(&[(SPINDLE, 1)]);
         let all = steps(&origins, &outputs(&[(3, 1), (FLOOD, 1), (5, 1)]), &wants);
         let codes: Vec<_> = all.iter().map(|(code, ..)| *code).collect();
@@ -211,10 +211,10 @@ mod tests {
     #[test]
     fn a_dwell_where_the_cutter_was_lit_is_its_pierce() {
         let mut origins = OutputOrigins::default();
-        origins.switched(&[change(3, 1)], ("M64", 2, 70), 0, None);
+        origins.record_switching(&[change(3, 1)], ("M64", 2, 70), 0, None);
         let wants = outputs(&[(3, 1)]);
-        origins.dwelt(70, 500, &wants, &[3]);
-        origins.dwelt(90, 500, &wants, &[3]);
+        origins.record_dwell(70, 500, &wants, &[3]);
+        origins.record_dwell(90, 500, &wants, &[3]);
         assert_eq!(steps(&origins, &outputs(&[]), &wants), vec![("M64", vec![change(3, 1)], 500)]);
     }
 }

@@ -1,16 +1,16 @@
-//! Where the control periods went, and what there is to count.
+//! Statistics of a run: the control periods by their use, and counters.
 //!
 //! Invariant: every period is counted in exactly one of the times.
 
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Travel};
 
-/// Control periods by what they were spent on, and counts.
+/// Control periods by their use, and counters.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RunStats {
-    /// All of them.
+    /// All periods.
     pub periods: u64,
-    /// Program motion, forward, first passage.
+    /// Program motion: forward, executed for the first time.
     pub motion: u64,
     /// Dwells.
     pub dwell: u64,
@@ -18,60 +18,61 @@ pub struct RunStats {
     pub switching: u64,
     /// Feed hold, program stop, waiting for the operator.
     pub held: u64,
-    /// Paused at a breakpoint (DNC), moves by hand and the way back to it included.
+    /// Paused at a breakpoint (DNC), including manual moves and the return.
     pub paused: u64,
-    /// Reverse, forward and handwheel, and the way back.
+    /// Reverse run, forward run and handwheel, and rejoining the program.
     pub retracing: u64,
-    /// Standing in normal run, for want of records.
+    /// At rest in normal run, waiting for records.
     pub waiting: u64,
-    /// How often the look-ahead ran dry.
+    /// Number of times the look-ahead ran dry.
     pub underruns: u64,
-    /// How often the direction of motion along the path changed.
+    /// Number of times the direction of motion along the path changed.
     pub reversals: u64,
     /// Exclusive instructions and synchronous actions executed.
     pub switch_events: u64,
-    /// Fewest records that the card held ahead of the cursor, at rate 1 and with more to come; none where that never was.
+    /// Fewest records that the card held ahead of the cursor, at rate 1 and with more to come. None where that never
+    /// happened.
     pub min_buffered_records: Option<u32>,
-    /// Things that were not told for want of room in the stream.
+    /// Telemetry messages that were dropped because the queue was full.
     pub dropped_events: u64,
     furthest: Place,
     direction: Travel,
 }
 
-/// What a period was, as far as the tally asks.
+/// Properties of a period that determine how it is counted.
 #[derive(Clone, Copy, Debug)]
 pub struct PeriodClass {
-    /// The mode it was run in.
+    /// Mode of the period.
     pub mode: Mode,
-    /// A hold, a program stop or single block was in force.
+    /// Whether a hold, a program stop or single block was in force.
     pub held: bool,
-    /// An exclusive instruction was being executed; true for a dwell.
+    /// Whether an exclusive instruction was being executed; `Some(true)` for a dwell.
     pub instruction: Option<bool>,
     /// Distance that the cursor moved.
     pub rate: Travel,
-    /// Where it came to.
+    /// Place at the end of the period.
     pub place: Place,
 }
 
 impl RunStats {
-    /// A tally of a run that begins at record `start`.
+    /// Creates the statistics of a run that begins at record `start`.
     #[must_use]
     pub fn new(start: u32) -> Self {
         Self { furthest: Place::start_of(start), ..Self::default() }
     }
 
-    /// In a period at full rate so many records lay ahead of the cursor.
+    /// Records how many records were ahead of the cursor in a period at full rate.
     pub fn buffered(&mut self, ahead: u32) {
         self.min_buffered_records = Some(self.min_buffered_records.map_or(ahead, |least| least.min(ahead)));
     }
 
-    /// One period more, at a breakpoint or on the way back to it.
+    /// Counts a period at a breakpoint or on the return to it.
     pub fn pause(&mut self) {
         self.periods += 1;
         self.paused += 1;
     }
 
-    /// One period more.
+    /// Counts a period.
     pub fn count(&mut self, spent: PeriodClass) {
         self.periods += 1;
         let new_ground = self.furthest.distance_to(spent.place) > 0;
@@ -102,7 +103,7 @@ mod tests {
 
     #[test]
     fn every_period_is_counted_once() {
-        let mut tally = RunStats::new(5);
+        let mut stats = RunStats::new(5);
         let spent = |mode, held, instruction, rate, record| PeriodClass {
             mode,
             held,
@@ -110,18 +111,18 @@ mod tests {
             rate,
             place: Place::start_of(record),
         };
-        tally.count(spent(Mode::Run, false, None, ONE, 6));
-        tally.count(spent(Mode::Run, true, None, ONE, 7));
-        tally.count(spent(Mode::Run, true, None, 0, 7));
-        tally.count(spent(Mode::Reverse, false, None, -ONE, 6));
-        tally.count(spent(Mode::Rejoin, false, None, ONE, 7));
-        tally.count(spent(Mode::Run, false, Some(true), 0, 7));
-        tally.count(spent(Mode::Run, false, Some(false), 0, 7));
-        tally.count(spent(Mode::Run, false, None, 0, 7));
+        stats.count(spent(Mode::Run, false, None, ONE, 6));
+        stats.count(spent(Mode::Run, true, None, ONE, 7));
+        stats.count(spent(Mode::Run, true, None, 0, 7));
+        stats.count(spent(Mode::Reverse, false, None, -ONE, 6));
+        stats.count(spent(Mode::Rejoin, false, None, ONE, 7));
+        stats.count(spent(Mode::Run, false, Some(true), 0, 7));
+        stats.count(spent(Mode::Run, false, Some(false), 0, 7));
+        stats.count(spent(Mode::Run, false, None, 0, 7));
         assert_eq!(
-            (tally.motion, tally.held, tally.retracing, tally.dwell, tally.switching, tally.waiting),
+            (stats.motion, stats.held, stats.retracing, stats.dwell, stats.switching, stats.waiting),
             (2, 1, 2, 1, 1, 1)
         );
-        assert_eq!((tally.periods, tally.reversals), (8, 2));
+        assert_eq!((stats.periods, stats.reversals), (8, 2));
     }
 }

@@ -1,23 +1,23 @@
-//! Plays a scripted operator: says each period what is due, and turns his handwheel.
+//! Plays a scripted operator: returns the commands that are due in each period, and turns the handwheel.
 //!
-//! Invariant: instructions come out in the order of the script, each when its own moment has come; `after` counts from the
-//! end of the instruction before.
+//! Invariant: instructions are returned in the order of the script, each at its own time; `after` counts from the end
+//! of the instruction before.
 
 use std::collections::VecDeque;
 
 use crate::operator::{OperatorCommand, ScriptInstruction, ScriptTime};
 
-/// The operator at work.
+/// The state of a script being played.
 #[derive(Clone, Debug)]
 pub struct ScriptPlayer {
     script: VecDeque<ScriptInstruction>,
     period_s: f64,
-    /// The period in which the previous instruction ended; before the first, that in which it was asked for first.
+    /// Period in which the previous instruction ended; before the first, the period of the first call.
     since: Option<u64>,
     wheel: Option<ScriptedWheel>,
 }
 
-/// The handwheel being turned.
+/// A handwheel that is being turned.
 #[derive(Clone, Copy, Debug)]
 struct ScriptedWheel {
     counts_per_period: f64,
@@ -33,20 +33,20 @@ impl ScriptPlayer {
         Self { script: script.into(), period_s: f64::from(period_us) * 1e-6, since: None, wheel: None }
     }
 
-    /// Is nothing left to be done?
+    /// Whether nothing is left to do.
     #[must_use]
     pub fn finished(&self) -> bool {
         self.script.is_empty() && self.wheel.is_none()
     }
 
-    /// Is nothing left that can become due while the machine stands? A line is come to by moving only.
+    /// Whether nothing can become due while the machine is at rest. A line is reached only by moving.
     #[must_use]
     pub fn waits_for_motion(&self) -> bool {
         let next = self.script.front().map(|next| next.when);
         self.wheel.is_none() && next.is_none_or(|when| matches!(when, ScriptTime::Line(_)))
     }
 
-    /// The next instruction, if it is due now: in period `period`, with program line `line` being executed.
+    /// The next instruction, if it is due in period `period`, with program line `line` being executed.
     pub fn due(&mut self, period: u64, line: u32) -> Option<ScriptInstruction> {
         // The card may have run long before.
         let since = *self.since.get_or_insert(period);
@@ -77,7 +77,7 @@ impl ScriptPlayer {
         Some(next)
     }
 
-    /// Counts that the handwheel turns by in this period.
+    /// Handwheel counts in this period.
     pub fn wheel_counts(&mut self, period: u64) -> i16 {
         let Some(wheel) = &mut self.wheel else { return 0 };
         if period >= wheel.until {

@@ -1,19 +1,19 @@
-//! Splines as chords.
+//! Approximation of splines by chords.
 //!
-//! Invariant: no chord is farther from the curve than asked for, and the last of them ends on the curve's end.
+//! Invariant: no chord is farther from the curve than requested, and the last one ends at the curve's end.
 
 use retrace_gcode::Nurbs;
 
-/// Chords between two knots at least: one alone could cross its curve where it is looked at.
+/// Minimum number of chords between two knots: one alone could cross its curve where it is sampled.
 const PARTS: u32 = 4;
 
-/// Halvings of a part at most: 4 096 chords between two knots.
+/// Maximum number of halvings of a part: 4 096 chords between two knots.
 const MAX_HALVINGS: u32 = 10;
 
-/// A chord is held against the curve at the ends of so many parts.
+/// Number of parts at whose ends a chord is compared with the curve.
 const PLACES: u32 = 16;
 
-/// Between these places the curve may swell a little more.
+/// Safety factor: between these points the curve may deviate a little more.
 const MARGIN: f64 = 0.75;
 
 /// A point of the plane, in the units of the spline.
@@ -52,7 +52,7 @@ fn piece<E>(
     piece(spline, (middle, to), deviation, halvings - 1, chord)
 }
 
-/// From a point to the stretch between two others.
+/// Distance from a point to the segment between two others.
 fn distance(point: Point, start: Point, end: Point) -> f64 {
     let (x, y) = (end.0 - start.0, end.1 - start.1);
     let (p, q) = (point.0 - start.0, point.1 - start.1);

@@ -1,8 +1,8 @@
-//! Beginning in the middle of a program, at a line (`--start-line`).
+//! Starting in the middle of a program, at a line (`--start-line`).
 //!
-//! Invariant: what the skipped blocks switched is switched by their own instructions, with the time that these take: everything but the
-//! cutters before the first move, the cutters where the skipped motion ended (CUT-17). The axes come there in the order of DNC-6, tool axis
-//! up to the retract plane or higher, other axes, tool axis down.
+//! Invariant: what the skipped blocks switched is switched by their own instructions, with their durations: everything
+//! but the cutters before the first move, the cutters where the skipped motion ended (CUT-17). The axes move there in
+//! the order of DNC-6: tool axis up to the retract plane or higher, other axes, tool axis down.
 
 use retrace_link::{OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, FeedRate, PathMode};
@@ -13,29 +13,30 @@ use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
 use crate::restart::OutputOrigins;
 
-/// Takes what is skipped: switching is remembered, motion is not made.
+/// Receives the skipped blocks: switching is recorded, motion is not made.
 #[derive(Debug)]
 pub struct SkippedBlocks {
     outputs: Outputs,
     origins: OutputOrigins,
     /// The channels of torches, jets and beams.
     cutting: Vec<u8>,
-    /// Moves that were skipped: what was switched between the same two belongs to one place.
+    /// Number of skipped moves: what was switched between the same two belongs to one place.
     moves: u32,
 }
 
 impl SkippedBlocks {
-    /// Nothing skipped yet; the outputs are as given, and `cutting` are the channels of torches, jets and beams.
+    /// Creates the state with nothing skipped; the outputs are as given, and `cutting` are the channels of torches,
+    /// jets and beams.
     #[must_use]
     pub fn new(outputs: Outputs, cutting: &[u8]) -> Self {
         Self { outputs, origins: OutputOrigins::default(), cutting: cutting.to_vec(), moves: 0 }
     }
 
-    /// Brings a machine at rest to the state behind what was skipped: outputs first, then to `target_mm`, where the skipped
-    /// motion ended, in the order of DNC-6 for this machine.
+    /// Brings a machine at rest to the state behind the skipped blocks: outputs first, then to `target_mm`, where the
+    /// skipped motion ended, in the order of DNC-6 for this machine.
     ///
     /// # Errors
-    /// What the planner refuses.
+    /// The reason why the planner rejects it.
     pub fn restore<const A: usize>(
         &self,
         feeder: &mut PlanWriter<'_, A>,
@@ -52,7 +53,7 @@ impl SkippedBlocks {
         Ok(self.switch(feeder, line, |channel| self.cutting.contains(&channel))?)
     }
 
-    /// Carries out again what switched the channels that `concerned` names.
+    /// Executes again what switched the channels selected by `concerned`.
     fn switch<const A: usize>(
         &self,
         feeder: &mut PlanWriter<'_, A>,
@@ -60,7 +61,7 @@ impl SkippedBlocks {
         concerned: impl Fn(u8) -> bool,
     ) -> Result<(), Cancelled> {
         let mut steps = Vec::new();
-        self.origins.steps(feeder.outputs(), &self.outputs, &self.cutting, concerned, &mut steps);
+        self.origins.plan_restart(feeder.outputs(), &self.outputs, &self.cutting, concerned, &mut steps);
         for step in &steps {
             let (periods, until) = (step.periods, step.until);
             let changes = step.changes();
@@ -77,7 +78,7 @@ impl SkippedBlocks {
     }
 }
 
-/// The ends of the moves from one place to another, mm, as [`crate::approach`] orders them.
+/// Ends of the moves from one position to another, mm, as [`crate::approach`] orders them.
 fn ends_mm<const A: usize>(machine: &MachineConfig, at: [f64; A], target: [f64; A]) -> Vec<[f64; A]> {
     let tool = machine.tool_axis().filter(|&tool| tool < A);
     let others_move = (0..A).any(|axis| Some(axis) != tool && at[axis] != target[axis]);
@@ -102,7 +103,7 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
     fn action(&mut self, change: OutputChange, line: u32) {
         let OutputChange { channel, value } = change;
         let before = std::mem::replace(&mut self.outputs[usize::from(channel)], value);
-        self.origins.passed(&OutputAction { place: self.moves, channel, before, after: value }, line);
+        self.origins.record_action(&OutputAction { place: self.moves, channel, before, after: value }, line);
     }
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
@@ -110,10 +111,10 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
             self.outputs[usize::from(change.channel)] = change.value;
         }
         if switch.kind == ExclusiveKind::Dwell {
-            self.origins.dwelt(self.moves, switch.periods, &self.outputs, &self.cutting);
+            self.origins.record_dwell(self.moves, switch.periods, &self.outputs, &self.cutting);
         } else if !switch.changes.is_empty() {
             let of = (switch.code, switch.line, self.moves);
-            self.origins.switched(switch.changes, of, switch.periods, switch.until);
+            self.origins.record_switching(switch.changes, of, switch.periods, switch.until);
         }
         Ok(())
     }

@@ -1,28 +1,29 @@
 //! Files that outlive a command: private ones in the state folder, and tables of the user that are rewritten.
 //!
-//! Invariant: a file is replaced whole or stays as it was; a symbolic link stays one, the file it leads to keeps its mode; what is made in the
-//! state folder can be read by its user alone.
+//! Invariant: a file is replaced whole or stays as it was. A symbolic link stays one, and the file it refers to keeps
+//! its mode. Files created in the state folder can be read by their user only.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// Links that are followed before a path counts as a circle.
+/// Maximum number of links that are followed before a path counts as circular.
 const MAX_LINKS: u32 = 40;
 
-/// Who may read a file that is made here.
+/// Access to a file that is created here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileAccess {
-    /// Its user alone: mode 600.
+    /// Its user only: mode 600.
     Private,
-    /// Whom the process lets, as for every file that it makes.
+    /// The process's default for new files.
     Usual,
 }
 
-/// Creates a folder and those above it that are missing, each for its user alone (mode 700). Folders that exist stay as they are.
+/// Creates a folder and the missing ones above it, each for its user only (mode 700). Folders that exist stay as they
+/// are.
 ///
 /// # Errors
-/// As the system says.
+/// The error of the system.
 pub fn create_private_folder(folder: &Path) -> io::Result<()> {
     let mut builder = fs::DirBuilder::new();
     builder.recursive(true);
@@ -31,10 +32,10 @@ pub fn create_private_folder(folder: &Path) -> io::Result<()> {
     builder.create(folder)
 }
 
-/// Creates one folder, which must not exist, for its user alone (mode 700).
+/// Creates one folder, which must not exist, for its user only (mode 700).
 ///
 /// # Errors
-/// As the system says.
+/// The error of the system.
 pub fn create_new_private_folder(folder: &Path) -> io::Result<()> {
     let mut builder = fs::DirBuilder::new();
     #[cfg(unix)]
@@ -51,10 +52,11 @@ pub fn private() -> OpenOptions {
     options
 }
 
-/// Opens a lock file for reading and writing, and creates it where there is none. A symbolic link in its place is not followed.
+/// Opens a lock file for reading and writing, and creates it where it does not exist. A symbolic link in its place is
+/// not followed.
 ///
 /// # Errors
-/// `InvalidInput` where something other than a plain file is there; else as the system says.
+/// `InvalidInput` where something other than a plain file is there; else the error of the system.
 pub fn open_lock(path: &Path) -> io::Result<File> {
     match private().read(true).write(true).create_new(true).open(path) {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
@@ -79,11 +81,12 @@ pub fn open_lock(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Replaces a file by these bytes, durably: they are written to a new file beside it, which then takes its place. Where the path is a symbolic
-/// link, the file that it leads to is replaced. A file that exists keeps its mode; a new one gets that of `access`.
+/// Replaces a file by these bytes, durably: they are written to a new file next to it, which is then renamed over it.
+/// Where the path is a symbolic link, the file that it refers to is replaced. An existing file keeps its mode; a new
+/// one gets that of `access`.
 ///
 /// # Errors
-/// As the system says; the old file is still there then.
+/// The error of the system; the old file is still there then.
 pub fn replace(path: &Path, bytes: &[u8], access: FileAccess) -> io::Result<()> {
     let target = link_target(path)?;
     let permissions = match fs::metadata(&target) {
@@ -92,7 +95,7 @@ pub fn replace(path: &Path, bytes: &[u8], access: FileAccess) -> io::Result<()> 
         Err(error) if error.kind() == ErrorKind::NotFound => None,
         Err(error) => return Err(error),
     };
-    // A file that may not be written is not replaced either.
+    // A file without write permission is not replaced either.
     if permissions.is_some() {
         OpenOptions::new().write(true).open(&target)?;
     }
@@ -112,7 +115,7 @@ pub fn replace(path: &Path, bytes: &[u8], access: FileAccess) -> io::Result<()> 
 }
 
 fn write_new(path: &Path, bytes: &[u8], access: FileAccess) -> io::Result<File> {
-    // One that an earlier process of this number left behind.
+    // One that an earlier process with this number left.
     if fs::symlink_metadata(path).is_ok() {
         fs::remove_file(path)?;
     }
@@ -123,7 +126,7 @@ fn write_new(path: &Path, bytes: &[u8], access: FileAccess) -> io::Result<File> 
     Ok(file)
 }
 
-/// The file that a path leads to, which need not exist.
+/// The file that a path refers to, which need not exist.
 fn link_target(path: &Path) -> io::Result<PathBuf> {
     let mut target = path.to_owned();
     for _ in 0..MAX_LINKS {
@@ -153,7 +156,7 @@ mod tests {
         fs::create_dir(folder.path().join("real")).expect("a folder");
         symlink("real/mill.var", &link).expect("a link");
         symlink("mill.var", &second).expect("a link");
-        // The file that a link leads to need not exist.
+        // The file that a link refers to need not exist.
         replace(&second, b"1", FileAccess::Usual).expect("written");
         fs::set_permissions(&real, fs::Permissions::from_mode(0o664)).expect("changed");
         replace(&second, b"22", FileAccess::Private).expect("written");

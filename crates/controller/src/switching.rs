@@ -1,7 +1,8 @@
-//! What the M, S and T codes switch: channel, value, class, duration, what they wait for, and what becomes of them in reverse (GMC, *Two
-//! classes of instruction*; REV-14).
+//! The effect of M, S and T codes: channel, value, class, duration, input, and behaviour in reverse (GMC, *Two classes
+//! of instruction*; REV-14).
 //!
-//! Invariant: every code that a program may use has an entry, so that nothing is switched that the machine file does not know.
+//! Invariant: every code that a program may use has an entry, so that nothing is switched that the machine file does
+//! not define.
 
 use std::collections::BTreeMap;
 
@@ -77,21 +78,21 @@ pub struct CodeSettings {
     pub off: bool,
 }
 
-/// How a code is carried out.
+/// Execution of a code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CodeSwitching {
-    /// How it stands to the motion.
+    /// Relation to the motion.
     pub class: CodeClass,
-    /// Control periods that it takes at least, if it is exclusive.
+    /// Minimum duration in control periods, if it is exclusive.
     pub periods: u32,
-    /// What it waits for besides.
+    /// Input that it waits for in addition.
     pub until: Option<InputWait>,
-    /// What becomes of it in reverse.
+    /// Behaviour in reverse.
     pub in_reverse: InReverse,
 }
 
 impl CodeSwitching {
-    /// At rest, at once, and nothing of it in reverse.
+    /// Executed at rest and immediately, with no effect in reverse.
     pub const AT_REST: Self =
         Self { class: CodeClass::Exclusive, periods: 0, until: None, in_reverse: InReverse::Unchanged };
 }
@@ -99,17 +100,17 @@ impl CodeSwitching {
 /// A user code that the machine file declares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UserCode {
-    /// How it is written.
+    /// Name as it is written.
     pub name: &'static str,
     /// The output that it switches.
     pub output: u8,
-    /// What the output becomes: 0 or 1.
+    /// Value of the output: 0 or 1.
     pub value: i32,
-    /// How it is carried out.
+    /// Execution of the code.
     pub switching: CodeSwitching,
 }
 
-/// The user codes by their names.
+/// Names of the user codes.
 #[rustfmt::skip]
 const USER_CODES: [&str; 100] = [
     "M100", "M101", "M102", "M103", "M104", "M105", "M106", "M107", "M108", "M109",
@@ -130,7 +131,7 @@ const CODES: [&str; 13] = ["M3", "M4", "M5", "M6", "M7", "M8", "M9", "M62", "M63
 /// Codes whose class and duration are fixed: M62 and M63 are synchronous, M64 and M65 immediate. Only `in_reverse` can be set.
 const OUTPUT_CODES: [&str; 4] = ["M62", "M63", "M64", "M65"];
 
-/// How every code is carried out.
+/// Execution of every code.
 #[derive(Clone, Debug, Default)]
 pub struct SwitchingTable {
     codes: BTreeMap<&'static str, CodeSwitching>,
@@ -141,7 +142,7 @@ impl SwitchingTable {
     /// Checks the machine file's `[code.…]` tables.
     ///
     /// # Errors
-    /// `E2111` for a code that is not known, `E2112` for a figure out of range, or what a code cannot be.
+    /// `E2111` for an unknown code, `E2112` for a value out of range, or a setting that the code cannot have.
     pub fn new(settings: &BTreeMap<String, CodeSettings>, period_us: u32) -> Result<Self, NumberedError> {
         let mut codes = BTreeMap::new();
         let mut user_codes = BTreeMap::new();
@@ -168,38 +169,38 @@ impl SwitchingTable {
         Ok(Self { codes, user_codes })
     }
 
-    /// The user codes that are declared.
+    /// The declared user codes.
     pub fn user_codes(&self) -> impl Iterator<Item = u8> {
         self.user_codes.keys().copied()
     }
 
-    /// What a user code switches, if it is declared.
+    /// Effect of a user code, if it is declared.
     #[must_use]
     pub fn user_code(&self, number: u8) -> Option<UserCode> {
         self.user_codes.get(&number).copied()
     }
 
-    /// How a code is carried out; at rest and at once where the machine file says nothing of it.
+    /// Execution of a code; at rest and immediately where the machine file does not define it.
     #[must_use]
     pub fn of(&self, code: &str) -> CodeSwitching {
         let usual = CodeSwitching {
             class: if matches!(code, "M62" | "M63") { CodeClass::Synchronous } else { CodeClass::Exclusive },
-            in_reverse: usual_in_reverse(code, CodeClass::Exclusive),
+            in_reverse: default_in_reverse(code, CodeClass::Exclusive),
             ..CodeSwitching::AT_REST
         };
         self.codes.get(code).copied().unwrap_or(usual)
     }
 
-    /// The codes that the machine file describes, by their names, in order.
-    pub fn described(&self) -> impl Iterator<Item = (&'static str, CodeSwitching)> {
+    /// The codes that the machine file defines, by name, in order.
+    pub fn defined_codes(&self) -> impl Iterator<Item = (&'static str, CodeSwitching)> {
         let user_codes = self.user_codes.values().map(|code| (code.name, code.switching));
         self.codes.iter().map(|(&name, &switching)| (name, switching)).chain(user_codes)
     }
 }
 
-/// What becomes of a code in reverse where the machine file does not say: everything is replayed, but a spindle keeps turning while the
-/// path is retraced, and a tool that was changed stays.
-fn usual_in_reverse(code: &str, class: CodeClass) -> InReverse {
+/// Behaviour of a code in reverse where the machine file does not define it: everything is replayed, except that a
+/// spindle keeps turning while the path is retraced, and a changed tool stays.
+fn default_in_reverse(code: &str, class: CodeClass) -> InReverse {
     match (code, class) {
         ("M6", _) => InReverse::Barrier,
         ("M3" | "M4" | "M5" | "S" | "T", CodeClass::Exclusive) => InReverse::Unchanged,
@@ -207,7 +208,7 @@ fn usual_in_reverse(code: &str, class: CodeClass) -> InReverse {
     }
 }
 
-/// The table of M62 … M65, with the class that the code has by definition.
+/// Parses the table of M62 … M65, with the class that the code has by definition.
 fn output_code(name: &'static str, code: &CodeSettings) -> Result<CodeSettings, NumberedError> {
     let sets_more = code.class != CodeClass::default() || code.duration_ms != 0.0 || code.waits_for.is_some();
     if sets_more {
@@ -223,7 +224,7 @@ fn switching(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<
     let refuse = |what: &str, remedy: &str| Err(NumberedError::new("E2112", format!("[code.{name}] {what}"), remedy));
     within(&format!("code.{name}: duration_ms"), code.duration_ms, 0.0, 3.6e6)?;
     let until = code.waits_for.map(|waits_for| awaited(name, waits_for, period_us)).transpose()?;
-    let in_reverse = code.in_reverse.unwrap_or(usual_in_reverse(name, code.class));
+    let in_reverse = code.in_reverse.unwrap_or(default_in_reverse(name, code.class));
     let takes_time = code.duration_ms > 0.0 || until.is_some() || matches!(name, "M6" | "T");
     if code.class == CodeClass::Synchronous && takes_time {
         let what = "is synchronous: it is executed in passing and can take no time";

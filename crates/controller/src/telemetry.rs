@@ -1,10 +1,10 @@
-//! What the motion path tells everybody who looks on: one stream for screen, JSON, journal and report.
+//! Telemetry: one stream of periods, outputs and events from the motion path to screen, JSON, journal and report.
 //!
-//! A queue of a fixed size leads from the motion path to a thread that reports. Neither end locks or wakes the other: one tries, the
-//! other looks now and then.
+//! A queue of a fixed size leads from the motion path to the reporting thread. Neither end locks or wakes the other:
+//! the sender tries, the receiver polls.
 //!
-//! Invariant: a period is of a fixed size and holds nothing that is allocated; periods, outputs and events come in the order in which
-//! they happened. What is told is dropped by who hears it.
+//! Invariant: a period record has a fixed size and owns no allocation; periods, outputs and events arrive in the order
+//! in which they happened. Messages are dropped by the receiver.
 
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::thread;
@@ -17,18 +17,19 @@ use retrace_link::{CardStatus, OutputChange, Outputs, channel};
 
 use crate::event::Event;
 
-/// Seconds of machine time that the queue has room for in wall time, at one event in two periods.
-const ROOM_S: f64 = 24.0;
-/// Things told that it has room for in virtual time, where the motion path waits for room.
-const ROOM_VIRTUAL: usize = 4096;
-/// A reporter with nothing to report looks again after so long; in virtual time, where it has to keep pace, sooner at first.
-const NAP: Duration = Duration::from_millis(1);
-const NAP_VIRTUAL: Duration = Duration::from_micros(300);
+/// Machine time in seconds that the queue can hold in wall time, at one event in two periods.
+const CAPACITY_S: f64 = 24.0;
+/// Capacity of the queue in virtual time, in messages. The motion path waits there when the queue is full.
+const CAPACITY_VIRTUAL: usize = 4096;
+/// Interval at which an idle receiver polls the queue. In virtual time, where the receiver has to keep pace, the first
+/// polls are more frequent.
+const POLL_INTERVAL: Duration = Duration::from_millis(1);
+const POLL_INTERVAL_VIRTUAL: Duration = Duration::from_micros(300);
 
-/// Why the machine stands in normal run, if it does.
+/// Reason why the machine is at rest in normal run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum HoldReason {
-    /// For no reason of the operator's: it runs, or waits for records or for an instruction.
+    /// No hold by the operator: the machine runs, or waits for records or for an instruction.
     #[default]
     None,
     /// Feed hold.
@@ -37,59 +38,60 @@ pub enum HoldReason {
     ProgramStop,
     /// Single block waits for cycle start.
     SingleBlock,
-    /// The program has come to its end, and the operator has not released it: reverse run is still possible.
+    /// The program has ended and the operator has not released the job: reverse run is still possible.
     Ended,
-    /// The program is paused at a breakpoint, until the axes are back there (DNC-1 … DNC-7); events tell the flags.
+    /// The program is paused at a breakpoint, until the axes are back there (DNC-1 … DNC-7). Events have the details.
     Paused,
 }
 
-/// What one control period did.
+/// State and motion of one control period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PeriodRecord<const A: usize> {
-    /// Its number, from the start of the card.
+    /// Number of the period, from the start of the card.
     pub period: u64,
-    /// Where the cursor stands.
+    /// Cursor at the end of the period.
     pub place: Place,
     /// The furthest place ever executed, as a record boundary.
     pub reached: u32,
-    /// The oldest place that can be gone back to.
+    /// Oldest place that reverse run can reach.
     pub oldest: u32,
-    /// Place behind the last record that is planned.
+    /// Place behind the last planned record.
     pub planned: u32,
-    /// The window of the card: the first record held, and the place behind the last.
+    /// The card's window: the first record it holds, and the place behind the last.
     pub window: [u32; 2],
-    /// Distance that the cursor moved: the rate that was run.
+    /// Distance that the cursor moved: the actual rate.
     pub rate: Travel,
-    /// Line of the record that the cursor was in.
+    /// Program line of the record under the cursor.
     pub line: u32,
     /// Net pulses of each axis in the period.
     pub increments: [i32; A],
-    /// Counts of each axis.
+    /// Position of each axis in counts.
     pub counts: [i64; A],
     /// Number of the last exclusive instruction that is complete.
     pub executed: u32,
-    /// Does the cursor stand?
+    /// Whether the cursor is at rest.
     pub at_rest: bool,
-    /// Was the rate held down for want of records?
+    /// Whether the rate was limited because records were missing.
     pub starved: bool,
-    /// Which inputs are active, one bit each.
+    /// Active inputs, one bit each.
     pub inputs: u16,
-    /// The mode of operation.
+    /// Mode of operation.
     pub mode: Mode,
-    /// Why it stands.
+    /// Reason why the machine is at rest.
     pub hold_reason: HoldReason,
-    /// The feed override that the operator asks for.
+    /// Feed override that the operator requests.
     pub override_rate: Travel,
-    /// The rapid override, 0 … 1.
+    /// Rapid override, 0 … 1.
     pub rapid_override: Travel,
-    /// Is the machine off the path: jogging, homing, on the way to a breakpoint? The places are then those of that move.
+    /// Whether the machine is off the path: jogging, homing, or returning to a breakpoint. The places are then those of
+    /// that move.
     pub off_path: bool,
 }
 
 impl<const A: usize> PeriodRecord<A> {
-    /// From the card's report; what the card does not know is as at the beginning of a job.
+    /// Creates a record from the card's status. What the card does not report has its value at the beginning of a job.
     #[must_use]
-    pub fn of(status: &CardStatus<A>) -> Self {
+    pub fn from_status(status: &CardStatus<A>) -> Self {
         Self {
             period: status.period,
             place: status.place,
@@ -114,64 +116,69 @@ impl<const A: usize> PeriodRecord<A> {
     }
 }
 
-/// One thing that is told.
+/// A message of the telemetry stream.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Telemetry<const A: usize> {
     /// A control period has passed.
     Period(PeriodRecord<A>),
-    /// An output has taken a value, by the program or by hand. At the start every output that is not 0 is told.
+    /// An output changed, by the program or manually. At the start, every output that is not 0 is sent.
     Output(OutputChange),
-    /// From here on this modal state is in force.
+    /// This modal state is in force from here on.
     Active(Box<ActiveCodes>),
-    /// Something happened.
+    /// An event.
     Event(Event),
 }
 
-/// Who looks on, in the thread that reports: records, screen, judge, journal.
+/// A consumer of telemetry in the reporting thread: recorder, screen, limit monitor, journal.
 pub trait Observer<const A: usize>: Send {
-    /// Hears what happened. It may take its time, within the queue's room.
-    fn on_telemetry(&mut self, told: &Telemetry<A>);
+    /// Receives a message. May take as long as the queue's capacity allows.
+    fn on_telemetry(&mut self, message: &Telemetry<A>);
 
-    /// There is nothing to hear now: called about once a millisecond until there is.
+    /// Called about once a millisecond while there are no messages.
     fn idle(&mut self) {}
 }
 
-/// The two ends of the stream of a machine with a control period of `period_s` seconds. In wall time what finds no room is counted and not
-/// told; in virtual time the motion path waits for room.
+/// Creates a connected sender and receiver for a machine with a control period of `period_s` seconds. When the queue is
+/// full, messages are dropped and counted in wall time; in virtual time the motion path waits.
 #[must_use]
 pub fn telemetry_channel<const A: usize>(wall_time: bool, period_s: f64) -> (TelemetrySender<A>, TelemetryReceiver<A>) {
-    let room = if wall_time { (ROOM_S / period_s).ceil() as usize } else { ROOM_VIRTUAL };
-    let (queue, heard) = sync_channel(room);
-    let teller =
-        TelemetrySender { queue, waits: !wall_time, dropped_events: 0, deaf: false, outputs: [0; channel::COUNT] };
-    (teller, TelemetryReceiver { queue: heard, is_virtual: !wall_time })
+    let room = if wall_time { (CAPACITY_S / period_s).ceil() as usize } else { CAPACITY_VIRTUAL };
+    let (queue, observer) = sync_channel(room);
+    let telemetry = TelemetrySender {
+        queue,
+        blocks_when_full: !wall_time,
+        dropped_events: 0,
+        receiver_gone: false,
+        outputs: [0; channel::COUNT],
+    };
+    (telemetry, TelemetryReceiver { queue: observer, is_virtual: !wall_time })
 }
 
-/// The motion path's end.
+/// The motion path's end of the stream.
 #[derive(Debug)]
 pub struct TelemetrySender<const A: usize> {
     queue: SyncSender<Telemetry<A>>,
-    waits: bool,
+    blocks_when_full: bool,
     dropped_events: u64,
-    deaf: bool,
-    /// As they were told last.
+    receiver_gone: bool,
+    /// Outputs as they were sent last.
     outputs: Outputs,
 }
 
 impl<const A: usize> TelemetrySender<A> {
-    /// Tells something.
-    pub fn send(&mut self, told: Telemetry<A>) {
-        let mut told = told;
+    /// Sends a message.
+    pub fn send(&mut self, message: Telemetry<A>) {
+        let mut message = message;
         for tries in 0u32.. {
-            told = match self.queue.try_send(told) {
+            message = match self.queue.try_send(message) {
                 Ok(()) => return,
-                Err(TrySendError::Full(back)) if self.waits => back,
+                Err(TrySendError::Full(back)) if self.blocks_when_full => back,
                 Err(TrySendError::Full(_)) => {
                     self.dropped_events += 1;
                     return;
                 }
                 Err(TrySendError::Disconnected(_)) => {
-                    self.deaf = true;
+                    self.receiver_gone = true;
                     return;
                 }
             };
@@ -179,8 +186,8 @@ impl<const A: usize> TelemetrySender<A> {
         }
     }
 
-    /// Tells which outputs have changed since this was called last; all were 0 at first.
-    pub fn outputs(&mut self, now: &Outputs) {
+    /// Sends the outputs that have changed since the last call. All were 0 before the first call.
+    pub fn send_output_changes(&mut self, now: &Outputs) {
         if self.outputs == *now {
             return;
         }
@@ -191,20 +198,20 @@ impl<const A: usize> TelemetrySender<A> {
         }
     }
 
-    /// How much was not told for want of room.
+    /// Number of messages that were dropped because the queue was full.
     #[must_use]
     pub fn dropped_events(&self) -> u64 {
         self.dropped_events
     }
 
-    /// Has whoever was told panicked?
+    /// Whether the reporting thread has ended, that is, panicked.
     #[must_use]
-    pub fn deaf(&self) -> bool {
-        self.deaf
+    pub fn receiver_is_gone(&self) -> bool {
+        self.receiver_gone
     }
 }
 
-/// The reporting thread's end.
+/// The reporting thread's end of the stream.
 #[derive(Debug)]
 pub struct TelemetryReceiver<const A: usize> {
     queue: Receiver<Telemetry<A>>,
@@ -212,19 +219,19 @@ pub struct TelemetryReceiver<const A: usize> {
 }
 
 impl<const A: usize> TelemetryReceiver<A> {
-    /// Reports everything until the motion path is gone and nothing is left.
-    pub fn report(self, observer: &mut dyn Observer<A>) {
+    /// Passes all messages to `observer` until the motion path has ended and the queue is empty.
+    pub fn run(self, observer: &mut dyn Observer<A>) {
         let mut idle = 0u32;
         loop {
             match self.queue.try_recv() {
-                Ok(told) => {
+                Ok(message) => {
                     idle = 0;
-                    observer.on_telemetry(&told);
+                    observer.on_telemetry(&message);
                 }
                 Err(TryRecvError::Empty) => {
                     idle += 1;
                     observer.idle();
-                    thread::sleep(if self.is_virtual && idle < 20 { NAP_VIRTUAL } else { NAP });
+                    thread::sleep(if self.is_virtual && idle < 20 { POLL_INTERVAL_VIRTUAL } else { POLL_INTERVAL });
                 }
                 Err(TryRecvError::Disconnected) => return,
             }
@@ -240,56 +247,56 @@ mod tests {
     struct RecordingObserver(Vec<Telemetry<1>>, Duration);
 
     impl Observer<1> for RecordingObserver {
-        fn on_telemetry(&mut self, told: &Telemetry<1>) {
-            self.0.push(told.clone());
+        fn on_telemetry(&mut self, message: &Telemetry<1>) {
+            self.0.push(message.clone());
             thread::sleep(self.1);
         }
     }
 
     fn event(period: u64) -> Telemetry<1> {
-        let happening = EventKind::Message(period.to_string());
-        Telemetry::Event(Event { period, time_s: 0.0, place: Place::default(), line: 0, kind: happening })
+        let kind = EventKind::Message(period.to_string());
+        Telemetry::Event(Event { period, time_s: 0.0, place: Place::default(), line: 0, kind })
     }
 
     #[test]
     fn in_virtual_time_all_is_told_in_order_however_slow_the_reporter_is() {
-        let (mut teller, hearing) = telemetry_channel::<1>(false, 1e-3);
-        let mut heard = RecordingObserver(Vec::new(), Duration::from_micros(1));
+        let (mut telemetry, receiver) = telemetry_channel::<1>(false, 1e-3);
+        let mut observer = RecordingObserver(Vec::new(), Duration::from_micros(1));
         thread::scope(|scope| {
-            scope.spawn(|| hearing.report(&mut heard));
-            (0..3 * ROOM_VIRTUAL as u64).for_each(|n| teller.send(event(n)));
-            drop(teller);
+            scope.spawn(|| receiver.run(&mut observer));
+            (0..3 * CAPACITY_VIRTUAL as u64).for_each(|n| telemetry.send(event(n)));
+            drop(telemetry);
         });
-        assert_eq!(heard.0, (0..3 * ROOM_VIRTUAL as u64).map(event).collect::<Vec<_>>());
+        assert_eq!(observer.0, (0..3 * CAPACITY_VIRTUAL as u64).map(event).collect::<Vec<_>>());
     }
 
     #[test]
     fn in_wall_time_what_finds_no_room_is_counted_and_the_rest_is_told() {
-        let (mut teller, hearing) = telemetry_channel::<1>(true, 0.02);
-        let room = (ROOM_S / 0.02) as u64;
-        (0..room + 7).for_each(|n| teller.send(event(n)));
-        assert_eq!(teller.dropped_events(), 7);
-        drop(teller);
-        let mut heard = RecordingObserver(Vec::new(), Duration::ZERO);
-        hearing.report(&mut heard);
-        assert_eq!(heard.0, (0..room).map(event).collect::<Vec<_>>());
+        let (mut telemetry, receiver) = telemetry_channel::<1>(true, 0.02);
+        let room = (CAPACITY_S / 0.02) as u64;
+        (0..room + 7).for_each(|n| telemetry.send(event(n)));
+        assert_eq!(telemetry.dropped_events(), 7);
+        drop(telemetry);
+        let mut observer = RecordingObserver(Vec::new(), Duration::ZERO);
+        receiver.run(&mut observer);
+        assert_eq!(observer.0, (0..room).map(event).collect::<Vec<_>>());
     }
 
     #[test]
     fn an_output_is_told_when_it_changes() {
-        let (mut teller, hearing) = telemetry_channel::<1>(false, 1e-3);
+        let (mut telemetry, receiver) = telemetry_channel::<1>(false, 1e-3);
         let mut outputs = [0; channel::COUNT];
-        teller.outputs(&outputs);
+        telemetry.send_output_changes(&outputs);
         (outputs[3], outputs[68]) = (1, 7);
-        teller.outputs(&outputs);
-        teller.outputs(&outputs);
+        telemetry.send_output_changes(&outputs);
+        telemetry.send_output_changes(&outputs);
         outputs[3] = 0;
-        teller.outputs(&outputs);
-        drop(teller);
-        let mut heard = RecordingObserver(Vec::new(), Duration::ZERO);
-        hearing.report(&mut heard);
-        let told = [(3, 1), (68, 7), (3, 0)].map(|(channel, value)| Telemetry::Output(OutputChange { channel, value }));
-        assert_eq!(heard.0, told);
+        telemetry.send_output_changes(&outputs);
+        drop(telemetry);
+        let mut observer = RecordingObserver(Vec::new(), Duration::ZERO);
+        receiver.run(&mut observer);
+        let sent = [(3, 1), (68, 7), (3, 0)].map(|(channel, value)| Telemetry::Output(OutputChange { channel, value }));
+        assert_eq!(observer.0, sent);
     }
 
     #[test]

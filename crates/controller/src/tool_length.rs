@@ -1,12 +1,15 @@
-//! A tool length that is entered while the program is paused (a broken tool was changed): who proposes it, and who has to agree.
+//! Entry of a tool length while the program is paused (a broken tool was changed): a proposal, an offer and a decision
+//! between two threads.
 //!
-//! Records are differences, so a tool of another length needs no new plan: the same path is run, moved along the tool axis by the difference
-//! of the lengths. That holds up to the first move to machine coordinates, tool change, or change of the tool offset, which is planned from
-//! where the machine then stands. Only the planning thread knows what it has planned and which offset is in force; only the motion path knows
-//! where the machine stands, and what is in the ring. So the motion path proposes, the planning thread offers, the motion path
-//! decides, and the planning thread keeps it.
+//! Records are differences, so a tool of another length needs no new plan: the same path is run, moved along the tool
+//! axis by the difference of the lengths. That applies up to the first move to machine coordinates, tool change, or
+//! change of the tool offset, which is planned from the machine's position then. Only the planning thread knows what it
+//! has planned and which offset is in force; only the motion path knows the machine's position and the contents of the
+//! ring. So the motion path proposes, the planning thread offers, the motion path decides, and the planning thread
+//! stores the length.
 //!
-//! Invariant: nothing moves by a length that was entered before it is durable; neither side waits for the other but in virtual time.
+//! Invariant: nothing moves by an entered length before it is durable. Neither side waits for the other except in
+//! virtual time.
 
 use std::fmt;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
@@ -14,9 +17,9 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 /// A tool length as the operator enters it, mm along the tool axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EnteredLength {
-    /// The tool length offset of the new tool, in the place of the one in force.
+    /// The tool length offset of the new tool, which replaces the one in force.
     To(f64),
-    /// The new tool is longer by so much; shorter where it is negative.
+    /// The new tool is longer by this; shorter where it is negative.
     By(f64),
 }
 
@@ -29,51 +32,51 @@ impl fmt::Display for EnteredLength {
     }
 }
 
-/// A length that was entered and holds from behind a block on, until the program changes its tool offset.
+/// An entered length that applies from behind a block on, until the program changes its tool offset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LengthChange {
-    /// Number of the block of the decoder, from 1, behind which it holds; 0 is the program's beginning.
+    /// Number of the decoder's block, from 1, behind which it applies; 0 is the program's beginning.
     pub block: u64,
-    /// By how much the path is moved along the tool axis, pulses.
+    /// Distance by which the path is moved along the tool axis, pulses.
     pub pulses: i64,
 }
 
-/// What the motion path says.
+/// A message from the motion path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum LengthRequest {
     Propose(LengthProposal),
     Decide(bool),
 }
 
-/// A length that the operator wants to enter.
+/// A length that the operator requests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LengthProposal {
     pub(crate) length: EnteredLength,
-    /// The record that the machine stands in, or before.
+    /// Record at or before which the machine is.
     pub(crate) place: u32,
 }
 
-/// What entering a length would come to.
+/// Effect of entering a length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LengthOffer {
-    /// By how much the path would be moved along the tool axis, pulses.
+    /// Distance by which the path would be moved along the tool axis, pulses.
     pub(crate) pulses: i64,
-    /// The records up to here are in the ring and would be moved: whoever decides looks whether that goes.
+    /// The records up to here are in the ring and would be moved: the motion path checks them.
     pub(crate) planned: u32,
-    /// The tool length offset that there would be, mm; none where no offset is in force.
+    /// The resulting tool length offset, mm. None where no offset is in force.
     pub(crate) length_mm: Option<f64>,
 }
 
-/// Why there is no offer.
+/// Reason why there is no offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ToolLengthError {
     /// The machine has no tool axis.
     NoToolAxis,
-    /// No tool length offset is in force that a new one could take the place of.
+    /// No tool length offset is in force that a new one could replace.
     NoOffset,
     /// A move to machine coordinates, or another offset, is planned already and not passed yet.
     Planned,
-    /// Moves that are planned would leave the soft limits of the axis.
+    /// Planned moves would leave the soft limits of the axis.
     BeyondLimit(char),
 }
 
@@ -102,11 +105,11 @@ impl fmt::Display for ToolLengthError {
 pub(crate) enum LengthAnswer {
     Offer(LengthOffer),
     No(ToolLengthError),
-    /// What was decided is durable, and in force.
+    /// The accepted length is durable, and in force.
     Kept,
 }
 
-/// The two ends between the motion path and the planning thread.
+/// Creates the motion path's and the planning thread's end.
 pub(crate) fn entry() -> (LengthEntry, LengthOffers) {
     let ((said, heard), (answers, answered)) = (sync_channel(2), sync_channel(2));
     (LengthEntry { said, answered }, LengthOffers { heard, answers })
@@ -125,12 +128,12 @@ impl LengthEntry {
         let _ = self.said.try_send(LengthRequest::Propose(proposal));
     }
 
-    /// Decides on the offer that was answered.
+    /// Decides on the offer.
     pub(crate) fn decide(&mut self, taken: bool) {
         let _ = self.said.try_send(LengthRequest::Decide(taken));
     }
 
-    /// The answer, once there is one.
+    /// The answer, once it has arrived.
     pub(crate) fn answer(&mut self) -> Option<LengthAnswer> {
         self.answered.try_recv().ok()
     }
@@ -151,7 +154,7 @@ impl LengthOffers {
         }
     }
 
-    /// The decision, once there is one; whoever should decide and is gone takes nothing.
+    /// The decision, once it has arrived. A motion path that is gone accepts nothing.
     pub(crate) fn decision(&mut self) -> Option<bool> {
         match self.heard.try_recv() {
             Ok(LengthRequest::Decide(taken)) => Some(taken),

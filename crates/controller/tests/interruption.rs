@@ -54,11 +54,12 @@ fn run(machine: &MachineConfig, script: &str) -> ([i64; AXES], Vec<Event>) {
     let mut heard = Heard::default();
     let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
     let script = operator::parse(script, "script").expect("known words");
-    let operators = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
-    let manner = RunMode { wall_time: false, operator: true, real_time: false };
-    let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
+    let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
+    let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
+    let options =
+        JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
     let decoder = Decoder(Program::new(PROGRAM.as_bytes(), Setup::default()));
-    let end = job::run(machine, decoder, conduct, card, &mut heard).expect("a job");
+    let end = job::run(machine, decoder, options, card, &mut heard).expect("a job");
     assert!(matches!(end.outcome, Outcome::Completed | Outcome::Stopped), "{:?}", end.outcome);
     (end.card.status().counts, heard.events)
 }

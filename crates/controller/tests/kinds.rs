@@ -46,7 +46,7 @@ impl Observer<4> for Seen {
         match told {
             Telemetry::Period(period) => self.periods.push((period.mode, self.outputs)),
             Telemetry::Output(change) => self.outputs[usize::from(change.channel)] = change.value,
-            Telemetry::Event(Event { kind: happening, .. }) => self.events.push(happening.clone()),
+            Telemetry::Event(Event { kind, .. }) => self.events.push(kind.clone()),
             Telemetry::Active(_) => {}
         }
     }
@@ -71,12 +71,13 @@ fn run(
     tools.insert(Tool { number: 1, ..Tool::default() });
     let program = Program::new(program.as_bytes(), Setup { tools, ..setup(machine) });
     let script = operator::parse(script, "script").expect("a script");
-    let manner = RunMode { wall_time: false, operator: !script.is_empty(), real_time: false };
+    let run_mode = RunMode { wall_time: false, operator: !script.is_empty(), real_time: false };
     let player = ScriptPlayer::new(script, machine.period_us);
     let mut seen = Seen { outputs: [0; channel::COUNT], periods: Vec::new(), events: Vec::new() };
-    let operators = CommandSources::script(player);
-    let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
-    let end = job::run(machine, Decoder(program), conduct, card, &mut seen).expect("a job");
+    let operators = CommandSources::from_script(player);
+    let options =
+        JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
+    let end = job::run(machine, Decoder(program), options, card, &mut seen).expect("a job");
     (end, seen)
 }
 
@@ -94,7 +95,7 @@ fn completed(text: &str, program: &'static str, processes: &[Process]) -> (JobEn
 fn a_waterjet_pierces_cuts_and_lifts() {
     let program = "G0 Z5\nG0 X20 Y20\nM103\nM101\nG64 G1 X60 F1500\nY40\nM104\nX20\nM102\nG0 Z60\nM2\n";
     let (end, seen) = completed(WATERJET, program, &[]);
-    assert_eq!(end.tally.switching, 1500 + 300 + 200);
+    assert_eq!(end.stats.switching, 1500 + 300 + 200);
     let jet = seen.periods.iter().filter(|(_, outputs)| outputs[3] == 1).count();
     let abrasive = seen.periods.iter().filter(|(_, outputs)| outputs[4] == 1).count();
     assert!(abrasive > 1000 && jet > 1500 && seen.periods.last().is_some_and(|(_, last)| last[3] == 0 && last[4] == 0));
@@ -115,12 +116,12 @@ fn a_plasma_torch_waits_for_its_arc_and_raises_an_alarm_where_none_comes() {
     };
     let (end, _) = completed(PLASMA, program, &[arc(Chance::NEVER)]);
     // 600 ms of arc, 250 ms behind M5 and again behind that of M2, and a period or two in which the card looks
-    assert!((1100..=1105).contains(&end.tally.switching), "{}", end.tally.switching);
+    assert!((1100..=1105).contains(&end.stats.switching), "{}", end.stats.switching);
     let (end, seen) = run(&machine(PLASMA), program, "", &[]);
     assert!(matches!(end.outcome, Outcome::Alarm(..)), "{:?}", end.outcome);
-    assert!(seen.events.iter().any(|happening| matches!(happening, EventKind::Alarm(..))));
+    assert!(seen.events.iter().any(|kind| matches!(kind, EventKind::Alarm(..))));
     // behind its 400 ms it waited for three seconds, at the place, and the fault has put the torch out
-    assert!((3400..=3420).contains(&end.tally.switching), "{}", end.tally.switching);
+    assert!((3400..=3420).contains(&end.stats.switching), "{}", end.stats.switching);
     assert_eq!((end.card.status().counts[0], end.card.status().outputs[64]), (1_600, 0));
 }
 
@@ -129,7 +130,7 @@ fn a_router_spins_up_and_cools_in_passing() {
     let program = "T1 M6\nS12000 M3\nG64 G0 Z-1\nM8\nG1 X30 F1200\nY20\nM9\nX0\nM5\nG0 Z0\nM2\n";
     let (end, seen) = completed(ROUTER, program, &[]);
     // M6 and M2 stop the spindle too
-    assert_eq!(end.tally.switching, 4000 + 3 * 3000);
+    assert_eq!(end.stats.switching, 4000 + 3 * 3000);
     assert!(seen.periods.iter().any(|(_, outputs)| outputs[usize::from(channel::FLOOD)] == 1));
     assert_eq!(end.card.status().outputs[usize::from(channel::TOOL)], 1);
 }
@@ -139,7 +140,7 @@ fn a_lathe_turns_a_step() {
     let program = "G18 G7\nS800 M3\nG0 X60 Z100\nM8\nG1 X50 F400\nZ60\nX70\nM9\nG0 X200\nM5\nM2\n";
     let (end, _) = completed(LATHE, program, &[]);
     // M2 stops the spindle once more
-    assert_eq!(end.tally.switching, 800 + 2500 + 2 * 3000);
+    assert_eq!(end.stats.switching, 800 + 2500 + 2 * 3000);
     assert_eq!(end.card.status().counts, [100_000, 30_000, 0, 0]);
 }
 
@@ -158,20 +159,15 @@ fn each_code_does_in_reverse_what_its_table_says() {
     let script = "at line 12 reverse 100%\nafter 6s leave\n";
     let (end, seen) = run(&machine(codes), program, script, &[]);
     assert_eq!(end.outcome, Outcome::Completed);
-    assert!(
-        seen.events.iter().any(|happening| matches!(happening, EventKind::RetraceBarrier("M105"))),
-        "{:?}",
-        seen.events
-    );
+    assert!(seen.events.iter().any(|kind| matches!(kind, EventKind::RetraceBarrier("M105"))), "{:?}", seen.events);
     let back = seen.periods.iter().rev().find(|(mode, _)| *mode == Mode::Reverse).expect("it went back").1;
     assert_eq!(back[1..=5], [0, 1, 1, 0, 1], "at the barrier");
     let forward = seen.periods.last().expect("there were some").1;
     assert_eq!(forward[1..=5], [1; 5], "at the end");
-    let told = |code| {
-        seen.events.iter().filter(|happening| matches!(happening, EventKind::Switched(done) if *done == code)).count()
-    };
+    let told =
+        |code| seen.events.iter().filter(|kind| matches!(kind, EventKind::Switched(done) if *done == code)).count();
     assert_eq!((told("M101"), told("M102"), told("M105")), (1, 1, 1));
-    let passing = seen.events.iter().filter(|happening| matches!(happening, EventKind::OutputChanged(..))).count();
+    let passing = seen.events.iter().filter(|kind| matches!(kind, EventKind::OutputChanged(..))).count();
     assert_eq!(passing, 2, "what an instruction has switched is not told again in passing");
-    assert_eq!(end.tally.switch_events, 6, "with the M5 of M2");
+    assert_eq!(end.stats.switch_events, 6, "with the M5 of M2");
 }

@@ -46,7 +46,7 @@ impl Observer<3> for Log {
 
 struct Run {
     outcome: Outcome,
-    tally: RunStats,
+    stats: RunStats,
     status: CardStatus<3>,
     verdict: LimitReport<3>,
     rows: Vec<(Place, [i64; 3], i64)>,
@@ -54,9 +54,9 @@ struct Run {
 }
 
 impl Run {
-    fn at(&self, happening: &EventKind) -> usize {
-        let event = self.events.iter().find(|e| e.kind == *happening);
-        event.unwrap_or_else(|| panic!("no {happening:?} in {:#?}", self.events)).period as usize
+    fn at(&self, kind: &EventKind) -> usize {
+        let event = self.events.iter().find(|e| e.kind == *kind);
+        event.unwrap_or_else(|| panic!("no {kind:?} in {:#?}", self.events)).period as usize
     }
 }
 
@@ -87,11 +87,11 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
         events: Vec::new(),
     };
     let script = ScriptPlayer::new(operator::parse(script, "script").expect("valid"), machine.period_us);
-    let operators = CommandSources::script(script);
-    let manner = RunMode { wall_time: false, operator: true, real_time: false };
+    let operators = CommandSources::from_script(script);
+    let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
     let outputs = card.status().outputs;
     let cancel = AtomicBool::new(false);
-    let (outcome, tally, status) = std::thread::scope(|scope| {
+    let (outcome, stats, status) = std::thread::scope(|scope| {
         scope.spawn(|| {
             let mut feeder = PlanWriter::new(planner, producer, sender, outputs, &cancel);
             program(&mut feeder);
@@ -100,15 +100,15 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
             // a run that was stopped does not hear of the end
             let _ = feeder.end(summary);
         });
-        let (teller, hearing) = telemetry_channel(false, machine.period_s());
-        scope.spawn(|| hearing.report(&mut log));
-        let supply = RecordStreamer::new(consumer, receiver, start, outputs, 0);
-        let session = Session::new(card, &machine, supply, operators, manner, teller);
-        let (outcome, tally, card) = session.run();
+        let (telemetry, telemetry_receiver) = telemetry_channel(false, machine.period_s());
+        scope.spawn(|| telemetry_receiver.run(&mut log));
+        let streamer = RecordStreamer::new(consumer, receiver, start, outputs, 0);
+        let session = Session::new(card, &machine, streamer, operators, run_mode, telemetry);
+        let (outcome, stats, card) = session.run();
         cancel.store(true, std::sync::atomic::Ordering::Relaxed);
-        (outcome, tally, *card.status())
+        (outcome, stats, *card.status())
     });
-    Run { outcome, tally, status, verdict: log.judge.finish(), rows: log.rows, events: log.events }
+    Run { outcome, stats, status, verdict: log.judge.finish(), rows: log.rows, events: log.events }
 }
 
 const FEED: FeedRate = FeedRate::PerSecond(80.0);
@@ -126,7 +126,7 @@ fn is_exact(run: &Run) {
     assert_eq!(run.outcome, Outcome::Completed);
     assert_eq!(run.status.counts, [30_000, 58_500, 3_900]);
     assert_eq!(run.verdict.violations, 0, "{:?}", run.verdict.first);
-    assert_eq!(run.tally.underruns, 0);
+    assert_eq!(run.stats.underruns, 0);
 }
 
 #[test]
@@ -134,7 +134,7 @@ fn a_plain_run_takes_the_planned_periods_and_ends_exactly() {
     let run = run("", 60.0, zigzag);
     is_exact(&run);
     assert!(run.rows.iter().all(|(_, _, rate)| *rate == retrace_core::ONE));
-    assert_eq!(run.tally.periods, run.tally.motion);
+    assert_eq!(run.stats.periods, run.stats.motion);
 }
 
 #[test]
@@ -143,7 +143,7 @@ fn holds_overrides_and_retracing_change_nothing_in_the_end() {
         after 1s forward 60%\nafter 500 periods reverse 100%\nafter 4s wheel -120 for 1s\nafter 0.2s wheel 70 for 2s\nafter 0.5s leave\n";
     let run = run(script, 60.0, zigzag);
     is_exact(&run);
-    assert!(run.tally.retracing > 5000 && run.tally.held > 500, "{:?}", run.tally);
+    assert!(run.stats.retracing > 5000 && run.stats.held > 500, "{:?}", run.stats);
     assert!(run.events.iter().any(|e| e.kind == EventKind::RunResumed));
 }
 
@@ -184,7 +184,7 @@ fn instructions_stand_between_the_motion_before_and_behind() {
     });
     assert_eq!((run.outcome, run.status.counts), (Outcome::Completed, [50_000, 0, 0]));
     assert_eq!(run.verdict.violations, 0);
-    assert_eq!(run.tally.switching, 100 + 5 * 50);
+    assert_eq!(run.stats.switching, 100 + 5 * 50);
     let done: Vec<u64> = run.events.iter().filter(|e| e.kind == EventKind::Switched("M3")).map(|e| e.period).collect();
     for (n, &period) in done.iter().enumerate() {
         // the counts stand still for the whole instruction, exactly where the line before it ends
@@ -206,7 +206,7 @@ fn a_thousand_full_stops_cost_no_period() {
                 }
             }
         })
-        .tally
+        .stats
         .periods
     };
     // from 0 to 0.3 and back, each a rest-to-rest move of its own

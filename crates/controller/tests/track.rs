@@ -191,6 +191,6 @@ fn what_the_card_does_not_have_is_refused_by_name() {
         ("M68 E1 Q2\nM2\n", "M68"),
     ] {
         let (_, findings) = run_on(&machine, text);
-        assert!(findings.iter().any(|found| found.number == "E4302" && found.what.contains(name)), "{findings:?}");
+        assert!(findings.iter().any(|found| found.number == "E4302" && found.cause.contains(name)), "{findings:?}");
     }
 }

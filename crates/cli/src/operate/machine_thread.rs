@@ -182,7 +182,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             }
         }
         if status.period.is_multiple_of(TOLD_EVERY) {
-            let period = PeriodRecord { off_path: true, ..PeriodRecord::of(&status) };
+            let period = PeriodRecord { off_path: true, ..PeriodRecord::from_status(&status) };
             Observer::<A>::on_telemetry(&mut self.live, &Telemetry::Period(period));
         }
     }
@@ -235,8 +235,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     /// Executes a manual task.
     fn task(&mut self, task: &ManualTask) {
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
-        let script = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us));
-        let operators = script.and(self.desk.begins());
+        let script = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
+        let operators = script.with_operator(self.desk.begins());
         let manner = RunMode { wall_time: true, operator: true, real_time: false };
         let mut shown = ManualTables(self.live.clone());
         let unhomed = self.moves(task, &machine).then(|| self.homing.check(&machine).err()).flatten();

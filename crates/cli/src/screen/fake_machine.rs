@@ -54,9 +54,14 @@ impl FakePath {
     pub fn of(machine: &MachineConfig, program: &Program) -> Self {
         let mut tape = Self::default();
         if let Ok(card) = simulated::<9>(machine, Clock::Virtual) {
-            let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us));
+            let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
             let manner = RunMode { wall_time: false, operator: false, real_time: false };
-            let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
+            let conduct = JobOptions {
+                start: JobStart::First,
+                commands: operators,
+                run_mode: manner,
+                journal: JournalConfig::default(),
+            };
             // A program that cannot run leaves it empty.
             let _ = job::run::<9, _>(machine, program.decoder(), conduct, card, &mut tape);
         }

@@ -1,4 +1,4 @@
-//! Why a canonical function cannot be run on a machine.
+//! Errors of canonical functions that cannot be executed on a machine.
 //!
 //! Invariant: each has a number in `docs/errors.md`, a cause and a remedy.
 
@@ -8,7 +8,7 @@ use crate::job::CheckFinding;
 use crate::limit_check::LimitFinding;
 use crate::plan_writer::PlanWriteError;
 
-/// Why a canonical function cannot be run on this machine.
+/// Reason why a canonical function cannot be executed on this machine.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CanonError {
     /// E4301: an axis is moved that the machine does not have.
@@ -17,18 +17,18 @@ pub enum CanonError {
     NotSupported(&'static str),
     /// E4303: an output that the card does not have.
     NoSuchOutput(i32),
-    /// E4304: a move that would leave the soft limits.
+    /// E4304: a move would leave the soft limits.
     BeyondLimit(LimitFinding),
     /// E4306: a rapid move while the cutter of this name is on.
     RapidWhileLit(String),
-    /// The planner's refusal.
+    /// The planner rejected the move.
     Move(MoveError),
-    /// The job was given up.
+    /// The job was cancelled.
     Cancelled,
 }
 
 impl CanonError {
-    /// Number, what is wrong, what to do.
+    /// Number, cause and remedy.
     fn parts(&self) -> (&'static str, String, &'static str) {
         match self {
             Self::NoSuchAxis(axis) => (
@@ -49,14 +49,14 @@ impl CanonError {
         }
     }
 
-    /// Number, what is wrong and what to do, in one line.
+    /// Number, cause and remedy in one line.
     #[must_use]
     pub fn explain(&self) -> String {
         let (number, what, remedy) = self.parts();
         format!("error[{number}]: {what}; {remedy}")
     }
 
-    /// As a finding of program line `line`.
+    /// The error as a finding of program line `line`.
     #[must_use]
     pub fn finding(&self, line: u32) -> CheckFinding {
         let (number, what, remedy) = self.parts();
@@ -65,7 +65,7 @@ impl CanonError {
             Self::BeyondLimit(beyond) => Some(beyond.axis.to_ascii_uppercase()),
             _ => None,
         };
-        CheckFinding { line, word, number, what, remedy: remedy.into() }
+        CheckFinding { line, word, number, cause: what, remedy: remedy.into() }
     }
 }
 

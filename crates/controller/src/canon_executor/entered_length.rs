@@ -1,22 +1,23 @@
-//! A tool length that was entered in a pause, behind the first move that says where the machine is: part of the tool offset that it was
-//! entered for, whenever that is in force, until another tool comes.
+//! A tool length that was entered in a pause: behind the first move to a machine position it is part of the tool offset
+//! that it was entered for, whenever that is in force, until another tool is loaded.
 //!
-//! Invariant: an axis that the program does not move stays where it is; a move to machine coordinates ends there.
+//! Invariant: an axis that the program does not move stays where it is; a moved path ends at a move to machine
+//! coordinates.
 
 use retrace_gcode::{Axis, Canon, Pose};
 
 use super::CanonExecutor;
 
 impl CanonExecutor<'_> {
-    /// The tool length offset in force along an axis, mm, with a length that was entered; none where there is no offset.
+    /// Tool length offset in force along an axis, mm, including an entered length. None where there is no offset.
     #[must_use]
     pub fn tool_length_mm(&self, axis: Axis) -> Option<f64> {
         let entered = self.correction.map_or(0.0, |correction| correction.mm());
         (self.tool != Pose::ZERO).then_some(self.tool[axis] + entered)
     }
 
-    /// Does a path that was moved along the tool axis, because a tool length was entered, end before this one? Moves to machine
-    /// coordinates, another tool and another offset are planned from where the machine then stands.
+    /// Whether a path that was moved along the tool axis by an entered tool length ends before this function. Moves to
+    /// machine coordinates, another tool and another offset are planned from the machine's position then.
     #[must_use]
     pub fn ends_entered_length(&self, canon: &Canon) -> bool {
         match canon {
@@ -27,8 +28,9 @@ impl CanonExecutor<'_> {
         }
     }
 
-    /// The machine stands `mm` further along `axis` than the program believes, because a tool length was entered. From here on that is a
-    /// part of the tool offset in force, whenever that is in force, until another tool comes.
+    /// Corrects the position: the machine is `mm` further along `axis` than the program's position, because a tool
+    /// length was entered. From here on this is part of the tool offset, whenever that is in force, until another tool
+    /// is loaded.
     pub fn correct_length(&mut self, axis: Axis, mm: f64) {
         match &mut self.correction {
             Some(correction) => correction.add(mm, self.tool),
@@ -39,7 +41,7 @@ impl CanonExecutor<'_> {
     pub(super) fn set_tool_offset(&mut self, tool_mm: Pose) {
         self.tool = tool_mm;
         if let Some(correction) = &mut self.correction {
-            correction.offset_is(&tool_mm);
+            correction.set_offset(&tool_mm);
         }
     }
 
@@ -50,73 +52,74 @@ impl CanonExecutor<'_> {
         }
     }
 
-    /// A move has ended where the program believes to be at `at`, and really at `end`.
-    pub(super) fn moved(&mut self, at: Pose, end: &Pose) {
+    /// Records that a move ended at `at` in the program's view, and at `end` in fact.
+    pub(super) fn record_move_end(&mut self, at: Pose, end: &Pose) {
         self.at = at;
         if let Some(correction) = &mut self.correction {
-            correction.moved_to(end);
+            correction.set_actual(end);
         }
         self.correction.take_if(|correction| correction.is_done(&at));
     }
 }
 
-/// A length that was entered, behind the first move that it did not simply move along: part of the tool offset that the program believes in.
+/// An entered length, behind the first move that it did not simply shift: part of the program's tool offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LengthCorrection {
     axis: Axis,
-    /// By how much the tool is longer than the offset that it was entered for says, mm.
+    /// Length by which the tool is longer than the offset that it was entered for, mm.
     entered_mm: f64,
     for_offset: Pose,
-    /// To be added to the offset in force, mm: all of that, or nothing.
+    /// Correction to add to the offset in force, mm: all of that, or nothing.
     mm: f64,
-    /// Where the tool axis really stands, mm: where the program does not move it, it stays there.
-    stands_mm: f64,
+    /// Actual position of the tool axis, mm: where the program does not move it, it stays there.
+    actual_mm: f64,
 }
 
 impl LengthCorrection {
-    /// The program believes that the machine stands at `at`, and it stands `mm` further along `axis`; this offset is in force.
+    /// Creates a correction: the machine is `mm` further along `axis` than the program's position `at`; this offset is
+    /// in force.
     pub(super) fn new(axis: Axis, mm: f64, at: &Pose, offset: Pose) -> Self {
-        Self { axis, entered_mm: mm, for_offset: offset, mm, stands_mm: at[axis] + mm }
+        Self { axis, entered_mm: mm, for_offset: offset, mm, actual_mm: at[axis] + mm }
     }
 
-    /// This offset is in force from here on.
-    pub(super) fn offset_is(&mut self, offset: &Pose) {
+    /// Sets the offset that is in force from here on.
+    pub(super) fn set_offset(&mut self, offset: &Pose) {
         self.mm = if is_same_offset(offset, &self.for_offset) { self.entered_mm } else { 0.0 };
     }
 
-    /// Another tool is in the spindle: nothing is known of its length.
+    /// Forgets the length: another tool is in the spindle.
     pub(super) fn forget(&mut self) {
         (self.entered_mm, self.mm) = (0.0, 0.0);
     }
 
-    /// Another length was entered on top, with this offset in force.
+    /// Adds another entered length, with this offset in force.
     pub(super) fn add(&mut self, mm: f64, offset: Pose) {
         (self.entered_mm, self.for_offset) = (self.mm + mm, offset);
         self.mm = self.entered_mm;
-        self.stands_mm += mm;
+        self.actual_mm += mm;
     }
 
-    /// Is there nothing to correct where the program believes that the machine stands at `at`?
+    /// Whether there is nothing to correct where the program's position is `at`.
     pub(super) fn is_done(&self, at: &Pose) -> bool {
-        self.entered_mm == 0.0 && self.stands_mm == at[self.axis]
+        self.entered_mm == 0.0 && self.actual_mm == at[self.axis]
     }
 
-    /// Where a straight move really ends that the program has go from `from` to `to`.
-    pub(super) fn end_of(&self, from: &Pose, to: &Pose, is_machine: bool) -> Pose {
+    /// Actual end of a straight move that goes from `from` to `to` in the program.
+    pub(super) fn move_end(&self, from: &Pose, to: &Pose, is_machine: bool) -> Pose {
         let mut end = *to;
         let stays = (to[self.axis] - from[self.axis]).abs() < STAYS_MM;
         end[self.axis] = match (stays, is_machine) {
-            (true, _) => self.stands_mm,
+            (true, _) => self.actual_mm,
             (false, true) => to[self.axis],
             (false, false) => to[self.axis] + self.mm,
         };
         end
     }
 
-    /// By how much the centre and the end of an arc are moved that begins where the program believes to stand at `from`; none where the
-    /// arc lies in the tool axis and does not begin there.
-    pub(super) fn of_arc(&self, from: &Pose, is_in_plane: bool) -> Option<f64> {
-        let begins_there = (self.stands_mm - from[self.axis] - self.mm).abs() < STAYS_MM;
+    /// Distance by which the centre and the end of an arc are moved that begins at `from` in the program. None where
+    /// the arc is in the tool axis and does not begin there.
+    pub(super) fn arc_shift(&self, from: &Pose, is_in_plane: bool) -> Option<f64> {
+        let begins_there = (self.actual_mm - from[self.axis] - self.mm).abs() < STAYS_MM;
         (!is_in_plane || begins_there).then_some(self.mm)
     }
 
@@ -128,9 +131,9 @@ impl LengthCorrection {
         self.axis
     }
 
-    /// The tool axis stands here now.
-    pub(super) fn moved_to(&mut self, at: &Pose) {
-        self.stands_mm = at[self.axis];
+    /// Sets the actual position of the tool axis.
+    pub(super) fn set_actual(&mut self, at: &Pose) {
+        self.actual_mm = at[self.axis];
     }
 }
 
@@ -139,7 +142,7 @@ fn is_same_offset(one: &Pose, other: &Pose) -> bool {
     Axis::ALL.iter().all(|&axis| (one[axis] - other[axis]).abs() <= 1e-6)
 }
 
-/// A move shorter than this moves nothing, mm.
+/// Moves shorter than this move nothing, mm.
 const STAYS_MM: f64 = 1e-9;
 
 #[cfg(test)]
@@ -153,30 +156,30 @@ mod tests {
     #[test]
     fn an_axis_that_the_program_does_not_move_stays() {
         let mut longer = LengthCorrection::new(Axis::Z, 2.0, &z(-5.0), z(10.0));
-        let end = |of: &LengthCorrection, from, to, is_machine| of.end_of(&z(from), &z(to), is_machine)[Axis::Z];
+        let end = |of: &LengthCorrection, from, to, is_machine| of.move_end(&z(from), &z(to), is_machine)[Axis::Z];
         assert_eq!(end(&longer, -5.0, -5.0, true), -3.0);
         assert_eq!(end(&longer, -5.0, -5.0, false), -3.0);
         assert_eq!(end(&longer, -5.0, -6.0, false), -4.0);
         // to machine coordinates, and from there
         assert_eq!(end(&longer, -5.0, 0.0, true), 0.0);
-        longer.moved_to(&z(0.0));
+        longer.set_actual(&z(0.0));
         assert_eq!(end(&longer, 0.0, 0.0, false), 0.0);
         assert_eq!(end(&longer, 0.0, -5.0, false), -3.0);
-        assert_eq!(longer.of_arc(&z(0.0), true), None);
-        assert_eq!(longer.of_arc(&z(0.0), false), Some(2.0));
-        longer.moved_to(&z(-3.0));
-        assert_eq!(longer.of_arc(&z(-5.0), true), Some(2.0));
-        // another offset: it stays until it is moved; the first one again has the length
-        longer.offset_is(&z(0.0));
+        assert_eq!(longer.arc_shift(&z(0.0), true), None);
+        assert_eq!(longer.arc_shift(&z(0.0), false), Some(2.0));
+        longer.set_actual(&z(-3.0));
+        assert_eq!(longer.arc_shift(&z(-5.0), true), Some(2.0));
+        // another offset: the axis stays until it is moved; the first offset again has the length
+        longer.set_offset(&z(0.0));
         assert_eq!((end(&longer, -5.0, -5.0, false), end(&longer, -5.0, -6.0, false)), (-3.0, -6.0));
-        longer.offset_is(&z(10.0));
+        longer.set_offset(&z(10.0));
         assert_eq!(end(&longer, -5.0, -6.0, false), -4.0);
         // another tool
         longer.forget();
-        longer.offset_is(&z(10.0));
+        longer.set_offset(&z(10.0));
         assert_eq!((end(&longer, -5.0, -5.0, false), end(&longer, -5.0, -6.0, false)), (-3.0, -6.0));
         assert!(!longer.is_done(&z(-5.0)));
-        longer.moved_to(&z(-8.0));
+        longer.set_actual(&z(-8.0));
         assert!(longer.is_done(&z(-8.0)));
     }
 }

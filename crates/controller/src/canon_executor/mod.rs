@@ -1,7 +1,8 @@
-//! From canonical functions to moves of the machine's axes, in mm and machine coordinates.
+//! The canonical function executor: turns canonical functions into moves of the machine's axes, in mm and machine
+//! coordinates.
 //!
-//! Invariant: units, offsets and rotation are applied here and nowhere else; a move of an axis that the machine does not have is
-//! refused, and what no rule here knows is refused by name.
+//! Invariant: units, offsets and rotation are applied here and nowhere else. A move of an axis that the machine does
+//! not have is rejected, and an unsupported function is rejected by name.
 
 mod canon_error;
 mod entered_length;
@@ -18,28 +19,28 @@ use crate::spline::chords;
 pub use canon_error::CanonError;
 use entered_length::LengthCorrection;
 
-/// Chords of splines come no nearer than this has to be, mm.
+/// Minimum deviation of the chords of splines, mm.
 const MIN_DEVIATION_MM: f64 = 0.001;
 
-/// What lies between machine and program coordinates.
+/// Transformation between machine and program coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WorkOffset {
     /// The coordinate system, 1 … 9 for G54 … G59.3.
     pub system: u8,
-    /// Its origin with the offset of G92 and the tool's, mm and degrees; of a rotated system G92 is turned with it.
+    /// Its origin with the offsets of G92 and of the tool, mm and degrees. In a rotated system, G92 is rotated with it.
     pub origin_mm: Pose,
     /// Rotation about Z, degrees counter-clockwise.
     pub rotation_deg: f64,
 }
 
 impl WorkOffset {
-    /// Are machine and program coordinates the same?
+    /// Whether machine and program coordinates are equal.
     #[must_use]
     pub fn is_none(&self) -> bool {
         self.origin_mm == Pose::ZERO && self.rotation_deg == 0.0
     }
 
-    /// What to take from each coordinate of the machine's axes, mm; none where the system is rotated.
+    /// Offsets to subtract from the coordinates of the machine's axes, mm. None where the system is rotated.
     #[must_use]
     pub fn translation<const A: usize>(&self, machine: &MachineConfig) -> Option<[f64; A]> {
         if self.rotation_deg != 0.0 {
@@ -69,24 +70,25 @@ pub struct CanonExecutor<'m> {
     /// Rotation about Z, as sine and cosine.
     rotation: (f64, f64),
     rotation_deg: f64,
-    /// In mm a minute, from the units in force when it was set; under G93 the interpreter reckons it block by block.
+    /// In mm per minute, from the units in force when it was set. Under G93 the interpreter calculates it block by
+    /// block.
     feed_mm_min: f64,
     path: PathMode,
-    /// What the path mode is made of: the path control as it was programmed, and the naive cam tolerance (G64 Q); both in mm.
+    /// The sources of the path mode: the path control as programmed, and the naive CAM tolerance (G64 Q), both in mm.
     path_control: PathControl,
     naive_cam_mm: f64,
-    /// The last position in mm, machine coordinates, as the program believes it.
+    /// The last position in mm, machine coordinates, as the program has it.
     at: Pose,
-    /// A tool length that was entered in a pause, where the program's own offset does not have it.
+    /// A tool length that was entered in a pause, where the program's own offset does not include it.
     correction: Option<LengthCorrection>,
-    /// The next straight move ends at machine coordinates.
+    /// Whether the next straight move ends at machine coordinates.
     to_machine_coordinates: bool,
     selected_tool: u32,
     cutters: CutterTrack,
 }
 
 impl<'m> CanonExecutor<'m> {
-    /// Where the machine stands, with the state in which every program begins.
+    /// Creates an executor at the machine's position, with the state in which every program begins.
     #[must_use]
     pub fn new(machine: &'m MachineConfig) -> Self {
         let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
@@ -113,11 +115,11 @@ impl<'m> CanonExecutor<'m> {
         }
     }
 
-    /// Runs one canonical function of program line `line` into `sink`.
+    /// Executes one canonical function of program line `line` into `sink`.
     ///
     /// # Errors
-    /// Why it cannot be run; nothing has been given to the sink then.
-    pub fn run<const A: usize>(
+    /// The reason why it cannot be executed; nothing has been given to the sink then.
+    pub fn execute<const A: usize>(
         &mut self,
         canon: &Canon,
         line: u32,
@@ -128,27 +130,31 @@ impl<'m> CanonExecutor<'m> {
             Canon::StraightFeed(end) => self.straight(end, self.feed(), line, sink),
             Canon::ArcFeed(arc) => self.arc(arc, line, sink),
             Canon::NurbsFeed(spline) => self.spline(spline, line, sink),
-            Canon::UseLengthUnits(unit) => self.state(|t| t.unit = *unit),
-            Canon::SetG5xOffset { system, offset } => self.state(|t| (t.system, t.g5x) = (*system, t.in_mm(offset))),
-            Canon::SetG92Offset(offset) => self.state(|t| t.g92 = t.in_mm(offset)),
-            Canon::UseToolLengthOffset(offset) => self.state(|t| t.set_tool_offset(t.in_mm(offset))),
-            Canon::MachineCoordinates => self.state(|t| t.to_machine_coordinates = true),
-            Canon::SetXyRotation(degrees) => self.state(|t| {
+            Canon::UseLengthUnits(unit) => self.change_state(|t| t.unit = *unit),
+            Canon::SetG5xOffset { system, offset } => {
+                self.change_state(|t| (t.system, t.g5x) = (*system, t.in_mm(offset)))
+            }
+            Canon::SetG92Offset(offset) => self.change_state(|t| t.g92 = t.in_mm(offset)),
+            Canon::UseToolLengthOffset(offset) => self.change_state(|t| t.set_tool_offset(t.in_mm(offset))),
+            Canon::MachineCoordinates => self.change_state(|t| t.to_machine_coordinates = true),
+            Canon::SetXyRotation(degrees) => self.change_state(|t| {
                 t.rotation_deg = *degrees;
                 t.rotation = degrees.to_radians().sin_cos();
             }),
-            Canon::SetFeedRate(feed) => self.state(|t| t.feed_mm_min = *feed * t.unit.millimetres()),
-            Canon::SetMotionControlMode(path) => self.state(|t| t.set_path_control(*path)),
-            Canon::SetNaivecamTolerance(tolerance) => self.state(|t| t.set_naive_cam(tolerance * t.unit.millimetres())),
+            Canon::SetFeedRate(feed) => self.change_state(|t| t.feed_mm_min = *feed * t.unit.millimetres()),
+            Canon::SetMotionControlMode(path) => self.change_state(|t| t.set_path_control(*path)),
+            Canon::SetNaivecamTolerance(tolerance) => {
+                self.change_state(|t| t.set_naive_cam(tolerance * t.unit.millimetres()))
+            }
             Canon::Message(text) | Canon::Print(text) => Ok(sink.message(text.to_string(), line)?),
             _ => self.switching(canon, line, sink),
         }
     }
 
-    /// Where the last move ended: the coordinates of the machine's own axes, mm.
+    /// End of the last move: the coordinates of the machine's own axes, mm.
     #[must_use]
     pub fn position<const A: usize>(&self) -> [f64; A] {
-        let stands = self.stands();
+        let stands = self.actual_position();
         let mut own = [0.0; A];
         for (slot, &axis) in own.iter_mut().zip(&self.axes) {
             *slot = stands[axis];
@@ -156,12 +162,12 @@ impl<'m> CanonExecutor<'m> {
         own
     }
 
-    /// Where the machine stands behind the last move.
-    fn stands(&self) -> Pose {
-        self.correction.map_or(self.at, |correction| correction.end_of(&self.at, &self.at, false))
+    /// Actual position behind the last move.
+    fn actual_position(&self) -> Pose {
+        self.correction.map_or(self.at, |correction| correction.move_end(&self.at, &self.at, false))
     }
 
-    /// What lies between machine and program coordinates now.
+    /// The transformation between machine and program coordinates that is in force.
     #[must_use]
     pub fn work_offset(&self) -> WorkOffset {
         WorkOffset {
@@ -171,7 +177,7 @@ impl<'m> CanonExecutor<'m> {
         }
     }
 
-    fn state(&mut self, change: impl FnOnce(&mut Self)) -> Result<(), CanonError> {
+    fn change_state(&mut self, change: impl FnOnce(&mut Self)) -> Result<(), CanonError> {
         change(self);
         Ok(())
     }
@@ -191,8 +197,8 @@ impl<'m> CanonExecutor<'m> {
         at.plus(&self.g5x).plus(&self.tool)
     }
 
-    /// The coordinates of the machine's own axes.
-    fn of_machine<const A: usize>(&self, position: &Pose) -> Result<[f64; A], CanonError> {
+    /// Coordinates of the machine's own axes.
+    fn machine_coordinates<const A: usize>(&self, position: &Pose) -> Result<[f64; A], CanonError> {
         for axis in Axis::ALL {
             if !self.axes.contains(&axis) && (position[axis] - self.at[axis]).abs() > 1e-9 {
                 return Err(CanonError::NoSuchAxis(char::from(axis.letter())));
@@ -221,7 +227,7 @@ impl<'m> CanonExecutor<'m> {
         }
     }
 
-    /// The naive cam tolerance follows the G64 that it belongs to.
+    /// Sets the naive CAM tolerance, which follows the G64 that it belongs to.
     fn set_naive_cam(&mut self, tolerance_mm: f64) {
         self.naive_cam_mm = tolerance_mm;
         self.path = self.path_mode();
@@ -246,15 +252,16 @@ impl<'m> CanonExecutor<'m> {
     ) -> Result<(), CanonError> {
         let position = self.machine_position(end);
         let is_machine = std::mem::take(&mut self.to_machine_coordinates);
-        let really = self.correction.map_or(position, |correction| correction.end_of(&self.at, &position, is_machine));
-        let own = self.of_machine(&really)?;
+        let really =
+            self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, is_machine));
+        let own = self.machine_coordinates(&really)?;
         if matches!(feed, FeedRate::Rapid) {
             self.cutters.before_rapid(self.machine, line, sink)?;
         } else {
             self.cutters.before_feed(self.machine, line, sink);
         }
         sink.straight(own, feed, self.path, line)?;
-        self.moved(position, &really);
+        self.record_move_end(position, &really);
         Ok(())
     }
 
@@ -281,7 +288,7 @@ impl<'m> CanonExecutor<'m> {
         if let Some(correction) = &self.correction {
             let axis = correction.axis();
             let is_in_plane = [first, second].contains(&axis);
-            let Some(mm) = correction.of_arc(&self.at, is_in_plane) else {
+            let Some(mm) = correction.arc_shift(&self.at, is_in_plane) else {
                 return Err(CanonError::NotSupported(
                     "an arc in the tool axis that begins at machine coordinates, with a tool length that was entered,",
                 ));
@@ -290,22 +297,22 @@ impl<'m> CanonExecutor<'m> {
             really = if is_in_plane {
                 really.with(axis, really[axis] + mm)
             } else {
-                correction.end_of(&self.at, &position, false)
+                correction.move_end(&self.at, &position, false)
             };
         }
         let own = Arc {
             plane: [p, q],
             centre_mm: [centre[first], centre[second]],
             rotation: arc.turns,
-            end_mm: self.of_machine(&really)?,
+            end_mm: self.machine_coordinates(&really)?,
         };
         self.cutters.before_feed(self.machine, line, sink);
         sink.arc(&own, self.feed(), self.path, line)?;
-        self.moved(position, &really);
+        self.record_move_end(position, &really);
         Ok(())
     }
 
-    /// Chords within a tenth of the blend tolerance, and a micrometre at least.
+    /// Splits a spline into chords within a tenth of the blend tolerance, and at least a micrometre.
     fn spline<const A: usize>(
         &mut self,
         spline: &Nurbs,
@@ -317,7 +324,7 @@ impl<'m> CanonExecutor<'m> {
             _ => (MIN_DEVIATION_MM, PathMode::blend(MIN_DEVIATION_MM)),
         };
         self.cutters.before_feed(self.machine, line, sink);
-        // The mode in force is that of the spline's end; inside, a chord is not a block of its own.
+        // The mode in force is that of the spline's end; inside, a chord is not a separate block.
         let mut held = None;
         let feed = self.feed();
         chords(spline, deviation_mm / self.unit.millimetres(), |(x, y)| {
@@ -325,12 +332,12 @@ impl<'m> CanonExecutor<'m> {
             for axis in &Axis::ALL[2..] {
                 position[*axis] = self.at[*axis];
             }
-            let really = self.correction.map_or(position, |correction| correction.end_of(&self.at, &position, false));
-            let own: [f64; A] = self.of_machine(&really)?;
+            let really = self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, false));
+            let own: [f64; A] = self.machine_coordinates(&really)?;
             if let Some(before) = held.replace(own) {
                 sink.straight(before, feed, inside, line)?;
             }
-            self.moved(position, &really);
+            self.record_move_end(position, &really);
             Ok::<(), CanonError>(())
         })?;
         match held {
@@ -340,8 +347,8 @@ impl<'m> CanonExecutor<'m> {
     }
 }
 
-/// The naive cam tolerance in mm, where it is not just the one of the path: a G64 without Q has them equal, so that equal ones ask
-/// for nothing of their own.
+/// The naive CAM tolerance in mm, where it differs from the path tolerance: a G64 without Q makes them equal, so equal
+/// values need no separate one.
 fn own_naive_cam(path_mm: f64, naive_cam_mm: f64) -> Option<f64> {
     ((naive_cam_mm - path_mm).abs() > 1e-9 * path_mm).then_some(naive_cam_mm)
 }

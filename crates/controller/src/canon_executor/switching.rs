@@ -1,6 +1,7 @@
 //! Canonical functions that switch, wait or stop.
 //!
-//! Invariant: what no rule here knows is refused by name; a new canonical function is one that the compiler asks for here.
+//! Invariant: an unsupported function is rejected by name; the compiler demands a rule here for a new canonical
+//! function.
 
 use retrace_gcode::{Canon, FeedMode};
 use retrace_link::{OutputChange, channel};
@@ -77,7 +78,7 @@ impl CanonExecutor<'_> {
             // no pallet to move
             Canon::PalletShuttle => Ok(()),
             Canon::SetSpindleMode(css) if *css > 0.0 => Err(CanonError::NotSupported("constant surface speed (G96)")),
-            // these wait for a spindle whose turning the card can follow
+            // these need a spindle whose rotation the card can follow
             Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => Err(CanonError::NotSupported("feed per turn (G95)")),
             Canon::StartSpeedFeedSynch { .. } => Err(CanonError::NotSupported("thread cutting (G33, G76)")),
             Canon::RigidTap(_) => Err(CanonError::NotSupported("rigid tapping (G33.1)")),
@@ -89,7 +90,7 @@ impl CanonExecutor<'_> {
             Canon::SetMotionOutputValue { .. } => Err(CanonError::NotSupported("an analog output (M67)")),
             Canon::SetAuxOutputValue { .. } => Err(CanonError::NotSupported("an analog output (M68)")),
             Canon::UserCode { number, .. } => self.user_code(*number, line, sink),
-            // nothing of these moves or switches anything on this machine
+            // none of these moves or switches anything on this machine
             Canon::OnReset
             | Canon::Finish
             | Canon::SetFeedMode(_)
@@ -117,7 +118,7 @@ impl CanonExecutor<'_> {
             | Canon::Log(_)
             | Canon::LogClose
             | Canon::ProgramEnd => Ok(()),
-            // `run` has these; a new canonical function is one that the compiler asks for here
+            // `run` handles these; the compiler demands a rule here for a new canonical function
             Canon::StraightTraverse(_)
             | Canon::StraightFeed(_)
             | Canon::ArcFeed(_)
@@ -136,7 +137,7 @@ impl CanonExecutor<'_> {
         }
     }
 
-    /// M6: where the operator changes the tool, what is to be put in is told where the motion stops.
+    /// M6. Where the operator changes the tool, its number is shown where the motion stops.
     fn change_tool<const A: usize>(
         &mut self,
         tool: u32,
@@ -162,8 +163,8 @@ impl CanonExecutor<'_> {
             changes,
             periods,
             until,
-            one_way,
-            undone: false,
+            is_barrier: one_way,
+            undone_in_reverse: false,
         })?)
     }
 
@@ -178,10 +179,10 @@ impl CanonExecutor<'_> {
             return Err(CanonError::NotSupported("a user code that the machine file does not declare"));
         };
         let change = OutputChange { channel: code.output, value: code.value };
-        self.carry_out(code.name, change, code.switching, line, sink)
+        self.execute_change(code.name, change, code.switching, line, sink)
     }
 
-    /// Switches one output, in passing or at rest, as the machine file has it for `code`.
+    /// Switches one output, synchronously or at rest, as the machine file declares for `code`.
     fn switch<const A: usize>(
         &mut self,
         code: &'static str,
@@ -190,7 +191,7 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        self.carry_out(code, OutputChange { channel, value }, self.machine.switching.of(code), line, sink)
+        self.execute_change(code, OutputChange { channel, value }, self.machine.switching.of(code), line, sink)
     }
 
     /// Switches a digital output by M62 … M65.
@@ -201,10 +202,10 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        self.carry_out(code, change, self.machine.switching.of(code), line, sink)
+        self.execute_change(code, change, self.machine.switching.of(code), line, sink)
     }
 
-    fn carry_out<const A: usize>(
+    fn execute_change<const A: usize>(
         &mut self,
         code: &'static str,
         change: OutputChange,
@@ -238,8 +239,8 @@ impl CanonExecutor<'_> {
             changes,
             periods,
             until,
-            one_way,
-            undone,
+            is_barrier: one_way,
+            undone_in_reverse: undone,
         })?)
     }
 }

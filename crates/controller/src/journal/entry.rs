@@ -1,6 +1,7 @@
-//! What the journal of a job says: one entry a line, in numbers and strings that stand for themselves.
+//! The entries of a job's journal: one entry per line, in self-contained numbers and strings.
 //!
-//! Invariant: an entry is read as it was written or not at all: what a newer version has added is refused, not guessed.
+//! Invariant: an entry is read as it was written or not at all: what a newer version has added is rejected, not
+//! guessed.
 
 use retrace_core::Place;
 use retrace_link::PathStart;
@@ -18,31 +19,31 @@ pub const FORMAT: u32 = 2;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum JournalEntry {
-    /// What the job is. The first entry, and the first only.
+    /// Header of the job. The first entry, and only the first.
     Job(Box<JobHeader>),
-    /// What the program had come to at a place.
+    /// State of the plan at a place.
     Mark(#[serde(with = "mark")] place_index::PlaceMark),
-    /// From a place on, another override was planned.
+    /// Another override is planned from a place on.
     Override(PlannedOverride),
-    /// The program was cut off or refused: the path rests behind this block.
+    /// The program was cut off or rejected: the path rests behind this block.
     Rest(PlannedRest),
     /// A tool length was entered in a pause.
     ToolLength(ToolLengthChange),
-    /// Where the machine was.
+    /// Position of the machine.
     Position(Box<PositionEntry>),
-    /// Something happened: the event as `--json` shows it.
+    /// An event, as `--json` prints it.
     Event(Value),
-    /// How much of a program that arrives has been kept.
+    /// Length of a streamed program that has been saved.
     Spooled(SpooledBytes),
-    /// The job was taken up again.
+    /// The job was resumed.
     Resumed(Box<ResumeEntry>),
-    /// Events that were not kept, because the disk did not keep up.
+    /// Events that were not saved because the disk did not keep up.
     Lost(LostEntries),
     /// The job ended.
     End(Box<EndEntry>),
 }
 
-/// What a job is: everything that is needed to decode and plan it again.
+/// Header of a job: everything that is needed to decode and plan it again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JobHeader {
@@ -50,34 +51,35 @@ pub struct JobHeader {
     pub format: u32,
     /// Name of the job, which is that of its folder.
     pub id: String,
-    /// When it began.
+    /// Time at which it began.
     pub when: Timestamp,
     /// Version of retrace.
     pub retrace_version: String,
-    /// [`crate::fingerprint::of_planning`] of that version. A job is resumed only by what has the one that it began with.
+    /// [`crate::fingerprint::of_planning`] of that version. A job is resumed only by a version with the same
+    /// fingerprint.
     pub planner: u32,
-    /// The program's name, for people.
+    /// Name of the program, for people.
     pub program: String,
-    /// Where the program came from.
+    /// Source of the program.
     pub source: ProgramSource,
-    /// Lines of the program, where it is a file.
+    /// Number of lines of the program, where it is a file.
     pub lines: Option<u64>,
     /// Every file that decoding has read.
     pub files: Vec<ReadFile>,
-    /// The machine file, as it was.
+    /// The machine file, as it was when the job began.
     pub machine: MachineFileCopy,
-    /// What the command was given, as far as it matters to decoding and planning.
+    /// Arguments of the command that affect decoding and planning.
     pub arguments: CommandArguments,
-    /// Offsets and tool data as they were when the job began; none in the journal of an older version.
+    /// Offsets and tool data as they were when the job began. None in the journal of an older version.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tables: Option<LatchedTables>,
     /// The card.
     pub card: JobCard,
     /// Control period in microseconds.
     pub period_us: u32,
-    /// The place where the path begins.
+    /// Place where the path begins.
     pub origin: u32,
-    /// Counts of the machine's axes there, in pulses.
+    /// Counts of the machine's axes there.
     pub counts: Vec<i64>,
     /// Outputs that were not 0 there, channel and value.
     pub outputs: Vec<(u8, i32)>,
@@ -85,7 +87,7 @@ pub struct JobHeader {
     pub executed: u32,
 }
 
-/// Where a program comes from.
+/// Source of a program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProgramSource {
@@ -95,13 +97,13 @@ pub enum ProgramSource {
     StandardInput,
     /// A TCP socket, by its address.
     Socket(String),
-    /// A serial line, as it was named, without `serial:`.
+    /// A serial line, as given on the command line, without `serial:`.
     Serial(String),
     /// A FIFO or a character device, by its absolute path.
     Device(String),
 }
 
-/// What a file is to the job.
+/// Role of a file in the job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FileRole {
@@ -109,7 +111,7 @@ pub enum FileRole {
     Program,
     /// A subprogram in a file of its own.
     Subprogram,
-    /// The source of a cycle that could be called; without a path, the shipped cycles taken together.
+    /// The source of a cycle that could be called. Without a path, all shipped cycles together.
     Cycles,
     /// The tool table.
     Tools,
@@ -123,11 +125,11 @@ pub enum FileRole {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReadFile {
-    /// What it is to the job.
+    /// Role of the file.
     pub role: FileRole,
-    /// Its absolute path; empty for the shipped cycles.
+    /// Absolute path; empty for the shipped cycles.
     pub path: String,
-    /// Of its content.
+    /// Hash of its content.
     pub hash: FileHash,
 }
 
@@ -135,21 +137,22 @@ pub struct ReadFile {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MachineFileCopy {
-    /// Its absolute path; none where the built-in machine was used.
+    /// Absolute path. None where the built-in machine was used.
     pub path: Option<String>,
-    /// Of its text.
+    /// Hash of its text.
     pub hash: FileHash,
     /// Its text, so that the job can be resumed after the file has been changed.
     pub text: String,
 }
 
-/// Offsets and tool data as they were when a job began. The job is resumed with these, whatever has become of their files.
+/// Offsets and tool data as they were when a job began. The job is resumed with these, even if their files have
+/// changed.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LatchedTables {
     /// Every numbered parameter that is not at its initial value, in the format of a parameter file.
     pub parameters: String,
-    /// The tool table, in its file's format.
+    /// The tool table, in the format of its file.
     pub tools: String,
     /// Number of the tool in the spindle; 0 is none.
     pub current_tool: u32,
@@ -157,13 +160,13 @@ pub struct LatchedTables {
     pub selected_tool: u32,
 }
 
-/// The tables that are kept for a machine in the state folder; absolute paths. The files need not exist.
+/// The tables of a machine in the state folder; absolute paths. The files need not exist.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MachineTables {
-    /// Parameter file; none where the command named one.
+    /// Parameter file. None where the command gave one.
     pub parameters: Option<String>,
-    /// Tool table; none where the command named one.
+    /// Tool table. None where the command gave one.
     pub tools: Option<String>,
 }
 
@@ -171,9 +174,9 @@ pub struct MachineTables {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommandArguments {
-    /// Blocks that begin with `/` are left out.
+    /// Whether blocks that begin with `/` are skipped.
     pub block_delete: bool,
-    /// The line that the job began with.
+    /// Line at which the job began.
     pub start_line: Option<u32>,
     /// Folders with subprograms.
     pub subs: Vec<String>,
@@ -194,93 +197,93 @@ pub struct CommandArguments {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum JobCard {
-    /// The simulated card in the command's own process, which ends with it.
+    /// The simulated card in the command's own process; it ends with it.
     Sim,
-    /// A card at the end of a line.
+    /// A card on a serial line or another link.
     Wired(WiredCard),
 }
 
-/// A card at the end of a line.
+/// A card on a serial line or another link.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WiredCard {
-    /// As the command named it, `PATH[@BAUD]`.
+    /// Address as given on the command line, `PATH[@BAUD]`.
     pub address: String,
-    /// Its name.
+    /// Name of the card.
     pub name: String,
-    /// Its serial number; 0 where it has none.
+    /// Serial number; 0 where it has none.
     pub serial: u32,
-    /// Drawn anew whenever it starts.
+    /// Random number that the card draws at every start.
     pub boot: u32,
 }
 
-/// From a place on, another override was planned.
+/// Another override that is planned from a place on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlannedOverride {
-    /// The first record planned so.
+    /// First record planned with it.
     pub place: u32,
     /// The factor, in units of 2⁻³².
     pub planned: i64,
 }
 
-/// The program was cut off or refused, and the path was planned to rest there.
+/// Records that the program was cut off or rejected, and that the path was planned to rest there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlannedRest {
-    /// Number of the last block that was planned, from 1.
+    /// Number of the last planned block, from 1.
     pub block: u64,
 }
 
-/// A tool length was entered in a pause: the path is moved along the tool axis.
+/// A tool length that was entered in a pause: the path is moved along the tool axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ToolLengthChange {
-    /// Number of the block, from 1, behind which it holds.
+    /// Number of the block, from 1, behind which it applies.
     pub block: u64,
-    /// By how much, pulses of the tool axis.
+    /// Distance in pulses of the tool axis.
     pub pulses: i64,
 }
 
-/// Where the machine was.
+/// Position of the machine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionEntry {
-    /// When, by the computer's clock.
+    /// Time, by the computer's clock.
     pub when: Timestamp,
     /// Control periods since the start of the card.
     pub period: u64,
-    /// Where the cursor stood: record, and fraction in units of 2⁻³².
+    /// Place of the cursor: record, and fraction in units of 2⁻³².
     #[serde(with = "place")]
     pub place: Place,
     /// The furthest place ever executed, as a record boundary.
     pub reached: u32,
     /// Number of the last exclusive instruction that was complete.
     pub executed: u32,
-    /// Did the cursor stand?
+    /// Whether the cursor was at rest.
     pub at_rest: bool,
     /// Counts of the machine's axes, in pulses.
     pub counts: Vec<i64>,
-    /// Outputs that were not 0, channel and value: spindle, speed, coolant and tool among them.
+    /// Outputs that were not 0, channel and value, including spindle, speed, coolant and tool.
     pub outputs: Vec<(u8, i32)>,
-    /// Program line of the record that the cursor was in.
+    /// Program line of the record under the cursor.
     pub line: u32,
     /// The mode of operation.
     pub mode: JournalMode,
-    /// Why the machine stood in normal run, if it did.
+    /// Reason why the machine was at rest in normal run.
     pub hold_reason: JournalHoldReason,
 }
 
 impl PositionEntry {
-    /// Where a path begins that goes on from here.
+    /// Start of a path that continues from this position.
     #[must_use]
     pub fn start(&self) -> PathStart {
-        // Whether the path rests there the records say; a ramp is right in any case.
+        // Whether the path rests there follows from the records; a ramp is right in any case.
         PathStart { place: self.place, rests: false, reached: self.reached, executed: self.executed }
     }
 }
 
-/// [`retrace_core::mode::Mode`], as it is written.
+/// [`retrace_core::mode::Mode`] as it is written in the journal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "they are those of the core")]
@@ -293,7 +296,7 @@ pub enum JournalMode {
     AwaitOutputs,
 }
 
-/// [`crate::stream::Standing`], as it is written.
+/// [`crate::telemetry::HoldReason`] as it is written in the journal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(missing_docs, reason = "they are those of the stream")]
@@ -305,27 +308,27 @@ pub enum JournalHoldReason {
     Paused,
 }
 
-/// How much of a program that arrives has been kept.
+/// Length of a streamed program that has been saved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SpooledBytes {
-    /// Bytes of it, from its beginning, that are as durable as this entry.
+    /// Bytes from its beginning that are as durable as this entry.
     pub bytes: u64,
-    /// Is that all of it?
+    /// Whether that is the whole program.
     pub ended: bool,
 }
 
-/// The job was taken up again.
+/// Records that the job was resumed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ResumeEntry {
-    /// When.
+    /// Time.
     pub when: Timestamp,
-    /// Version of retrace that did so.
+    /// Version of retrace that resumed it.
     pub retrace: String,
     /// The card, as it was then.
     pub card: JobCard,
-    /// Where the cursor stood.
+    /// Place of the cursor.
     #[serde(with = "place")]
     pub place: Place,
     /// The furthest place ever executed, as a record boundary.
@@ -336,11 +339,11 @@ pub struct ResumeEntry {
     pub counts: Vec<i64>,
 }
 
-/// Events that were not kept.
+/// Number of entries that were not saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LostEntries {
-    /// How many events and positions.
+    /// Number of events and positions.
     pub entries: u64,
 }
 
@@ -348,21 +351,21 @@ pub struct LostEntries {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum JobEnding {
-    /// The program came to its end.
+    /// The program was completed.
     Completed,
-    /// The operator stopped it, or a block was refused: it can be resumed.
+    /// The operator stopped it, or a block was rejected. It can be resumed.
     Stopped,
-    /// An alarm stopped it: it can be resumed.
+    /// An alarm stopped it. It can be resumed.
     Alarm,
 }
 
-/// The job ended.
+/// End of a job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EndEntry {
-    /// When.
+    /// Time.
     pub when: Timestamp,
-    /// How.
+    /// Outcome.
     pub outcome: JobEnding,
     /// Exit code of the command.
     pub exit_code: u8,
@@ -370,7 +373,7 @@ pub struct EndEntry {
     pub report: Value,
 }
 
-/// A mark, its counts up to the last one that is not 0.
+/// Serialization of a mark, with its counts up to the last one that is not 0.
 mod mark {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -400,7 +403,7 @@ mod mark {
     }
 }
 
-/// A place as record and fraction.
+/// Serialization of a place as record and fraction.
 mod place {
     use retrace_core::Place;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -520,7 +523,7 @@ pub(crate) mod tests {
         )
     }
 
-    /// Entries that may stand behind the first.
+    /// Entries that may follow the first.
     pub(crate) fn entries() -> impl Strategy<Value = JournalEntry> {
         let value =
             (any::<f64>(), ".{0,20}", any::<i64>()).prop_map(|(x, text, n)| json!({"x": x, "text": text, "n": [n]}));

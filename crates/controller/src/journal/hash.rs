@@ -1,6 +1,7 @@
-//! What tells one version of a file from another.
+//! Hash of a file's content, which distinguishes its versions.
 //!
-//! Invariant: a hash depends on the bytes alone, not on how they come. It tells files apart, it does not guard against forgery.
+//! Invariant: a hash depends on the bytes alone, not on how they are divided. It distinguishes files; it does not
+//! protect against forgery.
 
 use std::fmt;
 use std::io::{self, Read};
@@ -13,45 +14,45 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 pub struct FileHash(u128);
 
 impl FileHash {
-    /// Of no bytes.
+    /// Hash of no bytes.
     const BASIS: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
     const PRIME: u128 = 0x0000_0000_0100_0000_0000_0000_0000_013b;
 
-    /// The hash of these bytes.
+    /// Hash of these bytes.
     #[must_use]
     pub fn of(bytes: &[u8]) -> Self {
-        Self(Self::BASIS).then(bytes)
+        Self(Self::BASIS).extend(bytes)
     }
 
-    /// Its last 32 bits.
+    /// The last 32 bits.
     #[must_use]
-    pub fn short(self) -> u32 {
+    pub fn low_32(self) -> u32 {
         self.0 as u32
     }
 
-    /// The hash of everything that can be read there.
+    /// Hash of everything that can be read from `from`.
     ///
     /// # Errors
-    /// That it cannot be read.
+    /// The error of the reader.
     pub fn of_reader(mut from: impl Read) -> io::Result<Self> {
         let (mut hash, mut buffer) = (Self(Self::BASIS), vec![0; 1 << 16]);
         loop {
             match from.read(&mut buffer)? {
                 0 => return Ok(hash),
-                n => hash = hash.then(&buffer[..n]),
+                n => hash = hash.extend(&buffer[..n]),
             }
         }
     }
 
-    /// Half of it, for where 128 bits do not fit.
+    /// The lower 64 bits, where 128 do not fit.
     #[must_use]
-    pub fn half(self) -> u64 {
+    pub fn low_64(self) -> u64 {
         (self.0 ^ (self.0 >> 64)) as u64
     }
 
-    /// The hash of what this is the hash of, and these bytes behind it.
+    /// Hash of the bytes hashed so far, followed by these bytes.
     #[must_use]
-    pub fn then(self, bytes: &[u8]) -> Self {
+    pub fn extend(self, bytes: &[u8]) -> Self {
         Self(bytes.iter().fold(self.0, |hash, &byte| (hash ^ u128::from(byte)).wrapping_mul(Self::PRIME)))
     }
 }
@@ -68,7 +69,7 @@ impl fmt::Debug for FileHash {
     }
 }
 
-/// No hash is written like that.
+/// The text is not a hash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ParseHashError;
 

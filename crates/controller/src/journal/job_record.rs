@@ -1,6 +1,6 @@
-//! What a journal comes to: everything that is needed to take the job up again.
+//! The content of a journal: everything that is needed to resume the job.
 //!
-//! Invariant: memory does not grow with the length of the job: marks are read again from the file, in a stream.
+//! Invariant: memory does not grow with the length of the job: marks are read again from the file as a stream.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
@@ -19,48 +19,48 @@ use crate::numbered_error::NumberedError;
 use crate::place_index::{DurablePlace, PlaceMark};
 use crate::tool_length::LengthChange;
 
-/// Bytes at the end of a long journal in which its last words are looked for.
-const LAST_WORDS: u64 = 64 << 10;
+/// Bytes at the end of a long journal in which its last entries are searched.
+const SUMMARY_TAIL_BYTES: u64 = 64 << 10;
 
 /// A journal that was read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobRecord {
-    /// What the job is.
+    /// Header of the job.
     pub job: JobHeader,
-    /// How often it was taken up again, the last one last.
+    /// The resumptions of the job, in order.
     pub resumed: Vec<ResumeEntry>,
-    /// Where the machine was, as far as the journal knows.
+    /// Position of the machine, as far as the journal records it.
     pub last_position: LastPosition,
-    /// The last position that was kept; with outputs and mode.
+    /// Last recorded position, with outputs and mode.
     pub at: Option<PositionEntry>,
-    /// How much of a program that arrives was kept.
+    /// Length of a streamed program that was saved.
     pub spooled: SpooledBytes,
-    /// How the job ended; none where it was interrupted, or taken up again since.
+    /// End of the job. None where it was interrupted, or resumed since.
     pub end: Option<EndEntry>,
-    /// The last alarm, since the job was taken up last.
+    /// Last alarm since the job was resumed last.
     pub alarm: Option<Value>,
-    /// Whether M1 stopped when the journal ends; none where the operator never said.
+    /// State of optional stop at the end of the journal. None where the operator never set it.
     pub optional_stop: Option<bool>,
-    /// Entries that were lost while the disk did not keep up.
+    /// Number of entries that were lost while the disk did not keep up.
     pub lost: u64,
-    /// Marks that count.
+    /// Number of valid marks.
     pub marks: u64,
-    /// The last of them.
+    /// The last valid mark.
     pub last_mark: Option<PlaceMark>,
-    /// How the journal ends.
+    /// End of the journal file.
     pub tail: JournalTail,
     path: PathBuf,
-    /// With the number of its line, each.
+    /// Planned overrides, each with its line number.
     overrides: Vec<(u64, PlannedOverride)>,
-    /// Blocks behind which the path rests because the program was cut off or refused.
+    /// Blocks behind which the path rests because the program was cut off or rejected.
     rests: Vec<u64>,
     lengths: Vec<LengthChange>,
 }
 
-/// Where a machine was.
+/// Last known position of a machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LastPosition {
-    /// On the path.
+    /// Position on the path.
     pub start: PathStart,
     /// Counts of its axes, in pulses.
     pub counts: Vec<i64>,
@@ -72,10 +72,10 @@ impl JobRecord {
     /// # Errors
     /// `E2104`, `E2203`, `E2204`, `E2205`: it cannot be read, is damaged, has no beginning, is of a newer version.
     pub fn read(path: &Path) -> Result<Self, NumberedError> {
-        Self::gather(path).map_err(|flaw| flaw.refusal(path))
+        Self::read_entries(path).map_err(|flaw| flaw.numbered_error(path))
     }
 
-    fn gather(path: &Path) -> Result<Self, JournalError> {
+    fn read_entries(path: &Path) -> Result<Self, JournalError> {
         let mut entries = open(path)?;
         let Some((_, JournalEntry::Job(job))) = entries.next().transpose()? else {
             return Err(JournalError::NoBeginning);
@@ -114,14 +114,14 @@ impl JobRecord {
 
     fn apply(&mut self, number: u64, entry: JournalEntry) {
         match entry {
-            // Marks wait for the overrides, which may undo some.
+            // Marks are counted after the overrides, which may invalidate some.
             JournalEntry::Job(_) => {}
             JournalEntry::Mark(mark) => {
                 self.marks += 1;
                 self.last_mark = Some(mark);
             }
             JournalEntry::Override(new) => {
-                // What was planned beyond is of a plan that has been given up.
+                // Overrides beyond this place belong to a plan that was discarded.
                 self.overrides.retain(|(_, old)| is_before(old.place, new.place));
                 self.overrides.push((number, new));
             }
@@ -161,7 +161,8 @@ impl JobRecord {
         }
     }
 
-    /// An override undoes marks that were made before it for places beyond it; where there is none, every mark counts.
+    /// Counts the valid marks. An override invalidates marks that were made before it for places beyond it; without
+    /// overrides, every mark is valid.
     fn count_marks(&mut self) -> Result<(), JournalError> {
         if self.overrides.is_empty() {
             return Ok(());
@@ -174,32 +175,33 @@ impl JobRecord {
         Ok(())
     }
 
-    /// The overrides that were planned and from where on, in the order of their places.
+    /// The planned overrides and their places, in the order of the places.
     #[must_use]
     pub fn overrides(&self) -> Vec<PlannedOverride> {
         self.overrides.iter().map(|(_, planned)| *planned).collect()
     }
 
-    /// The blocks behind which the path was planned to rest because the program was cut off or refused there, in the order of the runs.
+    /// Blocks behind which the path was planned to rest because the program was cut off or rejected there, in the order
+    /// of the runs.
     #[must_use]
     pub fn rests(&self) -> &[u64] {
         &self.rests
     }
 
-    /// The tool lengths that were entered in pauses, in their order.
+    /// Tool lengths that were entered in pauses, in order.
     #[must_use]
     pub fn lengths(&self) -> &[LengthChange] {
         &self.lengths
     }
 
-    /// Reads the marks that count again, in the order of their places.
+    /// Reads the valid marks again, in the order of their places.
     ///
     /// # Errors
-    /// As [`JobRecord::read`]; nothing else should be wrong the second time.
+    /// As [`JobRecord::read`]; no new errors are expected the second time.
     pub fn marks(&self) -> Result<impl Iterator<Item = Result<PlaceMark, NumberedError>> + use<>, NumberedError> {
         let path = self.path.clone();
-        let entries = open(&path).map_err(|flaw| flaw.refusal(&path))?;
-        Ok(self.marks_of(entries).map(move |mark| mark.map_err(|flaw| flaw.refusal(&path))))
+        let entries = open(&path).map_err(|flaw| flaw.numbered_error(&path))?;
+        Ok(self.marks_of(entries).map(move |mark| mark.map_err(|flaw| flaw.numbered_error(&path))))
     }
 
     fn marks_of<R: BufRead>(
@@ -210,7 +212,7 @@ impl JobRecord {
         entries.filter_map(move |entry| match entry {
             Err(flaw) => Some(Err(flaw)),
             Ok((number, JournalEntry::Mark(mark))) => {
-                // Of those behind the mark the first one has the first place.
+                // Of the overrides behind the mark, the first one has the first place.
                 let next = overrides.get(overrides.partition_point(|(line, _)| *line < number));
                 let is_undone = next.is_some_and(|(_, planned)| is_before(planned.place, mark.place));
                 (!is_undone).then_some(Ok(mark))
@@ -219,14 +221,14 @@ impl JobRecord {
         })
     }
 
-    /// How far the index reaches: what a logbook that goes on begins with.
+    /// Durable place of the index, with which a journal writer of the resumed job begins.
     #[must_use]
-    pub fn durable(&self) -> DurablePlace {
-        DurablePlace::from(self.last_mark.map_or(self.job.origin, |mark| mark.place))
+    pub fn durable_place(&self) -> DurablePlace {
+        DurablePlace::starting_at(self.last_mark.map_or(self.job.origin, |mark| mark.place))
     }
 }
 
-/// Whether M1 stops from this event on; none where it does not say.
+/// State of optional stop after this event. None where the event does not set it.
 fn optional_stop(event: &Value) -> Option<bool> {
     match event["command"].as_str()? {
         "optional stop on" => Some(true),
@@ -240,29 +242,30 @@ fn open(path: &Path) -> Result<JournalEntries<BufReader<File>>, JournalError> {
     Ok(JournalEntries::new(BufReader::with_capacity(1 << 16, file)))
 }
 
-/// The first words and the last ones of a journal, for a list of jobs. A long journal is not read in between, nor checked.
+/// The first and last entries of a journal, for a list of jobs. The middle of a long journal is neither read nor
+/// checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobSummary {
-    /// What the job is.
+    /// Header of the job.
     pub job: JobHeader,
-    /// The last position that was kept.
+    /// Last recorded position.
     pub at: Option<PositionEntry>,
-    /// How the job ended; none where it was interrupted, or taken up again since.
+    /// End of the job. None where it was interrupted, or resumed since.
     pub end: Option<EndEntry>,
 }
 
 impl JobSummary {
-    /// Looks at a journal.
+    /// Reads a summary of a journal.
     ///
     /// # Errors
-    /// As [`JobRecord::read`], as far as it sees it.
+    /// As [`JobRecord::read`], for the parts that are read.
     pub fn read(path: &Path) -> Result<Self, NumberedError> {
-        Self::read_summary(path).map_err(|flaw| flaw.refusal(path))
+        Self::read_summary(path).map_err(|flaw| flaw.numbered_error(path))
     }
 
     fn read_summary(path: &Path) -> Result<Self, JournalError> {
         let length = std::fs::metadata(path).map_err(JournalError::Unreadable)?.len();
-        if length > 4 * LAST_WORDS {
+        if length > 4 * SUMMARY_TAIL_BYTES {
             let mut entries = open(path)?;
             let Some((_, JournalEntry::Job(job))) = entries.next().transpose()? else {
                 return Err(JournalError::NoBeginning);
@@ -275,7 +278,7 @@ impl JobSummary {
                 return Ok(record.into());
             }
         }
-        JobRecord::gather(path).map(Self::from)
+        JobRecord::read_entries(path).map(Self::from)
     }
 }
 
@@ -285,13 +288,13 @@ impl From<JobRecord> for JobSummary {
     }
 }
 
-/// Positions, resumptions and endings among the last bytes.
+/// Positions, resumptions and ends of the job among the last bytes.
 fn last_entries(path: &Path, length: u64) -> Result<Vec<JournalEntry>, JournalError> {
     let mut file = File::open(path).map_err(JournalError::Unreadable)?;
     let mut bytes = Vec::new();
-    file.seek(SeekFrom::Start(length.saturating_sub(LAST_WORDS))).map_err(JournalError::Unreadable)?;
-    // It may be growing.
-    file.take(2 * LAST_WORDS).read_to_end(&mut bytes).map_err(JournalError::Unreadable)?;
+    file.seek(SeekFrom::Start(length.saturating_sub(SUMMARY_TAIL_BYTES))).map_err(JournalError::Unreadable)?;
+    // The file may be growing.
+    file.take(2 * SUMMARY_TAIL_BYTES).read_to_end(&mut bytes).map_err(JournalError::Unreadable)?;
     let words = [&b"{\"at\":"[..], b"{\"end\":", b"{\"resumed\":"];
     let lines = bytes.split_inclusive(|&byte| byte == b'\n').filter_map(journal_line::parse);
     let told = lines.filter(|line| words.iter().any(|word| line.json.starts_with(word)));
@@ -357,7 +360,7 @@ mod tests {
         JournalEntry::Override(PlannedOverride { place, planned: 5 })
     }
 
-    /// A journal of these entries, in a file.
+    /// Writes a journal of these entries to a file.
     fn written(entries: Vec<JournalEntry>) -> (tempfile::TempDir, PathBuf) {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("journal");
@@ -409,7 +412,7 @@ mod tests {
             let record = JobRecord::read(&path).expect("whole");
             let marks: Vec<u32> = record.marks().expect("whole").map(|mark| mark.expect("whole").place).collect();
             assert_eq!((record.marks, record.last_mark.map(|m| m.place)), (marks.len() as u64, marks.last().copied()));
-            assert_eq!(record.durable().place(), marks.last().copied().unwrap_or(5));
+            assert_eq!(record.durable_place().place(), marks.last().copied().unwrap_or(5));
             (marks, record.overrides().iter().map(|o| o.place).collect::<Vec<_>>())
         };
         assert_eq!(counts(vec![]), (vec![], vec![]));
@@ -417,7 +420,7 @@ mod tests {
         // as it is in one run: nothing is planned yet where an override begins
         let run = [marks(&[10, 20]), vec![planned(25)], marks(&[25, 30])].concat();
         assert_eq!(counts(run), (vec![10, 20, 25, 30], vec![25]));
-        // the run ended, and was gone on with otherwise
+        // the run ended, and was continued differently
         let twice = [marks(&[10, 20, 30]), vec![planned(35), resumed(5), planned(20)], marks(&[22])].concat();
         assert_eq!(counts(twice), (vec![10, 20, 22], vec![20]));
         let thrice = [vec![planned(15)], marks(&[18, 30]), vec![planned(20)], marks(&[21]), vec![planned(17)]].concat();
@@ -435,7 +438,7 @@ mod tests {
                 assert_eq!(JobSummary::read(&path), Ok(JobSummary::from(read)), "{count} marks");
             }
         }
-        // where no position is among the last words, all of it is read
+        // where the last entries have no position, all of it is read
         let marks = (0..8000).map(|place| JournalEntry::Mark(mark(place)));
         let (_folder, path) = written(std::iter::once(at(1)).chain(marks).collect());
         assert!(JobSummary::read(&path).is_ok_and(|glance| glance.at.is_some()));
@@ -470,22 +473,22 @@ mod tests {
         let (mut spooling, progress) =
             SpoolWriter::create(&folder.path().join("stream.ngc"), BufReader::with_capacity(6, PROGRAM))
                 .expect("a spool");
-        let logbook = JournalWriter::begin(store, Durability::Synced, job("[machine]", JobCard::Sim), Some(progress))
+        let journal = JournalWriter::begin(store, Durability::Synced, job("[machine]", JobCard::Sim), Some(progress))
             .expect("it works");
-        let mut notes = logbook.index_writer(None, &[]);
+        let mut notes = journal.index_writer(None, &[]);
         let mut line = String::new();
         for place in [6, 7] {
             spooling.read_line(&mut line).expect("a line");
-            notes.note(IndexEntry::Mark(mark(place)));
-            logbook.settle().expect("it works");
+            notes.write(IndexEntry::Mark(mark(place)));
+            journal.wait_until_saved().expect("it works");
         }
         let kept = |bytes, ended| JournalEntry::Spooled(SpooledBytes { bytes, ended });
         let entries = || open(&path).expect("a file").map(|entry| entry.expect("whole").1);
         let expected = [kept(6, false), JournalEntry::Mark(mark(6)), kept(12, false), JournalEntry::Mark(mark(7))];
         assert_eq!(entries().skip(1).collect::<Vec<_>>(), expected);
         assert_eq!(spooling.read_line(&mut line).expect("the end"), 0);
-        notes.note(IndexEntry::Mark(mark(8)));
-        drop(logbook);
+        notes.write(IndexEntry::Mark(mark(8)));
+        drop(journal);
         assert_eq!(JobRecord::read(&path).expect("whole").spooled, SpooledBytes { bytes: 12, ended: true });
     }
 }

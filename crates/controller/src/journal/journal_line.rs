@@ -1,17 +1,18 @@
 //! A line of the journal: `crc32c sequence {"…"}` and a line feed.
 //!
-//! The check stands over everything behind it, the line feed left out. An asterisk behind the sequence number says that a batch
-//! begins here: all lines before it were handed to the disk, and where the journal is synced they had arrived there, before this
-//! one was written. So a damaged line before the last batch was once whole, and one in the last batch may never have been.
+//! The checksum covers everything behind it except the line feed. An asterisk behind the sequence number marks the
+//! beginning of a batch: all lines before it were written, and where the journal is synced they were durable, before
+//! this one was written. So a damaged line before the last batch was once whole, and one in the last batch may never
+//! have been.
 //!
-//! Invariant: nothing but what [`put`] has written is taken by [`take`]: no other spelling of a number, no space more.
+//! Invariant: [`parse`] accepts only what [`append`] has written: no other spelling of a number, no additional space.
 
 use retrace_link::crc;
 
-/// Longest line, in bytes: the machine file and the list of files stand in one.
+/// Maximum length of a line in bytes: one line contains the machine file and the list of files.
 pub const MAX_LINE: usize = 16 << 20;
 
-/// The generator's remainders, a byte at a time.
+/// Remainders of the generator polynomial, one per byte value.
 const TABLE: [u32; 256] = {
     let mut table = [0; 256];
     let mut byte = 0;
@@ -22,36 +23,36 @@ const TABLE: [u32; 256] = {
     table
 };
 
-fn check(bytes: &[u8]) -> u32 {
+fn crc32c(bytes: &[u8]) -> u32 {
     let register =
         bytes.iter().fold(crc::START, |register, &byte| register >> 8 ^ TABLE[usize::from(register as u8 ^ byte)]);
     crc::finish(register)
 }
 
-/// Puts a line behind those in `out`. `json` has no line feed in it.
+/// Appends a line to `out`. `json` contains no line feed.
 pub fn append(out: &mut Vec<u8>, sequence: u64, begins: bool, json: &[u8]) {
     let start = out.len();
     out.extend_from_slice(b"........ ");
     out.extend_from_slice(sequence.to_string().as_bytes());
     out.extend_from_slice(if begins { b"* " } else { b" " });
     out.extend_from_slice(json);
-    let digits = format!("{:08x}", check(&out[start + 9..]));
+    let digits = format!("{:08x}", crc32c(&out[start + 9..]));
     out[start..start + 8].copy_from_slice(digits.as_bytes());
     out.push(b'\n');
 }
 
-/// A line that is whole.
+/// A complete line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct JournalLine<'l> {
-    /// Its number, from 0.
+    /// Sequence number, from 0.
     pub sequence: u64,
-    /// Does a batch begin with it?
-    pub begins: bool,
-    /// What it says.
+    /// Whether a batch begins with it.
+    pub begins_batch: bool,
+    /// Content.
     pub json: &'l [u8],
 }
 
-/// The line that these bytes are, the line feed among them; `None` if they are none.
+/// Parses the bytes of one line, line feed included. `None` if they are not a valid line.
 #[must_use]
 pub fn parse(bytes: &[u8]) -> Option<JournalLine<'_>> {
     let line = bytes.strip_suffix(b"\n")?;
@@ -68,17 +69,18 @@ pub fn parse(bytes: &[u8]) -> Option<JournalLine<'_>> {
     };
     let said = u32::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok()?;
     let sequence = std::str::from_utf8(sequence).ok()?.parse().ok()?;
-    (said == check(rest)).then_some(JournalLine { sequence, begins, json })
+    (said == crc32c(rest)).then_some(JournalLine { sequence, begins_batch: begins, json })
 }
 
-/// The first whole line with which these bytes end: where a line feed was damaged, it hangs on the line before.
+/// The first valid line with which these bytes end. Where a line feed was damaged, a valid line follows the damaged
+/// one.
 #[must_use]
-pub fn take_end(bytes: &[u8]) -> Option<JournalLine<'_>> {
+pub fn parse_end(bytes: &[u8]) -> Option<JournalLine<'_>> {
     let looks = |at: usize| {
         let head = &bytes[at..];
         head.len() > 10 && head[8] == b' ' && head[9].is_ascii_digit() && head[..8].iter().all(is_hex)
     };
-    // The bound is for bytes that only look like many lines.
+    // The bound is for bytes that only resemble many lines.
     (0..bytes.len()).filter(|&at| looks(at)).take(1000).find_map(|at| parse(&bytes[at..]))
 }
 
@@ -100,10 +102,10 @@ mod tests {
     #[test]
     fn a_known_line_and_the_check_of_the_link() {
         // The published check value of CRC-32C.
-        assert_eq!(check(b"123456789"), 0xE306_9283);
+        assert_eq!(crc32c(b"123456789"), 0xE306_9283);
         let bytes = line(7, true, "{}");
         assert_eq!(&bytes[8..], b" 7* {}\n");
-        assert_eq!(parse(&bytes), Some(JournalLine { sequence: 7, begins: true, json: b"{}" }));
+        assert_eq!(parse(&bytes), Some(JournalLine { sequence: 7, begins_batch: true, json: b"{}" }));
         assert_eq!(parse(&bytes[..bytes.len() - 1]), None, "without its line feed it is none");
     }
 
@@ -114,8 +116,8 @@ mod tests {
         bytes.push(b'x');
         bytes.extend(line(8, true, "{}"));
         assert_eq!(parse(&bytes), None);
-        assert_eq!(take_end(&bytes).map(|l| (l.sequence, l.begins)), Some((8, true)));
-        assert_eq!(take_end(b"\n"), None);
+        assert_eq!(parse_end(&bytes).map(|l| (l.sequence, l.begins_batch)), Some((8, true)));
+        assert_eq!(parse_end(b"\n"), None);
     }
 
     proptest! {
@@ -124,7 +126,7 @@ mod tests {
             sequence: u64, begins: bool, json in "[ -~]{0,40}", byte: prop::sample::Index, bit in 0..8_u32,
         ) {
             let mut bytes = line(sequence, begins, &json);
-            prop_assert_eq!(parse(&bytes), Some(JournalLine { sequence, begins, json: json.as_bytes() }));
+            prop_assert_eq!(parse(&bytes), Some(JournalLine { sequence, begins_batch: begins, json: json.as_bytes() }));
             let at = byte.index(bytes.len());
             bytes[at] ^= 1_u8 << bit;
             prop_assert_eq!(parse(&bytes), None);
@@ -133,7 +135,7 @@ mod tests {
         #[test]
         fn bytes_of_any_kind_are_no_line(bytes: Vec<u8>) {
             prop_assert_eq!(parse(&bytes), None);
-            prop_assert_eq!(take_end(&bytes), None);
+            prop_assert_eq!(parse_end(&bytes), None);
         }
     }
 }

@@ -1,7 +1,7 @@
-//! Where entries are handed over: any thread on one side, the one that writes on the other.
+//! The queue of journal entries: any thread pushes, the writer thread takes batches.
 //!
-//! Invariant: entries are taken in the order in which they were handed over, and what the job cannot be resumed without is never lost
-//! where the motion path follows what is durable.
+//! Invariant: entries are taken in the order in which they were pushed. Entries that are needed to resume the job are
+//! never lost where the motion path follows the durable place.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -11,26 +11,26 @@ use super::entry::{JournalEntry, LostEntries};
 use crate::event::{CardError, EventKind};
 use crate::place_index::DurablePlace;
 
-/// Entries that may wait where somebody can be made to wait, or entries can be lost.
-pub(super) const WAITING: usize = 4096;
-/// Entries that are written at once.
-const BATCH: usize = 1024;
-/// After so long a disk that failed is tried again.
-const RETRY: Duration = Duration::from_millis(if cfg!(test) { 3 } else { 500 });
-/// For so long entries are gathered where nothing waits for them to be durable.
-const GATHER: Duration = Duration::from_millis(5);
+/// Capacity of the queue where a thread can wait or entries can be lost.
+pub(super) const CAPACITY: usize = 4096;
+/// Maximum number of entries in a batch.
+const MAX_BATCH: usize = 1024;
+/// Interval at which writing to a failed disk is tried again.
+const RETRY_INTERVAL: Duration = Duration::from_millis(if cfg!(test) { 3 } else { 500 });
+/// Time for which entries are gathered where nothing waits for them to be durable.
+const GATHER_TIME: Duration = Duration::from_millis(5);
 
-/// How the journal is kept.
+/// Durability of the journal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Durability {
-    /// Synced to the disk with every batch, and the motion path follows what is durable: for a card that outlives the process. Whoever
-    /// hands over notes never waits: there are never more than the ring's look-ahead holds.
+    /// Synced to the disk with every batch, and the motion path follows the durable place: for a card that outlives the
+    /// process. Pushing index entries never waits: there are never more than the ring's look-ahead holds.
     Synced,
-    /// Written only, for a card that ends with the process; nothing is kept back for it.
+    /// Written only, for a card that ends with the process. Nothing waits for it.
     Written,
 }
 
-/// The end at which entries are handed over; it can be had more than once.
+/// A handle to the queue. It can be cloned.
 #[derive(Clone, Debug)]
 pub(super) struct JournalQueue(Arc<QueueShared>);
 
@@ -39,44 +39,44 @@ struct QueueShared {
     state: Mutex<QueueState>,
     changed: Condvar,
     durable: DurablePlace,
-    care: Durability,
+    durability: Durability,
 }
 
 #[derive(Debug, Default)]
 pub(super) struct QueueState {
     pub(super) queue: VecDeque<JournalEntry>,
-    /// Entries that were taken off the queue and are not kept yet.
-    pub(super) in_hand: usize,
+    /// Number of entries that were taken off the queue and are not saved yet.
+    pub(super) unsaved: usize,
     pub(super) lost: u64,
-    /// Nothing more will come.
+    /// No more entries will be pushed.
     pub(super) closed: bool,
     /// The writer has ended.
-    pub(super) over: bool,
-    /// Why the last attempt to write failed, until one does not.
-    pub(super) trouble: Option<String>,
-    pub(super) news: VecDeque<EventKind>,
+    pub(super) writer_ended: bool,
+    /// Error of the last attempt to write, until an attempt succeeds.
+    pub(super) write_error: Option<String>,
+    pub(super) notices: VecDeque<EventKind>,
 }
 
 impl JournalQueue {
     pub(super) fn new(care: Durability, durable: DurablePlace) -> Self {
-        Self(Arc::new(QueueShared { state: Mutex::default(), changed: Condvar::new(), durable, care }))
+        Self(Arc::new(QueueShared { state: Mutex::default(), changed: Condvar::new(), durable, durability: care }))
     }
 
-    pub(super) fn care(&self) -> Durability {
-        self.0.care
+    pub(super) fn durability(&self) -> Durability {
+        self.0.durability
     }
 
     pub(super) fn durable(&self) -> &DurablePlace {
         &self.0.durable
     }
 
-    /// Waits as long as this holds; [`Desk::changed`] has it looked at again.
+    /// Waits while `waits` returns true; [`JournalQueue::notify_changed`] makes it check again.
     pub(super) fn wait_while(&self, waits: impl FnMut(&mut QueueState) -> bool) -> MutexGuard<'_, QueueState> {
         self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The state has changed.
-    pub(super) fn changed(&self) {
+    /// Wakes the threads that wait for a change of the state.
+    pub(super) fn notify_changed(&self) {
         self.0.changed.notify_all();
     }
 
@@ -84,11 +84,11 @@ impl JournalQueue {
         self.0.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Hands over an entry of the index.
-    pub(super) fn note(&self, entry: JournalEntry) {
-        let mut state = self.waited(self.state());
-        if self.0.care == Durability::Written && state.queue.len() >= WAITING {
-            // Nobody will take it up: a card that ends with the process cannot be found again by what was not written.
+    /// Pushes an entry of the index.
+    pub(super) fn push_index_entry(&self, entry: JournalEntry) {
+        let mut state = self.wait_for_space(self.state());
+        if self.0.durability == Durability::Written && state.queue.len() >= CAPACITY {
+            // This job cannot be resumed: a card that ends with the process cannot be found again.
             state.lost += 1;
             return;
         }
@@ -97,17 +97,17 @@ impl JournalQueue {
         self.0.changed.notify_all();
     }
 
-    /// Hands over an entry that the job can be resumed without.
-    pub(super) fn tell(&self, entry: JournalEntry) {
-        let mut state = self.waited(self.state());
-        if state.trouble.is_some()
+    /// Pushes an entry that the job can be resumed without.
+    pub(super) fn push_event(&self, entry: JournalEntry) {
+        let mut state = self.wait_for_space(self.state());
+        if state.write_error.is_some()
             && let (JournalEntry::Position(_), Some(last @ JournalEntry::Position(_))) =
                 (&entry, state.queue.back_mut())
         {
             *last = entry;
             return;
         }
-        if state.queue.len() >= WAITING {
+        if state.queue.len() >= CAPACITY {
             state.lost += 1;
             return;
         }
@@ -116,59 +116,61 @@ impl JournalQueue {
         self.0.changed.notify_all();
     }
 
-    /// In virtual time, whoever hands over waits for room, as long as there is hope of it.
-    fn waited<'s>(&'s self, state: MutexGuard<'s, QueueState>) -> MutexGuard<'s, QueueState> {
-        if self.0.care == Durability::Synced {
+    /// In virtual time, waits for space, as long as writing may still succeed.
+    fn wait_for_space<'s>(&'s self, state: MutexGuard<'s, QueueState>) -> MutexGuard<'s, QueueState> {
+        if self.0.durability == Durability::Synced {
             return state;
         }
-        let waits = |state: &mut QueueState| state.queue.len() >= WAITING && state.trouble.is_none() && !state.over;
+        let waits = |state: &mut QueueState| {
+            state.queue.len() >= CAPACITY && state.write_error.is_none() && !state.writer_ended
+        };
         self.0.changed.wait_while(state, waits).unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The next thing that the operator has to be told of the journal: an alarm where it cannot be written, a message when it can again.
-    pub(super) fn news(&self) -> Option<EventKind> {
-        self.state().news.pop_front()
+    /// Next notice to the operator about the journal: an alarm where it cannot be written, a message when it can again.
+    pub(super) fn next_notice(&self) -> Option<EventKind> {
+        self.state().notices.pop_front()
     }
 
-    /// What waits to be written, once something does; `None` at the end.
-    pub(super) fn take(&self) -> Option<Vec<JournalEntry>> {
+    /// Takes the next batch, waiting for one. `None` at the end.
+    pub(super) fn take_batch(&self) -> Option<Vec<JournalEntry>> {
         let waits = |state: &mut QueueState| state.queue.is_empty() && state.lost == 0 && !state.closed;
         let mut state = self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner);
-        if self.0.care == Durability::Written && !state.closed {
-            let gathering = |state: &mut QueueState| !state.closed && state.queue.len() < WAITING;
-            let waited = self.0.changed.wait_timeout_while(state, GATHER, gathering);
+        if self.0.durability == Durability::Written && !state.closed {
+            let gathering = |state: &mut QueueState| !state.closed && state.queue.len() < CAPACITY;
+            let waited = self.0.changed.wait_timeout_while(state, GATHER_TIME, gathering);
             state = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
-        let count = state.queue.len().min(BATCH);
+        let count = state.queue.len().min(MAX_BATCH);
         let mut batch: Vec<JournalEntry> = state.queue.drain(..count).collect();
         if state.lost > 0 {
-            // In front of the end, which is the last word.
+            // Before the end entry, which is the last one.
             let at = batch.len() - usize::from(matches!(batch.last(), Some(JournalEntry::End(_))));
             batch.insert(at, JournalEntry::Lost(LostEntries { entries: std::mem::take(&mut state.lost) }));
         }
-        state.in_hand = batch.len();
+        state.unsaved = batch.len();
         (!batch.is_empty()).then_some(batch)
     }
 
-    /// The batch is kept, up to this place.
-    pub(super) fn kept(&self, place: Option<u32>) {
+    /// Records that the batch is saved, up to this place.
+    pub(super) fn batch_saved(&self, place: Option<u32>) {
         if let Some(place) = place {
             self.0.durable.advance(place);
         }
         let mut state = self.state();
-        state.in_hand = 0;
-        if state.trouble.take().is_some() {
-            state.news.push_back(EventKind::Message("the journal can be written again".into()));
+        state.unsaved = 0;
+        if state.write_error.take().is_some() {
+            state.notices.push_back(EventKind::Message("the journal can be written again".into()));
         }
         drop(state);
         self.0.changed.notify_all();
     }
 
-    /// The batch could not be kept. Is it to be tried again?
-    pub(super) fn failed(&self, why: String) -> bool {
+    /// Records that the batch could not be saved. Returns whether to try again.
+    pub(super) fn batch_failed(&self, why: String) -> bool {
         let mut state = self.state();
-        if state.trouble.is_none() {
-            let remedy = match self.0.care {
+        if state.write_error.is_none() {
+            let remedy = match self.0.durability {
                 Durability::Synced => {
                     "make room on its disk, or mend it: the machine stops on the path until the journal can be written, and goes on by itself"
                 }
@@ -177,14 +179,18 @@ impl JournalQueue {
                 }
             };
             let cause = format!("the journal cannot be written: {why}");
-            state.news.push_back(EventKind::Alarm(CardError::Fault { number: "E3020", cause, remedy: remedy.into() }));
+            state.notices.push_back(EventKind::Alarm(CardError::Fault {
+                number: "E3020",
+                cause,
+                remedy: remedy.into(),
+            }));
         }
-        state.trouble = Some(why);
+        state.write_error = Some(why);
         self.0.changed.notify_all();
         if state.closed {
             return false;
         }
-        let waited = self.0.changed.wait_timeout_while(state, RETRY, |state| !state.closed);
+        let waited = self.0.changed.wait_timeout_while(state, RETRY_INTERVAL, |state| !state.closed);
         drop(waited.unwrap_or_else(PoisonError::into_inner));
         true
     }

@@ -1,7 +1,7 @@
 //! Reads a journal entry by entry.
 //!
-//! Invariant: what is read is what was written, from the first entry on without a gap. The last batch may be torn, as a crash leaves
-//! it, and is then read up to the tear; whatever else is not as it was written is a flaw.
+//! Invariant: the entries are read as they were written, from the first one on without a gap. The last batch may be
+//! torn by a crash, and is then read up to the tear. Any other difference is an error.
 
 use std::fmt;
 use std::io::{self, BufRead, Read};
@@ -13,30 +13,30 @@ use super::entry::{FORMAT, JournalEntry};
 use super::journal_line::{self, MAX_LINE};
 use crate::numbered_error::NumberedError;
 
-/// What is wrong with a journal.
+/// Reason why a journal cannot be used.
 #[derive(Debug)]
 pub enum JournalError {
-    /// It has no whole first entry.
+    /// It has no valid first entry.
     NoBeginning,
-    /// A line is damaged, and was whole once.
+    /// A line is damaged that was whole once.
     Damaged {
-        /// The line, from 1.
+        /// Line number, from 1.
         line: u64,
-        /// The byte at which it begins, from 0.
+        /// Offset of its first byte, from 0.
         byte: u64,
     },
-    /// A line is whole and does not belong here: lines before it are lost, or come twice.
+    /// A line is valid but out of sequence: lines before it are lost or duplicated.
     Gap {
-        /// The line, from 1.
+        /// Line number, from 1.
         line: u64,
-        /// The number that it has; from 0.
+        /// Its sequence number, from 0.
         number: u64,
     },
     /// An entry of a newer version.
     Unknown {
-        /// The line, from 1.
+        /// Line number, from 1.
         line: u64,
-        /// What is not known.
+        /// What is unknown.
         why: String,
     },
     /// A journal of another format than [`FORMAT`].
@@ -64,9 +64,9 @@ impl fmt::Display for JournalError {
 }
 
 impl JournalError {
-    /// As a refusal to use the journal.
+    /// The numbered error for the user.
     #[must_use]
-    pub fn refusal(&self, journal: &Path) -> NumberedError {
+    pub fn numbered_error(&self, journal: &Path) -> NumberedError {
         let again = "the job cannot be resumed; home the machine if in doubt, and begin at a line with `retrace run --start-line`";
         let (number, remedy) = match self {
             Self::NoBeginning => ("E2204", "nothing has moved in this job: run the program"),
@@ -78,18 +78,18 @@ impl JournalError {
     }
 }
 
-/// How a journal ends.
+/// End of a journal file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct JournalTail {
-    /// Bytes of it that are whole: what is behind them is to be cut off before it is gone on with.
+    /// Number of valid bytes. What is behind them is to be cut off before the journal is continued.
     pub whole: u64,
-    /// Number of the next line.
+    /// Sequence number of the next line.
     pub next: u64,
-    /// Bytes behind the whole ones, which a crash has torn.
+    /// Number of bytes behind the valid ones, torn by a crash.
     pub torn: u64,
 }
 
-/// The entries of a journal, each with its number. It ends after the first flaw.
+/// Iterator over the entries of a journal, each with its number. It ends after the first error.
 #[derive(Debug)]
 pub struct JournalEntries<R> {
     from: R,
@@ -99,28 +99,29 @@ pub struct JournalEntries<R> {
 }
 
 impl<R: BufRead> JournalEntries<R> {
-    /// The entries that can be read there.
+    /// Creates an iterator over the entries of this reader.
     pub fn new(from: R) -> Self {
         Self { from, tail: JournalTail::default(), buffer: Vec::new(), is_over: false }
     }
 
-    /// Where it has come to; how the journal ends, once all has been read.
+    /// State of the reader; the end of the journal, once all has been read.
     pub fn tail(&self) -> JournalTail {
         self.tail
     }
 
-    /// Reads the next line, whole or not. At most [`MAX_LINE`] bytes are taken at once, so that memory stays bounded whatever the file is.
-    fn fetch(&mut self) -> io::Result<usize> {
+    /// Reads the next line, whole or not. At most [`MAX_LINE`] bytes are read at once, so that memory is bounded for
+    /// any file.
+    fn read_line(&mut self) -> io::Result<usize> {
         self.buffer.clear();
         (&mut self.from).take(MAX_LINE as u64).read_until(b'\n', &mut self.buffer)
     }
 
     fn advance(&mut self) -> Result<Option<(u64, JournalEntry)>, JournalError> {
-        let length = self.fetch().map_err(JournalError::Unreadable)?;
+        let length = self.read_line().map_err(JournalError::Unreadable)?;
         if length == 0 {
             return if self.tail.next == 0 { Err(JournalError::NoBeginning) } else { Ok(None) };
         }
-        let Some(line) = journal_line::parse(&self.buffer) else { return self.torn().map(|()| None) };
+        let Some(line) = journal_line::parse(&self.buffer) else { return self.end_torn().map(|()| None) };
         let number = self.tail.next;
         if line.sequence != number {
             return Err(JournalError::Gap { line: number + 1, number: line.sequence });
@@ -131,25 +132,28 @@ impl<R: BufRead> JournalEntries<R> {
         Ok(Some((number, entry)))
     }
 
-    /// A line is not whole: the last batch was torn, unless a batch begins behind it. A first line that was torn is not a beginning.
-    fn torn(&mut self) -> Result<(), JournalError> {
+    /// Handles a line that is not whole: the last batch was torn, unless a batch begins behind it. A torn first line is
+    /// not a beginning.
+    fn end_torn(&mut self) -> Result<(), JournalError> {
         loop {
             self.tail.torn += self.buffer.len() as u64;
-            if journal_line::take_end(&self.buffer).is_some_and(|line| line.begins && line.sequence > self.tail.next) {
+            if journal_line::parse_end(&self.buffer)
+                .is_some_and(|line| line.begins_batch && line.sequence > self.tail.next)
+            {
                 return Err(JournalError::Damaged { line: self.tail.next + 1, byte: self.tail.whole });
             }
-            if self.fetch().map_err(JournalError::Unreadable)? == 0 {
+            if self.read_line().map_err(JournalError::Unreadable)? == 0 {
                 return if self.tail.next == 0 { Err(JournalError::NoBeginning) } else { Ok(()) };
             }
         }
     }
 }
 
-/// What a line says that has this number.
+/// Parses the content of the line with this number.
 fn parse_entry(json: &[u8], number: u64) -> Result<JournalEntry, JournalError> {
     let unknown = |why: String| JournalError::Unknown { line: number + 1, why };
     if number == 0 {
-        // A newer format may say other things of a job; that it is a newer one is the better reason.
+        // A newer format may describe a job differently; that it is newer is the better reason.
         let value: Value = serde_json::from_slice(json).map_err(|_| JournalError::NoBeginning)?;
         match value["job"]["format"].as_u64() {
             Some(format) if format == u64::from(FORMAT) => {}
@@ -183,7 +187,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A journal of these batches behind the first entry, and where each of its lines ends.
+    /// A journal of these batches behind the first entry, and the end of each of its lines.
     fn journal(batches: &[Vec<JournalEntry>]) -> (Vec<u8>, Vec<usize>, Vec<JournalEntry>) {
         let first = vec![JournalEntry::Job(Box::new(job("[machine]", JobCard::Sim)))];
         let (mut bytes, mut ends, mut all) = (Vec::new(), Vec::new(), Vec::new());
@@ -198,7 +202,7 @@ mod tests {
         (bytes, ends, all)
     }
 
-    /// Everything up to the end or the first flaw, which it gives back.
+    /// Reads everything up to the end or the first error, which is returned.
     fn read(bytes: &[u8]) -> (Vec<JournalEntry>, JournalTail, Option<JournalError>) {
         let mut reader = JournalEntries::new(bytes);
         let (mut all, mut flaw) = (Vec::new(), None);

@@ -1,7 +1,8 @@
-//! Decides what of the stream goes into the journal: every event, and positions often enough.
+//! Selects from the telemetry what goes into the journal: every event, and positions at sufficient intervals.
 //!
-//! Invariant: a position is kept once a second of machine time, a tenth of a second after the machine has come to rest, with every
-//! change of the mode, of why it stands and of the instructions that are complete, and at the end. It never is one off the path.
+//! Invariant: a position is recorded once per second of machine time, a tenth of a second after the machine has come to
+//! rest, with every change of the mode, of the hold reason and of the completed instructions, and at the end. Positions
+//! off the path are never recorded.
 
 use retrace_core::mode;
 use retrace_link::{Outputs, channel};
@@ -13,44 +14,46 @@ use super::timestamp::Timestamp;
 use crate::event::{ChannelNames, EventKind};
 use crate::telemetry::{self, PeriodRecord, Telemetry};
 
-/// The reporter's end of the logbook; what it has not kept yet it keeps when it is dropped, which is before [`Logbook::end`].
+/// The reporting thread's end of the journal. The last position is saved when it is dropped, which is before
+/// [`JournalWriter::end`].
 #[derive(Debug)]
 pub struct JournalRecorder<const A: usize> {
-    desk: JournalQueue,
+    queue: JournalQueue,
     axes: usize,
-    often: PositionSampler<A>,
+    sampler: PositionSampler<A>,
     outputs: Outputs,
     names: ChannelNames,
 }
 
 impl<const A: usize> JournalRecorder<A> {
-    /// For a machine of so many axes, and of this control period in microseconds.
+    /// Creates a recorder for a machine with this number of axes and this control period in microseconds.
     #[must_use]
-    pub fn new(logbook: &JournalWriter, axes: usize, period_us: u32) -> Self {
+    pub fn new(journal: &JournalWriter, axes: usize, period_us: u32) -> Self {
         let periods = |ms: u64| (ms * 1000).div_ceil(u64::from(period_us.max(1)));
-        let often = PositionSampler { second: periods(1000), tenth: periods(100), kept: None, last: None, rest: None };
+        let sampler =
+            PositionSampler { second: periods(1000), tenth: periods(100), recorded: None, last: None, rest: None };
         Self {
-            desk: logbook.desk(),
+            queue: journal.queue(),
             axes: axes.min(A),
-            often,
+            sampler,
             outputs: [0; channel::COUNT],
             names: ChannelNames::default(),
         }
     }
 
-    /// The same, which calls outputs by these names in events.
+    /// Sets the names of outputs in events.
     #[must_use]
-    pub fn naming(mut self, names: ChannelNames) -> Self {
+    pub fn with_names(mut self, names: ChannelNames) -> Self {
         self.names = names;
         self
     }
 
-    /// Takes what is told.
-    pub fn told(&mut self, told: &Telemetry<A>) {
-        match told {
+    /// Records a telemetry message.
+    pub fn record(&mut self, message: &Telemetry<A>) {
+        match message {
             Telemetry::Period(period) => {
-                if let Some(period) = self.often.pick(period) {
-                    self.keep(&period);
+                if let Some(period) = self.sampler.sample(period) {
+                    self.record_position(&period);
                 }
             }
             Telemetry::Output(change) => {
@@ -59,24 +62,24 @@ impl<const A: usize> JournalRecorder<A> {
                 }
             }
             Telemetry::Active(_) => {}
-            Telemetry::Event(event) => self.desk.tell(JournalEntry::Event(event.to_json_naming(&self.names))),
+            Telemetry::Event(event) => self.queue.push_event(JournalEntry::Event(event.to_json_naming(&self.names))),
         }
     }
 
-    /// Keeps the last position, if it is not kept yet: before the operator is waited for, and at the end.
-    pub fn keep_last(&mut self) {
-        if let Some(period) = self.often.rest_of_it() {
-            self.keep(&period);
+    /// Records the last position, if it is not recorded yet: before the operator is waited for, and at the end.
+    pub fn record_last_position(&mut self) {
+        if let Some(period) = self.sampler.take_unrecorded() {
+            self.record_position(&period);
         }
     }
 
-    /// The next thing that the operator has to be told of the journal itself: `E3020` where it cannot be written.
+    /// Next notice to the operator about the journal itself: `E3020` where it cannot be written.
     #[must_use]
-    pub fn output_changes(&self) -> Option<EventKind> {
-        self.desk.news()
+    pub fn next_notice(&self) -> Option<EventKind> {
+        self.queue.next_notice()
     }
 
-    fn keep(&self, period: &PeriodRecord<A>) {
+    fn record_position(&self, period: &PeriodRecord<A>) {
         let outputs = self.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
         let at = PositionEntry {
             when: Timestamp::now(),
@@ -89,15 +92,15 @@ impl<const A: usize> JournalRecorder<A> {
             outputs: outputs.map(|(number, &value)| (number as u8, value)).collect(),
             line: period.line,
             mode: mode_of(period.mode),
-            hold_reason: standing_of(period.hold_reason),
+            hold_reason: hold_reason_of(period.hold_reason),
         };
-        self.desk.tell(JournalEntry::Position(Box::new(at)));
+        self.queue.push_event(JournalEntry::Position(Box::new(at)));
     }
 }
 
 impl<const A: usize> Drop for JournalRecorder<A> {
     fn drop(&mut self) {
-        self.keep_last();
+        self.record_last_position();
     }
 }
 
@@ -112,9 +115,9 @@ fn mode_of(mode: mode::Mode) -> JournalMode {
     }
 }
 
-fn standing_of(standing: telemetry::HoldReason) -> JournalHoldReason {
+fn hold_reason_of(standing: telemetry::HoldReason) -> JournalHoldReason {
     match standing {
-        // Where a program has come to its end, nothing is waited for that resuming would have to know.
+        // Where a program has ended, nothing is pending that resuming would need.
         telemetry::HoldReason::None | telemetry::HoldReason::Ended => JournalHoldReason::None,
         telemetry::HoldReason::Hold => JournalHoldReason::Hold,
         telemetry::HoldReason::ProgramStop => JournalHoldReason::ProgramStop,
@@ -123,23 +126,23 @@ fn standing_of(standing: telemetry::HoldReason) -> JournalHoldReason {
     }
 }
 
-/// Which periods are kept.
+/// Selects the periods to record.
 #[derive(Debug)]
 struct PositionSampler<const A: usize> {
-    /// Periods in a second, and in a tenth of one.
+    /// Number of periods in a second, and in a tenth of one.
     second: u64,
     tenth: u64,
-    /// The one that was kept last.
-    kept: Option<PeriodRecord<A>>,
-    /// The one that came last.
+    /// The period that was recorded last.
+    recorded: Option<PeriodRecord<A>>,
+    /// The last period.
     last: Option<PeriodRecord<A>>,
-    /// Number of the period in which the machine came to rest, unless that is kept.
+    /// Number of the period in which the machine came to rest, unless that is recorded.
     rest: Option<u64>,
 }
 
 impl<const A: usize> PositionSampler<A> {
-    /// Takes a period, and gives one back that is to be kept.
-    fn pick(&mut self, period: &PeriodRecord<A>) -> Option<PeriodRecord<A>> {
+    /// Takes a period. Returns a period that is to be recorded, if any.
+    fn sample(&mut self, period: &PeriodRecord<A>) -> Option<PeriodRecord<A>> {
         if period.off_path {
             return None;
         }
@@ -151,24 +154,24 @@ impl<const A: usize> PositionSampler<A> {
         }
         self.last = Some(*period);
         let since = |then: u64| period.period.saturating_sub(then);
-        let is_due = self.kept.is_none_or(|kept| {
+        let is_due = self.recorded.is_none_or(|kept| {
             let state = |of: &PeriodRecord<A>| (of.mode, of.hold_reason, of.executed);
             state(&kept) != state(period) || since(kept.period) >= self.second
         });
         if !is_due && self.rest.is_none_or(|rest| since(rest) < self.tenth) {
             return None;
         }
-        self.kept = Some(*period);
+        self.recorded = Some(*period);
         if period.at_rest && self.rest.is_some_and(|rest| since(rest) >= self.tenth) {
             self.rest = None;
         }
         Some(*period)
     }
 
-    /// The last one, if it was not kept.
-    fn rest_of_it(&mut self) -> Option<PeriodRecord<A>> {
-        let period = self.last.take_if(|last| self.kept.is_none_or(|kept| kept.period != last.period))?;
-        self.kept = Some(period);
+    /// The last period, if it was not recorded.
+    fn take_unrecorded(&mut self) -> Option<PeriodRecord<A>> {
+        let period = self.last.take_if(|last| self.recorded.is_none_or(|kept| kept.period != last.period))?;
+        self.recorded = Some(period);
         Some(period)
     }
 }
@@ -179,7 +182,7 @@ mod tests {
     use retrace_core::Place;
 
     fn often() -> PositionSampler<1> {
-        PositionSampler { second: 1000, tenth: 100, kept: None, last: None, rest: None }
+        PositionSampler { second: 1000, tenth: 100, recorded: None, last: None, rest: None }
     }
 
     fn period(number: u64) -> PeriodRecord<1> {
@@ -206,12 +209,12 @@ mod tests {
         }
     }
 
-    /// The numbers of those that are kept.
+    /// Numbers of the recorded periods.
     fn kept(periods: impl IntoIterator<Item = PeriodRecord<1>>) -> Vec<u64> {
         let mut often = often();
-        let mut kept: Vec<u64> = periods.into_iter().filter_map(|p| often.pick(&p)).map(|p| p.period).collect();
-        kept.extend(often.rest_of_it().map(|p| p.period));
-        assert!(often.rest_of_it().is_none());
+        let mut kept: Vec<u64> = periods.into_iter().filter_map(|p| often.sample(&p)).map(|p| p.period).collect();
+        kept.extend(often.take_unrecorded().map(|p| p.period));
+        assert!(often.take_unrecorded().is_none());
         kept
     }
 

@@ -1,9 +1,11 @@
-//! The journal of a job: what is needed to take it up again after the computer has failed (DNC, *Beyond the source*).
+//! The journal of a job: what is needed to resume it after the computer has failed (DNC, *Beyond the source*).
 //!
-//! Text that is only appended to, one JSON object a line behind a checksum and a number ([`mod@line`]); what it says is in [`entry`]. A
-//! [`logbook::Logbook`] writes it in a thread of its own, a [`record::JobRecord`] is what it comes to when it is read.
+//! Append-only text, one JSON object per line behind a checksum and a number ([`journal_line`]); its content is in
+//! [`entry`]. A [`journal_writer::JournalWriter`] writes it in its own thread; a [`job_record::JobRecord`] is the
+//! result of reading it.
 //!
-//! Invariant: what was said to be durable is read again, whole and in its order, or the journal is refused with the place of the flaw.
+//! Invariant: what was reported durable is read again, whole and in order, or the journal is rejected with the place of
+//! the error.
 
 pub mod entry;
 pub mod hash;

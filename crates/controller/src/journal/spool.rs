@@ -1,7 +1,7 @@
-//! Keeps a program that arrives, so that it can be read again (DNC, *Beyond the source*).
+//! The spool saves a streamed program, so that it can be read again (DNC, *Beyond the source*).
 //!
-//! Invariant: no byte is given on that was not written to the spool before; what is read again is what was read the first time, byte
-//! for byte, or an error.
+//! Invariant: no byte is passed on that was not written to the spool before. What is read again is what was read the
+//! first time, byte for byte, or an error.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Seek, Take, Write};
@@ -14,15 +14,15 @@ use crate::numbered_error::NumberedError;
 use crate::program_end::ProgramEndDetector;
 use crate::state_file;
 
-/// How far the spool has come, and the file, for the logbook.
+/// Length of the spool, and its file, for the journal writer.
 #[derive(Debug)]
 pub struct SpoolProgress {
     file: File,
     marks: Arc<SpoolMarks>,
-    /// What was synced.
+    /// Length that was synced.
     synced: SpooledBytes,
-    /// A sync has failed: what it was for may be lost, and no later one would tell.
-    broken: Option<(io::ErrorKind, String)>,
+    /// Error of a failed sync: its data may be lost, and no later sync would report it.
+    sync_error: Option<(io::ErrorKind, String)>,
 }
 
 #[derive(Debug, Default)]
@@ -32,20 +32,20 @@ struct SpoolMarks {
 }
 
 impl SpoolProgress {
-    /// How much has been kept. Whatever was read before this is asked is in it.
+    /// Length that has been saved. Whatever was read before this call is included.
     pub(super) fn spooled(&self) -> SpooledBytes {
         let ended = self.marks.ended.load(Ordering::Acquire);
         SpooledBytes { bytes: self.marks.bytes.load(Ordering::Acquire), ended }
     }
 
-    /// Makes this much durable.
+    /// Makes this length durable.
     pub(super) fn sync(&mut self, spooled: SpooledBytes) -> io::Result<()> {
-        if let Some((kind, why)) = &self.broken {
+        if let Some((kind, why)) = &self.sync_error {
             return Err(io::Error::new(*kind, why.clone()));
         }
         if self.synced != spooled {
             let broken =
-                |error: &io::Error| self.broken = Some((error.kind(), format!("the program's spool: {error}")));
+                |error: &io::Error| self.sync_error = Some((error.kind(), format!("the program's spool: {error}")));
             self.file.sync_data().inspect_err(broken)?;
             self.synced = spooled;
         }
@@ -53,48 +53,48 @@ impl SpoolProgress {
     }
 }
 
-/// Reads a program as it arrives, and keeps it.
+/// Reads a streamed program and saves it.
 #[derive(Debug)]
 pub struct SpoolWriter<R> {
     from: R,
     file: File,
     marks: Arc<SpoolMarks>,
-    /// Bytes of what waits in `from` that are in the spool already.
+    /// Bytes of the buffer of `from` that are in the spool already.
     ahead: usize,
-    /// Whether what is in the spool comes to a program end.
+    /// Detects a program end in the spool.
     end: ProgramEndDetector,
-    /// Bytes that the spool may have.
+    /// Maximum length of the spool in bytes.
     quota: u64,
 }
 
 impl<R: BufRead> SpoolWriter<R> {
-    /// Keeps it in a new file of this name.
+    /// Creates a new spool file of this name.
     ///
     /// # Errors
-    /// As the system says.
+    /// The error of the system.
     pub fn create(path: &Path, from: R) -> io::Result<(Self, SpoolProgress)> {
         let file = state_file::private().append(true).create_new(true).open(path)?;
-        Self::after(file, from, SpooledBytes::default())
+        Self::append_to(file, from, SpooledBytes::default())
     }
 
-    /// Goes on with a file that holds this much.
-    fn after(file: File, from: R, spooled: SpooledBytes) -> io::Result<(Self, SpoolProgress)> {
+    /// Continues a file that holds this much.
+    fn append_to(file: File, from: R, spooled: SpooledBytes) -> io::Result<(Self, SpoolProgress)> {
         let marks =
             Arc::new(SpoolMarks { bytes: AtomicU64::new(spooled.bytes), ended: AtomicBool::new(spooled.ended) });
         let progress = SpoolProgress {
             file: file.try_clone()?,
             marks: Arc::clone(&marks),
             synced: SpooledBytes::default(),
-            broken: None,
+            sync_error: None,
         };
         Ok((Self { from, file, marks, ahead: 0, end: ProgramEndDetector::default(), quota: u64::MAX }, progress))
     }
 }
 
 impl<R> SpoolWriter<R> {
-    /// The same, which keeps no more than `quota` bytes: a longer program cannot be read on (`E2313`).
+    /// Limits the spool to `quota` bytes: a longer program cannot be read further (`E2313`).
     #[must_use]
-    pub fn limited_to(self, quota: u64) -> Self {
+    pub fn with_quota(self, quota: u64) -> Self {
         Self { quota, ..self }
     }
 }
@@ -118,7 +118,7 @@ impl<R: BufRead> BufRead for SpoolWriter<R> {
             self.marks.bytes.fetch_add(new.len() as u64, Ordering::Release);
             self.end.push(new);
         }
-        // A sender that was cut off has not sent all of the program.
+        // A sender that was cut off has not sent the whole program.
         if waiting.is_empty() && self.end.is_reached() {
             self.marks.ended.store(true, Ordering::Release);
         }
@@ -145,22 +145,24 @@ fn read_buffered(from: &mut impl BufRead, into: &mut [u8]) -> io::Result<usize> 
     Ok(count)
 }
 
-/// Reads a program again: first what was kept of it, then, where that is not all, on from a sender that sends it again from its
-/// beginning.
+/// Reads a program again: first what was saved of it; then, where that is not all, from a sender that sends it again
+/// from its beginning.
 #[derive(Debug)]
 pub struct SpoolReplay<R> {
     kept: Take<BufReader<File>>,
-    /// What was kept, once more, as long as it has not been compared with what is sent again.
+    /// The saved part, for comparison with what is sent again. None after the comparison.
     compared: Option<Take<BufReader<File>>>,
-    /// None where all was kept.
-    again: Option<SpoolWriter<R>>,
+    /// None where the whole program was saved.
+    resent: Option<SpoolWriter<R>>,
 }
 
 impl<R: BufRead> SpoolReplay<R> {
-    /// Reads the spool of a job, of which the journal says this much. What is behind it was never needed, and is cut off.
+    /// Reads the spool of a job, of which the journal records this length. What is behind it was never needed, and is
+    /// cut off.
     ///
     /// # Errors
-    /// `E2208` where it is not all and nobody sends it again, or there is less than the journal says; `E2104` where it cannot be read.
+    /// `E2208` where it is not the whole program and no sender sends it again, or it is shorter than the journal
+    /// records; `E2104` where it cannot be read.
     pub fn open(path: &Path, spooled: SpooledBytes, again: Option<R>) -> Result<(Self, SpoolProgress), NumberedError> {
         let unreadable = |error: io::Error| {
             let what = format!("the kept program {} cannot be read: {error}", path.display());
@@ -185,37 +187,37 @@ impl<R: BufRead> SpoolReplay<R> {
         let (kept, compared) = (open()?, if again.is_some() { Some(open()?) } else { None });
         let (again, progress) = match again {
             Some(from) => {
-                let (again, progress) = SpoolWriter::after(file, from, spooled).map_err(unreadable)?;
+                let (again, progress) = SpoolWriter::append_to(file, from, spooled).map_err(unreadable)?;
                 (Some(again), progress)
             }
-            None => (None, SpoolWriter::after(file, io::empty(), spooled).map_err(unreadable)?.1),
+            None => (None, SpoolWriter::append_to(file, io::empty(), spooled).map_err(unreadable)?.1),
         };
-        Ok((Self { kept, compared, again }, progress))
+        Ok((Self { kept, compared, resent: again }, progress))
     }
 }
 
 impl<R> SpoolReplay<R> {
-    /// The same, which keeps no more than `quota` bytes.
+    /// Limits the spool to `quota` bytes.
     #[must_use]
     pub fn limited_to(self, quota: u64) -> Self {
-        Self { again: self.again.map(|again| again.limited_to(quota)), ..self }
+        Self { resent: self.resent.map(|again| again.with_quota(quota)), ..self }
     }
 }
 
 impl<R: BufRead> SpoolReplay<R> {
-    /// Takes what is sent again up to where the spool ends, and compares it.
+    /// Compares what is sent again with the spool, up to its end.
     ///
     /// # Errors
-    /// What is sent is another program, with its first line that differs; or it cannot be read.
+    /// Another program is sent, with its first line that differs; or it cannot be read.
     pub fn compare(&mut self) -> io::Result<()> {
-        let (Some(kept), Some(again)) = (&mut self.compared, &mut self.again) else { return Ok(()) };
+        let (Some(kept), Some(again)) = (&mut self.compared, &mut self.resent) else { return Ok(()) };
         let mut line = 1;
         loop {
             let was = kept.fill_buf()?;
             if was.is_empty() {
                 break;
             }
-            // It is in the spool, and does not go there a second time.
+            // The bytes are in the spool, and are not written there a second time.
             let is = again.from.fill_buf()?;
             let common = was.iter().zip(is).take_while(|(was, is)| was == is).count();
             line += was[..common].iter().filter(|&&byte| byte == b'\n').count();
@@ -257,13 +259,13 @@ impl<R: BufRead> BufRead for SpoolReplay<R> {
             return self.kept.fill_buf();
         }
         self.compare()?;
-        self.again.as_mut().map_or(Ok(&[]), SpoolWriter::fill_buf)
+        self.resent.as_mut().map_or(Ok(&[]), SpoolWriter::fill_buf)
     }
 
     fn consume(&mut self, count: usize) {
         if self.kept.limit() > 0 {
             self.kept.consume(count);
-        } else if let Some(again) = &mut self.again {
+        } else if let Some(again) = &mut self.resent {
             again.consume(count);
         }
     }
@@ -282,7 +284,7 @@ mod tests {
 
     const PROGRAM: &[u8] = b"G0 X0\nG1 X1 F600\nX2\nX3\nM2\n";
 
-    /// A folder of a test's own, gone with it.
+    /// A temporary folder of a test.
     struct Folder(tempfile::TempDir);
 
     impl Folder {
@@ -295,7 +297,7 @@ mod tests {
         }
     }
 
-    /// Reads so many bytes of the program through pieces of this size, into the spool.
+    /// Reads this number of bytes of the program through pieces of this size into the spool.
     fn spooled(path: &Path, bytes: usize, piece: usize) -> SpoolProgress {
         let (mut spooling, progress) =
             SpoolWriter::create(path, BufReader::with_capacity(piece, PROGRAM)).expect("a spool");
@@ -338,7 +340,7 @@ mod tests {
             all(spooling).expect("readable");
             assert_eq!(progress.spooled(), SpooledBytes { bytes: sent.len() as u64, ended }, "{sent:?}");
         }
-        // the end of the program lies on both sides of what was kept
+        // the end of the program is on both sides of the end of the spool
         for kept in 0..PROGRAM.len() as u64 {
             std::fs::write(folder.file(), PROGRAM).expect("written");
             let spooled = SpooledBytes { bytes: kept, ended: false };
@@ -353,7 +355,7 @@ mod tests {
         let folder = Folder::new();
         let (spooling, progress) =
             SpoolWriter::create(&folder.file(), BufReader::with_capacity(4, PROGRAM)).expect("a spool");
-        let why = all(spooling.limited_to(10)).expect_err("it is full").to_string();
+        let why = all(spooling.with_quota(10)).expect_err("it is full").to_string();
         assert!(why.contains("E2313"), "{why}");
         assert_eq!(progress.spooled(), SpooledBytes { bytes: 8, ended: false });
         assert_eq!(std::fs::read(folder.file()).ok().as_deref(), Some(&PROGRAM[..8]));
@@ -381,7 +383,7 @@ mod tests {
             let folder = Folder::new();
             let path = folder.file();
             drop(spooled(&path, bytes, piece));
-            // What the journal says may be less than what is there.
+            // The journal may record less than the file has.
             let length = std::fs::metadata(&path).expect("a spool").len();
             let said = SpooledBytes { bytes: length.min(trusted as u64), ended: false };
             let open = |again: Vec<u8>| SpoolReplay::open(&path, said, Some(BufReader::with_capacity(piece, io::Cursor::new(again))));

@@ -1,6 +1,7 @@
-//! What a journal is kept in: bytes that are appended, made durable, and cut off again.
+//! Storage of a journal: bytes that are appended, made durable, and truncated.
 //!
-//! Invariant: a store that has failed says so in every call until it works again; it never says that something is kept that is not.
+//! Invariant: a store that has failed reports an error in every call until it works again; it never reports success for
+//! bytes that are not stored.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -8,24 +9,24 @@ use std::path::Path;
 
 use crate::state_file;
 
-/// Keeps bytes.
+/// Storage for bytes.
 pub trait JournalStore: Send {
-    /// Appends these bytes. Where it fails, any part of them may be there.
+    /// Appends these bytes. Where it fails, any part of them may be written.
     ///
     /// # Errors
-    /// As the system says.
+    /// The error of the system.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()>;
 
     /// Makes everything that was written durable.
     ///
     /// # Errors
-    /// As the system says; what was written since the last time may be lost then, and has to be written again.
+    /// The error of the system; what was written since the last sync may be lost then, and has to be written again.
     fn sync(&mut self) -> io::Result<()>;
 
-    /// Cuts off what lies behind the first `length` bytes.
+    /// Truncates the store to its first `length` bytes.
     ///
     /// # Errors
-    /// As the system says.
+    /// The error of the system.
     fn truncate(&mut self, length: u64) -> io::Result<()>;
 }
 
@@ -34,18 +35,18 @@ pub trait JournalStore: Send {
 pub struct FileStore(File);
 
 impl FileStore {
-    /// A new file, private to its user; there must be none of that name.
+    /// Creates a new file, private to its user. It must not exist yet.
     ///
     /// # Errors
-    /// As the system says.
+    /// The error of the system.
     pub fn create(path: &Path) -> io::Result<Self> {
         state_file::private().append(true).create_new(true).open(path).map(Self)
     }
 
-    /// A file that is there, to be gone on with.
+    /// Opens an existing file for appending.
     ///
     /// # Errors
-    /// As the system says.
+    /// The error of the system.
     pub fn open(path: &Path) -> io::Result<Self> {
         OpenOptions::new().append(true).open(path).map(Self)
     }

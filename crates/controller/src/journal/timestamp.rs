@@ -1,6 +1,6 @@
-//! A moment of the calendar, as the journal and the names of jobs write it: in UTC.
+//! A calendar time in UTC, as it is written in the journal and in the names of jobs.
 //!
-//! Invariant: a moment is written in one way only, and read in no other.
+//! Invariant: a time has exactly one written form, and only that form is parsed.
 
 use std::fmt;
 use std::str::FromStr;
@@ -9,30 +9,31 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 const DAY_MS: u64 = 86_400_000;
-/// The last moment of the year 9999, in ms.
+/// The last millisecond of the year 9999.
 const LAST_MS: u64 = 253_402_300_799_999;
 
-/// Milliseconds since the beginning of 1970, UTC, at most to the end of the year 9999; written as in `2026-11-22T00:46:27.123Z`.
+/// Milliseconds since the beginning of 1970, UTC, limited to the end of the year 9999. Written as in
+/// `2026-11-22T00:46:27.123Z`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Timestamp(u64);
 
-/// The parts of a moment.
+/// Parts of a time.
 struct TimestampParts {
     year: u64,
     month: u64,
     day: u64,
-    /// Of the day.
+    /// Milliseconds of the day.
     ms: u64,
 }
 
 impl Timestamp {
-    /// So many milliseconds since the beginning of 1970, UTC; what lies beyond the year 9999 is the end of it.
+    /// Creates a time from milliseconds since the beginning of 1970, UTC. Times beyond the year 9999 become its end.
     #[must_use]
     pub fn from_ms(ms: u64) -> Self {
         Self(ms.min(LAST_MS))
     }
 
-    /// This moment, by the computer's clock.
+    /// Current time, by the computer's clock.
     #[must_use]
     pub fn now() -> Self {
         Self::from_ms(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64))
@@ -44,7 +45,7 @@ impl Timestamp {
         self.0
     }
 
-    /// As the name of a job begins: `20261122-004627`.
+    /// Form that begins the name of a job: `20261122-004627`.
     #[must_use]
     pub fn compact(self) -> String {
         let TimestampParts { year, month, day, ms } = self.parts();
@@ -52,8 +53,8 @@ impl Timestamp {
         format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", s / 3600, s / 60 % 60, s % 60)
     }
 
-    /// Day, month and year from the number of days, counted from 1 March of the year 0 so that a leap day ends its year; an era
-    /// of 400 years has 146 097 days.
+    /// Day, month and year from the number of days, counted from 1 March of the year 0 so that a leap day ends its
+    /// year. An era of 400 years has 146 097 days.
     fn parts(self) -> TimestampParts {
         let days = self.0 / DAY_MS + 719_468;
         let (era, of_era) = (days / 146_097, days % 146_097);
@@ -84,7 +85,7 @@ impl fmt::Display for Timestamp {
     }
 }
 
-/// No moment is written like that.
+/// The text is not a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ParseTimestampError;
 
@@ -112,7 +113,7 @@ impl FromStr for Timestamp {
             };
             (parts.year >= 1970 && (1..=12).contains(&parts.month) && parts.day >= 1).then(|| Self::of(&parts))
         };
-        // What is not a moment, a 31 February, is written otherwise than it was read.
+        // An invalid date, such as 31 February, is formatted differently from its input.
         read().filter(|stamp| stamp.to_string() == text).ok_or(ParseTimestampError)
     }
 }

@@ -51,7 +51,7 @@ impl MachineConfig {
     #[must_use]
     pub fn undeclared_inputs(&self) -> BTreeMap<u8, &'static str> {
         let mut undeclared = BTreeMap::new();
-        for (code, switching) in self.switching.described() {
+        for (code, switching) in self.switching.defined_codes() {
             if let Some(until) = switching.until.filter(|until| !self.card.declares_input(until.input)) {
                 undeclared.entry(until.input).or_insert(code);
             }

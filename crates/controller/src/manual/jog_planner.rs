@@ -1,7 +1,8 @@
-//! Moves by hand: planned in a thread of their own, into a small ring of their own, when the motion path asks for one.
+//! The jog planner: manual moves are planned in their own thread, into a small ring of their own, when the motion path
+//! requests one.
 //!
-//! Invariant: one move is planned at a time, from where the machine stands; the motion path neither waits for the planner nor wakes it
-//! while anything moves, and allocates nothing.
+//! Invariant: one move is planned at a time, from the machine's position. The motion path neither waits for the planner
+//! nor wakes it while anything moves, and allocates nothing.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
@@ -16,40 +17,40 @@ use retrace_motion::{FeedRate, PathMode, Planner};
 use crate::approach::approach;
 use crate::machine::MachineConfig;
 
-/// Places of moves by hand lie so many records beyond those of the job that they interrupt.
+/// Offset in records between the places of manual moves and those of the job that they interrupt.
 pub const BEYOND: u32 = 1 << 30;
 
-/// Records of a move that are kept behind the cursor: nothing goes back over them.
+/// Number of records of a move that are retained behind the cursor: manual moves are not reversed.
 const KEPT: u32 = 64;
 
-/// What is asked of the planning thread.
+/// A request to the planning thread.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum JogRequest<const A: usize> {
-    /// A straight move between two places, in counts, at the jog speed.
+    /// A straight move between two positions, in counts, at the jog speed.
     Straight { from: [i64; A], to: [i64; A] },
     /// The moves of an approach: tool axis up, the others, tool axis down (DNC-6).
     Approach { from: [i64; A], to: [i64; A] },
-    /// Which program would be read now?
+    /// Determine which program would be read now.
     Identify,
 }
 
-/// What the two ends tell each other beside the records.
+/// What the two ends share in addition to the records.
 #[derive(Debug, Default)]
 pub(crate) struct JogStatus {
-    /// Number of the last request that is answered.
+    /// Number of the last request that was answered.
     done: AtomicU32,
-    /// Number of the last request that nobody wants any more.
+    /// Number of the last request that was cancelled.
     given_up: AtomicU32,
-    /// The last request could not be planned.
+    /// Whether the last request could not be planned.
     failed: AtomicBool,
-    /// The answer to [`Request::Identify`].
+    /// The answer to [`JogRequest::Identify`].
     program: AtomicU64,
 }
 
-/// Says which program would be read now: the same number for the same content only.
+/// Identifies the program that would be read now: the same number for the same content only.
 pub type Identify = Box<dyn FnMut() -> u64 + Send>;
 
-/// A ring for moves by hand, whose first place is `start`.
+/// Creates a ring for manual moves, whose first place is `start`.
 ///
 /// # Errors
 /// The machine's look-ahead is larger than any ring.
@@ -62,7 +63,7 @@ pub(crate) fn ring<const A: usize>(
     Ring::new(cells, KEPT, machine.look_ahead_records, start)
 }
 
-/// The two ends over a ring's two ends.
+/// Creates the two ends of the jog planner over the two ends of a ring.
 pub(crate) fn hand<'r, const A: usize>(
     ends: (Producer<'r, Record<A>>, Consumer<'r, Record<A>>),
     mail: &'r JogStatus,
@@ -83,17 +84,17 @@ pub struct JogPlanner<'r, const A: usize> {
 }
 
 impl<const A: usize> JogPlanner<'_, A> {
-    /// The same; `thread` is the one that plans.
+    /// Wakes `thread`, the planning thread, with every request.
     pub(crate) fn waking(mut self, thread: Thread) -> Self {
         self.thread = Some(thread);
         self
     }
 
-    /// Asks for something. The one before it is done.
+    /// Sends a request. The one before it must be done.
     pub(crate) fn ask(&mut self, request: JogRequest<A>) {
         self.number = self.number.wrapping_add(1);
         if let Some(requests) = &self.requests {
-            // There is room: one is asked for at a time.
+            // There is space: one request is pending at a time.
             let _ = requests.try_send((self.number, request));
         }
         self.wake();
@@ -105,22 +106,22 @@ impl<const A: usize> JogPlanner<'_, A> {
         }
     }
 
-    /// Is it done, so that nothing more comes of it?
+    /// Whether the request is done, so that nothing more follows.
     pub(crate) fn is_done(&self) -> bool {
         self.mail.done.load(Ordering::Acquire) == self.number
     }
 
-    /// Could it not be planned?
+    /// Whether the request could not be planned.
     pub(crate) fn failed(&self) -> bool {
         self.mail.failed.load(Ordering::Relaxed)
     }
 
-    /// The program that would be read now, once that is known.
+    /// Identity of the program that would be read now, once it is known.
     pub(crate) fn program(&self) -> u64 {
         self.mail.program.load(Ordering::Relaxed)
     }
 
-    /// Nobody wants it any more.
+    /// Cancels the request.
     pub(crate) fn give_up(&self) {
         self.mail.given_up.store(self.number, Ordering::Release);
     }
@@ -141,11 +142,11 @@ pub(crate) struct JogWorker<'r, const A: usize> {
     mail: &'r JogStatus,
 }
 
-/// A move could not be planned, or is not wanted any more.
+/// A move could not be planned, or was cancelled.
 struct JogPlannerGone;
 
 impl<const A: usize> JogWorker<'_, A> {
-    /// Plans what is asked for until the other end is gone.
+    /// Serves requests until the other end is gone.
     pub(crate) fn serve(mut self, machine: &MachineConfig, mut identify: Identify) {
         loop {
             match self.requests.try_recv() {
@@ -207,7 +208,7 @@ fn in_mm<const A: usize>(machine: &MachineConfig, counts: [i64; A]) -> [f64; A] 
     machine.clone().standing_at(&counts).start_mm()
 }
 
-/// The jog speed along a move: that of the slowest axis that moves, mm/s.
+/// Jog speed of a move: that of the slowest axis that moves, mm/s.
 fn speed<const A: usize>(machine: &MachineConfig, from: [i64; A], to: [i64; A]) -> f64 {
     let moving = machine.axes.iter().zip(from.iter().zip(&to)).filter(|(_, (from, to))| from != to);
     moving.map(|(axis, _)| axis.jog_mm_s()).fold(machine.path_velocity_mm_s, f64::min)

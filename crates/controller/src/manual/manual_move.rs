@@ -1,6 +1,8 @@
-//! A move by hand on the card: an epoch begun where the machine stands, played to its end or to where it is stopped.
+//! A manual move on the card: an epoch that begins at the machine's position, played to its end or to where it is
+//! stopped.
 //!
-//! Invariant: it begins and ends at rest; what of it was not run when it is stopped is discarded, and the next one begins at the counts.
+//! Invariant: it begins and ends at rest. When it is stopped, the rest of it is discarded, and the next one begins at
+//! the counts.
 
 use std::thread;
 use std::time::Duration;
@@ -11,51 +13,51 @@ use retrace_link::{HostCommand, MotionCard, PathStart};
 
 use super::jog_planner::{JogPlanner, JogRequest};
 
-/// Over a line, what the card says of standing still may be so many periods old.
+/// Over a link, the card's report of being at rest may be this many periods old.
 pub(crate) const OLD_NEWS: u32 = crate::session::IN_FLIGHT_RECORDS;
 
-/// A move on its way.
+/// A manual move in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ManualMove {
-    /// The place that it begins at.
+    /// Place at which it begins.
     begins: u32,
-    /// Number of the last instruction that is executed: it stays.
+    /// Number of the last instruction that was executed; it does not change.
     executed: u32,
     state: ManualMoveState,
-    /// Records ahead that are enough to go on at full rate.
+    /// Number of records ahead that are enough to run at full rate.
     enough: u32,
     wall_time: bool,
-    /// Periods that it has been standing while it is stopped.
+    /// Periods at rest while it is being stopped.
     stood: u32,
-    /// The card has begun an epoch for it.
+    /// Whether the card has begun an epoch for it.
     off_path: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ManualMoveState {
-    /// Until enough is planned to begin.
+    /// Waiting until enough is planned.
     Planned,
-    /// On the way; has the card been told to move?
-    OnTheWay { told: bool },
+    /// Moving; `told`: a rate was sent to the card.
+    OnTheWay { rate_sent: bool },
     /// Coming to rest before the end.
     Stopping,
     /// At rest.
     Ended(ManualMoveEnd),
 }
 
-/// How it ended.
+/// How a manual move ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ManualMoveEnd {
     /// At its end.
     There,
-    /// Before it: it was stopped.
+    /// Before its end: it was stopped.
     Stopped,
     /// It could not be planned.
     NotPlanned,
 }
 
 impl ManualMove {
-    /// Asks for a move. The machine stands, instruction `executed` having been the last.
+    /// Requests a move. The machine is at rest; `executed` is the number of the last instruction.
     pub(crate) fn begin<const A: usize>(
         hand: &mut JogPlanner<'_, A>,
         request: JogRequest<A>,
@@ -68,19 +70,19 @@ impl ManualMove {
         Self { begins, executed, state: ManualMoveState::Planned, enough, wall_time, stood: 0, off_path: false }
     }
 
-    /// Has the card begun an epoch for it?
+    /// Whether the card has begun an epoch for it.
     pub(crate) fn is_off_path(&self) -> bool {
         self.off_path
     }
 
-    /// It is to come to rest where it is.
+    /// Stops the move.
     pub(crate) fn stop(&mut self) {
         if !matches!(self.state, ManualMoveState::Ended(_)) {
             (self.state, self.stood) = (ManualMoveState::Stopping, 0);
         }
     }
 
-    /// What is to be done before the next period; how it ended, once it has.
+    /// Performs what is due before the next period. Returns how the move ended, once it has.
     ///
     /// # Errors
     /// The card's fault.
@@ -100,13 +102,13 @@ impl ManualMove {
                 let start = PathStart { executed: self.executed, ..PathStart::at(self.begins) };
                 card.begin_path(start)?;
                 self.off_path = true;
-                self.state = ManualMoveState::OnTheWay { told: false };
+                self.state = ManualMoveState::OnTheWay { rate_sent: false };
             }
         }
-        if let ManualMoveState::OnTheWay { told } = self.state {
+        if let ManualMoveState::OnTheWay { rate_sent } = self.state {
             self.fill(hand, card);
-            if !told && self.may_move(hand, card) && card.send(HostCommand::rate(ONE)).is_ok() {
-                self.state = ManualMoveState::OnTheWay { told: true };
+            if !rate_sent && self.may_move(hand, card) && card.send(HostCommand::rate(ONE)).is_ok() {
+                self.state = ManualMoveState::OnTheWay { rate_sent: true };
             }
             let status = card.status();
             if hand.is_done() && status.at_rest && status.place == Place::start_of(hand.ring.write()) {
@@ -139,7 +141,8 @@ impl ManualMove {
         self.state = ManualMoveState::Ended(how);
     }
 
-    /// Is enough planned beyond `place`, or all of it? In virtual time it must not depend on how fast that is: it is waited for.
+    /// Whether enough is planned beyond `place`, or all of it. In virtual time the result must not depend on the
+    /// planner's speed: this waits.
     fn is_planned<const A: usize>(&self, hand: &mut JogPlanner<'_, A>, place: u32) -> bool {
         loop {
             let done = hand.is_done();
@@ -166,7 +169,7 @@ impl ManualMove {
         }
     }
 
-    /// Has enough come to the card to go on at full rate?
+    /// Whether enough records are on the card to run at full rate.
     fn may_move<const A: usize, C: MotionCard<A>>(&self, hand: &mut JogPlanner<'_, A>, card: &C) -> bool {
         let (wanted, end) = (self.begins.wrapping_add(self.enough), hand.ring.write());
         let wanted = if is_before(end, wanted) { end } else { wanted };

@@ -1,4 +1,4 @@
-//! Work at the machine while no program runs, and while one is paused: homing, jogging, a block by hand, work zero.
+//! Manual work at the machine while no program runs, and while one is paused: homing, jogging, MDI, work zero.
 //!
 //! Invariant: every task begins and ends at rest, and moves within the soft limits.
 
@@ -8,31 +8,31 @@ mod perform;
 
 pub use perform::{ManualTaskDone, ManualTaskError, perform};
 
-/// What the operator wants done.
+/// A task of the operator.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ManualTask {
-    /// Home this axis, or all in the machine file's order.
+    /// Home this axis, or all axes in the machine file's order.
     Home(Option<char>),
-    /// Move an axis by so many mm (degrees), at the jog speed, cut short at the soft limit.
+    /// Jog an axis by a distance in mm (degrees) at the jog speed, shortened at the soft limit.
     Jog {
-        /// Its letter, lower case.
+        /// Axis letter, lower case.
         axis: char,
-        /// How far, signed.
+        /// Distance, signed.
         mm: f64,
     },
-    /// Move an axis until the operator stops it, at the soft limit at the latest.
+    /// Jog an axis until the operator stops it, at most to the soft limit.
     JogOn {
-        /// Its letter, lower case.
+        /// Axis letter, lower case.
         axis: char,
-        /// Upward?
+        /// Whether in the positive direction.
         up: bool,
     },
-    /// A block, as it would stand in a program.
+    /// Execute one MDI block, as it would be in a program.
     Mdi(String),
-    /// The work position of this axis, or of all, is zero here (G10 L20).
+    /// Set the work position of this axis, or of all, to zero (G10 L20).
     WorkZero(Option<char>),
     /// Clear the card's alarm.
     ClearAlarm,
-    /// Switch an output by hand: channel and value.
+    /// Switch an output manually: channel and value.
     Output(u8, i32),
 }

@@ -1,6 +1,8 @@
-//! Carries a task out while no program runs, with the machinery of a job: an epoch, the card's window, one stream that tells it.
+//! Performs a manual task while no program runs, with the machinery of a job: an epoch, the card's window, and
+//! telemetry.
 //!
-//! Invariant: it begins and ends at rest; whoever says *stop* or *hold* brings it to rest where it is, and what is left of it is discarded.
+//! Invariant: it begins and ends at rest. *Stop* or *hold* brings it to rest where it is, and the rest of it is
+//! discarded.
 
 use std::sync::PoisonError;
 use std::thread;
@@ -23,27 +25,27 @@ use crate::place_index::JournalConfig;
 use crate::session::{IN_FLIGHT_RECORDS, Outcome, RunMode};
 use crate::telemetry::{self, Observer, PeriodRecord, Telemetry, TelemetrySender};
 
-/// Periods within which a card has taken a word and said so.
+/// Periods within which a card has accepted a command and reported it.
 const HEARD: u32 = 3 * OLD_NEWS;
 
-/// What a task came to.
+/// Result of a task.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ManualTaskDone {
-    /// It was carried out; of a jog, whether the soft limit cut it short.
+    /// It was completed.
     Whole {
-        /// It was to go farther.
+        /// Whether a jog was shortened by the soft limit.
         cut_short: bool,
     },
     /// It was stopped.
     Stopped,
 }
 
-/// Why a task was not carried out, or not to its end. The machine stands.
+/// Reason why a task was not performed, or not completed. The machine is at rest.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ManualTaskError {
-    /// It is not begun: what is wrong.
+    /// It was not begun; the reason.
     Refused(NumberedError),
-    /// A block by hand has errors: rendered.
+    /// An MDI block has errors: rendered.
     Block(Vec<String>),
     /// An alarm, or a fault of the card.
     Trouble(CardError),
@@ -55,36 +57,36 @@ impl From<NumberedError> for ManualTaskError {
     }
 }
 
-/// Carries a task out on a card that stands. What `desk` has in force is what blocks by hand go by, and go on from.
+/// Performs a task on a card that is at rest. MDI blocks use the modal state of `desk` and update it.
 ///
 /// # Errors
-/// What keeps it from being done.
+/// The reason why it was not completed.
 pub fn perform<const A: usize, C: MotionCard<A>>(
     task: &ManualTask,
     machine: &MachineConfig,
-    desk: &mut ModalContext,
+    context: &mut ModalContext,
     card: &mut C,
-    (operators, manner): (CommandSources, RunMode),
+    (operators, run_mode): (CommandSources, RunMode),
     observer: &mut dyn Observer<A>,
 ) -> Result<ManualTaskDone, ManualTaskError> {
     if let Some(text) = block_of(task, machine)? {
-        return block(&text, machine, desk, card, (operators, manner), observer);
+        return block(&text, machine, context, card, (operators, run_mode), observer);
     }
     let mut ring = jog_planner::ring(machine, 0)
         .map_err(|_| NumberedError::new("E2112", "no ring for a move", "a shorter look_ahead_s"))?;
     let mail = jog_planner::JogStatus::default();
     let (hand, requests) = jog_planner::hand(ring.split(), &mail);
-    let (teller, hearing) = telemetry::telemetry_channel(manner.wall_time, machine.period_s());
+    let (telemetry, receiver) = telemetry::telemetry_channel(run_mode.wall_time, machine.period_s());
     thread::scope(|scope| {
-        scope.spawn(move || hearing.report(observer));
+        scope.spawn(move || receiver.run(observer));
         let planner = scope.spawn(move || requests.serve(machine, Box::new(|| 0)));
         let hand = hand.waking(planner.thread().clone());
         let enough = machine.stopping.foresight_records + IN_FLIGHT_RECORDS;
-        ManualRunner { machine, card, operators, manner, teller, hand, enough, stopped: false }.perform(task)
+        ManualRunner { machine, card, operators, run_mode, telemetry, hand, enough, stopped: false }.perform(task)
     })
 }
 
-/// The block that a task comes to, if it is one.
+/// The block that a task amounts to, if it is one.
 fn block_of(task: &ManualTask, machine: &MachineConfig) -> Result<Option<String>, ManualTaskError> {
     Ok(match task {
         ManualTask::Mdi(text) => Some(text.clone()),
@@ -109,32 +111,33 @@ fn axis(machine: &MachineConfig, letter: char) -> Result<usize, NumberedError> {
     })
 }
 
-/// A block by hand is a small job.
+/// Executes an MDI block as a small job.
 fn block<const A: usize, C: MotionCard<A>>(
     text: &str,
     machine: &MachineConfig,
-    desk: &mut ModalContext,
+    context: &mut ModalContext,
     card: &mut C,
-    (operators, manner): (CommandSources, RunMode),
+    (operators, run_mode): (CommandSources, RunMode),
     observer: &mut dyn Observer<A>,
 ) -> Result<ManualTaskDone, ManualTaskError> {
-    let trouble = |fault: &C::Fault| ManualTaskError::Trouble(CardError::of(fault));
-    anew(card).map_err(|fault| trouble(&fault))?;
+    let card_error = |fault: &C::Fault| ManualTaskError::Trouble(CardError::of(fault));
+    anew(card).map_err(|fault| card_error(&fault))?;
     let machine = MachineConfig { history_records: 0, ..machine.clone() }.standing_at(&card.status().counts);
-    let block = desk.block(&machine, text).map_err(ManualTaskError::Block)?;
+    let block = context.block(&machine, text).map_err(ManualTaskError::Block)?;
     let (block, left) = block.leaving();
-    let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
-    let end = job::run(&machine, block, conduct, &mut *card, observer)
+    let options =
+        JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
+    let end = job::run(&machine, block, options, &mut *card, observer)
         .map_err(|why| NumberedError::new("E2112", why.to_string(), "a shorter look_ahead_s in the machine file"))?;
     match end.outcome {
         Outcome::Completed => {
             if let Some(carried) = left.lock().unwrap_or_else(PoisonError::into_inner).take() {
-                desk.take_over(carried);
+                context.take_over(carried);
             }
             Ok(ManualTaskDone::Whole { cut_short: false })
         }
         Outcome::Stopped => {
-            anew(card).map_err(|fault| trouble(&fault))?;
+            anew(card).map_err(|fault| card_error(&fault))?;
             Ok(ManualTaskDone::Stopped)
         }
         Outcome::Refused(text) => Err(ManualTaskError::Block(vec![text])),
@@ -144,19 +147,19 @@ fn block<const A: usize, C: MotionCard<A>>(
     }
 }
 
-/// Begins a path anew where the machine stands.
+/// Begins a new path at the machine's position.
 fn anew<const A: usize, C: MotionCard<A>>(card: &mut C) -> Result<(), C::Fault> {
     let CardStatus { place, executed, .. } = *card.status();
     card.begin_path(PathStart { executed, ..PathStart::at(place.boundary_ahead()) })
 }
 
-/// A card in hand.
+/// A task in progress on a card.
 struct ManualRunner<'a, 'r, const A: usize, C: MotionCard<A>> {
     machine: &'a MachineConfig,
     card: &'a mut C,
     operators: CommandSources,
-    manner: RunMode,
-    teller: TelemetrySender<A>,
+    run_mode: RunMode,
+    telemetry: TelemetrySender<A>,
     hand: JogPlanner<'r, A>,
     enough: u32,
     stopped: bool,
@@ -185,14 +188,14 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                     NumberedError::new("E2161", format!("the card has no output {channel}"), "an output that it has")
                 };
                 self.card.send(HostCommand::ManualOutput(change)).map_err(refused)?;
-                self.pass(if self.manner.wall_time { OLD_NEWS } else { 2 })
+                self.pass(if self.run_mode.wall_time { OLD_NEWS } else { 2 })
             }
-            // Blocks: not here.
+            // Blocks are not handled here.
             ManualTask::Mdi(_) | ManualTask::WorkZero(_) => Ok(ManualTaskDone::Whole { cut_short: false }),
         }
     }
 
-    /// One axis to its home switch, over the card.
+    /// Homes one axis to its switch, by the card.
     fn home(&mut self, letter: char) -> Result<ManualTaskDone, ManualTaskError> {
         let index = axis(self.machine, letter)?;
         let name = letter.to_ascii_uppercase();
@@ -201,7 +204,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         self.card
             .send(HostCommand::Home(homing))
             .map_err(|why| no_home(format!("the card does not home axis {name}: {why:?}")))?;
-        let settled = if self.manner.wall_time { OLD_NEWS } else { 2 };
+        let settled = if self.run_mode.wall_time { OLD_NEWS } else { 2 };
         let mut stood = 0;
         while stood < settled {
             self.period()?;
@@ -210,12 +213,12 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
             }
             stood = if self.card.status().at_rest { stood + 1 } else { 0 };
         }
-        // The count was set: a path begins anew there.
+        // The count was set: a path begins there.
         self.begin()?;
         Ok(if self.stopped { ManualTaskDone::Stopped } else { ManualTaskDone::Whole { cut_short: false } })
     }
 
-    /// An axis by hand, within its soft limits; `wanted`: from the count where it stands, and what makes counts of mm.
+    /// Jogs an axis within its soft limits. `wanted` returns the target from its current count and the pulses per mm.
     fn jog(
         &mut self,
         letter: char,
@@ -245,7 +248,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
             JogRequest::Straight { from: counts, to: end },
             executed,
             self.enough,
-            self.manner.wall_time,
+            self.run_mode.wall_time,
         );
         let ended = loop {
             let ended = trip
@@ -262,7 +265,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         };
         let cut_short = to != wanted;
         self.tell_jogged(index, from, cut_short || ended == ManualMoveEnd::Stopped);
-        // What is left of it is forgotten.
+        // The rest of the move is discarded.
         self.begin()?;
         match ended {
             ManualMoveEnd::There => Ok(ManualTaskDone::Whole { cut_short }),
@@ -275,7 +278,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
 
     fn clear(&mut self) -> Result<ManualTaskDone, ManualTaskError> {
         let Some(alarm) = self.card.status().alarm else { return Ok(ManualTaskDone::Whole { cut_short: false }) };
-        // What the card refuses shows below.
+        // A rejection by the card shows below.
         let _ = self.card.send(HostCommand::ClearAlarm);
         for _ in 0..HEARD {
             if self.card.run_period().is_ok_and(|status| status.alarm.is_none()) {
@@ -296,23 +299,23 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         Ok(ManualTaskDone::Whole { cut_short: false })
     }
 
-    /// One control period: the operator's words, the card, and what is told.
+    /// Runs one control period: the operator's commands, the card, and telemetry.
     fn period(&mut self) -> Result<(), ManualTaskError> {
         let period = self.card.status().period;
-        while let Some(deed) = self.operators.next_word(period, 0) {
-            self.tell(EventKind::Operator(deed));
-            match deed {
+        while let Some(command) = self.operators.next_command(period, 0) {
+            self.tell(EventKind::Operator(command));
+            match command {
                 OperatorCommand::Stop | OperatorCommand::Hold | OperatorCommand::Pause => self.stopped = true,
                 _ => self
                     .tell(EventKind::CommandRejected(CommandError::NotNow("an axis is moved by hand: stop it first"))),
             }
         }
         let status = *self.card.run_period().map_err(|fault| ManualTaskError::Trouble(CardError::of(&fault)))?;
-        self.teller.outputs(&status.outputs);
-        self.teller.send(Telemetry::Period(PeriodRecord {
+        self.telemetry.send_output_changes(&status.outputs);
+        self.telemetry.send(Telemetry::Period(PeriodRecord {
             off_path: true,
             mode: Mode::Run,
-            ..PeriodRecord::of(&status)
+            ..PeriodRecord::from_status(&status)
         }));
         match status.alarm {
             Some(alarm) if status.at_rest => Err(self.alarm(alarm)),
@@ -332,10 +335,10 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         self.tell(EventKind::Dnc(DncEvent { step, flags: DncFlags::default() }));
     }
 
-    fn tell(&mut self, happening: EventKind) {
+    fn tell(&mut self, kind: EventKind) {
         let CardStatus { period, place, .. } = *self.card.status();
         let time_s = period as f64 * self.machine.period_s();
-        self.teller.send(Telemetry::Event(Event { period, time_s, place, line: 0, kind: happening }));
+        self.telemetry.send(Telemetry::Event(Event { period, time_s, place, line: 0, kind }));
     }
 }
 

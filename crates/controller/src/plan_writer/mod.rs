@@ -1,6 +1,8 @@
-//! The planning side of a job: moves, switching and stops go in, records go into the ring and items to the motion path.
+//! The plan writer: receives moves, switching and stops, writes records into the ring and sends items to the motion
+//! path.
 //!
-//! Invariant: an item's place is the number of the record before which it stands, and it is sent before that record.
+//! Invariant: an item's place is the number of the record before which it is executed, and it is sent before that
+//! record.
 
 mod tool_lengths;
 
@@ -24,18 +26,18 @@ use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummar
 use crate::tool_length::{LengthChange, LengthOffers};
 use tool_lengths::{Lengths, Planned};
 
-/// The motion path has gone: there is nobody to plan for.
+/// The motion path has ended: planning is cancelled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cancelled;
 
-/// Why a move was not taken.
+/// Reason why a move was rejected.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PlanWriteError {
     /// The planner cannot run it.
     Move(MoveError),
-    /// It would leave the soft limits.
+    /// The move would leave the soft limits.
     BeyondLimit(LimitFinding),
-    /// Nobody to plan for.
+    /// Planning is cancelled.
     Cancelled,
 }
 
@@ -51,49 +53,49 @@ impl From<MoveError> for PlanWriteError {
     }
 }
 
-/// An exclusive instruction as the program gives it; it stands where the motion is now.
+/// An exclusive instruction of the program, at the place where the motion is now.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SwitchInstruction<'c> {
-    /// Its program line.
+    /// Program line.
     pub line: u32,
-    /// What it is.
+    /// Kind of instruction.
     pub kind: ExclusiveKind,
-    /// As it is written in the program.
+    /// Code as it is written in the program.
     pub code: &'static str,
     /// The outputs it switches, at most [`MAX_CHANGES`].
     pub changes: &'c [OutputChange],
-    /// Control periods that it takes at least.
+    /// Minimum duration in control periods.
     pub periods: u32,
-    /// What it waits for besides.
+    /// Input that it waits for in addition.
     pub until: Option<InputWait>,
-    /// It cannot be passed backward.
-    pub one_way: bool,
-    /// Its outputs are set back where reverse run passes it and outputs are replayed.
-    pub undone: bool,
+    /// Whether it is a retrace barrier.
+    pub is_barrier: bool,
+    /// Whether its outputs are set back where reverse run passes it and outputs are replayed.
+    pub undone_in_reverse: bool,
 }
 
-/// An action that waits for a move.
+/// An output change that waits for a move.
 #[derive(Clone, Copy, Debug)]
 struct WaitingChange {
     /// Serial number of the move.
     serial: u32,
     change: OutputChange,
     line: u32,
-    /// Reverse run leaves it as it is.
-    lasts: bool,
+    /// Whether reverse run leaves it unchanged.
+    unchanged_in_reverse: bool,
 }
 
-/// A mark is made after so many records at the latest. As many are written together where the ring was full, so that there are no more marks
-/// than that while the ring stays full.
-const RECORDS_A_MARK: u32 = 64;
+/// Maximum number of records between two marks. After a full ring, as many are written together, so that marks are no
+/// more frequent while the ring stays full.
+const MAX_RECORDS_PER_MARK: u32 = 64;
 
-/// Where a move that may still come out of the planner comes from.
+/// Origin of a move that may still come out of the planner.
 #[derive(Clone, Copy, Debug)]
 struct SerialOrigin {
     serial: u32,
     line: u32,
     block: u64,
-    /// Least and greatest coordinate of the tool axis at its end and on its way, mm.
+    /// Least and greatest coordinate of the tool axis during the move, mm.
     reach_mm: [f64; 2],
 }
 
@@ -105,34 +107,34 @@ pub struct PlanWriter<'r, const A: usize> {
     cancel: &'r AtomicBool,
     /// Overrides above 100 %.
     overrides: OverrideApplier,
-    /// The machine, whose soft limits no move may leave; none where nobody looks.
+    /// The machine whose soft limits no move may leave. None where limits are not checked.
     machine: Option<&'r MachineConfig>,
     lengths: Lengths,
     /// Channels that a dry run keeps off (CUT-8); none otherwise.
     inhibited: Vec<u8>,
-    /// Serial number of the last move given to the planner; its tag.
+    /// Serial number of the last move given to the planner, and its tag.
     serial: u32,
-    /// The block that the moves to come belong to.
+    /// Block of the moves to come.
     block: u64,
     /// Line and block of each move that may still come out of the planner, by serial number.
     origins: VecDeque<SerialOrigin>,
-    /// Actions that wait for the first record of the move with their serial number.
-    waiting: VecDeque<WaitingChange>,
+    /// Output changes that wait for the first record of the move with their serial number.
+    waiting_changes: VecDeque<WaitingChange>,
     /// Modal states that wait for the first record of the move with that serial number.
     modes: VecDeque<(u32, Box<ActiveCodes>)>,
-    /// The outputs as the program has set them, actions still waiting included.
+    /// Outputs as the program has set them, pending changes included.
     outputs: Outputs,
     index: Box<dyn IndexWriter>,
-    /// Where the last mark was made.
-    marked: u32,
-    /// What a mark behind the last record would be.
-    here: PlaceMark,
-    /// Marks of a run before, that the plan is held against.
-    was: VecDeque<PlaceMark>,
+    /// Place of the last mark.
+    marked_until: u32,
+    /// The mark that would be made behind the last record.
+    next_mark: PlaceMark,
+    /// Marks of an earlier run, with which the plan is compared.
+    expected_marks: VecDeque<PlaceMark>,
 }
 
 impl<'r, const A: usize> PlanWriter<'r, A> {
-    /// A feeder that plans with `planner` into `ring`; outputs begin as given. `cancel` tells it to give up.
+    /// Creates a plan writer that plans with `planner` into `ring`; outputs begin as given. `cancel` makes it stop.
     #[must_use]
     pub fn new(
         planner: Planner<A>,
@@ -141,7 +143,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         outputs: Outputs,
         cancel: &'r AtomicBool,
     ) -> Self {
-        let marked = ring.write();
+        let marked_until = ring.write();
         Self {
             planner,
             ring,
@@ -154,101 +156,102 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             serial: 0,
             block: 0,
             origins: VecDeque::new(),
-            waiting: VecDeque::new(),
+            waiting_changes: VecDeque::new(),
             modes: VecDeque::new(),
             outputs,
             index: Box::new(()),
-            marked,
-            here: PlaceMark { place: marked, ..PlaceMark::default() },
-            was: VecDeque::new(),
+            marked_until,
+            next_mark: PlaceMark { place: marked_until, ..PlaceMark::default() },
+            expected_marks: VecDeque::new(),
         }
     }
 
-    /// The same, which notes in `index` what it plans; the machine's counts are `counts` where the ring begins.
+    /// Writes an index of the plan to `index`. `counts` are the machine's counts where the ring begins.
     #[must_use]
-    pub fn noting(mut self, index: Box<dyn IndexWriter>, counts: &[i64]) -> Self {
-        for (slot, &count) in self.here.counts.iter_mut().zip(counts) {
+    pub fn with_index(mut self, index: Box<dyn IndexWriter>, counts: &[i64]) -> Self {
+        for (slot, &count) in self.next_mark.counts.iter_mut().zip(counts) {
             *slot = count;
         }
         Self { index, ..self }
     }
 
-    /// The same, which holds its plan against the marks of a run before, in the order of their places.
+    /// Compares the plan with the marks of an earlier run, in the order of their places.
     #[must_use]
-    pub fn held_against(self, marks: &[PlaceMark]) -> Self {
-        let begins = self.here.place;
+    pub fn with_expected_marks(self, marks: &[PlaceMark]) -> Self {
+        let begins = self.next_mark.place;
         let behind = |mark: &&PlaceMark| retrace_core::place::is_before(begins, mark.place);
-        Self { was: marks.iter().filter(behind).copied().collect(), ..self }
+        Self { expected_marks: marks.iter().filter(behind).copied().collect(), ..self }
     }
 
-    /// The same, which heeds overrides above 100 %.
+    /// Enables planned overrides above 100 %.
     #[must_use]
-    pub fn heeding(self, overrides: OverrideApplier) -> Self {
+    pub fn with_overrides(self, overrides: OverrideApplier) -> Self {
         Self { overrides, ..self }
     }
 
-    /// The same, which never switches these channels: a dry run.
+    /// Never switches these channels: a dry run.
     #[must_use]
-    pub fn inhibiting(self, inhibited: Vec<u8>) -> Self {
+    pub fn with_inhibited(self, inhibited: Vec<u8>) -> Self {
         Self { inhibited, ..self }
     }
 
-    /// The same, which refuses every move that leaves the soft limits of this machine.
+    /// Rejects every move that leaves the soft limits of this machine.
     #[must_use]
-    pub fn within(self, machine: &'r MachineConfig) -> Self {
+    pub fn with_limits(self, machine: &'r MachineConfig) -> Self {
         Self { machine: Some(machine), ..self }
     }
 
-    /// The same, to which tool lengths can be entered; `again` are those that were when the job ran before, in the order of the blocks.
+    /// Enables the entry of tool lengths. `again` are those that were entered when the job ran before, in the order of
+    /// the blocks.
     #[must_use]
-    pub(crate) fn taking_lengths(mut self, offers: LengthOffers, again: &[LengthChange]) -> Self {
+    pub(crate) fn with_tool_lengths(mut self, offers: LengthOffers, again: &[LengthChange]) -> Self {
         self.lengths.offers = Some(offers);
-        self.lengths.again = again.iter().copied().collect();
+        self.lengths.replayed_changes = again.iter().copied().collect();
         self
     }
 
-    /// Where the last move ends, mm.
+    /// End of the last move, mm.
     #[must_use]
     pub fn commanded_mm(&self) -> [f64; A] {
         self.planner.commanded_mm()
     }
 
-    /// The outputs as the program has set them.
+    /// Outputs as the program has set them.
     #[must_use]
     pub fn outputs(&self) -> &Outputs {
         &self.outputs
     }
 
-    /// The moves to come belong to the decoder's block of that number.
-    pub fn block(&mut self, number: u64) {
+    /// Sets the decoder's block number of the moves to come.
+    pub fn begin_block(&mut self, number: u64) {
         self.block = number;
-        while let Some(&LengthChange { block, pulses }) = self.lengths.again.front()
+        while let Some(&LengthChange { block, pulses }) = self.lengths.replayed_changes.front()
             && block < number
         {
-            self.lengths.again.pop_front();
+            self.lengths.replayed_changes.pop_front();
             self.lengths.moved_by += pulses;
         }
     }
 
-    /// From the next move on this modal state is in force.
-    pub fn active(&mut self, active: Box<ActiveCodes>) {
+    /// Sets the modal state that is in force from the next move on.
+    pub fn set_active_codes(&mut self, active: Box<ActiveCodes>) {
         self.modes.push_back((self.serial.wrapping_add(1), active));
     }
 
-    /// Nothing is there to be planned for now: what is planned is marked, so that it can be run.
+    /// Marks what is planned so that it can be executed, when nothing is to be planned for now.
     ///
     /// # Errors
-    /// [`Cancelled`], where it is of no use to wait.
-    pub fn idle(&mut self) -> Result<(), Cancelled> {
-        self.mark();
-        self.take_length()?;
+    /// [`Cancelled`] where waiting is of no use.
+    pub fn mark_planned(&mut self) -> Result<(), Cancelled> {
+        self.write_mark();
+        self.answer_proposal()?;
         if self.cancel.load(Ordering::Relaxed) { Err(Cancelled) } else { Ok(()) }
     }
 
-    /// A straight move of program line `line`.
+    /// Plans a straight move of program line `line`.
     ///
     /// # Errors
-    /// What the planner refuses, with nothing changed.
+    /// The reason why it is rejected; nothing has changed then.
     pub fn straight(
         &mut self,
         end_mm: [f64; A],
@@ -258,28 +261,29 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     ) -> Result<(), PlanWriteError> {
         let reach_mm = self.check_limits(&[end_mm], line)?;
         self.planner.line(end_mm, feed, mode, self.serial.wrapping_add(1))?;
-        Ok(self.moved(line, reach_mm)?)
+        Ok(self.record_move(line, reach_mm)?)
     }
 
-    /// An arc or helix of program line `line`.
+    /// Plans an arc or helix of program line `line`.
     ///
     /// # Errors
-    /// What the planner refuses, with nothing changed.
+    /// The reason why it is rejected; nothing has changed then.
     pub fn arc(&mut self, arc: &Arc<A>, feed: FeedRate, mode: PathMode, line: u32) -> Result<(), PlanWriteError> {
         let mut points = extremes(&self.planner.commanded_mm(), arc);
         points.push(arc.end_mm);
         let reach_mm = self.check_limits(&points, line)?;
         self.planner.arc(arc, feed, mode, self.serial.wrapping_add(1))?;
-        Ok(self.moved(line, reach_mm)?)
+        Ok(self.record_move(line, reach_mm)?)
     }
 
-    fn moved(&mut self, line: u32, reach_mm: [f64; 2]) -> Result<(), Cancelled> {
+    fn record_move(&mut self, line: u32, reach_mm: [f64; 2]) -> Result<(), Cancelled> {
         self.serial = self.serial.wrapping_add(1);
         self.origins.push_back(SerialOrigin { serial: self.serial, line, block: self.block, reach_mm });
         self.drain()
     }
 
-    /// Refuses a move through these points that would leave the soft limits of an axis that it moves; how far along the tool axis it goes.
+    /// Rejects a move through these points that would leave the soft limits of an axis that it moves. Returns the
+    /// move's range along the tool axis.
     fn check_limits(&self, points: &[[f64; A]], line: u32) -> Result<[f64; 2], PlanWriteError> {
         let Some(machine) = self.machine else { return Ok([0.0; 2]) };
         let tool = machine.tool_axis().filter(|&tool| tool < A);
@@ -302,23 +306,28 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         Ok(reach_mm)
     }
 
-    /// A synchronous action: executed in passing, where the next move begins.
+    /// Adds a synchronous action: executed without a stop, where the next move begins.
     pub fn action(&mut self, change: OutputChange, line: u32) {
-        self.act(change, line, false);
+        self.add_change(change, line, false);
     }
 
-    /// The same, which reverse run leaves as it is.
+    /// Adds a synchronous action that reverse run leaves unchanged.
     pub fn lasting_action(&mut self, change: OutputChange, line: u32) {
-        self.act(change, line, true);
+        self.add_change(change, line, true);
     }
 
-    fn act(&mut self, change: OutputChange, line: u32, lasts: bool) {
+    fn add_change(&mut self, change: OutputChange, line: u32, lasts: bool) {
         if !self.inhibited.contains(&change.channel) {
-            self.waiting.push_back(WaitingChange { serial: self.serial.wrapping_add(1), change, line, lasts });
+            self.waiting_changes.push_back(WaitingChange {
+                serial: self.serial.wrapping_add(1),
+                change,
+                line,
+                unchanged_in_reverse: lasts,
+            });
         }
     }
 
-    /// An exclusive instruction: the motion comes to rest here, also under G64.
+    /// Adds an exclusive instruction: the motion comes to rest here, also under G64.
     ///
     /// # Errors
     /// [`Cancelled`]
@@ -331,19 +340,30 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             *slot = *change;
             count += 1;
         }
-        // What is kept off in a dry run takes no time, and reports nothing either.
+        // What is inhibited in a dry run takes no time, and reports nothing either.
         let switch =
             if count < switch.changes.len() { SwitchInstruction { periods: 0, until: None, ..switch } } else { switch };
         let before = self.outputs;
         for change in &changes[..count] {
             self.outputs[usize::from(change.channel)] = change.value;
         }
-        let SwitchInstruction { line, kind, code, periods, until, one_way, undone, .. } = switch;
+        let SwitchInstruction {
+            line, kind, code, periods, until, is_barrier: one_way, undone_in_reverse: undone, ..
+        } = switch;
         let place = self.ring.write();
-        let exclusive =
-            ExclusiveInstruction { place, line, kind, code, changes, count: count as u8, periods, until, one_way };
+        let exclusive = ExclusiveInstruction {
+            place,
+            line,
+            kind,
+            code,
+            changes,
+            count: count as u8,
+            periods,
+            until,
+            is_barrier: one_way,
+        };
         self.send(PathItem::Exclusive(exclusive))?;
-        // As an action of the record behind it, it is undone and done again like any other.
+        // As an action of the record behind it, it is undone and redone like any other.
         for change in changes[..count].iter().filter(|_| undone) {
             let OutputChange { channel, value } = *change;
             let action = OutputAction { place, channel, before: before[usize::from(channel)], after: value };
@@ -352,7 +372,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         Ok(())
     }
 
-    /// A message, shown when the motion comes here.
+    /// Adds a message, shown when the motion reaches this place.
     ///
     /// # Errors
     /// [`Cancelled`]
@@ -361,7 +381,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         self.send(PathItem::Message { place, line, text })
     }
 
-    /// Brings the motion to rest here. Actions that found no motion to go with are executed at the stop.
+    /// Brings the motion to rest here. Actions without a move to go with are executed at the stop.
     ///
     /// # Errors
     /// [`Cancelled`]
@@ -370,35 +390,37 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         self.drain()?;
         self.origins.clear();
         self.send_active(self.serial.wrapping_add(1))?;
-        while let Some(WaitingChange { change, line, lasts, .. }) = self.waiting.pop_front() {
+        while let Some(WaitingChange { change, line, unchanged_in_reverse: lasts, .. }) =
+            self.waiting_changes.pop_front()
+        {
             let (code, changes) = ("M62–M65", [change]);
             self.exclusive(SwitchInstruction {
                 line,
                 code,
                 changes: &changes,
-                undone: !lasts,
+                undone_in_reverse: !lasts,
                 ..SwitchInstruction::default()
             })?;
         }
         Ok(())
     }
 
-    /// Notes that the program ends early, behind that block: the path is to rest there also when it is planned again.
-    pub fn rest_behind(&mut self, block: u64) {
-        self.index.note(IndexEntry::Rest { block });
+    /// Records that the program ends early behind that block: the path must rest there also when it is planned again.
+    pub fn record_early_end(&mut self, block: u64) {
+        self.index.write(IndexEntry::Rest { block });
     }
 
-    /// The end of the program.
+    /// Ends the program.
     ///
     /// # Errors
     /// [`Cancelled`]
     pub fn end(&mut self, summary: PlanSummary) -> Result<(), Cancelled> {
         self.rest()?;
-        self.mark();
+        self.write_mark();
         self.send(PathItem::End(summary))
     }
 
-    /// Waits until there is something, with pauses, and gives up when told to.
+    /// Waits with pauses until there is a value. Stops when cancelled.
     fn wait_for<T>(&mut self, mut is_there: impl FnMut(&mut Self) -> Option<T>) -> Result<T, Cancelled> {
         loop {
             if let Some(there) = is_there(self) {
@@ -411,18 +433,18 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         }
     }
 
-    /// Takes what the planner has and puts it into the ring. A record comes out of the planner only when the ring has room for it:
-    /// so an override can still be heeded at the first place that the ring has no room for.
+    /// Moves what the planner has into the ring. A record leaves the planner only when the ring has space for it, so
+    /// that an override can still be applied at the first place that the ring has no space for.
     fn drain(&mut self) -> Result<(), Cancelled> {
         loop {
             if !self.ring.has_room() {
-                self.mark();
-                // Somebody may wait for the last of the marks, and let no record go before he has it.
-                let wanted = if self.was.is_empty() { RECORDS_A_MARK } else { 1 };
-                self.patiently(|feeder| (feeder.ring.slots() >= wanted).then_some(Ok(())))?;
+                self.write_mark();
+                // A consumer may wait for the last of the marks, and release no record before it has it.
+                let wanted = if self.expected_marks.is_empty() { MAX_RECORDS_PER_MARK } else { 1 };
+                self.retry(|feeder| (feeder.ring.slots() >= wanted).then_some(Ok(())))?;
             }
-            if let Some(planned) = self.overrides.due(self.ring.write()) {
-                self.index.note(IndexEntry::Override { place: self.ring.write(), planned });
+            if let Some(planned) = self.overrides.due_at(self.ring.write()) {
+                self.index.write(IndexEntry::Override { place: self.ring.write(), planned });
                 self.planner.set_feed_override(planned as f64 / ONE as f64);
             }
             let Some(record) = self.planner.next_record() else { return Ok(()) };
@@ -439,7 +461,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         }
     }
 
-    /// Where the move with that serial number comes from. Moves before it will not come out of the planner again.
+    /// Origin of the move with that serial number. Moves before it will not come out of the planner again.
     fn origin_of(&mut self, serial: u32) -> SerialOrigin {
         while self.origins.len() > 1
             && self.origins.front().is_some_and(|o| retrace_core::place::is_before(o.serial, serial))
@@ -451,37 +473,39 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     }
 
     /// Marks what is planned, if it is not marked yet.
-    fn mark(&mut self) {
-        if self.here.place != self.marked {
-            self.marked = self.here.place;
-            self.index.note(IndexEntry::Mark(self.here));
+    fn write_mark(&mut self) {
+        if self.next_mark.place != self.marked_until {
+            self.marked_until = self.next_mark.place;
+            self.index.write(IndexEntry::Mark(self.next_mark));
         }
     }
 
-    /// A record was pushed: what a mark behind it would be. It is made where it is due, and held against that of a run before.
-    fn count(&mut self, record: &Record<A>, block: u64) -> Result<(), Cancelled> {
-        self.here.place = self.ring.write();
-        (self.here.line, self.here.block) = (record.line, block);
-        for (count, &increment) in self.here.counts.iter_mut().zip(&record.increments) {
+    /// Updates the mark with a record that was pushed. The mark is made where it is due, and compared with that of an
+    /// earlier run.
+    fn update_mark(&mut self, record: &Record<A>, block: u64) -> Result<(), Cancelled> {
+        self.next_mark.place = self.ring.write();
+        (self.next_mark.line, self.next_mark.block) = (record.line, block);
+        for (count, &increment) in self.next_mark.counts.iter_mut().zip(&record.increments) {
             *count += i64::from(increment);
         }
-        if self.here.place.wrapping_sub(self.marked) >= RECORDS_A_MARK {
-            self.mark();
+        if self.next_mark.place.wrapping_sub(self.marked_until) >= MAX_RECORDS_PER_MARK {
+            self.write_mark();
         }
-        while let Some(&was) = self.was.front()
-            && !retrace_core::place::is_before(self.here.place, was.place)
+        while let Some(&was) = self.expected_marks.front()
+            && !retrace_core::place::is_before(self.next_mark.place, was.place)
         {
-            self.was.pop_front();
-            if was != self.here {
-                self.send(PathItem::Differs(Box::new(MarkDifference { was, is: self.here })))?;
-            } else if self.was.is_empty() {
+            self.expected_marks.pop_front();
+            if was != self.next_mark {
+                self.send(PathItem::Differs(Box::new(MarkDifference { was, is: self.next_mark })))?;
+            } else if self.expected_marks.is_empty() {
                 self.send(PathItem::MarksPassed)?;
             }
         }
         Ok(())
     }
 
-    /// Sends the modal state that is in force from the move with that serial number on, if it is another one than before.
+    /// Sends the modal state that is in force from the move with that serial number on, if it differs from the one
+    /// before.
     fn send_active(&mut self, serial: u32) -> Result<(), Cancelled> {
         let mut last = None;
         while let Some((of, _)) = self.modes.front()
@@ -493,12 +517,13 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         last.map_or(Ok(()), |(_, active)| self.send(PathItem::Active { place, active }))
     }
 
-    /// Sends the actions that stand before the move with that serial number, or before one that left no record.
+    /// Sends the actions before the move with that serial number, or before one that left no record.
     fn send_actions(&mut self, serial: u32) -> Result<(), Cancelled> {
-        while let Some(WaitingChange { serial: of, change, line, lasts }) = self.waiting.front().copied()
+        while let Some(WaitingChange { serial: of, change, line, unchanged_in_reverse: lasts }) =
+            self.waiting_changes.front().copied()
             && !retrace_core::place::is_before(serial, of)
         {
-            self.waiting.pop_front();
+            self.waiting_changes.pop_front();
             let value = &mut self.outputs[usize::from(change.channel)];
             let (place, channel) = (self.ring.write(), change.channel);
             let before = if lasts { change.value } else { *value };
@@ -509,13 +534,14 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         Ok(())
     }
 
-    /// Sends an item. Where it has to wait, what is planned is marked: the motion path comes to where it takes items only over that.
+    /// Sends an item. Where it has to wait, what is planned is marked first: only then does the motion path reach the
+    /// place where it receives items.
     fn send(&mut self, item: PathItem) -> Result<(), Cancelled> {
         let mut waits = Some(item);
-        self.patiently(|feeder| match feeder.items.try_send(waits.take()?) {
+        self.retry(|feeder| match feeder.items.try_send(waits.take()?) {
             Ok(()) => Some(Ok(())),
             Err(TrySendError::Full(back)) => {
-                feeder.mark();
+                feeder.write_mark();
                 waits = Some(back);
                 None
             }
@@ -524,15 +550,12 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     }
 
     fn push(&mut self, record: Record<A>, block: u64) -> Result<(), Cancelled> {
-        self.patiently(|feeder| feeder.ring.push(record).is_ok().then_some(Ok(())))?;
-        self.count(&record, block)
+        self.retry(|feeder| feeder.ring.push(record).is_ok().then_some(Ok(())))?;
+        self.update_mark(&record, block)
     }
 
-    /// Tries until it succeeds: first at once, then with longer and longer pauses, and gives up when told to.
-    fn patiently(
-        &mut self,
-        mut attempt: impl FnMut(&mut Self) -> Option<Result<(), Cancelled>>,
-    ) -> Result<(), Cancelled> {
+    /// Retries until it succeeds: first immediately, then with longer and longer pauses. Stops when cancelled.
+    fn retry(&mut self, mut attempt: impl FnMut(&mut Self) -> Option<Result<(), Cancelled>>) -> Result<(), Cancelled> {
         for tries in 0u32.. {
             if let Some(result) = attempt(self) {
                 return result;
@@ -543,7 +566,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
                 _ if self.cancel.load(Ordering::Relaxed) => break,
                 100..400 => thread::sleep(Duration::from_micros(50)),
                 _ => {
-                    self.take_length()?;
+                    self.answer_proposal()?;
                     thread::sleep(Duration::from_micros(500));
                 }
             }

@@ -1,7 +1,7 @@
-//! Tool lengths that are entered in a pause, as far as the planning thread decides and keeps them.
+//! Tool lengths that are entered in a pause: what the planning thread decides and stores.
 //!
-//! Invariant: what is kept holds from behind the block in hand on, so that planning again comes to the same; a path that was moved ends
-//! at rest.
+//! Invariant: a stored length applies from behind the current block on, so that planning again gives the same path; a
+//! path that was moved ends at rest.
 
 use std::collections::VecDeque;
 
@@ -15,10 +15,10 @@ use crate::tool_length::{
     EnteredLength, LengthAnswer, LengthChange, LengthOffer, LengthOffers, LengthProposal, ToolLengthError,
 };
 
-/// Where a path that was moved along the tool axis had to end last, moved or not.
+/// Place at which a path that was moved along the tool axis had to end last, moved or not.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Planned {
-    /// No record behind the move with that serial number is in the ring.
+    /// No record behind the move with that serial number is in the ring yet.
     Waiting {
         /// The move to machine coordinates, or the last one before another tool or offset.
         serial: u32,
@@ -31,20 +31,21 @@ pub(super) enum Planned {
 #[derive(Debug, Default)]
 pub(super) struct Lengths {
     pub(super) offers: Option<LengthOffers>,
-    /// What was entered when the job ran before, in the order of the blocks.
-    pub(super) again: VecDeque<LengthChange>,
-    /// The path is moved by so many pulses along the tool axis from here on, and no move says so yet.
+    /// Lengths that were entered when the job ran before, in the order of the blocks.
+    pub(super) replayed_changes: VecDeque<LengthChange>,
+    /// The path is moved by this number of pulses along the tool axis from here on; no move includes it yet.
     pub(super) moved_by: i64,
     /// The tool length offset in force, mm.
     pub(super) length_mm: Option<f64>,
-    /// Where a moved path had to end last.
+    /// Place at which a moved path had to end last.
     pub(super) last_end: Option<Planned>,
-    /// The block in hand has such a move.
-    pub(super) in_block: bool,
+    /// Whether the current block has such a move.
+    pub(super) block_has_end: bool,
 }
 
 impl<const A: usize> PlanWriter<'_, A> {
-    /// How far along the tool axis the machine stands from where the program believes, because of tool lengths that were entered: axis and mm.
+    /// Distance along the tool axis between the machine and the program's position, because of tool lengths that were
+    /// entered: axis and mm.
     #[must_use]
     pub fn moved_by(&self) -> Option<(usize, f64)> {
         let machine = self.machine?;
@@ -52,18 +53,18 @@ impl<const A: usize> PlanWriter<'_, A> {
         (self.lengths.moved_by != 0).then(|| (tool, self.lengths.moved_by as f64 / machine.axes[tool].pulses_per_mm))
     }
 
-    /// The tool length offset that is in force for the moves to come, mm along the tool axis.
+    /// Sets the tool length offset that is in force for the moves to come, mm along the tool axis.
     pub fn set_tool_length(&mut self, length_mm: Option<f64>) {
         self.lengths.length_mm = length_mm;
     }
 
-    /// Does the block in hand have a move before which a path that was moved along the tool axis ends?
-    pub fn has_end_of_length(&mut self, has: bool) {
-        self.lengths.in_block = has;
+    /// Sets whether the current block has a move before which a path that was moved along the tool axis ends.
+    pub fn set_block_has_end(&mut self, has: bool) {
+        self.lengths.block_has_end = has;
     }
 
-    /// A path that was moved along the tool axis ends here: it rests, and is planned on from where the machine then stands. By how much it
-    /// was moved: axis and mm. `is_move`: the next move goes to machine coordinates.
+    /// Ends a path that was moved along the tool axis: it rests, and planning continues from the machine's position
+    /// then. Returns by how much it was moved: axis and mm. `is_move`: the next move goes to machine coordinates.
     ///
     /// # Errors
     /// [`Cancelled`]
@@ -80,38 +81,38 @@ impl<const A: usize> PlanWriter<'_, A> {
         Ok(moved)
     }
 
-    /// Answers whoever wants to enter a tool length.
-    pub(super) fn take_length(&mut self) -> Result<(), Cancelled> {
+    /// Answers a proposal of a tool length.
+    pub(super) fn answer_proposal(&mut self) -> Result<(), Cancelled> {
         let Some(mut offers) = self.lengths.offers.take() else { return Ok(()) };
         let taken = match offers.proposal() {
             None => Ok(()),
-            Some(proposal) => match self.offer(&proposal) {
+            Some(proposal) => match self.make_offer(&proposal) {
                 Err(why) => {
                     offers.answer(LengthAnswer::No(why));
                     Ok(())
                 }
-                Ok(offer) => self.keep_length(&mut offers, offer),
+                Ok(offer) => self.store_length(&mut offers, offer),
             },
         };
         self.lengths.offers = Some(offers);
         taken
     }
 
-    /// Waits for the decision; what is taken is kept before anything is said of it.
-    fn keep_length(&mut self, offers: &mut LengthOffers, offer: LengthOffer) -> Result<(), Cancelled> {
+    /// Waits for the decision. A length that is accepted is stored before it is confirmed.
+    fn store_length(&mut self, offers: &mut LengthOffers, offer: LengthOffer) -> Result<(), Cancelled> {
         offers.answer(LengthAnswer::Offer(offer));
         let is_taken = self.wait_for(|_| offers.decision())?;
         if is_taken {
             self.lengths.moved_by += offer.pulses;
-            self.index.note(IndexEntry::Length(LengthChange { block: self.block, pulses: offer.pulses }));
+            self.index.write(IndexEntry::Length(LengthChange { block: self.block, pulses: offer.pulses }));
             self.wait_for(|feeder| feeder.index.is_durable().then_some(()))?;
             offers.answer(LengthAnswer::Kept);
         }
         Ok(())
     }
 
-    /// What entering a length would come to, as far as the plan goes.
-    fn offer(&self, proposal: &LengthProposal) -> Result<LengthOffer, ToolLengthError> {
+    /// Effect of entering a length, as far as the plan goes.
+    fn make_offer(&self, proposal: &LengthProposal) -> Result<LengthOffer, ToolLengthError> {
         let tool = |machine: &MachineConfig| machine.tool_axis().filter(|&tool| tool < A);
         let (machine, tool) = self.machine.and_then(|m| Some((m, tool(m)?))).ok_or(ToolLengthError::NoToolAxis)?;
         let axis = &machine.axes[tool];
@@ -122,9 +123,9 @@ impl<const A: usize> PlanWriter<'_, A> {
             EnteredLength::To(mm) => mm - length_mm.ok_or(ToolLengthError::NoOffset)?,
         };
         let is_planned = match self.lengths.last_end {
-            _ if self.lengths.in_block => true,
+            _ if self.lengths.block_has_end => true,
             None => false,
-            // Where everything is planned that there is, the place behind it is where the ring ends.
+            // Where everything that exists is planned, the place behind it is the end of the ring.
             Some(Planned::Waiting { .. }) => !self.origins.is_empty() || is_before(proposal.place, self.ring.write()),
             Some(Planned::Until(place)) => is_before(proposal.place, place),
         };

@@ -1,9 +1,10 @@
-//! Reverse work as a job: back by a length, to the beginning of a block, to where the jet came on, and there the machine stands.
+//! Reverse run to a target: by a length, to the beginning of a block, or to the last pierce. The machine rests there.
 //!
-//! The place is searched backward through the records, some of them a control period, while the machine comes to rest. The road then ends
-//! there, as it would at the oldest record.
+//! The target is searched backward through the records, some of them in each control period, while the machine comes to
+//! rest. The window then ends at the target as it would at the oldest record.
 //!
-//! Invariant: the machine does not go back before the place is known; a length is run whole, to the first record boundary at or beyond it.
+//! Invariant: the machine does not reverse before the target is known; a length is run whole, to the first record
+//! boundary at or beyond it.
 
 use retrace_core::mode::{Mode, ModeCommand};
 use retrace_core::place::is_before;
@@ -14,142 +15,143 @@ use super::Session;
 use crate::event::EventKind;
 use crate::operator::CommandError;
 
-/// Records looked at in a control period.
+/// Records searched per control period.
 const RECORDS_A_PERIOD: u32 = 4096;
 
-/// Where to.
+/// Kind of target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum BackTargetKind {
-    /// So many mm of path back.
+    /// This length of path in mm.
     By(f64),
-    /// To the beginning of the block; from there, to that of the block before.
+    /// The beginning of the current block; from there, that of the block before.
     Block,
-    /// To where a cutting output was switched on last.
+    /// The last place where a cutting output was switched on.
     Pierce,
 }
 
-/// A reverse run that ends at a place.
+/// A reverse run that ends at a target.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BackTarget {
-    wanted: BackTargetKind,
+    kind: BackTargetKind,
     search: TargetSearch,
 }
 
-/// How far the place is known.
+/// Progress of the search for the target.
 #[derive(Clone, Copy, Debug)]
 enum TargetSearch {
-    /// It is counted from where the machine comes to rest.
+    /// The search begins where the machine comes to rest.
     AtRest,
-    /// Nothing before this record boundary was looked at; the rest of the length in mm, or the line of the block.
-    On { from: u32, left_mm: f64, line: u32 },
-    /// Found.
-    There(u32),
-    /// History ends first.
+    /// No record before this boundary has been searched yet; with the remaining length in mm, or the line of the block.
+    From { from: u32, remaining_mm: f64, line: u32 },
+    /// The target.
+    Found(u32),
+    /// The history starts before the target.
     Beyond,
 }
 
 impl BackTarget {
-    /// Is it still looked for?
-    pub(super) fn is_looked_for(&self) -> bool {
-        matches!(self.search, TargetSearch::AtRest | TargetSearch::On { .. })
+    /// Whether the search is still in progress.
+    pub(super) fn is_searching(&self) -> bool {
+        matches!(self.search, TargetSearch::AtRest | TargetSearch::From { .. })
     }
 
-    /// The place, once it is found; history may end first, and that is where the run ends then.
+    /// Target, once it is found. `None` also where the history starts before it: the run ends at the history start
+    /// then.
     pub(super) fn place(&self) -> Option<u32> {
         match self.search {
-            TargetSearch::There(place) => Some(place),
+            TargetSearch::Found(place) => Some(place),
             _ => None,
         }
     }
 
-    /// Is `place` where it was to go?
-    pub(super) fn is_there(&self, place: u32) -> bool {
-        matches!(self.search, TargetSearch::There(there) if there == place)
+    /// Whether `place` is the target.
+    pub(super) fn is_reached_at(&self, place: u32) -> bool {
+        matches!(self.search, TargetSearch::Found(there) if there == place)
     }
 }
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    /// Begins to go back: comes to rest, looks for the place, and runs there, as fast as it may.
+    /// Begins a reverse run to a target: comes to rest, searches the target, and runs there as fast as permitted.
     pub(super) fn go_back(&mut self, wanted: BackTargetKind) -> Result<(), CommandError> {
         let status = *self.card.status();
-        if status.place == Place::start_of(self.supply.oldest()) {
+        if status.place == Place::start_of(self.streamer.oldest()) {
             return Err(CommandError::NothingBehind);
         }
-        // Whoever goes back already may come by a place that is near before he rests: it counts from there then.
-        let counts_from_here = status.at_rest || self.operation.mode() == Mode::Run;
+        // While reversing, a near target may be passed before the machine stops. The search begins from rest then.
+        let counts_from_here = status.at_rest || self.mode_controller.mode() == Mode::Run;
         let search =
             if counts_from_here { self.begin_search(wanted, status.place) } else { Some(TargetSearch::AtRest) };
         let search = search.ok_or(CommandError::NoPierce)?;
-        // The records' own caps, and 100 % while something cuts, are what limits it.
-        self.operation.apply(ModeCommand::Reverse(8 * ONE))?;
-        self.back = Some(BackTarget { wanted, search });
+        // The rate is limited by the records' own caps, and to 100 % while a cutter is on.
+        self.mode_controller.apply(ModeCommand::Reverse(8 * ONE))?;
+        self.back_target = Some(BackTarget { kind: wanted, search });
         Ok(())
     }
 
-    /// The search from a place on; `None` where there is no jet.
+    /// Begins the search at a place. `None` where nothing was pierced.
     fn begin_search(&self, wanted: BackTargetKind, place: Place) -> Option<TargetSearch> {
-        let on = |left_mm, line| TargetSearch::On { from: place.boundary_ahead(), left_mm, line };
+        let on = |left_mm, line| TargetSearch::From { from: place.boundary_ahead(), remaining_mm: left_mm, line };
         Some(match wanted {
-            BackTargetKind::Pierce => TargetSearch::There(self.supply.pierce_before(place)?),
+            BackTargetKind::Pierce => TargetSearch::Found(self.streamer.pierce_before(place)?),
             BackTargetKind::By(mm) => {
-                // What lies ahead of the cursor in its own record is not gone back over.
+                // The part of the current record ahead of the cursor is not reversed over.
                 let share = f64::from(place.fraction) / ONE as f64;
-                let part = self.length(place.record).filter(|_| place.fraction != 0);
+                let part = self.record_length_mm(place.record).filter(|_| place.fraction != 0);
                 on(mm + part.map_or(0.0, |length| length * (1.0 - share)), 0)
             }
             BackTargetKind::Block => {
-                let last = self.supply.record(place.boundary_ahead().wrapping_sub(1));
+                let last = self.streamer.record(place.boundary_ahead().wrapping_sub(1));
                 on(0.0, last.map_or(0, |record| record.line))
             }
         })
     }
 
     /// Length of a record in mm.
-    fn length(&self, place: u32) -> Option<f64> {
-        let record = self.supply.record(place)?;
+    fn record_length_mm(&self, place: u32) -> Option<f64> {
+        let record = self.streamer.record(place)?;
         let axes = record.increments.iter().zip(&self.mm_per_pulse);
         Some(axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt())
     }
 
-    /// Looks for the place, if one is looked for: at some records, so that a control period is never long.
+    /// Continues the search, if one is in progress. The number of records per control period is bounded.
     pub(super) fn search_back(&mut self) {
-        let Some(mut back) = self.back else { return };
+        let Some(mut back) = self.back_target else { return };
         if matches!(back.search, TargetSearch::AtRest) && self.card.status().at_rest {
-            match self.begin_search(back.wanted, self.card.status().place) {
+            match self.begin_search(back.kind, self.card.status().place) {
                 Some(search) => back.search = search,
                 None => {
-                    self.back = None;
-                    self.tell(EventKind::CommandRejected(CommandError::NoPierce));
-                    // It stands, and in this mode it would go on to the oldest record.
-                    let _ = self.operation.apply(ModeCommand::Hold);
+                    self.back_target = None;
+                    self.emit(EventKind::CommandRejected(CommandError::NoPierce));
+                    // The machine is at rest; in this mode it would run on to the oldest record.
+                    let _ = self.mode_controller.apply(ModeCommand::Hold);
                     return;
                 }
             }
         }
-        if let TargetSearch::On { from, left_mm, line } = back.search {
-            back.search = self.search_on(back.wanted, from, left_mm, line);
+        if let TargetSearch::From { from, remaining_mm: left_mm, line } = back.search {
+            back.search = self.continue_search(back.kind, from, left_mm, line);
         }
-        self.back = Some(back);
+        self.back_target = Some(back);
     }
 
-    fn search_on(&self, wanted: BackTargetKind, from: u32, left_mm: f64, line: u32) -> TargetSearch {
-        let (mut from, mut left_mm, oldest) = (from, left_mm, self.supply.oldest());
+    fn continue_search(&self, wanted: BackTargetKind, from: u32, left_mm: f64, line: u32) -> TargetSearch {
+        let (mut from, mut left_mm, oldest) = (from, left_mm, self.streamer.oldest());
         for _ in 0..RECORDS_A_PERIOD {
             let last = from.wrapping_sub(1);
             let found = match wanted {
-                // Sums of lengths are exact to a few of the last digits.
+                // Sums of lengths are exact except for a few of the last digits.
                 BackTargetKind::By(mm) => left_mm <= 1e-9 * mm,
-                _ => !is_before(last, oldest) && self.supply.record(last).is_none_or(|record| record.line != line),
+                _ => !is_before(last, oldest) && self.streamer.record(last).is_none_or(|record| record.line != line),
             };
             if found {
-                return TargetSearch::There(from);
+                return TargetSearch::Found(from);
             }
             if !is_before(oldest, from) {
                 return TargetSearch::Beyond;
             }
-            left_mm -= self.length(last).unwrap_or(0.0);
+            left_mm -= self.record_length_mm(last).unwrap_or(0.0);
             from = last;
         }
-        TargetSearch::On { from, left_mm, line }
+        TargetSearch::From { from, remaining_mm: left_mm, line }
     }
 }

@@ -1,7 +1,7 @@
-//! An interrupted program: the operator's steps from a breakpoint away and back (DNC-1 … DNC-8).
+//! The DNC pause: the operator's steps away from a breakpoint and back to it (DNC-1 … DNC-8).
 //!
-//! Invariant: what may come after what is decided by [`Interruption`] alone; the program's path is left, by an epoch of its own, only after
-//! the breakpoint is latched, and taken up again only at the latched counts.
+//! Invariant: the permitted order of the steps is decided by [`Interruption`] alone. The program's path is left, by an
+//! epoch of its own, only after the breakpoint is latched, and is resumed only at the latched counts.
 
 use std::collections::VecDeque;
 use std::thread;
@@ -23,53 +23,53 @@ use crate::manual::manual_move::{ManualMove, ManualMoveEnd, OLD_NEWS};
 use crate::operator::{CommandError, OperatorCommand};
 use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
 
-/// So many words may wait for a move by hand to end.
+/// Maximum number of commands that wait for a manual move to end.
 const WORDS: usize = 64;
 
-/// An axis, as far as moves by hand ask.
+/// An axis, as far as manual moves need it.
 #[derive(Clone, Copy, Debug)]
 struct PausedAxis {
     letter: char,
     pulses_per_mm: f64,
     /// Soft limits in counts.
-    travel: [i64; 2],
+    soft_limits: [i64; 2],
 }
 
-/// What a move by hand is for.
+/// Purpose of a manual move.
 #[derive(Clone, Copy, Debug)]
 enum ManualMovePurpose<const A: usize> {
     Jog {
         axis: usize,
         from: i64,
         to: i64,
-        /// It was to go farther than it may.
+        /// The move was shortened to end at the soft limit.
         cut_short: bool,
     },
-    /// Back to the breakpoint; the order as it was before.
+    /// Return to the breakpoint, with the state of the interruption before the return.
     Approach(Interruption<A>),
 }
 
-/// How far an interruption is.
+/// State of a pause.
 #[derive(Debug)]
 pub(super) struct DncPause<'r, const A: usize> {
-    hand: Option<JogPlanner<'r, A>>,
+    jog_planner: Option<JogPlanner<'r, A>>,
     axes: Vec<PausedAxis>,
-    /// The program that is run.
+    /// Identity of the program that is run.
     program: u64,
-    order: Interruption<A>,
-    /// Coming to rest, to be latched there.
+    interruption: Interruption<A>,
+    /// Whether the machine is coming to rest to latch a breakpoint.
     pausing: bool,
-    /// Periods of rest in that.
-    stood: u32,
-    /// Words that wait for the machine to stand.
-    waiting: VecDeque<OperatorCommand>,
-    /// It is asked which program would be read.
+    /// Periods at rest while doing so.
+    rest_periods: u32,
+    /// Commands that wait for the machine to be at rest.
+    pending_commands: VecDeque<OperatorCommand>,
+    /// Whether the identity of the program that would be read now is being determined.
     identifying: bool,
-    trip: Option<(ManualMove, ManualMovePurpose<A>)>,
-    /// The place on the program's path, while the card's epoch is another.
-    left: Option<PathStart>,
-    /// *Spindle start* was given for a cutter: it is lit behind the way back, not before.
-    armed: bool,
+    manual_move: Option<(ManualMove, ManualMovePurpose<A>)>,
+    /// Position on the program's path while the card is in another epoch.
+    path_start: Option<PathStart>,
+    /// *Spindle start* was given for a cutter: it is lit after the return to the path, not before.
+    cutter_is_armed: bool,
 }
 
 impl<'r, const A: usize> DncPause<'r, A> {
@@ -77,99 +77,102 @@ impl<'r, const A: usize> DncPause<'r, A> {
         let axis = |(index, axis): (usize, &crate::machine::AxisConfig)| PausedAxis {
             letter: axis.name,
             pulses_per_mm: axis.pulses_per_mm,
-            travel: axis.travel_mm.map(|mm| machine.counts_of(index, mm)),
+            soft_limits: axis.travel_mm.map(|mm| machine.counts_of(index, mm)),
         };
         Self {
-            hand: None,
+            jog_planner: None,
             axes: machine.axes.iter().enumerate().take(A).map(axis).collect(),
             program: 0,
-            order: Interruption::reading(),
+            interruption: Interruption::reading(),
             pausing: false,
-            stood: 0,
-            waiting: VecDeque::with_capacity(WORDS),
+            rest_periods: 0,
+            pending_commands: VecDeque::with_capacity(WORDS),
             identifying: false,
-            trip: None,
-            left: None,
-            armed: false,
+            manual_move: None,
+            path_start: None,
+            cutter_is_armed: false,
         }
     }
 
-    /// With somebody who plans moves by hand; `program` is the one that is run.
-    pub(super) fn with(self, hand: JogPlanner<'r, A>, program: u64) -> Self {
-        Self { hand: Some(hand), program, ..self }
+    /// Adds a planner of manual moves; `program` is the identity of the program that is run.
+    pub(super) fn with_jog_planner(self, hand: JogPlanner<'r, A>, program: u64) -> Self {
+        Self { jog_planner: Some(hand), program, ..self }
     }
 
-    /// Lends out whoever plans moves by hand; [`Interrupted::put_hand`] gives it back.
-    pub(super) fn take_hand(&mut self) -> Option<JogPlanner<'r, A>> {
-        self.hand.take()
+    /// Removes the jog planner; [`DncPause::return_jog_planner`] puts it back.
+    pub(super) fn take_jog_planner(&mut self) -> Option<JogPlanner<'r, A>> {
+        self.jog_planner.take()
     }
 
-    /// Gives back what [`Interrupted::take_hand`] has lent out.
-    pub(super) fn put_hand(&mut self, hand: JogPlanner<'r, A>) {
-        self.hand = Some(hand);
+    /// Puts back the jog planner that [`DncPause::take_jog_planner`] removed.
+    pub(super) fn return_jog_planner(&mut self, hand: JogPlanner<'r, A>) {
+        self.jog_planner = Some(hand);
     }
 
-    /// Is the program paused, or about to be?
+    /// Whether the program is paused or coming to rest for a pause.
     pub(super) fn is_on(&self) -> bool {
-        self.pausing || self.order.is_paused()
+        self.pausing || self.interruption.is_paused()
     }
 
-    /// Is the program paused?
+    /// Whether the program is paused.
     pub(super) fn is_paused(&self) -> bool {
-        self.order.is_paused()
+        self.interruption.is_paused()
     }
 
-    /// Is the machine to come to rest for it?
+    /// Whether the machine is coming to rest for a pause.
     pub(super) fn is_pausing(&self) -> bool {
         self.pausing
     }
 
-    /// Is the card in an epoch that is none of the program's?
+    /// Whether the card is in an epoch other than the program's.
     pub(super) fn is_off_path(&self) -> bool {
-        self.left.is_some()
+        self.path_start.is_some()
     }
 
-    /// Is something under way that words have to wait for?
+    /// Whether an operation is in progress that commands have to wait for.
     fn is_busy(&self) -> bool {
         self.pausing || self.identifying || self.is_moving()
     }
 
-    /// May a tool length be entered? The breakpoint is moved then.
-    pub(super) fn displace(&mut self, pulses: [i64; A]) -> Result<(), retrace_core::interruption::InterruptionError> {
-        self.order.displace_breakpoint(pulses)
+    /// Shifts the breakpoint by these pulses for a tool length, or reports why no length may be entered.
+    pub(super) fn shift_breakpoint(
+        &mut self,
+        pulses: [i64; A],
+    ) -> Result<(), retrace_core::interruption::InterruptionError> {
+        self.interruption.displace_breakpoint(pulses)
     }
 
-    /// The breakpoint's counts, and the place on the path where the program was left, while it is paused.
+    /// Counts of the breakpoint, and the place on the path where the program was left, while it is paused.
     pub(super) fn breakpoint(&self, here: Place) -> Option<([i64; A], Place)> {
-        let latch = self.order.breakpoint()?;
-        Some((latch.counts, self.left.map_or(here, |left| left.place)))
+        let latch = self.interruption.breakpoint()?;
+        Some((latch.counts, self.path_start.map_or(here, |left| left.place)))
     }
 
     pub(super) fn is_moving(&self) -> bool {
-        self.trip.is_some()
+        self.manual_move.is_some()
     }
 
-    pub(super) fn standing(&self) -> Option<HoldReason> {
-        self.order.is_paused().then_some(HoldReason::Paused)
+    pub(super) fn hold_reason(&self) -> Option<HoldReason> {
+        self.interruption.is_paused().then_some(HoldReason::Paused)
     }
 
-    /// A place that the program's path had reached when it was left.
+    /// The furthest place on the program's path when it was left.
     pub(super) fn reached(&self) -> Option<u32> {
-        self.left.map(|left| left.reached)
+        self.path_start.map(|left| left.reached)
     }
 }
 
 impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
-    /// The same, with somebody who plans moves by hand; `program` tells the one that is run from any other.
+    /// Enables manual moves in a pause. `program` identifies the program that is run.
     #[must_use]
-    pub fn by_hand(self, hand: JogPlanner<'r, A>, program: u64) -> Self {
-        Self { dnc: self.dnc.with(hand, program), ..self }
+    pub fn with_manual_moves(self, hand: JogPlanner<'r, A>, program: u64) -> Self {
+        Self { dnc: self.dnc.with_jog_planner(hand, program), ..self }
     }
 
-    /// A word that comes while a program is paused, or about to be. `None` where it is none of those that count otherwise then.
-    pub(super) fn order_interrupted(&mut self, deed: OperatorCommand) -> Option<Result<(), CommandError>> {
+    /// Applies a command while a program is paused or about to be. `None` for commands that a pause does not change.
+    pub(super) fn apply_command_in_pause(&mut self, command: OperatorCommand) -> Option<Result<(), CommandError>> {
         let steps = matches!(
-            deed,
+            command,
             OperatorCommand::Pause
                 | OperatorCommand::SpindleStop
                 | OperatorCommand::SpindleStart
@@ -177,19 +180,19 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 | OperatorCommand::Online
                 | OperatorCommand::ToolLength(_)
         );
-        if steps || self.dnc.is_on() && matches!(deed, OperatorCommand::CycleStart | OperatorCommand::Resume) {
-            return Some(self.interruption_word(deed));
+        if steps || self.dnc.is_on() && matches!(command, OperatorCommand::CycleStart | OperatorCommand::Resume) {
+            return Some(self.apply_pause_command(command));
         }
         if !self.dnc.is_on() {
             return None;
         }
-        match deed {
+        match command {
             OperatorCommand::Hold => {
-                self.halt_by_hand();
+                self.halt_manual_move();
                 Some(Ok(()))
             }
             OperatorCommand::Stop => {
-                self.halt_by_hand();
+                self.halt_manual_move();
                 None
             }
             OperatorCommand::Override(_)
@@ -201,53 +204,53 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
     }
 
-    /// A step of pausing at a breakpoint and going on there. It waits where the machine does not stand yet.
-    fn interruption_word(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
-        if deed == OperatorCommand::Pause {
+    /// Applies a step of the pause sequence. It waits where the machine is not at rest yet.
+    fn apply_pause_command(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
+        if command == OperatorCommand::Pause {
             return self.pause();
         }
-        if self.words_wait() && !self.dnc.order.is_inhibited() {
-            if self.dnc.waiting.len() == WORDS {
+        if self.commands_wait() && !self.dnc.interruption.is_inhibited() {
+            if self.dnc.pending_commands.len() == WORDS {
                 return Err(CommandError::NotNow("too many words wait for the machine to stand"));
             }
-            self.dnc.waiting.push_back(deed);
+            self.dnc.pending_commands.push_back(command);
             return Ok(());
         }
-        self.step(deed)
+        self.perform_step(command)
     }
 
     fn pause(&mut self) -> Result<(), CommandError> {
         if self.dnc.pausing {
             return Err(retrace_core::interruption::InterruptionError::AlreadyPaused.into());
         }
-        let Some(&latch) = self.dnc.order.breakpoint() else {
-            (self.dnc.pausing, self.dnc.stood) = (true, 0);
+        let Some(&latch) = self.dnc.interruption.breakpoint() else {
+            (self.dnc.pausing, self.dnc.rest_periods) = (true, 0);
             return Ok(());
         };
-        self.dnc.order.apply(Said::Pause(latch))?;
+        self.dnc.interruption.apply(Said::Pause(latch))?;
         self.dnc.identifying = false;
-        if let Some((trip, _)) = &mut self.dnc.trip {
+        if let Some((trip, _)) = &mut self.dnc.manual_move {
             trip.stop();
         }
-        self.tell_paused(&latch);
+        self.emit_paused(&latch);
         Ok(())
     }
 
-    /// The operator wants the axes to stand, whatever moves them.
-    fn halt_by_hand(&mut self) {
-        if self.dnc.order.is_inhibited() {
-            // The way back ends as by *pause*; that is never refused on it.
+    /// Brings the axes to rest, whatever moves them.
+    fn halt_manual_move(&mut self) {
+        if self.dnc.interruption.is_inhibited() {
+            // The return ends as by *pause*, which is never rejected during it.
             let _ = self.pause();
-        } else if let Some((trip, _)) = &mut self.dnc.trip {
+        } else if let Some((trip, _)) = &mut self.dnc.manual_move {
             trip.stop();
         }
     }
 
-    /// Carries a step out.
-    fn step(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
-        let latched = self.dnc.order.breakpoint().copied();
+    /// Executes a step.
+    fn perform_step(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
+        let latched = self.dnc.interruption.breakpoint().copied();
         let turned = latched.and_then(|latch| latch.spindle);
-        let said = match deed {
+        let said = match command {
             OperatorCommand::SpindleStop => Said::StopSpindle,
             OperatorCommand::SpindleStart => {
                 Said::StartSpindle(turned.map_or(SpindleDirection::Clockwise, |was| was.direction))
@@ -257,30 +260,30 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             OperatorCommand::ToolLength(length) => return self.propose_tool_length(length),
             _ => Said::CycleStart { program: latched.map_or(0, |latch| latch.program) },
         };
-        let before = self.dnc.order;
-        match self.dnc.order.apply(said)? {
+        let before = self.dnc.interruption;
+        match self.dnc.interruption.apply(said)? {
             InterruptionAction::StopSpindle => {
-                self.dnc.armed = false;
-                self.by_hand_now(channel::SPINDLE, 0);
-                self.tell_step(DncStep::SpindleStopped);
+                self.dnc.cutter_is_armed = false;
+                self.switch_manually(channel::SPINDLE, 0);
+                self.emit_dnc_step(DncStep::SpindleStopped);
             }
             InterruptionAction::StartSpindle(turning) => {
                 let spindle = sign(turning.direction);
                 let step = DncStep::SpindleStarted { spindle, speed: turning.speed };
                 if self.spindle_is_a_cutter() {
                     // A cutter is never lit away from the kerf (DNC-9).
-                    self.dnc.armed = true;
-                    self.tell_step(step);
+                    self.dnc.cutter_is_armed = true;
+                    self.emit_dnc_step(step);
                 } else {
-                    self.tell_step(step);
+                    self.emit_dnc_step(step);
                     self.start_spindle(spindle, turning.speed);
                 }
             }
-            InterruptionAction::Online => self.tell_step(DncStep::Online),
+            InterruptionAction::Online => self.emit_dnc_step(DncStep::Online),
             InterruptionAction::Approach(_) => {
                 // Not before it is known which program would be read.
-                self.dnc.order = before;
-                let hand = self.dnc.hand.as_mut().ok_or(NO_HAND)?;
+                self.dnc.interruption = before;
+                let hand = self.dnc.jog_planner.as_mut().ok_or(NO_HAND)?;
                 hand.ask(JogRequest::Identify);
                 self.dnc.identifying = true;
             }
@@ -289,7 +292,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         Ok(())
     }
 
-    /// The spindle turns again as it did, by the instructions that started it, with the time that they take.
+    /// Starts the spindle as it ran before, by the instructions that started it and with their delays.
     fn start_spindle(&mut self, spindle: i32, speed: u32) {
         let mut wants = self.card.status().outputs;
         wants[usize::from(channel::SPEED)] = i32::try_from(speed).unwrap_or(i32::MAX);
@@ -297,25 +300,25 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.begin_restart_to(&wants, |channel| matches!(channel, channel::SPEED | channel::SPINDLE));
     }
 
-    /// Does M3 light a torch, a jet or a beam on this machine?
+    /// Whether M3 lights a torch, a jet or a beam on this machine.
     fn spindle_is_a_cutter(&self) -> bool {
-        self.cutting.contains(&channel::SPINDLE)
+        self.fire_channels.contains(&channel::SPINDLE)
     }
 
-    fn by_hand_now(&mut self, channel: u8, value: i32) {
-        // A card takes every channel that the messages name.
-        self.send_by_hand(OutputChange { channel, value });
+    fn switch_manually(&mut self, channel: u8, value: i32) {
+        // A card accepts every channel that the protocol can name.
+        self.send_manual_output(OutputChange { channel, value });
     }
 
     fn jog(&mut self, letter: char, mm: f64) -> Result<(), CommandError> {
         let found = self.dnc.axes.iter().position(|axis| axis.letter == letter);
-        let mut trial = self.dnc.order;
+        let mut trial = self.dnc.interruption;
         trial.apply(Said::Jog)?;
         let index = found.ok_or(CommandError::NoAxis(letter))?;
-        let PausedAxis { pulses_per_mm, travel: [low, high], .. } = self.dnc.axes[index];
+        let PausedAxis { pulses_per_mm, soft_limits: [low, high], .. } = self.dnc.axes[index];
         let counts = self.card.status().counts;
         let from = counts[index];
-        // Who stands beyond a limit may come back.
+        // From beyond a limit, a move back is permitted.
         let wanted = from.saturating_add((mm * pulses_per_mm).round() as i64);
         let to = wanted.clamp(low.min(from), high.max(from));
         if to == from && wanted != from {
@@ -324,19 +327,19 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let mut end = counts;
         end[index] = to;
         let aim = ManualMovePurpose::Jog { axis: index, from, to, cut_short: to != wanted };
-        self.begin_trip(JogRequest::Straight { from: counts, to: end }, aim)
+        self.begin_manual_move(JogRequest::Straight { from: counts, to: end }, aim)
     }
 
-    fn begin_trip(&mut self, request: JogRequest<A>, aim: ManualMovePurpose<A>) -> Result<(), CommandError> {
-        let executed = self.dnc.left.map_or(self.card.status().executed, |left| left.executed);
-        let hand = self.dnc.hand.as_mut().ok_or(NO_HAND)?;
-        let trip = ManualMove::begin(hand, request, executed, self.enough, self.manner.wall_time);
-        self.dnc.trip = Some((trip, aim));
+    fn begin_manual_move(&mut self, request: JogRequest<A>, aim: ManualMovePurpose<A>) -> Result<(), CommandError> {
+        let executed = self.dnc.path_start.map_or(self.card.status().executed, |left| left.executed);
+        let hand = self.dnc.jog_planner.as_mut().ok_or(NO_HAND)?;
+        let trip = ManualMove::begin(hand, request, executed, self.look_ahead_records, self.run_mode.wall_time);
+        self.dnc.manual_move = Some((trip, aim));
         Ok(())
     }
 
-    /// Goes on with whatever is under way at a breakpoint. To be called before every control period.
-    pub(super) fn watch_interruption(&mut self) -> Result<(), CardError> {
+    /// Advances an operation of the pause. Called before every control period.
+    pub(super) fn watch_pause(&mut self) -> Result<(), CardError> {
         if self.dnc.pausing {
             self.watch_pausing();
         }
@@ -344,48 +347,48 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.watch_identifying();
         }
         self.watch_tool_length();
-        self.watch_trip()?;
-        while !self.words_wait()
-            && let Some(deed) = self.dnc.waiting.pop_front()
+        self.watch_manual_move()?;
+        while !self.commands_wait()
+            && let Some(command) = self.dnc.pending_commands.pop_front()
         {
-            if let Err(why) = self.step(deed) {
-                self.tell(EventKind::CommandRejected(why));
+            if let Err(why) = self.perform_step(command) {
+                self.emit(EventKind::CommandRejected(why));
             }
         }
         Ok(())
     }
 
-    /// Is something under way that the operator's words have to wait for?
-    fn words_wait(&self) -> bool {
+    /// Whether an operation is in progress that the operator's commands have to wait for.
+    fn commands_wait(&self) -> bool {
         self.dnc.is_busy() || self.restart.is_active() || self.tool_length.is_open()
     }
 
-    /// Latches the breakpoint once the machine stands, with no instruction in hand (DNC-1, DNC-2).
+    /// Latches the breakpoint once the machine is at rest with no instruction pending (DNC-1, DNC-2).
     fn watch_pausing(&mut self) {
         let status = self.card.status();
         let stands = status.at_rest && self.executing.is_none();
-        self.dnc.stood = if stands { self.dnc.stood + 1 } else { 0 };
-        if self.dnc.stood <= if self.manner.wall_time { OLD_NEWS } else { 1 } {
+        self.dnc.rest_periods = if stands { self.dnc.rest_periods + 1 } else { 0 };
+        if self.dnc.rest_periods <= if self.run_mode.wall_time { OLD_NEWS } else { 1 } {
             return;
         }
-        // A cutter went out when the machine came to rest: what the program expects is what it is to come back to.
-        let outputs = if self.spindle_is_a_cutter() { self.supply.expected() } else { &status.outputs };
+        // A cutter went out when the machine came to rest: the outputs to return to are those the program expects.
+        let outputs = if self.spindle_is_a_cutter() { self.streamer.expected() } else { &status.outputs };
         let (way, speed) = (outputs[usize::from(channel::SPINDLE)], outputs[usize::from(channel::SPEED)]);
         let direction = if way < 0 { SpindleDirection::Counterclockwise } else { SpindleDirection::Clockwise };
         let spindle = (way != 0).then_some(SpindleState { direction, speed: speed.unsigned_abs() });
         let latch = Breakpoint { program: self.dnc.program, counts: status.counts, spindle };
         self.dnc.pausing = false;
-        // Nothing is paused yet: it is not refused.
-        if self.dnc.order.apply(Said::Pause(latch)).is_ok() {
-            self.tell_paused(&latch);
+        // Nothing is paused yet: this is not rejected.
+        if self.dnc.interruption.apply(Said::Pause(latch)).is_ok() {
+            self.emit_paused(&latch);
         }
     }
 
-    /// Begins the way back once it is known which program would be read (DNC-6).
+    /// Begins the return once it is known which program would be read (DNC-6).
     fn watch_identifying(&mut self) {
-        let Some(hand) = &self.dnc.hand else { return };
-        // In virtual time it must not depend on how long that takes.
-        while !self.manner.wall_time && !hand.is_done() {
+        let Some(hand) = &self.dnc.jog_planner else { return };
+        // In virtual time the result must not depend on how long that takes.
+        while !self.run_mode.wall_time && !hand.is_done() {
             thread::sleep(Duration::from_micros(20));
         }
         if !hand.is_done() {
@@ -394,157 +397,157 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let program = hand.program();
         self.dnc.identifying = false;
         if let Err(why) = self.approach(program) {
-            self.tell(EventKind::CommandRejected(why));
+            self.emit(EventKind::CommandRejected(why));
         }
     }
 
     fn approach(&mut self, program: u64) -> Result<(), CommandError> {
-        let before = self.dnc.order;
+        let before = self.dnc.interruption;
         let mut after = before;
         let InterruptionAction::Approach(to) = after.apply(Said::CycleStart { program })? else { return Ok(()) };
         let from = self.card.status().counts;
         let beyond = self.dnc.axes.iter().zip(from.iter().zip(&to)).find(|(axis, (from, to))| {
-            let [low, high] = axis.travel;
+            let [low, high] = axis.soft_limits;
             from != to && !(low..=high).contains(*to)
         });
         if let Some((axis, _)) = beyond {
             return Err(CommandError::BeyondLimit(axis.letter));
         }
-        self.begin_trip(JogRequest::Approach { from, to }, ManualMovePurpose::Approach(before))?;
-        self.dnc.order = after;
-        self.tell_step(DncStep::Approaching);
+        self.begin_manual_move(JogRequest::Approach { from, to }, ManualMovePurpose::Approach(before))?;
+        self.dnc.interruption = after;
+        self.emit_dnc_step(DncStep::Approaching);
         Ok(())
     }
 
-    fn watch_trip(&mut self) -> Result<(), CardError> {
-        let here = self.here();
-        let Some((trip, aim)) = &mut self.dnc.trip else { return Ok(()) };
-        let Some(hand) = &mut self.dnc.hand else { return Ok(()) };
+    fn watch_manual_move(&mut self) -> Result<(), CardError> {
+        let here = self.path_start();
+        let Some((trip, aim)) = &mut self.dnc.manual_move else { return Ok(()) };
+        let Some(hand) = &mut self.dnc.jog_planner else { return Ok(()) };
         let ended = trip.turn(hand, &mut self.card).map_err(|fault| CardError::of(&fault))?;
         if trip.is_off_path() {
-            self.dnc.left.get_or_insert(here);
+            self.dnc.path_start.get_or_insert(here);
             self.target = None;
         }
         let Some(ended) = ended else { return Ok(()) };
         let aim = *aim;
-        self.dnc.trip = None;
+        self.dnc.manual_move = None;
         match aim {
             ManualMovePurpose::Jog { .. } if ended == ManualMoveEnd::NotPlanned => {
-                self.tell(EventKind::CommandRejected(NOT_PLANNED))
+                self.emit(EventKind::CommandRejected(NOT_PLANNED))
             }
-            ManualMovePurpose::Jog { axis, from, to, cut_short } => self.tell_jogged(axis, from, to, cut_short),
+            ManualMovePurpose::Jog { axis, from, to, cut_short } => self.emit_jogged(axis, from, to, cut_short),
             ManualMovePurpose::Approach(before) if ended == ManualMoveEnd::NotPlanned => {
-                self.dnc.order = before;
-                self.tell(EventKind::CommandRejected(NOT_PLANNED));
+                self.dnc.interruption = before;
+                self.emit(EventKind::CommandRejected(NOT_PLANNED));
             }
-            // *Pause* has said so already.
+            // *Pause* has reported that already.
             ManualMovePurpose::Approach(_) if ended == ManualMoveEnd::Stopped => {}
-            ManualMovePurpose::Approach(_) => self.arrive()?,
+            ManualMovePurpose::Approach(_) => self.rejoin_path()?,
         }
         Ok(())
     }
 
-    /// The axes are back: the program's path is taken up where it was left (DNC-7, DNC-8).
-    fn arrive(&mut self) -> Result<(), CardError> {
+    /// The axes are back: the program's path is resumed where it was left (DNC-7, DNC-8).
+    fn rejoin_path(&mut self) -> Result<(), CardError> {
         let counts = self.card.status().counts;
-        if let Err(why) = self.dnc.order.apply(Said::Arrived(counts)) {
-            self.tell(EventKind::CommandRejected(why.into()));
+        if let Err(why) = self.dnc.interruption.apply(Said::Arrived(counts)) {
+            self.emit(EventKind::CommandRejected(why.into()));
             let _ = self.pause();
             return Ok(());
         }
         let line = self.dnc_line();
-        if let Some(start) = self.dnc.left.take() {
+        if let Some(start) = self.dnc.path_start.take() {
             self.card.begin_path(start).map_err(|fault| CardError::of(&fault))?;
-            let _ = self.card.send(HostCommand::Replay { on: self.replays });
+            let _ = self.card.send(HostCommand::Replay { on: self.replays_outputs });
         }
         self.target = None;
-        let flags = DncFlags::of(&self.dnc.order);
-        self.tell_at(line, EventKind::Dnc(DncEvent { step: DncStep::Arrived, flags }));
-        // Whoever pressed cycle start wants it to go on; of outputs that differ, a cutter that was armed was agreed to.
-        let agreed = std::mem::take(&mut self.dnc.armed) && self.only_cutters_differ();
-        let _ = self.operation.apply(retrace_core::mode::ModeCommand::Restart { confirmed: agreed });
+        let flags = DncFlags::of(&self.dnc.interruption);
+        self.emit_at(line, EventKind::Dnc(DncEvent { step: DncStep::Arrived, flags }));
+        // Cycle start confirms the resumption; of outputs that differ, a cutter that was armed is confirmed as well.
+        let agreed = std::mem::take(&mut self.dnc.cutter_is_armed) && self.only_cutters_differ();
+        let _ = self.mode_controller.apply(retrace_core::mode::ModeCommand::Restart { confirmed: agreed });
         Ok(())
     }
 
-    /// Are all outputs as the program expects them, but for the cutters?
+    /// Whether all outputs except the cutters are as the program expects them.
     fn only_cutters_differ(&self) -> bool {
-        let want = self.supply.expected();
+        let want = self.streamer.expected();
         let are = self.outputs_compared_with(want);
-        (0..channel::COUNT).all(|at| are[at] == want[at] || self.cutting.contains(&(at as u8)))
+        (0..channel::COUNT).all(|at| are[at] == want[at] || self.fire_channels.contains(&(at as u8)))
     }
 
-    /// Where the program's path is, to be taken up again; the machine stands.
-    fn here(&self) -> PathStart {
+    /// Position on the program's path, from which it is resumed. The machine is at rest.
+    fn path_start(&self) -> PathStart {
         let CardStatus { place, reached, executed, .. } = *self.card.status();
-        let before = self.supply.record(place.record.wrapping_sub(1));
+        let before = self.streamer.record(place.record.wrapping_sub(1));
         let rests = place.fraction == 0 && before.is_some_and(|record| record.flags.contains(RecordFlags::REST));
         PathStart { place, rests, reached, executed }
     }
 
-    /// What is asked of the card at a breakpoint: nothing.
-    pub(super) fn demand_paused(&self) -> ModeOutput {
-        let look_ahead = self.operation.mode() == Mode::Run;
+    /// Mode output at a breakpoint: no motion and no restoring of outputs.
+    pub(super) fn paused_output(&self) -> ModeOutput {
+        let look_ahead = self.mode_controller.mode() == Mode::Run;
         ModeOutput { target: RateTarget::ZERO, look_ahead, restore_outputs: false, notice: None }
     }
 
-    /// A control period off the program's path.
-    pub(super) fn turn_off_path(&mut self) -> Result<Option<Outcome>, CardError> {
-        self.take_orders();
+    /// Runs a control period off the program's path.
+    pub(super) fn run_paused_period(&mut self) -> Result<Option<Outcome>, CardError> {
+        self.apply_commands();
         self.advance_restart();
         let status = *self.card.run_period().map_err(|fault| CardError::of(&fault))?;
         if let Some(off) = status.cutter_off {
             self.cutter_went_off(off);
         }
-        self.book_off_path(&status);
+        self.account_off_path_period(&status);
         self.still_periods = if status.rate == 0 && !self.dnc.is_moving() { self.still_periods + 1 } else { 0 };
         if let Some(outcome) = self.alarm(&status) {
             return Ok(Some(outcome));
         }
-        let is_over = self.stopping || self.nobody_goes_on();
+        let is_over = self.stopping || self.is_abandoned();
         Ok((is_over && status.at_rest && !self.dnc.is_moving()).then_some(Outcome::Stopped))
     }
 
     /// Counts and reports a control period off the program's path.
-    pub(super) fn book_off_path(&mut self, status: &CardStatus<A>) {
-        self.tally.pause();
-        self.follow_by_hand(status);
-        self.teller.outputs(&status.outputs);
+    pub(super) fn account_off_path_period(&mut self, status: &CardStatus<A>) {
+        self.stats.pause();
+        self.update_manual_outputs(status);
+        self.telemetry.send_output_changes(&status.outputs);
         let period = PeriodRecord {
-            mode: self.operation.mode(),
-            hold_reason: self.standing(),
-            override_rate: self.overrides.asked(),
-            rapid_override: self.operation.rapid_override(),
+            mode: self.mode_controller.mode(),
+            hold_reason: self.hold_reason(),
+            override_rate: self.overrides.requested(),
+            rapid_override: self.mode_controller.rapid_override(),
             off_path: true,
-            ..PeriodRecord::of(status)
+            ..PeriodRecord::from_status(status)
         };
-        self.teller.send(Telemetry::Period(period));
+        self.telemetry.send(Telemetry::Period(period));
     }
 
-    pub(super) fn tell_step(&mut self, step: DncStep) {
-        let flags = DncFlags::of(&self.dnc.order);
+    pub(super) fn emit_dnc_step(&mut self, step: DncStep) {
+        let flags = DncFlags::of(&self.dnc.interruption);
         let line = self.dnc_line();
-        self.tell_at(line, EventKind::Dnc(DncEvent { step, flags }));
+        self.emit_at(line, EventKind::Dnc(DncEvent { step, flags }));
     }
 
-    /// The program line of the breakpoint; off the path the card knows none.
+    /// Program line of the breakpoint. Off the path, the card reports none.
     fn dnc_line(&self) -> u32 {
         let status = self.card.status();
-        let left = self.dnc.left.map(|left| left.place);
-        let record = left.and_then(|Place { record, .. }| self.supply.record(record));
+        let left = self.dnc.path_start.map(|left| left.place);
+        let record = left.and_then(|Place { record, .. }| self.streamer.record(record));
         record.map_or(status.line, |record| record.line)
     }
 
-    fn tell_paused(&mut self, latch: &Breakpoint<A>) {
+    fn emit_paused(&mut self, latch: &Breakpoint<A>) {
         let (spindle, speed) = latch.spindle.map_or((0, 0), |turning| (sign(turning.direction), turning.speed));
         let counts = AxisCounts::new(&latch.counts, self.dnc.axes.len());
-        self.tell_step(DncStep::Paused { counts, spindle, speed });
+        self.emit_dnc_step(DncStep::Paused { counts, spindle, speed });
     }
 
-    fn tell_jogged(&mut self, index: usize, from: i64, to: i64, cut_short: bool) {
+    fn emit_jogged(&mut self, index: usize, from: i64, to: i64, cut_short: bool) {
         let PausedAxis { letter, pulses_per_mm, .. } = self.dnc.axes[index];
         let counts = self.card.status().counts;
         let mut off = counts;
-        if let Some(latch) = self.dnc.order.breakpoint() {
+        if let Some(latch) = self.dnc.interruption.breakpoint() {
             off.iter_mut().zip(&latch.counts).for_each(|(off, &latched)| *off -= latched);
         }
         let step = DncStep::Jogged {
@@ -553,7 +556,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             cut_short: cut_short || counts[index] != to,
             off: AxisCounts::new(&off, self.dnc.axes.len()),
         };
-        self.tell_step(step);
+        self.emit_dnc_step(step);
     }
 }
 

@@ -1,38 +1,39 @@
-//! Outputs that were switched by hand and that the card has not reported yet.
+//! Outputs that were switched manually and that the card has not reported yet.
 //!
-//! Invariant: a comparison of outputs counts a change by hand from the moment at which it is sent, so that no report that is on its way can
-//! hide it: the card may be many periods ahead of what is known of it.
+//! Invariant: a comparison of outputs includes a manual change from the moment at which it is sent, so that no report
+//! in flight can hide it: the card may be many periods ahead of the last report.
 
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, Outputs, channel};
 
 use super::Session;
 
-/// Changes that were sent and not reported yet, at most one of each channel.
+/// Changes that were sent and not reported yet, at most one per channel.
 #[derive(Debug)]
 pub(super) struct ManualOutputs(Vec<OutputChange>);
 
 impl ManualOutputs {
-    /// None.
+    /// Creates an empty list.
     pub(super) fn new() -> Self {
         Self(Vec::with_capacity(channel::COUNT))
     }
 
-    fn sent(&mut self, change: OutputChange) {
+    fn record_sent(&mut self, change: OutputChange) {
         self.0.retain(|other| other.channel != change.channel);
         self.0.push(change);
     }
 
-    /// Drops those that are reported.
-    fn reported(&mut self, outputs: &Outputs) {
+    /// Removes the changes that are reported.
+    fn remove_reported(&mut self, outputs: &Outputs) {
         self.0.retain(|change| outputs.get(usize::from(change.channel)) != Some(&change.value));
     }
 
-    /// Drops those of a channel that was switched again since.
-    pub(super) fn superseded(&mut self, channel: u8) {
+    /// Removes the changes of a channel that was switched again since.
+    pub(super) fn remove_channel(&mut self, channel: u8) {
         self.0.retain(|change| change.channel != channel);
     }
 
-    /// The outputs that are reported, but where a change on its way brings one off what is wanted: the value that it brings.
+    /// The reported outputs, except where a change in flight makes one differ from `wants`: there, the value of the
+    /// change.
     fn compared_with(&self, reported: &Outputs, wants: &Outputs) -> Outputs {
         let mut outputs = *reported;
         for &OutputChange { channel, value } in &self.0 {
@@ -48,23 +49,23 @@ impl ManualOutputs {
 }
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    /// Switches an output by hand; false where the card has no such output.
-    pub(super) fn send_by_hand(&mut self, change: OutputChange) -> bool {
+    /// Switches an output manually. Returns false where the card has no such output.
+    pub(super) fn send_manual_output(&mut self, change: OutputChange) -> bool {
         let sent = self.card.send(HostCommand::ManualOutput(change)).is_ok();
         if sent {
-            self.by_hand.sent(change);
+            self.manual_outputs.record_sent(change);
         }
         sent
     }
 
-    /// The outputs as they are to be compared with these.
+    /// The outputs as they are to be compared with `wants`.
     pub(super) fn outputs_compared_with(&self, wants: &Outputs) -> Outputs {
-        self.by_hand.compared_with(&self.card.status().outputs, wants)
+        self.manual_outputs.compared_with(&self.card.status().outputs, wants)
     }
 
-    /// A control period was reported.
-    pub(super) fn follow_by_hand(&mut self, status: &CardStatus<A>) {
-        self.by_hand.reported(&status.outputs);
+    /// Removes the changes that this status reports.
+    pub(super) fn update_manual_outputs(&mut self, status: &CardStatus<A>) {
+        self.manual_outputs.remove_reported(&status.outputs);
     }
 }
 
@@ -78,17 +79,17 @@ mod tests {
         let change = |channel, value| OutputChange { channel, value };
         wants[3] = 1;
         let (on, off) = (wants, [0; channel::COUNT]);
-        changes.sent(change(3, 0));
+        changes.record_sent(change(3, 0));
         assert_eq!(changes.compared_with(&on, &wants), off);
-        changes.reported(&on);
+        changes.remove_reported(&on);
         assert_eq!(changes.compared_with(&on, &wants), off);
-        changes.reported(&off);
+        changes.remove_reported(&off);
         assert_eq!(changes.compared_with(&on, &wants), on);
-        // what the card may refuse is not taken for done
-        changes.sent(change(3, 1));
+        // a change that the card may reject does not count as done
+        changes.record_sent(change(3, 1));
         assert_eq!(changes.compared_with(&off, &wants), off);
-        changes.sent(change(3, 0));
-        changes.superseded(3);
+        changes.record_sent(change(3, 0));
+        changes.remove_channel(3);
         assert_eq!(changes.compared_with(&on, &wants), on);
     }
 }

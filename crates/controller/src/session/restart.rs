@@ -1,8 +1,8 @@
-//! The restart of the outputs before motion goes on: the instructions that switched them, carried out again one after the other, while the
-//! card blocks motion (CUT-17, DNC-9).
+//! The restart of the outputs before motion resumes: the instructions that switched them are executed again, one after
+//! the other, while the card blocks motion (CUT-17, DNC-9).
 //!
-//! Invariant: motion goes on only when the last instruction of a restart is reported complete; the card itself holds it until then, so that no
-//! late report and no overtaking rate can start it.
+//! Invariant: motion resumes only when the last instruction of a restart is reported complete. The card itself holds it
+//! until then, so that no late report and no overtaking rate can start it.
 
 use retrace_core::mode::Mode;
 use retrace_link::{
@@ -13,16 +13,16 @@ use super::Session;
 use crate::event::{CutterOffReason, EventKind};
 use crate::restart::RestartStep;
 
-/// How far a restart is.
+/// Progress of a restart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum RestartStage {
-    /// None is under way.
+    /// No restart is active.
     Idle,
-    /// The card is to be asked to block motion.
+    /// The card is to be requested to block motion.
     Asking,
-    /// It was asked, and has not reported it yet.
+    /// The request was sent, and the card has not reported it yet.
     Blocking,
-    /// Motion is blocked; the instructions are carried out.
+    /// Motion is blocked; the instructions are being executed.
     Repeating,
 }
 
@@ -30,13 +30,13 @@ enum RestartStage {
 #[derive(Debug)]
 pub(super) struct OutputRestart {
     stage: RestartStage,
-    /// What is to be carried out, in this order.
+    /// The instructions to execute, in this order.
     steps: Vec<RestartStep>,
-    /// The card's number of the repeat before the first.
+    /// The card's number of the repeat before the first one.
     before: u32,
-    /// How many steps were sent.
+    /// Number of steps that were sent.
     sent: usize,
-    /// How many steps were reported complete.
+    /// Number of steps that were reported complete.
     done: usize,
 }
 
@@ -45,13 +45,13 @@ impl OutputRestart {
         Self { stage: RestartStage::Idle, steps: Vec::with_capacity(channel::COUNT), before: 0, sent: 0, done: 0 }
     }
 
-    /// Is one under way?
+    /// Whether a restart is active.
     pub(super) fn is_active(&self) -> bool {
         self.stage != RestartStage::Idle
     }
 
-    /// May a rate be asked for? Not before the card is known to block motion.
-    pub(super) fn lets_rate_pass(&self) -> bool {
+    /// Whether a rate may be sent. Not before the card is known to block motion.
+    pub(super) fn permits_rate(&self) -> bool {
         !matches!(self.stage, RestartStage::Asking | RestartStage::Blocking)
     }
 
@@ -62,25 +62,27 @@ impl OutputRestart {
 }
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    /// Begins to bring outputs to what the program expects, of the channels that `concerned` names. Where none of them differs, nothing is done.
+    /// Begins to restore the outputs that the program expects, of the channels selected by `concerned`. Does nothing
+    /// where none differs.
     pub(super) fn begin_restart(&mut self, concerned: impl Fn(u8) -> bool) {
-        let wants = *self.supply.expected();
+        let wants = *self.streamer.expected();
         self.begin_restart_to(&wants, concerned);
     }
 
-    /// The same, to these outputs.
+    /// Begins to restore the outputs `wants`, of the channels selected by `concerned`.
     pub(super) fn begin_restart_to(&mut self, wants: &Outputs, concerned: impl Fn(u8) -> bool) {
         let outputs = self.outputs_compared_with(wants);
-        self.supply.restart_steps(&outputs, wants, concerned, &mut self.restart.steps);
+        self.streamer.restart_steps(&outputs, wants, concerned, &mut self.restart.steps);
         (self.restart.before, self.restart.sent, self.restart.done) = (self.card.status().repeated, 0, 0);
         self.restart.stage = if self.restart.steps.is_empty() { RestartStage::Idle } else { RestartStage::Asking };
         if !self.restart.is_active() {
-            self.tell(EventKind::OutputsRestored);
+            self.emit(EventKind::OutputsRestored);
         }
     }
 
-    /// Carries out again what lit the cutter of this channel, also where the program does not expect it to be on at the furthest place.
-    pub(super) fn light(&mut self, channel: u8) {
+    /// Executes again what lit the cutter of this channel, even where the program does not expect it to be on at the
+    /// furthest place.
+    pub(super) fn restart_cutter(&mut self, channel: u8) {
         let mut wants = self.card.status().outputs;
         if let Some(value) = wants.get_mut(usize::from(channel)) {
             *value = 1;
@@ -88,7 +90,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.begin_restart_to(&wants, |concerned| concerned == channel);
     }
 
-    /// Gives a restart up: what was not begun of it is left, and motion is not blocked any more.
+    /// Cancels a restart: its remaining steps are dropped, and motion is not blocked any more.
     pub(super) fn cancel_restart(&mut self) {
         if self.restart.is_active() {
             self.restart.stage = RestartStage::Idle;
@@ -96,14 +98,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    /// Motion may go on without a restart.
+    /// Lets motion resume without a restart.
     pub(super) fn release_block(&mut self) {
         let last = self.card.status().repeated;
-        // Where the card has no room for the word, it is asked again in the next period: it reports that it blocks still.
+        // Where the card cannot accept the command, it is sent again in the next period: the card still reports that it
+        // blocks.
         let _ = self.card.send(HostCommand::Restart { last });
     }
 
-    /// Goes on with a restart that is under way. To be called before every control period.
+    /// Advances an active restart. Called before every control period.
     pub(super) fn advance_restart(&mut self) {
         if self.restart.stage == RestartStage::Asking
             && self.card.send(HostCommand::Restart { last: self.restart.last() }).is_ok()
@@ -121,11 +124,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             while self.restart.done < complete.min(self.restart.sent) {
                 let step = self.restart.steps[self.restart.done];
                 self.restart.done += 1;
-                self.tell_at(step.line, EventKind::RestartSwitched(step.code));
+                self.emit_at(step.line, EventKind::RestartSwitched(step.code));
             }
             if self.restart.done == self.restart.steps.len() {
                 self.restart.stage = RestartStage::Idle;
-                self.tell(EventKind::OutputsRestored);
+                self.emit(EventKind::OutputsRestored);
                 return;
             }
             if self.restart.sent > self.restart.done || !self.card.status().at_rest {
@@ -137,49 +140,51 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if self.card.send(HostCommand::Repeat(repeated)).is_err() {
                 return;
             }
-            changes[..usize::from(count)].iter().for_each(|change| self.by_hand.superseded(change.channel));
+            changes[..usize::from(count)].iter().for_each(|change| self.manual_outputs.remove_channel(change.channel));
             self.restart.sent += 1;
-            self.tell_at(line, EventKind::RestartSwitching(code));
+            self.emit_at(line, EventKind::RestartSwitching(code));
         }
     }
 
-    /// The card has switched cutting outputs off by itself. Where that was because the machine stood, the job is interrupted.
+    /// Handles a cutting output that the card has switched off by itself. Where the machine was at rest, the job is
+    /// interrupted.
     pub(super) fn cutter_went_off(&mut self, off: CutterOff) {
-        for at in (0..self.cutting_channels.len()).filter(|at| off.channels >> at & 1 != 0) {
-            let channel = self.cutting_channels[at];
-            self.tell(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });
+        for at in (0..self.cutter_channels.len()).filter(|at| off.channels >> at & 1 != 0) {
+            let channel = self.cutter_channels[at];
+            self.emit(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });
         }
-        if off.cause == CutterOffCause::Standing && self.operation.mode() == Mode::Run {
-            // never refused
-            let _ = self.operation.apply(retrace_core::mode::ModeCommand::Hold);
+        if off.cause == CutterOffCause::Standing && self.mode_controller.mode() == Mode::Run {
+            // never rejected
+            let _ = self.mode_controller.apply(retrace_core::mode::ModeCommand::Hold);
             self.cutter_is_out = true;
         }
     }
 
-    /// Switches every cutting output off, now.
+    /// Switches every cutting output off immediately.
     pub(super) fn switch_cutters_off(&mut self, reason: CutterOffReason) {
-        for at in 0..self.cutting.len() {
-            self.switch_off(self.cutting[at], reason);
+        for at in 0..self.fire_channels.len() {
+            self.switch_off(self.fire_channels[at], reason);
         }
     }
 
     fn switch_off(&mut self, channel: u8, reason: CutterOffReason) {
         if self.card.status().outputs.get(usize::from(channel)).is_some_and(|&value| value != 0) {
-            // a card takes every channel that its settings name
-            self.send_by_hand(OutputChange { channel, value: 0 });
-            self.tell(EventKind::CutterOff { channel, reason });
+            // a card accepts every channel that its settings name
+            self.send_manual_output(OutputChange { channel, value: 0 });
+            self.emit(EventKind::CutterOff { channel, reason });
         }
     }
 
-    /// Switches off what the end of a program switches off, now.
+    /// Switches off immediately what the end of a program switches off.
     pub(super) fn switch_off_at_end(&mut self, reason: CutterOffReason) {
         for at in 0..self.off_at_end.len() {
             self.switch_off(self.off_at_end[at], reason);
         }
     }
 
-    /// The end of a job: every channel of a cutter goes off, and the spindle (CUT-4, CUT-10); waits until the card has reported it.
-    pub(super) fn end_switched_off(&mut self, reason: CutterOffReason) {
+    /// The end of a job: switches every channel of a cutter and the spindle off (CUT-4, CUT-10), and waits until the
+    /// card has reported it.
+    pub(super) fn end_with_outputs_off(&mut self, reason: CutterOffReason) {
         let is_on =
             |outputs: &Outputs, channel: &u8| outputs.get(usize::from(*channel)).is_some_and(|&value| value != 0);
         let mut outputs = self.card.status().outputs;
@@ -192,7 +197,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let status = *status;
             outputs = status.outputs;
             if self.dnc.is_off_path() {
-                self.book_off_path(&status);
+                self.account_off_path_period(&status);
             } else {
                 self.account_period(&status);
             }
@@ -200,19 +205,19 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 }
 
-/// How far a cutter is put out where the path is to be retraced.
+/// Progress of switching the cutters off before the path is retraced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LeavingRun {
-    /// It is, or there is nothing to do.
+    /// They are off, or there is nothing to do.
     No,
-    /// The machine comes to rest, cutting to the place of rest.
+    /// The machine comes to rest, cutting up to the place of rest.
     Braking,
-    /// It rests; the outputs are not reported off yet.
+    /// It is at rest; the outputs are not reported off yet.
     SwitchingOff,
 }
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    /// Puts the cutters out once the machine rests, where normal run was left; false where that is not done yet (CUT-4).
+    /// Switches the cutters off once the machine is at rest after normal run. Returns false until that is done (CUT-4).
     pub(super) fn has_left_run(&mut self) -> bool {
         let status = self.card.status();
         if self.leaving_run == LeavingRun::Braking && status.at_rest {
@@ -221,12 +226,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let outputs = self.card.status().outputs;
         let lit = |&channel: &u8| outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
-        if self.leaving_run == LeavingRun::SwitchingOff && !self.cutting.iter().any(lit) {
+        if self.leaving_run == LeavingRun::SwitchingOff && !self.fire_channels.iter().any(lit) {
             self.leaving_run = LeavingRun::No;
         }
         self.leaving_run == LeavingRun::No
     }
 }
 
-/// So long the card may take to report that an output is off: longer than any watchdog.
+/// Periods that the card may take to report an output off: longer than any watchdog.
 const MAX_PERIODS_TO_REPORT: u32 = 4000;

@@ -1,7 +1,8 @@
-//! The way back to a breakpoint before a job is resumed: tool axis up to the retract plane, other axes, tool axis down (DNC-6).
+//! The return to a breakpoint before a job is resumed: tool axis up to the retract plane, other axes, tool axis down
+//! (DNC-6).
 //!
-//! Invariant: the program's path is begun only behind it, at the counts of the breakpoint; whoever is there can stop the axes at any time, and
-//! the job is then stopped at its breakpoint.
+//! Invariant: the program's path is begun only after the return, at the counts of the breakpoint. An operator can stop
+//! the axes at any time; the job is then stopped at its breakpoint.
 
 use retrace_core::mode::Mode;
 use retrace_link::{CardStatus, MotionCard, PathStart};
@@ -15,35 +16,36 @@ use crate::operator::{CommandError, OperatorCommand};
 use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    /// Moves the axes from where they stand to the counts `to`; nothing moves where they are there. `Some`: the job ends instead.
+    /// Moves the axes to the counts `to`; nothing moves where they are there already. `Some`: the job ends instead.
     pub(super) fn go_to_breakpoint(&mut self, to: [i64; A]) -> Result<Option<Outcome>, CardError> {
         let CardStatus { counts: from, executed, .. } = *self.card.status();
         if from == to {
             return Ok(None);
         }
-        let Some(mut hand) = self.dnc.take_hand() else { return Err(not_planned()) };
-        // A card that was only asked where it stands is opened by that.
+        let Some(mut hand) = self.dnc.take_jog_planner() else { return Err(not_planned()) };
+        // A card that was only queried for its position is opened by this.
         let begins = PathStart { executed, ..PathStart::at(hand.ring.write()) };
         self.card.begin_path(begins).map_err(|fault| CardError::of(&fault))?;
-        self.tell_way_back(DncStep::Approaching);
+        self.emit_return_step(DncStep::Approaching);
         let request = JogRequest::Approach { from, to };
-        let mut trip = ManualMove::begin(&mut hand, request, executed, self.enough, self.manner.wall_time);
+        let mut trip =
+            ManualMove::begin(&mut hand, request, executed, self.look_ahead_records, self.run_mode.wall_time);
         let ended = loop {
             let turned = trip.turn(&mut hand, &mut self.card).map_err(|fault| CardError::of(&fault))?;
             if let Some(ended) = turned {
                 break ended;
             }
-            if self.is_told_to_stop() {
+            if self.stop_is_requested() {
                 trip.stop();
             }
-            if let Some(outcome) = self.period_off_path()? {
+            if let Some(outcome) = self.run_return_period()? {
                 return Ok(Some(outcome));
             }
         };
-        self.dnc.put_hand(hand);
+        self.dnc.return_jog_planner(hand);
         match ended {
             ManualMoveEnd::There if self.card.status().counts == to => {
-                self.tell_way_back(DncStep::Arrived);
+                self.emit_return_step(DncStep::Arrived);
                 Ok(None)
             }
             ManualMoveEnd::There | ManualMoveEnd::NotPlanned => Err(not_planned()),
@@ -51,37 +53,37 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    /// Takes the words of whoever is there; a script begins when the program does.
-    fn is_told_to_stop(&mut self) -> bool {
+    /// Whether a live operator requests a stop. A script begins when the program does.
+    fn stop_is_requested(&mut self) -> bool {
         let mut stops = false;
-        while let Some(deed) = self.operators.next_live_command() {
-            self.tell(EventKind::Operator(deed));
-            match deed {
+        while let Some(command) = self.commands.next_live_command() {
+            self.emit(EventKind::Operator(command));
+            match command {
                 OperatorCommand::Stop | OperatorCommand::Hold | OperatorCommand::Pause => stops = true,
                 OperatorCommand::OptionalStop(on) => self.optional_stop = on,
-                _ => self.tell(EventKind::CommandRejected(CommandError::NotNow("the axes go back to the breakpoint"))),
+                _ => self.emit(EventKind::CommandRejected(CommandError::NotNow("the axes go back to the breakpoint"))),
             }
         }
         stops
     }
 
-    /// A control period that belongs to no program.
-    fn period_off_path(&mut self) -> Result<Option<Outcome>, CardError> {
+    /// Runs a control period that belongs to no program.
+    fn run_return_period(&mut self) -> Result<Option<Outcome>, CardError> {
         let status = *self.card.run_period().map_err(|fault| CardError::of(&fault))?;
-        self.tally.pause();
-        self.teller.outputs(&status.outputs);
+        self.stats.pause();
+        self.telemetry.send_output_changes(&status.outputs);
         let period = PeriodRecord {
             mode: Mode::Run,
             hold_reason: HoldReason::Paused,
             off_path: true,
-            ..PeriodRecord::of(&status)
+            ..PeriodRecord::from_status(&status)
         };
-        self.teller.send(Telemetry::Period(period));
+        self.telemetry.send(Telemetry::Period(period));
         Ok(self.alarm(&status))
     }
 
-    fn tell_way_back(&mut self, step: DncStep) {
-        self.tell(EventKind::Dnc(DncEvent { step, flags: DncFlags::default() }));
+    fn emit_return_step(&mut self, step: DncStep) {
+        self.emit(EventKind::Dnc(DncEvent { step, flags: DncFlags::default() }));
     }
 }
 

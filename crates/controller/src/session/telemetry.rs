@@ -1,4 +1,4 @@
-//! What the session tells whoever looks on.
+//! What the session sends to the observers.
 //!
 //! Invariant: nothing here allocates or formats; every event has the period and the place at which it happened.
 
@@ -10,39 +10,39 @@ use crate::event::{DifferingOutputs, Event, EventKind};
 use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
-    pub(super) fn tell_period(&mut self, status: &CardStatus<A>) {
-        self.teller.outputs(&status.outputs);
+    pub(super) fn emit_period(&mut self, status: &CardStatus<A>) {
+        self.telemetry.send_output_changes(&status.outputs);
         let period = PeriodRecord {
-            oldest: self.supply.oldest(),
-            planned: self.supply.items_complete_until(),
-            mode: self.operation.mode(),
-            hold_reason: self.standing(),
-            override_rate: self.overrides.asked(),
-            rapid_override: self.operation.rapid_override(),
-            ..PeriodRecord::of(status)
+            oldest: self.streamer.oldest(),
+            planned: self.streamer.items_complete_until(),
+            mode: self.mode_controller.mode(),
+            hold_reason: self.hold_reason(),
+            override_rate: self.overrides.requested(),
+            rapid_override: self.mode_controller.rapid_override(),
+            ..PeriodRecord::from_status(status)
         };
-        self.teller.send(Telemetry::Period(period));
+        self.telemetry.send(Telemetry::Period(period));
     }
 
     /// Reports outputs that were switched because the path is retraced and outputs are replayed.
     pub(super) fn watch_replayed_outputs(&mut self, status: &CardStatus<A>) {
         let before = std::mem::replace(&mut self.outputs, status.outputs);
-        if !self.replays || self.operation.mode() == Mode::Run || status.rate == 0 {
+        if !self.replays_outputs || self.mode_controller.mode() == Mode::Run || status.rate == 0 {
             return;
         }
         for at in (0..channel::COUNT).filter(|&at| before[at] != status.outputs[at]) {
-            if !self.cutting.contains(&(at as u8)) {
-                self.tell(EventKind::RetraceSwitched(at as u8, status.outputs[at]));
+            if !self.fire_channels.contains(&(at as u8)) {
+                self.emit(EventKind::RetraceSwitched(at as u8, status.outputs[at]));
             }
         }
     }
 
-    pub(super) fn standing(&self) -> HoldReason {
-        if let Some(interrupted) = self.dnc.standing() {
+    pub(super) fn hold_reason(&self) -> HoldReason {
+        if let Some(interrupted) = self.dnc.hold_reason() {
             interrupted
         } else if self.waits_for_release() {
             HoldReason::Ended
-        } else if self.operation.is_held() {
+        } else if self.mode_controller.is_held() {
             HoldReason::Hold
         } else if self.program_stop {
             HoldReason::ProgramStop
@@ -53,19 +53,19 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    /// The outputs that differ from what the program expects, some at a time.
-    pub(super) fn tell_differing(&mut self) {
-        let want = *self.supply.expected();
+    /// Reports the outputs that differ from what the program expects, several per event.
+    pub(super) fn emit_differing_outputs(&mut self) {
+        let want = *self.streamer.expected();
         let are = self.outputs_compared_with(&want);
         let differs = (0..channel::COUNT).filter(|&at| are[at] != want[at]);
         let mut list = differs.map(|at| (at as u8, are[at], want[at])).peekable();
         while list.peek().is_some() {
-            self.tell(EventKind::OutputsDiffer(DifferingOutputs::first(&mut list)));
+            self.emit(EventKind::OutputsDiffer(DifferingOutputs::first(&mut list)));
         }
     }
 
-    pub(super) fn tell_mode(&mut self) {
-        let name = match self.operation.mode() {
+    pub(super) fn emit_mode(&mut self) {
+        let name = match self.mode_controller.mode() {
             Mode::Run => "run",
             Mode::Reverse => "reverse",
             Mode::Forward => "forward",
@@ -73,17 +73,17 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             Mode::Rejoin => "rejoin",
             Mode::AwaitOutputs => "await_outputs",
         };
-        self.tell(EventKind::Mode(name));
+        self.emit(EventKind::Mode(name));
     }
 
-    pub(super) fn tell(&mut self, happening: EventKind) {
-        self.tell_at(self.card.status().line, happening);
+    pub(super) fn emit(&mut self, kind: EventKind) {
+        self.emit_at(self.card.status().line, kind);
     }
 
-    pub(super) fn tell_at(&mut self, line: u32, happening: EventKind) {
+    pub(super) fn emit_at(&mut self, line: u32, kind: EventKind) {
         let status = self.card.status();
         let time_s = status.period as f64 * self.period_s;
-        let event = Event { period: status.period, time_s, place: status.place, line, kind: happening };
-        self.teller.send(Telemetry::Event(event));
+        let event = Event { period: status.period, time_s, place: status.place, line, kind };
+        self.telemetry.send(Telemetry::Event(event));
     }
 }

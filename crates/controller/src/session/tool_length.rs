@@ -1,7 +1,7 @@
-//! A tool length that the operator enters in a pause: the breakpoint and the path are moved along the tool axis.
+//! Entry of a tool length in a pause: the breakpoint and the path are moved along the tool axis.
 //!
-//! Invariant: the breakpoint is moved only when the planning thread has kept the length, durably; no record that is planned leaves the soft
-//! limits by it, and what lies behind the breakpoint is barred from where it would.
+//! Invariant: the breakpoint is moved only when the planning thread has stored the length durably. No planned record
+//! leaves the soft limits because of it; history that would leave them is barred.
 
 use std::thread;
 use std::time::Duration;
@@ -18,7 +18,7 @@ use crate::machine::MachineConfig;
 use crate::operator::CommandError;
 use crate::tool_length::{EnteredLength, LengthAnswer, LengthEntry, LengthOffer, LengthProposal, ToolLengthError};
 
-/// How far entering a tool length is.
+/// Progress of entering a tool length.
 #[derive(Debug)]
 pub(super) struct ToolLengthEntry {
     entry: Option<LengthEntry>,
@@ -33,15 +33,15 @@ struct ToolAxis {
     letter: char,
     pulses_per_mm: f64,
     /// Soft limits in counts.
-    travel: [i64; 2],
+    soft_limits: [i64; 2],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum EntryStage {
     Idle,
-    /// A length is proposed.
+    /// A length is proposed to the planning thread.
     Proposed,
-    /// This was decided for, and is being kept.
+    /// The offer was accepted and is being stored.
     Decided(LengthOffer),
 }
 
@@ -50,29 +50,29 @@ impl ToolLengthEntry {
         let axis = machine.tool_axis().map(|index| {
             let axis = &machine.axes[index];
             let travel = axis.travel_mm.map(|mm| machine.counts_of(index, mm));
-            ToolAxis { index, letter: axis.name, pulses_per_mm: axis.pulses_per_mm, travel }
+            ToolAxis { index, letter: axis.name, pulses_per_mm: axis.pulses_per_mm, soft_limits: travel }
         });
         Self { entry: None, axis, stage: EntryStage::Idle }
     }
 
-    /// Is a length being entered?
+    /// Whether a length is being entered.
     pub(super) fn is_open(&self) -> bool {
         self.stage != EntryStage::Idle
     }
 }
 
 impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
-    /// The same, with somebody who keeps tool lengths that are entered.
+    /// Enables the entry of tool lengths.
     #[must_use]
-    pub(crate) fn entering_lengths(mut self, entry: LengthEntry) -> Self {
+    pub(crate) fn with_length_entry(mut self, entry: LengthEntry) -> Self {
         self.tool_length.entry = Some(entry);
         self
     }
 
-    /// Asks the planning thread what the length would come to.
+    /// Requests from the planning thread what the length would change.
     pub(super) fn propose_tool_length(&mut self, length: EnteredLength) -> Result<(), CommandError> {
-        // Whether it may be entered at all.
-        self.dnc.displace([0; A])?;
+        // Checks whether a length may be entered at all.
+        self.dnc.shift_breakpoint([0; A])?;
         if self.tool_length.axis.is_none_or(|axis| axis.index >= A) {
             return Err(CommandError::ToolLength(ToolLengthError::NoToolAxis));
         }
@@ -85,43 +85,45 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         Ok(())
     }
 
-    /// Goes on with a length that is being entered.
+    /// Advances the entry of a length.
     pub(super) fn watch_tool_length(&mut self) {
         while self.tool_length.is_open() {
             let answer = self.tool_length.entry.as_mut().and_then(LengthEntry::answer);
             match (answer, self.tool_length.stage) {
-                (Some(LengthAnswer::Offer(offer)), EntryStage::Proposed) => self.decide_tool_length(offer),
+                (Some(LengthAnswer::Offer(offer)), EntryStage::Proposed) => self.decide_on_tool_length(offer),
                 (Some(LengthAnswer::Kept), EntryStage::Decided(offer)) => {
                     self.tool_length.stage = EntryStage::Idle;
-                    self.take_tool_length(offer);
+                    self.apply_tool_length(offer);
                 }
-                (Some(LengthAnswer::No(why)), _) => self.refuse_tool_length(why),
-                // In virtual time it must not depend on how long that takes; a planner that is gone answers no more.
-                (None, _) if !self.manner.wall_time && !self.supply.planner_gone() => {
-                    self.supply.poll_planner();
+                (Some(LengthAnswer::No(why)), _) => self.reject_tool_length(why),
+                // In virtual time the result must not depend on how long that takes. A planner that is gone does not
+                // answer.
+                (None, _) if !self.run_mode.wall_time && !self.streamer.planner_is_gone() => {
+                    self.streamer.poll_planner();
                     thread::sleep(Duration::from_micros(20));
                 }
                 _ => {
-                    // What waits for room among the items is planned no further.
-                    self.supply.poll_planner();
+                    // While items wait for space, planning does not continue.
+                    self.streamer.poll_planner();
                     return;
                 }
             }
         }
     }
 
-    fn refuse_tool_length(&mut self, why: ToolLengthError) {
+    fn reject_tool_length(&mut self, why: ToolLengthError) {
         self.tool_length.stage = EntryStage::Idle;
-        self.tell(EventKind::CommandRejected(CommandError::ToolLength(why)));
+        self.emit(EventKind::CommandRejected(CommandError::ToolLength(why)));
     }
 
-    /// Takes an offer where nothing of the ring that would be moved leaves the soft limits.
-    fn decide_tool_length(&mut self, offer: LengthOffer) {
+    /// Accepts an offer where no record of the ring that would be moved leaves the soft limits.
+    fn decide_on_tool_length(&mut self, offer: LengthOffer) {
         let Some(axis) = self.tool_length.axis else { return };
-        let fits = |count: i64| (axis.travel[0]..=axis.travel[1]).contains(&count.saturating_add(offer.pulses));
+        let fits =
+            |count: i64| (axis.soft_limits[0]..=axis.soft_limits[1]).contains(&count.saturating_add(offer.pulses));
         let here = self.card.status().place;
         let all_fit = self.dnc.breakpoint(here).is_some_and(|(counts, place)| {
-            fits(counts[axis.index]) && self.ahead(axis.index, counts, place, offer.planned).all(fits)
+            fits(counts[axis.index]) && self.counts_ahead(axis.index, counts, place, offer.planned).all(fits)
         });
         if let Some(entry) = &mut self.tool_length.entry {
             entry.decide(all_fit);
@@ -129,23 +131,23 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if all_fit {
             self.tool_length.stage = EntryStage::Decided(offer);
         } else {
-            self.refuse_tool_length(ToolLengthError::BeyondLimit(axis.letter));
+            self.reject_tool_length(ToolLengthError::BeyondLimit(axis.letter));
         }
     }
 
-    /// The breakpoint is moved; what lies so far behind that it would leave the soft limits is barred.
-    fn take_tool_length(&mut self, offer: LengthOffer) {
+    /// Moves the breakpoint. History that would leave the soft limits is barred.
+    fn apply_tool_length(&mut self, offer: LengthOffer) {
         let Some(axis) = self.tool_length.axis else { return };
         let here = self.card.status().place;
         let Some((counts, place)) = self.dnc.breakpoint(here) else { return };
         let mut moved = [0; A];
         moved[axis.index] = offer.pulses;
-        // It was allowed when it was proposed, and words wait since.
-        if self.dnc.displace(moved).is_err() {
+        // The length was permitted when it was proposed, and commands have waited since.
+        if self.dnc.shift_breakpoint(moved).is_err() {
             return;
         }
         self.bar_beyond_limits(counts[axis.index].saturating_add(offer.pulses), place);
-        self.tell_step(DncStep::ToolLength {
+        self.emit_dnc_step(DncStep::ToolLength {
             axis: axis.letter,
             by_mm: offer.pulses as f64 / axis.pulses_per_mm,
             by_counts: offer.pulses,
@@ -153,41 +155,42 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         });
     }
 
-    /// Bars what lies so far behind a place that the tool axis would leave its soft limits there; it has this count at the place.
+    /// Bars the history before a place from where the tool axis would leave its soft limits; the axis has this count at
+    /// the place.
     pub(super) fn bar_beyond_limits(&mut self, count: i64, place: Place) {
         let Some(axis) = self.tool_length.axis.filter(|axis| axis.index < A) else { return };
-        let is_within = |count: i64| (axis.travel[0]..=axis.travel[1]).contains(&count);
-        let mut count = count.saturating_sub(self.gone_into(axis.index, place));
+        let is_within = |count: i64| (axis.soft_limits[0]..=axis.soft_limits[1]).contains(&count);
+        let mut count = count.saturating_sub(self.pulses_into_record(axis.index, place));
         let mut barred = place.record;
         while is_within(count)
-            && is_before(self.supply.oldest(), barred)
-            && let Some(record) = self.supply.record(barred.wrapping_sub(1))
+            && is_before(self.streamer.oldest(), barred)
+            && let Some(record) = self.streamer.record(barred.wrapping_sub(1))
         {
             count -= i64::from(record.increments[axis.index]);
             barred = barred.wrapping_sub(1);
         }
         if !is_within(count) {
-            self.supply.barrier_before(barred.wrapping_add(1), "the soft limit with the new tool length");
+            self.streamer.barrier_before(barred.wrapping_add(1), "the soft limit with the new tool length");
         }
     }
 
-    /// The index of the tool axis.
+    /// Index of the tool axis.
     pub(super) fn tool_axis(&self) -> Option<usize> {
         self.tool_length.axis.map(|axis| axis.index).filter(|&index| index < A)
     }
 
-    /// How far an axis has gone in the record of a place.
-    fn gone_into(&self, axis: usize, place: Place) -> i64 {
-        let record = self.supply.record(place.record);
+    /// Pulses of an axis that are executed in the record of a place.
+    fn pulses_into_record(&self, axis: usize, place: Place) -> i64 {
+        let record = self.streamer.record(place.record);
         record.map_or(0, |record| i64::from(partial_increment(record.increments[axis], place.fraction)))
     }
 
-    /// The counts of an axis behind each record from `place` up to `end`, where it has `counts` at `place`.
-    fn ahead(&self, axis: usize, counts: [i64; A], place: Place, end: u32) -> impl Iterator<Item = i64> {
-        let mut count = counts[axis] - self.gone_into(axis, place);
+    /// Counts of an axis behind each record from `place` up to `end`, where it has `counts` at `place`.
+    fn counts_ahead(&self, axis: usize, counts: [i64; A], place: Place, end: u32) -> impl Iterator<Item = i64> {
+        let mut count = counts[axis] - self.pulses_into_record(axis, place);
         let mut at = place.record;
         std::iter::from_fn(move || {
-            let record = is_before(at, end).then(|| self.supply.record(at))??;
+            let record = is_before(at, end).then(|| self.streamer.record(at))??;
             at = at.wrapping_add(1);
             count += i64::from(record.increments[axis]);
             Some(count)

@@ -1,10 +1,10 @@
 //! EIA RS-244, the code of older tapes: eight tracks with odd parity (SHP-33).
 //!
-//! Invariant: every code but the blank has odd parity, and none stands for two characters.
+//! Invariant: every code except the blank has odd parity, and no code means two characters.
 
 use super::TapeError;
 
-/// Characters and their codes. Letters are those of small type; the end of block is a line feed.
+/// Characters and their codes. Letters are those of lower case; the end of block is a line feed.
 const TABLE: [(u8, u8); 46] = [
     (b'0', 0x20),
     (b'1', 0x01),

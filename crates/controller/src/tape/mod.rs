@@ -1,7 +1,7 @@
-//! Programs as serial senders send them: punched-tape framing and codes (SHP-32, SHP-33).
+//! Programs as serial senders transmit them: punched-tape framing and codes (SHP-32, SHP-33).
 //!
-//! Invariant: what comes out is the text of one program, in lines that end with a line feed, from its first percent sign on; behind a
-//! damaged character nothing comes out.
+//! Invariant: the output is the text of one program, in lines that end with a line feed, from its first percent sign
+//! on; behind a damaged character there is no output.
 
 mod eia;
 
@@ -10,22 +10,22 @@ use std::fmt;
 use crate::machine::{CharacterCode, Parity, SerialSettings};
 use crate::program_end::program_end_of;
 
-/// Bytes in which the first end of block has to come.
+/// Bytes within which the first end of block has to occur.
 const MAX_LEADER: usize = 1 << 16;
 
-/// What a serial port has received.
+/// A character from a serial port, or an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReceivedByte {
     /// A character, as its bits arrived.
     Byte(u8),
-    /// A character whose parity or framing the port found wrong.
+    /// A character with a parity or framing error.
     Damaged,
 }
 
-/// Why a program cannot be read any further.
+/// Reason why a program cannot be read any further.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TapeError {
-    /// The parity or framing of a character is wrong.
+    /// A character has a parity or framing error.
     Damaged,
     /// A code that EIA RS-244 does not have.
     UnknownEiaCode(u8),
@@ -56,28 +56,28 @@ impl fmt::Display for TapeError {
 
 impl std::error::Error for TapeError {}
 
-/// How bits become characters, once that is known.
+/// Conversion from bits to characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum TapeCode {
-    /// Not known yet: the first end of block tells.
+    /// Not known yet: the first end of block decides.
     Undecided,
     /// Eight bits.
     Plain,
-    /// Seven bits; the eighth is not looked at.
+    /// Seven bits; the eighth is ignored.
     SevenBits,
     /// Seven bits and a parity bit that makes the number of ones even or odd.
     Parity {
-        /// Is the number of ones odd?
+        /// Whether the number of ones is odd.
         odd: bool,
     },
     /// EIA RS-244.
     Eia,
 }
 
-/// How the line before was ended, as far as what follows may belong to its end.
+/// End of the line before, as far as the next characters may belong to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum LineEnd {
-    /// A character of the next line has come.
+    /// A character of the next line has arrived.
     None,
     /// By CR; a LF belongs to it.
     Return,
@@ -98,17 +98,17 @@ pub struct TapeReader {
     settings: SerialSettings,
     decoding: TapeCode,
     phase: TapePhase,
-    /// What came before the code was known.
+    /// What was received before the code was known.
     held: Vec<ReceivedByte>,
     line_end: LineEnd,
-    /// The line so far; a longer one than any block is held in part.
+    /// The line so far; a line longer than any block is stored in part.
     line: Vec<u8>,
-    /// A character of the program has come.
+    /// Whether a character of the program has arrived.
     has_begun: bool,
 }
 
 impl TapeReader {
-    /// A reader before the leader.
+    /// Creates a reader before the leader.
     #[must_use]
     pub fn new(settings: SerialSettings) -> Self {
         let decoding = match (settings.code, settings.bits, settings.parity) {
@@ -120,16 +120,16 @@ impl TapeReader {
         Self { settings, decoding, phase, held: Vec::new(), line_end, line: Vec::new(), has_begun: false }
     }
 
-    /// Whether the end of the program has come.
+    /// Whether the end of the program has arrived.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         self.phase == TapePhase::Ended
     }
 
-    /// Takes what was received and adds the text that it makes to `text`.
+    /// Processes a received character and appends the resulting text to `text`.
     ///
     /// # Errors
-    /// The program cannot be read any further; what stands in `text` arrived well.
+    /// The program cannot be read any further; the contents of `text` are valid.
     pub fn push(&mut self, received: ReceivedByte, text: &mut Vec<u8>) -> Result<(), TapeError> {
         if self.decoding != TapeCode::Undecided {
             return self.decode(received, text);
@@ -152,7 +152,8 @@ impl TapeReader {
         Ok(())
     }
 
-    /// The form of ISO code that the settings name or, of eight bits without parity, that what has come shows consistently.
+    /// The form of ISO code that the settings define or, with eight bits without parity, that the received bytes show
+    /// consistently.
     fn iso(&self) -> TapeCode {
         if (self.settings.bits, self.settings.parity) != (8, Parity::None) {
             return seven_bits(self.settings.bits, self.settings.parity);
@@ -162,7 +163,7 @@ impl TapeReader {
         if bytes().all(|byte| byte < 0x80) {
             return TapeCode::Plain;
         }
-        // Of the leader only what is not a NUL shows anything.
+        // Of the leader only characters other than NUL show anything.
         let shown = || bytes().filter(|byte| byte & 0x7F != 0);
         if shown().all(|byte| byte.count_ones().is_multiple_of(2)) {
             TapeCode::Parity { odd: false }
@@ -188,7 +189,7 @@ impl TapeReader {
         };
         match character {
             Ok(character) => self.take(character, text),
-            // Nothing of the leader matters.
+            // The leader is ignored.
             Err(_) if is_leader || self.phase == TapePhase::Ended => {}
             Err(error) => return Err(error),
         }
@@ -222,7 +223,7 @@ impl TapeReader {
         }
     }
 
-    /// The leader is over: the program begins with a percent sign, whether or not one was sent.
+    /// Begins the program behind the leader with a percent sign, whether or not one was sent.
     fn begin(&mut self, line_end: LineEnd, text: &mut Vec<u8>) {
         text.extend_from_slice(b"%\n");
         (self.phase, self.line_end) = (TapePhase::Program, line_end);
@@ -248,7 +249,7 @@ impl TapeReader {
     }
 }
 
-/// How seven bits with this parity look in a byte; with eight bits the port looks after the parity.
+/// The form of seven bits with this parity in a byte; with eight bits the port checks the parity.
 fn seven_bits(bits: u8, parity: Parity) -> TapeCode {
     match (bits, parity) {
         (7, Parity::Even) => TapeCode::Parity { odd: false },

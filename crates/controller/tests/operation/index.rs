@@ -12,7 +12,7 @@ use retrace_core::ONE;
 use retrace_core::place::is_before;
 use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
 
-use crate::jobs::{AXES, Decoder, Log, boundary, card, complete, conduct, machine};
+use crate::jobs::{AXES, Decoder, Log, boundary, card, complete, machine, options};
 
 const PROGRAM: &str = "G21 G64 P0.05 F2400\nG1 X20\nM3\nG1 X0 Y5\nG1 X7 Y2\nM62 P2\nG1 X0 Y0\nG4 P0.1\nG1 Z3\nM2\n";
 
@@ -20,7 +20,7 @@ const PROGRAM: &str = "G21 G64 P0.05 F2400\nG1 X20\nM3\nG1 X0 Y5\nG1 X7 Y2\nM62 
 struct Notes(Sender<IndexEntry>);
 
 impl IndexWriter for Notes {
-    fn note(&mut self, note: IndexEntry) {
+    fn write(&mut self, note: IndexEntry) {
         // Nobody may be there any more at the end.
         let _ = self.0.send(note);
     }
@@ -55,7 +55,7 @@ impl<C: MotionCard<AXES>> MotionCard<AXES> for Strict<C> {
 /// Runs with an index that takes `slow` to become durable: what was told, and the notes.
 fn kept(script: &str, slow: Duration) -> (Log, Vec<IndexEntry>, [i64; AXES]) {
     let machine = machine(60.0);
-    let durable = DurablePlace::from(0);
+    let durable = DurablePlace::starting_at(0);
     let (sender, receiver) = channel();
     let ahead = durable.clone();
     let keeper = thread::spawn(move || {
@@ -70,10 +70,10 @@ fn kept(script: &str, slow: Duration) -> (Log, Vec<IndexEntry>, [i64; AXES]) {
         notes
     });
     let keeping = JournalConfig { index: Box::new(Notes(sender)), durable: Some(durable.clone()) };
-    let conduct = conduct(&machine, script, JobStart::First, keeping);
+    let options = options(&machine, script, JobStart::First, keeping);
     let mut log = Log::default();
     let strict = Strict(card(&machine), durable);
-    let end = job::run(&machine, Decoder::new(PROGRAM), conduct, strict, &mut log).expect("a job");
+    let end = job::run(&machine, Decoder::new(PROGRAM), options, strict, &mut log).expect("a job");
     (log, keeper.join().expect("it ends"), end.card.status().counts)
 }
 

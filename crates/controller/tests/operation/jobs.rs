@@ -62,17 +62,22 @@ pub fn card(machine: &MachineConfig) -> SimCard<AXES> {
 }
 
 /// How a job is run from a script in virtual time.
-pub fn conduct(machine: &MachineConfig, script: &str, begin: JobStart, keeping: JournalConfig) -> JobOptions {
+pub fn options(machine: &MachineConfig, script: &str, begin: JobStart, keeping: JournalConfig) -> JobOptions {
     let script = operator::parse(script, "script").expect("a script");
-    let operators = CommandSources::script(ScriptPlayer::new(script, machine.period_us));
-    JobOptions { begin, operators, manner: RunMode { wall_time: false, operator: true, real_time: false }, keeping }
+    let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
+    JobOptions {
+        start: begin,
+        commands: operators,
+        run_mode: RunMode { wall_time: false, operator: true, real_time: false },
+        journal: keeping,
+    }
 }
 
 /// Runs a program from its beginning.
 pub fn run(machine: &MachineConfig, text: &str, script: &str) -> (JobEnd<SimCard<AXES>>, Log) {
     let mut log = Log::default();
-    let conduct = conduct(machine, script, JobStart::First, JournalConfig::default());
-    let end = job::run(machine, Decoder::new(text), conduct, card(machine), &mut log).expect("a job");
+    let options = options(machine, script, JobStart::First, JournalConfig::default());
+    let end = job::run(machine, Decoder::new(text), options, card(machine), &mut log).expect("a job");
     (end, log)
 }
 

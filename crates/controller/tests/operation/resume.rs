@@ -14,7 +14,7 @@ use retrace_core::{ONE, Travel};
 use retrace_hal_sim::{Random, SimCard};
 use retrace_link::{MotionCard, Outputs, PathStart, channel};
 
-use crate::jobs::{AXES, Decoder, Log, card, complete, conduct, machine};
+use crate::jobs::{AXES, Decoder, Log, card, complete, machine, options};
 use crate::wired::{self, Path};
 
 type Card = SimCard<AXES>;
@@ -24,7 +24,7 @@ type Card = SimCard<AXES>;
 struct Kept(Arc<Mutex<Vec<IndexEntry>>>);
 
 impl IndexWriter for Kept {
-    fn note(&mut self, note: IndexEntry) {
+    fn write(&mut self, note: IndexEntry) {
         self.0.lock().expect("one at a time").push(note);
     }
 }
@@ -54,8 +54,8 @@ impl Kept {
 fn part(machine: &MachineConfig, text: &str, script: &str, begin: JobStart, card: Card) -> (JobEnd<Card>, Log, Kept) {
     let (mut log, kept) = (Log::default(), Kept::default());
     let keeping = JournalConfig { index: Box::new(kept.clone()), durable: None };
-    let conduct = conduct(machine, script, begin, keeping);
-    let end = job::run(machine, Decoder::new(text), conduct, card, &mut log).expect("a job");
+    let options = options(machine, script, begin, keeping);
+    let end = job::run(machine, Decoder::new(text), options, card, &mut log).expect("a job");
     (end, log, kept)
 }
 
@@ -121,8 +121,8 @@ fn prepared(
     card: Card,
 ) -> (Option<ResumePlan<AXES>>, Result<JobEnd<Card>, JobStartError>) {
     let mut seen = None;
-    let conduct = conduct(machine, "", JobStart::At(Box::new(at)), JournalConfig::default());
-    let end = job::resume(machine, Decoder::new(text), conduct, card, &mut Log::default(), |prepared| {
+    let options = options(machine, "", JobStart::At(Box::new(at)), JournalConfig::default());
+    let end = job::resume(machine, Decoder::new(text), options, card, &mut Log::default(), |prepared| {
         seen = Some(prepared.clone());
         false
     });
@@ -167,7 +167,7 @@ fn what_will_be_done_is_told_before_anything_moves() {
     assert_eq!(std::mem::replace(&mut expected[spindle], 1), 0);
     assert_eq!((seen.expected_outputs(), seen.matches_card()), (&expected, true));
     assert_eq!(seen.line(), log.periods.last().expect("periods").line);
-    assert_eq!((again.outcome, again.tally.periods), (Outcome::Stopped, 0));
+    assert_eq!((again.outcome, again.stats.periods), (Outcome::Stopped, 0));
     assert_eq!(again.card.status().period, status.period, "nothing has moved");
 }
 
@@ -209,7 +209,7 @@ fn what_is_not_the_same_is_refused_with_the_reason() {
     let blocks = LAPS.replace("M3\n", "M3\n\n");
     assert!(matches!(unfound(&blocks, &at), ResumeError::Differs(_)), "lines and blocks count, too");
     let unmarked = ResumePoint { marks: Vec::new(), ..at.clone() };
-    assert!(matches!(unfound("G21 F2400\nM3\nG1 X1\n", &unmarked), ResumeError::Ends { .. }));
+    assert!(matches!(unfound("G21 F2400\nM3\nG1 X1\n", &unmarked), ResumeError::ProgramEnds { .. }));
     let wrong = |executed| ResumePoint { start: PathStart { executed, ..at.start }, ..unmarked.clone() };
     assert!(matches!(unfound(LAPS, &wrong(0)), ResumeError::Instruction { number: 1, .. }));
     assert!(

@@ -8,7 +8,7 @@ use retrace_controller::place_index::JournalConfig;
 use retrace_controller::session::Outcome;
 use retrace_controller::telemetry::{Observer, Telemetry};
 
-use crate::jobs::{AXES, Decoder, card, conduct, machine};
+use crate::jobs::{AXES, Decoder, card, machine, options};
 
 struct Counted(u64);
 
@@ -22,10 +22,10 @@ impl Observer<AXES> for Counted {
 fn allocated(program: &str, script: &str) -> (AllocationInfo, u64) {
     let machine = machine(60.0);
     let (decoder, card) = (Decoder::new(program), card(&machine));
-    let conduct = conduct(&machine, script, JobStart::First, JournalConfig::default());
+    let options = options(&machine, script, JobStart::First, JournalConfig::default());
     let mut counted = Counted(0);
     let mut end = None;
-    let info = measure(|| end = Some(job::run(&machine, decoder, conduct, card, &mut counted).expect("a job")));
+    let info = measure(|| end = Some(job::run(&machine, decoder, options, card, &mut counted).expect("a job")));
     assert_eq!(end.map(|end| end.outcome), Some(Outcome::Completed));
     (info, counted.0)
 }

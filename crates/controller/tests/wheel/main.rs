@@ -154,13 +154,14 @@ fn run(seed: u64) -> Case {
     let first = waits.pop_front().unwrap_or_default();
     let card = Turned { card, orders, moments: waits, asked: 0, log: Vec::new(), told: 0 };
     card.say(first);
-    let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us)).and(heard);
-    let manner = RunMode { wall_time: false, operator: true, real_time: false };
-    let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
+    let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us)).with_operator(heard);
+    let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
+    let options =
+        JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
     let mut log = Log::default();
-    let end = job::run(&machine, Decoder::new(&program), conduct, card, &mut log).expect("a job");
+    let end = job::run(&machine, Decoder::new(&program), options, card, &mut log).expect("a job");
     assert_eq!(end.outcome, Outcome::Completed);
-    assert_eq!(end.tally.underruns, 0);
+    assert_eq!(end.stats.underruns, 0);
     assert_eq!(Some(&end.card.status().counts), path.counts.last(), "where it ends without an operator");
     let turned: i64 = moments.iter().take(log.periods.len() + 1).map(|m| i64::from(m.encoder)).sum();
     assert_eq!(end.card.told, turned, "no count of the encoder is lost where it wraps");

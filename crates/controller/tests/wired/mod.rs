@@ -80,10 +80,11 @@ impl Path {
         }
         let mut rows = Rows(vec![[0; AXES]], Vec::new());
         let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
-        let manner = RunMode { wall_time: false, operator: false, real_time: false };
-        let operators = CommandSources::script(ScriptPlayer::new(Vec::new(), machine.period_us));
-        let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
-        let end = job::run(machine, Decoder::new(text), conduct, card, &mut rows).expect("a job");
+        let run_mode = RunMode { wall_time: false, operator: false, real_time: false };
+        let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
+        let options =
+            JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
+        let end = job::run(machine, Decoder::new(text), options, card, &mut rows).expect("a job");
         assert_eq!(end.outcome, Outcome::Completed);
         Self { counts: rows.0, markers: rows.1, in_passing: text.contains("M62") || text.contains("M63") }
     }
@@ -221,8 +222,8 @@ impl Done {
         self.outcome == Outcome::Completed
     }
 
-    pub fn saw(&self, happening: &EventKind) -> bool {
-        self.events.iter().any(|event| event.kind == *happening)
+    pub fn saw(&self, kind: &EventKind) -> bool {
+        self.events.iter().any(|event| event.kind == *kind)
     }
 }
 
@@ -282,11 +283,12 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     card.open(trial.machine.card_settings(PathStart::at(0))).map_err(|fault| fault.to_string())?;
     let mut watch = Watch { periods: 0, events: Vec::new() };
     let script = operator::parse(trial.script, "script").expect("a script");
-    let operators = CommandSources::script(ScriptPlayer::new(script, trial.machine.period_us));
-    let manner = RunMode { wall_time: false, operator: true, real_time: false };
-    let conduct = JobOptions { begin: JobStart::First, operators, manner, keeping: JournalConfig::default() };
-    let end = job::run(trial.machine, Decoder::new(trial.program), conduct, &mut *card, &mut watch).expect("a job");
-    let (outcome, tally) = (end.outcome, end.tally);
+    let operators = CommandSources::from_script(ScriptPlayer::new(script, trial.machine.period_us));
+    let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
+    let options =
+        JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
+    let end = job::run(trial.machine, Decoder::new(trial.program), options, &mut *card, &mut watch).expect("a job");
+    let (outcome, stats) = (end.outcome, end.stats);
     if outcome == Outcome::Completed {
         card.close().map_err(|fault| format!("not closed: {fault}"))?;
     }
@@ -303,8 +305,8 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
         log,
         line,
         cable,
-        underruns: tally.underruns,
-        reversals: tally.reversals,
+        underruns: stats.underruns,
+        reversals: stats.reversals,
         violations: verdict.violations,
         first_violation: format!("{:?}", verdict.first),
         periods: watch.periods,
