@@ -40,10 +40,10 @@ fn extents_room_tools_ranges_and_barriers_are_told_in_both_forms() {
     let told = last(&said.out);
     assert_eq!(told["extents_mm"]["x"], serde_json::json!([95.0, 120.0]));
     assert_eq!(told["extents_mm"]["y"], serde_json::json!([-50.0, -40.0]));
-    assert_eq!(told["room_mm"]["x"], serde_json::json!([2095.0, 1880.0]));
-    assert_eq!(told["work"][0]["system"], "G55");
-    assert_eq!(told["work"][0]["extents_mm"]["y"], serde_json::json!([0.0, 10.0]));
-    assert_eq!(told["work"][0]["extents_mm"]["x"], serde_json::json!([-5.0, 20.0]));
+    assert_eq!(told["travel_left_mm"]["x"], serde_json::json!([2095.0, 1880.0]));
+    assert_eq!(told["work_offsets"][0]["system"], "G55");
+    assert_eq!(told["work_offsets"][0]["extents_mm"]["y"], serde_json::json!([0.0, 10.0]));
+    assert_eq!(told["work_offsets"][0]["extents_mm"]["x"], serde_json::json!([-5.0, 20.0]));
     assert_eq!(
         told["tools"][0],
         serde_json::json!({"number": 1, "name": "end mill", "length_mm": 40.0, "diameter_mm": 6.0})
@@ -95,7 +95,7 @@ fn lengths_pierces_time_per_tool_and_feeds_beyond_the_machine_are_told() {
     let tools = told["tool_motion_s"].as_object().expect("tools");
     let sum = tools.values().filter_map(Value::as_f64).sum::<f64>();
     assert!((sum - told["motion_s"].as_f64().expect("a time")).abs() < 1e-6 && tools.contains_key("2"), "{told}");
-    assert_eq!(told["feed_beyond"], serde_json::json!({"line": 6, "feed_mm_per_min": 9000.0}));
+    assert_eq!(told["feed_above_limit"], serde_json::json!({"line": 6, "feed_mm_per_min": 9000.0}));
     let text = bench.retrace(["check", "p.ngc", "--machine", "m.toml"]).out;
     for part in [
         "at 100 %: 0:00:",
@@ -114,17 +114,17 @@ fn errors_and_warnings_are_in_the_json_with_their_range() {
     let said = bench.retrace(["check", "e.ngc", "--json"]);
     let told = last(&said.out);
     assert_eq!((said.code, &told["event"]), (Some(1), &Value::from("check")), "{}", said.err);
-    let found: Vec<_> = told["diagnostics"].as_array().expect("a list").iter().map(|d| d["code"].clone()).collect();
+    let found: Vec<_> = told["diagnostics"].as_array().expect("a list").iter().map(|d| d["number"].clone()).collect();
     assert_eq!(found, ["E1407", "E1508"]);
     let first = &told["diagnostics"][0];
     assert_eq!(first["file"], "e.ngc");
     let range = serde_json::json!({"start": {"line": 2, "column": 11}, "end": {"line": 2, "column": 13}});
     assert_eq!((&first["range"], &first["severity"]), (&range, &Value::from("error")));
-    assert_eq!((&first["message"], &first["help"]), (&Value::from("X is given twice"), &Value::from("Remove one.")));
+    assert_eq!((&first["cause"], &first["remedy"]), (&Value::from("X is given twice"), &Value::from("Remove one.")));
     assert!(said.err.contains("error[E1407]"), "{}", said.err);
     bench.file("w.ngc", "M3\nM5\nM2\n");
     let told = last(&bench.retrace(["check", "w.ngc", "--json"]).out);
-    assert_eq!((&told["diagnostics"][0]["code"], &told["blocks"]), (&Value::from("W1002"), &Value::from(2)));
+    assert_eq!((&told["diagnostics"][0]["number"], &told["blocks"]), (&Value::from("W1002"), &Value::from(2)));
 }
 
 #[test]

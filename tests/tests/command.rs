@@ -195,7 +195,7 @@ fn cycles_are_listed_checked_compiled_and_shown() {
     let said = cycles(&["check"]);
     assert_eq!((said.code, said.out.as_str()), (Some(1), ""));
     assert!(
-        said.err.contains("error[E1906]: HH is not a variable") && said.err.contains("BOX.SPF:3:3"),
+        said.err.contains("error[E1906]: HH is neither a variable") && said.err.contains("BOX.SPF:3:3"),
         "{}",
         said.err
     );

@@ -34,7 +34,7 @@ fn left(program: &str, operator: &str, stood: &str) -> Left {
     let folder = jobs.next().expect("a job").expect("a job").path();
     let journal = fs::read(folder.join("journal")).expect("a journal");
     let text = String::from_utf8_lossy(&journal).into_owned();
-    let last = text.lines().rev().find(|line| line.contains("{\"at\":")).expect("a place");
+    let last = text.lines().rev().find(|line| line.contains("{\"position\":")).expect("a place");
     assert!(last.contains(stood), "{stood}: {last}");
     Left { bench, folder, journal }
 }

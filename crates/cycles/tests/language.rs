@@ -286,5 +286,8 @@ fn spans_point_at_what_is_meant() {
     let diagnostic = &library.findings()[0].diagnostic;
     assert_eq!((diagnostic.column(), diagnostic.end - diagnostic.start), (9, 5));
     let shown = diagnostic.to_string();
-    assert!(shown.starts_with("2:9: error[E1906]: WRONG is not a variable") && shown.contains("\n  help: "), "{shown}");
+    assert!(
+        shown.starts_with("2:9: error[E1906]: WRONG is neither a variable") && shown.contains("\n  help: "),
+        "{shown}"
+    );
 }
