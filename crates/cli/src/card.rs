@@ -196,7 +196,7 @@ fn told(
         Some(alarm) => text += &format!("\n  alarm[{}]: {alarm}\n  help: {}", alarm.number(), alarm.remedy()),
         None => text += "\n  no alarm",
     }
-    if let LatencyTimer::Kept { ms, remedy } = latency {
+    if let LatencyTimer::ReadOnly { ms, remedy } = latency {
         text += &format!("\n  the USB adapter delays bytes by {ms} ms; to shorten that: {remedy}");
     }
     text
@@ -206,7 +206,7 @@ fn told_as_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs,
     let of = &greeting.identity;
     let latency_ms = match latency {
         LatencyTimer::None => None,
-        LatencyTimer::Set { ms } | LatencyTimer::Kept { ms, .. } => Some(ms),
+        LatencyTimer::Set { ms } | LatencyTimer::ReadOnly { ms, .. } => Some(ms),
     };
     json!({
         "port": address,
@@ -263,7 +263,7 @@ mod tests {
 
     #[test]
     fn a_greeting_says_who_where_and_what_is_wrong() {
-        let kept = LatencyTimer::Kept { ms: 16, remedy: "do this".into() };
+        let kept = LatencyTimer::ReadOnly { ms: 16, remedy: "do this".into() };
         let outputs = Ok(vec![(64, 1), (3, 1)]);
         let text = told("port", &greeting(), &outputs, &ChannelNames::default(), &kept);
         assert!(

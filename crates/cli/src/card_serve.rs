@@ -181,7 +181,7 @@ impl ServeCounters {
             rig.send(&bytes[..count]);
             rig.run(self.now_us(rig));
             loop {
-                match rig.take(&mut bytes) {
+                match rig.receive(&mut bytes) {
                     0 => break,
                     count => self.pty.write(&bytes[..count]).map_err(lost)?,
                 }
@@ -229,8 +229,8 @@ fn told<const A: usize>(rig: &CardSimulator<A>, served: &ServeCounters) -> Value
         "counts": status.counts.as_slice(),
         "counted": pins.positions().as_slice(),
         "pulses": pins.pulses().as_slice(),
-        "periods_apart": faults.apart,
-        "periods_too_fast": faults.too_many,
+        "periods_apart": faults.count_mismatches,
+        "periods_too_fast": faults.overfull_periods,
         "alarm": status.alarm.map(|alarm| alarm.number()),
         "unread_bytes": served.pty.dropped(),
         "up": up,

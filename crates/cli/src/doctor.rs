@@ -190,7 +190,7 @@ fn line<const A: usize>(port: &str, seconds: f64) -> Result<LineMeasurement, Com
     let latency = match card.port().latency() {
         LatencyTimer::None => "none".to_owned(),
         LatencyTimer::Set { ms } => format!("{ms} ms"),
-        LatencyTimer::Kept { ms, remedy } => format!("{ms} ms; {remedy}"),
+        LatencyTimer::ReadOnly { ms, remedy } => format!("{ms} ms; {remedy}"),
     };
     Ok(LineMeasurement {
         typical_us: trips.get(trips.len() / 2).copied().unwrap_or(0),

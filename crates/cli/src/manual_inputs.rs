@@ -59,7 +59,7 @@ impl ManualInput {
         match self {
             Self::Wheel { counts_per_s, for_us } => machine.turn_wheel_for(now_us, counts_per_s, for_us),
             Self::Notch(counts) => machine.turn_wheel(counts),
-            Self::Input { number, active } => machine.press(number, active),
+            Self::Input { number, active } => machine.set_input(number, active),
         }
     }
 }

@@ -60,7 +60,7 @@ fn whatever_the_line_does_a_job_ends_exactly_or_in_a_latched_alarm() {
                     panic!("seed {seed}, 10^{exponent} a byte: {what}\n{program}\n{script}\n{:?}", done.events);
                 }
                 assert_eq!(done.violations, 0, "seed {seed}: {}", done.first_violation);
-                let lines = done.cable.port.rig().lines();
+                let lines = done.cable.port.simulator().lines();
                 faults += lines.iter().map(|line| line.counters().faults()).sum::<u64>();
                 if done.completed() { completed += 1 } else { alarms += 1 }
             }

@@ -1,7 +1,10 @@
-//! From a key to the first slower period, over a pseudo-terminal in wall time: `cargo run --release -p retrace-hal-serial --example
-//! key_latency`. The simulated card and the host run in two threads; a third one presses hold now and then.
+//! Measures the time from a key to the first slower period, over a pseudo-terminal in wall time: `cargo run --release
+//! -p retrace-hal-serial --example key_latency`.
 //!
-//! Invariant: the key is seen where the motion path would see it, between two control periods, and the period by the card's own clock.
+//! The simulated card and the host run in two threads; a third one presses hold at intervals.
+//!
+//! Invariant: the key takes effect where the motion path would read it, between two control periods, and the period is
+//! timed by the card's own clock.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -21,12 +24,12 @@ fn us(since: Instant) -> u64 {
     since.elapsed().as_micros() as u64
 }
 
-/// Serves a card until it is told to end; `slower` takes the time of the first period that is slower than the one before, after it was set
-/// to 0.
+/// Serves a card until `ended` is set; `slower` receives the time of the first period that is slower than the one
+/// before, after it was set to 0.
 fn serve(mut pty: Pty, begun: Instant, slower: &Arc<AtomicU64>, ended: &AtomicBool) {
     let mut rig = CardSimulator::<AXES>::new(&CardSimulatorSettings::default()).expect("a card");
     let (mut last, slower) = (0, Arc::clone(slower));
-    rig.watch(Box::new(move |moment| {
+    rig.observe(Box::new(move |moment| {
         if moment.status.rate < last {
             let _ = slower.compare_exchange(0, us(begun), Ordering::Relaxed, Ordering::Relaxed);
         }
@@ -38,7 +41,7 @@ fn serve(mut pty: Pty, begun: Instant, slower: &Arc<AtomicU64>, ended: &AtomicBo
         rig.send(&bytes[..count]);
         while rig.now_us() < us(begun) {
             rig.advance(us(begun));
-            let count = rig.take(&mut bytes);
+            let count = rig.receive(&mut bytes);
             pty.write(&bytes[..count]).expect("the pseudo-terminal");
         }
     }

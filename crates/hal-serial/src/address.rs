@@ -1,39 +1,49 @@
-//! How a port is named: `PATH[@BAUD]`.
+//! Address of a port: `PATH[@BAUD]`.
 //!
-//! Invariant: whatever is taken can be written again and means the same.
+//! Invariant: an address that was accepted can be written again with the same meaning.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 use crate::PortError;
 
-/// Bits a second where the address names none.
+/// Bits per second where the address has none.
 pub const BAUD: u32 = 1_000_000;
-/// Fewest bits a second that are taken.
-const LEAST: u32 = 9_600;
-/// Most bits a second that are taken: what the fastest common USB adapters can do.
-const MOST: u32 = 12_000_000;
+/// Lowest accepted rate, bits per second.
+const MIN_BAUD: u32 = 9_600;
+/// Highest accepted rate, bits per second: the limit of the fastest common USB adapters.
+const MAX_BAUD: u32 = 12_000_000;
 
-/// Where a card is: a device file, and how fast its line is.
+/// Address of a card: a device file, and the baud rate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
     /// The device file, such as `/dev/ttyUSB0`, or a link to it.
     pub path: PathBuf,
-    /// Bits a second, ten of them to a byte: 9 600 … 12 000 000.
+    /// Bits per second, ten of them to a byte: 9 600 … 12 000 000.
     pub baud: u32,
 }
 
 impl Address {
-    /// Reads `PATH[@BAUD]`. What stands behind the last `@` is the baud rate if it is a number; else it belongs to the path, as in
-    /// some names of the folder `/dev/serial/by-id`.
+    /// Parses `PATH[@BAUD]`. The text behind the last `@` is the baud rate if it is a number. Otherwise it belongs to
+    /// the path, as in some names of the folder `/dev/serial/by-id`.
     ///
     /// # Errors
-    /// `E2148`: no path, or no baud rate that can be.
+    /// `E2148`: no path, or a baud rate out of range.
+    ///
+    /// # Examples
+    ///
+    /// ```
+    /// use retrace_hal_serial::Address;
+    /// let address = Address::parse("/dev/ttyUSB0@460800")?;
+    /// assert_eq!(address.baud, 460_800);
+    /// assert!(Address::parse("/dev/ttyUSB0@1").is_err());
+    /// # Ok::<(), retrace_hal_serial::PortError>(())
+    /// ```
     pub fn parse(text: &str) -> Result<Self, PortError> {
         let (path, baud) = match text.rsplit_once('@') {
             Some((path, baud)) if !baud.is_empty() && baud.bytes().all(|b| b.is_ascii_digit()) => (path, Some(baud)),
             Some((path, _)) if !Path::new(text).exists() && !path.is_empty() => {
-                return Err(PortError::address(text, "what stands behind @ is not a baud rate"));
+                return Err(PortError::address(text, "the text after @ is not a baud rate"));
             }
             _ => (text, None),
         };
@@ -42,13 +52,13 @@ impl Address {
         }
         let baud = match baud.map(str::parse::<u32>) {
             None => BAUD,
-            Some(Ok(baud)) if (LEAST..=MOST).contains(&baud) => baud,
+            Some(Ok(baud)) if (MIN_BAUD..=MAX_BAUD).contains(&baud) => baud,
             Some(_) => return Err(PortError::address(text, "a baud rate is a number from 9600 to 12000000")),
         };
         Ok(Self { path: path.into(), baud })
     }
 
-    /// Time that a byte takes on the line, in nanoseconds: a start bit, eight bits and a stop bit.
+    /// Time that a byte takes on the serial line, in nanoseconds: a start bit, eight bits and a stop bit.
     #[must_use]
     pub const fn byte_ns(&self) -> u64 {
         10_000_000_000 / self.baud as u64
@@ -89,7 +99,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_text_is_taken_or_refused_and_what_is_taken_says_the_same_again(text in "[/a-z@0-9 ]{0,24}") {
+        fn any_text_is_refused_or_survives_being_written_and_parsed_again(text in "[/a-z@0-9 ]{0,24}") {
             if let Ok(address) = Address::parse(&text) {
                 prop_assert_eq!(Address::parse(&address.to_string()), Ok(address));
             }

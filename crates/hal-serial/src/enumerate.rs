@@ -1,40 +1,42 @@
-//! The serial ports that are there.
+//! Enumeration of the serial ports of the system.
 //!
-//! Invariant: the list is sorted by path and holds no pseudo-terminal; a system that cannot be asked has an empty one.
+//! Invariant: the list is sorted by path and contains no pseudo-terminal; a system without a list of ports has an empty
+//! one.
 
 use std::path::Path;
 
-/// What a USB adapter or card says of itself.
+/// Identification of a USB adapter or card.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UsbDevice {
-    /// Number of the vendor.
+    /// Vendor ID.
     pub vendor: u16,
-    /// Number of the product.
+    /// Product ID.
     pub product: u16,
     /// Serial number.
     pub serial: Option<String>,
-    /// Name of product and manufacturer, as far as it tells.
+    /// Name of product and manufacturer, as far as the device reports it.
     pub name: String,
 }
 
 impl UsbDevice {
-    /// Is it the same thing, as far as can be told? Two adapters without a serial number are told apart by nothing.
+    /// Whether this is the same device, as far as can be determined. Two adapters without a serial number cannot be
+    /// distinguished.
     #[must_use]
     pub fn same(&self, other: &Self) -> bool {
         (self.vendor, self.product, &self.serial) == (other.vendor, other.product, &other.serial)
     }
 }
 
-/// A serial port that is there.
+/// A serial port of the system.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FoundPort {
     /// Its device file.
     pub path: String,
-    /// What stands behind it, where it is on the USB.
+    /// The USB device behind it, if there is one.
     pub usb: Option<UsbDevice>,
 }
 
-/// The serial ports that are there now.
+/// Lists the serial ports that exist now.
 #[must_use]
 pub fn ports() -> Vec<FoundPort> {
     // the library panics on a system without this folder
@@ -62,18 +64,18 @@ impl From<serialport::SerialPortInfo> for FoundPort {
     }
 }
 
-/// What stands behind a device file or a link to one.
+/// The USB device behind a device file or a link to one.
 pub(crate) fn usb_of(path: &Path) -> Option<UsbDevice> {
     let path = path.canonicalize().ok()?;
     ports().into_iter().find(|port| Path::new(&port.path) == path)?.usb
 }
 
-/// Where something on the USB is now: at `path` if it is that, else wherever it is.
+/// Current path of a USB device: `path` if it is there, otherwise its new path.
 pub(crate) fn find_device(usb: &UsbDevice, path: &Path, there: &[FoundPort]) -> Option<String> {
     let is_it = |port: &&FoundPort| port.usb.as_ref().is_some_and(|found| found.same(usb));
     let resolved = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let same_place = there.iter().filter(is_it).find(|port| Path::new(&port.path) == resolved);
-    // without a serial number only the same place speaks for the same thing
+    // without a serial number only the same path identifies the device
     let elsewhere = || usb.serial.is_some().then(|| there.iter().find(is_it)).flatten();
     same_place.or_else(elsewhere).map(|port| port.path.clone())
 }

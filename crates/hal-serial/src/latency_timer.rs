@@ -1,25 +1,25 @@
 //! The low-latency setting of USB serial adapters.
 //!
-//! Adapters with FTDI's chip hold what they received back until 16 ms have passed or a packet is full. On Linux the time stands in a
-//! file that its driver makes, which the device's owner may write. Ports of a card's own USB (CDC-ACM, `/dev/ttyACM0`), UARTs of
-//! the computer and pseudo-terminals have no such time.
+//! Adapters with FTDI's chip delay received bytes until 16 ms have passed or a packet is full. On Linux the delay is in
+//! a file of its driver, which the device's owner may write. Ports of a card's own USB (CDC-ACM, `/dev/ttyACM0`), UARTs
+//! of the computer and pseudo-terminals have no such delay.
 //!
-//! Invariant: a setting that cannot be made keeps no port from being opened.
+//! Invariant: a setting that fails does not keep a port from being opened.
 
 use std::path::Path;
 
-/// How long an adapter holds bytes back.
+/// Delay of received bytes in an adapter.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LatencyTimer {
-    /// It has no such time.
+    /// The port has no such delay.
     None,
-    /// So many milliseconds: as it was, or as we set it.
+    /// Delay in force, as found or as set.
     Set {
         /// Milliseconds.
         ms: u32,
     },
-    /// So many milliseconds, which we may not change.
-    Kept {
+    /// Delay in force, which this program may not change.
+    ReadOnly {
         /// Milliseconds.
         ms: u32,
         /// What to do about it.
@@ -27,10 +27,10 @@ pub enum LatencyTimer {
     },
 }
 
-/// Shortest time that FTDI's chips have, in milliseconds.
+/// Shortest delay of FTDI's chips, in milliseconds.
 const MIN_MS: u32 = 1;
 
-/// Makes an adapter's time as short as can be.
+/// Sets the shortest delay that the adapter has, and returns the delay in force.
 #[must_use]
 pub(crate) fn set_low_latency(path: &Path) -> LatencyTimer {
     path.canonicalize().map_or(LatencyTimer::None, |path| match path.file_name() {
@@ -47,9 +47,10 @@ fn shorten(timer: &Path) -> LatencyTimer {
     }
     match std::fs::write(timer, MIN_MS.to_string()) {
         Ok(()) => LatencyTimer::Set { ms: read().unwrap_or(MIN_MS) },
-        Err(_) => {
-            LatencyTimer::Kept { ms, remedy: format!("echo {MIN_MS} | sudo tee {} (once a plugging)", timer.display()) }
-        }
+        Err(_) => LatencyTimer::ReadOnly {
+            ms,
+            remedy: format!("echo {MIN_MS} | sudo tee {} (after each plugging in)", timer.display()),
+        },
     }
 }
 

@@ -1,9 +1,16 @@
-//! The serial port: a line to a card by cable, USB adapter or pseudo-terminal.
+//! The serial port: a link to a card by cable, USB adapter or pseudo-terminal.
 //!
-//! It moves bytes and knows no word of the protocol: [`SerialPort`] is the host's `link::Port`, and [`Pty`] the card's side of a
-//! pseudo-terminal, behind which a simulated card looks like one on a cable.
+//! ```text
+//!  link::host ── SerialPort ── /dev/ttyUSB0 ═══ UART ── card
+//!  link::host ── SerialPort ── /dev/pts/3 ═════ Pty ─── simulated card
+//! ```
 //!
-//! Invariant: what cannot be opened is refused with a number, the cause and what to do; nothing waits for longer than it was told to.
+//! It transfers bytes and does not interpret the protocol. [`SerialPort`] implements the host's `link::Port`. [`Pty`]
+//! is the card's side of a pseudo-terminal, which makes a simulated card look like one on a cable. [`ProgramPort`]
+//! receives NC programs.
+//!
+//! Invariant: a port that cannot be opened is refused with a number, the cause and a remedy; no call waits for longer
+//! than its timeout.
 #![forbid(unsafe_code)]
 
 mod address;

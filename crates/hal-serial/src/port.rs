@@ -1,6 +1,6 @@
 //! The host's serial port.
 //!
-//! Invariant: no call waits for longer than it was told to, and no more than some 4 ms of bytes wait in the operating system.
+//! Invariant: no call waits for longer than its timeout, and at most about 4 ms of bytes wait in the operating system.
 
 use std::fmt;
 use std::io::{self, ErrorKind};
@@ -14,23 +14,23 @@ use crate::latency_timer::{LatencyTimer, set_low_latency};
 use crate::port_error::{group_of, holder_of};
 use crate::{Address, PortError, UsbDevice, write_pacing::WritePacing};
 
-/// Bytes that may stay unanswered on a pseudo-terminal. Linux keeps some 18 KiB for its other end and then lets the writer
-/// wait; so what nobody reads is dropped before, as it is on a cable where nobody listens.
-const UNANSWERED: usize = 8 * 1024;
+/// Largest number of unread bytes on a pseudo-terminal. Linux buffers about 18 KiB for the other end and then blocks
+/// the writer; so bytes that nobody reads are dropped before, as on a cable where nobody listens.
+const MAX_UNREAD: usize = 8 * 1024;
 
-/// Most bytes of one write to a pseudo-terminal. Linux takes so many whole where it says that it takes any; of more it may take a part and
-/// wait with the rest.
-pub(crate) const WHOLE: usize = 512;
+/// Largest number of bytes of one write to a pseudo-terminal. Linux accepts this many as a whole where it reports that
+/// it accepts any; of more it may accept a part and block with the rest.
+pub(crate) const MAX_WHOLE_WRITE: usize = 512;
 
-/// How often a port that was lost is looked for.
-const LOOK_AGAIN: Duration = Duration::from_millis(50);
+/// Interval of the attempts to find a port that was lost.
+const RETRY_INTERVAL: Duration = Duration::from_millis(50);
 
-/// The line is gone: unplugged, or its other end closed.
+/// The serial line is gone: unplugged, or its other end closed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PortLost {
-    /// The port.
+    /// Path of the port.
     pub port: String,
-    /// What the operating system said.
+    /// Cause as the operating system reports it.
     pub why: String,
 }
 
@@ -46,16 +46,16 @@ impl CardFailure for PortLost {
     }
 
     fn remedy(&self) -> &'static str {
-        "check cable and power; the card stops by itself, on the path, and says where it stands when asked again"
+        "check cable and power; the card stops by itself, on the path, and reports its position when it is connected again"
     }
 }
 
 impl std::error::Error for PortLost {}
 
-/// A serial port or pseudo-terminal, opened for this program alone, with eight data bits, no parity, no flow control.
+/// A serial port or pseudo-terminal, opened exclusively, with eight data bits, no parity, no flow control.
 pub struct SerialPort {
     address: Address,
-    /// None while the line is lost: what is kept open would keep its number from being given again.
+    /// `None` while the line is lost: a port that is held open would keep its device number from being used again.
     port: Option<Box<dyn serialport::SerialPort>>,
     usb: Option<UsbDevice>,
     is_pty: bool,
@@ -72,10 +72,10 @@ impl fmt::Debug for SerialPort {
 }
 
 impl SerialPort {
-    /// Opens a port, and forgets what had come before, as far as it has arrived.
+    /// Opens a port, and discards the bytes that were received before.
     ///
     /// # Errors
-    /// `E2141` absent, `E2144` busy, `E2145` forbidden, `E2146` no serial port or not at this baud rate.
+    /// `E2141` absent, `E2144` busy, `E2145` forbidden, `E2146` not a serial port, or not at this baud rate.
     pub fn open(address: &Address) -> Result<Self, PortError> {
         let port = open(address, &address.path)?;
         Ok(Self {
@@ -90,32 +90,33 @@ impl SerialPort {
         })
     }
 
-    /// Where it was opened.
+    /// Address under which it was opened.
     #[must_use]
     pub const fn address(&self) -> &Address {
         &self.address
     }
 
-    /// What stands behind it, where it is on the USB.
+    /// USB device behind it, if there is one.
     #[must_use]
     pub const fn usb(&self) -> Option<&UsbDevice> {
         self.usb.as_ref()
     }
 
-    /// How long the adapter holds bytes back.
+    /// Delay of received bytes in the adapter.
     #[must_use]
     pub const fn latency(&self) -> &LatencyTimer {
         &self.latency
     }
 
-    /// Is the line there, as far as the last call could tell?
+    /// Whether the line is connected, as of the last call.
     #[must_use]
     pub const fn is_open(&self) -> bool {
         self.port.is_some()
     }
 
-    /// Opens the port again after it was lost, once: under the same path, or, where the adapter tells its serial number, wherever that
-    /// is now. The clock goes on; nothing is said of the card behind it, whose place has to be asked for.
+    /// Opens the port again after it was lost, in one attempt: under the same path, or, where the adapter has a serial
+    /// number, under its current path. The clock continues. The card behind it may be another one, so its position has
+    /// to be queried again.
     ///
     /// # Errors
     /// As [`SerialPort::open`].
@@ -132,7 +133,7 @@ impl SerialPort {
         };
         self.port = Some(open(&self.address, &path)?);
         self.latency = set_low_latency(&path);
-        // a link, as in /dev/serial/by-id, is kept; a number that has changed is followed
+        // a link, as in /dev/serial/by-id, is retained; a number that has changed is followed
         if !path.canonicalize().is_ok_and(|new| self.address.path.canonicalize().is_ok_and(|old| old == new)) {
             self.address.path = path;
         }
@@ -141,19 +142,19 @@ impl SerialPort {
         Ok(())
     }
 
-    /// Tries to open the port again for so long.
+    /// Tries to open the port again for up to `time`.
     ///
     /// # Errors
-    /// `E2147`: it did not come back, with the last reason.
+    /// `E2147`: it did not reappear, with the last cause.
     pub fn reopen_within(&mut self, time: Duration) -> Result<(), PortError> {
         let until = Instant::now() + time;
         loop {
             match self.reopen() {
                 Ok(()) => return Ok(()),
-                Err(why) if Instant::now() + LOOK_AGAIN > until => {
+                Err(why) if Instant::now() + RETRY_INTERVAL > until => {
                     return Err(PortError::gone(&self.address, time.as_secs_f64(), &why));
                 }
-                Err(_) => std::thread::sleep(LOOK_AGAIN),
+                Err(_) => std::thread::sleep(RETRY_INTERVAL),
             }
         }
     }
@@ -162,7 +163,7 @@ impl SerialPort {
         u64::try_from(self.started.elapsed().as_nanos()).unwrap_or(u64::MAX)
     }
 
-    /// Does something with the port; 0 where it was not ready in time. An error closes it.
+    /// Calls `action` with the port; returns 0 where the port was not ready in time. An error closes it.
     fn with(
         &mut self,
         wait: Duration,
@@ -195,8 +196,8 @@ impl BytePort for SerialPort {
 
     fn writable_bytes(&mut self) -> usize {
         let Some(port) = &self.port else { return 0 };
-        if self.is_pty && self.unanswered >= UNANSWERED {
-            // On a pseudo-terminal this empties what the other end has not read.
+        if self.is_pty && self.unanswered >= MAX_UNREAD {
+            // On a pseudo-terminal this discards what the other end has not read.
             let _ = port.clear(serialport::ClearBuffer::Output);
             self.unanswered = 0;
         }
@@ -209,7 +210,7 @@ impl BytePort for SerialPort {
         if room == 0 && self.port.is_some() {
             return Ok(0);
         }
-        let room = if self.is_pty { room.min(WHOLE) } else { room };
+        let room = if self.is_pty { room.min(MAX_WHOLE_WRITE) } else { room };
         let count = self.with(Duration::ZERO, |port| port.write(&bytes[..room]))?;
         self.budget.spend(self.now_ns(), count);
         self.unanswered += count;
@@ -221,7 +222,7 @@ impl BytePort for SerialPort {
             return Ok(0);
         }
         let count = self.with(Duration::from_micros(u64::from(wait_us)), |port| match port.read(bytes) {
-            // what is ready to be read and has nothing to read is gone
+            // a port that is ready and has nothing to read is gone
             Ok(0) => Err(ErrorKind::UnexpectedEof.into()),
             done => done,
         })?;
@@ -232,18 +233,18 @@ impl BytePort for SerialPort {
     }
 
     fn revive(&mut self) -> bool {
-        std::thread::sleep(LOOK_AGAIN);
+        std::thread::sleep(RETRY_INTERVAL);
         self.reopen().is_ok()
     }
 }
 
-/// Opens the device file and forgets what had come before.
+/// Opens the device file and discards the bytes that were received before.
 fn open(address: &Address, path: &Path) -> Result<Box<dyn serialport::SerialPort>, PortError> {
-    // A card that a DTR pulse resets would lose its position: the line is left as the system has it.
+    // A card that a DTR pulse resets would lose its position: DTR stays as the system has it.
     open_with(address, path, serialport::SerialPortBuilder::preserve_dtr_on_open)
 }
 
-/// Opens the device file with more settings, and forgets what had come before.
+/// Opens the device file with more settings, and discards the bytes that were received before.
 pub(crate) fn open_with(
     address: &Address,
     path: &Path,
@@ -252,7 +253,7 @@ pub(crate) fn open_with(
     check_device(address, path)?;
     let builder = set(serialport::new(path.to_string_lossy(), address.baud).timeout(Duration::ZERO));
     let port = builder.open().map_err(|error| match error.kind() {
-        // the library's word for a port that is locked
+        // the library's error for a port that is locked
         serialport::ErrorKind::NoDevice if path.exists() => PortError::busy(path, holder_of(path)),
         serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(ErrorKind::NotFound) => absent(path),
         serialport::ErrorKind::Io(ErrorKind::PermissionDenied) => PortError::forbidden(path, group_of(path).as_deref()),
@@ -266,7 +267,7 @@ fn absent(path: &Path) -> PortError {
     PortError::absent(path, &ports().into_iter().map(|port| port.path).collect::<Vec<_>>())
 }
 
-/// Is there a device file at all? The library would tell less of it.
+/// Whether a device file exists. The error of the library is less precise.
 #[cfg(unix)]
 fn check_device(address: &Address, path: &Path) -> Result<(), PortError> {
     use std::os::unix::fs::FileTypeExt;

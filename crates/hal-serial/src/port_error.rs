@@ -1,18 +1,18 @@
-//! Why a port cannot be opened, with what to do.
+//! Errors of opening a port, each with a remedy.
 //!
-//! Invariant: every number used here stands in `docs/errors.md`, and every message names the port and a next step.
+//! Invariant: every number used here is in `docs/errors.md`, and every message names the port and a next step.
 
 use std::fmt;
 use std::path::Path;
 
 use crate::Address;
 
-/// A port that was not opened: its number in the table of errors, what is wrong, and what to do.
+/// A port that was not opened: number in the table of errors, cause and remedy.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PortError {
-    /// Its number, `E2…`.
+    /// Number of the error, `E2…`.
     pub number: &'static str,
-    /// What is wrong.
+    /// What happened.
     pub what: String,
     /// What to do about it.
     pub remedy: String,
@@ -31,22 +31,26 @@ impl PortError {
         Self { number, what: what.into(), remedy: remedy.into() }
     }
 
-    /// What was given names no port.
+    /// The given text does not name a port.
     pub(crate) fn address(text: &str, why: &str) -> Self {
-        Self::new("E2148", format!("`{text}` names no port: {why}"), "PATH or PATH@BAUD, as in /dev/ttyUSB0@230400")
+        Self::new(
+            "E2148",
+            format!("`{text}` is not the address of a port: {why}"),
+            "write PATH or PATH@BAUD, as in /dev/ttyUSB0@230400",
+        )
     }
 
-    /// There is no such device file; `back_target_reached` are those that are.
+    /// The device file does not exist; `there` are those that do.
     pub(crate) fn absent(path: &Path, there: &[String]) -> Self {
         let remedy = if there.is_empty() {
-            "plug the card in; no serial port is there now (a pseudo-terminal is never in the list)".to_owned()
+            "plug the card in; no serial port is connected (pseudo-terminals are never listed)".to_owned()
         } else {
-            format!("check the cable and the name; there are: {}", there.join(", "))
+            format!("check the cable and the name; connected ports: {}", there.join(", "))
         };
-        Self::new("E2141", format!("there is no port {}", path.display()), remedy)
+        Self::new("E2141", format!("the port {} does not exist", path.display()), remedy)
     }
 
-    /// Somebody else has it open.
+    /// Another program has it open.
     pub(crate) fn busy(path: &Path, holder: Option<String>) -> Self {
         let what = match &holder {
             Some(holder) => format!("the port {} is in use, by {holder}", path.display()),
@@ -63,29 +67,29 @@ impl PortError {
     pub(crate) fn forbidden(path: &Path, group: Option<&str>) -> Self {
         let remedy = match group {
             Some("root") | None => {
-                "ask for permission to it, or write an udev rule that gives it to a group".to_owned()
+                "ask the administrator for access, or write a udev rule that gives the port to a group".to_owned()
             }
             Some(group) => format!("join its group with `sudo usermod -aG {group} $USER`, then log out and in again"),
         };
-        Self::new("E2145", format!("the port {} may not be opened", path.display()), remedy)
+        Self::new("E2145", format!("the port {} cannot be opened: permission denied", path.display()), remedy)
     }
 
-    /// It is there, and is not a serial port, or does not take the settings.
+    /// It exists, but is not a serial port, or does not accept the settings.
     pub(crate) fn unfit(address: &Address, why: &str) -> Self {
         let what =
             format!("{} cannot be used as a serial port at {} baud: {why}", address.path.display(), address.baud);
         Self::new("E2146", what, "name a serial port, or a baud rate that its driver has: 115200, 230400, 1000000")
     }
 
-    /// It did not come back.
+    /// It did not reappear.
     pub(crate) fn gone(address: &Address, seconds: f64, why: &PortError) -> Self {
         let what =
-            format!("the line to {} was lost, and did not come back within {seconds:.1} s", address.path.display());
+            format!("the line to {} was lost, and did not reappear within {seconds:.1} s", address.path.display());
         Self::new("E2147", what, format!("{}: {}", why.what, why.remedy))
     }
 }
 
-/// The group of a device file, by name, else by number.
+/// Group of a device file, by name, otherwise by number.
 #[cfg(unix)]
 pub(crate) fn group_of(path: &Path) -> Option<String> {
     use std::os::unix::fs::MetadataExt;
@@ -100,7 +104,7 @@ pub(crate) fn group_of(_: &Path) -> Option<String> {
     None
 }
 
-/// The name of a group in a table of groups: a line is `name:password:number:members`.
+/// Name of a group in a table of groups: a line is `name:password:number:members`.
 fn group_named(table: &str, id: u32) -> Option<String> {
     table.lines().find_map(|line| {
         let mut fields = line.split(':');
@@ -109,7 +113,7 @@ fn group_named(table: &str, id: u32) -> Option<String> {
     })
 }
 
-/// Who has a file open, where the system tells us: another user's programs it does not.
+/// Program that has a file open, where the system shows it: it hides those of other users.
 pub(crate) fn holder_of(path: &Path) -> Option<String> {
     let path = path.canonicalize().ok()?;
     let own = std::process::id().to_string();

@@ -1,9 +1,9 @@
-//! A serial port that a program is received over: any character format, the modem lines, and damage told apart from data.
+//! A serial port that receives a program: any character format, the modem lines, and damage distinguished from data.
 //!
-//! Seven bits with a parity bit are received as eight bits without one: on the line these are the same, and whoever decodes them can tell
-//! which character was damaged, also on a pseudo-terminal.
+//! Seven bits with a parity bit are received as eight bits without one. On the line these are identical, and the
+//! decoder can detect which character was damaged, also on a pseudo-terminal.
 //!
-//! Invariant: no character with wrong parity or framing is given as data; nothing waits for longer than it was told to.
+//! Invariant: no character with wrong parity or framing is returned as data; no call waits for longer than its timeout.
 
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -26,7 +26,7 @@ pub enum ParityBit {
 /// The format of the characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CharacterFormat {
-    /// Bits a second.
+    /// Bits per second.
     pub baud: u32,
     /// Data bits, 7 or 8.
     pub bits: u8,
@@ -45,7 +45,7 @@ pub enum Character {
     Damaged,
 }
 
-/// A port that a program is received over, opened for this program alone.
+/// A port that receives a program, opened exclusively.
 pub struct ProgramPort {
     path: PathBuf,
     port: Box<dyn serialport::SerialPort>,
@@ -60,7 +60,7 @@ impl std::fmt::Debug for ProgramPort {
 }
 
 impl ProgramPort {
-    /// Opens a port and forgets what had come before.
+    /// Opens a port and discards the bytes that were received before.
     ///
     /// # Errors
     /// `E2141` absent, `E2144` busy, `E2145` forbidden, `E2146` not a serial port, or not with this format.
@@ -73,11 +73,11 @@ impl ProgramPort {
             (8, ParityBit::Odd) => (DataBits::Eight, Parity::Odd),
             _ => (DataBits::Eight, Parity::None),
         };
-        // A pseudo-terminal carries eight bits, whatever it is told.
+        // A pseudo-terminal carries eight bits, whatever its settings.
         let (data_bits, parity) = if is_pty { (DataBits::Eight, Parity::None) } else { (data_bits, parity) };
         let stop_bits = if format.stop == 2 { StopBits::Two } else { StopBits::One };
         let address = Address { path: path.to_owned(), baud: format.baud };
-        // Opened before the port is this program's alone.
+        // Opened before the port is exclusive.
         let marking = if is_pty { None } else { Marking::of(path) };
         let set =
             |builder: serialport::SerialPortBuilder| builder.data_bits(data_bits).parity(parity).stop_bits(stop_bits);
@@ -91,7 +91,8 @@ impl ProgramPort {
         PortLost { port: self.path.display().to_string(), why: why.to_string() }
     }
 
-    /// Adds what has been received to `characters`, after a wait of at most `wait` for the first; at most some hundred at a time.
+    /// Appends the received characters to `characters`, after a wait of at most `wait` for the first; at most some
+    /// hundred per call.
     ///
     /// # Errors
     /// The line is gone.
@@ -111,7 +112,7 @@ impl ProgramPort {
         Ok(())
     }
 
-    /// Sends a control character, without a wait for the line; false where there is no room for it now.
+    /// Sends a control character without waiting for the line; returns false where the output buffer is full.
     ///
     /// # Errors
     /// The line is gone.
@@ -124,7 +125,7 @@ impl ProgramPort {
         }
     }
 
-    /// Switches RTS: may the other end send? A pseudo-terminal has no such line.
+    /// Switches RTS, which permits the other end to send. A pseudo-terminal has no such line.
     ///
     /// # Errors
     /// The line is gone, or has no RTS.
@@ -146,7 +147,7 @@ fn is_nothing(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-/// The system's marks of damage: a wrong character comes as FF 00 and itself, the character FF as FF FF.
+/// The system's marks of damage: a wrong character arrives as FF 00 and itself, the character FF as FF FF.
 #[derive(Clone, Copy, Debug, Default)]
 enum Marks {
     #[default]
@@ -168,7 +169,7 @@ impl Marks {
     }
 }
 
-/// Lets the system mark damaged characters, which it would drop otherwise.
+/// Makes the system mark damaged characters, which it would otherwise drop.
 #[cfg(unix)]
 struct Marking(std::os::fd::OwnedFd);
 
@@ -189,7 +190,7 @@ impl Marking {
     }
 }
 
-/// Elsewhere the port's own parity is all there is.
+/// Elsewhere only the port's own parity check exists.
 #[cfg(not(unix))]
 struct Marking;
 

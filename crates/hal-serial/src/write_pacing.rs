@@ -1,15 +1,16 @@
-//! How many bytes may wait in the operating system.
+//! Pacing of writes: the number of bytes that may wait in the operating system.
 //!
-//! A word of the operator's must not queue behind bytes that were written long ago: they cannot be taken back. So only what the line
-//! sends in some milliseconds is written ahead. What a driver says of its queue leaves out the adapter's own memory, and a
-//! pseudo-terminal says nothing; so bytes are counted out as fast as the line can take them (a token bucket) besides.
+//! An operator command must not queue behind bytes that were written long before: they cannot be withdrawn. So only
+//! what the line sends in some milliseconds is written ahead. The queue length that a driver reports excludes the
+//! adapter's own memory, and a pseudo-terminal reports nothing. Therefore bytes are also counted out as fast as the
+//! line can send them (a token bucket).
 //!
 //! Invariant: in any time t no more bytes are granted than the line sends in t, and what it sends in [`AHEAD_NS`].
 
-/// How far ahead bytes are written, in nanoseconds of the line's time.
+/// How far ahead bytes are written, in nanoseconds of transmission time.
 pub(crate) const AHEAD_NS: u64 = 4_000_000;
 
-/// What is still on its way out, in nanoseconds of the line's time.
+/// Bytes that are not sent yet, in nanoseconds of transmission time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WritePacing {
     byte_ns: u64,
@@ -17,13 +18,14 @@ pub(crate) struct WritePacing {
 }
 
 impl WritePacing {
-    /// A line that takes `byte_ns` nanoseconds, at least 1, for a byte, with nothing on its way.
+    /// Pacing for a line that takes `byte_ns` nanoseconds, at least 1, per byte, with nothing pending.
     #[must_use]
     pub(crate) const fn new(byte_ns: u64) -> Self {
         Self { byte_ns: if byte_ns == 0 { 1 } else { byte_ns }, free_at_ns: 0 }
     }
 
-    /// How many bytes may be written at `now_ns`, where the driver says that `queued` wait: always one at least when nothing does.
+    /// Number of bytes that may be written at `now_ns`, where the driver reports `queued` waiting: always at least one
+    /// when none are.
     #[must_use]
     pub(crate) const fn writable_bytes(&self, now_ns: u64, queued: u64) -> usize {
         let counted = self.free_at_ns.saturating_sub(now_ns);
@@ -35,7 +37,7 @@ impl WritePacing {
         (AHEAD_NS.saturating_sub(waiting) / self.byte_ns) as usize
     }
 
-    /// So many bytes were written at `now_ns`.
+    /// Records that `bytes` bytes were written at `now_ns`.
     pub(crate) const fn spend(&mut self, now_ns: u64, bytes: usize) {
         let from = if self.free_at_ns > now_ns { self.free_at_ns } else { now_ns };
         self.free_at_ns = from + bytes as u64 * self.byte_ns;
@@ -48,7 +50,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// A writer as greedy as can be, asking at any times, with drivers that say anything.
+        /// A writer as greedy as possible, calling at any times, with drivers that report anything.
         #[test]
         fn no_more_than_the_line_sends(
             byte_ns in prop::sample::select(vec![833u64, 10_000, 43_402, 86_805, 1_041_666]),

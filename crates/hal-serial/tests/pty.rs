@@ -1,4 +1,4 @@
-//! Host port and pseudo-terminal, against each other and against what goes wrong.
+//! Host port and pseudo-terminal, against each other and under faults.
 #![cfg(target_os = "linux")]
 
 use std::path::Path;
@@ -17,7 +17,7 @@ fn address(path: &Path) -> Address {
     Address::parse(&path.display().to_string()).expect("a path")
 }
 
-/// Every value of a byte comes through, both ways: nothing translates, echoes or swallows.
+/// Every value of a byte is transferred, in both directions: nothing translates, echoes or swallows.
 #[test]
 fn all_bytes_come_through_both_ways() {
     let (mut card, mut host) = pair();
@@ -54,13 +54,13 @@ fn no_more_than_four_milliseconds_are_written_ahead() {
     }
     let passed = host.now_us() - begin;
     assert!(sent as u64 <= passed / 10 + 401, "{sent} bytes in {passed} µs of a line of 1 Mbaud");
-    // whoever has waited for as long as that has all of the room again
+    // after a wait that long the whole buffer is free again
     std::thread::sleep(Duration::from_millis(5));
     assert_eq!((host.writable_bytes(), host.write(&[0x55; 1000]).expect("a line")), (400, 400));
 }
 
-/// Most bytes that the system keeps for somebody who does not read, with what it has not counted yet.
-const KEPT: u64 = 24_000;
+/// Largest number of bytes that the system buffers for an end that does not read, with those it has not counted yet.
+const MAX_BUFFERED: u64 = 24_000;
 
 /// Nobody reads on either side: neither writer waits, and the line works afterwards.
 #[test]
@@ -70,7 +70,7 @@ fn nobody_reads_and_nobody_waits() {
     for _ in 0..100 {
         card.write(&[0xAA; 3000]).expect("a line");
     }
-    assert!(card.dropped() > 300_000 - KEPT, "{}", card.dropped());
+    assert!(card.dropped() > 300_000 - MAX_BUFFERED, "{}", card.dropped());
     let mut bytes = [0; 4096];
     let mut old = 0;
     loop {
@@ -86,7 +86,7 @@ fn nobody_reads_and_nobody_waits() {
         assert!(begin.elapsed() < Duration::from_secs(60), "stuck after {sent}");
         std::thread::sleep(Duration::from_millis(1));
     }
-    // the last of it is there, and the line works
+    // the last part arrives, and the line works
     host.write(b"end").expect("a line");
     card.write(b"hello").expect("a line");
     let count = host.read(&mut bytes, 1_000_000).expect("a line");

@@ -1,4 +1,4 @@
-//! How many control periods a second the simulated card runs in virtual time, its window being kept filled.
+//! Measures how many control periods per second the simulated card runs in virtual time, with its window filled.
 //!
 //! `cargo run --release -p retrace-hal-sim --example periods_a_second`
 

@@ -1,8 +1,9 @@
-//! A simulated card with all that hangs on it: a line in either direction, a machine, pins that are counted.
+//! A simulated card with everything connected to it: a channel in either direction, a plant, pins that are counted.
 //!
-//! It runs in a time of its own, which whoever has it lets pass: as fast as it can, or as a clock goes.
+//! It runs in its own time, which the caller advances: as fast as possible, or with a clock.
 //!
-//! Invariant: what happens depends on the settings and on what the host sends when, not on the steps in which time passes.
+//! Invariant: the result depends on the settings and on what the host sends when, not on the steps in which time is
+//! advanced.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -16,53 +17,53 @@ use crate::plant::{Plant, PlantSettings};
 use crate::serial_channel::{InFlightPolicy, SerialChannel, SerialChannelSettings};
 use crate::trace::Trace;
 
-/// What a rig is made of.
+/// Settings of a card simulator.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CardSimulatorSettings {
-    /// The line from host to card.
+    /// Channel from host to card.
     pub up: SerialChannelSettings,
-    /// The line from card to host.
+    /// Channel from card to host.
     pub down: SerialChannelSettings,
-    /// What hangs on the card.
+    /// Plant that is connected to the card.
     pub machine: PlantSettings,
     /// Serial number of the card.
     pub serial: u32,
-    /// The number that tells this start of the card from others.
+    /// Number that distinguishes this start of the card from others.
     pub boot: u32,
 }
 
-/// Control period of a card that nobody has opened.
+/// Control period of a card that nobody has opened, ns.
 const IDLE_PERIOD_NS: u64 = 1_000_000;
-/// Bytes that the card's UART takes ahead.
+/// Bytes that the card's UART accepts ahead.
 const FIFO: usize = 8;
-/// Most bytes that leave the card at a time where bytes take no time.
+/// Largest number of bytes that leave the card at a time where bytes take no time.
 const BURST: usize = 4096;
 
-/// What a watcher of the card is told of each control period, in the card's own time.
+/// Sample of one control period for an observer of the card, in the card's own time.
 #[derive(Clone, Copy, Debug)]
 pub struct PeriodSample<'a, const A: usize> {
-    /// When it began, in microseconds.
+    /// Start of the period, in microseconds.
     pub at_us: u64,
-    /// What the card says of it, and would tell the host.
+    /// The card's status at its end, as in its report to the host.
     pub status: &'a CardStatus<A>,
-    /// Net pulses that were counted on each axis' wires since the start, this period's among them.
+    /// Net pulses that were counted on each axis' wires since the start, including this period.
     pub positions: &'a [i64; A],
 }
 
-/// What becomes of a moment.
+/// Callback that receives every period sample.
 pub type PeriodObserver<const A: usize> = Box<dyn FnMut(&PeriodSample<'_, A>) + Send>;
 
-/// What the pins did that they should not have.
+/// Faults of the pins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SimulationFaults {
-    /// Periods whose increments did not fit the pulses' times.
-    pub too_many: u64,
-    /// Periods after which the card's counts were not what was counted at its pins. Homing, which sets counts, is none, nor is play that is
-    /// taken up.
-    pub apart: u64,
+    /// Periods whose increments did not fit the pulse times.
+    pub overfull_periods: u64,
+    /// Periods after which the card's counts differ from the pulses counted at its pins. Homing, which sets counts, is
+    /// not such a difference, nor is backlash that is taken up.
+    pub count_mismatches: u64,
 }
 
-/// A simulated card with all that hangs on it.
+/// A simulated card with everything connected to it.
 pub struct CardSimulator<const A: usize> {
     card: Box<SimLinkedCard<A>>,
     machine: Plant<A>,
@@ -70,9 +71,9 @@ pub struct CardSimulator<const A: usize> {
     up: SerialChannel,
     down: SerialChannel,
     now_ns: u64,
-    /// When the next control period begins.
+    /// Start of the next control period.
     due_ns: u64,
-    /// When the card's UART can take bytes again, if there are more.
+    /// Time at which the card's UART can accept bytes again, if there are more.
     more_at: Option<u64>,
     compared: CountChecker<A>,
     faults: SimulationFaults,
@@ -82,12 +83,15 @@ pub struct CardSimulator<const A: usize> {
 
 impl<const A: usize> fmt::Debug for CardSimulator<A> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Rig").field("now_us", &self.now_us()).field("status", self.status()).finish_non_exhaustive()
+        f.debug_struct("CardSimulator")
+            .field("now_us", &self.now_us())
+            .field("status", self.status())
+            .finish_non_exhaustive()
     }
 }
 
 impl<const A: usize> CardSimulator<A> {
-    /// A rig at rest, at time 0. `None` where the card cannot be made.
+    /// A card simulator at rest, at time 0. `None` where the card cannot be created.
     #[must_use]
     pub fn new(settings: &CardSimulatorSettings) -> Option<Self> {
         Some(Self {
@@ -112,18 +116,18 @@ impl<const A: usize> CardSimulator<A> {
         self.now_ns / 1000
     }
 
-    /// Lets time pass, at most until `until_us`; less where a byte for the host arrives before.
+    /// Advances time, at most until `until_us`; less where a byte for the host arrives before.
     pub fn advance(&mut self, until_us: u64) {
         let until = until_us.saturating_mul(1000);
         while self.down.next_arrival().is_none_or(|due| due > self.now_ns) && self.step(until) {}
     }
 
-    /// Lets time pass until `until_us`, whatever arrives.
+    /// Advances time until `until_us`, whatever arrives.
     pub fn run(&mut self, until_us: u64) {
         while self.step(until_us.saturating_mul(1000)) {}
     }
 
-    /// When the next thing happens that is known of now, in microseconds: a control period at the latest.
+    /// Time of the next known event, in microseconds: a control period at the latest.
     #[must_use]
     pub fn next_us(&self) -> u64 {
         self.next_ns() / 1000
@@ -134,7 +138,7 @@ impl<const A: usize> CardSimulator<A> {
         soon.into_iter().flatten().fold(self.due_ns, u64::min).max(self.now_ns)
     }
 
-    /// On to the next thing that happens until then; false where nothing more does.
+    /// Advances to the next event up to `until`; false where there is none.
     fn step(&mut self, until: u64) -> bool {
         if self.now_ns >= until {
             return false;
@@ -150,16 +154,16 @@ impl<const A: usize> CardSimulator<A> {
         true
     }
 
-    /// One control period of the card.
+    /// Runs one control period of the card.
     fn period(&mut self) {
         let inputs = self.machine.inputs(self.now_us(), self.pins.positions());
         let before = self.card.status().counts;
-        let status = *self.card.run_period(inputs);
-        if let Some(terms) = self.card.settings() {
-            self.compared.expect_play(&terms.settings().backlash_pulses, &before, self.pins.positions());
-            self.faults.too_many += u64::from(!self.pins.emit(terms.timing(), self.card.card().pulses()));
+        let status = *self.card.period(inputs);
+        if let Some(terms) = self.card.terms() {
+            self.compared.set_backlash(&terms.settings().backlash_pulses, &before, self.pins.positions());
+            self.faults.overfull_periods += u64::from(!self.pins.emit(terms.timing(), self.card.card().pulses()));
         }
-        self.faults.apart += u64::from(!self.compared.agrees(&before, &status, self.pins.positions()));
+        self.faults.count_mismatches += u64::from(!self.compared.counts_match(&before, &status, self.pins.positions()));
         self.machine.outputs(self.now_us(), &status.outputs);
         if let Some(watcher) = &mut self.watcher {
             let positions = self.pins.positions();
@@ -177,7 +181,8 @@ impl<const A: usize> CardSimulator<A> {
     /// Fetches from the card what its UART can send now.
     fn fetch(&mut self) {
         if self.down.free_at() > self.now_ns {
-            // What the card has to say since is fetched as soon as the line is free, however time is cut into steps.
+            // Bytes that the card has produced since are fetched as soon as the channel is free, however time is cut
+            // into steps.
             self.more_at = Some(self.down.free_at());
             return;
         }
@@ -195,19 +200,19 @@ impl<const A: usize> CardSimulator<A> {
         self.more_at = Some(self.down.free_at().max(self.now_ns + 1));
     }
 
-    /// The host sends bytes now.
+    /// Sends bytes from the host now.
     pub fn send(&mut self, bytes: &[u8]) {
         self.up.send(self.now_ns, bytes);
     }
 
-    /// Bytes of the host that have not gone out yet.
+    /// Number of bytes from the host that have not been sent yet.
     #[must_use]
     pub fn unsent(&self) -> usize {
         self.up.unsent(self.now_ns)
     }
 
-    /// What has come to the host by now; how many bytes.
-    pub fn take(&mut self, bytes: &mut [u8]) -> usize {
+    /// Takes out the bytes that have arrived at the host by now; returns their number.
+    pub fn receive(&mut self, bytes: &mut [u8]) -> usize {
         let mut count = 0;
         while count < bytes.len()
             && let Some(byte) = self.down.receive(self.now_ns)
@@ -218,13 +223,13 @@ impl<const A: usize> CardSimulator<A> {
         count
     }
 
-    /// Pulls the cable and plugs it in again, now.
+    /// Disconnects the cable and connects it again, now.
     pub fn reconnect(&mut self, leftover: InFlightPolicy) {
         self.up.reconnect(self.now_ns, leftover);
         self.down.reconnect(self.now_ns, leftover);
     }
 
-    /// The last period's report, as the card has it.
+    /// The report of the last period, as the card has it.
     #[must_use]
     pub fn status(&self) -> &CardStatus<A> {
         self.card.status()
@@ -236,44 +241,45 @@ impl<const A: usize> CardSimulator<A> {
         &self.card
     }
 
-    /// The machine, to be meddled with.
+    /// The plant, for changes by a test.
     pub const fn machine(&mut self) -> &mut Plant<A> {
         &mut self.machine
     }
 
-    /// The wires and what was counted on them.
+    /// The wires and the pulses counted on them.
     #[must_use]
     pub const fn pins(&self) -> &Pins<A> {
         &self.pins
     }
 
-    /// The lines: from the host, and to it.
+    /// The channels: from the host, and to it.
     #[must_use]
     pub const fn lines(&self) -> [&SerialChannel; 2] {
         [&self.up, &self.down]
     }
 
-    /// What the pins did that they should not have.
+    /// Faults of the pins so far.
     #[must_use]
     pub const fn faults(&self) -> SimulationFaults {
         self.faults
     }
 
-    /// Tells `watcher` of every control period from now on.
-    pub fn watch(&mut self, watcher: PeriodObserver<A>) {
+    /// Calls `watcher` with every control period from now on.
+    pub fn observe(&mut self, watcher: PeriodObserver<A>) {
         self.watcher = Some(watcher);
     }
 
-    /// Writes a trace from now on, for a wave viewer, its axes under these names. Where its file cannot be written any more, it ends.
+    /// Writes a trace for a wave viewer from now on, with these axis names. It ends where its file cannot be written
+    /// any more.
     ///
     /// # Errors
-    /// What the writer reports of the beginning.
+    /// The error of the writer at the beginning.
     pub fn trace(&mut self, out: Box<dyn Write + Send>, axes: &[String]) -> io::Result<()> {
         self.trace = Some(Trace::new(out, axes)?);
         Ok(())
     }
 
-    /// Hands on what the trace keeps back.
+    /// Flushes the trace.
     pub fn flush(&mut self) {
         if let Some(trace) = &mut self.trace
             && trace.flush().is_err()

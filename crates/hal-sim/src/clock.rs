@@ -1,17 +1,17 @@
-//! The time that a simulated card runs in.
+//! The clock of a simulated card.
 //!
 //! Invariant: period n ends n control periods after the start, however late the ones before it were.
 
 use std::time::{Duration, Instant};
 
-/// Virtual time (as fast as it can) or wall time.
+/// Virtual time (as fast as possible) or wall time.
 #[derive(Clone, Copy, Debug)]
 pub enum Clock {
     /// A period takes no time.
     Virtual,
     /// Periods are counted on the monotonic clock; a late one is caught up.
     Wall {
-        /// When period 0 began.
+        /// Start of period 0.
         start: Instant,
         /// Length of a control period.
         period: Duration,
@@ -19,13 +19,13 @@ pub enum Clock {
 }
 
 impl Clock {
-    /// Wall time from now on, `period_us` microseconds a control period.
+    /// Wall time from now on, with `period_us` microseconds per control period.
     #[must_use]
     pub fn wall(period_us: u32) -> Self {
         Self::Wall { start: Instant::now(), period: Duration::from_micros(u64::from(period_us)) }
     }
 
-    /// Length of a control period in microseconds, where it takes any time.
+    /// Length of a control period in microseconds, or `None` in virtual time.
     #[must_use]
     pub fn period_us(&self) -> Option<u32> {
         match self {

@@ -1,38 +1,38 @@
-//! The card's counts beside what was counted at its pins.
+//! Comparison of the card's counts with the pulses counted at its pins.
 //!
-//! Invariant: only homing, which sets a count while nothing is on the window, changes by how much the two differ, and play that is taken
-//! up: at rest none of it or all.
+//! Invariant: only two things change the difference of both: homing, which sets a count while nothing is on the window,
+//! and backlash that is taken up. At rest it is taken up fully or not at all.
 
 use retrace_link::CardStatus;
 
-/// By how much each axis' count differs from its position at the pins.
+/// Difference of each axis' count from its position at the pins.
 #[derive(Clone, Debug)]
 pub(crate) struct CountChecker<const A: usize> {
-    /// Counts where the positions are 0 and no play is taken up.
+    /// Counts where the positions are 0 and no backlash is taken up.
     homed: [i64; A],
     play: [u16; A],
-    /// The way of the first play that was taken up, which is undone before any other is: 1, −1, or 0 before.
-    way: [i64; A],
+    /// Direction of the first backlash that was taken up, which is undone before any other is: 1, −1, or 0 before.
+    direction: [i64; A],
 }
 
 impl<const A: usize> CountChecker<A> {
-    /// Counts that are `counts` where the pins' positions are 0.
+    /// Checker for counts that are `counts` where the pins' positions are 0.
     pub(crate) const fn new(counts: [i64; A]) -> Self {
-        Self { homed: counts, play: [0; A], way: [0; A] }
+        Self { homed: counts, play: [0; A], direction: [0; A] }
     }
 
-    /// The axes have so much play from now on; where that is new, what is taken up of the old one stays taken up.
-    pub(crate) fn expect_play(&mut self, play: &[u16; A], counts: &[i64; A], positions: &[i64; A]) {
+    /// Sets the backlash of the axes from now on. Where it changes, backlash that was taken up stays so.
+    pub(crate) fn set_backlash(&mut self, backlash: &[u16; A], counts: &[i64; A], positions: &[i64; A]) {
         for axis in 0..A {
-            if play[axis] != self.play[axis] {
+            if backlash[axis] != self.play[axis] {
                 self.homed[axis] = counts[axis] - positions[axis];
-                (self.play[axis], self.way[axis]) = (play[axis], 0);
+                (self.play[axis], self.direction[axis]) = (backlash[axis], 0);
             }
         }
     }
 
-    /// A period has passed, the counts having been `before`: are they what was counted?
-    pub(crate) fn agrees(&mut self, before: &[i64; A], status: &CardStatus<A>, positions: &[i64; A]) -> bool {
+    /// Whether the counts after a period, which were `before` at its start, match the counted pulses.
+    pub(crate) fn counts_match(&mut self, before: &[i64; A], status: &CardStatus<A>, positions: &[i64; A]) -> bool {
         let mut agrees = true;
         for axis in 0..A {
             let jump = status.counts[axis] - before[axis] - i64::from(status.increments[axis]);
@@ -42,7 +42,7 @@ impl<const A: usize> CountChecker<A> {
             let apart = positions[axis] - (status.counts[axis] - self.homed[axis]);
             if apart != 0 {
                 let play = i64::from(self.play[axis]);
-                let way = &mut self.way[axis];
+                let way = &mut self.direction[axis];
                 *way = if *way == 0 { apart.signum() } else { *way };
                 let taken = apart * *way;
                 agrees &= (0..=play).contains(&taken) && (!status.at_rest || taken == play);

@@ -1,21 +1,21 @@
-//! The faults of a line as they are written: `rate=1e-4,seed=7,down.stall=1e-6,up.flip@120.3`.
+//! Text form of the faults of a channel: `rate=1e-4,seed=7,down.stall=1e-6,up.flip@120.3`.
 //!
-//! Invariant: what is not understood is refused with the item that it stands in.
+//! Invariant: text that is not valid is refused with the item that contains it.
 
 use crate::faults::LineFault;
 use crate::random::{Chance, Random};
 use crate::serial_channel::SerialChannelSettings;
 
-/// What can be written, for whoever wrote something else.
+/// List of the valid items, for the error message.
 const ITEMS: &str = "seed=N, baud=N, latency-us=N, jitter-us=N, stall-ms=N, rate=P, flip=P, drop=P, duplicate=P, cut=P, stall=P, \
     flip@BYTE.BIT, drop@BYTE, duplicate@BYTE, cut@BYTE[+BYTES], stall@BYTE+MS, lose@BYTE+MS, each with `up.` or `down.` before it for one \
     direction; P is a probability a byte";
 
-/// Reads the faults of a line: what they do from host to card, and from card to host. Items are separated by commas; each holds for both
-/// directions, or for one, as it begins with `up.` or `down.`.
+/// Parses the faults of a serial line: those from host to card, and those from card to host. Items are separated by
+/// commas. An item applies to both directions, or to one if it begins with `up.` or `down.`.
 ///
 /// # Errors
-/// The item that is not understood, and what can be written.
+/// The item that is not valid, and a list of the valid ones.
 pub fn faults(text: &str) -> Result<[SerialChannelSettings; 2], String> {
     let mut lines = [SerialChannelSettings::default(), SerialChannelSettings::default()];
     for item in text.split(',').map(str::trim).filter(|item| !item.is_empty()) {
@@ -26,7 +26,7 @@ pub fn faults(text: &str) -> Result<[SerialChannelSettings; 2], String> {
         };
         for (number, line) in lines.iter_mut().enumerate() {
             if one.is_none_or(|only| only == number) {
-                apply(both, line).ok_or_else(|| format!("`{item}` is not a fault of a line; there are {ITEMS}"))?;
+                apply(both, line).ok_or_else(|| format!("`{item}` is not a fault of a line; valid are {ITEMS}"))?;
             }
         }
     }

@@ -1,10 +1,10 @@
-//! What can happen to bytes on a line.
+//! Faults of bytes on a serial line.
 //!
-//! Invariant: what happens depends on the seed and on how many bytes were sent before, on nothing else.
+//! Invariant: the faults depend on the seed and on how many bytes were sent before, on nothing else.
 
 use crate::random::{Chance, Random};
 
-/// One thing that happens to a byte, or from a byte on.
+/// A fault of a byte, or from a byte on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LineFault {
     /// One of its bits is read wrong.
@@ -12,36 +12,36 @@ pub enum LineFault {
         /// The bit, 0 … 7.
         bit: u8,
     },
-    /// It is lost.
+    /// The byte is lost.
     Drop,
-    /// It comes twice.
+    /// The byte arrives twice.
     Duplicate,
-    /// It and what follows is lost.
+    /// The byte and those after it are lost.
     Cut {
-        /// So many bytes; 0: until the line has been silent for a moment.
+        /// Number of bytes; 0: until the line has been silent for a moment.
         bytes: u32,
     },
-    /// From it on nothing passes for a while.
+    /// From the byte on nothing passes for a while.
     Stall {
-        /// How long, in microseconds.
+        /// Duration, in microseconds.
         us: u32,
-        /// Is lost what was to arrive meanwhile, or does it come all at once at the end?
+        /// Whether bytes that would have arrived meanwhile are lost, or arrive together at the end.
         lost: bool,
     },
 }
 
-/// How likely each of the faults is, for every byte.
+/// Probability of each fault, per byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultRates {
-    /// [`Fault::Flip`] of a bit drawn.
+    /// [`LineFault::Flip`] of a random bit.
     pub flip: Chance,
-    /// [`Fault::Drop`].
+    /// [`LineFault::Drop`].
     pub drop: Chance,
-    /// [`Fault::Duplicate`].
+    /// [`LineFault::Duplicate`].
     pub duplicate: Chance,
-    /// [`Fault::Cut`] to the end of the burst, or of up to [`Rates::MAX_CUT`] bytes.
+    /// [`LineFault::Cut`] to the end of the burst, or of up to [`FaultRates::MAX_CUT`] bytes.
     pub cut: Chance,
-    /// [`Fault::Stall`] of up to `stall_us`, half of them with loss.
+    /// [`LineFault::Stall`] of up to `stall_us`, half of them with loss.
     pub stall: Chance,
     /// The longest stall, in microseconds.
     pub stall_us: u32,
@@ -54,16 +54,16 @@ impl Default for FaultRates {
 }
 
 impl FaultRates {
-    /// The longest cut that is drawn, in bytes: longer than the longest frame.
+    /// The longest random cut, in bytes: longer than the longest frame.
     pub const MAX_CUT: u32 = 300;
 
-    /// Each kind as likely as this; stalls up to 50 ms.
+    /// Every kind with probability `chance`; stalls up to 50 ms.
     #[must_use]
     pub const fn all(chance: Chance) -> Self {
         Self { flip: chance, drop: chance, duplicate: chance, cut: chance, stall: chance, stall_us: 50_000 }
     }
 
-    /// What happens to the next byte, if anything. At most one thing does.
+    /// Draws the fault of the next byte, if any. At most one occurs.
     #[must_use]
     pub fn draw(&self, random: &mut Random) -> Option<LineFault> {
         let kinds = [self.flip, self.drop, self.duplicate, self.cut, self.stall];
@@ -83,27 +83,27 @@ impl FaultRates {
         })
     }
 
-    /// Can nothing happen at all?
+    /// Whether no fault can occur.
     #[must_use]
     pub fn are_none(&self) -> bool {
         [self.flip, self.drop, self.duplicate, self.cut, self.stall].iter().all(|&chance| chance == Chance::NEVER)
     }
 }
 
-/// What a line did to the bytes that were sent over it.
+/// Counters of the bytes that were sent over a channel, and of its faults.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LineCounters {
     /// Bytes that were sent.
     pub sent: u64,
-    /// Bytes that came out.
+    /// Bytes that were delivered.
     pub delivered: u64,
     /// Bytes of these with a wrong bit.
     pub flipped: u64,
     /// Bytes that were lost one by one.
     pub dropped: u64,
-    /// Bytes that came twice.
+    /// Bytes that arrived twice.
     pub duplicated: u64,
-    /// Cuts, and the bytes lost in them.
+    /// Number of cuts.
     pub cuts: u64,
     /// Bytes lost in cuts.
     pub cut: u64,
@@ -111,17 +111,17 @@ pub struct LineCounters {
     pub stalls: u64,
     /// Bytes lost in stalls.
     pub stalled: u64,
-    /// Bytes that were on their way when the connection was made anew, and lost.
-    pub cast: u64,
-    /// Bytes of an old connection that came after a new one had begun.
+    /// Bytes in flight at a reconnection that were lost.
+    pub lost_at_reconnect: u64,
+    /// Bytes of an old connection that arrived after a new one had begun.
     pub late: u64,
 }
 
 impl LineCounters {
-    /// Did the line do anything but pass bytes on?
+    /// Whether any fault occurred.
     #[must_use]
     pub const fn faults(&self) -> u64 {
-        self.flipped + self.dropped + self.duplicated + self.cuts + self.stalls + self.cast + self.late
+        self.flipped + self.dropped + self.duplicated + self.cuts + self.stalls + self.lost_at_reconnect + self.late
     }
 }
 
@@ -129,7 +129,7 @@ impl LineCounters {
 mod tests {
     use super::*;
 
-    /// Each kind comes as often as it should, with all of its forms.
+    /// Each kind occurs as often as it should, with all of its forms.
     #[test]
     fn every_kind_is_drawn_at_its_rate() {
         let chance = |p| Chance::new(p).expect("a probability");

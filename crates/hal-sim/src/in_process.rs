@@ -1,6 +1,7 @@
-//! A port whose other end is a simulated card in this process, in virtual time: as fast as it can.
+//! A port whose other end is a simulated card in this process, in virtual time: as fast as possible.
 //!
-//! Invariant: time passes only while the host waits for bytes, so that a run depends on the settings and on what the host does, and on no clock.
+//! Invariant: time passes only while the host waits for bytes, so that a run depends on the settings and on what the
+//! host does, and on no clock.
 
 use std::fmt;
 
@@ -8,11 +9,11 @@ use retrace_link::{BytePort, CardFailure};
 
 use crate::card_simulator::CardSimulator;
 
-/// Bytes come to the host in bunches, as from a driver: it waits for so many microseconds from the first.
+/// Time in microseconds that the host waits from the first byte on: bytes arrive in bunches, as from a driver.
 const BUNCH_US: u64 = 250;
-/// What is written ahead: 4 ms of the line, in nanoseconds.
+/// Transmission time that is written ahead: 4 ms, in nanoseconds.
 const AHEAD_NS: u64 = 4_000_000;
-/// As many bytes where they take no time.
+/// Number of bytes written ahead where they take no time.
 const AHEAD: usize = 400;
 
 /// A port to a simulated card.
@@ -21,7 +22,7 @@ pub struct InProcess<const A: usize> {
     rig: CardSimulator<A>,
 }
 
-/// What goes wrong with such a port: nothing.
+/// Error of such a port, which never occurs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoFault {}
 
@@ -42,26 +43,26 @@ impl CardFailure for NoFault {
 }
 
 impl<const A: usize> InProcess<A> {
-    /// A port to this rig.
+    /// A port to this card simulator.
     #[must_use]
     pub const fn new(rig: CardSimulator<A>) -> Self {
         Self { rig }
     }
 
-    /// The rig.
+    /// The card simulator.
     #[must_use]
-    pub const fn rig(&self) -> &CardSimulator<A> {
+    pub const fn simulator(&self) -> &CardSimulator<A> {
         &self.rig
     }
 
-    /// The rig, to be meddled with.
-    pub const fn rig_mut(&mut self) -> &mut CardSimulator<A> {
+    /// The card simulator, for changes by a test.
+    pub const fn simulator_mut(&mut self) -> &mut CardSimulator<A> {
         &mut self.rig
     }
 
-    /// The rig, without a port.
+    /// The card simulator, without the port.
     #[must_use]
-    pub fn into_rig(self) -> CardSimulator<A> {
+    pub fn into_simulator(self) -> CardSimulator<A> {
         self.rig
     }
 }
@@ -91,6 +92,6 @@ impl<const A: usize> BytePort for InProcess<A> {
         let until = self.rig.now_us() + u64::from(wait_us);
         self.rig.advance(until);
         self.rig.run(until.min(self.rig.now_us() + BUNCH_US));
-        Ok(self.rig.take(bytes))
+        Ok(self.rig.receive(bytes))
     }
 }

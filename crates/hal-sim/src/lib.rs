@@ -1,9 +1,15 @@
-//! The simulated machine: the card crate itself, with clocks, lines, pins and switches around it.
+//! The simulated machine: the card crate itself, with clocks, serial channels, pins and switches around it.
 //!
-//! [`SimCard`] is the card with a machine on its pins and without a line, for programs that run in this process. [`Rig`] is a card on a line that may fail, with a
-//! machine on its pins; [`InProcess`] makes a port of it in virtual time, and a pseudo-terminal can be put before it in wall time.
+//! ```text
+//!  host ─ InProcess ─┬─ SerialChannel ─> SimLinkedCard ─> Pins, counters ─> Plant
+//!                    └─ SerialChannel <─      (card)    <──── inputs ────────┘
+//! ```
 //!
-//! Invariant: the counts it reports are counted pulse by pulse behind the fine interpolation, not copied from the player.
+//! [`SimCard`] is the card with a plant on its pins and without a serial line, for programs that run in this process.
+//! [`CardSimulator`] is a card on a serial line that may fail, with a plant on its pins. [`InProcess`] makes a port of
+//! it in virtual time; in wall time a pseudo-terminal can be connected to it.
+//!
+//! Invariant: the reported counts are counted pulse by pulse behind the fine interpolation, not copied from the player.
 #![forbid(unsafe_code)]
 
 mod card_simulator;

@@ -1,4 +1,4 @@
-//! The simulated card: the card crate with its end of the line, as large as a computer likes, and what it says of itself.
+//! The simulated linked card: the card crate with its link endpoint, in sizes for a computer, and its identity.
 //!
 //! Invariant: it is the same code that a microcontroller runs; nothing is added.
 
@@ -8,16 +8,16 @@ use retrace_link::{CardIdentity, CardSettings, CommandRefusal, PROTOCOL};
 use crate::WINDOW;
 use crate::sim_card::MEMORY;
 
-/// Reports that it keeps until the host has them.
+/// Number of reports that it stores until the host has them.
 const ENTRIES: usize = 1024;
 
-/// A simulated card of `A` axes with its end of the line.
+/// A simulated card of `A` axes with its link endpoint.
 pub type SimLinkedCard<const A: usize> = LinkedCard<A, WINDOW, MEMORY, ENTRIES>;
 
-/// Ticks a second of the simulated card's clock.
+/// Frequency of the simulated card's clock, ticks per second.
 pub const TICK_HZ: u32 = 10_000_000;
 
-/// What the simulated card says of itself: its serial number, and the number that tells this start from others.
+/// Identity of the simulated card: its serial number, and the number that distinguishes this start from others.
 #[must_use]
 pub fn identity<const A: usize>(serial: u32, boot: u32) -> CardIdentity {
     CardIdentity {
@@ -37,11 +37,11 @@ pub fn identity<const A: usize>(serial: u32, boot: u32) -> CardIdentity {
     }
 }
 
-/// The most pulses that a card of this identity makes of an axis in a control period of these settings, with the length of the pulses and the
-/// set-up time of the direction; one pulse of each period is kept back for rounding.
+/// Largest number of pulses that a card of this identity emits on an axis in a control period of these settings, with
+/// the length of the pulses and the set-up time of the direction. One pulse of each period is reserved for rounding.
 ///
 /// # Errors
-/// What the card refuses of the settings.
+/// The card's refusal of the settings.
 pub fn max_pulses_a_period<const A: usize>(
     identity: &CardIdentity,
     settings: &CardSettings<A>,

@@ -1,17 +1,18 @@
-//! The step and direction wires of a simulated card, and what counts their pulses.
+//! The step and direction wires of a simulated card, with pulse counters.
 //!
-//! Invariant: a count is a rising edge on a step wire, up or down with the direction wire, both as the card's own step and direction plan says.
+//! Invariant: a count is a rising edge on a step wire, up or down with the direction wire, both by the card's own step
+//! and direction plan.
 
 use retrace_card::{Edge, StepDirection, StepTiming};
 
-/// Something on one of the wires.
+/// An edge on one of the wires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PinEdge {
     /// Tick of the card's clock, from the beginning of the period.
     pub tick: u32,
     /// The axis, from 0.
     pub axis: u8,
-    /// What happens.
+    /// The edge.
     pub edge: Edge,
 }
 
@@ -34,10 +35,11 @@ impl<const A: usize> Default for Pins<A> {
 }
 
 impl<const A: usize> Pins<A> {
-    /// Emits a period's increments with these times. False where an axis was asked for more than fits a period: that axis emits nothing.
+    /// Emits the increments of a period with these times. Returns false where an axis has more than fits a period: that
+    /// axis emits nothing.
     pub fn emit(&mut self, timing: StepTiming, increments: &[i32; A]) -> bool {
         if self.timing != Some(timing) {
-            // Times change only while the machine stands: the wires stay as they are.
+            // Times change only while the machine is at rest: the wires do not change.
             self.timing = Some(timing);
             self.outputs = None;
             self.backward = [false; A];
@@ -81,7 +83,7 @@ impl<const A: usize> Pins<A> {
         &self.pulses
     }
 
-    /// Which axes' direction wires stand backward.
+    /// Axes whose direction wires are set to backward.
     #[must_use]
     pub const fn backward(&self) -> &[bool; A] {
         &self.backward

@@ -1,85 +1,86 @@
-//! What hangs on a simulated card: axes that count pulses, switches at their ends, things that take time to switch.
+//! The plant of a simulated card: axes that count pulses, switches at their ends, things that take time to switch.
 //!
-//! Invariant: it knows what comes out of the card's pins and what goes into them, and nothing of what the card means by it.
+//! Invariant: it depends on the card's pins alone, not on what the card means by them.
 
 use retrace_card::InputLevels;
 use retrace_link::{InputSetting, InputUse, MAX_INPUTS, Outputs, channel};
 
 use crate::random::{Chance, Random};
 
-/// A switch that an axis works: active from a position on.
+/// A switch that an axis actuates: active from a position on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Switch {
     /// The input that it is wired to.
     pub input: u8,
     /// The axis, from 0.
     pub axis: u8,
-    /// The first position where it is active, in pulses from where the axis stood at the start.
+    /// The first position where it is active, in pulses from the axis position at the start.
     pub at: i64,
-    /// Is it active from there upward, or downward?
+    /// Whether it is active from there upward; otherwise downward.
     pub upper: bool,
 }
 
-/// Something that an output switches, and that says when it is done: its input is inactive from the change on, and active when done.
+/// A device that an output switches and that reports when it is done: its input is inactive from the change on, and
+/// active when done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Process {
     /// The output channel.
     pub channel: u8,
-    /// The input that says *done*.
+    /// The input that reports *done*.
     pub input: u8,
-    /// Shortest time that it takes, in microseconds.
+    /// Shortest duration, in microseconds.
     pub min_us: u32,
-    /// Longest time, in microseconds.
+    /// Longest duration, in microseconds.
     pub max_us: u32,
-    /// How likely it never says *done*.
+    /// Probability that it never reports *done*.
     pub hangs: Chance,
-    /// How likely it reports that it failed.
+    /// Probability that it reports a failure.
     pub fails: Chance,
 }
 
-/// Something that says in which state it is: an arc, a brake, a chuck. From a change of its output on its input denies the new state, and says
-/// it after the time that it takes; that of output 0 before anything was switched.
+/// A device that reports its state: an arc, a brake, a chuck. From a change of its output on, its input denies the new
+/// state, and confirms it after the delay; it reports the state of output 0 before anything was switched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reply {
     /// The output channel.
     pub channel: u8,
-    /// The input that says the state.
+    /// The input that reports the state.
     pub input: u8,
-    /// Is it active where the channel is 0, and where it is not?
+    /// Whether the input is active where the channel is 0, and where it is not.
     pub active: [bool; 2],
-    /// How long it takes, in microseconds.
+    /// Delay, in microseconds.
     pub after_us: u32,
 }
 
-/// What happens to an input at a time, whatever else does.
+/// A change of an input at a given time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputEvent {
-    /// When, in microseconds.
+    /// Time, in microseconds.
     pub at_us: u64,
     /// The input.
     pub input: u8,
-    /// Is it active from then on?
+    /// Whether it is active from then on.
     pub active: bool,
 }
 
-/// What a machine is made of.
+/// Settings of a plant.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PlantSettings {
     /// Switches on the axes.
     pub switches: Vec<Switch>,
-    /// What takes time to switch.
+    /// Devices that take time to switch.
     pub processes: Vec<Process>,
-    /// What says in which state it is.
+    /// Devices that report their state.
     pub replies: Vec<Reply>,
-    /// What happens to inputs, in the order of its time: doors, emergency stops.
+    /// Changes of inputs, in the order of time: doors, emergency stops.
     pub events: Vec<InputEvent>,
-    /// Inputs whose level is low while what is wired to them is active, one bit each.
+    /// Inputs whose level is low while the device on them is active, one bit each.
     pub active_low: u16,
-    /// What all chance follows from.
+    /// Seed of all random events.
     pub seed: u64,
 }
 
-/// The usual wiring of the simulated machine: an input each.
+/// The usual wiring of the simulated machine, by input.
 pub mod wiring {
     /// Lower limit switches of axes 0 … 3; of axis a it is `LOWER + a`.
     pub const LOWER: u8 = 0;
@@ -93,15 +94,16 @@ pub mod wiring {
     pub const EMERGENCY_STOP: u8 = 13;
     /// The probe.
     pub const PROBE: u8 = 14;
-    /// A process says that it is done.
+    /// A process reports that it is done.
     pub const DONE: u8 = 15;
-    /// Axes that have switches.
+    /// Number of axes that have switches.
     pub const AXES: usize = 4;
 }
 
 impl PlantSettings {
-    /// A machine wired as the card is told that it is: limit switches at `travel` (lower and upper end of each axis, in pulses), home
-    /// switches `home[axis]` pulses before the lower one. Doors are shut and the emergency-stop chain is closed.
+    /// A plant wired as in the card's configuration: limit switches at `travel` (lower and upper end of each axis, in
+    /// pulses), home switches `home[axis]` pulses before the lower one. Doors are shut and the emergency-stop chain is
+    /// closed.
     #[must_use]
     pub fn wired_as(inputs: &[InputSetting; MAX_INPUTS], travel: &[[i64; 2]], home: &[i64]) -> Self {
         let mut settings = Self::default();
@@ -125,8 +127,8 @@ impl PlantSettings {
         settings
     }
 
-    /// Limit switches at `travel` (lower and upper end of each axis, in pulses) and a home switch at the lower end, `home` pulses before the
-    /// limit switch, in the usual [`wiring`].
+    /// Limit switches at `travel` (lower and upper end of each axis, in pulses) and a home switch at the lower end,
+    /// `home` pulses before the limit switch, in the usual [`wiring`].
     #[must_use]
     pub fn with_switches(travel: &[[i64; 2]], home: i64) -> Self {
         let mut switches = Vec::new();
@@ -139,7 +141,7 @@ impl PlantSettings {
     }
 }
 
-/// What a process is about to say.
+/// The pending report of a process.
 #[derive(Clone, Copy, Debug)]
 enum PendingReply {
     Done,
@@ -161,13 +163,13 @@ struct RunningReply {
 }
 
 impl RunningReply {
-    /// What its input says of its state.
-    const fn says(&self) -> bool {
+    /// Level that the input of the device reports.
+    const fn reported_level(&self) -> bool {
         self.reply.active[(self.value != 0) as usize]
     }
 }
 
-/// The handwheel being turned.
+/// The handwheel in motion.
 #[derive(Clone, Copy, Debug)]
 struct WheelMotion {
     counts_per_s: i32,
@@ -177,7 +179,7 @@ struct WheelMotion {
     turned: i64,
 }
 
-/// A machine of `A` axes.
+/// A plant of `A` axes.
 #[derive(Clone, Debug)]
 pub struct Plant<const A: usize> {
     switches: Vec<Switch>,
@@ -189,14 +191,14 @@ pub struct Plant<const A: usize> {
     active_low: u16,
     failed: bool,
     encoder: u16,
-    /// Somebody turns the wheel.
-    turning: Option<WheelMotion>,
-    /// Things that were switched, that hung, and that failed.
+    /// Motion of the handwheel, while it is turned.
+    wheel_motion: Option<WheelMotion>,
+    /// Number of devices that were switched, that hung, and that failed.
     switched: [u64; 3],
 }
 
 impl<const A: usize> Plant<A> {
-    /// A machine at rest, at position 0, with all outputs off.
+    /// A plant at rest, at position 0, with all outputs off.
     #[must_use]
     pub fn new(settings: &PlantSettings) -> Self {
         let mut events = settings.events.clone();
@@ -204,7 +206,7 @@ impl<const A: usize> Plant<A> {
         let replying = settings.replies.iter().map(|&reply| RunningReply { reply, value: 0, due_us: None });
         let replying: Vec<RunningReply> = replying.collect();
         let mut active = 0;
-        for each in replying.iter().filter(|each| each.says()) {
+        for each in replying.iter().filter(|each| each.reported_level()) {
             set(&mut active, each.reply.input, true);
         }
         Self {
@@ -221,12 +223,12 @@ impl<const A: usize> Plant<A> {
             active_low: settings.active_low,
             failed: false,
             encoder: 0,
-            turning: None,
+            wheel_motion: None,
             switched: [0; 3],
         }
     }
 
-    /// What the card reads at `now_us`, the axes being at `positions`.
+    /// Levels of the card's inputs at `now_us`, with the axes at `positions`.
     pub fn inputs(&mut self, now_us: u64, positions: &[i64; A]) -> InputLevels {
         for switch in &self.switches {
             let Some(&position) = positions.get(usize::from(switch.axis)) else { continue };
@@ -247,19 +249,19 @@ impl<const A: usize> Plant<A> {
         for each in &mut self.replying {
             if each.due_us.is_some_and(|due| due <= now_us) {
                 each.due_us = None;
-                set(&mut self.active, each.reply.input, each.says());
+                set(&mut self.active, each.reply.input, each.reported_level());
             }
         }
         while let Some(event) = self.events.front().filter(|event| event.at_us <= now_us) {
             set(&mut self.active, event.input, event.active);
             self.events.pop_front();
         }
-        self.turn_on(now_us);
+        self.advance_wheel(now_us);
         let failed = std::mem::take(&mut self.failed);
         InputLevels { levels: self.active ^ self.active_low, encoder: self.encoder, failed }
     }
 
-    /// The card's outputs are these at `now_us`.
+    /// Applies the card's outputs at `now_us`.
     pub fn outputs(&mut self, now_us: u64, outputs: &Outputs) {
         for running in &mut self.running {
             let process = running.process;
@@ -281,44 +283,45 @@ impl<const A: usize> Plant<A> {
             let Some(&value) = outputs.get(usize::from(each.reply.channel)) else { continue };
             if value != each.value {
                 each.value = value;
-                set(&mut self.active, each.reply.input, !each.says());
+                set(&mut self.active, each.reply.input, !each.reported_level());
                 each.due_us = Some(now_us + u64::from(each.reply.after_us));
             }
         }
     }
 
-    /// Makes an input active or inactive by hand.
-    pub const fn press(&mut self, input: u8, active: bool) {
+    /// Sets an input active or inactive manually.
+    pub const fn set_input(&mut self, input: u8, active: bool) {
         set(&mut self.active, input, active);
     }
 
-    /// Turns the handwheel by so many counts of its encoder.
+    /// Turns the handwheel by `counts` counts of its encoder.
     pub const fn turn_wheel(&mut self, counts: i16) {
         self.encoder = self.encoder.wrapping_add_signed(counts);
     }
 
-    /// Turns the handwheel at so many counts a second for so many microseconds from `now_us` on; ends what is left of another turn.
+    /// Turns the handwheel at `counts_per_s` for `for_us` microseconds from `now_us` on; ends what remains of another
+    /// turn.
     pub const fn turn_wheel_for(&mut self, now_us: u64, counts_per_s: i32, for_us: u64) {
         let until_us = now_us.saturating_add(for_us);
-        self.turning = Some(WheelMotion { counts_per_s, since_us: now_us, until_us, turned: 0 });
+        self.wheel_motion = Some(WheelMotion { counts_per_s, since_us: now_us, until_us, turned: 0 });
     }
 
-    /// What the handwheel was turned by up to now.
-    fn turn_on(&mut self, now_us: u64) {
-        let Some(turning) = &mut self.turning else { return };
+    /// Adds the turn of the handwheel up to now.
+    fn advance_wheel(&mut self, now_us: u64) {
+        let Some(turning) = &mut self.wheel_motion else { return };
         let passed = now_us.min(turning.until_us).saturating_sub(turning.since_us);
         // less than 2⁶³: a turn of more than some days at the highest speed is cut short
         let due = i64::from(turning.counts_per_s) * passed.min(1 << 31) as i64 / 1_000_000;
-        // an encoder that turns by more between two looks would not be understood either
+        // the counter of an encoder that turns by more between two readings would overflow as well
         let counts = (due - turning.turned) as i16;
         turning.turned = due;
         if now_us >= turning.until_us {
-            self.turning = None;
+            self.wheel_motion = None;
         }
         self.turn_wheel(counts);
     }
 
-    /// How often something was switched, hung, and failed.
+    /// Number of devices that were switched, that hung, and that failed.
     #[must_use]
     pub const fn switched(&self) -> [u64; 3] {
         self.switched
@@ -362,7 +365,7 @@ mod tests {
         let closed = 1 << 3 | 1 << 7;
         assert_eq!(machine.inputs(0, &[0, 49]).levels, closed);
         assert_eq!(machine.inputs(0, &[-90, 50]).levels, 1 << 5 | 1 << 7);
-        machine.press(7, true);
+        machine.set_input(7, true);
         assert_eq!(machine.inputs(0, &[0, 0]).levels, 1 << 3);
     }
 
@@ -439,7 +442,7 @@ mod tests {
         assert_eq!([9, 10, 19, 20].map(|us| door(&mut machine, us)), [0, 1, 1, 0]);
         machine.turn_wheel(-5);
         assert_eq!(machine.inputs(30, &[0]).encoder, u16::MAX - 4);
-        machine.press(wiring::PROBE, true);
+        machine.set_input(wiring::PROBE, true);
         assert_eq!(machine.inputs(30, &[0]).levels, 1 << wiring::PROBE);
     }
 

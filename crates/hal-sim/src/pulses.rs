@@ -1,6 +1,6 @@
-//! What comes out of the simulated card's step and direction pins, counted.
+//! Counters of the pulses from the simulated card's step and direction pins.
 //!
-//! Invariant: one count a pulse, up or down with the direction pin.
+//! Invariant: one count per pulse, up or down with the direction pin.
 
 use retrace_core::fine::pulse_slots;
 
@@ -21,8 +21,8 @@ impl<const A: usize> Default for PulseCounters<A> {
 }
 
 impl<const A: usize> PulseCounters<A> {
-    /// Emits one period's increments, each as evenly spaced pulses. False where an axis was asked for more pulses than a
-    /// period has slots; nothing is emitted then.
+    /// Emits the increments of one period, each as evenly spaced pulses. Returns false, with nothing emitted, where an
+    /// axis has more pulses than a period has slots.
     #[must_use]
     pub fn emit(&mut self, increments: &[i32; A]) -> bool {
         if increments.iter().any(|i| i.unsigned_abs() >= SLOTS) {

@@ -1,21 +1,22 @@
-//! Repeatable chance.
+//! Repeatable random numbers.
 //!
 //! Invariant: the same seed gives the same numbers, on every machine and in every version.
 
-/// A source of numbers that look random: SplitMix64 (Steele, Lea and Flood, *Fast splittable pseudorandom number generators*, OOPSLA 2014).
+/// Pseudo-random number generator: SplitMix64 (Steele, Lea and Flood, *Fast splittable pseudorandom number generators*,
+/// OOPSLA 2014).
 #[derive(Clone, Debug)]
 pub struct Random {
     state: u64,
 }
 
 impl Random {
-    /// Numbers that depend on the seed alone.
+    /// Generator whose numbers depend on the seed alone.
     #[must_use]
     pub const fn new(seed: u64) -> Self {
         Self { state: seed }
     }
 
-    /// The next number, all 64 bits of it alike.
+    /// The next number, with all 64 bits random.
     pub const fn next(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.state;
@@ -24,33 +25,33 @@ impl Random {
         z ^ z >> 31
     }
 
-    /// A number in 0 … `most`, each as likely as the others but for one part in 2³².
+    /// A number in 0 … `most`, each with equal probability to one part in 2³².
     pub const fn up_to(&mut self, most: u32) -> u32 {
         (((self.next() >> 32) * (most as u64 + 1)) >> 32) as u32
     }
 
-    /// A source of its own for a part of the simulation, so that what one part draws does not move the others.
+    /// A separate generator for a part of the simulation, so that the numbers of one part do not affect the others.
     #[must_use]
     pub const fn branch(&mut self) -> Self {
         Self::new(self.next())
     }
 }
 
-/// How likely something is, in units of 2⁻³².
+/// Probability, in units of 2⁻³².
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Chance(u32);
 
 impl Chance {
-    /// It never happens.
+    /// Probability 0.
     pub const NEVER: Self = Self(0);
 
-    /// From a probability in 0 … 1; `None` for what is none. Certainty is short of 1 by 2⁻³².
+    /// Creates a probability from a number in 0 … 1; `None` outside. Certainty is short of 1 by 2⁻³².
     #[must_use]
     pub fn new(probability: f64) -> Option<Self> {
         (0.0..=1.0).contains(&probability).then(|| Self((probability * 4_294_967_296.0).round() as u32))
     }
 
-    /// Draws: does it happen?
+    /// Draws whether the event occurs.
     pub const fn draw(self, random: &mut Random) -> bool {
         self.0 > 0 && (random.next() as u32) < self.0
     }

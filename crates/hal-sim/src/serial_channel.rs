@@ -1,46 +1,46 @@
-//! A simulated line of bytes, one direction of it: as slow as its baud rate, and as bad as it is told.
+//! One direction of a simulated serial line, with the delays and faults of its settings.
 //!
-//! Invariant: nothing is lost without being counted (`sent + duplicated = delivered + lost + on the way`), and what comes out, and when,
-//! depends on what was sent when and on the settings alone, not on how often it is asked for.
+//! Invariant: nothing is lost without being counted (`sent + duplicated = delivered + lost + in flight`), and what
+//! arrives, and when, depends on what was sent when and on the settings alone, not on how often it is received.
 
 use std::collections::VecDeque;
 
 use crate::faults::{FaultRates, LineCounters, LineFault};
 use crate::random::Random;
 
-/// What a line is like.
+/// Settings of a serial channel.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SerialChannelSettings {
-    /// Bits a second, ten to a byte; 0: a byte takes no time.
+    /// Bits per second, ten to a byte; 0: a byte takes no time.
     pub baud: u32,
     /// Time from the end of a byte at the sender to its arrival, in microseconds.
     pub latency_us: u32,
-    /// Each burst takes up to so many microseconds more, drawn anew. Bytes do not overtake each other.
+    /// Each burst takes up to this many microseconds more, drawn for each. Bytes do not overtake each other.
     pub jitter_us: u32,
-    /// What happens by chance.
+    /// Random faults.
     pub rates: FaultRates,
-    /// What happens for certain, by the number of the byte, from 0, of all that are sent.
+    /// Scripted faults, by the number of the byte, from 0, of all that are sent.
     pub script: Vec<(u64, LineFault)>,
-    /// What all chance follows from.
+    /// Seed of all random events.
     pub seed: u64,
 }
 
-/// What becomes of the bytes that are on their way when a connection is made anew.
+/// What happens to the bytes in flight when a connection is renewed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InFlightPolicy {
     /// They are lost.
     Lost,
-    /// They come all at once so many microseconds later, between the bytes of the new connection.
+    /// They arrive together this many microseconds later, between the bytes of the new connection.
     Late {
         /// Microseconds from now.
         us: u32,
     },
 }
 
-/// A byte on its way: when it arrives, and what it is.
+/// A byte in flight: its arrival time, and its value.
 type InFlight = (u64, u8);
 
-/// One direction of a line.
+/// One direction of a serial line.
 #[derive(Clone, Debug)]
 pub struct SerialChannel {
     byte_ns: u64,
@@ -49,12 +49,12 @@ pub struct SerialChannel {
     rates: Option<FaultRates>,
     script: VecDeque<(u64, LineFault)>,
     random: Random,
-    /// When the sender is done with what it was given.
+    /// Time at which the sender has sent all its bytes.
     free_at: u64,
-    /// What the present burst takes more.
+    /// Additional delay of the current burst.
     burst_delay: u64,
     last_due: u64,
-    /// Bytes still to be lost in a cut; none where it lasts to the end of the burst.
+    /// Bytes still to be lost in a cut; `None` where it lasts to the end of the burst.
     cut: Option<Option<u32>>,
     stall_until: u64,
     stall_loses: bool,
@@ -64,7 +64,7 @@ pub struct SerialChannel {
 }
 
 impl SerialChannel {
-    /// A line at rest.
+    /// A channel at rest.
     #[must_use]
     pub fn new(settings: &SerialChannelSettings) -> Self {
         let mut script = settings.script.clone();
@@ -88,7 +88,7 @@ impl SerialChannel {
         }
     }
 
-    /// Gives bytes to the sender at `now_ns`, which sends them one after the other.
+    /// Passes bytes to the sender at `now_ns`, which sends them one after the other.
     pub fn send(&mut self, now_ns: u64, bytes: &[u8]) {
         for &byte in bytes {
             let begin = now_ns.max(self.free_at);
@@ -108,7 +108,7 @@ impl SerialChannel {
     }
 
     fn pass(&mut self, byte: u8) {
-        let fault = self.fate();
+        let fault = self.draw_fault();
         self.tally.sent += 1;
         let due = (self.free_at + self.latency_ns + self.burst_delay).max(self.last_due);
         match fault {
@@ -153,8 +153,8 @@ impl SerialChannel {
         }
     }
 
-    /// What happens to the byte that is sent now.
-    fn fate(&mut self) -> Option<LineFault> {
+    /// Draws the fault of the byte that is sent now.
+    fn draw_fault(&mut self) -> Option<LineFault> {
         let drawn = self.rates.as_ref().and_then(|rates| rates.draw(&mut self.random));
         let mut scripted = None;
         while self.script.front().is_some_and(|&(byte, _)| byte <= self.tally.sent) {
@@ -173,20 +173,20 @@ impl SerialChannel {
         queue.pop_front().map(|(_, byte)| byte)
     }
 
-    /// When the next byte arrives, in nanoseconds, if one is on its way.
+    /// Arrival time of the next byte, in nanoseconds, if one is in flight.
     #[must_use]
     pub fn next_arrival(&self) -> Option<u64> {
         let first = |queue: &VecDeque<InFlight>| queue.front().map(|&(due, _)| due);
         first(&self.late).into_iter().chain(first(&self.in_flight)).min()
     }
 
-    /// When the sender is done with what it was given, in nanoseconds.
+    /// Time at which the sender has sent all its bytes, in nanoseconds.
     #[must_use]
     pub const fn free_at(&self) -> u64 {
         self.free_at
     }
 
-    /// Bytes that the sender still has at `now_ns`, the one being sent among them.
+    /// Number of bytes that the sender still has at `now_ns`, including the one being sent.
     #[must_use]
     pub fn unsent(&self, now_ns: u64) -> usize {
         match self.byte_ns {
@@ -201,11 +201,11 @@ impl SerialChannel {
         self.byte_ns
     }
 
-    /// Makes the connection anew at `now_ns`, as after pulling a cable.
+    /// Renews the connection at `now_ns`, as after disconnecting a cable.
     pub fn reconnect(&mut self, now_ns: u64, leftover: InFlightPolicy) {
         let left = self.late.drain(..).chain(self.in_flight.drain(..)).map(|(_, byte)| byte);
         match leftover {
-            InFlightPolicy::Lost => self.tally.cast += left.count() as u64,
+            InFlightPolicy::Lost => self.tally.lost_at_reconnect += left.count() as u64,
             InFlightPolicy::Late { us } => {
                 let due = now_ns + u64::from(us) * 1000;
                 self.late = left.map(|byte| (due, byte)).collect();
@@ -216,7 +216,7 @@ impl SerialChannel {
         (self.cut, self.stall_until) = (None, 0);
     }
 
-    /// What it did so far.
+    /// Counters so far.
     #[must_use]
     pub const fn counters(&self) -> &LineCounters {
         &self.tally

@@ -1,7 +1,7 @@
-//! A simulated card in this process, with a machine on it and no line: behind the trait that every card stands behind.
+//! A simulated card in this process, with a plant on it and no serial line, behind the trait of all cards.
 //!
-//! Invariant: it runs `retrace_card::Card`, the same code as the firmware; it is not a second card. An alarm is told in a period of its own,
-//! and is a fault from the next one on, as long as the card stands under it.
+//! Invariant: it runs `retrace_card::Card`, the same code as the firmware; it is not a second card. An alarm is
+//! reported in a period of its own, and is an error from the next one on, until it is cleared.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -18,13 +18,13 @@ use crate::pins::Pins;
 use crate::trace::Trace;
 use crate::{Clock, Plant, PlantSettings, PulseCounters, identity};
 
-/// Records that the simulated card holds.
+/// Number of records that the simulated card holds.
 pub const WINDOW: usize = 4096;
 
 /// Longest average of its rate law, in periods.
 pub(crate) const MEMORY: usize = 1023;
 
-/// Ticks a second of a clock that is fine enough for every pulse that can be asked for.
+/// Ticks per second of a clock that is fine enough for every pulse rate.
 const FINE_HZ: u32 = 4_000_000_000;
 
 /// A trace of the card, and the wires that it shows.
@@ -39,7 +39,7 @@ impl<const A: usize> fmt::Debug for Traced<A> {
     }
 }
 
-/// A simulated card for `A` axes, and what hangs on it.
+/// A simulated card for `A` axes, and the plant on it.
 #[derive(Debug)]
 pub struct SimCard<const A: usize> {
     card: Box<Card<A, WINDOW, MEMORY>>,
@@ -47,29 +47,29 @@ pub struct SimCard<const A: usize> {
     counters: PulseCounters<A>,
     compared: CountChecker<A>,
     /// Counts of the axes where the counters' positions are 0, before any homing.
-    stood_at: [i64; A],
+    initial_counts: [i64; A],
     settings: CardSettings<A>,
     clock: Clock,
     traced: Option<Box<Traced<A>>>,
 }
 
-/// What can go wrong with a simulated card.
+/// Error of a simulated card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SimCardError {
-    /// The card latched an alarm and stands. [`Word::ClearAlarm`] may clear it.
+    /// The card latched an alarm and is at rest. [`HostCommand::ClearAlarm`] may clear it.
     Alarm(Alarm),
-    /// More pulses than the card can emit.
+    /// The increments have more pulses than the card can emit.
     TooManyPulses {
         /// The control period in which it happened.
         period: u64,
     },
-    /// The counts are not what was counted: a defect.
-    Apart {
+    /// The counts differ from the counted pulses: a defect.
+    CountMismatch {
         /// The control period in which it happened.
         period: u64,
     },
     /// The card did not begin an epoch.
-    NotBegun(CommandRefusal),
+    EpochRefused(CommandRefusal),
 }
 
 impl fmt::Display for SimCardError {
@@ -79,13 +79,13 @@ impl fmt::Display for SimCardError {
             Self::TooManyPulses { period } => {
                 write!(f, "control period {period}: more pulses than the card can emit in a period")
             }
-            Self::Apart { period } => {
-                write!(f, "control period {period}: the card's counts are not what was counted at its outputs")
+            Self::CountMismatch { period } => {
+                write!(f, "control period {period}: the card's counts differ from the pulses counted at its outputs")
             }
-            Self::NotBegun(CommandRefusal::InMotion) => {
-                write!(f, "the card is in motion, and cannot begin a path anew")
+            Self::EpochRefused(CommandRefusal::InMotion) => {
+                write!(f, "the card is in motion and cannot begin a new path")
             }
-            Self::NotBegun(_) => write!(f, "the card cannot begin a path anew like that"),
+            Self::EpochRefused(_) => write!(f, "the card cannot begin a new path with these settings"),
         }
     }
 }
@@ -95,8 +95,8 @@ impl CardFailure for SimCardError {
         match self {
             Self::Alarm(alarm) => alarm.number(),
             Self::TooManyPulses { .. } => "E3017",
-            Self::Apart { .. } => "E3004",
-            Self::NotBegun(_) => "E3008",
+            Self::CountMismatch { .. } => "E3004",
+            Self::EpochRefused(_) => "E3008",
         }
     }
 
@@ -106,26 +106,26 @@ impl CardFailure for SimCardError {
             Self::TooManyPulses { .. } => {
                 "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period"
             }
-            Self::Apart { .. } => "please report this",
-            Self::NotBegun(_) => "wait until the machine stands; please report this",
+            Self::CountMismatch { .. } => "please report this",
+            Self::EpochRefused(_) => "wait until the machine is at rest; please report this",
         }
     }
 }
 
 impl<const A: usize> SimCard<A> {
-    /// A card at rest with nothing on it, its first record to have the number `start`, a control period of 1 ms in virtual time. `None` where
-    /// the rate law's average is too long for a card.
+    /// A card at rest without a plant. Its first record has the number `start`; its control period is 1 ms in virtual
+    /// time. `None` where the average of the rate law is too long for a card.
     #[must_use]
     pub fn new(start: u32, limits: RateLimits<A>, clock: Clock) -> Option<Self> {
         let settings = CardSettings::new(1, PathStart::at(start), clock.period_us().unwrap_or(1000), limits);
         Self::with_machine(settings, &PlantSettings::default(), clock).ok()
     }
 
-    /// A card at rest with a machine on it. Whoever has it in hand is there: the watchdog never trips; and its clock is so fine that pulses are
-    /// as short as they have to be. Else it works by the settings; their epoch counts for nothing.
+    /// A card at rest with a plant. Its caller counts as the operator, so the watchdog never trips, and its clock is so
+    /// fine that pulses are as short as they have to be. Otherwise it works by the settings; their epoch is ignored.
     ///
     /// # Errors
-    /// As [`Deck::open`].
+    /// As [`CardCore::open`](retrace_link::CardCore::open).
     pub fn with_machine(
         settings: CardSettings<A>,
         machine: &PlantSettings,
@@ -136,35 +136,36 @@ impl<const A: usize> SimCard<A> {
         let mut card = Box::new(Card::new(identity).ok_or(CommandRefusal::Unsupported)?);
         card.open(&settings)?;
         let mut compared = CountChecker::new([0; A]);
-        compared.expect_play(&settings.backlash_pulses, &[0; A], &[0; A]);
+        compared.set_backlash(&settings.backlash_pulses, &[0; A], &[0; A]);
         Ok(Self {
             card,
             machine: Plant::new(machine),
             counters: PulseCounters::default(),
             compared,
-            stood_at: [0; A],
+            initial_counts: [0; A],
             settings,
             clock,
             traced: None,
         })
     }
 
-    /// The same, with its axes at these counts and its outputs at these values: as a card that kept its position. What hangs on it is at
-    /// these positions too. To be called before anything has moved.
+    /// The card with its axes at these counts and its outputs at these values, like a card that retained its position.
+    /// The plant is at these positions too. To be called before anything has moved.
     #[must_use]
     pub fn standing_at(mut self, counts: [i64; A], outputs: &Outputs) -> Self {
         self.card.restore_state(counts, outputs);
         self.compared = CountChecker::new(counts);
-        self.compared.expect_play(&self.settings.backlash_pulses, &counts, &[0; A]);
-        self.stood_at = counts;
+        self.compared.set_backlash(&self.settings.backlash_pulses, &counts, &[0; A]);
+        self.initial_counts = counts;
         self.machine.outputs(0, outputs);
         self
     }
 
-    /// Writes a trace from now on, for a wave viewer, its axes under these names. Where its file cannot be written any more, it ends.
+    /// Writes a trace for a wave viewer from now on, with these axis names. It ends where its file cannot be written
+    /// any more.
     ///
     /// # Errors
-    /// What the writer reports.
+    /// The error of the writer.
     pub fn trace(&mut self, out: Box<dyn Write + Send>, axes: &[String]) -> io::Result<()> {
         self.traced = Some(Box::new(Traced { trace: Trace::new(out, axes)?, pins: Pins::default() }));
         Ok(())
@@ -181,21 +182,21 @@ impl<const A: usize> SimCard<A> {
         }
     }
 
-    /// The pulses that came out.
+    /// Counters of the emitted pulses.
     #[must_use]
     pub const fn counters(&self) -> &PulseCounters<A> {
         &self.counters
     }
 
-    /// What hangs on the card, to be meddled with.
+    /// The plant, for changes by a test.
     pub const fn machine(&mut self) -> &mut Plant<A> {
         &mut self.machine
     }
 
-    /// What the machine has on the card's inputs at the beginning of period `number`.
+    /// Levels of the card's inputs from the plant at the beginning of period `number`.
     fn inputs(&mut self, now_us: u64) -> InputLevels {
         let mut positions = *self.counters.positions();
-        for (position, stood_at) in positions.iter_mut().zip(self.stood_at) {
+        for (position, stood_at) in positions.iter_mut().zip(self.initial_counts) {
             *position += stood_at;
         }
         self.machine.inputs(now_us, &positions)
@@ -226,8 +227,8 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         if !self.counters.emit(pulses) {
             return Err(SimCardError::TooManyPulses { period: number });
         }
-        if !self.compared.agrees(&counts, status, self.counters.positions()) {
-            return Err(SimCardError::Apart { period: number });
+        if !self.compared.counts_match(&counts, status, self.counters.positions()) {
+            return Err(SimCardError::CountMismatch { period: number });
         }
         self.machine.outputs(now_us, &status.outputs);
         let alarm = status.alarm;
@@ -238,8 +239,8 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         }
     }
 
-    fn begin_path(&mut self, start: PathStart) -> Result<(), SimCardError> {
-        self.card.open(&CardSettings { start, ..self.settings }).map_err(SimCardError::NotBegun)
+    fn begin(&mut self, start: PathStart) -> Result<(), SimCardError> {
+        self.card.open(&CardSettings { start, ..self.settings }).map_err(SimCardError::EpochRefused)
     }
 
     fn status(&self) -> &CardStatus<A> {

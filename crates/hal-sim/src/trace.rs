@@ -1,6 +1,7 @@
-//! What a simulated card did, for a wave viewer: every edge on every step and direction wire, outputs, inputs, and where it stood.
+//! Trace of a simulated card for a wave viewer: every edge on every step and direction wire, outputs, inputs, and
+//! positions.
 //!
-//! Invariant: a file is whole up to the last flush; whoever ends the program loses no more than what came after it.
+//! Invariant: a file is complete up to the last flush; if the program ends, only what was written after it is lost.
 
 use std::io::{self, Write};
 
@@ -38,10 +39,10 @@ pub struct Trace<W: Write, const A: usize> {
 }
 
 impl<W: Write, const A: usize> Trace<W, A> {
-    /// Begins a trace of all axes, under these names as far as they go.
+    /// Begins a trace of all axes, with these names as far as there are any.
     ///
     /// # Errors
-    /// What the writer reports.
+    /// The error of the writer.
     pub fn new(out: W, names: &[String]) -> io::Result<Self> {
         let mut vcd = Vcd::new(out)?;
         let mut axes = Vec::with_capacity(A);
@@ -82,10 +83,11 @@ impl<W: Write, const A: usize> Trace<W, A> {
         Ok(Self { vcd, axes, card, outputs })
     }
 
-    /// A control period that began at `at_ns`: what the card said of it, its edges in order, ticks of which `tick_hz` make a second.
+    /// Writes a control period that began at `at_ns`: the card's status and its edges in order, in ticks of a clock of
+    /// `tick_hz`.
     ///
     /// # Errors
-    /// What the writer reports.
+    /// The error of the writer.
     pub fn period(&mut self, at_ns: u64, status: &CardStatus<A>, edges: &[PinEdge], tick_hz: u32) -> io::Result<()> {
         let (vcd, card) = (&mut self.vcd, &self.card);
         let fixed = |value: i64| value as f64 / retrace_core::ONE as f64;
@@ -115,10 +117,10 @@ impl<W: Write, const A: usize> Trace<W, A> {
         Ok(())
     }
 
-    /// Hands on what the writer keeps back.
+    /// Flushes the writer.
     ///
     /// # Errors
-    /// What the writer reports.
+    /// The error of the writer.
     pub fn flush(&mut self) -> io::Result<()> {
         self.vcd.flush()
     }

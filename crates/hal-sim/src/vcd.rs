@@ -1,6 +1,7 @@
 //! Value change dumps: the file format of wave viewers (IEEE 1364-2005, clause 18).
 //!
-//! Invariant: times never go back, and a value is written where it changes, so that a file is as long as what happened.
+//! Invariant: times never decrease, and a value is written only where it changes, so the file grows with the number of
+//! changes.
 
 use std::io::{self, Write};
 
@@ -28,7 +29,7 @@ impl<W: Write> Vcd<W> {
     /// Begins a file; signals follow.
     ///
     /// # Errors
-    /// What the writer reports, here as in all that follows.
+    /// The error of the writer, here as in all functions that follow.
     pub fn new(mut out: W) -> io::Result<Self> {
         writeln!(out, "$version retrace $end\n$timescale 1 ns $end")?;
         Ok(Self { out, variables: Vec::new(), now_ns: None, scope: None })
@@ -67,7 +68,7 @@ impl<W: Write> Vcd<W> {
         writeln!(self.out, "$enddefinitions $end")
     }
 
-    /// A signal has this value from `at_ns` on. A time before the last one counts as the last one.
+    /// Sets the value of a signal from `at_ns` on. A time before the last one counts as the last one.
     pub fn set(&mut self, at_ns: u64, signal: Signal, value: u64) -> io::Result<()> {
         let variable = &mut self.variables[signal.0];
         if variable.value == Some(value) {
@@ -88,12 +89,12 @@ impl<W: Write> Vcd<W> {
         }
     }
 
-    /// A real signal has this value from `at_ns` on.
+    /// Sets the value of a real signal from `at_ns` on.
     pub fn set_real(&mut self, at_ns: u64, signal: Signal, value: f64) -> io::Result<()> {
         self.set(at_ns, signal, value.to_bits())
     }
 
-    /// Hands on what the writer keeps back.
+    /// Flushes the writer.
     pub fn flush(&mut self) -> io::Result<()> {
         self.out.flush()
     }
@@ -104,7 +105,7 @@ impl<W: Write> Vcd<W> {
     }
 }
 
-/// The short name of the n-th signal: printable characters, `!` to `~`.
+/// Short name of the n-th signal: printable characters, `!` to `~`.
 fn code(mut number: usize) -> String {
     let mut code = String::new();
     loop {

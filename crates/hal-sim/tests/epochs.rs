@@ -1,6 +1,7 @@
-//! Jobs that are taken up where the card stands: by a host that was killed and comes back, and by one that begins the path anew itself.
+//! Jobs that are resumed at the card's position: by a host that was killed and restarted, and by one that begins the
+//! path again itself.
 //!
-//! Invariant: what is expected is reckoned from the path alone; what is known of the card is what it says when it is asked.
+//! Invariant: what is expected is calculated from the path alone; the state of the card is taken from its own reports.
 
 use std::sync::{Arc, Mutex};
 
@@ -18,7 +19,7 @@ use retrace_link::{
 };
 
 const RECORDS: u32 = 600;
-/// An instruction stands before every so many records, at a planned stop.
+/// An instruction is executed after every so many records, at a planned stop.
 const EVERY: u32 = 100;
 
 fn limits<const A: usize>() -> RateLimits<A> {
@@ -59,7 +60,8 @@ fn feed(card: &mut impl MotionCard<3>) {
         let mut instruction = Instruction { number: next, place: gate, periods: 3, count: 1, ..Instruction::default() };
         instruction.changes[0] = OutputChange { channel: channel::SPEED, value: next as i32 };
         if card.status().high == gate && card.acknowledged_high() == gate {
-            // One that is kept already is refused by a card in this process; over a line it must not be said twice.
+            // A card in this process refuses an instruction that it already holds; over a serial line it must not be
+            // sent twice.
             let _ = card.send(HostCommand::Instruction(instruction));
         }
     }
@@ -78,7 +80,7 @@ fn feed(card: &mut impl MotionCard<3>) {
     }
 }
 
-/// A card over a line remembers which instruction it was told, so that it is said once an epoch.
+/// A card over a serial line that remembers which instruction was sent, so that it is sent once per epoch.
 struct Once<C> {
     card: C,
     told: u32,
@@ -119,7 +121,7 @@ impl<C: MotionCard<3>> MotionCard<3> for Once<C> {
     }
 }
 
-/// Runs at a rate for so many periods, or until the end.
+/// Runs at a rate for `periods` periods, or until the end.
 fn run<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C, target: Travel, periods: u32) {
     card.send(HostCommand::rate(target)).expect("a rate");
     for _ in 0..periods {
@@ -136,11 +138,12 @@ fn start_of(place: Place, reached: u32, executed: u32) -> PathStart {
     PathStart { place, rests: place.fraction == 0 && place.record.is_multiple_of(EVERY), reached, executed }
 }
 
-/// Stops, and begins the path anew where the machine stands.
+/// Stops, and begins the path again at the machine's position.
 fn begin_anew<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C) {
     card.send(HostCommand::rate(0)).expect("a rate");
     let mut stood = 0;
-    // A rate that is lost comes again 12 ms later, and may be lost again: on the worst of these lines about two frames in three are.
+    // A rate that is lost is repeated 12 ms later, and may be lost again: on the worst of these lines about two frames
+    // in three are.
     while stood < 200 {
         stood = if card.run_period().expect("no fault").at_rest { stood + 1 } else { 0 };
     }
@@ -177,12 +180,12 @@ fn a_path_that_is_begun_anew_goes_on_exactly() {
     }
 }
 
-/// A rig, and the numbers of the executed instructions as they follow each other on the card.
+/// A card simulator, and the numbers of the executed instructions in the order of the card.
 fn watched(settings: &CardSimulatorSettings) -> (CardSimulator<3>, Arc<Mutex<Vec<u32>>>) {
     let mut rig = CardSimulator::<3>::new(settings).expect("a card");
     let log = Arc::new(Mutex::new(vec![0]));
     let into = Arc::clone(&log);
-    rig.watch(Box::new(move |now| {
+    rig.observe(Box::new(move |now| {
         let mut log = into.lock().expect("whole");
         if log.last() != Some(&now.status.executed) {
             log.push(now.status.executed);
@@ -209,21 +212,22 @@ fn a_path_that_is_begun_anew_over_a_line_goes_on_exactly() {
             begin_anew(&mut card);
         }
         run(&mut card, ONE, 4000);
-        let rig = card.card.port().rig();
+        let rig = card.card.port().simulator();
         assert_eq!((rig.status().counts, rig.status().executed), (position(Place::start_of(RECORDS)), RECORDS / EVERY));
         assert_eq!((rig.faults(), rig.pins().positions()), (SimulationFaults::default(), &rig.status().counts));
         assert_eq!(*log.lock().expect("whole"), (0..=RECORDS / EVERY).collect::<Vec<_>>(), "each once, in order");
     }
 }
 
-/// What a host that comes back does: finds the card, waits until it stands, opens at what it says, clears the alarm.
+/// Steps of a host that is restarted: finds the card, waits until it is at rest, opens at its reported position, clears
+/// the alarm.
 fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> Once<LinkedCard<3, InProcess<3>>> {
     // sooner than the watchdog, and later
     let until = rig.now_us() + u64::from(nonce % 4) * 200_000;
     rig.run(until);
-    let mut wired = LinkedCard::connect(InProcess::new(rig), nonce, LinkTimeouts::default()).expect("a card answers");
-    wired.wait_at_rest(nonce + 1000).expect("it stands");
-    let stood = *wired.port().rig().status();
+    let mut wired = LinkedCard::find(InProcess::new(rig), nonce, LinkTimeouts::default()).expect("a card answers");
+    wired.settle(nonce + 1000).expect("it stands");
+    let stood = *wired.port().simulator().status();
     assert_eq!((stood.alarm, stood.at_rest), (Some(Alarm::HostSilent), true));
     let said: Greeting<3> = *wired.greeting().expect("it was found by it");
     assert_eq!((said.place, said.reached, said.executed), (stood.place, stood.reached, stood.executed));
@@ -236,8 +240,8 @@ fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> Once<LinkedCard<3, InProc
     Once { card: wired, told: 0 }
 }
 
-/// Killed at any moment, in motion forward and backward, standing, in an instruction: the job comes to its end with exact counts, every
-/// instruction executed once.
+/// Killed at any moment, in motion forward and backward, at rest, in an instruction: the job ends with exact counts,
+/// every instruction executed once.
 #[test]
 fn a_host_that_was_killed_takes_its_job_up_again() {
     let mut inside = 0;
@@ -251,11 +255,11 @@ fn a_host_that_was_killed_takes_its_job_up_again() {
         for (number, (rate, periods)) in (0u32..).zip(legs(seed).into_iter().take(6)) {
             run(&mut card, rate, periods);
             // killed
-            card = come_back(card.card.into_port().into_rig(), 20 + number);
+            card = come_back(card.card.into_port().into_simulator(), 20 + number);
             inside += u32::from(card.status().place.fraction != 0);
         }
         run(&mut card, ONE, 6000);
-        let rig = card.card.port().rig();
+        let rig = card.card.port().simulator();
         assert_eq!((rig.status().counts, rig.status().alarm), (position(Place::start_of(RECORDS)), None));
         assert_eq!((rig.faults(), rig.pins().positions()), (SimulationFaults::default(), &rig.status().counts));
         assert_eq!(*log.lock().expect("whole"), (0..=RECORDS / EVERY).collect::<Vec<_>>(), "each once, in order");
@@ -263,7 +267,7 @@ fn a_host_that_was_killed_takes_its_job_up_again() {
     assert!(inside > 8, "it came to rest inside of a record {inside} times");
 }
 
-/// The host hears late of what the card does: what is executed before the new epoch counts in it.
+/// The host receives the card's reports late: what is executed before the new epoch counts in it.
 #[test]
 fn what_is_executed_meanwhile_is_executed() {
     let down = SerialChannelSettings { latency_us: 30_000, ..SerialChannelSettings::default() };
@@ -276,12 +280,12 @@ fn what_is_executed_meanwhile_is_executed() {
     card.send(HostCommand::Instruction(instruction)).expect("taken");
     card.send(HostCommand::rate(ONE)).expect("a rate");
     while card.run_period().expect("no fault").outputs[usize::from(channel::SPEED)] == 0 {}
-    assert_eq!((card.status().executed, card.port().rig().status().executed), (0, 1));
+    assert_eq!((card.status().executed, card.port().simulator().status().executed), (0, 1));
     card.begin_path(PathStart { executed: 40, ..PathStart::at(9) }).expect("it stands");
-    assert_eq!((card.status().executed, card.port().rig().status().executed), (41, 41));
+    assert_eq!((card.status().executed, card.port().simulator().status().executed), (41, 41));
 }
 
-/// An alarm whose cause is still there stays one, and the host says so.
+/// An alarm whose cause persists remains, and the host reports so.
 #[test]
 fn an_alarm_that_cannot_be_cleared_is_a_fault_again() {
     let rig = CardSimulator::<3>::new(&CardSimulatorSettings::default()).expect("a card");
@@ -290,13 +294,13 @@ fn an_alarm_that_cannot_be_cleared_is_a_fault_again() {
     let mut card = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     card.open(settings).expect("it takes the settings");
     let stop = LinkedCardError::Host(LinkError::Alarm(Alarm::EmergencyStop));
-    card.port_mut().rig_mut().machine().press(wiring::EMERGENCY_STOP, true);
+    card.port_mut().simulator_mut().machine().set_input(wiring::EMERGENCY_STOP, true);
     let until_fault = |card: &mut LinkedCard<3, InProcess<3>>| (0..2000).find_map(|_| card.run_period().err());
     assert_eq!(until_fault(&mut card), Some(stop));
     card.send(HostCommand::ClearAlarm).expect("taken");
     assert!(card.run_period().is_ok(), "nothing is known yet");
     assert_eq!(until_fault(&mut card), Some(stop));
-    card.port_mut().rig_mut().machine().press(wiring::EMERGENCY_STOP, false);
+    card.port_mut().simulator_mut().machine().set_input(wiring::EMERGENCY_STOP, false);
     assert_eq!(until_fault(&mut card), Some(stop), "the chain is closed, and the alarm latched");
     card.send(HostCommand::ClearAlarm).expect("taken");
     assert_eq!(until_fault(&mut card), None);
@@ -346,12 +350,12 @@ fn the_card_in_this_process_homes_stops_and_is_turned_as_a_served_one() {
     card.machine().turn_wheel(-7);
     assert_eq!(card.run_period().expect("no fault").wheel, -7);
     // a door in motion
-    card.machine().press(wiring::DOOR, true);
+    card.machine().set_input(wiring::DOOR, true);
     card.send(HostCommand::rate(ONE)).expect("a rate");
     until(&mut card, |status| status.alarm.is_some());
     assert_eq!(card.run_period().expect_err("it stands"), SimCardError::Alarm(Alarm::DoorOpen));
     assert_eq!(card.send(HostCommand::ClearAlarm), Err(CommandRefusal::Alarm), "the door is open");
-    card.machine().press(wiring::DOOR, false);
+    card.machine().set_input(wiring::DOOR, false);
     card.run_period().expect_err("it is still latched");
     card.send(HostCommand::ClearAlarm).expect("the door is shut");
     assert_eq!(card.run_period().expect("no fault").alarm, None);
@@ -374,8 +378,8 @@ fn a_card_that_kept_its_position_stands_there_with_all_that_hangs_on_it() {
     assert!(status.counts[0] >= 4000 && status.counts[0] < 4020, "{:?}", status.counts);
 }
 
-/// Axes with play, sought, walked to and fro and begun anew, over a line: the rig finds the pins where counts and play put them, and what is
-/// driven stands where the path says.
+/// Axes with backlash, homed, moved to and fro and begun again, over a serial line: the simulator finds the pins where
+/// counts and backlash put them, and the driven part is where the path requires.
 #[test]
 fn play_is_taken_up_beside_the_counts() {
     let rig = CardSimulator::<3>::new(&CardSimulatorSettings::default()).expect("a card");
@@ -388,13 +392,13 @@ fn play_is_taken_up_beside_the_counts() {
     for (rate, periods) in legs(5) {
         run(&mut card, rate, periods);
         begin_anew(&mut card);
-        let rig = card.card.port().rig();
+        let rig = card.card.port().simulator();
         let apart: [i64; 3] = std::array::from_fn(|axis| rig.pins().positions()[axis] - rig.status().counts[axis]);
         taken.push(apart);
     }
-    let rig = card.card.port().rig();
+    let rig = card.card.port().simulator();
     assert_eq!(rig.faults(), SimulationFaults::default());
-    // The first axis goes up at first, and the third hardly ever turns.
+    // The first axis goes up at first, and the third hardly ever reverses.
     assert!(
         taken.iter().all(|apart| [0, -37].contains(&apart[0]) && apart[1] == 0 && [0, -400].contains(&apart[2])),
         "{taken:?}"
@@ -402,7 +406,8 @@ fn play_is_taken_up_beside_the_counts() {
     assert!(taken.iter().any(|apart| apart[0] != 0) && taken.iter().any(|apart| apart[2] != 0), "{taken:?}");
 }
 
-/// Homing of an axis with play: its count is that of what is driven, on whichever side of the play it went before.
+/// Homing of an axis with backlash: its count is that of the driven part, on whichever side of the backlash it was
+/// before.
 #[test]
 fn an_axis_with_play_is_homed_exactly() {
     for (slow, play) in [(1 << 31, 60), (1 << 28, 60), (3 << 32, 7), (1 << 31, 0)] {
@@ -422,9 +427,9 @@ fn an_axis_with_play_is_homed_exactly() {
         card.send(HostCommand::Home(order)).expect("taken");
         let (mut driven, mut edge) = (0i64, None);
         for _ in 0..100_000 {
-            // the switch is worked by what is driven, which the drive pushes down at first
+            // the switch is actuated by the driven part, which the drive pushes down at first
             let closed = driven <= -1000;
-            card.machine().press(wiring::HOME, closed);
+            card.machine().set_input(wiring::HOME, closed);
             let at_rest = card.run_period().expect("no fault").at_rest;
             let motor = card.counters().positions()[0];
             driven = driven.clamp(motor - i64::from(play), motor);
@@ -441,7 +446,8 @@ fn an_axis_with_play_is_homed_exactly() {
     }
 }
 
-/// A caller that goes by a report that is old begins no path where the machine no longer stands: E3021, and the card keeps the path that it has.
+/// A caller that uses an old report cannot begin a path where the machine no longer is: E3021, and the card retains its
+/// path.
 #[test]
 fn a_path_is_not_begun_where_the_machine_has_moved_on() {
     let down = SerialChannelSettings { latency_us: 30_000, ..SerialChannelSettings::default() };
@@ -455,15 +461,15 @@ fn a_path_is_not_begun_where_the_machine_has_moved_on() {
     card.send(HostCommand::rate(ONE)).expect("a rate");
     let was = *card.status();
     assert_eq!((was.place, was.at_rest), (Place::start_of(0), true), "as far as the host knows");
-    let epoch = card.port().rig().status().period;
+    let epoch = card.port().simulator().status().period;
     let fault = card.begin_path(PathStart::at(0)).expect_err("it has moved on");
     assert_eq!(fault, LinkedCardError::Host(LinkError::Moved));
     assert_eq!((fault.number(), fault.remedy()), ("E3021", "resume the job; check the line if it happens again"));
-    let rig = card.port().rig();
+    let rig = card.port().simulator();
     assert_eq!((rig.status().place, rig.status().at_rest), (Place::start_of(EVERY), true), "its own path goes on");
     assert_eq!((rig.status().counts, rig.faults()), (position(Place::start_of(EVERY)), SimulationFaults::default()));
     assert!(rig.status().period > epoch && rig.pins().positions() == &rig.status().counts);
-    // Behind the report of where it stands it can be begun.
+    // After the report of its position it can be begun.
     while card.status().place != Place::start_of(EVERY) {
         card.run_period().expect("no fault");
     }

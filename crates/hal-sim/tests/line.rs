@@ -1,14 +1,14 @@
-//! The simulated line: what it does to bytes, when, and that it keeps account.
+//! The simulated serial channel: faults, delays, and complete counters.
 
 use proptest::prelude::*;
 use retrace_hal_sim::{Chance, FaultRates, InFlightPolicy, LineFault, SerialChannel, SerialChannelSettings};
 
-/// All that has arrived by then, with no time said.
+/// All bytes that have arrived by `now_ns`.
 fn drain(line: &mut SerialChannel, now_ns: u64) -> Vec<u8> {
     std::iter::from_fn(|| line.receive(now_ns)).collect()
 }
 
-/// 0, 1, 2 … sent in one go at 0, with this script.
+/// Bytes 0, 1, 2 … sent together at time 0, with this script.
 fn scripted(count: u8, script: &[(u64, LineFault)]) -> (Vec<u8>, SerialChannel) {
     let settings =
         SerialChannelSettings { baud: 1_000_000, script: script.to_vec(), ..SerialChannelSettings::default() };
@@ -25,7 +25,7 @@ fn scripted_faults_strike_the_byte_that_they_name() {
     assert_eq!(scripted(4, &[(1, LineFault::Duplicate)]).0, [0, 1, 1, 2, 3]);
     assert_eq!(scripted(6, &[(1, LineFault::Cut { bytes: 3 })]).0, [0, 4, 5]);
     assert_eq!(scripted(6, &[(4, LineFault::Cut { bytes: 0 })]).0, [0, 1, 2, 3]);
-    // 25 µs of a line where a byte takes 10: three bytes from the one on
+    // 25 µs of a channel where a byte takes 10: three bytes from the one on
     assert_eq!(scripted(6, &[(1, LineFault::Stall { us: 25, lost: true })]).0, [0, 4, 5]);
     let (bytes, line) = scripted(6, &[(1, LineFault::Stall { us: 25, lost: false })]);
     assert_eq!((bytes, line.counters().stalls, line.counters().faults()), (vec![0, 1, 2, 3, 4, 5], 1, 1));
@@ -72,7 +72,7 @@ fn bytes_of_an_old_connection_come_between_those_of_the_new_one() {
     line.reconnect(1_000_000, InFlightPolicy::Lost);
     line.send(1_000_000, &[13]);
     assert_eq!(drain(&mut line, u64::MAX), [13]);
-    assert_eq!((line.counters().late, line.counters().cast), (2, 2));
+    assert_eq!((line.counters().late, line.counters().lost_at_reconnect), (2, 2));
 }
 
 fn settings() -> impl Strategy<Value = SerialChannelSettings> {
@@ -85,7 +85,7 @@ fn settings() -> impl Strategy<Value = SerialChannelSettings> {
 }
 
 proptest! {
-    /// Whatever happens on it, every byte is accounted for; and asking often or seldom changes nothing.
+    /// Whatever happens, every byte is accounted for; and receiving often or seldom changes nothing.
     #[test]
     fn every_byte_is_accounted_for_however_it_is_read(
         settings in settings(),
@@ -110,7 +110,7 @@ proptest! {
         let t = often.counters();
         prop_assert_eq!(t, seldom.counters());
         prop_assert_eq!(t.sent, all);
-        prop_assert_eq!(t.sent + t.duplicated, t.delivered + t.dropped + t.cut + t.stalled + t.cast);
+        prop_assert_eq!(t.sent + t.duplicated, t.delivered + t.dropped + t.cut + t.stalled + t.lost_at_reconnect);
         prop_assert!(often.next_arrival().is_none());
     }
 

@@ -1,6 +1,6 @@
-//! Bytes that were recorded on the line and come again: they move nothing and end nothing.
+//! Bytes that were recorded on the serial line and replayed: they move nothing and end nothing.
 //!
-//! Invariant: the recording is of the bytes themselves, as somebody at the line would have them.
+//! Invariant: the recording is of the bytes themselves, as an eavesdropper would have them.
 
 use std::sync::{Arc, Mutex};
 
@@ -11,7 +11,7 @@ use retrace_link::{
     BytePort, CardSettings, HostCommand, LinkTimeouts, LinkedCard, MotionCard, OutputChange, PathStart,
 };
 
-/// What went over the line, and what is to be heard besides.
+/// Bytes that were sent over the line, and those that were received.
 #[derive(Clone, Debug, Default)]
 struct Tape {
     sent: Vec<u8>,
@@ -75,7 +75,7 @@ fn open(host: &mut Host) {
     host.open(CardSettings::new(0, PathStart::at(0), 1000, limits)).expect("it takes the settings");
 }
 
-/// Output 3 on, and 300 records ahead.
+/// Output 3 on, and 300 records forward.
 fn run(host: &mut Host) {
     host.send(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("room");
     host.send(HostCommand::rate(ONE)).expect("a rate");
@@ -94,7 +94,7 @@ fn run(host: &mut Host) {
 
 const END: [i64; 3] = [2100, -900, 300];
 
-/// A whole session, and what was said in it. The output is off at its end.
+/// A whole session, and its recording. The output is off at its end.
 fn session(boot: u32) -> (CardSimulator<3>, Tape) {
     let (mut host, tape) = find(rig(boot), 7);
     open(&mut host);
@@ -102,13 +102,13 @@ fn session(boot: u32) -> (CardSimulator<3>, Tape) {
     host.send(HostCommand::ManualOutput(OutputChange { channel: 3, value: 0 })).expect("room");
     while host.run_period().expect("no fault").outputs[3] != 0 {}
     host.close().expect("it stands");
-    let rig = host.into_port().inner.into_rig();
+    let rig = host.into_port().inner.into_simulator();
     assert_eq!((rig.pins().positions(), rig.status().outputs[3]), (&END, 0));
     let tape = tape.lock().expect("whole").clone();
     (rig, tape)
 }
 
-/// Says these bytes to a card, as fast as its line goes; was any output on meanwhile?
+/// Sends these bytes to a card, as fast as its line permits; returns whether any output was on meanwhile.
 fn say(rig: &mut CardSimulator<3>, bytes: &[u8]) -> bool {
     let mut lit = false;
     for chunk in bytes.chunks(20) {
@@ -123,7 +123,7 @@ fn say(rig: &mut CardSimulator<3>, bytes: &[u8]) -> bool {
 #[test]
 fn a_recorded_session_moves_nothing_after_a_restart_of_the_card() {
     let (_, tape) = session(1);
-    // the same start: what was recorded does move a machine
+    // the same start: the recording does move a machine
     let mut same = rig(1);
     assert!(say(&mut same, &tape.sent));
     assert_ne!(same.pins().pulses(), &[0; 3]);
@@ -141,7 +141,7 @@ fn a_recorded_session_moves_nothing_within_the_same_start() {
     // and in another epoch
     let (mut host, _) = find(rig, 8);
     open(&mut host);
-    let mut rig = host.into_port().inner.into_rig();
+    let mut rig = host.into_port().inner.into_simulator();
     assert!(!say(&mut rig, &tape.sent));
     assert_eq!((rig.pins().pulses(), rig.pins().positions()), (&pulses, &END));
 }
@@ -156,7 +156,7 @@ fn a_replayed_opening_is_no_sign_of_life() {
     }
     let sent = tape.lock().expect("whole").sent.clone();
     let opening = sent.split_inclusive(|&byte| byte == 0).find(|frame| frame.len() > 60).expect("an opening");
-    let mut rig = host.into_port().inner.into_rig();
+    let mut rig = host.into_port().inner.into_simulator();
     for _ in 0..40 {
         rig.send(opening);
         rig.run(rig.now_us() + 10_000);
@@ -183,7 +183,7 @@ fn replayed_greetings_and_reports_change_nothing_of_a_running_job() {
     }
     run(&mut host);
     let counts = host.status().counts;
-    let rig = host.into_port().inner.into_rig();
+    let rig = host.into_port().inner.into_simulator();
     assert_eq!(*rig.pins().positions(), counts);
     assert_ne!(counts, base);
 }

@@ -1,4 +1,4 @@
-//! Host end, line, card end, card, pins and switches, all of it at once in virtual time.
+//! Host endpoint, serial line, card endpoint, card, pins and switches, together in virtual time.
 
 use std::sync::{Arc, Mutex};
 
@@ -26,7 +26,7 @@ fn host(rig: &CardSimulatorSettings, settings: CardSettings<3>) -> Host {
     host
 }
 
-/// A path there and back in each axis, of so many records.
+/// A path to and fro in each axis, of `length` records.
 fn record(place: u32, length: u32) -> Record<3> {
     let x = (place % 90) as i16 - 44;
     let flags = if place + 1 == length { Flags::REST } else { Flags::NONE };
@@ -49,7 +49,7 @@ fn position(place: u32, length: u32) -> [i64; 3] {
     sums
 }
 
-/// Runs at a rate until the card rests at `to`, with the path sent as there is room; the last report.
+/// Runs at a rate until the card rests at `to`, with the path sent as the window permits; returns the last report.
 fn run(host: &mut Host, target: Travel, to: u32, length: u32) -> CardStatus<3> {
     host.send(HostCommand::rate(target)).expect("a rate");
     for _ in 0..200_000 {
@@ -81,7 +81,7 @@ fn there_and_back_over_lines_good_and_bad() {
         assert_eq!(status.counts, position(700, 700));
         let status = run(&mut host, -ONE / 2, 0, 700);
         assert_eq!((status.counts, status.reached), ([0; 3], 700));
-        let rig = host.port().rig();
+        let rig = host.port().simulator();
         assert_eq!(rig.faults(), retrace_hal_sim::SimulationFaults::default(), "chance {chance}");
         assert_eq!(rig.pins().positions(), &[0; 3]);
         let all: i64 = (0..700).map(|n| 2 * i64::from(record(n, 700).increments[0].unsigned_abs())).sum();
@@ -102,11 +102,14 @@ fn a_run_can_be_repeated() {
         let (up, down) = (line(230_400, 1e-3, 5), line(230_400, 1e-3, 6));
         let mut rig = CardSimulator::new(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() })
             .expect("a card");
-        rig.watch(Box::new(move |now| into.lock().expect("whole").push((now.at_us, now.status.place, *now.positions))));
-        let mut host = Host::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+        rig.observe(Box::new(move |now| {
+            into.lock().expect("whole").push((now.at_us, now.status.place, *now.positions))
+        }));
+        let mut host = Host::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
         host.open(settings()).expect("it takes the settings");
         run(&mut host, ONE, 400, 400);
-        let (tallies, now) = (host.port().rig().lines().map(|line| *line.counters()), host.port().rig().now_us());
+        let (tallies, now) =
+            (host.port().simulator().lines().map(|line| *line.counters()), host.port().simulator().now_us());
         drop(host);
         (Arc::try_unwrap(log).expect("ours").into_inner().expect("whole"), tallies, now)
     };
@@ -126,7 +129,8 @@ fn done() -> Process {
     }
 }
 
-/// Switches the spindle at place 0 and waits for it, then runs: the first report with an alarm, or the last one.
+/// Switches the spindle at place 0 and waits for it, then runs; returns the first report with an alarm, or the last
+/// one.
 fn switch_and_run(process: Process) -> (CardStatus<3>, u64) {
     let machine = PlantSettings { processes: vec![process], seed: 9, ..PlantSettings::default() };
     let mut host = host(&CardSimulatorSettings { machine, ..CardSimulatorSettings::default() }, settings());
@@ -146,7 +150,7 @@ fn switch_and_run(process: Process) -> (CardStatus<3>, u64) {
             Err(_) => break,
         }
     }
-    let rig = host.port().rig();
+    let rig = host.port().simulator();
     (*rig.status(), rig.now_us())
 }
 
@@ -161,7 +165,7 @@ fn a_process_is_waited_for_and_one_that_hangs_or_fails_is_an_alarm() {
     assert_eq!((status.alarm, status.executed, status.counts), (Some(Alarm::Failed { instruction: 1 }), 0, [0; 3]));
 }
 
-/// The axis runs onto its limit switch, which is where the pins say, not where anybody planned.
+/// The axis runs onto its limit switch, whose position the pins determine, not the plan.
 #[test]
 fn a_limit_switch_stops_the_motion_on_the_path() {
     let machine = PlantSettings::with_switches(&[[-10_000, 10_000], [-10_000, 10_000], [-10_000, 30]], 10);
@@ -179,16 +183,16 @@ fn a_limit_switch_stops_the_motion_on_the_path() {
             break;
         }
     }
-    let rig = host.port_mut().rig_mut();
+    let rig = host.port_mut().simulator_mut();
     let until = rig.now_us() + 200_000;
     rig.run(until);
     let status = *rig.status();
     assert_eq!(status.alarm, Some(Alarm::LimitSwitch { axis: 2, upper: true }));
     assert!(status.at_rest && status.counts[2] >= 30 && status.counts[2] < 60, "{status:?}");
-    assert_eq!((rig.pins().positions(), rig.faults().apart), (&status.counts, 0));
+    assert_eq!((rig.pins().positions(), rig.faults().count_mismatches), (&status.counts, 0));
 }
 
-/// The axis finds its switch, which counts pulses as a real one does; what homing sets is not a fault of the counts.
+/// The axis finds its switch, which counts pulses like a real one; what homing sets is not a fault of the counts.
 #[test]
 fn homing_sets_the_count_where_the_switch_is() {
     let machine = PlantSettings::with_switches(&[[-4000, 4000], [-4000, 4000], [-4000, 4000]], 1000);
@@ -214,16 +218,16 @@ fn homing_sets_the_count_where_the_switch_is() {
         }
         status = *host.run_period().expect("no fault");
     }
-    let rig = host.port().rig();
+    let rig = host.port().simulator();
     assert_eq!((rig.status().alarm, rig.status().at_rest), (None, true));
-    // the switch opens at −2999, and there the count is what it was told to be
+    // the switch opens at −2999, and there the count is the value that was set
     let apart = rig.status().counts[1] - rig.pins().positions()[1];
     assert_eq!(apart, 50_000 + 2999);
     assert!((-2999..-2900).contains(&rig.pins().positions()[1]), "{:?}", rig.pins().positions());
     assert_eq!(rig.faults(), retrace_hal_sim::SimulationFaults::default());
 }
 
-/// What the wheel turns by is in the reports, over a line that loses some of them, to the count.
+/// The handwheel counts are in the reports, over a line that loses some of them, to the count.
 #[test]
 fn the_wheel_is_told_to_the_count() {
     let (up, down) = (line(1_000_000, 5e-4, 3), line(1_000_000, 5e-4, 4));
@@ -232,7 +236,7 @@ fn the_wheel_is_told_to_the_count() {
     for round in 0..3000i64 {
         if round < 2500 {
             let counts = (round * 7 % 23 - 11) as i16;
-            host.port_mut().rig_mut().machine().turn_wheel(counts);
+            host.port_mut().simulator_mut().machine().turn_wheel(counts);
             turned += i64::from(counts);
         }
         told += i64::from(host.run_period().expect("no fault").wheel);
@@ -240,7 +244,7 @@ fn the_wheel_is_told_to_the_count() {
     assert!(turned != 0 && told == turned, "{told} of {turned}");
 }
 
-/// The host falls silent in motion: the card rests on the path by itself, and says why.
+/// The host stops sending in motion: the card comes to rest on the path by itself, and reports why.
 #[test]
 fn a_silent_host_is_an_alarm() {
     let mut host = host(&CardSimulatorSettings::default(), settings());
@@ -251,8 +255,8 @@ fn a_silent_host_is_an_alarm() {
             host.run_period().expect("no fault");
         }
     }
-    while host.run_period().expect("no fault").place.record < 100 {}
-    let rig = host.port_mut().rig_mut();
+    while host.period().expect("no fault").place.record < 100 {}
+    let rig = host.port_mut().simulator_mut();
     rig.run(rig.now_us() + 600_000);
     let status = *rig.status();
     assert_eq!((status.alarm, status.at_rest), (Some(Alarm::HostSilent), true));
@@ -262,10 +266,10 @@ fn a_silent_host_is_an_alarm() {
     assert_eq!(status.counts[0], position(at, 2000)[0] + i64::from(under));
 }
 
-/// What the host writes, and when, in microseconds.
+/// Bytes that the host writes, with their times in microseconds.
 type Written = Vec<(u64, Vec<u8>)>;
 
-/// A port that keeps what the host writes.
+/// A port that records what the host writes.
 struct Tap {
     port: InProcess<3>,
     written: Arc<Mutex<Written>>,
@@ -293,27 +297,28 @@ impl BytePort for Tap {
     }
 }
 
-/// Positions after each period, bytes for the host, and what the lines did.
+/// Positions after each period, bytes for the host, and the counters of the channels.
 type Replay = (Vec<(u64, [i64; 3])>, Vec<u8>, [LineCounters; 2]);
 
-/// What a rig does when these bytes are sent to it at these times, and time passes in steps of so many microseconds.
+/// Result of a card simulator when these bytes are sent to it at these times, and time advances in steps of `step_us`
+/// microseconds.
 fn replay(settings: &CardSimulatorSettings, written: &Written, step_us: u64) -> Replay {
     let mut rig = CardSimulator::<3>::new(settings).expect("a card");
     let log = Arc::new(Mutex::new(Vec::new()));
     let into = Arc::clone(&log);
-    rig.watch(Box::new(move |now| into.lock().expect("whole").push((now.at_us, *now.positions))));
+    rig.observe(Box::new(move |now| into.lock().expect("whole").push((now.at_us, *now.positions))));
     let (mut bytes, mut buffer) = (Vec::new(), [0; 64]);
     for (at, sent) in written {
         while rig.now_us() < *at {
             rig.run((rig.now_us() + step_us).min(*at));
-            let count = rig.take(&mut buffer);
+            let count = rig.receive(&mut buffer);
             bytes.extend_from_slice(&buffer[..count]);
         }
         rig.send(sent);
     }
     rig.run(rig.now_us() + 50_000);
     loop {
-        match rig.take(&mut buffer) {
+        match rig.receive(&mut buffer) {
             0 => break,
             count => bytes.extend_from_slice(&buffer[..count]),
         }

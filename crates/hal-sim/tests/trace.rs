@@ -1,4 +1,4 @@
-//! The trace of a run, read back as a wave viewer reads it: its edges are the pulses, and they keep their times.
+//! The trace of a run, read back like a wave viewer does: its edges are the pulses, and they observe their times.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -27,7 +27,7 @@ impl Write for Shared {
     }
 }
 
-/// All changes of each signal, by its full name: time in nanoseconds, and value as it stands there.
+/// All changes of each signal, by its full name: time in nanoseconds, and value as written.
 fn read(text: &str) -> HashMap<String, Vec<(u64, String)>> {
     let (mut scopes, mut names, mut changes) = (Vec::new(), HashMap::new(), HashMap::new());
     let (head, body) = text.split_once("$enddefinitions $end").expect("declarations");
@@ -60,7 +60,7 @@ fn read(text: &str) -> HashMap<String, Vec<(u64, String)>> {
     changes
 }
 
-/// 60 periods there, 60 back at full rate, and the spindle on in the middle of it.
+/// 60 periods forward, 60 back at full rate, and the spindle on in the middle of it.
 fn traced() -> (String, [u64; 2]) {
     let file = Shared::default();
     let mut rig = CardSimulator::<2>::new(&CardSimulatorSettings::default()).expect("a card");
@@ -77,7 +77,7 @@ fn traced() -> (String, [u64; 2]) {
         while host.run_period().is_ok_and(|status| status.place.record != end || !status.at_rest) {}
         host.send(HostCommand::ManualOutput(OutputChange { channel: channel::SPINDLE, value: -1 })).expect("a channel");
     }
-    let rig = host.port().rig();
+    let rig = host.port().simulator();
     assert_eq!((rig.status().counts, rig.pins().positions()), ([0, 0], &[0, 0]));
     let pulses = *rig.pins().pulses();
     let text = String::from_utf8(file.0.lock().expect("whole").clone()).expect("text");
@@ -108,7 +108,7 @@ fn the_edges_of_the_trace_are_the_pulses() {
             }
         }
         assert_eq!((rises.len() as u64, high), (pulses, None));
-        // each rising edge counts up or down with the direction wire, which has stood for 5 µs
+        // each rising edge counts up or down with the direction wire, which has been stable for 5 µs
         let turns = of(&format!("{axis}.backward"));
         let net: i64 = rises
             .iter()
@@ -129,8 +129,8 @@ fn the_edges_of_the_trace_are_the_pulses() {
     assert_eq!(values("card.alarm"), ["b0"]);
 }
 
-/// A torch without a grace, lit by the first instruction, and a path that runs for a second; what the pins show from when
-/// `stops` has had the host and after half a second more.
+/// A torch without a grace time, lit by the first instruction, and a path that runs for a second. Returns the signals
+/// of the pins from when `stops` has had the host to half a second later.
 fn torch(stops: impl Fn(&mut LinkedCard<2, InProcess<2>>)) -> HashMap<String, Vec<(u64, String)>> {
     let file = Shared::default();
     let mut rig = CardSimulator::<2>::new(&CardSimulatorSettings::default()).expect("a card");
@@ -157,14 +157,14 @@ fn torch(stops: impl Fn(&mut LinkedCard<2, InProcess<2>>)) -> HashMap<String, Ve
         }
     }
     stops(&mut host);
-    let mut rig = host.into_port().into_rig();
+    let mut rig = host.into_port().into_simulator();
     rig.run(rig.now_us() + 500_000);
     rig.flush();
     let text = String::from_utf8(file.0.lock().expect("whole").clone()).expect("text");
     read(&text)
 }
 
-/// When the torch was lit and went out, and the last rising edge of X.
+/// Times at which the torch was lit and went out, and of the last rising edge of X.
 fn lit(changes: &HashMap<String, Vec<(u64, String)>>) -> (u64, u64, u64) {
     let spindle = &changes["outputs.spindle"];
     assert_eq!(spindle.iter().map(|(_, value)| value.as_str()).collect::<Vec<_>>(), ["b0", "b1", "b0"]);
@@ -190,7 +190,7 @@ fn a_hold_puts_the_torch_out_at_the_pins_as_soon_as_the_machine_rests() {
 #[test]
 fn a_host_that_vanishes_leaves_the_torch_lit_for_the_watchdog_and_no_longer() {
     let mut gone_at = std::sync::atomic::AtomicU64::new(0);
-    let changes = torch(|host| gone_at.store(host.port().rig().now_us(), std::sync::atomic::Ordering::Relaxed));
+    let changes = torch(|host| gone_at.store(host.port().simulator().now_us(), std::sync::atomic::Ordering::Relaxed));
     let (_, off, last_step) = lit(&changes);
     let gone_ns = *gone_at.get_mut() * 1000;
     assert!(off > gone_ns && off - gone_ns <= 102_000_000, "{} ns", off - gone_ns);

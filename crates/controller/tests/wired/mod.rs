@@ -133,7 +133,7 @@ pub type CardLog = Arc<Mutex<Vec<Period>>>;
 pub fn watched(rig: &mut CardSimulator<AXES>) -> CardLog {
     let log = CardLog::default();
     let sink = Arc::clone(&log);
-    rig.watch(Box::new(move |moment| {
+    rig.observe(Box::new(move |moment| {
         let s = moment.status;
         sink.lock().expect("one thread").push(Period {
             at_us: moment.at_us,
@@ -181,7 +181,7 @@ impl BytePort for Cable {
         while let Some(&(at_us, leftover)) = self.pulled.last()
             && at_us <= self.port.now_us()
         {
-            self.port.rig_mut().reconnect(leftover);
+            self.port.simulator_mut().reconnect(leftover);
             self.pulled.pop();
         }
         let count = self.port.read(bytes, wait_us)?;
@@ -295,8 +295,8 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     let (status, line) = (*card.status(), card.host().line_counts());
     let mut cable = card.into_port();
     // Whatever became of the host: the card has time to come to rest by itself.
-    let now_us = cable.port.rig().now_us();
-    cable.port.rig_mut().run(now_us + 3_000_000);
+    let now_us = cable.port.simulator().now_us();
+    cable.port.simulator_mut().run(now_us + 3_000_000);
     let log = std::mem::take(&mut *log.lock().expect("one thread"));
     let verdict = judged(trial.machine, &log);
     Ok(Done {
@@ -322,7 +322,7 @@ pub fn on_the_path(path: &Path, done: &Done) -> Result<(), String> {
             return Err(format!("off the path {expected:?}: {period:?}"));
         }
     }
-    let faults = done.cable.port.rig().faults();
+    let faults = done.cable.port.simulator().faults();
     if faults != Default::default() {
         return Err(format!("at the pins: {faults:?}"));
     }
