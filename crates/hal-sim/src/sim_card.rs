@@ -239,7 +239,7 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         }
     }
 
-    fn begin(&mut self, start: PathStart) -> Result<(), SimCardError> {
+    fn begin_path(&mut self, start: PathStart) -> Result<(), SimCardError> {
         self.card.open(&CardSettings { start, ..self.settings }).map_err(SimCardError::EpochRefused)
     }
 

@@ -226,7 +226,7 @@ fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> Once<LinkedCard<3, InProc
     let until = rig.now_us() + u64::from(nonce % 4) * 200_000;
     rig.run(until);
     let mut wired = LinkedCard::find(InProcess::new(rig), nonce, LinkTimeouts::default()).expect("a card answers");
-    wired.settle(nonce + 1000).expect("it stands");
+    wired.wait_at_rest(nonce + 1000).expect("it stands");
     let stood = *wired.port().simulator().status();
     assert_eq!((stood.alarm, stood.at_rest), (Some(Alarm::HostSilent), true));
     let said: Greeting<3> = *wired.greeting().expect("it was found by it");

@@ -255,7 +255,7 @@ fn a_silent_host_is_an_alarm() {
             host.run_period().expect("no fault");
         }
     }
-    while host.period().expect("no fault").place.record < 100 {}
+    while host.run_period().expect("no fault").place.record < 100 {}
     let rig = host.port_mut().simulator_mut();
     rig.run(rig.now_us() + 600_000);
     let status = *rig.status();
