@@ -14,7 +14,7 @@ fn an_axis_is_jogged_to_the_pulse_and_no_further_than_its_soft_limit() {
     let bench = Bench::new();
     let there = bench.retrace(["jog", "x", "-12.5", "--json"]);
     assert_eq!((there.code, counts(&there)), (Some(0), vec![-12_500, 0, 0]), "{}", there.err);
-    assert!(there.err.contains("forgets"), "{}", there.err);
+    assert!(there.err.contains("does not keep its position"), "{}", there.err);
     let limit = bench.retrace(["jog", "Y", "2000.5", "--json"]);
     assert_eq!((limit.code, counts(&limit)), (Some(0), vec![0, 2_000_000, 0]), "{}", limit.err);
     assert!(limit.out.contains("\"cut_short\":true"), "{}", limit.out);

@@ -107,7 +107,7 @@ fn ctrl_c_sigterm_and_sighup_stop_the_job_and_keep_its_breakpoint() {
     begun.until("out.txt", "\"switched\"");
     sleep(Duration::from_millis(300));
     begun.signal("-INT");
-    begun.until("err.txt", "stopping: the machine comes to rest");
+    begun.until("err.txt", "stopping: braking on the path");
     assert_stopped(begun.ended());
     let who = card.who(&bench);
     assert_eq!((&who["at_rest"], &who["alarm"]), (&Value::from(true), &Value::Null), "{who}");
@@ -131,7 +131,7 @@ fn a_second_ctrl_c_is_answered_with_what_is_waited_for() {
     begun.signal("-INT");
     begun.until("err.txt", "stopping:");
     begun.signal("-INT");
-    begun.until("err.txt", "still stopping: M8 of line 4 is being executed");
+    begun.until("err.txt", "still stopping: M8 of line 4 must complete first");
     assert_stopped(begun.ended());
 }
 

@@ -78,9 +78,9 @@ fn identify(address: &str, machine: Option<&Path>, json: bool) -> Result<(), Com
     let outputs = outputs(&mut card, address, &greeting, &machine);
     let latency = card.port().latency();
     if json {
-        crate::out::line(told_as_json(address, &greeting, &outputs, latency));
+        crate::out::line(greeting_json(address, &greeting, &outputs, latency));
     } else {
-        crate::out::line(told(address, &greeting, &outputs, &ChannelNames::of_machine(&machine), latency));
+        crate::out::line(greeting_text(address, &greeting, &outputs, &ChannelNames::of_machine(&machine), latency));
     }
     Ok(())
 }
@@ -100,7 +100,7 @@ fn outputs(
     }
     let Greeting { place, reached, executed, .. } = *greeting;
     let settings = machine.card_settings(PathStart { place, rests: false, reached, executed });
-    match linked_card::look(card, address, settings) {
+    match linked_card::read_status(card, address, settings) {
         Ok(status) => {
             let each = status.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
             Ok(each.map(|(number, &value)| (number as u8, value)).collect())
@@ -112,7 +112,7 @@ fn outputs(
     }
 }
 
-fn outputs_in_words(outputs: &Outputs, names: &ChannelNames) -> String {
+fn outputs_text(outputs: &Outputs, names: &ChannelNames) -> String {
     match outputs {
         Err(why) => why.clone(),
         Ok(outputs) if outputs.is_empty() => "all off".into(),
@@ -127,7 +127,7 @@ fn outputs_in_words(outputs: &Outputs, names: &ChannelNames) -> String {
 fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
     let machine = files::machine(machine)?;
     let mut card = linked_card::find::<MAX_AXES>(address)?;
-    card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::failed(address, &fault))?;
+    card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(address, &fault))?;
     // The place on the path is kept: an interrupted job may be resumed there.
     let start = card.greeting().map_or(PathStart::at(0), |said| PathStart {
         place: said.place,
@@ -135,17 +135,17 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
         reached: said.reached,
         executed: said.executed,
     });
-    card.open(machine.card_settings(start)).map_err(|fault| linked_card::failed(address, &fault))?;
+    card.open(machine.card_settings(start)).map_err(|fault| linked_card::card_error(address, &fault))?;
     let Some(alarm) = card.status().alarm else {
         say!("{address}: no alarm is latched");
-        return card.close().map_err(|fault| linked_card::failed(address, &fault));
+        return card.close().map_err(|fault| linked_card::card_error(address, &fault));
     };
     // A rejected command shows below.
     let _ = card.send(HostCommand::ClearAlarm);
     for _ in 0..CLEARED_WITHIN {
         if card.run_period().is_ok_and(|status| status.alarm.is_none()) {
             say!("{address}: cleared: {alarm}");
-            return card.close().map_err(|fault| linked_card::failed(address, &fault));
+            return card.close().map_err(|fault| linked_card::card_error(address, &fault));
         }
     }
     let what = format!("{address}: not cleared, its cause is still present: {alarm}");
@@ -153,7 +153,7 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
 }
 
 /// Name of the card, as far as it is text.
-fn name(identity: &CardIdentity) -> String {
+fn card_name(identity: &CardIdentity) -> String {
     String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned()
 }
 
@@ -162,7 +162,7 @@ fn counts(greeting: &Greeting<MAX_AXES>) -> &[i64] {
 }
 
 /// Text of a greeting, in a few lines.
-fn told(
+fn greeting_text(
     address: &str,
     greeting: &Greeting<MAX_AXES>,
     outputs: &Outputs,
@@ -175,7 +175,7 @@ fn told(
          {} axes, {} outputs, {} inputs, a window of {} records, a rate law of up to {} periods\n  \
          periods of {} to {} µs, up to {} pulses a second, a clock of {} Hz\n  \
          {} at place {}, counts {:?}",
-        name(of),
+        card_name(of),
         of.serial,
         of.protocol,
         of.axes,
@@ -191,7 +191,7 @@ fn told(
         greeting.place.record,
         counts(greeting),
     );
-    text += &format!("\n  outputs {}", outputs_in_words(outputs, names));
+    text += &format!("\n  outputs {}", outputs_text(outputs, names));
     match greeting.alarm {
         Some(alarm) => text += &format!("\n  alarm[{}]: {alarm}\n  help: {}", alarm.number(), alarm.remedy()),
         None => text += "\n  no alarm",
@@ -202,7 +202,7 @@ fn told(
     text
 }
 
-fn told_as_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs, latency: &LatencyTimer) -> Value {
+fn greeting_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs, latency: &LatencyTimer) -> Value {
     let of = &greeting.identity;
     let latency_ms = match latency {
         LatencyTimer::None => None,
@@ -210,7 +210,7 @@ fn told_as_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs,
     };
     json!({
         "port": address,
-        "name": name(of),
+        "name": card_name(of),
         "serial": of.serial,
         "boot": of.boot,
         "protocol": of.protocol,
@@ -265,9 +265,9 @@ mod tests {
     fn a_greeting_says_who_where_and_what_is_wrong() {
         let kept = LatencyTimer::ReadOnly { ms: 16, remedy: "do this".into() };
         let outputs = Ok(vec![(64, 1), (3, 1)]);
-        let text = told("port", &greeting(), &outputs, &ChannelNames::default(), &kept);
+        let text = greeting_text("port", &greeting(), &outputs, &ChannelNames::default(), &kept);
         assert!(
-            told("port", &greeting(), &Err("not known: x".into()), &ChannelNames::default(), &kept)
+            greeting_text("port", &greeting(), &Err("not known: x".into()), &ChannelNames::default(), &kept)
                 .contains("outputs not known: x")
         );
         for part in [
@@ -282,7 +282,7 @@ mod tests {
         ] {
             assert!(text.contains(part), "{part} is not in {text}");
         }
-        let value = told_as_json("port", &greeting(), &outputs, &kept);
+        let value = greeting_json("port", &greeting(), &outputs, &kept);
         assert_eq!(value["outputs_on"][0], json!({"channel": 64, "value": 1}));
         assert_eq!((&value["counts"], &value["alarm"]["number"]), (&json!([1, -2, 3, 0]), &json!("E3011")));
     }

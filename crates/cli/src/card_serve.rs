@@ -24,7 +24,7 @@ use crate::sim_wiring::hung_on;
 use crate::{args, files, linked_card};
 
 /// Longest delay that is caught up.
-const MADE_UP_US: u64 = 20_000;
+const MAX_CATCH_UP_US: u64 = 20_000;
 /// Serial number of every simulated card: it is always the same card, restarted.
 const SERIAL: u32 = 1;
 /// Longest wait for a byte.
@@ -38,7 +38,7 @@ const FLUSH: Duration = Duration::from_millis(200);
 /// Whatever prevents the card from being served.
 pub fn run(args: &args::Serve) -> Result<(), NumberedError> {
     if !(0.01..=100.0).contains(&args.speed) {
-        return Err(refuse(format!("--speed {}", args.speed), "give a number from 0.01 to 100"));
+        return Err(serve_error(format!("--speed {}", args.speed), "give a number from 0.01 to 100"));
     }
     let machine = files::machine(args.machine_file.path())?;
     match machine.axes.len() {
@@ -48,17 +48,17 @@ pub fn run(args: &args::Serve) -> Result<(), NumberedError> {
     }
 }
 
-fn refuse(what: impl Into<String>, remedy: impl Into<String>) -> NumberedError {
+fn serve_error(what: impl Into<String>, remedy: impl Into<String>) -> NumberedError {
     NumberedError::new("E2149", what, remedy)
 }
 
 fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<(), NumberedError> {
-    let mut rig = rig::<A>(args, machine)?;
+    let mut rig = build_simulator::<A>(args, machine)?;
     let inputs = machine.card_settings::<A>(PathStart::at(0)).inputs;
-    let pty =
-        Pty::open().map_err(|error| refuse(format!("no pseudo-terminal is available: {error}"), "see `man pts`"))?;
+    let pty = Pty::open()
+        .map_err(|error| serve_error(format!("no pseudo-terminal is available: {error}"), "see `man pts`"))?;
     if let Some(link) = &args.link {
-        name(pty.path(), link)?;
+        create_link(pty.path(), link)?;
     }
     say!("{}", pty.path().display());
     let end = ServeEnd {
@@ -72,7 +72,7 @@ fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<
     if let Some(link) = &args.link {
         let _ = std::fs::remove_file(link);
     }
-    let told = told(&rig, &served);
+    let told = counters_json(&rig, &served);
     if args.json {
         crate::out::line(told);
     } else {
@@ -82,13 +82,16 @@ fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<
 }
 
 /// Simulated machine of a machine file.
-fn rig<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<CardSimulator<A>, NumberedError> {
+fn build_simulator<const A: usize>(
+    args: &args::Serve,
+    machine: &MachineConfig,
+) -> Result<CardSimulator<A>, NumberedError> {
     let spec = args.faults.as_deref().unwrap_or_default();
-    let [up, down] = faults(spec).map_err(|why| refuse(format!("--faults {spec}: {why}"), "use one of these"))?;
+    let [up, down] = faults(spec).map_err(|why| serve_error(format!("--faults {spec}: {why}"), "use one of these"))?;
     let settings =
         CardSimulatorSettings { up, down, machine: hung_on::<A>(machine), serial: SERIAL, boot: linked_card::nonce() };
     let mut rig = CardSimulator::new(&settings)
-        .ok_or_else(|| refuse("the simulated card cannot be created", "please report this"))?;
+        .ok_or_else(|| serve_error("the simulated card cannot be created", "please report this"))?;
     if let Some(path) = &args.vcd {
         let named = |error| unwritable(&path.display().to_string(), &error);
         let file = std::fs::File::create(path).map_err(named)?;
@@ -99,12 +102,12 @@ fn rig<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<Ca
 }
 
 /// Creates the symbolic link to the pseudo-terminal. Only a link is replaced.
-fn name(pty: &Path, link: &Path) -> Result<(), NumberedError> {
+fn create_link(pty: &Path, link: &Path) -> Result<(), NumberedError> {
     if link.is_symlink() {
         let _ = std::fs::remove_file(link);
     }
     std::os::unix::fs::symlink(pty, link)
-        .map_err(|error| refuse(format!("--link {}: {error}", link.display()), "give a name that does not exist"))
+        .map_err(|error| serve_error(format!("--link {}: {error}", link.display()), "give a name that does not exist"))
 }
 
 /// Conditions that end serving, and the input lines.
@@ -116,11 +119,11 @@ struct ServeEnd {
 
 impl ServeEnd {
     /// Executes the lines from standard input. Returns whether serving ends.
-    fn look<const A: usize>(&self, started: Instant, rig: &mut CardSimulator<A>, inputs: &[InputSetting]) -> bool {
+    fn poll_end<const A: usize>(&self, started: Instant, rig: &mut CardSimulator<A>, inputs: &[InputSetting]) -> bool {
         let ended = loop {
             match self.lines.try_recv() {
                 Ok(line) => match ManualInput::read(&line, inputs) {
-                    Ok(deed) => deed.into_iter().for_each(|deed| deed.to(rig)),
+                    Ok(deed) => deed.into_iter().for_each(|deed| deed.apply(rig)),
                     Err(why) => eprintln!("{why}"),
                 },
                 Err(TryRecvError::Empty) => break false,
@@ -172,10 +175,10 @@ impl ServeCounters {
         let _ = real_time::enter();
         let mut bytes = [0; 4096];
         let mut flushed = Instant::now();
-        while !end.look(self.started, rig, inputs) {
+        while !end.poll_end(self.started, rig, inputs) {
             let due = rig.next_us().saturating_sub(self.now_us(rig)).min(WAIT_US);
             let wait = Duration::from_secs_f64(due as f64 / 1e6 / self.speed);
-            let lost = |error| refuse(format!("the pseudo-terminal failed: {error}"), "start the command again");
+            let lost = |error| serve_error(format!("the pseudo-terminal failed: {error}"), "start the command again");
             let count = self.pty.read(&mut bytes, wait).map_err(lost)?;
             // The bytes arrived since the last poll; the card receives them from there on.
             rig.send(&bytes[..count]);
@@ -186,7 +189,7 @@ impl ServeCounters {
                     count => self.pty.write(&bytes[..count]).map_err(lost)?,
                 }
             }
-            self.tell(rig);
+            self.print_alarm(rig);
             if flushed.elapsed() >= FLUSH {
                 rig.flush();
                 flushed = Instant::now();
@@ -199,13 +202,13 @@ impl ServeCounters {
     fn now_us<const A: usize>(&mut self, rig: &CardSimulator<A>) -> u64 {
         let passed = (self.started.elapsed().as_secs_f64() * self.speed * 1e6) as u64;
         let late = passed.saturating_sub(self.away_us).saturating_sub(rig.now_us());
-        let most = (MADE_UP_US as f64 * self.speed.max(1.0)) as u64;
+        let most = (MAX_CATCH_UP_US as f64 * self.speed.max(1.0)) as u64;
         self.away_us += late.saturating_sub(most);
         passed.saturating_sub(self.away_us)
     }
 
     /// Prints a new alarm.
-    fn tell<const A: usize>(&mut self, rig: &CardSimulator<A>) {
+    fn print_alarm<const A: usize>(&mut self, rig: &CardSimulator<A>) {
         let alarm = rig.status().alarm;
         if alarm != self.alarm {
             self.alarm = alarm;
@@ -218,8 +221,8 @@ impl ServeCounters {
 }
 
 /// Counters as JSON.
-fn told<const A: usize>(rig: &CardSimulator<A>, served: &ServeCounters) -> Value {
-    let [up, down] = rig.lines().map(|line| tally(line.counters()));
+fn counters_json<const A: usize>(rig: &CardSimulator<A>, served: &ServeCounters) -> Value {
+    let [up, down] = rig.lines().map(|line| line_counters_json(line.counters()));
     let (pins, status, faults) = (rig.pins(), rig.status(), rig.faults());
     json!({
         "periods": status.period,
@@ -238,7 +241,7 @@ fn told<const A: usize>(rig: &CardSimulator<A>, served: &ServeCounters) -> Value
     })
 }
 
-fn tally(of: &LineCounters) -> Value {
+fn line_counters_json(of: &LineCounters) -> Value {
     json!({
         "sent": of.sent,
         "delivered": of.delivered,

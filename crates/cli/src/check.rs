@@ -26,17 +26,21 @@ pub fn run(args: &args::Check) -> Result<(), CommandFailure> {
     }
     // Planned exactly as it runs.
     match machine.axes.len() {
-        0..=4 => tell::<4>(args, &machine, &program),
-        5..=6 => tell::<6>(args, &machine, &program),
-        _ => tell::<9>(args, &machine, &program),
+        0..=4 => print_report::<4>(args, &machine, &program),
+        5..=6 => print_report::<6>(args, &machine, &program),
+        _ => print_report::<9>(args, &machine, &program),
     }
 }
 
-fn tell<const A: usize>(args: &args::Check, machine: &MachineConfig, program: &Program) -> Result<(), CommandFailure> {
+fn print_report<const A: usize>(
+    args: &args::Check,
+    machine: &MachineConfig,
+    program: &Program,
+) -> Result<(), CommandFailure> {
     let mut diagnostics = Vec::new();
     // A program that cannot run is not planned: moves beyond the travel may have any length.
-    let checked = match program.faults_shown(machine) {
-        Ok(()) => program.survey::<A>(machine, &mut diagnostics),
+    let checked = match program.check_silently_with_progress(machine) {
+        Ok(()) => program.analyse::<A>(machine, &mut diagnostics),
         Err(_) => program.check_for_script(machine, &mut diagnostics).map(|_| None),
     };
     if let (true, Err(CommandFailure::Program)) = (args.format.json, &checked) {
@@ -46,11 +50,11 @@ fn tell<const A: usize>(args: &args::Check, machine: &MachineConfig, program: &P
         let what = "standard input is checked only while it runs";
         return Err(NumberedError::new("E2142", what, "name a file, or use `retrace run -`").into());
     };
-    let told = CheckReport { program, machine, blocks: checked.blocks, survey: &checked.found, diagnostics };
+    let report = CheckReport { program, machine, blocks: checked.blocks, analysis: &checked.found, diagnostics };
     if args.format.json {
-        crate::out::line(told.json());
+        crate::out::line(report.json());
     } else {
-        crate::out::line(told.text());
+        crate::out::line(report.text());
     }
     Ok(())
 }

@@ -16,7 +16,7 @@ pub struct CheckReport<'a, const A: usize> {
     pub program: &'a Program,
     pub machine: &'a MachineConfig,
     pub blocks: u64,
-    pub survey: &'a ProgramAnalysis<'a, A>,
+    pub analysis: &'a ProgramAnalysis<'a, A>,
     /// Warnings, for a script.
     pub diagnostics: Vec<Value>,
 }
@@ -27,38 +27,38 @@ const MAX_LISTED: usize = 10;
 impl<const A: usize> CheckReport<'_, A> {
     /// Report as text.
     pub fn text(&self) -> String {
-        let Self { program, blocks, survey, .. } = self;
-        let mut text = format!("{}: no errors, {blocks} blocks, {} moves", program.name(), survey.scan.moves);
+        let Self { program, blocks, analysis, .. } = self;
+        let mut text = format!("{}: no errors, {blocks} blocks, {} moves", program.name(), analysis.scan.moves);
         // Writing to a string cannot fail.
         let _ = write!(
             text,
             "\n  at 100 %: {} total: motion {:.3} s · dwell {:.3} s · switching {:.3} s",
-            clock(self.seconds(survey.motion_periods + survey.dwell_periods + survey.switch_periods)),
-            self.seconds(survey.motion_periods),
-            self.seconds(survey.dwell_periods),
-            self.seconds(survey.switch_periods)
+            clock(self.seconds(analysis.motion_periods + analysis.dwell_periods + analysis.switch_periods)),
+            self.seconds(analysis.motion_periods),
+            self.seconds(analysis.dwell_periods),
+            self.seconds(analysis.switch_periods)
         );
         let _ = write!(
             text,
             "\n  cutting {:.3} m · rapids {:.3} m · pierces {}",
-            survey.cutting_mm / 1000.0,
-            survey.rapid_mm / 1000.0,
-            survey.pierces
+            analysis.cutting_mm / 1000.0,
+            analysis.rapid_mm / 1000.0,
+            analysis.pierces
         );
-        if survey.tool_periods.len() > 1 {
-            let times = survey.tool_periods.iter();
+        if analysis.tool_periods.len() > 1 {
+            let times = analysis.tool_periods.iter();
             let times: Vec<String> =
                 times.map(|(tool, &periods)| format!("T{tool} {}", clock(self.seconds(periods)))).collect();
             let _ = write!(text, "\n  motion with each tool: {}", times.join(", "));
         }
-        if let Some((line, feed)) = survey.feed_beyond {
+        if let Some((line, feed)) = analysis.feed_beyond {
             let most = self.machine.path_velocity_mm_s * 60.0;
             let _ = write!(
                 text,
                 "\n  warning: line {line} programs a feed of {feed:.1} mm/min; the machine's maximum is {most:.1} mm/min"
             );
         }
-        for room in survey.travel_left() {
+        for room in analysis.travel_left() {
             let TravelLeft { axis, extents_mm: [least, greatest], travel_left_mm: [below, above] } = room;
             let limits = self.machine.axes.iter().find(|one| one.name == axis).map_or([0.0; 2], |axis| axis.travel_mm);
             let _ = write!(
@@ -69,22 +69,22 @@ impl<const A: usize> CheckReport<'_, A> {
                 limits[1]
             );
         }
-        for work in survey.offsets() {
+        for work in analysis.offsets() {
             let _ = write!(text, "\n  in {}: {}", system_name(work.offset.system), self.work_text(work));
         }
-        let tools: Vec<String> = survey.tools.iter().map(|&number| self.tool_text(number)).collect();
+        let tools: Vec<String> = analysis.tools.iter().map(|&number| self.tool_text(number)).collect();
         if !tools.is_empty() {
             let _ = write!(text, "\n  tools: {}", tools.join(", "));
         }
-        let ranges = [("feed", survey.feed_mm_per_min, "mm/min"), ("spindle", survey.speed_rpm, "turns/min")];
+        let ranges = [("feed", analysis.feed_mm_per_min, "mm/min"), ("spindle", analysis.speed_rpm, "turns/min")];
         let ranges: Vec<String> =
             ranges.iter().filter_map(|(what, range, unit)| range_text(what, *range, unit)).collect();
         if !ranges.is_empty() {
             let _ = write!(text, "\n  {}", ranges.join(" · "));
         }
-        let barriers = survey.barriers.iter().map(|barrier| format!("{} of line {}", barrier.code, barrier.line));
-        text += &listed("cannot be passed backward", barriers);
-        text += &listed("stops", survey.stops.iter().map(|line| format!("line {line}")));
+        let barriers = analysis.barriers.iter().map(|barrier| format!("{} of line {}", barrier.code, barrier.line));
+        text += &list_line("cannot be passed backward", barriers);
+        text += &list_line("stops", analysis.stops.iter().map(|line| format!("line {line}")));
         text
     }
 
@@ -110,13 +110,13 @@ impl<const A: usize> CheckReport<'_, A> {
 
     /// Report as one JSON object.
     pub fn json(&self) -> Value {
-        let Self { survey, .. } = self;
-        let room = survey.travel_left();
+        let Self { analysis, .. } = self;
+        let room = analysis.travel_left();
         let each = |value: fn(&TravelLeft) -> [f64; 2]| -> Value {
             room.iter().map(|room| (room.axis.to_string(), json!(value(room)))).collect::<Map<_, _>>().into()
         };
         let table = self.program.tool_table();
-        let tools = survey.tools.iter().map(|&number| {
+        let tools = analysis.tools.iter().map(|&number| {
             let tool = table.and_then(|table| table.get(number));
             json!({
                 "number": number,
@@ -131,30 +131,30 @@ impl<const A: usize> CheckReport<'_, A> {
             "program": self.program.name(),
             "machine": self.machine.name,
             "blocks": self.blocks,
-            "moves": survey.scan.moves,
+            "moves": analysis.scan.moves,
             "period_ms": f64::from(self.machine.period_us) / 1000.0,
-            "motion_s": self.seconds(survey.motion_periods),
-            "dwell_s": self.seconds(survey.dwell_periods),
-            "switch_s": self.seconds(survey.switch_periods),
+            "motion_s": self.seconds(analysis.motion_periods),
+            "dwell_s": self.seconds(analysis.dwell_periods),
+            "switch_s": self.seconds(analysis.switch_periods),
             "extents_mm": each(|room| room.extents_mm),
             "travel_left_mm": each(|room| room.travel_left_mm),
-            "work_offsets": survey.offsets().map(|work| self.work_json(work)).collect::<Vec<_>>(),
+            "work_offsets": analysis.offsets().map(|work| self.work_json(work)).collect::<Vec<_>>(),
             "tools": tools.collect::<Vec<_>>(),
-            "feed_mm_per_min": range(survey.feed_mm_per_min),
-            "speed_rpm": range(survey.speed_rpm),
-            "barriers": survey.barriers.iter().map(|b| json!({ "line": b.line, "code": b.code })).collect::<Vec<_>>(),
-            "stops": survey.stops,
-            "total_s": self.seconds(survey.motion_periods + survey.dwell_periods + survey.switch_periods),
-            "cutting_mm": survey.cutting_mm,
-            "rapid_mm": survey.rapid_mm,
-            "pierces": survey.pierces,
-            "tool_motion_s": survey
+            "feed_mm_per_min": range(analysis.feed_mm_per_min),
+            "speed_rpm": range(analysis.speed_rpm),
+            "barriers": analysis.barriers.iter().map(|b| json!({ "line": b.line, "code": b.code })).collect::<Vec<_>>(),
+            "stops": analysis.stops,
+            "total_s": self.seconds(analysis.motion_periods + analysis.dwell_periods + analysis.switch_periods),
+            "cutting_mm": analysis.cutting_mm,
+            "rapid_mm": analysis.rapid_mm,
+            "pierces": analysis.pierces,
+            "tool_motion_s": analysis
                 .tool_periods
                 .iter()
                 .map(|(tool, &periods)| (tool.to_string(), json!(self.seconds(periods))))
                 .collect::<Map<_, _>>(),
             "diagnostics": self.diagnostics,
-            "feed_above_limit": survey.feed_beyond.map(|(line, feed)| json!({"line": line, "feed_mm_per_min": feed})),
+            "feed_above_limit": analysis.feed_beyond.map(|(line, feed)| json!({"line": line, "feed_mm_per_min": feed})),
         })
     }
 
@@ -195,7 +195,7 @@ fn range_text(what: &str, range: Option<ValueRange>, unit: &str) -> Option<Strin
 }
 
 /// Formats a line with the first of many items, and the number of the others.
-fn listed(what: &str, things: impl ExactSizeIterator<Item = String>) -> String {
+fn list_line(what: &str, things: impl ExactSizeIterator<Item = String>) -> String {
     let more = things.len().saturating_sub(MAX_LISTED);
     let shown: Vec<String> = things.take(MAX_LISTED).collect();
     match (shown.is_empty(), more) {

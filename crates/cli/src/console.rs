@@ -53,7 +53,7 @@ impl ConsoleOptions {
 pub struct Console<'m, const A: usize> {
     show: ConsoleOptions,
     machine: &'m MachineConfig,
-    judge: LimitMonitor<A>,
+    monitor: LimitMonitor<A>,
     records: Option<(BufWriter<File>, Option<std::io::Error>)>,
     /// Outputs that retracing switched in the current period: `5=0 66=1`. `None` where it switches none on this
     /// machine.
@@ -94,9 +94,9 @@ impl<'m, const A: usize> Console<'m, A> {
         Ok(Self {
             show,
             machine,
-            judge,
+            monitor: judge,
             records,
-            retrace_switched: replays(machine).then(String::new),
+            retrace_switched: switches_while_retracing(machine).then(String::new),
             alarms: Vec::new(),
             names,
             line: 0,
@@ -116,9 +116,9 @@ impl<'m, const A: usize> Console<'m, A> {
             bar.finish_and_clear();
         }
         // Where the machine was in motion at the last report, how it came to rest was not measured.
-        let stands = self.last.is_none_or(|(_, at_rest)| at_rest);
-        let verdict = if stands { self.judge.finish() } else { self.judge.finish_moving() };
-        (verdict, self.alarms, self.line, lost)
+        let is_at_rest = self.last.is_none_or(|(_, at_rest)| at_rest);
+        let limit_report = if is_at_rest { self.monitor.finish() } else { self.monitor.finish_moving() };
+        (limit_report, self.alarms, self.line, lost)
     }
 
     fn write_record(&mut self, status: &PeriodRecord<A>) {
@@ -168,14 +168,14 @@ impl<'m, const A: usize> Console<'m, A> {
 }
 
 impl<const A: usize> Observer<A> for Console<'_, A> {
-    fn on_telemetry(&mut self, told: &Telemetry<A>) {
-        match told {
+    fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
+        match telemetry {
             Telemetry::Period(period) => {
                 if self.last.is_some_and(|(last, _)| period.period > last + 1) {
-                    self.judge.skip_unmeasured();
+                    self.monitor.skip_unmeasured();
                 }
                 self.last = Some((period.period, period.at_rest));
-                self.judge.push(&period.increments, period.rate);
+                self.monitor.push(&period.increments, period.rate);
                 self.line = period.line;
                 self.write_record(period);
                 self.progress(period);
@@ -184,14 +184,14 @@ impl<const A: usize> Observer<A> for Console<'_, A> {
             Telemetry::Output(_) | Telemetry::Active(_) => {}
         }
         if let ConsoleOptions::Screen(screen) = &mut self.show {
-            screen.on_telemetry(told);
+            screen.on_telemetry(telemetry);
         }
     }
 }
 
 impl<const A: usize> Console<'_, A> {
     /// Prints a line for a person, on standard error.
-    pub fn say(&self, text: &str) {
+    pub fn print_note(&self, text: &str) {
         match &self.show {
             ConsoleOptions::Json | ConsoleOptions::Plain => eprintln!("{}", escape::lines(text)),
             ConsoleOptions::Bar(bar) => bar.println(escape::lines(text)),
@@ -200,8 +200,8 @@ impl<const A: usize> Console<'_, A> {
     }
 
     fn event(&mut self, event: &Event) {
-        if let EventKind::Alarm(trouble) = &event.kind {
-            let (number, cause, _) = trouble.parts();
+        if let EventKind::Alarm(error) = &event.kind {
+            let (number, cause, _) = error.parts();
             self.alarms.push(format!("{number}: {cause}"));
         }
         if let (EventKind::RetraceSwitched(channel, value), Some(switched)) = (&event.kind, &mut self.retrace_switched)
@@ -231,13 +231,13 @@ fn create(path: &Path, machine: &MachineConfig) -> Result<BufWriter<File>, Numbe
     let named = |error| unwritable(&path.display().to_string(), &error);
     let mut file = BufWriter::with_capacity(1 << 18, File::create(path).map_err(named)?);
     let axes: Vec<String> = machine.axes.iter().map(|a| a.name.to_string()).collect();
-    let switched = if replays(machine) { ",retrace_switched" } else { "" };
+    let switched = if switches_while_retracing(machine) { ",retrace_switched" } else { "" };
     writeln!(file, "period,line,rate,record,fraction,{}{switched}", axes.join(",")).map_err(named)?;
     Ok(file)
 }
 
 /// Whether the machine switches outputs while the path is retraced.
-fn replays(machine: &MachineConfig) -> bool {
+fn switches_while_retracing(machine: &MachineConfig) -> bool {
     machine.retrace_outputs == RetraceOutputs::Replayed
 }
 

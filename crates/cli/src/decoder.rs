@@ -27,9 +27,9 @@ pub struct Decoder {
     /// Whether a tool length offset was called.
     pub(super) length_offset: bool,
     /// Whether the program has ended and its last error has been reported.
-    pub(super) is_told: bool,
+    pub(super) end_is_reported: bool,
     /// Outputs of a run; `None` in a check.
-    pub(super) left: Option<RunOutputs>,
+    pub(super) outputs: Option<RunOutputs>,
     /// Maximum number of blocks in loops and calls; `None` in a run.
     pub(super) max_loop_blocks: Option<u64>,
     /// Whether the program has ended.
@@ -61,7 +61,7 @@ impl BlockDecoder for Decoder {
 
     fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
         if self.has_looped_too_long() {
-            self.is_told = true;
+            self.end_is_reported = true;
             return DecodedBlock::End;
         }
         let first = steps.len();
@@ -72,8 +72,8 @@ impl BlockDecoder for Decoder {
         }
         self.is_at_end |= progress == Progress::End;
         self.length_offset |= steps[first..].iter().any(|s| matches!(s.canon, Canon::UseToolLengthOffset(_)));
-        if let Some(left) = &mut self.left {
-            left.take(&steps[first..]);
+        if let Some(left) = &mut self.outputs {
+            left.write_log(&steps[first..]);
             if progress == Progress::End {
                 let interpreter = self.program.interpreter();
                 left.end(interpreter.parameters(), interpreter.tools());
@@ -87,10 +87,10 @@ impl BlockDecoder for Decoder {
         match progress {
             Progress::Line => DecodedBlock::Block,
             Progress::Refused => DecodedBlock::Refused(refused().unwrap_or_default()),
-            Progress::End if self.is_told => DecodedBlock::End,
+            Progress::End if self.end_is_reported => DecodedBlock::End,
             Progress::End => {
                 let why = refused();
-                self.is_told = true;
+                self.end_is_reported = true;
                 why.map_or(DecodedBlock::End, DecodedBlock::Refused)
             }
         }

@@ -39,7 +39,7 @@ struct WakeUps {
 }
 
 impl WakeUps {
-    fn note(&mut self, at_s: f64, late_us: u64) {
+    fn record(&mut self, at_s: f64, late_us: u64) {
         let class = CLASSES_US.iter().position(|&bound| late_us <= bound).unwrap_or(CLASSES_US.len());
         self.counts[class] += 1;
         self.total += 1;
@@ -163,7 +163,7 @@ fn wake_ups(period: Duration, length: Duration) -> WakeUps {
     while due.duration_since(begun) < length {
         std::thread::sleep(due.saturating_duration_since(Instant::now()));
         let now = Instant::now();
-        found.note(due.duration_since(begun).as_secs_f64(), now.saturating_duration_since(due).as_micros() as u64);
+        found.record(due.duration_since(begun).as_secs_f64(), now.saturating_duration_since(due).as_micros() as u64);
         due += period;
         // Several periods slept through are one late wake-up.
         while due < now {
@@ -181,7 +181,7 @@ fn line<const A: usize>(port: &str, seconds: f64) -> Result<LineMeasurement, Com
     let begun = Instant::now();
     while trips.len() < QUESTIONS || begun.elapsed().as_secs_f64() < seconds {
         let asked = Instant::now();
-        card.request_greeting(linked_card::nonce()).map_err(|fault| linked_card::failed(port, &fault))?;
+        card.request_greeting(linked_card::nonce()).map_err(|fault| linked_card::card_error(port, &fault))?;
         trips.push(asked.elapsed().as_micros() as u64);
         std::thread::sleep(PAUSE);
     }
@@ -255,8 +255,8 @@ mod tests {
     #[test]
     fn wake_ups_are_counted_by_class() {
         let mut found = WakeUps::default();
-        (0..9_999).for_each(|_| found.note(0.0, 30));
-        found.note(7.0, 3_000);
+        (0..9_999).for_each(|_| found.record(0.0, 30));
+        found.record(7.0, 3_000);
         assert_eq!((found.total, found.worst_us, found.late.as_slice()), (10_000, 3_000, &[(7.0, 3_000)][..]));
         assert_eq!((found.quantile_us(999_900), found.quantile_us(1_000_000)), (50, 3_000));
         let json = found.to_json();

@@ -42,7 +42,7 @@ pub fn run(args: &args::Plot) -> Result<(), CommandFailure> {
     let size = size(&args.size)?;
     let ending = args.output.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     if !matches!(ending.as_deref(), Some("svg" | "png")) {
-        return Err(cannot_draw(
+        return Err(draw_error(
             format!("{} is neither .svg nor .png", args.output.display()),
             "use -o path.svg or -o path.png",
         )
@@ -50,7 +50,7 @@ pub fn run(args: &args::Plot) -> Result<(), CommandFailure> {
     }
     let view = args.view.as_deref().map(view).transpose()?;
     if let Some([from, to]) = lines_shown(args).filter(|[from, to]| from > to) {
-        return Err(cannot_draw(
+        return Err(draw_error(
             format!("--from {from} --to {to}: the first line is after the last"),
             "--from N --to M",
         )
@@ -61,7 +61,7 @@ pub fn run(args: &args::Plot) -> Result<(), CommandFailure> {
             let history = draw_job::history(id.as_deref(), args.jobs.path())?;
             draw_history(&history, view.unwrap_or_else(|| View::fitting(&history.path)), size)
         }
-        None => of_program(args, view, size)?,
+        None => program_drawing(args, view, size)?,
     };
     write(&picture, &args.output)?;
     say!("{} written", args.output.display());
@@ -69,7 +69,7 @@ pub fn run(args: &args::Plot) -> Result<(), CommandFailure> {
 }
 
 /// Drawing of a program: its path, or its profile.
-fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<DisplayList, CommandFailure> {
+fn program_drawing(args: &args::Plot, view: Option<View>, size: Size) -> Result<DisplayList, CommandFailure> {
     let machine = crate::files::machine(args.machine_file.path())?;
     let script = crate::files::script(args.operator.as_deref())?;
     let program = Program::open(&args.reading, &machine)?;
@@ -78,22 +78,18 @@ fn of_program(args: &args::Plot, view: Option<View>, size: Size) -> Result<Displ
     if args.profile || !script.is_empty() {
         let card = simulated::<9>(&machine, Clock::Virtual)?;
         let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
-        let manner = RunMode { wall_time: false, operator: args.operator.is_some(), real_time: false };
-        let conduct = JobOptions {
-            start: JobStart::First,
-            commands: operators,
-            run_mode: manner,
-            journal: JournalConfig::default(),
-        };
-        job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut trace)
-            .map_err(|why| cannot_draw(why.to_string(), "set a shorter history_hours in the machine file"))?;
+        let run_mode = RunMode { wall_time: false, operator: args.operator.is_some(), real_time: false };
+        let job_options =
+            JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
+        job::run::<9, _>(&machine, program.decoder(), job_options, card, &mut trace)
+            .map_err(|why| draw_error(why.to_string(), "set a shorter history_hours in the machine file"))?;
     }
     if args.profile {
         let Some([from, to]) = trace.lines else { return Ok(draw_profile(&trace.profile(program.name()), size)) };
         let lines = if to == u32::MAX { format!("from line {from} on") } else { format!("lines {from} to {to}") };
         if trace.shown_periods.is_none() {
             let what = format!("{}, {lines}: nothing moves there", program.name());
-            return Err(cannot_draw(what, "give a range with a line that moves an axis").into());
+            return Err(draw_error(what, "give a range with a line that moves an axis").into());
         }
         return Ok(draw_profile(&trace.profile(&format!("{}, {lines}", program.name())), size));
     }
@@ -111,14 +107,14 @@ fn lines_shown(args: &args::Plot) -> Option<[u32; 2]> {
 fn write(picture: &DisplayList, output: &Path) -> Result<(), NumberedError> {
     let is_png = output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
     let bytes = if is_png {
-        picture.to_png().map_err(|error| cannot_draw(error.to_string(), "use a smaller --size"))?
+        picture.to_png().map_err(|error| draw_error(error.to_string(), "use a smaller --size"))?
     } else {
         picture.to_svg().into_bytes()
     };
     std::fs::write(output, bytes).map_err(|error| unwritable(&output.display().to_string(), &error))
 }
 
-fn cannot_draw(what: impl Into<String>, remedy: &str) -> NumberedError {
+fn draw_error(what: impl Into<String>, remedy: &str) -> NumberedError {
     NumberedError::new("E2143", what, remedy)
 }
 
@@ -126,8 +122,8 @@ fn size(text: &str) -> Result<Size, NumberedError> {
     let (width, height) = text
         .split_once('x')
         .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)))
-        .ok_or_else(|| cannot_draw(format!("--size {text} is not a size"), "use --size 1200x900"))?;
-    Size::pixels(width, height).map_err(|error| cannot_draw(error.to_string(), "--size 1200x900"))
+        .ok_or_else(|| draw_error(format!("--size {text} is not a size"), "use --size 1200x900"))?;
+    Size::pixels(width, height).map_err(|error| draw_error(error.to_string(), "--size 1200x900"))
 }
 
 fn view(name: &str) -> Result<View, NumberedError> {
@@ -136,7 +132,7 @@ fn view(name: &str) -> Result<View, NumberedError> {
         "xz" => Ok(View::Xz),
         "yz" => Ok(View::Yz),
         "iso" => Ok(View::Iso),
-        _ => Err(cannot_draw(format!("--view {name} is not a view"), "use xy, xz, yz or iso")),
+        _ => Err(draw_error(format!("--view {name} is not a view"), "use xy, xz, yz or iso")),
     }
 }
 
@@ -169,7 +165,7 @@ struct Drawing {
 }
 
 impl Drawing {
-    fn go(&mut self, to: [f64; 9], kind: StrokeKind) {
+    fn move_to(&mut self, to: [f64; 9], kind: StrokeKind) {
         let (from, point) = (self.place.point(&self.at), self.place.point(&to));
         match self.strokes.last_mut() {
             Some(stroke) if stroke.kind == kind => stroke.points.push(point),
@@ -181,7 +177,7 @@ impl Drawing {
 
 impl MotionSink<9> for Drawing {
     fn straight(&mut self, end_mm: [f64; 9], feed: FeedRate, _: PathMode, _: u32) -> Result<(), PlanWriteError> {
-        self.go(end_mm, if feed == FeedRate::Rapid { StrokeKind::Rapid } else { StrokeKind::Feed });
+        self.move_to(end_mm, if feed == FeedRate::Rapid { StrokeKind::Rapid } else { StrokeKind::Feed });
         Ok(())
     }
 
@@ -197,9 +193,9 @@ impl MotionSink<9> for Drawing {
             let mut point: [f64; 9] = std::array::from_fn(|i| start[i] + (arc.end_mm[i] - start[i]) * share);
             point[p] = cp + radius * angle.cos();
             point[q] = cq + radius * angle.sin();
-            self.go(point, StrokeKind::Feed);
+            self.move_to(point, StrokeKind::Feed);
         }
-        self.go(arc.end_mm, StrokeKind::Feed);
+        self.move_to(arc.end_mm, StrokeKind::Feed);
         Ok(())
     }
 
@@ -263,8 +259,8 @@ impl<'m> PathTrace<'m> {
 }
 
 impl Observer<9> for PathTrace<'_> {
-    fn on_telemetry(&mut self, told: &Telemetry<9>) {
-        let Telemetry::Period(period) = told else { return };
+    fn on_telemetry(&mut self, telemetry: &Telemetry<9>) {
+        let Telemetry::Period(period) = telemetry else { return };
         let mut mm = [0.0; 9];
         for ((slot, axis), &count) in mm.iter_mut().zip(&self.machine.axes).zip(&period.counts) {
             *slot = count as f64 / axis.pulses_per_mm;

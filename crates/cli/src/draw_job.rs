@@ -32,7 +32,7 @@ pub fn history(id: Option<&str>, journal: Option<&Path>) -> Result<History, Numb
         "" => MachineConfig::built_in()?,
         text => MachineConfig::parse(text, record.job.machine.path.as_deref().unwrap_or("the built-in machine"))?,
     };
-    HistoryBuilder::of(&record, &machine).tell(&folder)
+    HistoryBuilder::of(&record, &machine).build(&folder)
 }
 
 fn newest(jobs: &JobStore) -> Result<JobFolder, NumberedError> {
@@ -75,7 +75,7 @@ impl<'r> HistoryBuilder<'r> {
         telling
     }
 
-    fn tell(mut self, folder: &JobFolder) -> Result<History, NumberedError> {
+    fn build(mut self, folder: &JobFolder) -> Result<History, NumberedError> {
         let path = folder.journal();
         let file = File::open(&path).map_err(|error| {
             NumberedError::new(
@@ -89,11 +89,13 @@ impl<'r> HistoryBuilder<'r> {
                 JournalEntry::Position(at) => self.position(&at),
                 JournalEntry::Event(event) => self.event(&event),
                 JournalEntry::Resumed(_) => {
-                    self.remark(Priority::Ending, "resumed".into());
+                    self.add_event(Priority::Ending, "resumed".into());
                     self.clock.begins_anew = true;
                     self.last = None;
                 }
-                JournalEntry::Lost(lost) => self.remark(Priority::Standing, format!("{} entries lost", lost.entries)),
+                JournalEntry::Lost(lost) => {
+                    self.add_event(Priority::Standing, format!("{} entries lost", lost.entries))
+                }
                 JournalEntry::Job(_)
                 | JournalEntry::Mark(_)
                 | JournalEntry::Override(_)
@@ -105,13 +107,13 @@ impl<'r> HistoryBuilder<'r> {
         }
         let state = folder.state();
         if state == JobState::Interrupted {
-            self.remark(Priority::Ending, "interrupted".into());
+            self.add_event(Priority::Ending, "interrupted".into());
         }
         for mark in self.record.marks()? {
             let mark = mark?;
             self.points.push((self.periods(mark.place, 0), self.point(&mark.counts)));
         }
-        Ok(self.finished(&state))
+        Ok(self.finish(&state))
     }
 
     /// Number of periods from the start of the job to a place.
@@ -137,33 +139,33 @@ impl<'r> HistoryBuilder<'r> {
         {
             self.gone_over.push([from, place]);
         }
-        let doing = doing(at.mode, at.hold_reason);
+        let doing = activity(at.mode, at.hold_reason);
         self.last = Some((place, doing));
         self.points.push((place, self.point(&at.counts)));
         let [place_s, reached_s] = [place, self.reached].map(|periods| periods * self.clock.period_s);
-        self.history.course.push(HistorySample { time_s, place_s, reached_s, doing });
+        self.history.samples.push(HistorySample { time_s, place_s, reached_s, activity: doing });
     }
 
     fn event(&mut self, event: &Value) {
         if let Some(period) = event["period"].as_u64() {
             self.clock.seconds(period);
         }
-        if let Some((rank, words)) = in_words(event) {
-            self.remark(rank, words);
+        if let Some((rank, words)) = event_label(event) {
+            self.add_event(rank, words);
         }
     }
 
-    fn remark(&mut self, rank: Priority, words: String) {
-        self.history.remarks.push(HistoryEvent { time_s: self.clock.now_s, rank, words });
+    fn add_event(&mut self, rank: Priority, words: String) {
+        self.history.events.push(HistoryEvent { time_s: self.clock.now_s, priority: rank, label: words });
     }
 
-    fn finished(mut self, state: &JobState) -> History {
+    fn finish(mut self, state: &JobState) -> History {
         let reached = self.reached;
         self.points.retain(|(place, _)| *place <= reached);
         self.points.sort_by(|a, b| a.0.total_cmp(&b.0));
         let executed = self.points.iter().map(|(_, point)| *point).collect();
         let mut strokes = vec![Stroke { kind: StrokeKind::Executed, points: executed }];
-        strokes.extend(self.gone_over.iter().map(|&[from, to]| self.stretch(from.min(to), from.max(to))));
+        strokes.extend(self.gone_over.iter().map(|&[from, to]| self.section(from.min(to), from.max(to))));
         let job = &self.record.job;
         self.history.path = ToolPath { title: job.program.clone(), strokes };
         self.history.stands_mm = Some(self.point(&self.record.last_position.counts));
@@ -175,7 +177,7 @@ impl<'r> HistoryBuilder<'r> {
     }
 
     /// Path between two places.
-    fn stretch(&self, low: f64, high: f64) -> Stroke {
+    fn section(&self, low: f64, high: f64) -> Stroke {
         let first = self.points.partition_point(|(place, _)| *place < low);
         let behind = self.points.partition_point(|(place, _)| *place <= high);
         let points = self.points[first..behind.max(first)].iter().map(|(_, point)| *point).collect();
@@ -216,7 +218,7 @@ impl MachineTime {
     }
 }
 
-fn doing(mode: JournalMode, standing: JournalHoldReason) -> Activity {
+fn activity(mode: JournalMode, standing: JournalHoldReason) -> Activity {
     match (mode, standing) {
         (JournalMode::Run, JournalHoldReason::None) => Activity::Run,
         (JournalMode::Run, JournalHoldReason::Hold) => Activity::Hold,
@@ -232,7 +234,7 @@ fn doing(mode: JournalMode, standing: JournalHoldReason) -> Activity {
 }
 
 /// Label of an event with its priority; `None` where the drawing shows the event anyway.
-fn in_words(event: &Value) -> Option<(Priority, String)> {
+fn event_label(event: &Value) -> Option<(Priority, String)> {
     let text = |name: &str| event[name].as_str().unwrap_or_default().to_owned();
     Some(match event["event"].as_str()? {
         "alarm" => (Priority::Ending, format!("ALARM {}: {}", text("number"), text("cause"))),
@@ -287,8 +289,8 @@ mod tests {
     struct JournalPath(JournalRecorder<9>);
 
     impl Observer<9> for JournalPath {
-        fn on_telemetry(&mut self, told: &Telemetry<9>) {
-            self.0.record(told);
+        fn on_telemetry(&mut self, telemetry: &Telemetry<9>) {
+            self.0.record(telemetry);
         }
     }
 
@@ -326,26 +328,26 @@ mod tests {
             executed: 0,
         };
         let store = job_folder.create_journal().expect("a file");
-        let logbook = JournalWriter::begin(store, Durability::Written, entry, None).expect("it works");
-        let mut kept = JournalPath(JournalRecorder::new(&logbook, 3, 1000));
-        let keeping =
-            JournalConfig { index: Box::new(logbook.index_writer(None, &[])), durable: logbook.durable_place() };
+        let writer = JournalWriter::begin(store, Durability::Written, entry, None).expect("it works");
+        let mut kept = JournalPath(JournalRecorder::new(&writer, 3, 1000));
+        let journal_config =
+            JournalConfig { index: Box::new(writer.index_writer(None, &[])), durable: writer.durable_place() };
         let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
-        let conduct = JobOptions {
+        let job_options = JobOptions {
             start: JobStart::First,
             commands: operators,
             run_mode: RunMode { wall_time: false, operator: true, real_time: false },
-            journal: keeping,
+            journal: journal_config,
         };
         let card = SimCard::new(0, machine.rate_limits().expect("limits"), Clock::Virtual).expect("a card");
-        job::run::<9, _>(&machine, program.decoder(), conduct, card, &mut kept).expect("it runs");
+        job::run::<9, _>(&machine, program.decoder(), job_options, card, &mut kept).expect("it runs");
         drop(kept);
         match ended {
             Some(outcome) => {
                 let end = EndEntry { when: Timestamp::from_ms(0), outcome, exit_code: 0, report: Value::Null };
-                logbook.end(end).expect("it works");
+                writer.end(end).expect("it works");
             }
-            None => drop(logbook),
+            None => drop(writer),
         }
     }
 
@@ -355,18 +357,18 @@ mod tests {
         backed_up(folder.path(), Some(JobEnding::Completed));
         let history = history(None, Some(folder.path())).expect("a journal");
         assert!(history.summary.starts_with("completed · 19700101-000000-02-back-up"), "{}", history.summary);
-        assert!(history.course.is_sorted_by(|a, b| a.time_s <= b.time_s && a.reached_s <= b.reached_s));
-        assert!(history.course.iter().all(|moment| moment.place_s <= moment.reached_s));
-        let last = history.course.last().expect("it moved");
-        assert_eq!((last.doing, last.place_s), (Activity::Run, last.reached_s));
+        assert!(history.samples.is_sorted_by(|a, b| a.time_s <= b.time_s && a.reached_s <= b.reached_s));
+        assert!(history.samples.iter().all(|moment| moment.place_s <= moment.reached_s));
+        let last = history.samples.last().expect("it moved");
+        assert_eq!((last.activity, last.place_s), (Activity::Run, last.reached_s));
         // The machine retains 4 s of motion, and goes back to the oldest of it.
-        let deepest = history.course.iter().map(|moment| moment.reached_s - moment.place_s).fold(0.0, f64::max);
+        let deepest = history.samples.iter().map(|moment| moment.reached_s - moment.place_s).fold(0.0, f64::max);
         assert!((3.9..=4.2).contains(&deepest), "{deepest}");
-        let words: Vec<&str> = history.remarks.iter().map(|remark| remark.words.as_str()).collect();
+        let words: Vec<&str> = history.events.iter().map(|remark| remark.label.as_str()).collect();
         for expected in ["hold", "reverse 100%", "history start", "leave", "output 0 on"] {
             assert!(words.contains(&expected), "{expected} is not in {words:?}");
         }
-        assert!(history.remarks.is_sorted_by_key(|remark| remark.time_s));
+        assert!(history.events.is_sorted_by_key(|remark| remark.time_s));
         // The bracket's 600 mm; what the marks leave out of arcs is next to nothing.
         let executed = history.path.strokes.first().expect("a path");
         let ends = [executed.points.first(), executed.points.last()].map(|point| point.copied());
@@ -382,7 +384,7 @@ mod tests {
         let history = history(Some("1970"), Some(folder.path())).expect("a journal");
         assert!(history.summary.starts_with("interrupted at line"), "{}", history.summary);
         assert_eq!(
-            history.remarks.last().map(|remark| (remark.rank, remark.words.as_str())),
+            history.events.last().map(|remark| (remark.priority, remark.label.as_str())),
             Some((Priority::Ending, "interrupted"))
         );
     }
@@ -390,8 +392,8 @@ mod tests {
     #[test]
     fn machine_time_goes_on_where_a_card_begins_anew() {
         let mut clock = MachineTime { period_s: 0.5, ..MachineTime::default() };
-        let told = [100, 102, 110].map(|period| clock.seconds(period));
-        assert_eq!(told, [0.0, 1.0, 5.0], "a card may have run before");
+        let telemetry = [100, 102, 110].map(|period| clock.seconds(period));
+        assert_eq!(telemetry, [0.0, 1.0, 5.0], "a card may have run before");
         clock.begins_anew = true;
         assert_eq!([0, 2].map(|period| clock.seconds(period)), [5.0, 6.0]);
         clock.begins_anew = true;
@@ -400,7 +402,7 @@ mod tests {
 
     #[test]
     fn events_are_said_in_a_few_words() {
-        let said = |event: Value| in_words(&event).map(|(_, words)| words);
+        let said = |event: Value| event_label(&event).map(|(_, words)| words);
         assert_eq!(said(json!({"event": "operator", "command": "override 60%"})).as_deref(), Some("override 60%"));
         assert_eq!(said(json!({"event": "output_changed", "channel": 3, "value": 0})).as_deref(), Some("output 3 off"));
         assert_eq!(

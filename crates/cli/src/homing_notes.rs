@@ -74,7 +74,7 @@ impl Homing {
     ///
     /// # Errors
     /// See `perform`; `E2105`, `E2201` where the homing state cannot be stored, unless nothing needs it.
-    pub fn noting(
+    pub fn perform_and_record(
         &self,
         task: &ManualTask,
         machine: &MachineConfig,

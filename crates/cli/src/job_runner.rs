@@ -61,11 +61,11 @@ pub struct OutputOptions<'a> {
 /// Connection of a job to the screen.
 pub struct TuiOptions<'r> {
     /// Receiver of the operator's commands.
-    pub heard: CommandReceiver,
+    pub commands: CommandReceiver,
     /// Observer that updates the screen.
-    pub live: ModelObserver,
+    pub observer: ModelObserver,
     /// Result to show at the end.
-    pub ended: &'r mut JobResult,
+    pub result: &'r mut JobResult,
 }
 
 /// Result of a job, for a person.
@@ -82,7 +82,7 @@ pub struct JobResult {
 /// Job that is ready to run.
 pub struct JobRunner<'a> {
     /// Options for output and operation.
-    pub manners: OutputOptions<'a>,
+    pub options: OutputOptions<'a>,
     /// The machine.
     pub machine: &'a MachineConfig,
     /// The program.
@@ -90,9 +90,9 @@ pub struct JobRunner<'a> {
     /// Source of a streamed program.
     pub input: Option<ProgramStream>,
     /// Where it starts.
-    pub begin: JobStart,
+    pub start: JobStart,
     /// Journal.
-    pub kept: Option<JournaledJob>,
+    pub journal: Option<JournaledJob>,
     /// Screen that operates it, if any.
     pub at_screen: Option<TuiOptions<'a>>,
 }
@@ -108,47 +108,47 @@ impl JobRunner<'_> {
         card: C,
         agree: impl FnOnce(&ResumePlan<A>, Option<&mut JournaledJob>) -> Result<(), CommandFailure>,
     ) -> Result<(u8, C), CommandFailure> {
-        let Self { manners, machine, program, input, begin, mut kept, at_screen } = self;
-        let (heard, show, ended) = match at_screen {
-            Some(TuiOptions { heard, live, ended }) => {
-                (Some(heard), ConsoleOptions::Screen(Box::new(live)), Some(ended))
+        let Self { options, machine, program, input, start, mut journal, at_screen } = self;
+        let (commands, show, result) = match at_screen {
+            Some(TuiOptions { commands, observer, result }) => {
+                (Some(commands), ConsoleOptions::Screen(Box::new(observer)), Some(result))
             }
-            None => (None, ConsoleOptions::choose(manners.json, program.lines()), None),
+            None => (None, ConsoleOptions::choose(options.json, program.lines()), None),
         };
-        let console = Console::<A>::new(show, machine, manners.records)?;
+        let console = Console::<A>::new(show, machine, options.records)?;
         // In wall time an operator can press Enter: a program stop waits.
-        let (terminal, enter) = if heard.is_none() && manners.wall_time && !manners.operator {
-            let stops = manners.optional_stop.unwrap_or(true);
-            Some(TerminalOperator::new(keyboard(program), stops, kept.is_some()))
+        let (terminal, enter) = if commands.is_none() && options.wall_time && !options.operator {
+            let stops = options.optional_stop.unwrap_or(true);
+            Some(TerminalOperator::new(keyboard(program), stops, journal.is_some()))
         } else {
             None
         }
         .unzip();
-        let manner = RunMode {
-            wall_time: manners.wall_time,
-            operator: manners.operator || heard.is_some() || terminal.is_some(),
-            real_time: manners.real_time,
+        let run_mode = RunMode {
+            wall_time: options.wall_time,
+            operator: options.operator || commands.is_some() || terminal.is_some(),
+            real_time: options.real_time,
         };
-        let script = with_optional_stop(manners.optional_stop.filter(|_| terminal.is_none()), manners.script)?;
+        let script = with_optional_stop(options.optional_stop.filter(|_| terminal.is_none()), options.script)?;
         let script = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
         // Without a screen, signals stop the job.
-        let (signals, stops) = if heard.is_none() { StopSignals::watch(StopPolicy::Job) } else { None }.unzip();
-        let operators = match heard {
-            Some(heard) => script.with_operator(heard).with_release_at_end(),
+        let (signals, stops) = if commands.is_none() { StopSignals::watch(StopPolicy::Job) } else { None }.unzip();
+        let command_sources = match commands {
+            Some(commands) => script.with_operator(commands).with_release_at_end(),
             None => match enter {
                 Some(enter) => script.with_operator(enter).with_stop_receiver(stops),
                 None => script.with_stop_receiver(stops),
             },
         };
         // Where a question comes first, Ctrl-C ends the command until it is confirmed: nothing has moved yet.
-        if let (Some(signals), false) = (&signals, matches!(begin, JobStart::At(_))) {
+        if let (Some(signals), false) = (&signals, matches!(start, JobStart::At(_))) {
             signals.listen();
         }
-        let keeping = kept.as_ref().map_or_else(JournalConfig::default, JournaledJob::keeping);
-        let conduct = JobOptions { start: begin, commands: operators, run_mode: manner, journal: keeping };
-        let mut watching = RunObservers {
+        let journal_config = journal.as_ref().map_or_else(JournalConfig::default, JournaledJob::journal_config);
+        let job_options = JobOptions { start, commands: command_sources, run_mode, journal: journal_config };
+        let mut observers = RunObservers {
             console,
-            keeper: kept.as_ref().map(|kept| kept.keeper(machine)),
+            recorder: journal.as_ref().map(|journal| journal.recorder(machine)),
             waits: WaitWatch::new(program.source_status()),
             signals: signals.as_ref(),
             terminal: terminal.as_ref(),
@@ -159,44 +159,44 @@ impl JobRunner<'_> {
         let (decoder, last) = program.running(input);
         let (started, mut refused) = (Instant::now(), None);
         let agree = |prepared: &ResumePlan<A>| {
-            refused = agree(prepared, kept.as_mut()).err();
+            refused = agree(prepared, journal.as_mut()).err();
             if let (Some(signals), None) = (&signals, &refused) {
                 signals.listen();
             }
             refused.is_none()
         };
-        let end = job::resume(machine, decoder, conduct, card, &mut watching, agree);
-        let happening = watching.waits.poll_now();
-        watching.report_wait(happening);
+        let end = job::resume(machine, decoder, job_options, card, &mut observers, agree);
+        let event_kind = observers.waits.poll_now();
+        observers.report_wait(event_kind);
         if let Some(refused) = refused {
             return Err(refused);
         }
-        let JobEnd { outcome, stats: tally, summary, card } = end.map_err(cannot_begin)?;
+        let JobEnd { outcome, stats, summary, card } = end.map_err(start_error)?;
         let wall_s = started.elapsed().as_secs_f64();
-        let RunObservers { console, keeper, .. } = watching;
-        drop(keeper);
-        let (verdict, alarms, line, lost_records) = console.finish();
+        let RunObservers { console, recorder, .. } = observers;
+        drop(recorder);
+        let (limit_report, alarms, line, lost_records) = console.finish();
         let report = Report {
             program: program.name(),
             machine,
             outcome: &outcome,
             line,
-            stats: &tally,
+            stats: &stats,
             blocks: summary.as_ref().map_or(0, |s| s.blocks),
             canonical: summary.as_ref().map_or(0, |s| s.canonical),
             commanded_mm: summary.as_ref().map_or(&[], |s| &s.commanded_mm),
             card: card.status(),
-            verdict: &verdict,
+            verdict: &limit_report,
             wall_s,
             alarms: &alarms,
         };
         let mut value = report.to_json();
-        value["job"] = kept.as_ref().map_or(Value::Null, |kept| kept.id().into());
+        value["job"] = journal.as_ref().map_or(Value::Null, |journal| journal.id().into());
         let path = |path: &Option<PathBuf>| path.as_deref().map_or(Value::Null, |path| files::absolute(path).into());
-        value["parameter_file"] = path(&manners.tables.parameters);
-        value["tool_table"] = path(&manners.tables.tools);
-        if ended.is_none() {
-            tell(&report, &manners.tables, manners.json.then_some(&value));
+        value["parameter_file"] = path(&options.tables.parameters);
+        value["tool_table"] = path(&options.tables.tools);
+        if result.is_none() {
+            print_report(&report, &options.tables, options.json.then_some(&value));
         }
         // Standard output itself may be lost: the journal has the report and notes that.
         let lost = lost_records.clone().or_else(crate::out::lost);
@@ -206,22 +206,23 @@ impl JobRunner<'_> {
                 value["exit_code"] = 2.into();
             }
         }
-        let said = kept.map_or_else(Vec::new, |kept| kept.end(&outcome, &value));
-        match ended {
-            Some(ended) => {
+        let messages = journal.map_or_else(Vec::new, |journal| journal.end(&outcome, &value));
+        match result {
+            Some(result) => {
                 let refused = if let Outcome::Refused(text) = &outcome { format!("{text}\n") } else { String::new() };
-                let text =
-                    said.iter().fold(refused + &told(&report, &manners.tables), |text, line| format!("{text}\n{line}"));
+                let text = messages
+                    .iter()
+                    .fold(refused + &report_text(&report, &options.tables), |text, line| format!("{text}\n{line}"));
                 let tables = last.tables().filter(|_| outcome == Outcome::Completed);
-                *ended = JobResult { short: short(&report), text, tables };
+                *result = JobResult { short: summary_line(&report), text, tables };
             }
-            None => said.iter().for_each(|line| eprintln!("{line}")),
+            None => messages.iter().for_each(|line| eprintln!("{line}")),
         }
         if let (Some((parameters, tools)), Outcome::Completed) = (last.tables(), &outcome) {
             let began = program.setup().start_tables();
-            manners.tables.write_parameters(&began.parameters, &parameters)?;
-            if manners.tables.has_own_tools() {
-                manners.tables.write_tools(&began.tools, &tools)?;
+            options.tables.write_parameters(&began.parameters, &parameters)?;
+            if options.tables.has_own_tools() {
+                options.tables.write_tools(&began.tools, &tools)?;
             }
         }
         let code = match (&outcome, lost_records) {
@@ -241,7 +242,7 @@ impl JobRunner<'_> {
 
 /// Where Enter can be pressed for a job of this program.
 fn keyboard(program: &Program) -> Keyboard {
-    match program.arrives() {
+    match program.stream_source() {
         Some(StreamSource::StandardInput) => Keyboard::Program,
         _ if std::io::stdin().is_terminal() => Keyboard::Terminal,
         _ => Keyboard::None,
@@ -275,7 +276,7 @@ pub fn prepare_real_time() {
     }
 }
 
-fn cannot_begin(why: JobStartError) -> NumberedError {
+fn start_error(why: JobStartError) -> NumberedError {
     match why {
         JobStartError::Machine(why) => NumberedError::new("E2112", why, "a shorter history_hours in the machine file"),
         JobStartError::Unfound(why) => NumberedError::new(
@@ -289,7 +290,7 @@ fn cannot_begin(why: JobStartError) -> NumberedError {
 /// Observer of a run: console, journal, signals and prompts.
 struct RunObservers<'m, const A: usize> {
     console: Console<'m, A>,
-    keeper: Option<JournalRecorder<A>>,
+    recorder: Option<JournalRecorder<A>>,
     /// Watch on the source of a streamed program.
     waits: WaitWatch,
     signals: Option<&'m StopSignals>,
@@ -301,73 +302,73 @@ struct RunObservers<'m, const A: usize> {
 }
 
 /// Number of periods between two polls for events of the journal.
-const ASKED_AFTER: u64 = 64;
+const POLL_PERIODS: u64 = 64;
 
 impl<const A: usize> Observer<A> for RunObservers<'_, A> {
-    fn on_telemetry(&mut self, told: &Telemetry<A>) {
-        self.console.on_telemetry(told);
+    fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
+        self.console.on_telemetry(telemetry);
         if let Some(signals) = self.signals {
-            signals.told(told);
+            signals.observe(telemetry);
         }
-        if let Some(keeper) = &mut self.keeper {
-            keeper.record(told);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.record(telemetry);
         }
-        if let (Some(terminal), Telemetry::Event(event)) = (self.terminal, told) {
+        if let (Some(terminal), Telemetry::Event(event)) = (self.terminal, telemetry) {
             let name = |tool| self.program.tool_table().and_then(|table| table.name(tool)).map(str::to_owned);
             if let Some(text) = terminal.observe(event, name) {
-                self.console.say(&text);
+                self.console.print_note(&text);
             }
         }
-        let Telemetry::Period(period) = told else { return };
+        let Telemetry::Period(period) = telemetry else { return };
         self.last = Some((period.period, period.place, period.line));
-        if period.period.is_multiple_of(ASKED_AFTER) {
-            while let Some(happening) = self.keeper.as_mut().and_then(|keeper| keeper.next_notice()) {
-                let event = self.event(happening);
+        if period.period.is_multiple_of(POLL_PERIODS) {
+            while let Some(event_kind) = self.recorder.as_mut().and_then(|recorder| recorder.next_notice()) {
+                let event = self.event(event_kind);
                 self.console.on_telemetry(&Telemetry::Event(event));
             }
-            let happening = self.waits.poll();
-            self.report_wait(happening);
+            let event_kind = self.waits.poll();
+            self.report_wait(event_kind);
         }
     }
 
     fn idle(&mut self) {
-        let happening = self.waits.poll();
-        self.report_wait(happening);
+        let event_kind = self.waits.poll();
+        self.report_wait(event_kind);
     }
 }
 
 impl<const A: usize> RunObservers<'_, A> {
     /// Event at the last reported period.
-    fn event(&self, happening: EventKind) -> Event {
+    fn event(&self, event_kind: EventKind) -> Event {
         let (period, place, line) = self.last.unwrap_or_default();
-        Event { period, time_s: period as f64 * self.period_s, place, line, kind: happening }
+        Event { period, time_s: period as f64 * self.period_s, place, line, kind: event_kind }
     }
 
     /// Reports that a streamed program is awaited, or that it arrives again.
-    fn report_wait(&mut self, happening: Option<EventKind>) {
-        let Some(happening) = happening else { return };
-        let event = Telemetry::Event(self.event(happening));
+    fn report_wait(&mut self, event_kind: Option<EventKind>) {
+        let Some(event_kind) = event_kind else { return };
+        let event = Telemetry::Event(self.event(event_kind));
         self.console.on_telemetry(&event);
-        if let Some(keeper) = &mut self.keeper {
-            keeper.record(&event);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.record(&event);
         }
     }
 }
 
 /// Prints the report: as JSON for a script, otherwise for a person.
-fn tell<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Option<&Value>) {
+fn print_report<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Option<&Value>) {
     if let Outcome::Refused(text) = report.outcome {
         eprintln!("{}", escape::lines(text));
     }
     match json {
         Some(value) => crate::out::line(value),
-        None => crate::out::line(told(report, tables)),
+        None => crate::out::line(report_text(report, tables)),
     }
 }
 
 /// Result of a job in one line.
-fn short<const A: usize>(report: &Report<'_, A>) -> String {
-    let Report { outcome, stats: tally, machine, .. } = report;
+fn summary_line<const A: usize>(report: &Report<'_, A>) -> String {
+    let Report { outcome, stats, machine, .. } = report;
     let seconds = |periods: u64| periods as f64 * machine.period_s();
     let how = match outcome {
         Outcome::Completed => "completed".to_owned(),
@@ -375,11 +376,11 @@ fn short<const A: usize>(report: &Report<'_, A>) -> String {
         Outcome::Refused(_) => "stopped: a block has an error (g)".to_owned(),
         Outcome::Alarm(number, cause, _) => format!("alarm {number}: {cause}"),
     };
-    format!("{how} · motion {:.2} s, retraced {:.2} s", seconds(tally.motion), seconds(tally.retracing))
+    format!("{how} · motion {:.2} s, retraced {:.2} s", seconds(stats.motion), seconds(stats.retracing))
 }
 
 /// Report for a person.
-fn told<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
+fn report_text<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
     let value = report.to_json();
     let seconds = |key: &str| value[key].as_f64().unwrap_or(0.0);
     let times = format!(

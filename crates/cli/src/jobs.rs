@@ -59,9 +59,11 @@ fn list(jobs: &JobStore, args: &args::Jobs) {
 fn row(job: &ListedJob, journal: Option<&Path>) -> [String; 5] {
     let (program, far) = job.summary.as_ref().map_or_else(
         || ("?".into(), String::new()),
-        |glance| (escape::name(&glance.job.program).into_owned(), far(&glance.job, glance.at.as_ref(), &job.state)),
+        |glance| {
+            (escape::name(&glance.job.program).into_owned(), progress_text(&glance.job, glance.at.as_ref(), &job.state))
+        },
     );
-    [job.folder.id().into(), program, job.state.word().into(), far, to_do(job.folder.id(), &job.state, journal)]
+    [job.folder.id().into(), program, job.state.word().into(), far, next_step(job.folder.id(), &job.state, journal)]
 }
 
 /// Formats a table with columns as wide as their widest cell.
@@ -80,7 +82,7 @@ fn table<const N: usize>(head: [&str; N], rows: &[[String; N]]) -> String {
 }
 
 /// Progress of a job: line reached, number of lines, percentage.
-fn far(job: &JobHeader, at: Option<&PositionEntry>, state: &JobState) -> String {
+fn progress_text(job: &JobHeader, at: Option<&PositionEntry>, state: &JobState) -> String {
     match (at.map(|at| at.line), job.lines) {
         _ if *state == JobState::Completed => "to the end".into(),
         (None, _) => "at the start".into(),
@@ -91,7 +93,7 @@ fn far(job: &JobHeader, at: Option<&PositionEntry>, state: &JobState) -> String 
     }
 }
 
-fn to_do(id: &str, state: &JobState, journal: Option<&Path>) -> String {
+fn next_step(id: &str, state: &JobState, journal: Option<&Path>) -> String {
     match state {
         JobState::Running(Some(pid)) => format!("running in process {pid}"),
         JobState::Running(None) => "running in another process".into(),
@@ -109,7 +111,7 @@ fn listed_json(job: &ListedJob, journal: Option<&Path>) -> Value {
         "id": job.folder.id(),
         "state": job.state.word(),
         "resumable": job.state.can_resume(),
-        "next_step": to_do(job.folder.id(), &job.state, journal),
+        "next_step": next_step(job.folder.id(), &job.state, journal),
     });
     if let JobState::Unusable(refusal) = &job.state {
         value["error"] = json!({"number": refusal.number, "cause": refusal.cause, "remedy": refusal.remedy});
@@ -131,18 +133,18 @@ fn show(folder: &JobFolder, args: &args::Jobs) -> Result<(), NumberedError> {
         crate::out::line(record_json(&record, &state));
         return Ok(());
     }
-    say!("{}: {}", folder.id(), state_in_words(&state));
-    for (name, text) in in_words(&record) {
+    say!("{}: {}", folder.id(), state_text(&state));
+    for (name, text) in details(&record) {
         say!("  {name:11} {text}");
     }
-    let to_do = to_do(folder.id(), &state, args.jobs.path());
+    let to_do = next_step(folder.id(), &state, args.jobs.path());
     if !to_do.is_empty() {
         say!("  {:11} {to_do}", "next step");
     }
     Ok(())
 }
 
-fn state_in_words(state: &JobState) -> String {
+fn state_text(state: &JobState) -> String {
     match state {
         JobState::Running(_) => "running".into(),
         JobState::Interrupted => "interrupted by a failure of the computer or the process; breakpoint saved".into(),
@@ -155,12 +157,10 @@ fn state_in_words(state: &JobState) -> String {
 }
 
 /// Details of a job, by name.
-fn in_words(record: &JobRecord) -> Vec<(&'static str, String)> {
+fn details(record: &JobRecord) -> Vec<(&'static str, String)> {
     let job = &record.job;
-    let mut words = vec![
-        ("program", source_in_words(job)),
-        ("began", format!("{}, with retrace {}", job.when, job.retrace_version)),
-    ];
+    let mut words =
+        vec![("program", source_text(job)), ("began", format!("{}, with retrace {}", job.when, job.retrace_version))];
     words.extend(
         record.resumed.iter().map(|again| ("resumed", format!("{}, with retrace {}", again.when, again.retrace))),
     );
@@ -170,7 +170,7 @@ fn in_words(record: &JobRecord) -> Vec<(&'static str, String)> {
     let card = record.resumed.last().map_or(&job.card, |again| &again.card);
     let machine = job.machine.path.as_deref().unwrap_or("built in");
     words.push(("machine", format!("{machine}, control period {} ms", f64::from(job.period_us) / 1000.0)));
-    words.push(("card", card_in_words(card)));
+    words.push(("card", card_text(card)));
     words.extend(breakpoint(record));
     if record.spooled.bytes > 0 {
         let all = if record.spooled.ended { "complete" } else { "incomplete" };
@@ -211,11 +211,10 @@ fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
         return vec![("breakpoint", format!("at the start, {place}, counts {:?}", record.last_position.counts))];
     };
     let rest = if at.at_rest { "at rest" } else { "in motion" };
-    let line = far(&record.job, Some(at), &JobState::Interrupted);
-    let mode = mode_in_words(at.mode, at.hold_reason);
+    let line = progress_text(&record.job, Some(at), &JobState::Interrupted);
+    let mode = mode_text(at.mode, at.hold_reason);
     let names = channel_names(&record.job);
-    let outputs: Vec<String> =
-        at.outputs.iter().map(|&(number, value)| output_in_words(&names, number, value)).collect();
+    let outputs: Vec<String> = at.outputs.iter().map(|&(number, value)| output_text(&names, number, value)).collect();
     vec![
         ("breakpoint", format!("{line}; {place}, {rest}; {} instructions complete", start.executed)),
         ("counts", format!("{:?} pulses", record.last_position.counts)),
@@ -225,7 +224,7 @@ fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
     ]
 }
 
-fn source_in_words(job: &JobHeader) -> String {
+fn source_text(job: &JobHeader) -> String {
     let lines = job.lines.map(|lines| format!(", {lines} lines")).unwrap_or_default();
     match &job.source {
         ProgramSource::File(path) => format!("{path}{lines}"),
@@ -236,14 +235,14 @@ fn source_in_words(job: &JobHeader) -> String {
     }
 }
 
-fn card_in_words(card: &JobCard) -> String {
+fn card_text(card: &JobCard) -> String {
     match card {
         JobCard::Sim => "simulated".into(),
         JobCard::Wired(of) => format!("`{}`, serial number {}, at {}", of.name, of.serial, of.address),
     }
 }
 
-fn mode_in_words(mode: JournalMode, standing: JournalHoldReason) -> &'static str {
+fn mode_text(mode: JournalMode, standing: JournalHoldReason) -> &'static str {
     match (mode, standing) {
         (JournalMode::Run, JournalHoldReason::None) => "normal run",
         (JournalMode::Run, JournalHoldReason::Hold) => "held",
@@ -265,7 +264,7 @@ fn channel_names(job: &JobHeader) -> ChannelNames {
         .map_or_else(|_| ChannelNames::default(), |m| ChannelNames::of_machine(&m))
 }
 
-fn output_in_words(names: &ChannelNames, number: u8, value: i32) -> String {
+fn output_text(names: &ChannelNames, number: u8, value: i32) -> String {
     let name = names.of(number);
     match number {
         channel::SPINDLE if name != channel_name(channel::SPINDLE) => format!("{name} on"),
@@ -357,12 +356,12 @@ mod tests {
         let store = folder.create_journal().expect("a file");
         drop(JournalWriter::begin(store, Durability::Written, job, None).expect("it works"));
         let (store, tail) = (folder.open_journal().expect("a file"), folder.read().expect("whole").tail);
-        let logbook =
+        let writer =
             JournalWriter::reopen(store, Durability::Written, tail, DurablePlace::starting_at(0), resumed, None)
                 .expect("it works");
-        let mut keeper = JournalRecorder::<3>::new(&logbook, 3, 1000);
+        let mut recorder = JournalRecorder::<3>::new(&writer, 3, 1000);
         for (channel, value) in [(channel::SPINDLE, 1), (channel::SPEED, 12_000_000), (3, 1)] {
-            keeper.record(&Telemetry::Output(OutputChange { channel, value }));
+            recorder.record(&Telemetry::Output(OutputChange { channel, value }));
         }
         let status = CardStatus::<3> {
             place,
@@ -372,14 +371,14 @@ mod tests {
             counts: [1200, 0, -5],
             ..CardStatus::at_rest(retrace_link::PathStart::at(0))
         };
-        keeper.record(&Telemetry::Period(PeriodRecord {
+        recorder.record(&Telemetry::Period(PeriodRecord {
             mode: mode::Mode::Reverse,
             at_rest: true,
             ..PeriodRecord::from_status(&status)
         }));
-        drop(keeper);
+        drop(recorder);
         let end = EndEntry { when, outcome: JobEnding::Stopped, exit_code: 4, report: Value::Null };
-        logbook.end(end).expect("it works");
+        writer.end(end).expect("it works");
         folder
     }
 
@@ -396,7 +395,7 @@ mod tests {
         assert_eq!((&value["resumable"], &value["line"], &value["lines"]), (&json!(true), &json!(37), &json!(120)));
 
         let record = job.read().expect("whole");
-        let words: Vec<String> = in_words(&record).iter().map(|(name, text)| format!("{name}: {text}")).collect();
+        let words: Vec<String> = details(&record).iter().map(|(name, text)| format!("{name}: {text}")).collect();
         for expected in [
             "program: part.ngc, 120 lines",
             "resumed: 2026-11-22T00:46:27.000Z, with retrace 0.1.1",
@@ -425,7 +424,7 @@ mod tests {
     #[test]
     fn outputs_are_said_as_an_operator_would() {
         let said: Vec<String> = [(64, -1), (65, 12_500), (66, 1), (68, 3), (5, 1), (5, 7)]
-            .map(|(n, v)| output_in_words(&ChannelNames::default(), n, v))
+            .map(|(n, v)| output_text(&ChannelNames::default(), n, v))
             .into();
         assert_eq!(
             said,
@@ -435,8 +434,8 @@ mod tests {
 
     #[test]
     fn what_to_do_can_be_typed() {
-        assert_eq!(to_do("j", &JobState::Stopped, None), "retrace resume j");
-        assert_eq!(to_do("j", &JobState::Interrupted, Some(Path::new("here"))), "retrace resume j --journal here");
-        assert_eq!(to_do("j", &JobState::Completed, None), "");
+        assert_eq!(next_step("j", &JobState::Stopped, None), "retrace resume j");
+        assert_eq!(next_step("j", &JobState::Interrupted, Some(Path::new("here"))), "retrace resume j --journal here");
+        assert_eq!(next_step("j", &JobState::Completed, None), "");
     }
 }

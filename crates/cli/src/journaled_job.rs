@@ -75,8 +75,8 @@ impl ReservedJobFolder {
     ) -> Result<JournaledJob, NumberedError> {
         let Self { jobs, folder, held, when } = self;
         let job = JobHeader { id: folder.id().into(), when, ..job };
-        let logbook = JournalWriter::begin(folder.create_journal()?, care, job, spool)?;
-        Ok(JournaledJob { jobs, folder, _held: held, logbook, known: None, overrides: Vec::new() })
+        let writer = JournalWriter::begin(folder.create_journal()?, care, job, spool)?;
+        Ok(JournaledJob { jobs, folder, _lock: held, writer, known: None, overrides: Vec::new() })
     }
 }
 
@@ -85,8 +85,8 @@ impl ReservedJobFolder {
 pub struct JournaledJob {
     jobs: JobStore,
     folder: JobFolder,
-    _held: JobLock,
-    logbook: JournalWriter,
+    _lock: JobLock,
+    writer: JournalWriter,
     /// Record of the last mark that the journal has already.
     known: Option<u32>,
     /// Override changes that the journal has already.
@@ -96,23 +96,29 @@ pub struct JournaledJob {
 impl JournaledJob {
     /// Job that may be resumed; its journal is unchanged until [`JournaledJob::take_up`].
     #[must_use]
-    pub fn waiting(jobs: JobStore, folder: JobFolder, held: JobLock, care: Durability, record: &JobRecord) -> Self {
-        let logbook = JournalWriter::queueing(care, record.durable_place());
+    pub fn awaiting_resume(
+        jobs: JobStore,
+        folder: JobFolder,
+        held: JobLock,
+        care: Durability,
+        record: &JobRecord,
+    ) -> Self {
+        let writer = JournalWriter::queueing(care, record.durable_place());
         let (known, overrides) = (record.last_mark.map(|mark| mark.place), record.overrides());
-        Self { jobs, folder, _held: held, logbook, known, overrides }
+        Self { jobs, folder, _lock: held, writer, known, overrides }
     }
 
     /// Continues the journal.
     ///
     /// # Errors
     /// `E2105`, `E2207`: it cannot be written.
-    pub fn take_up(
+    pub fn resume_journal(
         &mut self,
         record: &JobRecord,
         resumed: ResumeEntry,
         spool: Option<SpoolProgress>,
     ) -> Result<(), NumberedError> {
-        self.logbook.resume(self.folder.open_journal()?, record.tail, resumed, spool)
+        self.writer.resume(self.folder.open_journal()?, record.tail, resumed, spool)
     }
 
     /// Name of the job.
@@ -123,15 +129,15 @@ impl JournaledJob {
 
     /// Configuration of the index writer.
     #[must_use]
-    pub fn keeping(&self) -> JournalConfig {
-        let notes = self.logbook.index_writer(self.known, &self.overrides);
-        JournalConfig { index: Box::new(notes), durable: self.logbook.durable_place() }
+    pub fn journal_config(&self) -> JournalConfig {
+        let notes = self.writer.index_writer(self.known, &self.overrides);
+        JournalConfig { index: Box::new(notes), durable: self.writer.durable_place() }
     }
 
     /// Recorder of events and positions.
     #[must_use]
-    pub fn keeper<const A: usize>(&self, machine: &MachineConfig) -> JournalRecorder<A> {
-        JournalRecorder::new(&self.logbook, machine.axes.len(), machine.period_us)
+    pub fn recorder<const A: usize>(&self, machine: &MachineConfig) -> JournalRecorder<A> {
+        JournalRecorder::new(&self.writer, machine.axes.len(), machine.period_us)
             .with_names(ChannelNames::of_machine(machine))
     }
 
@@ -146,7 +152,7 @@ impl JournaledJob {
         };
         let exit_code = report["exit_code"].as_u64().map_or(outcome.exit_code(), |code| code as u8);
         let end = EndEntry { when: Timestamp::now(), outcome: ending, exit_code, report: report.clone() };
-        if let Err(refusal) = self.logbook.end(end) {
+        if let Err(refusal) = self.writer.end(end) {
             said.push(refusal.to_string());
         }
         let path = self.folder.report();
@@ -194,7 +200,7 @@ impl JobHeaderBuilder<'_> {
     pub fn job<const A: usize>(self, status: &CardStatus<A>) -> Result<JobHeader, NumberedError> {
         let (path, text) = self.machine_file;
         let name = self.program.name();
-        let source = match self.program.arrives() {
+        let source = match self.program.stream_source() {
             None => ProgramSource::File(files::absolute(&self.reading.program)),
             Some(StreamSource::Socket(address)) => ProgramSource::Socket(address.clone()),
             Some(StreamSource::Serial(address)) => ProgramSource::Serial(address.clone()),
@@ -219,7 +225,7 @@ impl JobHeaderBuilder<'_> {
             period_us: self.machine.period_us,
             origin: status.place.record,
             counts: status.counts[..axes].to_vec(),
-            outputs: written(&status.outputs),
+            outputs: nonzero_outputs(&status.outputs),
             executed: status.executed,
         })
     }
@@ -241,12 +247,12 @@ fn arguments(reading: &Reading, start_line: Option<u32>) -> CommandArguments {
 
 /// Linked card, as the journal names it.
 #[must_use]
-pub fn wired(address: &str, identity: &CardIdentity) -> entry::JobCard {
+pub fn linked_card(address: &str, identity: &CardIdentity) -> entry::JobCard {
     let name = String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned();
     entry::JobCard::Wired(WiredCard { address: address.into(), name, serial: identity.serial, boot: identity.boot })
 }
 
 /// Outputs that are not 0, as (channel, value).
-fn written(outputs: &Outputs) -> Vec<(u8, i32)> {
+fn nonzero_outputs(outputs: &Outputs) -> Vec<(u8, i32)> {
     outputs.iter().enumerate().filter(|(_, value)| **value != 0).map(|(n, &value)| (n as u8, value)).collect()
 }

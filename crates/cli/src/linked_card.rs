@@ -22,9 +22,9 @@ pub type SerialCard<const A: usize> = Box<LinkedCard<A, SerialPort>>;
 /// # Errors
 /// The port cannot be opened, or no card answers.
 pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, CommandFailure> {
-    let address = Address::parse(address).map_err(refused)?;
-    let port = SerialPort::open(&address).map_err(refused)?;
-    let card = LinkedCard::connect(port, nonce(), LinkTimeouts::default()).map_err(|fault| {
+    let address = Address::parse(address).map_err(port_error)?;
+    let port = SerialPort::open(&address).map_err(port_error)?;
+    let card = LinkedCard::find(port, nonce(), LinkTimeouts::default()).map_err(|fault| {
         let refusal = NumberedError::new(fault.number(), format!("{address}: {fault}"), fault.remedy());
         CommandFailure::Card(refusal)
     })?;
@@ -35,7 +35,7 @@ pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, CommandFailu
 ///
 /// # Errors
 /// `E3008` with the first misfit.
-pub fn fits(address: &str, identity: &CardIdentity, machine: &MachineConfig) -> Result<(), CommandFailure> {
+pub fn check_fit(address: &str, identity: &CardIdentity, machine: &MachineConfig) -> Result<(), CommandFailure> {
     match misfits(identity, machine).into_iter().next() {
         Some(what) => {
             Err(CommandFailure::Card(NumberedError::new("E3008", format!("{address}: {what}"), MISFIT_REMEDY)))
@@ -102,12 +102,12 @@ pub const MAX_AXES: usize = 9;
 ///
 /// # Errors
 /// See [`MotionCard::open`].
-pub fn look<const A: usize>(
+pub fn read_status<const A: usize>(
     card: &mut SerialCard<A>,
     address: &str,
     settings: CardSettings<A>,
 ) -> Result<CardStatus<A>, CommandFailure> {
-    let told = |fault| failed(address, &fault);
+    let told = |fault| card_error(address, &fault);
     card.open(settings).map_err(told)?;
     let status = *card.status();
     card.close().map_err(told)?;
@@ -199,11 +199,11 @@ impl<const A: usize> MotionCard<A> for GreetedCard<A> {
 }
 
 /// Failure of the card or of its line.
-pub fn failed(address: &str, fault: &impl CardFailure) -> CommandFailure {
+pub fn card_error(address: &str, fault: &impl CardFailure) -> CommandFailure {
     CommandFailure::Card(NumberedError::new(fault.number(), format!("{address}: {fault}"), fault.remedy()))
 }
 
-fn refused(refused: retrace_hal_serial::PortError) -> CommandFailure {
+fn port_error(refused: retrace_hal_serial::PortError) -> CommandFailure {
     NumberedError::new(refused.number, refused.what, refused.remedy).into()
 }
 

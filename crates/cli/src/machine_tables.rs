@@ -203,7 +203,7 @@ impl TableKeeper {
     ///
     /// # Errors
     /// A file cannot be read or written; the next change tries again.
-    pub fn keep(&mut self, carried: &ModalSnapshot) -> Result<(), NumberedError> {
+    pub fn write_changes(&mut self, carried: &ModalSnapshot) -> Result<(), NumberedError> {
         if self.parameters.persistent() != carried.parameters().persistent() {
             self.files.write_parameters(&self.parameters, carried.parameters())?;
             self.parameters = carried.parameters().clone();
@@ -216,7 +216,7 @@ impl TableKeeper {
     }
 
     /// Marks this state as written: a program left it, and writes it itself.
-    pub fn is_kept(&mut self, carried: &ModalSnapshot) {
+    pub fn mark_written(&mut self, carried: &ModalSnapshot) {
         (self.parameters, self.tools) = (carried.parameters().clone(), carried.tools().clone());
     }
 }

@@ -29,8 +29,8 @@ use crate::{args, files, linked_card};
 /// Whatever prevents the task.
 pub fn home(args: &args::Home) -> Result<u8, CommandFailure> {
     let machine = files::machine(args.manual.machine_file.path())?;
-    let mut desk = ModalContext::new(mdi::setup(&machine));
-    on_machine(&args.manual, &machine, &ManualTask::Home(args.axis), &mut desk)
+    let mut modal_context = ModalContext::new(mdi::setup(&machine));
+    on_machine(&args.manual, &machine, &ManualTask::Home(args.axis), &mut modal_context)
 }
 
 /// `retrace jog`. Returns its exit code.
@@ -47,8 +47,8 @@ pub fn jog(args: &args::Jog) -> Result<u8, CommandFailure> {
         )
         .into());
     }
-    let mut desk = ModalContext::new(mdi::setup(&machine));
-    on_machine(&args.manual, &machine, &ManualTask::Jog { axis: args.axis, mm: args.mm }, &mut desk)
+    let mut modal_context = ModalContext::new(mdi::setup(&machine));
+    on_machine(&args.manual, &machine, &ManualTask::Jog { axis: args.axis, mm: args.mm }, &mut modal_context)
 }
 
 /// `retrace mdi`. Returns its exit code.
@@ -62,22 +62,22 @@ pub fn mdi(args: &args::Mdi) -> Result<u8, CommandFailure> {
     let own = machine_tables::of_machine(&of.port.card, of.machine_file.path(), params, tools);
     let files = TableFiles::choose(params, tools, own.as_ref());
     let began = files.read()?;
-    let mut desk = ModalContext::new(mdi::setup(&machine).with_start_tables(began.clone()));
+    let mut modal_context = ModalContext::new(mdi::setup(&machine).with_start_tables(began.clone()));
     if args.dry_run {
-        desk.block(&machine, &args.block).map_err(shown)?;
+        modal_context.block(&machine, &args.block).map_err(print_diagnostics)?;
         say!("{}: no errors; nothing was moved", args.block);
         return Ok(0);
     }
-    let code = on_machine(&args.manual, &machine, &ManualTask::Mdi(args.block.clone()), &mut desk)?;
+    let code = on_machine(&args.manual, &machine, &ManualTask::Mdi(args.block.clone()), &mut modal_context)?;
     if code == 0 {
-        files.write_parameters(&began.parameters, desk.modal_snapshot().parameters())?;
-        files.write_tools(&began.tools, desk.modal_snapshot().tools())?;
+        files.write_parameters(&began.parameters, modal_context.modal_snapshot().parameters())?;
+        files.write_tools(&began.tools, modal_context.modal_snapshot().tools())?;
     }
     Ok(code)
 }
 
 /// Prints the diagnostics of a block.
-fn shown(lines: Vec<String>) -> CommandFailure {
+fn print_diagnostics(lines: Vec<String>) -> CommandFailure {
     lines.iter().for_each(|line| eprintln!("{line}"));
     CommandFailure::Program
 }
@@ -86,12 +86,12 @@ fn on_machine(
     args: &args::ManualOptions,
     machine: &MachineConfig,
     task: &ManualTask,
-    desk: &mut ModalContext,
+    modal_context: &mut ModalContext,
 ) -> Result<u8, CommandFailure> {
     match machine.axes.len() {
-        0..=4 => on_card::<4>(args, machine, task, desk),
-        5..=6 => on_card::<6>(args, machine, task, desk),
-        _ => on_card::<9>(args, machine, task, desk),
+        0..=4 => on_card::<4>(args, machine, task, modal_context),
+        5..=6 => on_card::<6>(args, machine, task, modal_context),
+        _ => on_card::<9>(args, machine, task, modal_context),
     }
 }
 
@@ -99,39 +99,40 @@ fn on_card<const A: usize>(
     args: &args::ManualOptions,
     machine: &MachineConfig,
     task: &ManualTask,
-    desk: &mut ModalContext,
+    modal_context: &mut ModalContext,
 ) -> Result<u8, CommandFailure> {
     if args.port.is_simulated() {
         let mut card = simulated::<A>(machine, Clock::Virtual)?;
         eprintln!(
             "note: the simulated card in this process does not keep its position; one served by `retrace card serve --pty` does"
         );
-        return on(args, machine, task, desk, &mut card, &Homing::simulated());
+        return perform_on(args, machine, task, modal_context, &mut card, &Homing::simulated());
     }
     let mut card = linked_card::find::<A>(&args.port.card)?;
-    card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
+    card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
     let Some(greeting) = card.greeting().copied() else { return Ok(3) };
-    linked_card::fits(&args.port.card, &greeting.identity, machine)?;
+    linked_card::check_fit(&args.port.card, &greeting.identity, machine)?;
     let homing = Homing::of(&args.port.card, &greeting.identity);
     let stands = machine.clone().standing_at(&greeting.counts);
     if let ManualTask::Mdi(block) = task
-        && desk.block(&stands, block).is_ok_and(|block| block.moves())
+        && modal_context.block(&stands, block).is_ok_and(|block| block.moves())
     {
         homing.check(machine)?;
     }
-    card.open(machine.card_settings(PathStart::at(0))).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
-    let code = on(args, machine, task, desk, &mut *card, &homing)?;
+    card.open(machine.card_settings(PathStart::at(0)))
+        .map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
+    let code = perform_on(args, machine, task, modal_context, &mut *card, &homing)?;
     // The card is at rest, or has an alarm that says more than an error here would.
     let _ = card.close();
     Ok(code)
 }
 
 /// Executes the task on a card, and prints the position.
-fn on<const A: usize, C: MotionCard<A>>(
+fn perform_on<const A: usize, C: MotionCard<A>>(
     args: &args::ManualOptions,
     machine: &MachineConfig,
     task: &ManualTask,
-    desk: &mut ModalContext,
+    modal_context: &mut ModalContext,
     card: &mut C,
     homing: &Homing,
 ) -> Result<u8, CommandFailure>
@@ -140,16 +141,16 @@ where
 {
     let show = if args.format.json { ConsoleOptions::Json } else { ConsoleOptions::Plain };
     let mut console = Console::<A>::new(show, machine, None)?;
-    let (signals, stops) = StopSignals::watch(StopPolicy::ByHand).unzip();
+    let (signals, stops) = StopSignals::watch(StopPolicy::Manual).unzip();
     let operators =
         CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us)).with_stop_receiver(stops);
     if let Some(signals) = &signals {
         signals.listen();
     }
-    let manner = RunMode { wall_time: !args.port.is_simulated(), operator: false, real_time: false };
+    let run_mode = RunMode { wall_time: !args.port.is_simulated(), operator: false, real_time: false };
     let mut shown_work = Stoppable { console: &mut console, signals: signals.as_ref() };
-    let carry_out = || perform(task, machine, desk, card, (operators, manner), &mut shown_work);
-    let done = homing.noting(task, machine, carry_out);
+    let carry_out = || perform(task, machine, modal_context, card, (operators, run_mode), &mut shown_work);
+    let done = homing.perform_and_record(task, machine, carry_out);
     drop(signals);
     if let (.., Some(lost)) = console.finish() {
         return Err(lost.into());
@@ -158,13 +159,13 @@ where
         Ok(ManualTaskDone::Whole { .. }) => 0,
         Ok(ManualTaskDone::Stopped) => 4,
         Err(ManualTaskError::Refused(refusal)) => return Err(refusal.into()),
-        Err(ManualTaskError::Block(lines)) => return Err(shown(lines)),
-        Err(ManualTaskError::Trouble(trouble)) => {
-            let (number, cause, remedy) = trouble.parts();
+        Err(ManualTaskError::Block(lines)) => return Err(print_diagnostics(lines)),
+        Err(ManualTaskError::Trouble(error)) => {
+            let (number, cause, remedy) = error.parts();
             return Err(CommandFailure::Card(NumberedError::new(number, cause, remedy)));
         }
     };
-    stands(machine, &card.status().counts, code, args.format.json);
+    print_position(machine, &card.status().counts, code, args.format.json);
     Ok(code)
 }
 
@@ -175,16 +176,16 @@ struct Stoppable<'c, 'm, const A: usize> {
 }
 
 impl<const A: usize> Observer<A> for Stoppable<'_, '_, A> {
-    fn on_telemetry(&mut self, told: &Telemetry<A>) {
-        self.console.on_telemetry(told);
+    fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
+        self.console.on_telemetry(telemetry);
         if let Some(signals) = self.signals {
-            signals.told(told);
+            signals.observe(telemetry);
         }
     }
 }
 
 /// Prints the position of the machine.
-fn stands(machine: &MachineConfig, counts: &[i64], code: u8, json: bool) {
+fn print_position(machine: &MachineConfig, counts: &[i64], code: u8, json: bool) {
     let axes = || machine.axes.iter().zip(counts);
     let each = |value: fn(f64, i64) -> Value| {
         let all = axes().map(|(axis, &count)| (axis.name.to_string(), value(axis.pulses_per_mm, count)));
@@ -200,7 +201,7 @@ fn stands(machine: &MachineConfig, counts: &[i64], code: u8, json: bool) {
         }));
         return;
     }
-    let told = axes()
+    let telemetry = axes()
         .map(|(axis, &count)| format!("{} {:.3}", axis.name.to_ascii_uppercase(), count as f64 / axis.pulses_per_mm));
-    say!("position {} (machine, mm)", told.collect::<Vec<_>>().join("  "));
+    say!("position {} (machine, mm)", telemetry.collect::<Vec<_>>().join("  "));
 }

@@ -6,7 +6,7 @@ use retrace_hal_sim::CardSimulator;
 use retrace_link::{InputSetting, InputUse};
 
 /// Syntax of the lines.
-const WORDS: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press probe`, \
+const SYNTAX: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press probe`, \
     `input 5 on`, `input 5 off`";
 
 /// Manual input.
@@ -28,7 +28,7 @@ impl ManualInput {
     /// The line is invalid; the text includes the syntax.
     pub fn read(line: &str, inputs: &[InputSetting]) -> Result<Option<Self>, String> {
         let words: Vec<&str> = line.split('#').next().unwrap_or_default().split_whitespace().collect();
-        let wrong = || format!("`{}` is not a manual input; possible are {WORDS}", line.trim());
+        let wrong = || format!("`{}` is not a manual input; possible are {SYNTAX}", line.trim());
         let input = |what: &str, active: bool| -> Result<Self, String> {
             let used_for = used_for(what).ok_or_else(wrong)?;
             let number = inputs.iter().position(|input| input.used_for == used_for);
@@ -53,7 +53,7 @@ impl ManualInput {
     }
 
     /// Applies it.
-    pub fn to<const A: usize>(self, rig: &mut CardSimulator<A>) {
+    pub fn apply<const A: usize>(self, rig: &mut CardSimulator<A>) {
         let now_us = rig.now_us();
         let machine = rig.machine();
         match self {

@@ -91,7 +91,7 @@ impl Program {
     /// # Errors
     /// A file cannot be read or parsed.
     pub fn open(reading: &Reading, machine: &MachineConfig) -> Result<Self, NumberedError> {
-        Self::open_arriving(reading, machine, StreamSource::named(&reading.program), None)
+        Self::open_from(reading, machine, StreamSource::named(&reading.program), None)
     }
 
     /// Opens a program that may arrive from a stream instead of the file on the command line. `latched` replaces the
@@ -99,13 +99,13 @@ impl Program {
     ///
     /// # Errors
     /// A file cannot be read or parsed.
-    pub fn open_arriving(
+    pub fn open_from(
         reading: &Reading,
         machine: &MachineConfig,
         arrives: Option<StreamSource>,
         latched: Option<StartTables>,
     ) -> Result<Self, NumberedError> {
-        let (mut program, notes) = Self::noted(reading, setup_of(machine), arrives, latched)?;
+        let (mut program, notes) = Self::open_with_notes(reading, setup_for(machine), arrives, latched)?;
         notes.iter().for_each(|note| eprintln!("note: {note}"));
         program.opening.serial = machine.serial;
         match &program.arrives {
@@ -125,13 +125,13 @@ impl Program {
     /// # Errors
     /// A file cannot be read or parsed.
     pub fn with_setup(reading: &Reading, setup: Setup) -> Result<Self, NumberedError> {
-        let (program, notes) = Self::noted(reading, setup, StreamSource::named(&reading.program), None)?;
+        let (program, notes) = Self::open_with_notes(reading, setup, StreamSource::named(&reading.program), None)?;
         notes.iter().for_each(|note| eprintln!("note: {note}"));
         Ok(program)
     }
 
     /// Opens a program and returns the notes to print about it.
-    fn noted(
+    fn open_with_notes(
         reading: &Reading,
         mut setup: Setup,
         arrives: Option<StreamSource>,
@@ -181,7 +181,7 @@ impl Program {
         {
             notes.push("cycle sources have errors and cannot be called; `retrace cycles check` shows them".to_owned());
         }
-        files.extend(cycle_files(&cycles));
+        files.extend(cycle_source_files(&cycles));
         setup.cycles = Some(Arc::new(cycles));
         let folders = Arc::new(Folders::of(&reading.program, &subs));
         setup.files = Some(Arc::clone(&folders) as _);
@@ -198,7 +198,7 @@ impl Program {
         };
         let opening = StreamOpening {
             serial: SerialSettings::default(),
-            given_up: Arc::default(),
+            is_cancelled: Arc::default(),
             status: Arc::new(SourceStatus::new(&name)),
         };
         let max_loop_blocks = reading.max_loop_blocks;
@@ -223,10 +223,11 @@ impl Program {
     ///
     /// # Errors
     /// The file cannot be read.
-    pub fn loaded(&self, reading: &Reading, setup: Setup) -> Result<Self, NumberedError> {
+    pub fn load_other(&self, reading: &Reading, setup: Setup) -> Result<Self, NumberedError> {
         // Tools and parameters come from the setup.
         let without_tables = Reading { tools: None, params: None, machine_tables: None, ..reading.clone() };
-        let (mut other, _) = Self::noted(&without_tables, setup, StreamSource::named(&reading.program), None)?;
+        let (mut other, _) =
+            Self::open_with_notes(&without_tables, setup, StreamSource::named(&reading.program), None)?;
         let tables = self.files.iter().filter(|file| matches!(file.role, FileRole::Tools | FileRole::Parameters));
         other.files.extend(tables.cloned());
         let Self { has_tool_table, has_tool_lengths, .. } = *self;
@@ -244,7 +245,7 @@ impl Program {
     ///
     /// # Errors
     /// The file can no longer be read.
-    pub fn anew(&self, setup: Setup) -> Result<Self, NumberedError> {
+    pub fn reopened(&self, setup: Setup) -> Result<Self, NumberedError> {
         // Subprograms are searched beside this program, not beside the one that the setup belongs to.
         let setup = Setup { files: self.setup.files.clone(), ..setup };
         let mut again = Self { setup, ..self.clone() };
@@ -278,7 +279,7 @@ impl Program {
 
     /// Source of a stream; `None` for a file.
     #[must_use]
-    pub fn arrives(&self) -> Option<&StreamSource> {
+    pub fn stream_source(&self) -> Option<&StreamSource> {
         self.arrives.as_ref()
     }
 
@@ -286,7 +287,7 @@ impl Program {
     ///
     /// # Errors
     /// As [`Arrives::open`].
-    pub fn arriving(&self) -> Result<Option<ProgramStream>, NumberedError> {
+    pub fn open_stream(&self) -> Result<Option<ProgramStream>, NumberedError> {
         self.arrives.as_ref().map(|from| from.open(&self.opening)).transpose()
     }
 
@@ -336,7 +337,7 @@ impl Program {
     }
 
     fn decoder_of(&self, program: Source) -> Decoder {
-        let given_up = self.prescan.is_none().then(|| Arc::clone(&self.opening.given_up));
+        let given_up = self.prescan.is_none().then(|| Arc::clone(&self.opening.is_cancelled));
         let file = self.prescan.is_some().then(|| PathBuf::from(&self.name));
         Decoder {
             name: self.name.clone(),
@@ -344,8 +345,8 @@ impl Program {
             given_up,
             file,
             length_offset: false,
-            is_told: false,
-            left: None,
+            end_is_reported: false,
+            outputs: None,
             max_loop_blocks: Some(self.max_loop_blocks),
             is_at_end: false,
             progress: None,
@@ -362,16 +363,16 @@ impl Program {
     #[must_use]
     pub fn running(&self, input: Option<ProgramStream>) -> (Decoder, LastStatus) {
         let left = RunOutputs::default();
-        let last = left.last();
+        let last = left.last_status();
         let program = input.map_or_else(|| self.source(), |input| Source::new(input, self.setup.clone()));
-        (Decoder { left: Some(left), max_loop_blocks: None, ..self.decoder_of(program) }, last)
+        (Decoder { outputs: Some(left), max_loop_blocks: None, ..self.decoder_of(program) }, last)
     }
 
     /// Whether the first `bytes` of this file reach the end of the program without an error. For a stream.
     #[must_use]
-    pub fn is_whole(&self, kept: &Path, bytes: u64) -> bool {
+    pub fn reaches_end(&self, kept: &Path, bytes: u64) -> bool {
         let Ok(file) = std::fs::File::open(kept) else { return false };
-        let mut source = self.again(Box::new(BufReader::new(file).take(bytes)));
+        let mut source = self.interpret_stream(Box::new(BufReader::new(file).take(bytes)));
         let mut steps = Vec::new();
         loop {
             steps.clear();
@@ -386,7 +387,7 @@ impl Program {
 
     /// Interpreter for the stored part of a stream, from the beginning.
     #[must_use]
-    pub fn again(&self, kept: ProgramStream) -> Source {
+    pub fn interpret_stream(&self, kept: ProgramStream) -> Source {
         match &self.prescan {
             Some(prescan) => Source::prescanned(Arc::clone(prescan), self.setup.clone()),
             None => Source::new(kept, self.setup.clone()),
@@ -401,7 +402,8 @@ impl Program {
             None => {
                 let broken =
                     |why: NumberedError| -> ProgramStream { Box::new(BufReader::new(StreamBroken(why.cause))) };
-                let input = self.arriving().map_or_else(broken, |input| input.unwrap_or_else(|| Box::new(io::empty())));
+                let input =
+                    self.open_stream().map_or_else(broken, |input| input.unwrap_or_else(|| Box::new(io::empty())));
                 Source::new(input, self.setup.clone())
             }
         }
@@ -434,7 +436,7 @@ impl Program {
     ///
     /// # Errors
     /// [`CommandFailure::Program`] where it has errors.
-    pub fn survey<'m, const A: usize>(
+    pub fn analyse<'m, const A: usize>(
         &self,
         machine: &'m MachineConfig,
         diagnostics: &mut Vec<Value>,
@@ -447,19 +449,19 @@ impl Program {
     ///
     /// # Errors
     /// Its diagnostics, where it has errors.
-    pub fn faults(&self, machine: &MachineConfig) -> Result<(), String> {
-        self.faults_by(machine, self.decoder())
+    pub fn check_silently(&self, machine: &MachineConfig) -> Result<(), String> {
+        self.check_silently_by(machine, self.decoder())
     }
 
     /// Checks the whole program at a terminal, with a progress bar; see [`Self::faults`].
     ///
     /// # Errors
     /// Its diagnostics, where it has errors.
-    pub fn faults_shown(&self, machine: &MachineConfig) -> Result<(), String> {
-        self.faults_by(machine, self.shown_decoder())
+    pub fn check_silently_with_progress(&self, machine: &MachineConfig) -> Result<(), String> {
+        self.check_silently_by(machine, self.shown_decoder())
     }
 
-    fn faults_by(&self, machine: &MachineConfig, mut decoder: Decoder) -> Result<(), String> {
+    fn check_silently_by(&self, machine: &MachineConfig, mut decoder: Decoder) -> Result<(), String> {
         if self.prescan.is_none() {
             return Ok(());
         }
@@ -472,13 +474,13 @@ impl Program {
     fn check_by<S>(
         &self,
         diagnostics: &mut Vec<Value>,
-        look: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<CheckFinding>, S), CommandFailure>,
+        scan: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<CheckFinding>, S), CommandFailure>,
     ) -> Result<Option<Checked<S>>, CommandFailure> {
         if self.prescan.is_none() {
             return Ok(None);
         }
         let mut decoder = self.shown_decoder();
-        let (blocks, findings, found) = look(&mut decoder)?;
+        let (blocks, findings, found) = scan(&mut decoder)?;
         decoder.progress = None;
         let all = diagnostic_json::all(self, &mut decoder, &findings);
         for one in &all {
@@ -533,7 +535,7 @@ fn read_tables(reading: &Reading, setup: &mut Setup, files: &mut Vec<ReadFile>) 
 }
 
 /// Sources of the cycles that can be called: each of the user's, and the built-in ones together.
-fn cycle_files(library: &CycleLibrary) -> Vec<ReadFile> {
+fn cycle_source_files(library: &CycleLibrary) -> Vec<ReadFile> {
     let file = |path: String, number: u128| ReadFile {
         role: FileRole::Cycles,
         path,
@@ -567,7 +569,7 @@ pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnos
 }
 
 /// Setup of the interpreter for a machine in millimetres, at its position.
-fn setup_of(machine: &MachineConfig) -> Setup {
+fn setup_for(machine: &MachineConfig) -> Setup {
     Setup { tools: tools_without_length(), ..mdi::setup(machine) }
 }
 

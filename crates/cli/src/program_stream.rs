@@ -54,16 +54,16 @@ impl StreamSource {
     /// `E2107`, `E2101` …: no sender, or no such file.
     pub fn open(&self, opening: &StreamOpening) -> Result<ProgramStream, NumberedError> {
         Ok(match self {
-            Self::StandardInput => ahead(std::io::stdin(), opening),
-            Self::Socket(address) => ahead(Socket::open(address)?, opening),
+            Self::StandardInput => read_ahead(std::io::stdin(), opening),
+            Self::Socket(address) => read_ahead(Socket::open(address)?, opening),
             Self::Serial(address) => {
-                let StreamOpening { serial, given_up, status } = opening;
+                let StreamOpening { serial, is_cancelled: given_up, status } = opening;
                 Box::new(SerialSource::open(address, *serial, given_up, status)?)
             }
-            Self::Device(path) => ahead(files::OpenedFile::on_demand(path), opening),
+            Self::Device(path) => read_ahead(files::OpenedFile::on_demand(path), opening),
             Self::File(path) => {
                 // A file is complete even if its last line is not terminated.
-                ahead(files::open(path, "program")?.chain(&b"\n"[..]), opening)
+                read_ahead(files::open(path, "program")?.chain(&b"\n"[..]), opening)
             }
         })
     }
@@ -78,13 +78,13 @@ pub struct StreamOpening {
     /// Serial settings of the machine file.
     pub serial: SerialSettings,
     /// Set when the program is no longer needed.
-    pub given_up: Arc<AtomicBool>,
+    pub is_cancelled: Arc<AtomicBool>,
     /// Status of the stream: whether it waits for its sender.
     pub status: Arc<SourceStatus>,
 }
 
-fn ahead(input: impl Read + Send + 'static, opening: &StreamOpening) -> ProgramStream {
-    match ReadAhead::of(input, Arc::clone(&opening.given_up)) {
+fn read_ahead(input: impl Read + Send + 'static, opening: &StreamOpening) -> ProgramStream {
+    match ReadAhead::of(input, Arc::clone(&opening.is_cancelled)) {
         Ok(ahead) => Box::new(ahead.showing(Arc::clone(&opening.status))),
         // No thread is available to read ahead.
         Err(error) => Box::new(BufReader::new(StreamBroken(error.to_string()))),

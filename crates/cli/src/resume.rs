@@ -32,12 +32,12 @@ use crate::machine_tables::{self, TableFiles};
 use crate::operate::{self, ResumingJob};
 use crate::program::{CommandFailure, Program, ProgramStream, StreamSource};
 use crate::resume_from_line::{changed_machine, from_line, reading, run_args};
-use crate::resume_summary::{self, Asking, ResumeSummary};
+use crate::resume_summary::{self, ConfirmResume, ResumeSummary};
 use crate::sim_wiring::simulated;
 use crate::{files, run};
 
 /// So many marks are held against the plan, and all that lie beyond the breakpoint.
-const MARKS: u64 = 1 << 16;
+const MAX_COMPARED_MARKS: u64 = 1 << 16;
 
 /// Runs the command. Returns its exit code.
 ///
@@ -93,9 +93,9 @@ fn attempt(args: &args::Resume, breakpoint: ResumeBreakpoint, by_card: &Cell<boo
     let axes = machine.axes.len();
     let taking = ResumeStep { args, breakpoint, by_card, jobs, folder, held, record, machine };
     match axes {
-        0..=4 => taking.up::<4>(),
-        5..=6 => taking.up::<6>(),
-        _ => taking.up::<9>(),
+        0..=4 => taking.resume_on::<4>(),
+        5..=6 => taking.resume_on::<6>(),
+        _ => taking.resume_on::<9>(),
     }
 }
 
@@ -137,7 +137,7 @@ struct ResumeStep<'a> {
 }
 
 impl ResumeStep<'_> {
-    fn up<const A: usize>(self) -> Result<u8, CommandFailure> {
+    fn resume_on<const A: usize>(self) -> Result<u8, CommandFailure> {
         let program = self.program()?;
         if fingerprint::of_planning()? != self.record.job.planner {
             let what = format!(
@@ -179,17 +179,17 @@ impl ResumeStep<'_> {
             let read = files::hash(&path, role_name(file.role))?;
             if read != file.hash {
                 let what = format!("the {} {} has changed since the job started", role_name(file.role), path.display());
-                return Err(self.changed(what).into());
+                return Err(self.file_changed(what).into());
             }
         }
         let latched = job.tables.as_ref().map(machine_tables::unlatched).transpose()?;
-        let program = Program::open_arriving(&reading, &self.machine, arrives, latched)?;
-        self.same_files(&program.files_read())?;
+        let program = Program::open_from(&reading, &self.machine, arrives, latched)?;
+        self.require_same_files(&program.files_read())?;
         Ok(program)
     }
 
     /// Refuses cycles that have changed, and subprograms and cycles that were not read when the job started.
-    fn same_files(&self, read: &[ReadFile]) -> Result<(), NumberedError> {
+    fn require_same_files(&self, read: &[ReadFile]) -> Result<(), NumberedError> {
         let was = &self.record.job.files;
         // The journal of an older version does not name cycles.
         let roles: &[FileRole] = if was.iter().any(|file| file.role == FileRole::Cycles) {
@@ -200,25 +200,26 @@ impl ResumeStep<'_> {
         let same = |a: &ReadFile, b: &ReadFile| (a.role, &a.path) == (b.role, &b.path);
         for file in was.iter().filter(|file| file.role == FileRole::Cycles) {
             let Some(now) = read.iter().find(|now| same(now, file)) else {
-                return Err(self.changed(format!("the cycle {} no longer exists", file.path)));
+                return Err(self.file_changed(format!("the cycle {} no longer exists", file.path)));
             };
             if now.hash != file.hash {
                 return Err(match file.path.as_str() {
-                    "" => self
-                        .changed("the built-in cycles of this version of retrace differ from those of the job".into()),
-                    path => self.changed(format!("the cycle {path} has changed since the job started")),
+                    "" => self.file_changed(
+                        "the built-in cycles of this version of retrace differ from those of the job".into(),
+                    ),
+                    path => self.file_changed(format!("the cycle {path} has changed since the job started")),
                 });
             }
         }
         let new = read.iter().find(|now| roles.contains(&now.role) && !was.iter().any(|file| same(now, file)));
         new.map_or(Ok(()), |file| {
             let (role, path) = (role_name(file.role), &file.path);
-            Err(self.changed(format!("the {role} {path} would be read now; it was not when the job started")))
+            Err(self.file_changed(format!("the {role} {path} would be read now; it was not when the job started")))
         })
     }
 
     /// Error for a file that has changed.
-    fn changed(&self, what: String) -> NumberedError {
+    fn file_changed(&self, what: String) -> NumberedError {
         let id = self.folder.id();
         let remedy = format!("restore the files, or start at a line with `retrace resume {id} --from-line N`");
         NumberedError::new("E2210", what, remedy)
@@ -226,14 +227,14 @@ impl ResumeStep<'_> {
 
     /// Stored part of a streamed program, followed by what the sender sends again, if that is needed.
     fn input(&self, program: &Program) -> Result<Option<(ProgramStream, SpoolProgress)>, NumberedError> {
-        if program.arrives().is_none() {
+        if program.stream_source().is_none() {
             return Ok(None);
         }
         let mut kept = self.record.spooled;
         // A program that ends before its text is not read to the end of the text.
-        kept.ended |= program.is_whole(&self.folder.stream(), kept.bytes);
+        kept.ended |= program.reaches_end(&self.folder.stream(), kept.bytes);
         let named = self.args.program.is_some() || matches!(self.record.job.source, ProgramSource::Socket(_));
-        let again = if kept.ended || !named { None } else { program.arriving()? };
+        let again = if kept.ended || !named { None } else { program.open_stream()? };
         let (mut input, progress) = SpoolReplay::open(&self.folder.stream(), kept, again)?;
         input.compare().map_err(|error| {
             let what = error.to_string();
@@ -256,7 +257,7 @@ impl ResumeStep<'_> {
         let card = simulated::<A>(&self.machine, run::clock(&self.machine, wall_time))?
             .standing_at(counts(&self.record.last_position.counts), &outputs);
         let start = self.record.last_position.start;
-        self.go(program, script, (card, Homing::simulated()), start, JobCard::Sim, wall_time).map(|(code, _)| code)
+        self.run_job(program, script, (card, Homing::simulated()), start, JobCard::Sim, wall_time).map(|(code, _)| code)
     }
 
     fn on_wired<const A: usize>(
@@ -267,27 +268,27 @@ impl ResumeStep<'_> {
     ) -> Result<u8, CommandFailure> {
         let address = self.args.card.clone().unwrap_or_else(|| was.address.clone());
         let mut card = linked_card::find::<A>(&address)?;
-        card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::failed(&address, &fault))?;
+        card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(&address, &fault))?;
         let Some(greeting) = card.greeting().copied() else { return Ok(3) };
-        linked_card::fits(&address, &greeting.identity, &self.machine)?;
-        let start = self.start(&address, &greeting, was)?;
+        linked_card::check_fit(&address, &greeting.identity, &self.machine)?;
+        let start = self.start_place(&address, &greeting, was)?;
         let stands =
             PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
         let settings = self.machine.card_settings(stands);
-        let status = linked_card::look(&mut card, &address, settings)?;
-        let named = journaled_job::wired(&address, &greeting.identity);
+        let status = linked_card::read_status(&mut card, &address, settings)?;
+        let named = journaled_job::linked_card(&address, &greeting.identity);
         if !self.args.tui {
             prepare_real_time();
         }
         let card = GreetedCard::new(card, settings, status, greeting.identity.boot);
         let homing = Homing::of(&address, &greeting.identity).at_screen();
-        let (code, card) = self.go(program, script, (card, homing), start, named, true)?;
+        let (code, card) = self.run_job(program, script, (card, homing), start, named, true)?;
         card.close();
         Ok(code)
     }
 
     /// Place at which the path is resumed on a card with this greeting.
-    fn start<const A: usize>(
+    fn start_place<const A: usize>(
         &self,
         address: &str,
         greeting: &Greeting<A>,
@@ -299,7 +300,7 @@ impl ResumeStep<'_> {
             return Err(other_card(&what));
         }
         if is.boot != was.boot {
-            self.know_position(address, greeting)?;
+            self.require_known_position(address, greeting)?;
             return Ok(stood.start);
         }
         if self.args.assume_position {
@@ -322,7 +323,11 @@ impl ResumeStep<'_> {
 
     /// The card was restarted: its counts are the machine position only where every axis was homed since, or the
     /// operator confirms it.
-    fn know_position<const A: usize>(&self, address: &str, greeting: &Greeting<A>) -> Result<(), NumberedError> {
+    fn require_known_position<const A: usize>(
+        &self,
+        address: &str,
+        greeting: &Greeting<A>,
+    ) -> Result<(), NumberedError> {
         let homing = Homing::of(address, &greeting.identity);
         let id = self.folder.id();
         let refuse = |what: String, remedy: String| Err(NumberedError::new("E2213", what, remedy));
@@ -352,14 +357,14 @@ impl ResumeStep<'_> {
     }
 
     /// Point of resumption from the journal.
-    fn resumption(&self, start: PathStart) -> Result<ResumePoint, NumberedError> {
+    fn resume_point(&self, start: PathStart) -> Result<ResumePoint, NumberedError> {
         let job = &self.record.job;
         // The journal stores the place once a second: later marks come again with the plan, and are too far ahead to
         // wait for.
         let is_old = start == self.record.last_position.start;
         let farthest = start.reached.wrapping_add(self.machine.look_ahead_records);
         let mut marks = Vec::new();
-        let every = self.record.marks / MARKS + 1;
+        let every = self.record.marks / MAX_COMPARED_MARKS + 1;
         for (number, mark) in (0_u64..).zip(self.record.marks()?) {
             let mark = mark?;
             if is_old && is_before(farthest, mark.place) {
@@ -377,7 +382,7 @@ impl ResumeStep<'_> {
     }
 
     /// Locates the breakpoint, asks for confirmation, and runs the job.
-    fn go<const A: usize, C: MotionCard<A> + Send>(
+    fn run_job<const A: usize, C: MotionCard<A> + Send>(
         self,
         program: &Program,
         script: Vec<ScriptInstruction>,
@@ -386,7 +391,7 @@ impl ResumeStep<'_> {
         named: JobCard,
         wall_time: bool,
     ) -> Result<(u8, C), CommandFailure> {
-        let resumption = self.resumption(start)?;
+        let resumption = self.resume_point(start)?;
         let (input, progress) = self.input(program)?.unzip();
         let kept_text = self.folder.stream();
         let Self { args, by_card, jobs, folder, held, record, machine, .. } = self;
@@ -394,11 +399,11 @@ impl ResumeStep<'_> {
         let is_older_place = !is_cards_place && named != JobCard::Sim && record.end.is_none();
         let care = if named == JobCard::Sim { Durability::Written } else { Durability::Synced };
         let disagree = ResumeMismatch { id: folder.id().to_owned(), machine: &machine };
-        let kept = JournaledJob::waiting(jobs, folder, held, care, &record);
+        let kept = JournaledJob::awaiting_resume(jobs, folder, held, care, &record);
         let manners = OutputOptions {
             json: args.format.json,
             records: args.records.as_deref(),
-            script: agreed(script.clone())?,
+            script: with_confirmation(script.clone())?,
             operator: args.operator.is_some(),
             wall_time,
             optional_stop: args.optional_stop.map(OnOff::is_on).or(record.optional_stop),
@@ -406,7 +411,7 @@ impl ResumeStep<'_> {
             tables: TableFiles::of_job(&record.job.arguments),
         };
         let (of_job, of_job_entry, on, card_named) = (&record, &record.job, &machine, named.clone());
-        let resume = move |card: &mut C, at_screen: Option<TuiOptions<'_>>, ask: &mut Asking<'_, A>| {
+        let resume = move |card: &mut C, at_screen: Option<TuiOptions<'_>>, ask: &mut ConfirmResume<'_, A>| {
             let agree = |prepared: &ResumePlan<A>, kept: Option<&mut JournaledJob>| -> Result<(), CommandFailure> {
                 // The machine moves, or the card's place is not on this path.
                 if !prepared.card().at_rest || (is_cards_place && !prepared.matches_card()) {
@@ -416,11 +421,11 @@ impl ResumeStep<'_> {
                     program,
                     record: of_job,
                     machine: on,
-                    kept: &kept_text,
+                    spool: &kept_text,
                     prepared,
                     differences: table_differences(program, of_job_entry),
                     machine_changes: changed_machine(of_job_entry),
-                    way_back: prepared.return_path(on)?,
+                    approach: prepared.return_path(on)?,
                     is_older_place,
                 };
                 if !ask(&taken)? {
@@ -428,18 +433,26 @@ impl ResumeStep<'_> {
                         NumberedError::new("E2215", "not confirmed; nothing has moved", "--yes confirms").into()
                     );
                 }
-                let resumed = resumed(prepared, card_named, on);
-                kept.map_or(Ok(()), |kept| kept.take_up(of_job, resumed, progress))?;
+                let resumed = resume_entry(prepared, card_named, on);
+                kept.map_or(Ok(()), |kept| kept.resume_journal(of_job, resumed, progress))?;
                 Ok(())
             };
             let begin = JobStart::At(Box::new(resumption));
-            let machining = JobRunner { manners, machine: on, program, input, begin, kept: Some(kept), at_screen };
+            let machining = JobRunner {
+                options: manners,
+                machine: on,
+                program,
+                input,
+                start: begin,
+                journal: Some(kept),
+                at_screen,
+            };
             machining.run(card, agree).map(|(code, _)| code)
         };
         let code = if args.tui {
             let resume = ResumingJob {
                 origin: record.job.origin,
-                is_agreed: args.yes,
+                is_confirmed: args.yes,
                 resume: Box::new(|card, at_screen, ask| resume(card, Some(at_screen), ask)),
             };
             let (run, at) = (run_args(args, &record.job), (record.job.machine.text.clone(), named));
@@ -447,7 +460,7 @@ impl ResumeStep<'_> {
         } else {
             resume(&mut card, None, &mut |taken| {
                 taken.show(args.format.json);
-                Ok(args.yes || resume_summary::asked()?)
+                Ok(args.yes || resume_summary::confirm_at_terminal()?)
             })?
         };
         Ok((code, card))
@@ -486,7 +499,7 @@ fn table_differences(program: &Program, job: &JobHeader) -> Vec<String> {
     }
 }
 
-fn resumed<const A: usize>(prepared: &ResumePlan<A>, card: JobCard, machine: &MachineConfig) -> ResumeEntry {
+fn resume_entry<const A: usize>(prepared: &ResumePlan<A>, card: JobCard, machine: &MachineConfig) -> ResumeEntry {
     let PathStart { place, reached, executed, .. } = *prepared.start();
     let counts = prepared.counts()[..machine.axes.len().min(A)].to_vec();
     ResumeEntry {
@@ -501,7 +514,7 @@ fn resumed<const A: usize>(prepared: &ResumePlan<A>, card: JobCard, machine: &Ma
 }
 
 /// Script prefix of a confirmed job: the outputs are restored without another question.
-fn agreed(script: Vec<ScriptInstruction>) -> Result<Vec<ScriptInstruction>, NumberedError> {
+fn with_confirmation(script: Vec<ScriptInstruction>) -> Result<Vec<ScriptInstruction>, NumberedError> {
     let mut all = operator::parse("at 0s leave", "resume")?;
     all.extend(script);
     Ok(all)

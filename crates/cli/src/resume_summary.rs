@@ -20,7 +20,7 @@ use crate::escape;
 use crate::program::{Program, ProgramStream};
 
 /// Maximum number of blocks after the last mark in which the block of the breakpoint is searched.
-const LOOKED_THROUGH: u64 = 100_000;
+const MAX_SEARCHED_BLOCKS: u64 = 100_000;
 
 /// Job that is about to be resumed.
 pub struct ResumeSummary<'a, const A: usize> {
@@ -31,7 +31,7 @@ pub struct ResumeSummary<'a, const A: usize> {
     /// Machine.
     pub machine: &'a MachineConfig,
     /// File with the stored part of a streamed program.
-    pub kept: &'a Path,
+    pub spool: &'a Path,
     /// Result of the planning.
     pub prepared: &'a ResumePlan<A>,
     /// Differences of offsets and tool data from those that the job started with, one per line.
@@ -39,18 +39,18 @@ pub struct ResumeSummary<'a, const A: usize> {
     /// Differences of the machine file from the job's copy, one per line; `None` where it is unchanged.
     pub machine_changes: Option<Vec<String>>,
     /// Moves that bring the axes to the breakpoint, each by its end in counts.
-    pub way_back: Vec<[i64; A]>,
+    pub approach: Vec<[i64; A]>,
     /// Whether the place is the last one in the journal, and not where the card came to rest.
     pub is_older_place: bool,
 }
 
 /// Shows the summary and asks for confirmation.
-pub type Asking<'f, const A: usize> = dyn FnMut(&ResumeSummary<'_, A>) -> Result<bool, NumberedError> + 'f;
+pub type ConfirmResume<'f, const A: usize> = dyn FnMut(&ResumeSummary<'_, A>) -> Result<bool, NumberedError> + 'f;
 
 /// Block at the breakpoint.
 #[derive(Default)]
 struct Block {
-    whereabouts: String,
+    location: String,
     text: String,
     active: String,
 }
@@ -74,7 +74,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
 
     fn lines_of(&self, block: &Block) -> Vec<String> {
         let mut lines: Vec<String> =
-            self.in_words(block).iter().map(|(name, text)| format!("{name:10} {text}")).collect();
+            self.details(block).iter().map(|(name, text)| format!("{name:10} {text}")).collect();
         let changed = |lines: &mut Vec<String>, what: String, changes: &[String]| {
             lines.push(what);
             lines.extend(changes.iter().map(|line| format!("  {line}")));
@@ -91,13 +91,13 @@ impl<const A: usize> ResumeSummary<'_, A> {
         lines
     }
 
-    fn in_words(&self, block: &Block) -> Vec<(&'static str, String)> {
+    fn details(&self, block: &Block) -> Vec<(&'static str, String)> {
         let (prepared, job) = (self.prepared, &self.record.job);
         let place = prepared.start().place;
         let share = f64::from(place.fraction) / ONE as f64;
         let mut words = vec![
             ("job", format!("{}, {}", job.id, escape::name(&job.program))),
-            ("at", block.whereabouts.clone()),
+            ("at", block.location.clone()),
             ("block", block.text.clone()),
             (
                 "place",
@@ -107,11 +107,11 @@ impl<const A: usize> ResumeSummary<'_, A> {
                     f64::from(place.record) + share
                 ),
             ),
-            ("position", self.position_words()),
+            ("position", self.position_text()),
             ("modes", block.active.clone()),
             ("tool", prepared.expected_outputs()[usize::from(channel::TOOL)].to_string()),
         ];
-        let differing = self.differing();
+        let differing = self.differing_outputs();
         let restored: Vec<String> = differing
             .iter()
             .map(|(number, is, to)| format!("{} from {is} to {to}", self.machine.channel_name(*number)))
@@ -120,8 +120,8 @@ impl<const A: usize> ResumeSummary<'_, A> {
             let text = "the last one in the journal, up to one second of motion before the machine stopped; that motion is repeated";
             words.push(("note", text.into()));
         }
-        if !self.way_back.is_empty() {
-            words.push(("approach", self.way_back_words()));
+        if !self.approach.is_empty() {
+            words.push(("approach", self.approach_text()));
         }
         let entered = self.record.lengths();
         if !entered.is_empty() {
@@ -139,7 +139,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
         words
     }
 
-    fn position_words(&self) -> String {
+    fn position_text(&self) -> String {
         let there = position(self.machine, &self.prepared.counts());
         if self.prepared.matches_card() {
             return format!("{there}, equal to the card's counts");
@@ -148,10 +148,10 @@ impl<const A: usize> ResumeSummary<'_, A> {
     }
 
     /// Text such as `Z to 5.000, then X to 10.000 Y to 2.000, then Z to -3.000`.
-    fn way_back_words(&self) -> String {
+    fn approach_text(&self) -> String {
         let mut from = self.prepared.card().counts;
         let mut moves = Vec::new();
-        for to in &self.way_back {
+        for to in &self.approach {
             let axes = self.machine.axes.iter().zip(from.iter().zip(to)).filter(|(_, (from, to))| from != to);
             let words = axes.map(|(axis, (_, &count))| {
                 format!("{} to {:.3}", axis.name.to_ascii_uppercase(), count as f64 / axis.pulses_per_mm)
@@ -166,7 +166,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
         let prepared = self.prepared;
         let (place, axes) = (prepared.start().place, self.machine.axes.len().min(A));
         let outputs: Vec<Value> = self
-            .differing()
+            .differing_outputs()
             .iter()
             .map(|(number, is, to)| json!({"channel": number, "actual": is, "expected": to}))
             .collect();
@@ -175,7 +175,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
             "job": self.record.job.id,
             "program": self.record.job.program,
             "line": prepared.line(),
-            "location": block.whereabouts,
+            "location": block.location,
             "block": block.text,
             "into_line_mm": prepared.into_line_mm(),
             "record": place.record,
@@ -186,7 +186,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
             "card_counts": prepared.card().counts[..axes],
             "at_older_position": self.is_older_place,
             "tool_length_pulses": self.record.lengths().iter().map(|change| change.pulses).sum::<i64>(),
-            "return_path": self.way_back.iter().map(|end| &end[..axes]).collect::<Vec<_>>(),
+            "return_path": self.approach.iter().map(|end| &end[..axes]).collect::<Vec<_>>(),
             "active": block.active,
             "tool": prepared.expected_outputs()[usize::from(channel::TOOL)],
             "outputs": outputs,
@@ -203,7 +203,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
     }
 
     /// Outputs that will be switched: channel, current value, new value.
-    fn differing(&self) -> Vec<(u8, i32, i32)> {
+    fn differing_outputs(&self) -> Vec<(u8, i32, i32)> {
         let (is, to) = (&self.prepared.card().outputs, self.prepared.expected_outputs());
         let each = (0..channel::COUNT).filter(|&n| is[n] != to[n]);
         each.map(|n| (n as u8, is[n], to[n])).collect()
@@ -216,20 +216,20 @@ impl<const A: usize> ResumeSummary<'_, A> {
         let marks = self.record.marks().ok()?.map_while(Result::ok);
         let last = marks.take_while(|mark| !is_before(place, mark.place)).last();
         let first = last.map_or(0, |mark| mark.block.saturating_sub(1));
-        let kept: ProgramStream = match File::open(self.kept) {
+        let kept: ProgramStream = match File::open(self.spool) {
             Ok(file) => Box::new(BufReader::new(file).take(self.record.spooled.bytes)),
             Err(_) => Box::new(io::empty()),
         };
-        let mut source = self.program.again(kept);
+        let mut source = self.program.interpret_stream(kept);
         let mut steps = Vec::new();
-        for number in 1..=first + LOOKED_THROUGH {
+        for number in 1..=first + MAX_SEARCHED_BLOCKS {
             steps.clear();
             if source.advance(&mut steps) == Progress::End {
                 break;
             }
             if number > first && steps.iter().any(|step| step.line == self.prepared.line()) {
                 return Some(Block {
-                    whereabouts: source.whereabouts().to_string(),
+                    location: source.whereabouts().to_string(),
                     text: source.line_text().trim().to_owned(),
                     active: source.active().to_string(),
                 });
@@ -250,22 +250,22 @@ pub fn position(machine: &MachineConfig, counts: &[i64]) -> String {
 
 /// Asks on the terminal whether the machine is at this position; no where there is no terminal.
 pub fn position_is_confirmed(stands: &str) -> bool {
-    io::stdin().is_terminal() && answer(&format!("the card was restarted: is the machine at {stands}? [y/N] "))
+    io::stdin().is_terminal() && ask_yes_or_no(&format!("the card was restarted: is the machine at {stands}? [y/N] "))
 }
 
 /// Asks on the terminal for confirmation.
 ///
 /// # Errors
 /// `E2215` where there is no terminal.
-pub fn asked() -> Result<bool, NumberedError> {
+pub fn confirm_at_terminal() -> Result<bool, NumberedError> {
     if !io::stdin().is_terminal() {
         let what = "no terminal to confirm at; nothing has moved";
         return Err(NumberedError::new("E2215", what, "check the summary, then repeat the command with --yes"));
     }
-    Ok(answer("resume there? [y/N] "))
+    Ok(ask_yes_or_no("resume there? [y/N] "))
 }
 
-fn answer(question: &str) -> bool {
+fn ask_yes_or_no(question: &str) -> bool {
     eprint!("{question}");
     let _ = io::stderr().flush();
     let mut answer = String::new();

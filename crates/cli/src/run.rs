@@ -32,7 +32,7 @@ pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
     let (params, tools) = (args.reading.params.as_deref(), args.reading.tools.as_deref());
     args.reading.machine_tables = machine_tables::of_machine(&args.port.card, args.machine_file.path(), params, tools);
     let args = &args;
-    let at_screen = operate::is_wanted(args)?;
+    let at_screen = operate::is_requested(args)?;
     let mut machine = files::machine(args.machine_file.path())?;
     machine.inhibits_outputs = args.dry_run;
     run_on(args, machine, files::machine_text(args.machine_file.path())?, at_screen)
@@ -79,8 +79,8 @@ impl RunContext<'_> {
             }
             let card = simulated::<A>(&machine, clock(&machine, args.realtime))?;
             let card = traced(card, &machine, args.vcd.as_deref())?;
-            let (kept, input) = keep(args, &program, &machine, (&self.text, entry::JobCard::Sim), card.status())?;
-            return self.machining(&machine, &program, kept, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
+            let (journal, input) = keep(args, &program, &machine, (&self.text, entry::JobCard::Sim), card.status())?;
+            return self.job_runner(&machine, &program, journal, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
         }
         if args.vcd.is_some() {
             let what = "--vcd: only the simulated card in this process can write a trace of its pins";
@@ -94,10 +94,10 @@ impl RunContext<'_> {
         // Everything that can be refused without the card is checked before the card is contacted.
         self.open(&machine)?;
         let mut card = linked_card::find::<A>(&args.port.card)?;
-        card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
+        card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
         let Some(greeting) = card.greeting().copied() else { return Ok(3) };
-        linked_card::fits(&args.port.card, &greeting.identity, &machine)?;
-        let (counts, named) = (greeting.counts, crate::journaled_job::wired(&args.port.card, &greeting.identity));
+        linked_card::check_fit(&args.port.card, &greeting.identity, &machine)?;
+        let (counts, named) = (greeting.counts, crate::journaled_job::linked_card(&args.port.card, &greeting.identity));
         let homing = Homing::of(&args.port.card, &greeting.identity);
         if !self.at_screen {
             homing.check(&machine)?;
@@ -106,18 +106,18 @@ impl RunContext<'_> {
         let program = self.open(&machine)?;
         let settings = machine.card_settings(PathStart::at(0));
         if self.at_screen {
-            card.open(settings).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
+            card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
             let (homing, work) = (homing.at_screen(), (self.script, (self.text, named)));
             let code = operate::operate(args, &machine, program, work, &mut *card, &homing, None)?;
             let _ = card.close();
             return Ok(code);
         }
-        let status = linked_card::look(&mut card, &args.port.card, settings)?;
-        let (kept, input) = keep(args, &program, &machine, (&self.text, named), &status)?;
+        let status = linked_card::read_status(&mut card, &args.port.card, settings)?;
+        let (journal, input) = keep(args, &program, &machine, (&self.text, named), &status)?;
         // From here on the card's watchdog expects messages from the host.
         prepare_real_time();
-        card.open(settings).map_err(|fault| linked_card::failed(&args.port.card, &fault))?;
-        let (code, _) = self.machining(&machine, &program, kept, input).run(&mut *card, |_, _| Ok(()))?;
+        card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
+        let (code, _) = self.job_runner(&machine, &program, journal, input).run(&mut *card, |_, _| Ok(()))?;
         // The card is at rest, or has an alarm that says more than an error here would.
         let _ = card.close();
         Ok(code)
@@ -139,18 +139,18 @@ impl RunContext<'_> {
         Ok(program)
     }
 
-    fn machining<'m>(
+    fn job_runner<'m>(
         self,
         machine: &'m MachineConfig,
         program: &'m Program,
-        kept: Option<JournaledJob>,
+        journal: Option<JournaledJob>,
         input: Option<ProgramStream>,
     ) -> JobRunner<'m>
     where
         Self: 'm,
     {
         let args = self.args;
-        let manners = OutputOptions {
+        let options = OutputOptions {
             json: args.format.json,
             records: args.records.as_deref(),
             script: self.script,
@@ -160,13 +160,13 @@ impl RunContext<'_> {
             real_time: !args.port.is_simulated(),
             tables: TableFiles::of(&args.reading),
         };
-        let begin = args.start_line.map_or(JobStart::First, JobStart::Line);
-        JobRunner { manners, machine, program, input, begin, kept, at_screen: None }
+        let start = args.start_line.map_or(JobStart::First, JobStart::Line);
+        JobRunner { options, machine, program, input, start, journal, at_screen: None }
     }
 }
 
 /// Text of the machine file, and the card, for the job's journal.
-pub type At = (String, entry::JobCard);
+pub type MachineAndCard = (String, entry::JobCard);
 
 /// Creates the job's journal, for a card with this status. Returns it with the source of a streamed program.
 fn keep<const A: usize>(
@@ -176,7 +176,7 @@ fn keep<const A: usize>(
     (text, card): (&str, entry::JobCard),
     status: &CardStatus<A>,
 ) -> Result<(Option<JournaledJob>, Option<ProgramStream>), CommandFailure> {
-    let input = program.arriving()?;
+    let input = program.open_stream()?;
     // A dry run cannot be resumed: its outputs were inhibited.
     if args.no_journal || machine.inhibits_outputs {
         return Ok((None, input));
@@ -196,7 +196,7 @@ pub struct JobSpec<'a> {
     machine: &'a MachineConfig,
     script: Vec<ScriptInstruction>,
     program: Program,
-    at: &'a At,
+    at: &'a MachineAndCard,
 }
 
 impl<'a> JobSpec<'a> {
@@ -206,7 +206,7 @@ impl<'a> JobSpec<'a> {
         machine: &'a MachineConfig,
         script: Vec<ScriptInstruction>,
         program: Program,
-        at: &'a At,
+        at: &'a MachineAndCard,
     ) -> Self {
         Self { args, machine, script, program, at }
     }
@@ -231,11 +231,11 @@ impl<'a> JobSpec<'a> {
     pub fn run<const A: usize, C: MotionCard<A>>(
         self,
         card: C,
-        (kept, input): (Option<JournaledJob>, Option<ProgramStream>),
+        (journal, input): (Option<JournaledJob>, Option<ProgramStream>),
         at_screen: Option<TuiOptions<'_>>,
     ) -> Result<(u8, C), CommandFailure> {
         let Self { args, machine, script, program, .. } = self;
-        let manners = OutputOptions {
+        let options = OutputOptions {
             json: args.format.json,
             records: args.records.as_deref(),
             script,
@@ -246,8 +246,8 @@ impl<'a> JobSpec<'a> {
             real_time: !args.port.is_simulated(),
             tables: TableFiles::of(&args.reading),
         };
-        let begin = args.start_line.map_or(JobStart::First, JobStart::Line);
-        let machining = JobRunner { manners, machine, program: &program, input, begin, kept, at_screen };
-        machining.run(card, |_, _| Ok(()))
+        let start = args.start_line.map_or(JobStart::First, JobStart::Line);
+        let runner = JobRunner { options, machine, program: &program, input, start, journal, at_screen };
+        runner.run(card, |_, _| Ok(()))
     }
 }

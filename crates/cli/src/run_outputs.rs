@@ -22,12 +22,12 @@ pub struct LastStatus(Arc<Mutex<Option<(Parameters, ToolTable)>>>);
 impl RunOutputs {
     /// Handle for the parameters and tools.
     #[must_use]
-    pub fn last(&self) -> LastStatus {
+    pub fn last_status(&self) -> LastStatus {
         LastStatus(Arc::clone(&self.tables))
     }
 
     /// Writes the log output of a block (LOGOPEN, LOGAPPEND, LOG, LOGCLOSE).
-    pub fn take(&mut self, steps: &[CanonStep]) {
+    pub fn write_log(&mut self, steps: &[CanonStep]) {
         for step in steps {
             let done = match &step.canon {
                 Canon::LogOpen { file, append } => self.open(file, *append),

@@ -30,9 +30,9 @@ const RESUME_AT: usize = SPACE / 4;
 /// Fill level that counts as an overrun: beyond `SPACE`, characters may be under way before the sender pauses.
 const OVERRUN_AT: usize = SPACE + (2 << 10);
 /// Number of bytes that the decoder reads at a time.
-const TAKEN: usize = 1024;
+const READ_BYTES: usize = 1024;
 /// Longest wait for the port.
-const SERVED_EVERY: Duration = Duration::from_millis(10);
+const POLL_INTERVAL: Duration = Duration::from_millis(10);
 /// Silence after which DC1 is repeated.
 const REPEATED_AFTER: Duration = Duration::from_secs(5);
 const DC1: u8 = 0x11;
@@ -144,7 +144,7 @@ impl BufRead for SerialSource {
                     .map_or_else(|poisoned| poisoned.into_inner().0, |waited| waited.0);
             }
             self.status.end_wait();
-            let count = queue.text.len().min(TAKEN);
+            let count = queue.text.len().min(READ_BYTES);
             self.taken.extend(queue.text.drain(..count));
             if count == 0
                 && let Some(error) = queue.error.take()
@@ -234,7 +234,7 @@ impl<P: ProgramLine> Receiver<P> {
     fn run(mut self) {
         let result = self.receive();
         // The sender is paused in any case; a line that is gone needs nothing.
-        let _ = self.ask(false);
+        let _ = self.set_sending(false);
         let mut queue = self.shared.lock();
         match result {
             Ok(()) => queue.ended = true,
@@ -250,12 +250,14 @@ impl<P: ProgramLine> Receiver<P> {
         while !self.given_up.load(Ordering::Relaxed) {
             let waiting = self.shared.lock().text.len();
             if self.is_asking && waiting >= PAUSE_AT {
-                self.ask(false)?;
+                self.set_sending(false)?;
             } else if !self.is_asking && waiting <= RESUME_AT {
-                self.ask(true)?;
+                self.set_sending(true)?;
             }
             characters.clear();
-            self.port.read(&mut characters, SERVED_EVERY).map_err(|lost| io::Error::other(format!("E2309: {lost}")))?;
+            self.port
+                .read(&mut characters, POLL_INTERVAL)
+                .map_err(|lost| io::Error::other(format!("E2309: {lost}")))?;
             if characters.is_empty() {
                 if self.silence()? {
                     return Ok(());
@@ -271,7 +273,7 @@ impl<P: ProgramLine> Receiver<P> {
                 };
                 result = result.and_then(|()| self.reader.push(received, &mut text));
             }
-            self.give(&mut text)?;
+            self.pass_on(&mut text)?;
             result.map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))?;
             if self.reader.has_ended() {
                 return Ok(());
@@ -281,7 +283,7 @@ impl<P: ProgramLine> Receiver<P> {
     }
 
     /// Passes text to the decoder, as far as there is space for it.
-    fn give(&mut self, text: &mut Vec<u8>) -> io::Result<()> {
+    fn pass_on(&mut self, text: &mut Vec<u8>) -> io::Result<()> {
         let mut queue = self.shared.lock();
         let room = OVERRUN_AT.saturating_sub(queue.text.len());
         let is_overrun = text.len() > room;
@@ -326,14 +328,14 @@ impl<P: ProgramLine> Receiver<P> {
         if self.settings.dc_codes && self.settings.handshake.has_xon_xoff() {
             let last = self.heard.max(self.asked);
             if last.elapsed() >= REPEATED_AFTER {
-                self.ask(true)?;
+                self.set_sending(true)?;
             }
         }
         Ok(false)
     }
 
     /// Resumes or pauses the sender.
-    fn ask(&mut self, sends: bool) -> io::Result<()> {
+    fn set_sending(&mut self, sends: bool) -> io::Result<()> {
         let lost = |lost: PortLost| io::Error::other(format!("E2309: {lost}"));
         let handshake = self.settings.handshake;
         if handshake.has_rts_cts() {

@@ -25,14 +25,14 @@ const ATTEMPT: Duration = Duration::from_secs(3);
 /// Maximum silence of a sender that is connected, where its address sets no other.
 const SILENCE: Duration = Duration::from_secs(600);
 /// Interval of the polls of a silent sender.
-const LOOKS_EVERY: Duration = Duration::from_millis(500);
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
 /// Pause between two attempts.
 const PAUSE: Duration = Duration::from_millis(200);
 /// Maximum duration of reconnecting.
-const PATIENCE: Duration = Duration::from_secs(600);
+const RECONNECT_TIMEOUT: Duration = Duration::from_secs(600);
 /// Number of complete connections without anything new after which the sender has no more to send, whatever the
 /// program's end lacks.
-const NO_MORE: u32 = 3;
+const MAX_EMPTY_CONNECTIONS: u32 = 3;
 
 /// Program over a socket.
 #[derive(Debug)]
@@ -97,7 +97,7 @@ impl Socket {
         Ok(Self {
             address: address.to_owned(),
             stream: Some(stream),
-            patience: PATIENCE,
+            patience: RECONNECT_TIMEOUT,
             silence,
             received: 0,
             check: SenderCheck::default(),
@@ -111,7 +111,7 @@ impl Socket {
     fn reconnect(&mut self) -> io::Result<TcpStream> {
         let lost = Instant::now();
         loop {
-            match connect(&self.address).and_then(|mut stream| self.pass_over(&mut stream).map(|()| stream)) {
+            match connect(&self.address).and_then(|mut stream| self.compare_known_part(&mut stream).map(|()| stream)) {
                 Ok(stream) => return Ok(stream),
                 Err(error) if error.kind() == ErrorKind::InvalidData => return Err(error),
                 Err(error) if lost.elapsed() > self.patience => return Err(error),
@@ -121,7 +121,7 @@ impl Socket {
     }
 
     /// Reads the part that arrived before, and compares it.
-    fn pass_over(&self, stream: &mut TcpStream) -> io::Result<()> {
+    fn compare_known_part(&self, stream: &mut TcpStream) -> io::Result<()> {
         let (mut check, mut end) = (SenderCheck::default(), ProgramEndDetector::default());
         let (mut left, mut bytes, begun) = (self.received, [0; 4096], Instant::now());
         while left > 0 {
@@ -130,18 +130,18 @@ impl Socket {
                 Ok(0) if end.is_reached() => {
                     let had_come = self.received - left;
                     let what = format!("it ends after {had_come} bytes, and {} had arrived before", self.received);
-                    return Err(self.differs(&what));
+                    return Err(self.different_program(&what));
                 }
                 Ok(0) => return Err(ErrorKind::UnexpectedEof.into()),
                 Ok(count) => {
-                    check.take(&bytes[..count]);
+                    check.update(&bytes[..count]);
                     end.push(&bytes[..count]);
                     left -= count as u64;
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) if is_time_out(&error) => {
                     if self.silence.is_some_and(|silence| begun.elapsed() >= silence) {
-                        return Err(self.silent(begun.elapsed()));
+                        return Err(self.silence_error(begun.elapsed()));
                     }
                 }
                 Err(error) => return Err(error),
@@ -150,11 +150,12 @@ impl Socket {
         if check == self.check {
             return Ok(());
         }
-        Err(self.differs(&format!("its first {} bytes differ from those that had arrived before", self.received)))
+        Err(self
+            .different_program(&format!("its first {} bytes differ from those that had arrived before", self.received)))
     }
 
     /// Error of a sender that has been silent for too long.
-    fn silent(&self, silent: Duration) -> io::Error {
+    fn silence_error(&self, silent: Duration) -> io::Error {
         let what = format!(
             "E2304: {SCHEME}{} has been silent for {:.0} s inside the program; check the sender and the network",
             self.address,
@@ -164,7 +165,7 @@ impl Socket {
     }
 
     /// Error of a sender that sends a different program after reconnecting.
-    fn differs(&self, how: &str) -> io::Error {
+    fn different_program(&self, how: &str) -> io::Error {
         let what =
             format!("the sender at {SCHEME}{} sends a different program after reconnecting: {how}", self.address);
         io::Error::new(ErrorKind::InvalidData, what)
@@ -182,7 +183,7 @@ impl Read for Socket {
             match stream.read(bytes) {
                 Ok(0) if self.end.is_reached() => self.ended = true,
                 // The connection has ended or failed: it is established again.
-                Ok(0) if self.barren < NO_MORE => {
+                Ok(0) if self.barren < MAX_EMPTY_CONNECTIONS => {
                     self.barren += 1;
                     thread::sleep(PAUSE);
                 }
@@ -191,14 +192,14 @@ impl Read for Socket {
                     self.stream = Some(stream);
                     self.barren = 0;
                     self.received += count as u64;
-                    self.check.take(&bytes[..count]);
+                    self.check.update(&bytes[..count]);
                     self.end.push(&bytes[..count]);
                     return Ok(count);
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => self.stream = Some(stream),
                 Err(error) if is_time_out(&error) => {
                     if self.silence.is_some_and(|silence| begun.elapsed() >= silence) {
-                        return Err(self.silent(begun.elapsed()));
+                        return Err(self.silence_error(begun.elapsed()));
                     }
                     self.stream = Some(stream);
                 }
@@ -214,7 +215,7 @@ fn connect(address: &str) -> io::Result<TcpStream> {
     for socket in address.to_socket_addrs()? {
         match TcpStream::connect_timeout(&socket, ATTEMPT) {
             Ok(stream) => {
-                stream.set_read_timeout(Some(LOOKS_EVERY))?;
+                stream.set_read_timeout(Some(POLL_INTERVAL))?;
                 keep_alive(&stream)?;
                 return Ok(stream);
             }
@@ -255,7 +256,7 @@ impl Default for SenderCheck {
 }
 
 impl SenderCheck {
-    fn take(&mut self, bytes: &[u8]) {
+    fn update(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3);
         }

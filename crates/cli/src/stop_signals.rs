@@ -15,7 +15,7 @@ use retrace_controller::operator::OperatorCommand;
 use retrace_controller::telemetry::Telemetry;
 
 /// Interval of the polls for a signal.
-const LOOKS_EVERY: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// What a job that is stopping still waits for.
 #[derive(Debug, Default)]
@@ -27,7 +27,7 @@ struct Progress {
 }
 
 impl Progress {
-    fn in_words(&self) -> String {
+    fn text(&self) -> String {
         match (&self.instruction, self.is_moving) {
             (Some((code, line)), _) => format!("{code} of line {line} must complete first"),
             (None, true) => format!("the machine is braking on its path, at line {}", self.line),
@@ -42,13 +42,13 @@ pub enum StopPolicy {
     /// Job, whose breakpoint is saved.
     Job,
     /// Homing, a jog or an MDI block.
-    ByHand,
+    Manual,
 }
 
 /// Watcher for signals while a job runs.
 #[derive(Debug)]
 pub struct StopSignals {
-    came: Arc<AtomicBool>,
+    has_signal: Arc<AtomicBool>,
     progress: Arc<Mutex<Progress>>,
     over: Arc<AtomicBool>,
     watcher: Option<JoinHandle<()>>,
@@ -60,7 +60,7 @@ impl StopSignals {
     #[must_use]
     pub fn watch(kind: StopPolicy) -> Option<(Self, CommandReceiver)> {
         let came = Arc::new(AtomicBool::new(false));
-        let (said, heard) = command_channel();
+        let (sender, receiver) = command_channel();
         let progress = Arc::<Mutex<Progress>>::default();
         let over = Arc::new(AtomicBool::new(false));
         let watcher = {
@@ -68,11 +68,11 @@ impl StopSignals {
             let watch = move || {
                 // it only waits: the motion thread alone is scheduled in real time
                 let _ = retrace_controller::real_time::leave();
-                look(kind, &came, &said, &progress, &over);
+                watch_signals(kind, &came, &sender, &progress, &over);
             };
             thread::Builder::new().name("signals".into()).spawn(watch).ok()?
         };
-        Some((Self { came, progress, over, watcher: Some(watcher) }, heard))
+        Some((Self { has_signal: came, progress, over, watcher: Some(watcher) }, receiver))
     }
 
     /// From now on signals stop the job instead of ending the process. Where the system rejects that, they still end
@@ -83,15 +83,15 @@ impl StopSignals {
             use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
             let ignored = ignored();
             for signal in [SIGHUP, SIGTERM, SIGINT].into_iter().filter(|signal| ignored & (1 << (signal - 1)) == 0) {
-                let _ = signal_hook::flag::register(signal, Arc::clone(&self.came));
+                let _ = signal_hook::flag::register(signal, Arc::clone(&self.has_signal));
             }
         }
     }
 
     /// Applies an item of telemetry.
-    pub fn told<const A: usize>(&self, told: &Telemetry<A>) {
+    pub fn observe<const A: usize>(&self, telemetry: &Telemetry<A>) {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
-        match told {
+        match telemetry {
             Telemetry::Period(period) => (progress.line, progress.is_moving) = (period.line, period.rate != 0),
             Telemetry::Event(event) => match &event.kind {
                 EventKind::Switching(code) => progress.instruction = Some((code.to_string(), event.line)),
@@ -113,17 +113,23 @@ impl Drop for StopSignals {
 }
 
 /// Sends *stop* at the first signal, and prints what is awaited at each further one.
-fn look(kind: StopPolicy, came: &AtomicBool, said: &CommandSender, progress: &Mutex<Progress>, over: &AtomicBool) {
+fn watch_signals(
+    kind: StopPolicy,
+    came: &AtomicBool,
+    sender: &CommandSender,
+    progress: &Mutex<Progress>,
+    over: &AtomicBool,
+) {
     let mut is_stopping = false;
     while !over.load(Ordering::Relaxed) {
-        thread::sleep(LOOKS_EVERY);
+        thread::sleep(POLL_INTERVAL);
         if !came.swap(false, Ordering::Relaxed) {
             continue;
         }
         if is_stopping {
             let progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
-            eprintln!("still stopping: {}", progress.in_words());
-        } else if said.send(OperatorCommand::Stop).is_ok() {
+            eprintln!("still stopping: {}", progress.text());
+        } else if sender.send(OperatorCommand::Stop).is_ok() {
             is_stopping = true;
             let kept = if kind == StopPolicy::Job { ", the breakpoint is saved" } else { "" };
             eprintln!("stopping: braking on the path, cutting outputs go off{kept}");

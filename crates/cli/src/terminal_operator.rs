@@ -14,7 +14,7 @@ use retrace_controller::event::{Event, EventKind};
 use retrace_controller::operator::OperatorCommand;
 
 /// Interval of the polls for a wait and for input.
-const LOOKS_EVERY: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Command that Enter sends; `None` while the job waits for nothing.
 type Awaited = Arc<Mutex<Option<OperatorCommand>>>;
@@ -34,7 +34,7 @@ pub enum Keyboard {
 #[derive(Debug)]
 pub struct TerminalOperator {
     keyboard: Keyboard,
-    keeps_breakpoint: bool,
+    saves_breakpoint: bool,
     awaited: Awaited,
     /// Command that Enter sent last: the job waits for it again where it is rejected.
     answered: Awaited,
@@ -47,9 +47,9 @@ impl TerminalOperator {
     /// whether the job has a journal.
     #[must_use]
     pub fn new(keyboard: Keyboard, optional_stop: bool, keeps_breakpoint: bool) -> (Self, CommandReceiver) {
-        let (said, heard) = command_channel();
+        let (sender, receiver) = command_channel();
         // The channel has room for the first command.
-        let _ = said.send(OperatorCommand::OptionalStop(optional_stop));
+        let _ = sender.send(OperatorCommand::OptionalStop(optional_stop));
         let (awaited, answered, over) = (Awaited::default(), Awaited::default(), Arc::<AtomicBool>::default());
         let reader = {
             let (awaited, answered, over) = (Arc::clone(&awaited), Arc::clone(&answered), Arc::clone(&over));
@@ -57,21 +57,21 @@ impl TerminalOperator {
                 // it only waits: the motion thread alone is scheduled in real time
                 let _ = retrace_controller::real_time::leave();
                 while !over.load(Ordering::Relaxed) {
-                    thread::sleep(LOOKS_EVERY);
-                    read_terminal(keyboard, &awaited, &answered, &said, &over);
+                    thread::sleep(POLL_INTERVAL);
+                    read_terminal(keyboard, &awaited, &answered, &sender, &over);
                 }
             };
             // Without the thread Enter has no effect, and the job waits for a signal.
             thread::Builder::new().name("terminal".into()).spawn(read).ok()
         };
-        (Self { keyboard, keeps_breakpoint, awaited, answered, over, reader }, heard)
+        (Self { keyboard, saves_breakpoint: keeps_breakpoint, awaited, answered, over, reader }, receiver)
     }
 
     /// Applies an event of the job. Returns the prompt to print, if the job waits now. `tool_name` looks up a tool of
     /// the tool table.
     pub fn observe(&self, event: &Event, tool_name: impl Fn(u32) -> Option<String>) -> Option<String> {
         let line = event.line;
-        let (deed, what) = match &event.kind {
+        let (command, what) = match &event.kind {
             EventKind::ProgramStop(code) => (OperatorCommand::CycleStart, format!("{code} of line {line} waits")),
             EventKind::ToolChange(tool) => {
                 let name = tool_name(tool.unsigned_abs()).map_or(String::new(), |name| format!(" ({name})"));
@@ -92,14 +92,14 @@ impl TerminalOperator {
             }
             _ => return None,
         };
-        *lock(&self.awaited) = Some(deed);
-        Some(format!("{what}; {}", self.way_on()))
+        *lock(&self.awaited) = Some(command);
+        Some(format!("{what}; {}", self.resume_hint()))
     }
 
     /// How to resume, and how to stop.
-    fn way_on(&self) -> String {
+    fn resume_hint(&self) -> String {
         let pid = std::process::id();
-        let kept = if self.keeps_breakpoint { "; `retrace resume` at a terminal resumes from here" } else { "" };
+        let kept = if self.saves_breakpoint { "; `retrace resume` at a terminal resumes from here" } else { "" };
         match self.keyboard {
             Keyboard::Terminal if in_foreground() => "press Enter to resume, Ctrl-C to stop".into(),
             Keyboard::Terminal => format!(
@@ -128,7 +128,7 @@ fn lock(awaited: &Awaited) -> std::sync::MutexGuard<'_, Option<OperatorCommand>>
 
 /// Reads the terminal while the job waits. Earlier input is discarded: it was typed for something else.
 #[cfg(unix)]
-fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said: &CommandSender, over: &AtomicBool) {
+fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, sender: &CommandSender, over: &AtomicBool) {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
     use rustix::termios::{QueueSelector, tcflush};
 
@@ -141,7 +141,7 @@ fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said
         // In the background, reading and flushing would stop the whole process, and the machine with it.
         if !in_foreground() {
             is_flushed = false;
-            thread::sleep(LOOKS_EVERY);
+            thread::sleep(POLL_INTERVAL);
             continue;
         }
         if !is_flushed {
@@ -155,12 +155,12 @@ fn read_terminal(keyboard: Keyboard, awaited: &Awaited, answered: &Awaited, said
         let mut bytes = [0; 256];
         match rustix::io::read(&stdin, &mut bytes) {
             // The terminal is gone: there is no further input.
-            Ok(0) => thread::sleep(LOOKS_EVERY),
+            Ok(0) => thread::sleep(POLL_INTERVAL),
             Ok(read) if bytes.iter().take(read).any(|&byte| byte == b'\n') => {
-                let Some(deed) = lock(awaited).take() else { return };
-                *lock(answered) = Some(deed);
-                if said.send(deed).is_err() {
-                    *lock(awaited) = Some(deed);
+                let Some(command) = lock(awaited).take() else { return };
+                *lock(answered) = Some(command);
+                if sender.send(command).is_err() {
+                    *lock(awaited) = Some(command);
                 }
                 return;
             }
@@ -190,26 +190,26 @@ mod tests {
     use retrace_controller::event::DifferingOutputs;
     use retrace_core::Place;
 
-    fn event(happening: EventKind) -> Event {
-        Event { period: 1, time_s: 0.0, place: Place::default(), line: 7, kind: happening }
+    fn event(kind: EventKind) -> Event {
+        Event { period: 1, time_s: 0.0, place: Place::default(), line: 7, kind }
     }
 
     #[test]
     fn what_is_waited_for_is_said_with_the_way_on_and_the_way_out() {
-        let (operator, mut heard) = TerminalOperator::new(Keyboard::None, true, true);
-        assert_eq!(heard.next_command(), Some(OperatorCommand::OptionalStop(true)));
-        let said = |happening| operator.observe(&event(happening), |tool| (tool == 3).then(|| "end mill".to_owned()));
-        let stop = said(EventKind::ProgramStop("M0")).expect("it waits");
+        let (operator, mut receiver) = TerminalOperator::new(Keyboard::None, true, true);
+        assert_eq!(receiver.next_command(), Some(OperatorCommand::OptionalStop(true)));
+        let prompt = |kind| operator.observe(&event(kind), |tool| (tool == 3).then(|| "end mill".to_owned()));
+        let stop = prompt(EventKind::ProgramStop("M0")).expect("it waits");
         assert!(stop.starts_with("M0 of line 7 waits; no terminal to press Enter at: stop it with `kill "), "{stop}");
         assert!(stop.contains("`retrace resume`"), "{stop}");
         assert_eq!(*lock(&operator.awaited), Some(OperatorCommand::CycleStart));
-        let change = said(EventKind::ToolChange(3)).expect("it waits");
+        let change = prompt(EventKind::ToolChange(3)).expect("it waits");
         assert!(change.contains("insert tool 3 (end mill)"), "{change}");
-        assert!(said(EventKind::ToolChange(0)).is_some_and(|text| text.contains("remove the tool")));
+        assert!(prompt(EventKind::ToolChange(0)).is_some_and(|text| text.contains("remove the tool")));
         let differ = DifferingOutputs::first(&mut [(3, 0, 1)].into_iter());
-        assert!(said(EventKind::OutputsDiffer(differ)).is_some_and(|text| text.contains("restores the outputs")));
+        assert!(prompt(EventKind::OutputsDiffer(differ)).is_some_and(|text| text.contains("restores the outputs")));
         assert_eq!(*lock(&operator.awaited), Some(OperatorCommand::Confirm));
-        assert_eq!((said(EventKind::RunResumed), *lock(&operator.awaited)), (None, None));
-        assert_eq!(heard.next_command(), None, "nothing is said by itself");
+        assert_eq!((prompt(EventKind::RunResumed), *lock(&operator.awaited)), (None, None));
+        assert_eq!(receiver.next_command(), None, "nothing is said by itself");
     }
 }

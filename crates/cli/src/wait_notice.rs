@@ -13,13 +13,13 @@ use retrace_controller::read_ahead::SourceStatus;
 /// Duration after which a wait is reported.
 const REPORTED_AFTER: Duration = Duration::from_secs(1);
 /// Minimum interval between two polls of the source.
-const LOOKS_EVERY: Duration = Duration::from_millis(100);
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Watch on one source; on nothing for a program in a file.
 #[derive(Debug)]
 pub struct WaitWatch {
     source: Option<Arc<SourceStatus>>,
-    looked: Option<Instant>,
+    last_poll: Option<Instant>,
     /// Start of the wait that was reported.
     reported: Option<SystemTime>,
 }
@@ -28,12 +28,12 @@ impl WaitWatch {
     /// Watch on this source.
     #[must_use]
     pub fn new(source: Option<Arc<SourceStatus>>) -> Self {
-        Self { source, looked: None, reported: None }
+        Self { source, last_poll: None, reported: None }
     }
 
     /// Returns an event that is due. It may be called at any rate.
     pub fn poll(&mut self) -> Option<EventKind> {
-        if self.looked.is_some_and(|looked| looked.elapsed() < LOOKS_EVERY) {
+        if self.last_poll.is_some_and(|looked| looked.elapsed() < POLL_INTERVAL) {
             return None;
         }
         self.poll_now()
@@ -42,7 +42,7 @@ impl WaitWatch {
     /// Returns an event that is due, regardless of the last poll.
     pub fn poll_now(&mut self) -> Option<EventKind> {
         let source = self.source.as_ref()?;
-        self.looked = Some(Instant::now());
+        self.last_poll = Some(Instant::now());
         let age = |since: SystemTime| since.elapsed().unwrap_or_default();
         let (now, name) = (source.waiting_since(), source.name().to_owned());
         match (self.reported, now) {
@@ -69,7 +69,7 @@ mod tests {
         let source = Arc::new(SourceStatus::new("serial:/dev/ttyS0"));
         let mut watch = WaitWatch::new(Some(Arc::clone(&source)));
         let mut poll = || {
-            std::thread::sleep(LOOKS_EVERY);
+            std::thread::sleep(POLL_INTERVAL);
             watch.poll()
         };
         source.begin_wait();

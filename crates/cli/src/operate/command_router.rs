@@ -10,78 +10,78 @@ use retrace_controller::operator::OperatorCommand;
 
 use crate::screen::UiCommand;
 use crate::screen::model::ScreenModel;
-use crate::screen::model_observer::locked;
+use crate::screen::model_observer::lock_model;
 
 /// Routes commands from the screen.
 #[derive(Debug)]
 pub(super) struct CommandRouter {
     /// Model of the screen.
     pub(super) model: Arc<Mutex<ScreenModel>>,
-    words: Sender<UiCommand>,
+    commands: Sender<UiCommand>,
     job: Mutex<Option<CommandSender>>,
 }
 
 impl CommandRouter {
     /// Router for this model, and the receiver of commands while no job runs.
     pub(super) fn new(model: Arc<Mutex<ScreenModel>>) -> (Arc<Self>, Receiver<UiCommand>) {
-        let (words, said) = channel();
-        (Arc::new(Self { model, words, job: Mutex::new(None) }), said)
+        let (commands, receiver) = channel();
+        (Arc::new(Self { model, commands, job: Mutex::new(None) }), receiver)
     }
 
     /// Starts routing to a job or a manual move. Returns its receiver of commands.
-    pub(super) fn begins(&self) -> CommandReceiver {
-        let (said, heard) = command_channel();
-        *self.job() = Some(said);
-        heard
+    pub(super) fn begin_job(&self) -> CommandReceiver {
+        let (sender, receiver) = command_channel();
+        *self.job() = Some(sender);
+        receiver
     }
 
     /// Ends routing to the job.
-    pub(super) fn ends(&self) {
+    pub(super) fn end_job(&self) {
         *self.job() = None;
     }
 
     /// Routes a command from the screen.
-    pub(super) fn say(&self, said: UiCommand) {
-        match said {
-            UiCommand::Deed(deed) => self.say_to_job(deed),
+    pub(super) fn route(&self, command: UiCommand) {
+        match command {
+            UiCommand::Deed(command) => self.send_to_job(command),
             UiCommand::Turn(counts) => {
                 if let Some(job) = &*self.job() {
                     job.turn_wheel(counts);
                 }
             }
-            UiCommand::CutterOff if self.job().is_some() => self.say_to_job(OperatorCommand::CutterOff),
+            UiCommand::CutterOff if self.job().is_some() => self.send_to_job(OperatorCommand::CutterOff),
             UiCommand::OptionalStop(on) => {
-                self.say_to_job(OperatorCommand::OptionalStop(on));
-                drop(self.words.send(said));
+                self.send_to_job(OperatorCommand::OptionalStop(on));
+                drop(self.commands.send(command));
             }
             // A key that is held down does not queue up moves.
             UiCommand::Task(_) if self.job().is_some() => {}
             // The machine thread receives every command until it ends.
             other => {
-                if locked(&self.model).is_at_program_end() {
+                if lock_model(&self.model).is_at_program_end() {
                     // The next command releases a job whose program has ended.
-                    self.say_to_job(OperatorCommand::Stop);
+                    self.send_to_job(OperatorCommand::Stop);
                 }
-                drop(self.words.send(other));
+                drop(self.commands.send(other));
             }
         }
     }
 
     /// Sends a command to the job that runs; without one there is nothing to hold or stop.
-    pub(super) fn say_to_job(&self, deed: OperatorCommand) {
-        let said = self.job().as_ref().map(|job| job.send(deed));
-        if said == Some(Err(CommandQueueFull)) {
-            let mut model = locked(&self.model);
+    pub(super) fn send_to_job(&self, command: OperatorCommand) {
+        let sent = self.job().as_ref().map(|job| job.send(command));
+        if sent == Some(Err(CommandQueueFull)) {
+            let mut model = lock_model(&self.model);
             let (time_s, line) = (model.period as f64 * model.facts.period_s, model.line);
-            model.say(time_s, line, "command queue full: the key was ignored, press it again");
+            model.add_message(time_s, line, "command queue full: the key was ignored, press it again");
         }
     }
 
     /// Stops what runs and ends the machine thread: the operator is gone. It is called until the thread has ended.
-    pub(super) fn leave(&self) {
-        self.say_to_job(OperatorCommand::Stop);
+    pub(super) fn stop_and_quit(&self) {
+        self.send_to_job(OperatorCommand::Stop);
         // The receiver is gone where the machine thread has ended already.
-        let _ = self.words.send(UiCommand::Quit);
+        let _ = self.commands.send(UiCommand::Quit);
     }
 
     fn job(&self) -> std::sync::MutexGuard<'_, Option<CommandSender>> {

@@ -29,17 +29,17 @@ use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableKeeper;
 use crate::program::{CommandFailure, Program, ProgramStream};
 use crate::resume_summary::ResumeSummary;
-use crate::run::{At, JobResult, JobSpec, TuiOptions};
+use crate::run::{JobResult, JobSpec, MachineAndCard, TuiOptions};
 use crate::screen::UiCommand;
 use crate::screen::diagnostic_text;
 use crate::screen::model::{AlarmShown, Question, ScreenModel, ScreenStage};
-use crate::screen::model_observer::{ModelObserver, locked};
+use crate::screen::model_observer::{ModelObserver, lock_model};
 use crate::screen::program_facts::ProgramCheck;
 
 /// Number of periods between two updates of the screen at rest.
-const TOLD_EVERY: u64 = 20;
+const PUBLISH_PERIODS: u64 = 20;
 /// Delay before a card that is at fault is polled again.
-const FAULTY: Duration = Duration::from_millis(5);
+const RETRY_DELAY: Duration = Duration::from_millis(5);
 
 /// State in which the machine was left.
 #[derive(Debug)]
@@ -62,14 +62,14 @@ pub(super) struct MachineThread<'m, const A: usize, C> {
     homing: &'m Homing,
     program: Arc<Program>,
     script: Vec<ScriptInstruction>,
-    at: At,
+    machine_and_card: MachineAndCard,
     card: &'m mut C,
     /// Modal state for MDI blocks and for the next program.
-    by_hand: mdi::ModalContext,
+    mdi_context: mdi::ModalContext,
     table_keeper: TableKeeper,
-    words: Receiver<UiCommand>,
-    desk: &'m Arc<CommandRouter>,
-    live: ModelObserver,
+    commands: Receiver<UiCommand>,
+    router: &'m Arc<CommandRouter>,
+    observer: ModelObserver,
     /// Alarm that was reported.
     alarm: Option<Alarm>,
     /// Whether the card has failed for good.
@@ -78,7 +78,7 @@ pub(super) struct MachineThread<'m, const A: usize, C> {
     optional_stop: bool,
     /// Job to resume first.
     resumed: Option<ResumingJob<'m, A, C>>,
-    left: ExitState,
+    exit: ExitState,
 }
 
 impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
@@ -86,35 +86,35 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     pub(super) fn new(
         args: args::Run,
         (machine, homing): (&MachineConfig, &'m Homing),
-        (program, script, at): (Arc<Program>, Vec<ScriptInstruction>, At),
+        (program, script, machine_and_card): (Arc<Program>, Vec<ScriptInstruction>, MachineAndCard),
         card: &'m mut C,
-        words: Receiver<UiCommand>,
-        desk: &'m Arc<CommandRouter>,
+        commands: Receiver<UiCommand>,
+        router: &'m Arc<CommandRouter>,
     ) -> Self {
-        let live = ModelObserver::new(Arc::clone(&desk.model));
-        let left = ExitState { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
-        let (by_hand, machine) = (mdi::ModalContext::new(program.setup().clone()), machine.clone());
+        let observer = ModelObserver::new(Arc::clone(&router.model));
+        let exit = ExitState { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
+        let (mdi_context, machine) = (mdi::ModalContext::new(program.setup().clone()), machine.clone());
         let table_keeper = TableKeeper::new(&args.reading, program.setup());
         let optional_stop = args.optional_stop.is_some_and(args::OnOff::is_on);
-        locked(&desk.model).optional_stop = optional_stop;
+        lock_model(&router.model).optional_stop = optional_stop;
         Self {
             args,
             machine,
             homing,
             program,
             script,
-            at,
+            machine_and_card,
             card,
-            by_hand,
+            mdi_context,
             table_keeper,
-            words,
-            desk,
-            live,
+            commands,
+            router,
+            observer,
             alarm: None,
             failed: false,
             optional_stop,
             resumed: None,
-            left,
+            exit,
         }
     }
 
@@ -125,107 +125,107 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
 
     /// Works until the operator quits.
     pub(super) fn work(mut self) -> ExitState {
-        self.tell_outputs();
-        self.tell_homed();
-        let active = Box::new(self.by_hand.active());
-        Observer::<A>::on_telemetry(&mut self.live, &Telemetry::Active(active));
+        self.publish_outputs();
+        self.publish_homing();
+        let active = Box::new(self.mdi_context.active());
+        Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Active(active));
         if let Some(resumed) = self.resumed.take()
             && let Err(failure) = self.resume(resumed)
         {
-            return ExitState { failure: Some(failure), ..self.left };
+            return ExitState { failure: Some(failure), ..self.exit };
         }
         loop {
-            match self.words.try_recv() {
-                Ok(UiCommand::Start) => self.job(),
+            match self.commands.try_recv() {
+                Ok(UiCommand::Start) => self.run_job(),
                 Ok(UiCommand::SetUp) => self.set_up(),
-                Ok(UiCommand::Task(task)) => self.task(&task),
-                Ok(UiCommand::Load(path)) => self.load(path),
+                Ok(UiCommand::Task(task)) => self.perform_task(&task),
+                Ok(UiCommand::Load(path)) => self.load_program(path),
                 Ok(UiCommand::CutterOff) => self.cutters_off(),
                 Ok(UiCommand::OptionalStop(on)) => {
                     self.optional_stop = on;
-                    locked(&self.desk.model).optional_stop = on;
+                    lock_model(&self.router.model).optional_stop = on;
                 }
                 Ok(UiCommand::CloseRefusal) => self.close_refusal(),
                 Ok(UiCommand::DryRun(on)) => self.machine.inhibits_outputs = on,
                 // Commands to a job that has just ended, or an answer to its question.
                 Ok(UiCommand::Deed(_) | UiCommand::Turn(_) | UiCommand::Answer(_)) => {}
-                Ok(UiCommand::Quit) | Err(TryRecvError::Disconnected) => return self.leave(),
-                Err(TryRecvError::Empty) => self.stand(),
+                Ok(UiCommand::Quit) | Err(TryRecvError::Disconnected) => return self.exit_state(),
+                Err(TryRecvError::Empty) => self.idle_period(),
             }
         }
     }
 
     /// Exit state: exit code 1 where no job ran because the program has errors.
-    fn leave(self) -> ExitState {
-        let is_refused = matches!(locked(&self.desk.model).facts.check, ProgramCheck::Refused(_));
-        let code = if is_refused && !self.left.ran { 1 } else { self.left.code };
-        ExitState { code, ..self.left }
+    fn exit_state(self) -> ExitState {
+        let is_refused = matches!(lock_model(&self.router.model).facts.check, ProgramCheck::Refused(_));
+        let code = if is_refused && !self.exit.ran { 1 } else { self.exit.code };
+        ExitState { code, ..self.exit }
     }
 
     /// Passes one control period at rest.
-    fn stand(&mut self) {
+    fn idle_period(&mut self) {
         if let Err(fault) = self.card.run_period() {
-            let trouble = CardError::of(&fault);
+            let error = CardError::of(&fault);
             // A latched alarm is reported below, and can be cleared.
             if self.card.status().alarm.is_none() && !self.failed {
                 self.failed = true;
-                self.tell(EventKind::Alarm(trouble));
+                self.emit(EventKind::Alarm(error));
             }
-            thread::sleep(FAULTY);
+            thread::sleep(RETRY_DELAY);
         }
         let status = *self.card.status();
         if status.alarm != self.alarm {
             self.alarm = status.alarm;
             match status.alarm {
-                Some(alarm) => self.tell(EventKind::Alarm(CardError::Latched(alarm))),
-                None => locked(&self.desk.model).alarm_is_cleared(),
+                Some(alarm) => self.emit(EventKind::Alarm(CardError::Latched(alarm))),
+                None => lock_model(&self.router.model).clear_alarm(),
             }
         }
-        if status.period.is_multiple_of(TOLD_EVERY) {
+        if status.period.is_multiple_of(PUBLISH_PERIODS) {
             let period = PeriodRecord { off_path: true, ..PeriodRecord::from_status(&status) };
-            Observer::<A>::on_telemetry(&mut self.live, &Telemetry::Period(period));
+            Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Period(period));
         }
     }
 
-    fn tell(&mut self, happening: EventKind) {
+    fn emit(&mut self, kind: EventKind) {
         let status = self.card.status();
         let time_s = status.period as f64 * self.machine.period_s();
-        let event = Event { period: status.period, time_s, place: status.place, line: status.line, kind: happening };
-        Observer::<A>::on_telemetry(&mut self.live, &Telemetry::Event(event));
+        let event = Event { period: status.period, time_s, place: status.place, line: status.line, kind };
+        Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Event(event));
     }
 
-    fn note(&mut self, text: impl Into<String>) {
+    fn add_message(&mut self, text: impl Into<String>) {
         let time_s = self.card.status().period as f64 * self.machine.period_s();
-        locked(&self.desk.model).say(time_s, 0, text);
+        lock_model(&self.router.model).add_message(time_s, 0, text);
     }
 
     /// Reports every output.
-    fn tell_outputs(&mut self) {
+    fn publish_outputs(&mut self) {
         let outputs = self.card.status().outputs;
         for (channel, &value) in (0u8..).zip(&outputs) {
             let change = OutputChange { channel, value };
-            if locked(&self.desk.model).output(change.channel) != change.value {
-                Observer::<A>::on_telemetry(&mut self.live, &Telemetry::Output(change));
+            if lock_model(&self.router.model).output(change.channel) != change.value {
+                Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Output(change));
             }
         }
     }
 
     /// Reports whether a program may move the machine.
-    fn tell_homed(&mut self) {
+    fn publish_homing(&mut self) {
         let (homed, homing) = (self.homing.check(&self.machine).is_ok(), self.homing.axes(&self.machine));
-        let mut model = locked(&self.desk.model);
+        let mut model = lock_model(&self.router.model);
         (model.homed, model.homing) = (homed, homing);
         model.changes += 1;
     }
 
     /// Whether a task is an MDI block that moves the machine.
-    fn moves(&self, task: &ManualTask, machine: &MachineConfig) -> bool {
-        matches!(task, ManualTask::Mdi(block) if self.by_hand.block(machine, block).is_ok_and(|block| block.moves()))
+    fn moves_machine(&self, task: &ManualTask, machine: &MachineConfig) -> bool {
+        matches!(task, ManualTask::Mdi(block) if self.mdi_context.block(machine, block).is_ok_and(|block| block.moves()))
     }
 
     /// Returns to setup after a job.
     fn set_up(&mut self) {
-        let mut model = locked(&self.desk.model);
+        let mut model = lock_model(&self.router.model);
         if model.stage != ScreenStage::Job {
             model.stage = ScreenStage::Setup;
             model.changes += 1;
@@ -233,90 +233,92 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     }
 
     /// Executes a manual task.
-    fn task(&mut self, task: &ManualTask) {
+    fn perform_task(&mut self, task: &ManualTask) {
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
         let script = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
-        let operators = script.with_operator(self.desk.begins());
-        let manner = RunMode { wall_time: true, operator: true, real_time: false };
-        let mut shown = ManualTables(self.live.clone());
-        let unhomed = self.moves(task, &machine).then(|| self.homing.check(&machine).err()).flatten();
+        let command_sources = script.with_operator(self.router.begin_job());
+        let run_mode = RunMode { wall_time: true, operator: true, real_time: false };
+        let mut shown = ManualObserver(self.observer.clone());
+        let unhomed = self.moves_machine(task, &machine).then(|| self.homing.check(&machine).err()).flatten();
         let done = match unhomed {
             Some(refusal) => Err(refusal.into()),
-            None => self.homing.noting(task, &machine, || {
-                perform(task, &machine, &mut self.by_hand, self.card, (operators, manner), &mut shown)
+            None => self.homing.perform_and_record(task, &machine, || {
+                perform(task, &machine, &mut self.mdi_context, self.card, (command_sources, run_mode), &mut shown)
             }),
         };
-        self.desk.ends();
-        self.tell_homed();
+        self.router.end_job();
+        self.publish_homing();
         match done {
             Ok(ManualTaskDone::Whole { cut_short: false }) if *task == ManualTask::ClearAlarm => {
-                self.note("alarm cleared")
+                self.add_message("alarm cleared")
             }
-            Ok(ManualTaskDone::Whole { cut_short: true }) => self.note("stopped at the soft limit"),
+            Ok(ManualTaskDone::Whole { cut_short: true }) => self.add_message("stopped at the soft limit"),
             Ok(ManualTaskDone::Whole { .. }) => {}
-            Ok(ManualTaskDone::Stopped) => self.note("stopped"),
+            Ok(ManualTaskDone::Stopped) => self.add_message("stopped"),
             Err(ManualTaskError::Refused(refusal)) => {
-                self.note(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy))
+                self.add_message(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy))
             }
             Err(ManualTaskError::Block(lines)) => {
-                lines.iter().flat_map(|text| diagnostic_text::in_words(text)).for_each(|line| self.note(line));
+                lines.iter().flat_map(|text| diagnostic_text::in_words(text)).for_each(|line| self.add_message(line));
             }
             Err(ManualTaskError::Trouble(_)) if *task == ManualTask::ClearAlarm => {
-                self.note("not cleared: its cause is still present")
+                self.add_message("not cleared: its cause is still present")
             }
             // An alarm is reported at the next period at rest.
             Err(ManualTaskError::Trouble(CardError::Latched(_))) => {}
-            Err(ManualTaskError::Trouble(trouble)) => self.tell(EventKind::Alarm(trouble)),
+            Err(ManualTaskError::Trouble(error)) => self.emit(EventKind::Alarm(error)),
         }
-        if let Err(refusal) = self.table_keeper.keep(self.by_hand.modal_snapshot()) {
-            self.note(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy));
+        if let Err(refusal) = self.table_keeper.write_changes(self.mdi_context.modal_snapshot()) {
+            self.add_message(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy));
         }
         if self.card.status().alarm.is_none() {
-            locked(&self.desk.model).alarm_is_cleared();
+            lock_model(&self.router.model).clear_alarm();
         }
-        let active = Box::new(self.by_hand.active());
-        Observer::<A>::on_telemetry(&mut self.live, &Telemetry::Active(active));
-        self.tell_outputs();
+        let active = Box::new(self.mdi_context.active());
+        Observer::<A>::on_telemetry(&mut self.observer, &Telemetry::Active(active));
+        self.publish_outputs();
         self.check_again();
     }
 
     /// Checks the program again and redraws its path, for the current position and offsets.
     fn check_again(&self) {
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
-        let setup = self.by_hand.setup_of_program(&machine);
-        preview_thread::check_again::<A>(&self.desk.model, machine, &self.program, setup);
+        let setup = self.mdi_context.setup_of_program(&machine);
+        preview_thread::check_again::<A>(&self.router.model, machine, &self.program, setup);
     }
 
     /// Loads another program. Where its file cannot be read, the previous one stays loaded.
-    fn load(&mut self, path: PathBuf) {
-        if locked(&self.desk.model).stage == ScreenStage::Job {
+    fn load_program(&mut self, path: PathBuf) {
+        if lock_model(&self.router.model).stage == ScreenStage::Job {
             return;
         }
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
         let reading = Reading { program: path, ..self.args.reading.clone() };
-        let (program, setup) = (Arc::clone(&self.program), self.by_hand.setup_of_program(&machine));
-        let loaded = self.while_standing({
+        let (program, setup) = (Arc::clone(&self.program), self.mdi_context.setup_of_program(&machine));
+        let loaded = self.while_idle({
             let reading = reading.clone();
-            move || program.loaded(&reading, setup)
+            move || program.load_other(&reading, setup)
         });
         match loaded {
             Ok(program) => {
                 self.program = Arc::new(program);
                 // A start line belonged to the previous program.
                 self.args = args::Run { reading, start_line: None, ..self.args.clone() };
-                locked(&self.desk.model).stage = ScreenStage::Setup;
-                preview_thread::show_program::<A>(&self.desk.model, machine, &self.program);
+                lock_model(&self.router.model).stage = ScreenStage::Setup;
+                preview_thread::show_program::<A>(&self.router.model, machine, &self.program);
             }
-            Err(NumberedError { number, cause: what, remedy }) => self.note(format!("{number}: {what}. {remedy}")),
+            Err(NumberedError { number, cause: what, remedy }) => {
+                self.add_message(format!("{number}: {what}. {remedy}"))
+            }
         }
     }
 
     /// Does work that may take long while control periods continue, so that the card hears from its host.
-    fn while_standing<T: Send>(&mut self, work: impl FnOnce() -> T + Send) -> T {
+    fn while_idle<T: Send>(&mut self, work: impl FnOnce() -> T + Send) -> T {
         let done = thread::scope(|scope| {
             let working = scope.spawn(work);
             while !working.is_finished() {
-                self.stand();
+                self.idle_period();
             }
             working.join()
         });
@@ -324,41 +326,42 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     }
 
     /// Runs the program from the current position.
-    fn job(&mut self) {
-        if locked(&self.desk.model).stage == ScreenStage::Job {
+    fn run_job(&mut self) {
+        if lock_model(&self.router.model).stage == ScreenStage::Job {
             return;
         }
         if let Some(why) = self.cannot_begin() {
-            return self.note(why);
+            return self.add_message(why);
         }
         if let Err(NumberedError { number, cause: what, remedy }) = self.homing.check(&self.machine) {
-            return self.note(format!("{number}: {what} · {remedy}"));
+            return self.add_message(format!("{number}: {what} · {remedy}"));
         }
         let machine = self.machine.clone().standing_at(&self.card.status().counts);
-        let program = match self.prepared(&machine) {
+        let program = match self.open_checked_program(&machine) {
             Ok(program) => program,
-            Err(why) => return self.refused(&why),
+            Err(why) => return self.show_refusal(&why),
         };
         if let Err(fault) = self.card.begin_path(PathStart::at(0)) {
-            return self.tell(EventKind::Alarm(CardError::of(&fault)));
+            return self.emit(EventKind::Alarm(CardError::of(&fault)));
         }
-        let mut ended = JobResult::default();
-        let at_screen = TuiOptions { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
-        let at = self.at.clone();
+        let mut result = JobResult::default();
+        let at_screen =
+            TuiOptions { commands: self.router.begin_job(), observer: self.observer.clone(), result: &mut result };
+        let machine_and_card = self.machine_and_card.clone();
         let args = self.args.clone();
-        let job = JobSpec::of(&args, &machine, self.script_of_job(), program, &at);
-        let done = self.begun(&job).and_then(|kept| job.run(&mut *self.card, kept, Some(at_screen)));
-        self.desk.ends();
-        self.left.ran = true;
+        let job = JobSpec::of(&args, &machine, self.script_of_job(), program, &machine_and_card);
+        let done = self.begin_journal(&job).and_then(|journal| job.run(&mut *self.card, journal, Some(at_screen)));
+        self.router.end_job();
+        self.exit.ran = true;
         match done {
             Ok((code, _)) => {
-                self.take_over(code, ended);
+                self.apply_result(code, result);
             }
             Err(failure) => {
-                let why = in_full(failure);
-                (self.left.code, self.left.report) = (2, None);
-                locked(&self.desk.model).end(why.lines().next().unwrap_or_default());
-                self.refused(&why);
+                let why = failure_text(failure);
+                (self.exit.code, self.exit.report) = (2, None);
+                lock_model(&self.router.model).end(why.lines().next().unwrap_or_default());
+                self.show_refusal(&why);
             }
         }
         // The session reported the same alarm already.
@@ -375,42 +378,46 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     }
 
     /// Takes over the results of a job that ended with this exit code.
-    fn take_over(&mut self, code: u8, ended: JobResult) {
-        if let Some((parameters, tools)) = ended.tables {
-            self.by_hand.set_tables(parameters, tools);
-            self.table_keeper.is_kept(self.by_hand.modal_snapshot());
+    fn apply_result(&mut self, code: u8, result: JobResult) {
+        if let Some((parameters, tools)) = result.tables {
+            self.mdi_context.set_tables(parameters, tools);
+            self.table_keeper.mark_written(self.mdi_context.modal_snapshot());
         }
-        (self.left.code, self.left.report) = (code, Some(ended.text));
+        (self.exit.code, self.exit.report) = (code, Some(result.text));
         // A resumed job brings its own setting.
-        self.optional_stop = locked(&self.desk.model).optional_stop;
-        locked(&self.desk.model).end(&ended.short);
+        self.optional_stop = lock_model(&self.router.model).optional_stop;
+        lock_model(&self.router.model).end(&result.short);
     }
 
     /// Resumes an interrupted job at its breakpoint.
     fn resume(&mut self, resumed: ResumingJob<'m, A, C>) -> Result<(), CommandFailure> {
-        let mut ended = JobResult::default();
-        let at_screen = TuiOptions { heard: self.desk.begins(), live: self.live.clone(), ended: &mut ended };
-        let (words, model) = (&self.words, &self.desk.model);
-        let mut ask = |taken: &ResumeSummary<'_, A>| {
-            let prepared = taken.prepared;
+        let mut result = JobResult::default();
+        let at_screen =
+            TuiOptions { commands: self.router.begin_job(), observer: self.observer.clone(), result: &mut result };
+        let (commands, model) = (&self.commands, &self.router.model);
+        let mut ask = |summary: &ResumeSummary<'_, A>| {
+            let prepared = summary.prepared;
             let outputs = (0..).zip(prepared.expected_outputs()).map(|(channel, &value)| (channel, value));
-            locked(model).program_outputs = outputs.collect();
-            locked(model).history_before = Some((prepared.oldest(), prepared.history_mm()));
-            Ok(resumed.is_agreed || ask(model, words, "resume the job?", taken.lines()))
+            lock_model(model).program_outputs = outputs.collect();
+            lock_model(model).history_before = Some((prepared.oldest(), prepared.history_mm()));
+            Ok(resumed.is_confirmed || ask(model, commands, "resume the job?", summary.lines()))
         };
         let done = (resumed.resume)(&mut *self.card, at_screen, &mut ask);
-        self.desk.ends();
+        self.router.end_job();
         let code = done?;
-        self.left.ran = true;
-        self.take_over(code, ended);
+        self.exit.ran = true;
+        self.apply_result(code, result);
         self.alarm = self.card.status().alarm;
         Ok(())
     }
 
     /// Creates the journal of a job while control periods continue: the disk may take longer than the card's watchdog.
-    fn begun(&mut self, job: &JobSpec<'_>) -> Result<(Option<JournaledJob>, Option<ProgramStream>), CommandFailure> {
+    fn begin_journal(
+        &mut self,
+        job: &JobSpec<'_>,
+    ) -> Result<(Option<JournaledJob>, Option<ProgramStream>), CommandFailure> {
         let status = *self.card.status();
-        self.while_standing(move || job.keep(&status))
+        self.while_idle(move || job.keep(&status))
     }
 
     /// Reason why no job can start now.
@@ -419,7 +426,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Some("the card no longer responds: quit and start again")
         } else if self.card.status().alarm.is_some() {
             Some("clear the alarm first (a)")
-        } else if self.left.ran && self.args.reading.program.as_os_str() == "-" {
+        } else if self.exit.ran && self.args.reading.program.as_os_str() == "-" {
             Some("the program came from standard input and cannot run again")
         } else if !self.program.is_loaded() {
             Some("no program is loaded: O opens one")
@@ -429,13 +436,13 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     }
 
     /// Opens the program and checks it while control periods continue.
-    fn prepared(&mut self, machine: &MachineConfig) -> Result<Program, String> {
-        let (program, setup) = (&self.program, self.by_hand.setup_of_program(machine));
-        let (program, model) = (Arc::clone(program), Arc::clone(&self.desk.model));
-        self.while_standing(move || {
-            let program = program.anew(setup).map_err(|refusal| refusal.to_string())?;
-            program.faults(machine)?;
-            preview_thread::look_again::<A>(&model, machine, &program);
+    fn open_checked_program(&mut self, machine: &MachineConfig) -> Result<Program, String> {
+        let (program, setup) = (&self.program, self.mdi_context.setup_of_program(machine));
+        let (program, model) = (Arc::clone(program), Arc::clone(&self.router.model));
+        self.while_idle(move || {
+            let program = program.reopened(setup).map_err(|refusal| refusal.to_string())?;
+            program.check_silently(machine)?;
+            preview_thread::update_facts::<A>(&model, machine, &program);
             Ok(program)
         })
     }
@@ -447,60 +454,60 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         let lit: Vec<u8> =
             channels.filter(|&channel| outputs.get(usize::from(channel)).is_some_and(|&on| on != 0)).collect();
         for channel in lit {
-            self.task(&ManualTask::Output(channel, 0));
+            self.perform_task(&ManualTask::Output(channel, 0));
         }
     }
 
     /// Closes the box of a refused program.
     fn close_refusal(&mut self) {
-        let mut model = locked(&self.desk.model);
+        let mut model = lock_model(&self.router.model);
         if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) {
-            model.alarm_is_cleared();
+            model.clear_alarm();
         }
     }
 
     /// Shows why a program is refused, one line per finding.
-    fn refused(&mut self, why: &str) {
+    fn show_refusal(&mut self, why: &str) {
         let findings = diagnostic_text::in_words(why);
         let cause = findings.first().cloned().unwrap_or_default();
-        findings.into_iter().for_each(|finding| self.note(finding));
+        findings.into_iter().for_each(|finding| self.add_message(finding));
         let remedy = "g shows all messages; correct the program or its work zero, then start it again (c)".to_owned();
-        let mut model = locked(&self.desk.model);
+        let mut model = lock_model(&self.router.model);
         model.alarm = Some(AlarmShown { number: "program refused".into(), cause, remedy, is_refusal: true });
     }
 }
 
 /// Asks the operator. Returns whether he confirms; quitting is a no.
-fn ask(model: &Mutex<ScreenModel>, words: &Receiver<UiCommand>, title: &str, lines: Vec<String>) -> bool {
-    locked(model).ask(Some(Question { title: title.into(), lines }));
+fn ask(model: &Mutex<ScreenModel>, commands: &Receiver<UiCommand>, title: &str, lines: Vec<String>) -> bool {
+    lock_model(model).ask(Some(Question { title: title.into(), lines }));
     let is_agreed = loop {
-        match words.recv() {
+        match commands.recv() {
             Ok(UiCommand::Answer(is_agreed)) => break is_agreed,
             Ok(UiCommand::Quit) | Err(_) => break false,
             Ok(_) => {}
         }
     };
-    locked(model).ask(None);
+    lock_model(model).ask(None);
     is_agreed
 }
 
 /// Observer of manual tasks: to the controller an MDI block is a job of its own, to the screen it is none.
-struct ManualTables(ModelObserver);
+struct ManualObserver(ModelObserver);
 
-impl<const A: usize> Observer<A> for ManualTables {
-    fn on_telemetry(&mut self, told: &Telemetry<A>) {
-        match told {
+impl<const A: usize> Observer<A> for ManualObserver {
+    fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
+        match telemetry {
             Telemetry::Event(Event { kind: EventKind::Started, .. }) => {}
             Telemetry::Period(period) => {
                 self.0.on_telemetry(&Telemetry::Period(PeriodRecord { off_path: true, ..*period }))
             }
-            told => self.0.on_telemetry(told),
+            telemetry => self.0.on_telemetry(telemetry),
         }
     }
 }
 
 /// Full text of a failure.
-fn in_full(failure: CommandFailure) -> String {
+fn failure_text(failure: CommandFailure) -> String {
     match failure {
         CommandFailure::Refused(refusal) | CommandFailure::Card(refusal) => refusal.to_string(),
         CommandFailure::Program => "the program has errors".into(),

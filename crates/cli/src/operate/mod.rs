@@ -25,30 +25,30 @@ use crate::args;
 use crate::console::unwritable;
 use crate::homing_notes::Homing;
 use crate::program::{CommandFailure, Program};
-use crate::resume_summary::Asking;
-use crate::run::{At, TuiOptions};
+use crate::resume_summary::ConfirmResume;
+use crate::run::{MachineAndCard, TuiOptions};
 use crate::screen::Screen;
 use crate::screen::model::ScreenModel;
-use crate::screen::model_observer::locked;
+use crate::screen::model_observer::lock_model;
 
 use command_router::CommandRouter;
 use machine_thread::MachineThread;
 use signals::Signals;
 
 /// Interval of the supervision.
-const LOOKS_EVERY: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// A screen that draws nothing for this long cannot be operated: the machine is held.
 const HELD_AFTER: Duration = Duration::from_secs(5);
 /// After this long without a redraw the terminal counts as gone.
 const GONE_AFTER: Duration = Duration::from_secs(60);
 /// Time that the screen may take to restore the terminal.
-const TO_LEAVE: Duration = Duration::from_secs(1);
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Whether the machine is to be operated at a screen.
 ///
 /// # Errors
 /// `E2142` where a screen is requested and impossible.
-pub fn is_wanted(args: &args::Run) -> Result<bool, NumberedError> {
+pub fn is_requested(args: &args::Run) -> Result<bool, NumberedError> {
     let is_terminal = std::io::stdout().is_terminal();
     if !args.tui {
         return Ok(!args.no_tui && !args.format.json && args.realtime && is_terminal);
@@ -79,14 +79,14 @@ pub fn needs_terminal() -> Result<(), NumberedError> {
 
 /// Runs a resumed job on a card at a screen, with a question before anything moves. Returns its exit code.
 pub type Resume<'f, const A: usize, C> =
-    Box<dyn FnOnce(&mut C, TuiOptions<'_>, &mut Asking<'_, A>) -> Result<u8, CommandFailure> + Send + 'f>;
+    Box<dyn FnOnce(&mut C, TuiOptions<'_>, &mut ConfirmResume<'_, A>) -> Result<u8, CommandFailure> + Send + 'f>;
 
 /// Job to resume when the screen opens.
 pub struct ResumingJob<'f, const A: usize, C> {
     /// Record at which its path starts.
     pub origin: u32,
     /// Whether the operator has confirmed already.
-    pub is_agreed: bool,
+    pub is_confirmed: bool,
     /// Function that runs it.
     pub resume: Resume<'f, A, C>,
 }
@@ -101,7 +101,7 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     args: &args::Run,
     machine: &MachineConfig,
     program: Program,
-    (script, at): (Vec<ScriptInstruction>, At),
+    (script, at): (Vec<ScriptInstruction>, MachineAndCard),
     card: &mut C,
     homing: &Homing,
     resumed: Option<ResumingJob<'_, A, C>>,
@@ -113,19 +113,19 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
     if let Some(resumed) = &resumed {
         preview_thread::show_resuming(&model, resumed.origin);
     }
-    let (desk, words) = CommandRouter::new(Arc::clone(&model));
-    let mut screen = Watched::begin(&model, &desk);
-    let machinist =
-        MachineThread::<A, C>::new(args.clone(), (machine, homing), (program, script, at), card, words, &desk);
-    let machinist = machinist.resuming(resumed);
+    let (router, commands) = CommandRouter::new(Arc::clone(&model));
+    let mut screen = ScreenThread::begin(&model, &router);
+    let machine_thread =
+        MachineThread::<A, C>::new(args.clone(), (machine, homing), (program, script, at), card, commands, &router);
+    let machine_thread = machine_thread.resuming(resumed);
     let done = thread::scope(|scope| {
-        let machine = scope.spawn(|| machinist.work());
+        let machine = scope.spawn(|| machine_thread.work());
         while !machine.is_finished() {
-            thread::sleep(LOOKS_EVERY);
-            if signals.came() || screen.is_gone() {
-                desk.leave();
+            thread::sleep(POLL_INTERVAL);
+            if signals.have_arrived() || screen.is_gone() {
+                router.stop_and_quit();
             } else if screen.is_stuck() {
-                desk.say_to_job(OperatorCommand::Hold);
+                router.send_to_job(OperatorCommand::Hold);
             }
         }
         // A panic of the machine thread is a defect, never an input; it is passed on once the terminal is restored.
@@ -146,7 +146,7 @@ pub fn operate<const A: usize, C: MotionCard<A> + Send>(
 }
 
 /// Screen thread under supervision.
-struct Watched {
+struct ScreenThread {
     thread: Option<JoinHandle<std::io::Result<()>>>,
     model: Arc<Mutex<ScreenModel>>,
     /// Time of the last redraw that was seen, and the number of redraws then.
@@ -154,16 +154,16 @@ struct Watched {
     held: bool,
 }
 
-impl Watched {
-    fn begin(model: &Arc<Mutex<ScreenModel>>, desk: &Arc<CommandRouter>) -> Self {
-        let (picture, desk) = (Arc::clone(model), Arc::clone(desk));
-        let thread = thread::spawn(move || Screen::default().run(&picture, |said| desk.say(said)));
+impl ScreenThread {
+    fn begin(model: &Arc<Mutex<ScreenModel>>, router: &Arc<CommandRouter>) -> Self {
+        let (picture, router) = (Arc::clone(model), Arc::clone(router));
+        let thread = thread::spawn(move || Screen::default().run(&picture, |command| router.route(command)));
         Self { thread: Some(thread), model: Arc::clone(model), drawn: (Instant::now(), 0), held: false }
     }
 
     /// Whether the screen was closed, for any reason, or its terminal is gone.
     fn is_gone(&mut self) -> bool {
-        let count = locked(&self.model).redraw.count;
+        let count = lock_model(&self.model).redraw.count;
         if count != self.drawn.1 {
             (self.drawn, self.held) = ((Instant::now(), count), false);
         }
@@ -177,14 +177,14 @@ impl Watched {
 
     /// Closes the screen. A screen that is blocked with its terminal is abandoned.
     fn end(mut self) -> std::io::Result<()> {
-        locked(&self.model).over = true;
+        lock_model(&self.model).is_closed = true;
         let begun = Instant::now();
         while self.thread.as_ref().is_some_and(|thread| !thread.is_finished()) {
-            if begun.elapsed() > TO_LEAVE {
-                crate::screen::put_back();
+            if begun.elapsed() > CLOSE_TIMEOUT {
+                crate::screen::restore_terminal();
                 return Ok(());
             }
-            thread::sleep(LOOKS_EVERY);
+            thread::sleep(POLL_INTERVAL);
         }
         let thread = self.thread.take().map_or(Ok(Ok(())), JoinHandle::join);
         thread.unwrap_or_else(|panic| std::panic::resume_unwind(panic))

@@ -15,7 +15,7 @@ use retrace_gcode::{CanonStep, Setup};
 use crate::program::{Decoder, Program};
 use crate::screen::diagnostic_text;
 use crate::screen::model::{ScreenModel, ScreenStage};
-use crate::screen::model_observer::locked;
+use crate::screen::model_observer::lock_model;
 use crate::screen::preview::Preview;
 use crate::screen::program_facts::{Planned, ProgramCheck, ProgramFacts};
 
@@ -45,20 +45,17 @@ pub(super) fn show_program<const A: usize>(
 ) {
     let facts = Arc::new(facts(&machine, program));
     {
-        let mut model = locked(model);
+        let mut model = lock_model(model);
         (model.facts, model.line, model.reached_line) = (facts, 0, 0);
         model.changes += 1;
     }
-    compute_preview::<A>(
-        model,
-        PreviewThread { machine, program: Arc::clone(program), setup: None, is_checked: false },
-    );
+    compute_preview::<A>(model, PreviewJob { machine, program: Arc::clone(program), setup: None, is_checked: false });
 }
 
 /// Shows that a job whose path starts at this record is about to be resumed.
 pub(super) fn show_resuming(model: &Mutex<ScreenModel>, origin: u32) {
-    let facts = ProgramFacts { first_place: origin, ..(*locked(model).facts).clone() };
-    let mut model = locked(model);
+    let facts = ProgramFacts { first_place: origin, ..(*lock_model(model).facts).clone() };
+    let mut model = lock_model(model);
     (model.facts, model.stage) = (Arc::new(facts), ScreenStage::Resuming);
     model.changes += 1;
 }
@@ -72,20 +69,24 @@ pub(super) fn check_again<const A: usize>(
 ) {
     compute_preview::<A>(
         model,
-        PreviewThread { machine, program: Arc::clone(program), setup: Some(setup), is_checked: false },
+        PreviewJob { machine, program: Arc::clone(program), setup: Some(setup), is_checked: false },
     );
 }
 
 /// Updates the facts after the program was opened and checked again, for a position that may have changed.
-pub(super) fn look_again<const A: usize>(model: &Arc<Mutex<ScreenModel>>, machine: &MachineConfig, program: &Program) {
-    let (new, old) = (facts(machine, program), Arc::clone(&locked(model).facts));
-    let is_same = new.program == old.program && new.stands_at_mm == old.stands_at_mm && old.first_place == 0;
+pub(super) fn update_facts<const A: usize>(
+    model: &Arc<Mutex<ScreenModel>>,
+    machine: &MachineConfig,
+    program: &Program,
+) {
+    let (new, old) = (facts(machine, program), Arc::clone(&lock_model(model).facts));
+    let is_same = new.program == old.program && new.start_position_mm == old.start_position_mm && old.first_place == 0;
     if is_same && old.check == ProgramCheck::Ready {
         return;
     }
-    locked(model).facts = Arc::new(new);
+    lock_model(model).facts = Arc::new(new);
     let (machine, program) = (machine.clone(), Arc::new(program.clone()));
-    compute_preview::<A>(model, PreviewThread { machine, program, setup: None, is_checked: true });
+    compute_preview::<A>(model, PreviewJob { machine, program, setup: None, is_checked: true });
 }
 
 /// File name in a path, which is what fits on a screen.
@@ -95,12 +96,12 @@ fn file_name(name: &str) -> String {
 }
 
 /// Number of the current calculation; a later one ends the earlier ones.
-static LATEST: AtomicU64 = AtomicU64::new(0);
+static LATEST_CALCULATION: AtomicU64 = AtomicU64::new(0);
 /// Only one calculation runs at a time, so that they do not queue up while an axis is jogged step by step.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 /// Calculation request.
-struct PreviewThread {
+struct PreviewJob {
     /// Machine at its current position.
     machine: MachineConfig,
     program: Arc<Program>,
@@ -111,9 +112,9 @@ struct PreviewThread {
 }
 
 /// Calculates check, path and duration of a program in a thread, and shows them as they become known.
-fn compute_preview<const A: usize>(model: &Arc<Mutex<ScreenModel>>, reckoning: PreviewThread) {
-    let number = LATEST.fetch_add(1, Ordering::Relaxed) + 1;
-    let program = &reckoning.program;
+fn compute_preview<const A: usize>(model: &Arc<Mutex<ScreenModel>>, job: PreviewJob) {
+    let number = LATEST_CALCULATION.fetch_add(1, Ordering::Relaxed) + 1;
+    let program = &job.program;
     if !program.is_loaded() {
         return publish(model, number, |facts| ProgramFacts { check: ProgramCheck::NotLoaded, ..facts });
     }
@@ -124,64 +125,69 @@ fn compute_preview<const A: usize>(model: &Arc<Mutex<ScreenModel>>, reckoning: P
     let model = Arc::clone(model);
     thread::spawn(move || {
         let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
-        if LATEST.load(Ordering::Relaxed) == number {
-            reckoned::<A>(&model, number, reckoning);
+        if LATEST_CALCULATION.load(Ordering::Relaxed) == number {
+            calculate_preview::<A>(&model, number, job);
         }
     });
 }
 
-fn reckoned<const A: usize>(model: &Mutex<ScreenModel>, number: u64, reckoning: PreviewThread) {
-    let PreviewThread { machine, program, setup, is_checked } = reckoning;
+fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, job: PreviewJob) {
+    let PreviewJob { machine, program, setup, is_checked } = job;
     let refused = |why: String| {
         let findings = diagnostic_text::in_words(&why);
         let check = ProgramCheck::Refused(findings.clone());
-        let is_known = locked(model).facts.check == check;
+        let is_known = lock_model(model).facts.check == check;
         publish(model, number, |facts| ProgramFacts { check, ..facts });
         if !is_known {
-            let mut model = locked(model);
+            let mut model = lock_model(model);
             let time_s = model.period as f64 * model.facts.period_s;
-            findings.into_iter().for_each(|finding| model.say(time_s, 0, finding));
+            findings.into_iter().for_each(|finding| model.add_message(time_s, 0, finding));
         }
     };
     let stands_at_mm = machine.stands_at_mm.clone();
-    let program = match setup.map(|setup| program.anew(setup)) {
+    let program = match setup.map(|setup| program.reopened(setup)) {
         None => program,
         Some(Ok(program)) => Arc::new(program),
         Some(Err(why)) => return refused(why.to_string()),
     };
-    if !is_checked && let Err(why) = program.faults(&machine) {
+    if !is_checked && let Err(why) = program.check_silently(&machine) {
         refused(why);
     } else {
         publish(model, number, |facts| ProgramFacts { check: ProgramCheck::Ready, ..facts });
     }
-    let wanted = |decoder| PreviewRequest { decoder, number };
-    let preview = Preview::of(&machine, &mut wanted(program.decoder()));
-    publish(model, number, |facts| ProgramFacts { preview, stands_at_mm, ..facts });
-    let surveyed = program_analysis::analyse_program::<A>(&machine, &mut wanted(program.decoder()));
-    let planned = surveyed
-        .map_or(Planned::Unknown, |(_, _, survey)| Planned::Known(survey.motion_periods as f64 * machine.period_s()));
+    let cancellable = |decoder| CancellableDecoder { decoder, number };
+    let preview = Preview::of(&machine, &mut cancellable(program.decoder()));
+    publish(model, number, |facts| ProgramFacts { preview, start_position_mm: stands_at_mm, ..facts });
+    let analysed = program_analysis::analyse_program::<A>(&machine, &mut cancellable(program.decoder()));
+    let planned = analysed.map_or(Planned::Unknown, |(_, _, analysis)| {
+        Planned::Known(analysis.motion_periods as f64 * machine.period_s())
+    });
     publish(model, number, |facts| ProgramFacts { planned, ..facts });
 }
 
 /// Publishes changed facts. They are copied outside the lock of the model.
 fn publish(model: &Mutex<ScreenModel>, number: u64, change: impl FnOnce(ProgramFacts) -> ProgramFacts) {
-    let old = Arc::clone(&locked(model).facts);
+    let old = Arc::clone(&lock_model(model).facts);
     let new = Arc::new(change((*old).clone()));
-    let mut model = locked(model);
-    if LATEST.load(Ordering::Relaxed) == number {
+    let mut model = lock_model(model);
+    if LATEST_CALCULATION.load(Ordering::Relaxed) == number {
         model.facts = new;
         model.changes += 1;
     }
 }
 
 /// Program decoder that ends once a later calculation was requested.
-struct PreviewRequest {
+struct CancellableDecoder {
     decoder: Decoder,
     number: u64,
 }
 
-impl BlockDecoder for PreviewRequest {
+impl BlockDecoder for CancellableDecoder {
     fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
-        if LATEST.load(Ordering::Relaxed) == self.number { self.decoder.next_block(steps) } else { DecodedBlock::End }
+        if LATEST_CALCULATION.load(Ordering::Relaxed) == self.number {
+            self.decoder.next_block(steps)
+        } else {
+            DecodedBlock::End
+        }
     }
 }

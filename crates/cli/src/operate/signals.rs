@@ -25,7 +25,7 @@ impl Signals {
     }
 
     /// Whether a signal has arrived.
-    pub(super) fn came(&self) -> bool {
+    pub(super) fn have_arrived(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }

@@ -15,11 +15,11 @@ pub(super) fn path(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
     let mut sleeve = Corridor::from(first);
     let mut last = first;
     for point in points {
-        if !sleeve.takes(point) {
+        if !sleeve.accepts(point) {
             kept.push(last);
             sleeve = Corridor::from(last);
             // Nothing constrains a new corridor, so that it accepts any point.
-            sleeve.takes(point);
+            sleeve.accepts(point);
         }
         last = point;
     }
@@ -48,7 +48,7 @@ impl Corridor {
     }
 
     /// Whether the line can end in this point. If so, the point is added to those that the line must pass closely.
-    fn takes(&mut self, point: Point) -> bool {
+    fn accepts(&mut self, point: Point) -> bool {
         let along = [point[0] - self.from[0], point[1] - self.from[1]];
         let distance = along[0].hypot(along[1]);
         if distance + DEVIATION_PX < self.reach {
@@ -82,16 +82,16 @@ pub(super) fn curve(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
     let mut column: Option<Column> = None;
     for point in points {
         match &mut column {
-            Some(open) if open.first[0].floor() == point[0].floor() => open.take(point),
+            Some(open) if open.first[0].floor() == point[0].floor() => open.push(point),
             _ => {
                 if let Some(full) = column.replace(Column::of(point)) {
-                    full.give(&mut kept);
+                    full.append_to(&mut kept);
                 }
             }
         }
     }
     if let Some(full) = column {
-        full.give(&mut kept);
+        full.append_to(&mut kept);
     }
     kept
 }
@@ -108,7 +108,7 @@ impl Column {
         Self { first: point, low: point, high: point, last: point }
     }
 
-    fn take(&mut self, point: Point) {
+    fn push(&mut self, point: Point) {
         if point[1] < self.low[1] {
             self.low = point;
         }
@@ -118,7 +118,7 @@ impl Column {
         self.last = point;
     }
 
-    fn give(self, kept: &mut Vec<Point>) {
+    fn append_to(self, kept: &mut Vec<Point>) {
         let (early, late) = if self.low[0] <= self.high[0] { (self.low, self.high) } else { (self.high, self.low) };
         for point in [self.first, early, late, self.last] {
             if kept.last() != Some(&point) {

@@ -67,7 +67,7 @@ struct PlaceCurve<'h> {
 
 impl<'h> PlaceCurve<'h> {
     fn of(history: &'h History, size: Size, [top, bottom]: [f32; 2]) -> Self {
-        let furthest = history.course.iter().map(|moment| moment.reached_s.max(moment.place_s)).fold(1e-3, f64::max);
+        let furthest = history.samples.iter().map(|moment| moment.reached_s.max(moment.place_s)).fold(1e-3, f64::max);
         let time =
             Scale { low: 0.0, high: history.duration_s().max(1e-3), low_px: LEFT, high_px: size.width() - RIGHT };
         let place = Scale { low: 0.0, high: furthest * 1.06, low_px: bottom - DOING, high_px: top };
@@ -78,13 +78,13 @@ impl<'h> PlaceCurve<'h> {
         self.draw_grid(picture);
         self.draw_stretches(picture);
         let reached =
-            self.history.course.iter().map(|moment| [self.time.px(moment.time_s), self.place.px(moment.reached_s)]);
+            self.history.samples.iter().map(|moment| [self.time.px(moment.time_s), self.place.px(moment.reached_s)]);
         picture.lines(vec![reached.collect()], style::REACHED);
         let mut retraced: Vec<Vec<Point>> = Vec::new();
         let mut run: Vec<Vec<Point>> = Vec::new();
-        for pair in self.history.course.windows(2) {
+        for pair in self.history.samples.windows(2) {
             let line = [pair[0], pair[1]].map(|moment| [self.time.px(moment.time_s), self.place.px(moment.place_s)]);
-            let lines = if pair[0].doing.is_retracing() { &mut retraced } else { &mut run };
+            let lines = if pair[0].activity.is_retracing() { &mut retraced } else { &mut run };
             match lines.last_mut() {
                 Some(last) if last.last() == Some(&line[0]) => last.push(line[1]),
                 _ => lines.push(line.to_vec()),
@@ -144,9 +144,9 @@ impl<'h> PlaceCurve<'h> {
     /// space.
     fn draw_remarks(&self, picture: &mut DisplayList, words_top: f32) {
         let top = self.place.high_px;
-        let remarks = &self.history.remarks;
+        let remarks = &self.history.events;
         let mut order: Vec<usize> = (0..remarks.len()).collect();
-        order.sort_by_key(|&index| remarks[index].rank);
+        order.sort_by_key(|&index| remarks[index].priority);
         let mut columns: Vec<f32> = Vec::new();
         let mut marks = Vec::new();
         for index in order {
@@ -165,8 +165,8 @@ impl<'h> PlaceCurve<'h> {
             let y = self.history.place_s(remark.time_s).map_or(top, |place| self.place.px(place));
             picture.lines(vec![vec![[at, top - 14.0], [x, top], [x, y]]], style::LEADER);
             draw_dot(picture, [x, y]);
-            let words = shortened(&remark.words, TICK_SIZE, top - 24.0 - words_top);
-            let is_bold = remark.rank == Priority::Ending;
+            let words = shortened(&remark.label, TICK_SIZE, top - 24.0 - words_top);
+            let is_bold = remark.priority == Priority::Ending;
             let words =
                 Text { is_upward: true, is_bold, ..text([at + 4.3, top - 18.0], words, TICK_SIZE, Anchor::Left) };
             picture.text(words);
@@ -184,7 +184,7 @@ fn draw_legend(picture: &mut DisplayList, history: &History, size: Size) {
     let y = size.height() - 18.0;
     let mut x = RIGHT;
     let retraced_mm = history.path.length_mm(StrokeKind::Retraced);
-    let is_retraced = history.course.iter().any(|moment| moment.doing.is_retracing());
+    let is_retraced = history.samples.iter().any(|moment| moment.activity.is_retracing());
     let mut entry = |label: String, pens: &[Pen]| {
         for pen in pens {
             let inset = pen.width / 2.0;
@@ -222,15 +222,18 @@ mod tests {
         let course = moments.into_iter().map(|(passed, place_s, doing)| {
             time_s += passed;
             reached_s = f64::max(reached_s, place_s);
-            HistorySample { time_s, place_s, reached_s, doing }
+            HistorySample { time_s, place_s, reached_s, activity: doing }
         });
         let course = course.collect();
-        let remarks =
-            remarks.into_iter().map(|(time_s, words)| HistoryEvent { time_s, rank: Priority::Operator, words });
+        let remarks = remarks.into_iter().map(|(time_s, words)| HistoryEvent {
+            time_s,
+            priority: Priority::Operator,
+            label: words,
+        });
         let points = vec![[0.0, 0.0, 0.0], [10.0, 5.0, 0.0]];
         let strokes = vec![Stroke { kind: StrokeKind::Executed, points }];
         let path = ToolPath { title: "a job".into(), strokes };
-        History { path, course, remarks: remarks.collect(), ..History::default() }
+        History { path, samples: course, events: remarks.collect(), ..History::default() }
     }
 
     proptest! {
@@ -258,16 +261,16 @@ mod tests {
                     Item::Area { .. } | Item::Text(_) => {}
                 }
             }
-            prop_assert_eq!(leads, history.remarks.len());
+            prop_assert_eq!(leads, history.events.len());
         }
     }
 
     #[test]
     fn what_ended_the_job_has_room_before_what_went_by() {
         let mut history = history(vec![(0.0, 0.0, Activity::Run), (100.0, 100.0, Activity::Run)], Vec::new());
-        let remark = |rank, words: &str| HistoryEvent { time_s: 50.0, rank, words: words.into() };
-        history.remarks = (0..30).map(|_| remark(Priority::Passing, "passing")).collect();
-        history.remarks.push(remark(Priority::Ending, "ALARM"));
+        let remark = |rank, words: &str| HistoryEvent { time_s: 50.0, priority: rank, label: words.into() };
+        history.events = (0..30).map(|_| remark(Priority::Passing, "passing")).collect();
+        history.events.push(remark(Priority::Ending, "ALARM"));
         let picture = draw_history(&history, View::Xy, Size::pixels(800, 600).expect("allowed"));
         let words: Vec<&str> = picture
             .items

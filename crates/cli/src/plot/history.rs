@@ -64,7 +64,7 @@ pub struct HistorySample {
     /// Furthest place ever executed, in seconds of programmed motion.
     pub reached_s: f64,
     /// Activity from then on.
-    pub doing: Activity,
+    pub activity: Activity,
 }
 
 /// Priority of a label: where there is no space, lower ones are left out.
@@ -88,9 +88,9 @@ pub struct HistoryEvent {
     /// Machine time in seconds since the job started.
     pub time_s: f64,
     /// Priority of the label.
-    pub rank: Priority,
+    pub priority: Priority,
     /// Label.
-    pub words: String,
+    pub label: String,
 }
 
 /// History of a job.
@@ -101,9 +101,9 @@ pub struct History {
     /// How the job ended, in one line.
     pub summary: String,
     /// Places over time.
-    pub course: Vec<HistorySample>,
+    pub samples: Vec<HistorySample>,
     /// Events in the order of time.
-    pub remarks: Vec<HistoryEvent>,
+    pub events: Vec<HistoryEvent>,
     /// Current position of the machine, X Y Z in mm.
     pub stands_mm: Option<[f64; 3]>,
 }
@@ -111,16 +111,16 @@ pub struct History {
 impl History {
     /// Duration of the job, in seconds of machine time.
     pub(super) fn duration_s(&self) -> f64 {
-        let remarks = self.remarks.iter().map(|remark| remark.time_s);
-        self.course.iter().map(|moment| moment.time_s).chain(remarks).fold(0.0, f64::max)
+        let remarks = self.events.iter().map(|remark| remark.time_s);
+        self.samples.iter().map(|moment| moment.time_s).chain(remarks).fold(0.0, f64::max)
     }
 
     /// Place at a time, in seconds of programmed motion.
     pub(super) fn place_s(&self, time_s: f64) -> Option<f64> {
-        let next = self.course.partition_point(|moment| moment.time_s <= time_s);
+        let next = self.samples.partition_point(|moment| moment.time_s <= time_s);
         // Events before the first position are placed there.
-        let before = self.course.get(next.saturating_sub(1))?;
-        let Some(after) = self.course.get(next).filter(|_| next > 0) else { return Some(before.place_s) };
+        let before = self.samples.get(next.saturating_sub(1))?;
+        let Some(after) = self.samples.get(next).filter(|_| next > 0) else { return Some(before.place_s) };
         let share = (time_s - before.time_s) / (after.time_s - before.time_s);
         Some(before.place_s + (after.place_s - before.place_s) * share)
     }
@@ -128,11 +128,11 @@ impl History {
     /// Sections of time with the same activity: first and last time in seconds.
     pub(super) fn stretches(&self) -> Vec<(Activity, [f64; 2])> {
         let mut stretches: Vec<(Activity, [f64; 2])> = Vec::new();
-        for pair in self.course.windows(2) {
+        for pair in self.samples.windows(2) {
             let [from, to] = [pair[0].time_s, pair[1].time_s];
             match stretches.last_mut() {
-                Some((doing, [_, end])) if *doing == pair[0].doing => *end = to,
-                _ => stretches.push((pair[0].doing, [from, to])),
+                Some((doing, [_, end])) if *doing == pair[0].activity => *end = to,
+                _ => stretches.push((pair[0].activity, [from, to])),
             }
         }
         stretches
@@ -144,14 +144,14 @@ mod tests {
     use super::*;
 
     fn moment(time_s: f64, place_s: f64, doing: Activity) -> HistorySample {
-        HistorySample { time_s, place_s, reached_s: place_s, doing }
+        HistorySample { time_s, place_s, reached_s: place_s, activity: doing }
     }
 
     #[test]
     fn a_place_lies_between_the_moments_around_it() {
         let course =
             vec![moment(1.0, 2.0, Activity::Run), moment(3.0, 4.0, Activity::Reverse), moment(4.0, 3.0, Activity::Run)];
-        let history = History { course, ..History::default() };
+        let history = History { samples: course, ..History::default() };
         let at = [0.5, 1.0, 2.0, 3.0, 3.5, 9.0].map(|time| history.place_s(time));
         assert_eq!(at, [Some(2.0), Some(2.0), Some(3.0), Some(4.0), Some(3.5), Some(3.0)]);
         assert_eq!(history.stretches(), [(Activity::Run, [1.0, 3.0]), (Activity::Reverse, [3.0, 4.0])]);

@@ -30,16 +30,16 @@ pub(super) struct Ticks {
 }
 
 /// Maximum number of marks.
-const MOST: f64 = 200.0;
+const MAX_MARKS: f64 = 200.0;
 
 impl Ticks {
     /// Marks from `low` to `high`, at most `most` and one more.
     pub(super) fn within(low: f64, high: f64, most: f64) -> Self {
-        let step = round_up((high - low) / most.clamp(1.0, MOST));
+        let step = round_up((high - low) / most.clamp(1.0, MAX_MARKS));
         let first = (low / step - 1e-9).ceil();
         let last = (high / step + 1e-9).floor();
         // No multiple of the step may lie within.
-        let count = (last - first + 1.0).clamp(0.0, 2.0 * MOST) as u32;
+        let count = (last - first + 1.0).clamp(0.0, 2.0 * MAX_MARKS) as u32;
         let values = (0..count).map(|index| (first + f64::from(index)) * step).collect();
         Self { values, decimals: decimals(step) }
     }

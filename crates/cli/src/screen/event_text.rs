@@ -15,14 +15,14 @@ use super::model::ScreenModel;
 pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
     let text = match &event.kind {
         EventKind::Started => "program started".into(),
-        EventKind::Mode(mode) => match mode_words(mode) {
+        EventKind::Mode(mode) => match mode_text(mode) {
             Some(words) => words.into(),
             None => return Vec::new(),
         },
-        EventKind::Operator(deed) => format!("operator: {}", deed_words(model, deed)),
+        EventKind::Operator(command) => format!("operator: {}", command_text(model, command)),
         EventKind::CommandRejected(why) => format!("rejected: {why}"),
-        EventKind::OutputChanged(number, value) => output_words(model, *number, *value),
-        EventKind::RetraceSwitched(number, value) => format!("retrace: {}", output_words(model, *number, *value)),
+        EventKind::OutputChanged(number, value) => output_text(model, *number, *value),
+        EventKind::RetraceSwitched(number, value) => format!("retrace: {}", output_text(model, *number, *value)),
         EventKind::CutterOn(number) => format!("{} on (manual)", model.facts.output_name(*number)),
         EventKind::CutterOff { channel, .. } => {
             let text = event.text();
@@ -32,13 +32,13 @@ pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
         EventKind::CutterBoundary => {
             "at rest where the program switched the cutter, which is on: x switches it off, r continues cutting".into()
         }
-        EventKind::ToolChange(tool) => tool_change_words(model, *tool),
+        EventKind::ToolChange(tool) => tool_change_text(model, *tool),
         EventKind::OutputsDiffer(some) => {
             let each = some.list().iter().map(|(number, is, wants)| {
                 format!(
                     "{}, the program expects {}",
-                    output_words(model, *number, *is),
-                    state_words(model, *number, *wants)
+                    output_text(model, *number, *is),
+                    state_text(model, *number, *wants)
                 )
             });
             format!("outputs differ: {}", each.collect::<Vec<_>>().join("; "))
@@ -62,7 +62,7 @@ pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
 }
 
 /// Text of a mode. The return to the furthest place and the wait there have none; the events that follow report them.
-fn mode_words(mode: &str) -> Option<&'static str> {
+fn mode_text(mode: &str) -> Option<&'static str> {
     Some(match mode {
         "run" => "normal run",
         "reverse" => "reverse run",
@@ -72,8 +72,8 @@ fn mode_words(mode: &str) -> Option<&'static str> {
     })
 }
 
-fn deed_words(model: &ScreenModel, deed: &OperatorCommand) -> String {
-    match deed {
+fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
+    match command {
         OperatorCommand::Hold => "feed hold".into(),
         OperatorCommand::Resume | OperatorCommand::CycleStart => "cycle start".into(),
         OperatorCommand::Reverse(rate) => format!("reverse run, {:.0} %", percent(*rate)),
@@ -88,7 +88,7 @@ fn deed_words(model: &ScreenModel, deed: &OperatorCommand) -> String {
         OperatorCommand::CutterOff => "cutter off".into(),
         OperatorCommand::CutterOn => "cutter on".into(),
         OperatorCommand::OptionalStop(on) => format!("optional stop {}", if *on { "on" } else { "off" }),
-        OperatorCommand::Output { number, on } => format!("{} (manual)", output_words(model, *number, i32::from(*on))),
+        OperatorCommand::Output { number, on } => format!("{} (manual)", output_text(model, *number, i32::from(*on))),
         OperatorCommand::Single => format!("single block {}", if model.single { "on" } else { "off" }),
         OperatorCommand::Stop => "stop the job".into(),
         OperatorCommand::BackBy(mm) => format!("back by {mm} mm"),
@@ -105,7 +105,7 @@ fn deed_words(model: &ScreenModel, deed: &OperatorCommand) -> String {
 
 /// Instruction for a manual tool change.
 #[must_use]
-pub fn tool_change_words(model: &ScreenModel, tool: i32) -> String {
+pub fn tool_change_text(model: &ScreenModel, tool: i32) -> String {
     match (tool, model.facts.tool_names.get(&tool)) {
         (0, _) => "remove the tool".into(),
         (_, Some(name)) => format!("insert tool T{tool}: {name}"),
@@ -114,12 +114,12 @@ pub fn tool_change_words(model: &ScreenModel, tool: i32) -> String {
 }
 
 /// Text of an output and its state: `output 3 on`, `spindle clockwise`.
-fn output_words(model: &ScreenModel, number: u8, value: i32) -> String {
-    format!("{} {}", model.facts.output_name(number), state_words(model, number, value))
+fn output_text(model: &ScreenModel, number: u8, value: i32) -> String {
+    format!("{} {}", model.facts.output_name(number), state_text(model, number, value))
 }
 
 /// Text of the state of an output.
-fn state_words(model: &ScreenModel, number: u8, value: i32) -> String {
+fn state_text(model: &ScreenModel, number: u8, value: i32) -> String {
     match (number, value) {
         _ if model.facts.is_of_cutter(number) => if value == 0 { "off" } else { "on" }.into(),
         (channel::SPINDLE, 0) => "stopped".into(),

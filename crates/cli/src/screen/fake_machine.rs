@@ -21,7 +21,7 @@ use retrace_link::OutputChange;
 
 use super::UiCommand;
 use super::model::{ScreenModel, ScreenStage};
-use super::model_observer::{ModelObserver, locked};
+use super::model_observer::{ModelObserver, lock_model};
 use super::preview::Preview;
 use super::program_facts::{Planned, ProgramCheck, ProgramFacts};
 use crate::program::Program;
@@ -31,9 +31,9 @@ use crate::sim_wiring::simulated;
 const SLOPE: Travel = ONE / 150;
 
 /// Facts of a program before it runs.
-pub fn facts(machine: &MachineConfig, program: &Program, text: &str, tape: &FakePath) -> ProgramFacts {
+pub fn facts(machine: &MachineConfig, program: &Program, text: &str, path: &FakePath) -> ProgramFacts {
     ProgramFacts {
-        planned: Planned::Known(tape.records.len() as f64 * machine.period_s()),
+        planned: Planned::Known(path.records.len() as f64 * machine.period_s()),
         check: ProgramCheck::Ready,
         preview: Preview::of(machine, &mut program.decoder()),
         ..ProgramFacts::of(machine, program.name(), text)
@@ -52,26 +52,22 @@ pub struct FakePath {
 impl FakePath {
     /// Runs the program once, at full speed.
     pub fn of(machine: &MachineConfig, program: &Program) -> Self {
-        let mut tape = Self::default();
+        let mut path = Self::default();
         if let Ok(card) = simulated::<9>(machine, Clock::Virtual) {
             let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
-            let manner = RunMode { wall_time: false, operator: false, real_time: false };
-            let conduct = JobOptions {
-                start: JobStart::First,
-                commands: operators,
-                run_mode: manner,
-                journal: JournalConfig::default(),
-            };
+            let run_mode = RunMode { wall_time: false, operator: false, real_time: false };
+            let job_options =
+                JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
             // A program that cannot run leaves it empty.
-            let _ = job::run::<9, _>(machine, program.decoder(), conduct, card, &mut tape);
+            let _ = job::run::<9, _>(machine, program.decoder(), job_options, card, &mut path);
         }
-        tape
+        path
     }
 }
 
 impl Observer<9> for FakePath {
-    fn on_telemetry(&mut self, told: &Telemetry<9>) {
-        match told {
+    fn on_telemetry(&mut self, telemetry: &Telemetry<9>) {
+        match telemetry {
             Telemetry::Output(change) => self.changes.push((self.records.len() as u32, *change)),
             Telemetry::Period(period) if period.rate != 0 => self.records.push((period.line, period.increments)),
             _ => {}
@@ -81,7 +77,7 @@ impl Observer<9> for FakePath {
 
 /// Fake machine.
 pub struct FakeMachine {
-    tape: FakePath,
+    path: FakePath,
     model: Arc<Mutex<ScreenModel>>,
     live: ModelObserver,
     operation: ModeController,
@@ -98,11 +94,11 @@ pub struct FakeMachine {
 
 impl FakeMachine {
     /// Machine with these records, for this model.
-    pub fn new(tape: FakePath, model: Arc<Mutex<ScreenModel>>, period_s: f64) -> Self {
+    pub fn new(path: FakePath, model: Arc<Mutex<ScreenModel>>, period_s: f64) -> Self {
         let live = ModelObserver::new(Arc::clone(&model));
         let outputs = vec![0; retrace_link::channel::COUNT];
         Self {
-            tape,
+            path,
             model,
             live,
             operation: ModeController::default(),
@@ -119,18 +115,18 @@ impl FakeMachine {
     }
 
     /// Executes a command of the operator.
-    pub fn hear(&mut self, said: &UiCommand) {
-        match said {
+    pub fn handle_command(&mut self, command: &UiCommand) {
+        match command {
             UiCommand::Start => {
                 self.event(EventKind::Started);
             }
             UiCommand::Turn(counts) => self.wheel += counts,
-            UiCommand::Task(ManualTask::ClearAlarm) => locked(&self.model).alarm_is_cleared(),
+            UiCommand::Task(ManualTask::ClearAlarm) => lock_model(&self.model).clear_alarm(),
             UiCommand::Task(ManualTask::Jog { axis, mm }) => self.jog(*axis, *mm),
             UiCommand::Task(task) => self.event(EventKind::Message(format!("{task:?}"))),
-            UiCommand::Deed(deed) => {
-                self.event(EventKind::Operator(*deed));
-                if let Err(why) = self.deed(*deed) {
+            UiCommand::Deed(command) => {
+                self.event(EventKind::Operator(*command));
+                if let Err(why) = self.apply_command(*command) {
                     self.event(EventKind::CommandRejected(why));
                 }
             }
@@ -146,24 +142,24 @@ impl FakeMachine {
     }
 
     /// Executes a command that needs no mode. Returns whether it was one.
-    fn by_hand(&mut self, deed: OperatorCommand) -> bool {
-        match deed {
+    fn apply_manual(&mut self, command: OperatorCommand) -> bool {
+        match command {
             OperatorCommand::Output { number, on } => self.switch(number, i32::from(on)),
             OperatorCommand::SpindleStop => self.switch(retrace_link::channel::SPINDLE, 0),
             OperatorCommand::SpindleStart => self.switch(retrace_link::channel::SPINDLE, 1),
             OperatorCommand::Jog { axis, mm } => self.jog(axis, mm),
-            OperatorCommand::Stop => locked(&self.model).end("stopped by the operator"),
+            OperatorCommand::Stop => lock_model(&self.model).end("stopped by the operator"),
             OperatorCommand::Online | OperatorCommand::Single => {}
             _ => return false,
         }
         true
     }
 
-    fn deed(&mut self, deed: OperatorCommand) -> Result<(), CommandError> {
-        if self.by_hand(deed) {
+    fn apply_command(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
+        if self.apply_manual(command) {
             return Ok(());
         }
-        let order = match deed {
+        let order = match command {
             OperatorCommand::Hold => ModeCommand::Hold,
             OperatorCommand::Pause => {
                 self.paused = true;
@@ -191,7 +187,7 @@ impl FakeMachine {
     }
 
     fn jog(&mut self, axis: char, mm: f64) {
-        let facts = Arc::clone(&locked(&self.model).facts);
+        let facts = Arc::clone(&lock_model(&self.model).facts);
         if let Some(n) = facts.axes.iter().position(|a| a.letter == axis) {
             self.counts[n] += (mm * facts.axes[n].pulses_per_mm).round() as i64;
         }
@@ -205,24 +201,23 @@ impl FakeMachine {
     /// Outputs that the program expects at the furthest place.
     fn expected(&self) -> Vec<i32> {
         let mut expected = vec![0; self.outputs.len()];
-        for (_, change) in self.tape.changes.iter().filter(|(place, _)| *place < self.reached) {
+        for (_, change) in self.path.changes.iter().filter(|(place, _)| *place < self.reached) {
             expected[usize::from(change.channel)] = change.value;
         }
         expected
     }
 
-    fn event(&mut self, happening: EventKind) {
+    fn event(&mut self, kind: EventKind) {
         let place = Place::start_of(0).moved(self.cursor);
-        let line = self.tape.records.get(place.record as usize).map_or(0, |record| record.0);
-        let event =
-            Event { period: self.period, time_s: self.period as f64 * self.period_s, place, line, kind: happening };
+        let line = self.path.records.get(place.record as usize).map_or(0, |record| record.0);
+        let event = Event { period: self.period, time_s: self.period as f64 * self.period_s, place, line, kind };
         Observer::<9>::on_telemetry(&mut self.live, &Telemetry::Event(event));
     }
 
     /// Executes a control period.
     pub fn step(&mut self) {
         self.period += 1;
-        let is_job = locked(&self.model).stage == ScreenStage::Job;
+        let is_job = lock_model(&self.model).stage == ScreenStage::Job;
         let is_way_on = !matches!(self.operation.mode(), Mode::Run | Mode::Reverse | Mode::Wheel);
         let expected = if is_way_on { self.expected() } else { Vec::new() };
         let facts = ModeFacts {
@@ -255,16 +250,16 @@ impl FakeMachine {
         }
         let target = if is_job { demand.target.feed } else { 0 };
         self.rate += (target - self.rate).clamp(-SLOPE, SLOPE);
-        let increments = self.walk();
-        self.told(increments);
-        if is_job && self.reached as usize == self.tape.records.len() && self.operation.mode() == Mode::Run {
-            locked(&self.model).end("completed");
+        let increments = self.advance();
+        self.publish(increments);
+        if is_job && self.reached as usize == self.path.records.len() && self.operation.mode() == Mode::Run {
+            lock_model(&self.model).end("completed");
         }
     }
 
     /// Moves along the records. Returns the increments.
-    fn walk(&mut self) -> [i32; 9] {
-        let end = self.tape.records.len() as Travel * ONE;
+    fn advance(&mut self) -> [i32; 9] {
+        let end = self.path.records.len() as Travel * ONE;
         let furthest = if self.operation.mode() == Mode::Run { end } else { Travel::from(self.reached) * ONE };
         let from = self.cursor;
         let mut to = (from + self.rate).clamp(0, furthest.max(from));
@@ -279,7 +274,7 @@ impl FakeMachine {
         let (from, to) = ((from / ONE) as usize, (to / ONE) as usize);
         let mut sum = [0; 9];
         let sign = if to < from { -1 } else { 1 };
-        for (_, record) in self.tape.records.get(from.min(to)..from.max(to)).unwrap_or_default() {
+        for (_, record) in self.path.records.get(from.min(to)..from.max(to)).unwrap_or_default() {
             for i in 0..9 {
                 sum[i] += sign * record[i];
             }
@@ -291,7 +286,7 @@ impl FakeMachine {
         while self.reached < reached {
             self.reached += 1;
             let due: Vec<OutputChange> =
-                self.tape.changes.iter().filter(|(p, _)| *p + 1 == self.reached).map(|(_, c)| *c).collect();
+                self.path.changes.iter().filter(|(p, _)| *p + 1 == self.reached).map(|(_, c)| *c).collect();
             for change in due {
                 self.switch(change.channel, change.value);
                 self.event(EventKind::OutputChanged(change.channel, change.value));
@@ -300,9 +295,9 @@ impl FakeMachine {
         sum
     }
 
-    fn told(&mut self, increments: [i32; 9]) {
+    fn publish(&mut self, increments: [i32; 9]) {
         let place = Place::start_of(0).moved(self.cursor);
-        let planned = (self.reached + 500).min(self.tape.records.len() as u32);
+        let planned = (self.reached + 500).min(self.path.records.len() as u32);
         let standing = match (self.paused && self.rate == 0, self.operation.is_held()) {
             (true, _) => HoldReason::Paused,
             (_, true) => HoldReason::Hold,
@@ -316,7 +311,7 @@ impl FakeMachine {
             planned,
             window: [place.record.saturating_sub(200), (place.record + 250).min(planned)],
             rate: self.rate,
-            line: self.tape.records.get(place.record as usize).map_or(0, |record| record.0),
+            line: self.path.records.get(place.record as usize).map_or(0, |record| record.0),
             increments,
             counts: self.counts,
             executed: 0,
@@ -327,7 +322,7 @@ impl FakeMachine {
             hold_reason: standing,
             override_rate: self.operation.override_rate(),
             rapid_override: self.operation.rapid_override(),
-            off_path: locked(&self.model).stage == ScreenStage::Setup,
+            off_path: lock_model(&self.model).stage == ScreenStage::Setup,
         };
         self.live.on_telemetry(&Telemetry::Period(period));
     }

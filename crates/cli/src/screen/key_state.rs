@@ -149,8 +149,8 @@ pub struct KeyState {
     pub dry: bool,
     notice: Option<(String, u64)>,
     /// Direction, and index of the rate, that was requested last.
-    asked: Option<(Mode, usize)>,
-    turned: Option<(bool, u64, i32)>,
+    last_rate: Option<(Mode, usize)>,
+    last_turn: Option<(bool, u64, i32)>,
     /// Override that was requested last, in per cent, and when: the model may not show it yet.
     overridden: Option<(f64, u64)>,
 }
@@ -169,7 +169,7 @@ impl KeyState {
     }
 
     /// Shows a notice.
-    pub fn send(&mut self, text: impl Into<String>, now_ms: u64) {
+    pub fn show_notice(&mut self, text: impl Into<String>, now_ms: u64) {
         self.notice = Some((text.into(), now_ms + NOTICE_MS));
     }
 
@@ -218,26 +218,26 @@ impl KeyState {
             return is_refusal.then_some(UiCommand::CloseRefusal);
         }
         let Some(row) = keys::row_of(key, Situation::of(model)) else {
-            if let Some((row, when)) = keys::elsewhere(key) {
-                self.send(format!("{} ({}) works {}", row.shown, row.short, when.words()), now_ms);
+            if let Some((row, when)) = keys::row_elsewhere(key) {
+                self.show_notice(format!("{} ({}) works {}", row.shown, row.short, when.text()), now_ms);
             } else if key != Key::Enter && key != Key::Backspace {
-                self.send("this key has no function; ? shows all keys", now_ms);
+                self.show_notice("this key has no function; ? shows all keys", now_ms);
             }
             return None;
         };
-        self.act(row.act, key, now_ms, model)
+        self.perform(row.action, key, now_ms, model)
     }
 
-    fn act(&mut self, act: KeyAction, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
+    fn perform(&mut self, act: KeyAction, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
         // The next action releases a program that has come to its end.
         let is_job = model.stage == ScreenStage::Job && !model.is_at_program_end();
-        let deed = match act {
+        let command = match act {
             KeyAction::CycleStart if !is_job => return Some(UiCommand::Start),
             KeyAction::SetUp => return Some(UiCommand::SetUp),
             KeyAction::CycleStart => OperatorCommand::CycleStart,
             KeyAction::Hold => OperatorCommand::Hold,
-            KeyAction::Reverse => OperatorCommand::Reverse(self.stepped(Mode::Reverse, model)),
-            KeyAction::Forward => OperatorCommand::Forward(self.stepped(Mode::Forward, model)),
+            KeyAction::Reverse => OperatorCommand::Reverse(self.next_rate(Mode::Reverse, model)),
+            KeyAction::Forward => OperatorCommand::Forward(self.next_rate(Mode::Forward, model)),
             KeyAction::ReverseRapid => OperatorCommand::Reverse(8 * ONE),
             KeyAction::ForwardRapid => OperatorCommand::Forward(8 * ONE),
             KeyAction::Wheel => OperatorCommand::Wheel { counts_per_s: 0.0, seconds: 0.0 },
@@ -247,18 +247,18 @@ impl KeyState {
             KeyAction::Agree if model.question.is_some() => return Some(UiCommand::Answer(true)),
             KeyAction::Decline if model.question.is_some() => return Some(UiCommand::Answer(false)),
             KeyAction::Decline => {
-                self.send("no question is open", now_ms);
+                self.show_notice("no question is open", now_ms);
                 return None;
             }
-            KeyAction::Agree if model.differ.is_empty() => {
-                self.send("nothing to confirm", now_ms);
+            KeyAction::Agree if model.differing_outputs.is_empty() => {
+                self.show_notice("nothing to confirm", now_ms);
                 return None;
             }
             KeyAction::Agree => OperatorCommand::Confirm,
             KeyAction::BackBlock => OperatorCommand::BackToBlock,
             KeyAction::BackJet => OperatorCommand::BackToPierce,
-            KeyAction::Faster => OperatorCommand::Override(self.overridden(model, 10.0, now_ms)),
-            KeyAction::Slower => OperatorCommand::Override(self.overridden(model, -10.0, now_ms)),
+            KeyAction::Faster => OperatorCommand::Override(self.request_override(model, 10.0, now_ms)),
+            KeyAction::Slower => OperatorCommand::Override(self.request_override(model, -10.0, now_ms)),
             KeyAction::Whole => {
                 self.overridden = Some((100.0, now_ms));
                 OperatorCommand::Override(ONE)
@@ -280,7 +280,7 @@ impl KeyState {
             KeyAction::Online => OperatorCommand::Online,
             KeyAction::Jog | KeyAction::JogDown | KeyAction::JogUp => return self.jog(key, now_ms, model),
             KeyAction::ClearAlarm if model.alarm.is_none() => {
-                self.send("no alarm is active", now_ms);
+                self.show_notice("no alarm is active", now_ms);
                 return None;
             }
             KeyAction::ClearAlarm if model.alarm.as_ref().is_some_and(|alarm| alarm.is_refusal) => {
@@ -294,15 +294,15 @@ impl KeyState {
             }
             KeyAction::Quit if !is_job => return Some(UiCommand::Quit),
             _ => {
-                self.look(act, key, model);
+                self.open_dialog(act, key, model);
                 return None;
             }
         };
-        Some(UiCommand::Deed(deed))
+        Some(UiCommand::Deed(command))
     }
 
     /// Handles functions that send no command: dialogs and the drawing.
-    fn look(&mut self, act: KeyAction, key: Key, model: &ScreenModel) {
+    fn open_dialog(&mut self, act: KeyAction, key: Key, model: &ScreenModel) {
         let ask = |ask, text: &str| OpenDialog::Prompt(ask, text.into(), None);
         self.open = match act {
             KeyAction::BackBy => ask(PendingQuestion::BackBy, "20"),
@@ -347,17 +347,17 @@ impl KeyState {
     }
 
     /// Rate of a key that is pressed repeatedly.
-    fn stepped(&mut self, mode: Mode, model: &ScreenModel) -> Travel {
-        let index = match self.asked {
+    fn next_rate(&mut self, mode: Mode, model: &ScreenModel) -> Travel {
+        let index = match self.last_rate {
             Some((last, index)) if last == mode && model.mode == mode => (index + 1) % RATES.len(),
             _ => 0,
         };
-        self.asked = Some((mode, index));
+        self.last_rate = Some((mode, index));
         RATES[index] * ONE / 100
     }
 
     /// Requested override, in steps of 10 %; quick repeated keys add up.
-    fn overridden(&mut self, model: &ScreenModel, by: f64, now_ms: u64) -> Travel {
+    fn request_override(&mut self, model: &ScreenModel, by: f64, now_ms: u64) -> Travel {
         let [least, most] = OVERRIDES;
         let shown = model.override_rate * 100.0;
         let from = match self.overridden {
@@ -377,11 +377,11 @@ impl KeyState {
             Key::Right | Key::Up => (true, 1),
             _ => (false, 1),
         };
-        let repeated = match self.turned {
+        let repeated = match self.last_turn {
             Some((last, at, n)) if last == forward && now_ms.saturating_sub(at) < REPEATED_MS => (n + 1).min(5),
             _ => 1,
         };
-        self.turned = Some((forward, now_ms, repeated));
+        self.last_turn = Some((forward, now_ms, repeated));
         let counts = if counts == 1 { repeated } else { counts };
         if forward { counts } else { -counts }
     }
@@ -397,7 +397,7 @@ impl KeyState {
             _ => (*letters.get(self.axis)?, key == Key::Char(']')),
         };
         if !letters.contains(&letter) {
-            self.send(format!("this machine has no axis {}", letter.to_ascii_uppercase()), now_ms);
+            self.show_notice(format!("this machine has no axis {}", letter.to_ascii_uppercase()), now_ms);
             return None;
         }
         let step = STEPS_MM.get(self.step).copied().flatten();
@@ -421,8 +421,8 @@ impl KeyState {
             self.open = OpenDialog::Nothing;
             return (!matches!(model.stage, ScreenStage::Ended(_))).then_some(UiCommand::Deed(OperatorCommand::Hold));
         }
-        let is_typed = matches!(&self.open, OpenDialog::Prompt(ask, ..) if *ask != PendingQuestion::Stop);
-        if matches!(key, Key::Char('x' | 'X')) && !is_typed {
+        let is_text_prompt = matches!(&self.open, OpenDialog::Prompt(ask, ..) if *ask != PendingQuestion::Stop);
+        if matches!(key, Key::Char('x' | 'X')) && !is_text_prompt {
             self.open = OpenDialog::Nothing;
             return Some(UiCommand::CutterOff);
         }
@@ -469,14 +469,14 @@ impl KeyState {
             _ => return None,
         };
         match done {
-            Ok(said) => {
+            Ok(command) => {
                 self.open = OpenDialog::Nothing;
                 self.notice = None;
-                Some(said)
+                Some(command)
             }
             Err(why) => {
                 *wrong = Some(why);
-                self.send("invalid input", now_ms);
+                self.show_notice("invalid input", now_ms);
                 None
             }
         }

@@ -190,7 +190,7 @@ impl Situation {
             (ScreenStage::Setup, _) => Self::Setup,
             (ScreenStage::Ended(_), _) => Self::Ended,
             (ScreenStage::Resuming, _) => Self::Resuming,
-            (ScreenStage::Job, _) if model.standing == HoldReason::Paused || model.pause.is_some() => Self::Paused,
+            (ScreenStage::Job, _) if model.hold_reason == HoldReason::Paused || model.pause.is_some() => Self::Paused,
             (ScreenStage::Job, Mode::Run) if model.is_at_program_end() => Self::ProgramEnd,
             (ScreenStage::Job, Mode::Run) => Self::Run,
             (ScreenStage::Job, Mode::Wheel) => Self::Wheel,
@@ -200,7 +200,7 @@ impl Situation {
 
     /// Situation in words, for the key list.
     #[must_use]
-    pub const fn words(self) -> &'static str {
+    pub const fn text(self) -> &'static str {
         match self {
             Self::Setup => "while no program runs",
             Self::Run => "while the program runs or is held",
@@ -226,9 +226,9 @@ pub struct Row {
     /// Function in one line of the help.
     pub long: &'static str,
     /// Situations, as a bit mask.
-    pub when: u8,
+    pub situations: u8,
     /// Function.
-    pub act: KeyAction,
+    pub action: KeyAction,
 }
 
 const SETUP: u8 = Situation::Setup as u8;
@@ -259,7 +259,7 @@ const fn row(
     when: u8,
     act: KeyAction,
 ) -> Row {
-    Row { keys, shown, short, long, when, act }
+    Row { keys, shown, short, long, situations: when, action: act }
 }
 
 /// Key table.
@@ -320,20 +320,20 @@ pub const TABLE: &[Row] = &[
 /// Row of a key in a situation, if the key has a function there.
 #[must_use]
 pub fn row_of(key: Key, situation: Situation) -> Option<&'static Row> {
-    TABLE.iter().find(|row| row.keys.contains(&key) && row.when & situation as u8 != 0)
+    TABLE.iter().find(|row| row.keys.contains(&key) && row.situations & situation as u8 != 0)
 }
 
 /// Row of a key that has no function here, and a situation in which it has one.
 #[must_use]
-pub fn elsewhere(key: Key) -> Option<(&'static Row, Situation)> {
+pub fn row_elsewhere(key: Key) -> Option<(&'static Row, Situation)> {
     let row = TABLE.iter().find(|row| row.keys.contains(&key))?;
-    Situation::ALL.into_iter().find(|&s| row.when & s as u8 != 0).map(|situation| (row, situation))
+    Situation::ALL.into_iter().find(|&s| row.situations & s as u8 != 0).map(|situation| (row, situation))
 }
 
 /// Row of a function.
 #[must_use]
 pub fn row_for(act: KeyAction) -> Option<&'static Row> {
-    TABLE.iter().find(|row| row.act == act)
+    TABLE.iter().find(|row| row.action == act)
 }
 
 #[cfg(test)]
@@ -344,20 +344,20 @@ mod tests {
     fn no_key_does_two_things_in_one_situation_and_every_act_has_one_row() {
         for situation in Situation::ALL {
             let mut seen = std::collections::HashSet::new();
-            for row in TABLE.iter().filter(|row| row.when & situation as u8 != 0) {
+            for row in TABLE.iter().filter(|row| row.situations & situation as u8 != 0) {
                 for key in row.keys {
-                    assert!(seen.insert(key), "{key:?} twice {}", situation.words());
+                    assert!(seen.insert(key), "{key:?} twice {}", situation.text());
                 }
             }
         }
-        let acts: std::collections::HashSet<_> = TABLE.iter().map(|row| row.act).collect();
+        let acts: std::collections::HashSet<_> = TABLE.iter().map(|row| row.action).collect();
         assert_eq!(acts.len(), TABLE.len());
     }
 
     #[test]
     fn a_hold_is_one_key_away_wherever_something_may_move() {
         for situation in Situation::ALL.into_iter().filter(|&s| s != Situation::Ended) {
-            assert_eq!(row_of(Key::Char(' '), situation).map(|row| row.act), Some(KeyAction::Hold));
+            assert_eq!(row_of(Key::Char(' '), situation).map(|row| row.action), Some(KeyAction::Hold));
         }
     }
 }

@@ -5,7 +5,7 @@
 use ratatui::layout::Rect;
 
 /// Minimum size.
-pub const LEAST: (u16, u16) = (80, 24);
+pub const MIN_SIZE: (u16, u16) = (80, 24);
 
 /// Rows of the motion pane, with its border.
 const MOTION_ROWS: u16 = 7;
@@ -38,7 +38,7 @@ pub struct Panes {
 /// Lays out the panes; `None` below the minimum size.
 #[must_use]
 pub fn panes(width: u16, height: u16, axes: usize) -> Option<Panes> {
-    if width < LEAST.0 || height < LEAST.1 {
+    if width < MIN_SIZE.0 || height < MIN_SIZE.1 {
         return None;
     }
     let message_rows = match height {

@@ -43,17 +43,17 @@ use retrace_controller::operator::OperatorCommand;
 use key_state::KeyState;
 use keys::Key;
 use model::ScreenModel;
-use model_observer::locked;
+use model_observer::lock_model;
 use view::Theme;
 
 /// Interval of the polls for keys.
-const POLL: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Minimum time between two redraws.
-const REDRAW: Duration = Duration::from_millis(40);
+const MIN_REDRAW_INTERVAL: Duration = Duration::from_millis(40);
 
 /// Maximum time between two redraws, so that a notice disappears.
-const AT_LEAST: Duration = Duration::from_millis(500);
+const MAX_REDRAW_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Command of the operator at the screen.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,13 +87,13 @@ pub enum UiCommand {
 /// Screen loop.
 #[derive(Debug)]
 pub struct Screen {
-    hand: KeyState,
-    look: Theme,
+    key_state: KeyState,
+    theme: Theme,
 }
 
 impl Default for Screen {
     fn default() -> Self {
-        Self { hand: KeyState::new(), look: Theme::of_environment() }
+        Self { key_state: KeyState::new(), theme: Theme::of_environment() }
     }
 }
 
@@ -113,7 +113,7 @@ impl Screen {
         // A terminal without a mouse works too.
         let _ = execute!(io::stdout(), EnableMouseCapture);
         let done = self.show(&mut terminal, model, say);
-        put_back();
+        restore_terminal();
         let _ = std::panic::take_hook();
         done
     }
@@ -129,8 +129,8 @@ impl Screen {
         let mut touched = true;
         loop {
             let (changes, is_over) = {
-                let model = locked(model);
-                (model.changes, model.over)
+                let model = lock_model(model);
+                (model.changes, model.is_closed)
             };
             if is_over {
                 return Ok(());
@@ -138,29 +138,30 @@ impl Screen {
             let is_due = match shown {
                 None => true,
                 Some((at, drawn)) => {
-                    at.elapsed() >= REDRAW && (touched || changes != drawn) || at.elapsed() >= AT_LEAST
+                    at.elapsed() >= MIN_REDRAW_INTERVAL && (touched || changes != drawn)
+                        || at.elapsed() >= MAX_REDRAW_INTERVAL
                 }
             };
             if is_due {
                 let started = Instant::now();
-                let picture = locked(model).clone();
+                let picture = lock_model(model).clone();
                 let now_ms = begun.elapsed().as_millis() as u64;
-                terminal.draw(|frame| view::draw(frame.buffer_mut(), &picture, &self.hand, self.look, now_ms))?;
-                measured(model, started.elapsed());
+                terminal.draw(|frame| view::draw(frame.buffer_mut(), &picture, &self.key_state, self.theme, now_ms))?;
+                record_redraw(model, started.elapsed());
                 shown = Some((started, picture.changes));
                 touched = false;
             }
-            if !event::poll(POLL)? {
+            if !event::poll(POLL_INTERVAL)? {
                 continue;
             }
             // All pending events are handled before the next redraw: a wheel turns faster than a screen is drawn.
             while event::poll(Duration::ZERO)? {
                 touched = true;
                 let now_ms = begun.elapsed().as_millis() as u64;
-                let said = self.hear(&event::read()?, now_ms, model);
-                if let Some(said) = said {
-                    let quits = said == UiCommand::Quit;
-                    say(said);
+                let command = self.handle_event(&event::read()?, now_ms, model);
+                if let Some(command) = command {
+                    let quits = command == UiCommand::Quit;
+                    say(command);
                     if quits {
                         return Ok(());
                     }
@@ -169,13 +170,15 @@ impl Screen {
         }
     }
 
-    fn hear(&mut self, event: &Event, now_ms: u64, model: &Mutex<ScreenModel>) -> Option<UiCommand> {
-        let picture = || locked(model).clone();
+    fn handle_event(&mut self, event: &Event, now_ms: u64, model: &Mutex<ScreenModel>) -> Option<UiCommand> {
+        let picture = || lock_model(model).clone();
         match event {
-            Event::Key(key) if key.kind != KeyEventKind::Release => self.hand.key(known(key)?, now_ms, &picture()),
+            Event::Key(key) if key.kind != KeyEventKind::Release => {
+                self.key_state.key(key_of(key)?, now_ms, &picture())
+            }
             Event::Mouse(mouse) => match mouse.kind {
-                MouseEventKind::ScrollUp => self.hand.mouse_wheel(true, &picture()),
-                MouseEventKind::ScrollDown => self.hand.mouse_wheel(false, &picture()),
+                MouseEventKind::ScrollUp => self.key_state.mouse_wheel(true, &picture()),
+                MouseEventKind::ScrollDown => self.key_state.mouse_wheel(false, &picture()),
                 _ => None,
             },
             _ => None,
@@ -184,15 +187,15 @@ impl Screen {
 }
 
 /// Restores the terminal. Errors of a terminal that is gone are ignored.
-pub fn put_back() {
+pub fn restore_terminal() {
     let _ = execute!(io::stdout(), DisableMouseCapture);
     let _ = ratatui::try_restore();
 }
 
 /// Publishes the duration of a redraw.
-fn measured(model: &Mutex<ScreenModel>, took: Duration) {
+fn record_redraw(model: &Mutex<ScreenModel>, took: Duration) {
     let ms = took.as_secs_f64() * 1000.0;
-    let mut model = locked(model);
+    let mut model = lock_model(model);
     let redraw = &mut model.redraw;
     redraw.count += 1;
     redraw.mean_ms += (ms - redraw.mean_ms) / redraw.count as f64;
@@ -200,7 +203,7 @@ fn measured(model: &Mutex<ScreenModel>, took: Duration) {
 }
 
 /// Converts a key event, if the key has a use on the screen.
-fn known(event: &KeyEvent) -> Option<Key> {
+fn key_of(event: &KeyEvent) -> Option<Key> {
     Some(match event.code {
         KeyCode::Char('c') if event.modifiers.contains(KeyModifiers::CONTROL) => Key::Interrupt,
         KeyCode::Char(_) if event.modifiers.intersects(KeyModifiers::CONTROL | KeyModifiers::ALT) => return None,

@@ -133,7 +133,7 @@ pub struct Redraw {
 
 /// Time remaining.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TimeLeft {
+pub struct TimeRemaining {
     /// Seconds of motion.
     pub seconds: f64,
     /// Whether it is the planned time; with an override it is an estimate.
@@ -190,11 +190,11 @@ pub struct ScreenModel {
     /// Mode of operation.
     pub mode: Mode,
     /// Why the machine holds in normal run.
-    pub standing: HoldReason,
+    pub hold_reason: HoldReason,
     /// Whether the cursor is at rest.
     pub at_rest: bool,
     /// Whether the rate was reduced for lack of records.
-    pub short: bool,
+    pub starved: bool,
     /// Whether the machine is off the path.
     pub off_path: bool,
     /// Whether single block is on.
@@ -212,7 +212,7 @@ pub struct ScreenModel {
     /// Tool for a manual tool change; 0 removes the tool.
     pub tool_change: Option<i32>,
     /// Whether the cutter went off where it was to cut: the program resumes only with it on.
-    pub cutter_is_out: bool,
+    pub cutter_is_off: bool,
     /// Whether the machine is at rest where the program switched the cutter, which is on manually.
     pub at_cutter_boundary: bool,
     /// Modal state.
@@ -220,7 +220,7 @@ pub struct ScreenModel {
     /// Active alarm.
     pub alarm: Option<AlarmShown>,
     /// Outputs that differ at `reached`: channel, value, expected value.
-    pub differ: Vec<(u8, i32, i32)>,
+    pub differing_outputs: Vec<(u8, i32, i32)>,
     /// Progress of a pause.
     pub pause: Option<Pause>,
     /// Source that the program is awaited from, and the period of that report, one second after the wait began.
@@ -240,7 +240,7 @@ pub struct ScreenModel {
     /// Time that drawing takes.
     pub redraw: Redraw,
     /// Whether the screen is to be closed.
-    pub over: bool,
+    pub is_closed: bool,
     /// Counter of changes, so that nothing is drawn twice.
     pub changes: u64,
 }
@@ -273,9 +273,9 @@ impl ScreenModel {
             line: 0,
             reached_line: 0,
             mode: Mode::Run,
-            standing: HoldReason::None,
+            hold_reason: HoldReason::None,
             at_rest: true,
-            short: false,
+            starved: false,
             off_path: false,
             single: false,
             switching: None,
@@ -284,11 +284,11 @@ impl ScreenModel {
             program_outputs: BTreeMap::new(),
             optional_stop: false,
             tool_change: None,
-            cutter_is_out: false,
+            cutter_is_off: false,
             at_cutter_boundary: false,
             active: Active::default(),
             alarm: None,
-            differ: Vec::new(),
+            differing_outputs: Vec::new(),
             pause: None,
             waiting: None,
             question: None,
@@ -298,7 +298,7 @@ impl ScreenModel {
             lengths: PathLengths::from(Place::start_of(first)),
             underruns: 0,
             redraw: Redraw::default(),
-            over: false,
+            is_closed: false,
             changes: 0,
             facts,
         }
@@ -334,26 +334,26 @@ impl ScreenModel {
     /// Length of the history behind the cursor: seconds at 100 %, and mm.
     #[must_use]
     pub fn history(&self) -> (f64, f64) {
-        let records = f64::from(span(self.oldest, self.place.record));
-        let mm = self.lengths.at(self.place) - self.lengths.at(Place::start_of(self.oldest));
+        let records = f64::from(records_between(self.oldest, self.place.record));
+        let mm = self.lengths.length_at(self.place) - self.lengths.length_at(Place::start_of(self.oldest));
         (records * self.facts.period_s, mm.max(0.0))
     }
 
     /// Distance from the furthest place back to the cursor, mm.
     #[must_use]
     pub fn back_mm(&self) -> f64 {
-        (self.lengths.total_mm() - self.lengths.at(self.place)).max(0.0)
+        (self.lengths.total_mm() - self.lengths.length_at(self.place)).max(0.0)
     }
 
     /// Seconds of motion planned ahead of the cursor.
     #[must_use]
     pub fn ahead_s(&self) -> f64 {
-        f64::from(span(self.place.record, self.planned)) * self.facts.period_s
+        f64::from(records_between(self.place.record, self.planned)) * self.facts.period_s
     }
 
     /// Source that the machine waits for, and for how many seconds.
     #[must_use]
-    pub fn waits_for(&self) -> Option<(&str, f64)> {
+    pub fn stalled_source(&self) -> Option<(&str, f64)> {
         let (source, reported) = self.waiting.as_ref()?;
         Some((source, 1.0 + self.period.saturating_sub(*reported) as f64 * self.facts.period_s))
     }
@@ -379,12 +379,12 @@ impl ScreenModel {
 
     /// Time remaining, where it is known.
     #[must_use]
-    pub fn left(&self) -> Option<TimeLeft> {
-        let executed = f64::from(span(self.facts.first_place, self.reached)) * self.facts.period_s;
-        let back = f64::from(span(self.place.record, self.reached)) * self.facts.period_s;
+    pub fn time_remaining(&self) -> Option<TimeRemaining> {
+        let executed = f64::from(records_between(self.facts.first_place, self.reached)) * self.facts.period_s;
+        let back = f64::from(records_between(self.place.record, self.reached)) * self.facts.period_s;
         let plan = (self.facts.planned.seconds()? - executed).max(0.0);
         let factor = self.override_rate.max(0.01);
-        Some(TimeLeft {
+        Some(TimeRemaining {
             seconds: (plan + back) / factor,
             exact: self.override_rate == 1.0 && self.rapid_override == 1.0,
         })
@@ -408,7 +408,7 @@ impl ScreenModel {
     }
 
     /// Adds a message. A recent repetition is counted instead.
-    pub fn say(&mut self, time_s: f64, line: u32, text: impl Into<String>) {
+    pub fn add_message(&mut self, time_s: f64, line: u32, text: impl Into<String>) {
         let text = text.into();
         let recent = self.messages.len().saturating_sub(REPEATED_WITHIN);
         let same =
@@ -424,15 +424,15 @@ impl ScreenModel {
     /// Whether the machine is at rest at the end of the program, where reverse run is still possible.
     #[must_use]
     pub fn is_at_program_end(&self) -> bool {
-        self.stage == ScreenStage::Job && self.standing == HoldReason::Ended && self.mode == Mode::Run
+        self.stage == ScreenStage::Job && self.hold_reason == HoldReason::Ended && self.mode == Mode::Run
     }
 
     /// Ends the job; `how` says how, in words.
     pub fn end(&mut self, how: &str) {
         self.ended.get_or_insert(self.period);
         (self.stage, self.pause) = (ScreenStage::Ended(how.into()), None);
-        self.differ.clear();
-        self.say(self.period as f64 * self.facts.period_s, self.line, how);
+        self.differing_outputs.clear();
+        self.add_message(self.period as f64 * self.facts.period_s, self.line, how);
     }
 
     /// Opens a question, or closes it with `None`.
@@ -442,13 +442,13 @@ impl ScreenModel {
     }
 
     /// Removes the alarm.
-    pub fn alarm_is_cleared(&mut self) {
+    pub fn clear_alarm(&mut self) {
         self.alarm = None;
         self.changes += 1;
     }
 }
 
 /// Number of records from one place to a later one; 0 where it is not later.
-fn span(from: u32, to: u32) -> u32 {
+fn records_between(from: u32, to: u32) -> u32 {
     if is_before(from, to) { to.wrapping_sub(from) } else { 0 }
 }

@@ -26,7 +26,7 @@ use super::trail::{Trail, TrailPoint};
 const FEED_PERIODS: f64 = 32.0;
 
 /// Locks the model. After a panic of another thread the model is out of date at worst.
-pub fn locked(model: &Mutex<ScreenModel>) -> MutexGuard<'_, ScreenModel> {
+pub fn lock_model(model: &Mutex<ScreenModel>) -> MutexGuard<'_, ScreenModel> {
     model.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -35,7 +35,7 @@ pub fn locked(model: &Mutex<ScreenModel>) -> MutexGuard<'_, ScreenModel> {
 pub struct ModelObserver {
     model: Arc<Mutex<ScreenModel>>,
     /// Pause before the operator's last command, in case it is rejected.
-    before: Option<Pause>,
+    pause_before: Option<Pause>,
     modes: ModeHistory,
     program_outputs: ProgramOutputs,
 }
@@ -49,7 +49,7 @@ struct ModeHistory {
     /// Modal states with the record from which each applies, in the order of the path.
     states: VecDeque<(u32, ActiveAt)>,
     /// State that was reported since the last period.
-    news: Option<ActiveAt>,
+    pending: Option<ActiveAt>,
     /// Record of the state that is shown.
     shown: Option<u32>,
     /// Tool offset and tool for which a length was entered, with the axis and distance by which the path is moved, mm.
@@ -73,16 +73,16 @@ impl ModeHistory {
     }
 
     /// Moves the whole path along an axis: a tool length was entered.
-    fn moved(&mut self, axis: usize, by_mm: f64, model: &mut ScreenModel) {
+    fn move_path(&mut self, axis: usize, by_mm: f64, model: &mut ScreenModel) {
         let before_mm = self.entered.filter(|(tool, ..)| *tool == self.tool).map_or(0.0, |(.., mm)| mm);
         self.entered = Some((self.tool, axis, before_mm + by_mm));
-        let states = self.states.iter_mut().map(|(_, state)| state).chain(&mut self.news);
+        let states = self.states.iter_mut().map(|(_, state)| state).chain(&mut self.pending);
         let zeros = states.map(|state| &mut state.work_zero_mm).chain([&mut model.work_zero_mm, &mut model.moved_mm]);
         zeros.filter_map(|zeros| zeros.get_mut(axis)).for_each(|zero| *zero += by_mm);
     }
 
     /// Converts a reported modal state. An entered length applies to the tool and the offset for which it was entered.
-    fn told(&mut self, active: &retrace_gcode::ActiveCodes, model: &mut ScreenModel) -> ActiveAt {
+    fn apply_active(&mut self, active: &retrace_gcode::ActiveCodes, model: &mut ScreenModel) -> ActiveAt {
         self.tool = (active.tool_offset, active.current_tool);
         self.entered.take_if(|((_, tool), ..)| *tool != active.current_tool);
         model.moved_mm.fill(0.0);
@@ -92,14 +92,14 @@ impl ModeHistory {
         {
             *moved = mm;
         }
-        let mut told = active_at(model, active);
-        told.work_zero_mm.iter_mut().zip(&model.moved_mm).for_each(|(zero, moved)| *zero += moved);
-        told
+        let mut telemetry = active_at(model, active);
+        telemetry.work_zero_mm.iter_mut().zip(&model.moved_mm).for_each(|(zero, moved)| *zero += moved);
+        telemetry
     }
 
     /// Ends a period with the cursor at `place` and the furthest place at `reached`: shows the state at the cursor.
-    fn pass(&mut self, place: u32, reached: u32, model: &mut ScreenModel) {
-        if let Some(new) = self.news.take() {
+    fn show_state_at(&mut self, place: u32, reached: u32, model: &mut ScreenModel) {
+        if let Some(new) = self.pending.take() {
             if self.states.back().is_some_and(|&(at, _)| at == reached) {
                 self.states.pop_back();
                 self.shown = None;
@@ -129,20 +129,20 @@ impl ModelObserver {
     /// Observer of this model.
     #[must_use]
     pub fn new(model: Arc<Mutex<ScreenModel>>) -> Self {
-        Self { model, before: None, modes: ModeHistory::default(), program_outputs: ProgramOutputs::default() }
+        Self { model, pause_before: None, modes: ModeHistory::default(), program_outputs: ProgramOutputs::default() }
     }
 }
 
 impl<const A: usize> Observer<A> for ModelObserver {
-    fn on_telemetry(&mut self, told: &Telemetry<A>) {
-        let mut model = locked(&self.model);
+    fn on_telemetry(&mut self, telemetry: &Telemetry<A>) {
+        let mut model = lock_model(&self.model);
         model.changes += 1;
-        match told {
+        match telemetry {
             Telemetry::Period(period) => {
-                take_period(&mut model, period);
+                apply_period(&mut model, period);
                 if !period.off_path {
-                    self.modes.pass(period.place.record, period.reached, &mut model);
-                    let program_outputs = self.program_outputs.pass(period.place.record);
+                    self.modes.show_state_at(period.place.record, period.reached, &mut model);
+                    let program_outputs = self.program_outputs.outputs_at(period.place.record);
                     if *program_outputs != model.program_outputs {
                         model.program_outputs.clone_from(program_outputs);
                     }
@@ -159,19 +159,19 @@ impl<const A: usize> Observer<A> for ModelObserver {
                 }
             }
             Telemetry::Active(active) => {
-                let news = self.modes.told(active, &mut model);
+                let news = self.modes.apply_active(active, &mut model);
                 if model.stage != ScreenStage::Job {
                     news.show(&mut model);
                 }
-                self.modes.news = Some(news);
+                self.modes.pending = Some(news);
             }
             Telemetry::Event(event) => {
-                self.before = take_event(&mut model, event, self.before);
+                self.pause_before = apply_event(&mut model, event, self.pause_before);
                 match event.kind {
                     EventKind::Switching(_) => self.program_outputs.begin_instruction(),
                     EventKind::Switched(_) => self.program_outputs.complete_instruction(),
                     EventKind::OutputChanged(channel, value) => {
-                        self.program_outputs.switched(event.place.record, channel, value);
+                        self.program_outputs.push_change(event.place.record, channel, value);
                     }
                     EventKind::Started => {
                         self.program_outputs = ProgramOutputs::from(&model.program_outputs);
@@ -185,14 +185,14 @@ impl<const A: usize> Observer<A> for ModelObserver {
                 if let EventKind::Dnc(DncEvent { step: DncStep::ToolLength { axis, by_mm, .. }, .. }) = event.kind
                     && let Some(axis) = model.facts.axes.iter().position(|facts| facts.letter == axis)
                 {
-                    self.modes.moved(axis, by_mm, &mut model);
+                    self.modes.move_path(axis, by_mm, &mut model);
                 }
             }
         }
     }
 }
 
-fn take_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A>) {
+fn apply_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A>) {
     let step_mm = step_mm(model, &period.increments);
     model.period = period.period;
     for (slot, &count) in model.counts.iter_mut().zip(&period.counts) {
@@ -203,9 +203,9 @@ fn take_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A>
     if period.at_rest {
         model.feed_mm_min = 0.0;
     }
-    (model.at_rest, model.short, model.inputs, model.off_path) =
+    (model.at_rest, model.starved, model.inputs, model.off_path) =
         (period.at_rest, period.starved, period.inputs, period.off_path);
-    (model.mode, model.standing) = (period.mode, period.hold_reason);
+    (model.mode, model.hold_reason) = (period.mode, period.hold_reason);
     model.rate = period.rate as f64 / ONE as f64;
     model.override_rate = period.override_rate as f64 / ONE as f64;
     model.rapid_override = period.rapid_override as f64 / ONE as f64;
@@ -227,13 +227,13 @@ fn take_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A>
     (model.place, model.reached, model.oldest) = (period.place, period.reached, period.oldest);
     (model.planned, model.window, model.line) = (period.planned, period.window, period.line);
     if model.mode == Mode::Run {
-        model.differ.clear();
+        model.differing_outputs.clear();
     }
     if model.lengths.furthest().distance_to(period.place) > 0 {
-        model.lengths.grow(period.place, step_mm, period.oldest);
+        model.lengths.extend(period.place, step_mm, period.oldest);
         model.reached_line = period.line;
-        let knot = TrailPoint { along_mm: model.lengths.total_mm(), at: model.in_space(), rapid: model.is_rapid() };
-        model.trail.push(knot);
+        let corner = TrailPoint { along_mm: model.lengths.total_mm(), at: model.in_space(), rapid: model.is_rapid() };
+        model.trail.push(corner);
     }
 }
 
@@ -273,20 +273,20 @@ fn step_mm<const A: usize>(model: &ScreenModel, increments: &[i32; A]) -> f64 {
 }
 
 /// Applies an event. Returns the pause before the operator's last command.
-fn take_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) -> Option<Pause> {
+fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) -> Option<Pause> {
     let mut keep = before;
     match &event.kind {
         EventKind::Started => begin(model, event),
-        EventKind::Operator(deed) => {
+        EventKind::Operator(command) => {
             keep = model.pause;
-            if *deed == OperatorCommand::Single {
+            if *command == OperatorCommand::Single {
                 model.single = !model.single;
             }
-            if let OperatorCommand::OptionalStop(on) = deed {
+            if let OperatorCommand::OptionalStop(on) = command {
                 model.optional_stop = *on;
             }
             if let Some(pause) = &mut model.pause
-                && *deed == OperatorCommand::Online
+                && *command == OperatorCommand::Online
             {
                 pause.online = true;
             }
@@ -295,18 +295,18 @@ fn take_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) -> 
         EventKind::CutterBoundary => model.at_cutter_boundary = true,
         EventKind::ToolChange(tool) => model.tool_change = Some(*tool),
         EventKind::CutterOff { channel, reason: CutterOffReason::Card(_) | CutterOffReason::Operator } => {
-            model.cutter_is_out |= model.mode == Mode::Run && model.program_output(*channel) != 0;
+            model.cutter_is_off |= model.mode == Mode::Run && model.program_output(*channel) != 0;
         }
         EventKind::OverridePlanned(percent) => model.override_planned = percent / 100.0,
         EventKind::OutputsDiffer(some) => {
             // A long list arrives in parts.
             let list = some.list();
-            model.differ.retain(|(channel, _, _)| list.iter().all(|(new, _, _)| new != channel));
-            model.differ.extend(list);
+            model.differing_outputs.retain(|(channel, _, _)| list.iter().all(|(new, _, _)| new != channel));
+            model.differing_outputs.extend(list);
         }
         EventKind::OutputsRestored | EventKind::RunResumed => {
-            model.differ.clear();
-            model.cutter_is_out = false;
+            model.differing_outputs.clear();
+            model.cutter_is_off = false;
         }
         EventKind::Switching(code) => model.switching = Some(code),
         EventKind::Switched(_) => model.switching = None,
@@ -316,14 +316,14 @@ fn take_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) -> 
             model.ended.get_or_insert(event.period);
         }
         EventKind::Underrun => model.underruns += 1,
-        EventKind::Alarm(trouble) => {
-            let (number, cause, remedy) = trouble.parts();
+        EventKind::Alarm(error) => {
+            let (number, cause, remedy) = error.parts();
             model.alarm = Some(AlarmShown { number: number.into(), cause, remedy, is_refusal: false });
         }
         _ => {}
     }
     for text in event_text::lines(model, event) {
-        model.say(event.time_s, event.line, text);
+        model.add_message(event.time_s, event.line, text);
     }
     keep
 }
@@ -331,14 +331,14 @@ fn take_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) -> 
 /// Starts a job: clears what an earlier job left, except its messages.
 fn begin(model: &mut ScreenModel, event: &Event) {
     (model.stage, model.began, model.alarm) = (ScreenStage::Job, event.period, None);
-    (model.ended, model.standing, model.waiting) = (None, HoldReason::None, None);
-    (model.optional_stop, model.tool_change, model.cutter_is_out) = (false, None, false);
+    (model.ended, model.hold_reason, model.waiting) = (None, HoldReason::None, None);
+    (model.optional_stop, model.tool_change, model.cutter_is_off) = (false, None, false);
     if model.history_before.is_none() {
         model.program_outputs = model.outputs.clone();
     }
     (model.single, model.underruns, model.override_planned) = (false, 0, 1.0);
     let lengths = PathLengths::from(event.place);
-    let lengths = model.history_before.take().map_or(lengths.clone(), |(oldest, mm)| lengths.behind(oldest, mm));
+    let lengths = model.history_before.take().map_or(lengths.clone(), |(oldest, mm)| lengths.with_history(oldest, mm));
     (model.trail, model.lengths) = (Trail::default(), lengths);
     let at = model.in_space();
     model.trail.push(TrailPoint { along_mm: 0.0, at, rapid: false });

@@ -8,7 +8,7 @@ use retrace_core::Place;
 use retrace_core::place::is_before;
 
 /// Maximum number of steps.
-pub const MOST: usize = 4096;
+pub const MAX_STEPS: usize = 4096;
 
 /// Lengths at places.
 #[derive(Clone, Debug)]
@@ -29,7 +29,7 @@ impl PathLengths {
 
     /// Adds a path of this length before it, from this place on.
     #[must_use]
-    pub fn behind(mut self, oldest: u32, mm: f64) -> Self {
+    pub fn with_history(mut self, oldest: u32, mm: f64) -> Self {
         if is_before(oldest, self.end.0.record) {
             self.end.1 += mm;
             self.steps = VecDeque::from([(oldest, 0.0), (self.end.0.record, self.end.1)]);
@@ -50,7 +50,7 @@ impl PathLengths {
     }
 
     /// Extends the path by `mm`, up to `place`; the part before `oldest` is dropped.
-    pub fn grow(&mut self, place: Place, mm: f64, oldest: u32) {
+    pub fn extend(&mut self, place: Place, mm: f64, oldest: u32) {
         self.end = (place, self.end.1 + mm);
         if self.steps.back().is_none_or(|&(last, _)| place.record.wrapping_sub(last) >= self.stride) {
             self.steps.push_back((place.record, self.end.1));
@@ -58,7 +58,7 @@ impl PathLengths {
         while self.steps.get(1).is_some_and(|&(second, _)| !is_before(oldest, second)) {
             self.steps.pop_front();
         }
-        if self.steps.len() >= MOST {
+        if self.steps.len() >= MAX_STEPS {
             let mut keep = false;
             self.steps.retain(|_| {
                 keep = !keep;
@@ -70,7 +70,7 @@ impl PathLengths {
 
     /// Length up to a place, mm; clamped to the stored range.
     #[must_use]
-    pub fn at(&self, place: Place) -> f64 {
+    pub fn length_at(&self, place: Place) -> f64 {
         let behind = self.steps.partition_point(|&(step, _)| !is_before(place.record, step));
         let Some(&(from, from_mm)) = behind.checked_sub(1).and_then(|n| self.steps.get(n)) else {
             return self.steps.front().map_or(0.0, |&(_, mm)| mm);
@@ -98,22 +98,22 @@ mod tests {
         let begin = u32::MAX - 1000;
         let mut lengths = PathLengths::from(Place::start_of(begin));
         for n in 1..=100_000u32 {
-            lengths.grow(Place::start_of(begin.wrapping_add(n)), 0.5, begin);
+            lengths.extend(Place::start_of(begin.wrapping_add(n)), 0.5, begin);
         }
-        assert!(lengths.steps.len() <= MOST);
+        assert!(lengths.steps.len() <= MAX_STEPS);
         assert_eq!(lengths.total_mm(), 50_000.0);
         for n in [0u32, 1, 999, 1000, 1001, 54_321, 99_999, 100_000] {
-            let mm = lengths.at(Place::start_of(begin.wrapping_add(n)));
+            let mm = lengths.length_at(Place::start_of(begin.wrapping_add(n)));
             assert!((mm - 0.5 * f64::from(n)).abs() < 1e-6, "{n}: {mm}");
         }
-        assert_eq!(lengths.at(Place { record: begin.wrapping_add(10), fraction: 1 << 31 }), 5.25);
+        assert_eq!(lengths.length_at(Place { record: begin.wrapping_add(10), fraction: 1 << 31 }), 5.25);
     }
 
     #[test]
     fn a_path_before_the_first_place_counts() {
-        let mut lengths = PathLengths::from(Place::start_of(500)).behind(100, 40.0);
-        lengths.grow(Place::start_of(501), 1.0, 100);
-        let at = [100, 300, 500, 501].map(|place| lengths.at(Place::start_of(place)));
+        let mut lengths = PathLengths::from(Place::start_of(500)).with_history(100, 40.0);
+        lengths.extend(Place::start_of(501), 1.0, 100);
+        let at = [100, 300, 500, 501].map(|place| lengths.length_at(Place::start_of(place)));
         assert_eq!((at, lengths.total_mm()), ([0.0, 20.0, 40.0, 41.0], 41.0));
     }
 
@@ -121,10 +121,10 @@ mod tests {
     fn what_is_older_than_the_oldest_is_forgotten() {
         let mut lengths = PathLengths::from(Place::start_of(0));
         for n in 1..=10_000u32 {
-            lengths.grow(Place::start_of(n), 1.0, n.saturating_sub(100));
+            lengths.extend(Place::start_of(n), 1.0, n.saturating_sub(100));
         }
         assert!(lengths.steps.len() < 110);
-        assert_eq!(lengths.at(Place::start_of(9_950)), 9_950.0);
-        assert_eq!(lengths.at(Place::start_of(3)), 9_900.0);
+        assert_eq!(lengths.length_at(Place::start_of(9_950)), 9_950.0);
+        assert_eq!(lengths.length_at(Place::start_of(3)), 9_900.0);
     }
 }

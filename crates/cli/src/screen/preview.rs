@@ -61,7 +61,7 @@ impl Preview {
         }
     }
 
-    fn go(&mut self, to: [f64; 9], rapid: bool) {
+    fn move_to(&mut self, to: [f64; 9], rapid: bool) {
         self.along_mm += (0..9).map(|i| (to[i] - self.at_mm[i]).powi(2)).sum::<f64>().sqrt();
         self.at_mm = to;
         self.draw(rapid);
@@ -93,7 +93,7 @@ impl Preview {
 
 impl MotionSink<9> for Preview {
     fn straight(&mut self, end_mm: [f64; 9], feed: FeedRate, _: PathMode, line: u32) -> Result<(), PlanWriteError> {
-        self.go(end_mm, feed == FeedRate::Rapid);
+        self.move_to(end_mm, feed == FeedRate::Rapid);
         self.end(line);
         Ok(())
     }
@@ -109,9 +109,9 @@ impl MotionSink<9> for Preview {
             let mut point: [f64; 9] = std::array::from_fn(|i| start[i] + (arc.end_mm[i] - start[i]) * share);
             point[p] = cp + radius * angle.cos();
             point[q] = cq + radius * angle.sin();
-            self.go(point, false);
+            self.move_to(point, false);
         }
-        self.go(arc.end_mm, false);
+        self.move_to(arc.end_mm, false);
         self.end(line);
         Ok(())
     }

@@ -37,7 +37,7 @@ pub struct CutterFacts {
 pub enum Planned {
     /// Calculation in progress.
     #[default]
-    Reckoning,
+    Calculating,
     /// Duration in seconds.
     Known(f64),
     /// Unknown: the program is a stream.
@@ -83,7 +83,7 @@ pub struct ProgramFacts {
     /// Program text.
     pub program: Text,
     /// Machine position before the program, mm (degrees).
-    pub stands_at_mm: Vec<f64>,
+    pub start_position_mm: Vec<f64>,
     /// Duration of all motion at an override of 100 %.
     pub planned: Planned,
     /// Record at which the job's path starts.
@@ -116,7 +116,7 @@ impl ProgramFacts {
             axes: axes.collect(),
             period_s: machine.period_s(),
             program: Text::new(name, text),
-            stands_at_mm: machine.stands_at_mm.clone(),
+            start_position_mm: machine.stands_at_mm.clone(),
             cutters: machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()).map(cutter_facts).collect(),
             output_names: (0..channel::COUNT as u8).map(|number| machine.channel_name(number)).collect(),
             ..Self::default()

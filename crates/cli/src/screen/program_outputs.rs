@@ -52,12 +52,12 @@ impl ProgramOutputs {
     /// An output changed, for any reason, with the cursor at this record.
     pub fn output_changed(&mut self, place: u32, channel: u8, value: i32) {
         if self.is_switching {
-            self.switched(place, channel, value);
+            self.push_change(place, channel, value);
         }
     }
 
     /// The program switched an output before this record, which is the furthest.
-    pub fn switched(&mut self, place: u32, channel: u8, value: i32) {
+    pub fn push_change(&mut self, place: u32, channel: u8, value: i32) {
         let from = self.here.insert(channel, value).unwrap_or(0);
         if self.changes.len() >= MAX_CHANGES {
             self.changes.pop_front();
@@ -68,7 +68,7 @@ impl ProgramOutputs {
     }
 
     /// Ends a period with the cursor in this record. Returns the outputs there.
-    pub fn pass(&mut self, place: u32) -> &BTreeMap<u8, i32> {
+    pub fn outputs_at(&mut self, place: u32) -> &BTreeMap<u8, i32> {
         if self.is_complete {
             (self.is_switching, self.is_complete) = (false, false);
         }
@@ -98,23 +98,23 @@ mod tests {
         outputs.begin_instruction();
         outputs.output_changed(10, 3, 1);
         outputs.complete_instruction();
-        outputs.pass(10);
+        outputs.outputs_at(10);
         // The card or the operator switches it off and on: that is not the program.
         outputs.output_changed(12, 3, 0);
-        outputs.switched(20, 3, 0);
-        let at = |outputs: &mut ProgramOutputs, place| outputs.pass(place).get(&3).copied().unwrap_or(0);
+        outputs.push_change(20, 3, 0);
+        let at = |outputs: &mut ProgramOutputs, place| outputs.outputs_at(place).get(&3).copied().unwrap_or(0);
         assert_eq!([25, 15, 5, 12, 20, 4].map(|place| at(&mut outputs, place)), [0, 1, 0, 1, 0, 0]);
-        assert_eq!(outputs.pass(30).get(&7), Some(&1));
+        assert_eq!(outputs.outputs_at(30).get(&7), Some(&1));
     }
 
     #[test]
     fn what_is_kept_is_bounded() {
         let mut outputs = ProgramOutputs::default();
         for place in 0..3 * MAX_CHANGES as u32 {
-            outputs.switched(place, 1, i32::from(place % 2 == 0));
+            outputs.push_change(place, 1, i32::from(place % 2 == 0));
         }
         assert_eq!(outputs.changes.len(), MAX_CHANGES);
-        outputs.pass(0);
-        assert_eq!(outputs.pass(3 * MAX_CHANGES as u32).get(&1), Some(&0));
+        outputs.outputs_at(0);
+        assert_eq!(outputs.outputs_at(3 * MAX_CHANGES as u32).get(&1), Some(&0));
     }
 }

@@ -6,7 +6,7 @@ use retrace_controller::telemetry::HoldReason;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 
-use super::event_text::tool_change_words;
+use super::event_text::tool_change_text;
 use super::key_state::KeyState;
 use super::keys::KeyAction;
 use super::model::{Pause, ScreenModel, ScreenStage};
@@ -16,9 +16,9 @@ use super::program_facts::ProgramCheck;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HintLevel {
     /// Normal operation.
-    Well,
+    Normal,
     /// Waits for the operator.
-    Waits,
+    Waiting,
     /// Alarm.
     Alarm,
 }
@@ -27,39 +27,39 @@ pub enum HintLevel {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StatusHint {
     /// Status in a word or two.
-    pub word: &'static str,
+    pub status: &'static str,
     /// Reason, in one line.
-    pub why: String,
+    pub reason: String,
     /// Severity.
-    pub grade: HintLevel,
+    pub level: HintLevel,
     /// Actions that apply, the most useful first.
-    pub acts: Vec<KeyAction>,
+    pub actions: Vec<KeyAction>,
 }
 
-fn guide(grade: HintLevel, word: &'static str, why: impl Into<String>, acts: &[KeyAction]) -> StatusHint {
-    StatusHint { word, why: why.into(), grade, acts: acts.to_vec() }
+fn hint(grade: HintLevel, word: &'static str, why: impl Into<String>, actions: &[KeyAction]) -> StatusHint {
+    StatusHint { status: word, reason: why.into(), level: grade, actions: actions.to_vec() }
 }
 
 /// Returns the status of the machine.
 #[must_use]
-pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
+pub fn of(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
     if let Some(alarm) = &model.alarm {
         if alarm.is_refusal {
-            return guide(
-                HintLevel::Waits,
+            return hint(
+                HintLevel::Waiting,
                 "REFUSED",
                 alarm.cause.as_str(),
                 &[KeyAction::ClearAlarm, KeyAction::Messages, KeyAction::Quit],
             );
         }
         let why = format!("{}: {}", alarm.number, alarm.cause);
-        return guide(HintLevel::Alarm, "ALARM", why, &[KeyAction::ClearAlarm, KeyAction::Messages, KeyAction::Quit]);
+        return hint(HintLevel::Alarm, "ALARM", why, &[KeyAction::ClearAlarm, KeyAction::Messages, KeyAction::Quit]);
     }
     match &model.stage {
-        ScreenStage::Setup => setup(model, hand),
+        ScreenStage::Setup => setup(model, key_state),
         ScreenStage::Resuming => resuming(model),
         ScreenStage::Ended(how) => {
-            let acts = [
+            let actions = [
                 KeyAction::Quit,
                 KeyAction::CycleStart,
                 KeyAction::SetUp,
@@ -68,7 +68,7 @@ pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
                 KeyAction::View,
                 KeyAction::Tools,
             ];
-            guide(HintLevel::Waits, "ENDED", how, &acts)
+            hint(HintLevel::Waiting, "ENDED", how, &actions)
         }
         ScreenStage::Job => match (model.pause, model.mode) {
             (Some(pause), _) => paused(model, pause),
@@ -78,9 +78,9 @@ pub fn of(model: &ScreenModel, hand: &KeyState) -> StatusHint {
     }
 }
 
-fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
+fn setup(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
     if !model.at_rest {
-        return guide(HintLevel::Well, "MOVING", "manual motion; Space stops it", &[KeyAction::Hold]);
+        return hint(HintLevel::Normal, "MOVING", "manual motion; Space stops it", &[KeyAction::Hold]);
     }
     let rest = [
         KeyAction::Jog,
@@ -93,20 +93,20 @@ fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
         KeyAction::Output,
         KeyAction::Quit,
     ];
-    let mut acts = if model.homed { vec![KeyAction::CycleStart, KeyAction::Home] } else { vec![KeyAction::Home] };
-    acts.extend(rest);
+    let mut actions = if model.homed { vec![KeyAction::CycleStart, KeyAction::Home] } else { vec![KeyAction::Home] };
+    actions.extend(rest);
     if !model.homed {
-        return guide(HintLevel::Waits, "NOT HOMED", "the machine position is not known", &acts);
+        return hint(HintLevel::Waiting, "NOT HOMED", "the machine position is not known", &actions);
     }
     let name = &model.facts.program.name;
     match &model.facts.check {
         ProgramCheck::NotLoaded => {
-            acts[0] = KeyAction::OpenProgram;
-            return guide(HintLevel::Waits, "NO PROGRAM", "load a program, or set up the machine", &acts);
+            actions[0] = KeyAction::OpenProgram;
+            return hint(HintLevel::Waiting, "NO PROGRAM", "load a program, or set up the machine", &actions);
         }
         ProgramCheck::Refused(why) => {
             let first = why.first().map_or("", String::as_str);
-            acts = vec![
+            actions = vec![
                 KeyAction::Messages,
                 KeyAction::WorkZero,
                 KeyAction::Jog,
@@ -115,26 +115,26 @@ fn setup(model: &ScreenModel, hand: &KeyState) -> StatusHint {
                 KeyAction::OpenProgram,
                 KeyAction::CycleStart,
             ];
-            acts.extend([KeyAction::Home, KeyAction::Output, KeyAction::Quit]);
-            return guide(HintLevel::Waits, "NOT READY", first, &acts);
+            actions.extend([KeyAction::Home, KeyAction::Output, KeyAction::Quit]);
+            return hint(HintLevel::Waiting, "NOT READY", first, &actions);
         }
         _ => {}
     }
-    let why = match (hand.dry, &model.facts.check) {
+    let why = match (key_state.dry, &model.facts.check) {
         (true, _) => format!("{name}, DRY RUN: the cutter stays off"),
         (false, ProgramCheck::Checking) => format!("{name} is being checked"),
         (false, _) => format!("{name} is ready"),
     };
-    guide(HintLevel::Waits, "READY", why, &acts)
+    hint(HintLevel::Waiting, "READY", why, &actions)
 }
 
 fn resuming(model: &ScreenModel) -> StatusHint {
     match &model.question {
         Some(question) => {
-            let acts = [KeyAction::Agree, KeyAction::Decline, KeyAction::View, KeyAction::Quit];
-            guide(HintLevel::Waits, "RESUME", question.title.as_str(), &acts)
+            let actions = [KeyAction::Agree, KeyAction::Decline, KeyAction::View, KeyAction::Quit];
+            hint(HintLevel::Waiting, "RESUME", question.title.as_str(), &actions)
         }
-        None => guide(HintLevel::Well, "RESUMING", "planning up to the breakpoint; nothing moves", &[KeyAction::Quit]),
+        None => hint(HintLevel::Normal, "RESUMING", "planning up to the breakpoint; nothing moves", &[KeyAction::Quit]),
     }
 }
 
@@ -159,12 +159,12 @@ fn normal(model: &ScreenModel) -> StatusHint {
         KeyAction::Pause,
         KeyAction::Quit,
     ];
-    match model.standing {
+    match model.hold_reason {
         HoldReason::Hold if !model.at_rest => {
-            guide(HintLevel::Waits, "STOPPING", "feed hold: braking on the path", &held)
+            hint(HintLevel::Waiting, "STOPPING", "feed hold: braking on the path", &held)
         }
-        HoldReason::Hold if model.cutter_is_out => {
-            let acts = [
+        HoldReason::Hold if model.cutter_is_off => {
+            let actions = [
                 KeyAction::CycleStart,
                 KeyAction::Recover,
                 KeyAction::Reverse,
@@ -172,16 +172,21 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 KeyAction::BackBy,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Waits, "FEED HOLD", "the cutter is off; c asks before it restarts, k restarts it", &acts)
+            hint(
+                HintLevel::Waiting,
+                "FEED HOLD",
+                "the cutter is off; c asks before it restarts, k restarts it",
+                &actions,
+            )
         }
-        HoldReason::Hold => guide(HintLevel::Waits, "FEED HOLD", "held by the operator", &held),
+        HoldReason::Hold => hint(HintLevel::Waiting, "FEED HOLD", "held by the operator", &held),
         HoldReason::ProgramStop => match model.tool_change {
-            Some(tool) => guide(HintLevel::Waits, "TOOL CHANGE", tool_change_words(model, tool), &held),
-            None => guide(HintLevel::Waits, "PROGRAM STOP", "stopped by the program", &held),
+            Some(tool) => hint(HintLevel::Waiting, "TOOL CHANGE", tool_change_text(model, tool), &held),
+            None => hint(HintLevel::Waiting, "PROGRAM STOP", "stopped by the program", &held),
         },
-        HoldReason::SingleBlock => guide(HintLevel::Waits, "SINGLE BLOCK", "at the end of a block", &held),
+        HoldReason::SingleBlock => hint(HintLevel::Waiting, "SINGLE BLOCK", "at the end of a block", &held),
         HoldReason::Ended => {
-            let acts = [
+            let actions = [
                 KeyAction::Quit,
                 KeyAction::Reverse,
                 KeyAction::SetUp,
@@ -192,37 +197,39 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 KeyAction::OpenProgram,
                 KeyAction::Output,
             ];
-            guide(HintLevel::Waits, "ENDED", "program completed; reverse run is still possible", &acts)
+            hint(HintLevel::Waiting, "ENDED", "program completed; reverse run is still possible", &actions)
         }
         HoldReason::Paused => {
-            guide(HintLevel::Waits, "PAUSED", "at the breakpoint", &[KeyAction::CycleStart, KeyAction::Quit])
+            hint(HintLevel::Waiting, "PAUSED", "at the breakpoint", &[KeyAction::CycleStart, KeyAction::Quit])
         }
         HoldReason::None => match model.switching {
-            Some(code) => guide(HintLevel::Well, "RUNNING", format!("waiting for {code} to complete"), &running),
-            None => match model.waits_for() {
+            Some(code) => hint(HintLevel::Normal, "RUNNING", format!("waiting for {code} to complete"), &running),
+            None => match model.stalled_source() {
                 Some((source, seconds)) if model.at_rest => {
                     let why = format!("waiting for {source}, {seconds:.0} s so far");
-                    guide(HintLevel::Waits, "WAITING", why, &running)
+                    hint(HintLevel::Waiting, "WAITING", why, &running)
                 }
-                _ if model.short => {
-                    guide(HintLevel::Well, "RUNNING", "slowed down: the program arrives too slowly", &running)
+                _ if model.starved => {
+                    hint(HintLevel::Normal, "RUNNING", "slowed down: the program arrives too slowly", &running)
                 }
-                _ if model.at_rest => guide(HintLevel::Well, "RUNNING", "at rest until more path is planned", &running),
-                _ => guide(HintLevel::Well, "RUNNING", "executing the program", &running),
+                _ if model.at_rest => {
+                    hint(HintLevel::Normal, "RUNNING", "at rest until more path is planned", &running)
+                }
+                _ => hint(HintLevel::Normal, "RUNNING", "executing the program", &running),
             },
         },
     }
 }
 
 fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
-    if !model.differ.is_empty() {
-        let acts = [KeyAction::Agree, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Output, KeyAction::Quit];
-        return guide(HintLevel::Waits, "OUTPUTS DIFFER", "from the state that the program expects here", &acts);
+    if !model.differing_outputs.is_empty() {
+        let actions = [KeyAction::Agree, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Output, KeyAction::Quit];
+        return hint(HintLevel::Waiting, "OUTPUTS DIFFER", "from the state that the program expects here", &actions);
     }
     let back = format!("{:.1} mm back", model.back_mm());
     let at_oldest = model.at_rest && model.place == Place::start_of(model.oldest);
     let at_reached = model.at_rest && model.place == Place::start_of(model.reached);
-    let standing = [
+    let at_rest = [
         KeyAction::Leave,
         KeyAction::LeaveAsk,
         KeyAction::Forward,
@@ -233,8 +240,8 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
         KeyAction::Quit,
     ];
     match mode {
-        _ if model.standing == HoldReason::Hold => {
-            let acts = [
+        _ if model.hold_reason == HoldReason::Hold => {
+            let actions = [
                 KeyAction::CycleStart,
                 KeyAction::Leave,
                 KeyAction::Forward,
@@ -244,7 +251,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Quit,
             ];
             let word = if model.at_rest { "FEED HOLD" } else { "STOPPING" };
-            guide(HintLevel::Waits, word, format!("held while retracing, {back}"), &acts)
+            hint(HintLevel::Waiting, word, format!("held while retracing, {back}"), &actions)
         }
         Mode::Wheel => {
             let why = match (at_oldest, at_reached) {
@@ -252,7 +259,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 (_, true) => "arrows or mouse wheel; at the furthest place".into(),
                 _ => format!("arrows or mouse wheel; {back}"),
             };
-            let acts = [
+            let actions = [
                 KeyAction::Turn,
                 KeyAction::Leave,
                 KeyAction::LeaveAsk,
@@ -261,20 +268,20 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Output,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Waits, "HANDWHEEL", why, &acts)
+            hint(HintLevel::Waiting, "HANDWHEEL", why, &actions)
         }
-        Mode::Rejoin if !model.at_rest => guide(
-            HintLevel::Well,
+        Mode::Rejoin if !model.at_rest => hint(
+            HintLevel::Normal,
             "RETURNING",
             format!("{back}, then the program resumes"),
             &[KeyAction::Hold, KeyAction::Reverse],
         ),
         Mode::Rejoin | Mode::AwaitOutputs => {
-            let acts = [KeyAction::Leave, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Quit];
-            guide(HintLevel::Waits, "RETURNING", format!("at rest; {back}"), &acts)
+            let actions = [KeyAction::Leave, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Quit];
+            hint(HintLevel::Waiting, "RETURNING", format!("at rest; {back}"), &actions)
         }
         Mode::Reverse if model.at_cutter_boundary => {
-            let acts = [
+            let actions = [
                 KeyAction::CutterOff,
                 KeyAction::Reverse,
                 KeyAction::Forward,
@@ -282,15 +289,15 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Wheel,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Waits, "CUTTER ON", "the program switched the cutter here; it is still on", &acts)
+            hint(HintLevel::Waiting, "CUTTER ON", "the program switched the cutter here; it is still on", &actions)
         }
         Mode::Reverse if at_oldest => {
-            guide(HintLevel::Waits, "REVERSE", format!("at the start of the history, {back}"), &standing)
+            hint(HintLevel::Waiting, "REVERSE", format!("at the start of the history, {back}"), &at_rest)
         }
-        Mode::Forward if at_reached => guide(HintLevel::Waits, "FORWARD", "at the furthest place", &standing),
-        _ if model.at_rest => guide(HintLevel::Waits, "AT REST", back, &standing),
+        Mode::Forward if at_reached => hint(HintLevel::Waiting, "FORWARD", "at the furthest place", &at_rest),
+        _ if model.at_rest => hint(HintLevel::Waiting, "AT REST", back, &at_rest),
         Mode::Forward => {
-            let acts = [
+            let actions = [
                 KeyAction::Hold,
                 KeyAction::Reverse,
                 KeyAction::Leave,
@@ -299,10 +306,10 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::Output,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Well, "FORWARD", back, &acts)
+            hint(HintLevel::Normal, "FORWARD", back, &actions)
         }
         _ => {
-            let acts = [
+            let actions = [
                 KeyAction::Hold,
                 KeyAction::Forward,
                 KeyAction::Leave,
@@ -312,7 +319,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::BackJet,
                 KeyAction::Quit,
             ];
-            guide(HintLevel::Well, "REVERSE", back, &acts)
+            hint(HintLevel::Normal, "REVERSE", back, &actions)
         }
     }
 }
@@ -334,9 +341,9 @@ pub fn steps(pause: Pause) -> Vec<(&'static str, KeyAction, bool)> {
 }
 
 fn paused(model: &ScreenModel, pause: Pause) -> StatusHint {
-    if model.standing != HoldReason::Paused {
-        return guide(
-            HintLevel::Well,
+    if model.hold_reason != HoldReason::Paused {
+        return hint(
+            HintLevel::Normal,
             "APPROACHING",
             "returning to the breakpoint",
             &[KeyAction::Hold, KeyAction::Quit],
@@ -346,17 +353,17 @@ fn paused(model: &ScreenModel, pause: Pause) -> StatusHint {
     let next = steps.iter().position(|&(_, _, done)| !done).unwrap_or(0);
     let (what, act, _) = steps.get(next).copied().unwrap_or(("resume", KeyAction::CycleStart, false));
     let why = format!("step {} of {}: {what}", next + 1, steps.len());
-    let mut acts = vec![act];
+    let mut actions = vec![act];
     // While the tool is free, the following step is available too.
     if act == KeyAction::Jog {
-        acts.push(if pause.spindle != 0 { KeyAction::Spindle } else { KeyAction::Online });
+        actions.push(if pause.spindle != 0 { KeyAction::Spindle } else { KeyAction::Online });
     }
     for act in
         [KeyAction::Jog, KeyAction::Step, KeyAction::Spindle, KeyAction::Online, KeyAction::Output, KeyAction::Quit]
     {
-        if !acts.contains(&act) && (act != KeyAction::Spindle || pause.spindle != 0) {
-            acts.push(act);
+        if !actions.contains(&act) && (act != KeyAction::Spindle || pause.spindle != 0) {
+            actions.push(act);
         }
     }
-    guide(HintLevel::Waits, "PAUSED", why, &acts)
+    hint(HintLevel::Waiting, "PAUSED", why, &actions)
 }

@@ -19,7 +19,7 @@ use super::fake_machine::{self, FakeMachine, FakePath};
 use super::key_state::{KeyState, OpenDialog, PendingQuestion};
 use super::keys::{Key, TABLE};
 use super::model::{AlarmShown, AxisHoming, Pause, ScreenModel, ScreenStage};
-use super::model_observer::locked;
+use super::model_observer::lock_model;
 use super::program_facts::{AxisFacts, Planned, ProgramFacts, Text};
 use super::trail::TrailPoint;
 use super::{UiCommand, layout, view};
@@ -32,7 +32,7 @@ const PLAIN: view::Theme = view::Theme { colour: false };
 struct ScreenFixture {
     machine: FakeMachine,
     model: Arc<Mutex<ScreenModel>>,
-    hand: KeyState,
+    key_state: KeyState,
     now_ms: u64,
 }
 
@@ -44,22 +44,22 @@ impl ScreenFixture {
         };
         let machine = crate::files::machine(None).expect("built in");
         let program = Program::open(&args.reading, &machine).expect("a program");
-        let tape = FakePath::of(&machine, &program);
+        let recorded = FakePath::of(&machine, &program);
         let text = std::fs::read_to_string(path).expect("a text");
-        let facts = fake_machine::facts(&machine, &program, &text, &tape);
+        let facts = fake_machine::facts(&machine, &program, &text, &recorded);
         let facts = ProgramFacts { program: Text::new("02-back-up.ngc", &text), ..facts };
         let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(facts))));
-        let machine = FakeMachine::new(tape, Arc::clone(&model), 0.001);
-        Self { machine, model, hand: KeyState::new(), now_ms: 0 }
+        let machine = FakeMachine::new(recorded, Arc::clone(&model), 0.001);
+        Self { machine, model, key_state: KeyState::new(), now_ms: 0 }
     }
 
     fn key(&mut self, key: Key) -> Option<UiCommand> {
         let picture = self.picture();
-        let said = self.hand.key(key, self.now_ms, &picture);
-        if let Some(said) = &said {
-            self.machine.hear(said);
+        let command = self.key_state.key(key, self.now_ms, &picture);
+        if let Some(command) = &command {
+            self.machine.handle_command(command);
         }
-        said
+        command
     }
 
     fn keys(&mut self, keys: &str) {
@@ -76,11 +76,11 @@ impl ScreenFixture {
     }
 
     fn picture(&self) -> ScreenModel {
-        locked(&self.model).clone()
+        lock_model(&self.model).clone()
     }
 
     fn screen(&self, width: u16, height: u16) -> Buffer {
-        drawn(&self.picture(), &self.hand, width, height, self.now_ms)
+        drawn(&self.picture(), &self.key_state, width, height, self.now_ms)
     }
 
     /// Compares the screen with its golden file.
@@ -95,9 +95,9 @@ impl ScreenFixture {
     }
 }
 
-fn drawn(model: &ScreenModel, hand: &KeyState, width: u16, height: u16, now_ms: u64) -> Buffer {
+fn drawn(model: &ScreenModel, key_state: &KeyState, width: u16, height: u16, now_ms: u64) -> Buffer {
     let mut out = Buffer::empty(Rect::new(0, 0, width, height));
-    view::draw(&mut out, model, hand, PLAIN, now_ms);
+    view::draw(&mut out, model, key_state, PLAIN, now_ms);
     out
 }
 
@@ -142,7 +142,7 @@ fn the_screens_are_as_they_were_looked_at() {
     bench.is_as("7-outputs-differ", 80, 24);
     bench.keys("y");
     bench.wait(500);
-    bench.machine.hear(&UiCommand::Deed(retrace_controller::operator::OperatorCommand::SpindleStart));
+    bench.machine.handle_command(&UiCommand::Deed(retrace_controller::operator::OperatorCommand::SpindleStart));
     bench.keys("p");
     bench.wait(500);
     bench.keys("S");
@@ -152,7 +152,7 @@ fn the_screens_are_as_they_were_looked_at() {
     bench.keys("?");
     bench.is_as("9-keys", 80, 24);
     bench.keys("x");
-    locked(&bench.model).alarm = Some(AlarmShown {
+    lock_model(&bench.model).alarm = Some(AlarmShown {
         number: "E3012".into(),
         cause: "the emergency-stop chain is open".into(),
         remedy: "make the machine safe, close the chain, clear the alarm, then home the machine".into(),
@@ -166,7 +166,7 @@ fn with_messages(texts: &[&str]) -> ScreenModel {
     let letters = ['x', 'y', 'z'];
     let axes = letters.map(|letter| AxisFacts { letter, pulses_per_mm: 1000.0, travel_mm: [-1.0, 1.0] }).to_vec();
     let mut model = ScreenModel::new(Arc::new(ProgramFacts { axes, ..ProgramFacts::default() }));
-    texts.iter().for_each(|message| model.say(1.0, 0, *message));
+    texts.iter().for_each(|message| model.add_message(1.0, 0, *message));
     model
 }
 
@@ -182,16 +182,16 @@ fn a_fault_that_comes_again_and_again_is_one_message() {
 fn all_messages_are_shown_whole_and_all_keys_on_pages() {
     let long = "word ".repeat(60) + "end of it";
     let model = with_messages(&[&long, "the last"]);
-    let mut hand = KeyState::new();
-    let _ = hand.key(Key::Char('g'), 0, &model);
-    let shown = text(&drawn(&model, &hand, 80, 24, 0));
+    let mut key_state = KeyState::new();
+    let _ = key_state.key(Key::Char('g'), 0, &model);
+    let shown = text(&drawn(&model, &key_state, 80, 24, 0));
     assert!(shown.contains("end of it") && shown.contains("the last") && !shown.contains("word…"), "{shown}");
-    let _ = hand.key(Key::Esc, 0, &model);
-    let _ = hand.key(Key::Char('?'), 0, &model);
+    let _ = key_state.key(Key::Esc, 0, &model);
+    let _ = key_state.key(Key::Char('?'), 0, &model);
     let mut pages = String::new();
     for _ in 0..6 {
-        pages += &text(&drawn(&model, &hand, 80, 24, 0));
-        let _ = hand.key(Key::Down, 0, &model);
+        pages += &text(&drawn(&model, &key_state, 80, 24, 0));
+        let _ = key_state.key(Key::Down, 0, &model);
     }
     for row in TABLE {
         // A long line may continue in the next one.
@@ -209,31 +209,31 @@ fn the_drawing_is_enlarged_moved_and_fitted_to_the_table() {
     {
         facts.preview.path.push(TrailPoint { along_mm: along, at: at.map(|mm: f64| mm as f32), rapid });
     }
-    let mut hand = KeyState::new();
-    let pane = |hand: &KeyState| {
-        let all = text(&drawn(&model, hand, 80, 24, 0));
+    let mut key_state = KeyState::new();
+    let pane = |key_state: &KeyState| {
+        let all = text(&drawn(&model, key_state, 80, 24, 0));
         all.lines().skip(10).take(11).map(|line| line.chars().take(40).collect::<String>() + "\n").collect::<String>()
     };
     let dots = |c: char| if ('\u{2800}'..'\u{2900}').contains(&c) { (c as u32 & 0xff).count_ones() } else { 0 };
     let count = |pane: &str| pane.chars().map(dots).sum::<u32>();
     // The legend has one, too.
     let shows_tool = |pane: &str| pane.matches('@').count() == 2;
-    let fitted = pane(&hand);
+    let fitted = pane(&key_state);
     assert!(fitted.contains("10 × 10 mm"), "{fitted}");
-    let _ = hand.key(Key::Char('>'), 0, &model);
-    let enlarged = pane(&hand);
+    let _ = key_state.key(Key::Char('>'), 0, &model);
+    let enlarged = pane(&key_state);
     assert!(enlarged.contains("×2") && !shows_tool(&enlarged), "{enlarged}");
     for key in [Key::ShiftLeft, Key::ShiftDown] {
-        (0..4).for_each(|_| drop(hand.key(key, 0, &model)));
+        (0..4).for_each(|_| drop(key_state.key(key, 0, &model)));
     }
-    assert!(shows_tool(&pane(&hand)), "panned to the tool\n{}", pane(&hand));
-    let _ = hand.key(Key::Char('<'), 0, &model);
-    assert_eq!(pane(&hand), fitted);
-    let _ = hand.key(Key::Char('e'), 0, &model);
-    let table = pane(&hand);
+    assert!(shows_tool(&pane(&key_state)), "panned to the tool\n{}", pane(&key_state));
+    let _ = key_state.key(Key::Char('<'), 0, &model);
+    assert_eq!(pane(&key_state), fitted);
+    let _ = key_state.key(Key::Char('e'), 0, &model);
+    let table = pane(&key_state);
     assert!(table.contains("10 × 10 mm") && table != fitted && count(&table) > 40, "the soft limits\n{table}");
-    let _ = hand.key(Key::Char('e'), 0, &model);
-    assert_eq!(pane(&hand), fitted);
+    let _ = key_state.key(Key::Char('e'), 0, &model);
+    assert_eq!(pane(&key_state), fitted);
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
         "m.toml",
     );
     let mut model = ScreenModel::new(Arc::new(ProgramFacts::of(&machine.expect("valid"), "a.ngc", "")));
-    let shown = |model: &ScreenModel, hand: &KeyState| text(&drawn(model, hand, 80, 24, 0));
+    let shown = |model: &ScreenModel, key_state: &KeyState| text(&drawn(model, key_state, 80, 24, 0));
     let off = shown(&model, &KeyState::new());
     assert!(off.contains("torch off") && off.contains("other outputs off") && !off.contains("all off"), "{off}");
     (model.stage, model.program_outputs) = (ScreenStage::Job, [(64, 1)].into());
@@ -263,23 +263,26 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     let on = shown(&model, &KeyState::new());
     assert!(on.contains("torch ON · program here ON") && on.contains("outputs ON: clamp"), "{on}");
     assert!(!on.contains("spindle"), "{on}");
-    let mut hand = KeyState::new();
+    let mut key_state = KeyState::new();
     for open in [
         OpenDialog::Nothing,
         OpenDialog::Help(1),
         OpenDialog::Messages(0),
         OpenDialog::Prompt(PendingQuestion::Stop, String::new(), None),
     ] {
-        hand.open = open;
-        assert_eq!(hand.key(Key::Char('x'), 0, &model), Some(UiCommand::CutterOff), "whatever is open");
+        key_state.open = open;
+        assert_eq!(key_state.key(Key::Char('x'), 0, &model), Some(UiCommand::CutterOff), "whatever is open");
     }
-    hand.open = OpenDialog::Nothing;
-    let said = "oclamp-\r".chars().map(|c| if c == '\r' { Key::Enter } else { Key::Char(c) });
-    let said: Vec<_> = said.filter_map(|key| hand.key(key, 0, &model)).collect();
-    assert_eq!(said, [UiCommand::Deed(retrace_controller::operator::OperatorCommand::Output { number: 5, on: false })]);
-    hand.dry = true;
-    assert!(shown(&model, &hand).starts_with(" DRY RUNNING"), "{}", shown(&model, &hand));
-    (model.standing, model.tool_change, model.at_rest) = (HoldReason::ProgramStop, Some(3), true);
+    key_state.open = OpenDialog::Nothing;
+    let command = "oclamp-\r".chars().map(|c| if c == '\r' { Key::Enter } else { Key::Char(c) });
+    let command: Vec<_> = command.filter_map(|key| key_state.key(key, 0, &model)).collect();
+    assert_eq!(
+        command,
+        [UiCommand::Deed(retrace_controller::operator::OperatorCommand::Output { number: 5, on: false })]
+    );
+    key_state.dry = true;
+    assert!(shown(&model, &key_state).starts_with(" DRY RUNNING"), "{}", shown(&model, &key_state));
+    (model.hold_reason, model.tool_change, model.at_rest) = (HoldReason::ProgramStop, Some(3), true);
     Arc::make_mut(&mut model.facts).tool_names = [(3, "6 mm end mill".to_owned())].into();
     let change = shown(&model, &KeyState::new());
     assert!(change.contains("TOOL CHANGE") && change.contains("insert tool T3: 6 mm end mill"), "{change}");
@@ -311,7 +314,7 @@ fn a_person_backs_up_and_goes_on() {
     bench.wait(400);
     says(&bench, "FEED HOLD");
     says(&bench, "c cycle start · r reverse · w handwheel");
-    assert_eq!(bench.hand.mouse_wheel(true, &bench.picture()), None, "no handwheel yet");
+    assert_eq!(bench.key_state.mouse_wheel(true, &bench.picture()), None, "no handwheel yet");
     let held = bench.picture();
     bench.keys("r");
     bench.wait(1000);
@@ -326,7 +329,7 @@ fn a_person_backs_up_and_goes_on() {
         bench.wait(40);
     }
     assert!(bench.picture().place.record < at_rest.place.record, "the arrows turn the wheel");
-    bench.hand.mouse_wheel(true, &bench.picture()).expect("the mouse wheel is one, too");
+    bench.key_state.mouse_wheel(true, &bench.picture()).expect("the mouse wheel is one, too");
     bench.keys("l");
     while bench.picture().mode != Mode::Run {
         bench.wait(1);
@@ -364,15 +367,15 @@ fn space_holds_whatever_is_open_while_a_job_runs() {
 fn a_key_that_does_nothing_here_says_when_it_does() {
     let mut bench = ScreenFixture::new();
     bench.keys("r");
-    assert_eq!(bench.hand.notice(0), Some("r (reverse) works while the program runs or is held"));
+    assert_eq!(bench.key_state.notice(0), Some("r (reverse) works while the program runs or is held"));
     bench.keys("b");
-    assert!(matches!(bench.hand.open, OpenDialog::Nothing));
+    assert!(matches!(bench.key_state.open, OpenDialog::Nothing));
     bench.keys("m");
     bench.keys("G0 X10");
-    assert_eq!(bench.hand.open, OpenDialog::Prompt(PendingQuestion::Mdi, "G0 X10".into(), None));
+    assert_eq!(bench.key_state.open, OpenDialog::Prompt(PendingQuestion::Mdi, "G0 X10".into(), None));
     bench.key(Key::Esc);
     bench.keys("o77\n");
-    assert!(matches!(&bench.hand.open, OpenDialog::Prompt(PendingQuestion::Output, _, Some(_))));
+    assert!(matches!(&bench.key_state.open, OpenDialog::Prompt(PendingQuestion::Output, _, Some(_))));
 }
 
 fn place() -> impl Strategy<Value = Place> {
@@ -413,21 +416,21 @@ prop_compose! {
         (model.mode, model.line, model.reached_line, model.rate) = (mode, line, line / 2, rate);
         (model.override_rate, model.feed_mm_min, model.outputs) = (over, feed, outputs);
         model.stage = [ScreenStage::Setup, ScreenStage::Job, ScreenStage::Ended(words.clone())][stage as usize].clone();
-        model.standing = [
+        model.hold_reason = [
             HoldReason::None, HoldReason::Hold, HoldReason::ProgramStop, HoldReason::SingleBlock, HoldReason::Paused, HoldReason::Ended,
         ][standing as usize];
         if alarm {
             let (number, cause, remedy) = ("E3012".into(), words.clone(), words.repeat(9));
             model.alarm = Some(AlarmShown { number, cause, remedy, is_refusal: differ > 20 });
         }
-        model.differ = (0..differ).map(|n| (n, 0, 1)).collect();
+        model.differing_outputs = (0..differ).map(|n| (n, 0, 1)).collect();
         model.pause = paused.map(|(spindle, stopped, online)| Pause { spindle, stopped, started: online, online });
         model.active.modal = words.repeat(3);
         for (n, at) in points.into_iter().enumerate() {
             model.trail.push(TrailPoint { along_mm: n as f64, at, rapid: n % 2 == 0 });
         }
         for n in 0..9 {
-            model.say(f64::from(n), line, words.clone());
+            model.add_message(f64::from(n), line, words.clone());
         }
         model
     }
@@ -455,16 +458,16 @@ proptest! {
     fn something_is_drawn_at_every_size_whatever_the_picture(
         model in any_model(), open in any_open(), width in 1..300u16, height in 1..100u16,
     ) {
-        let mut hand = KeyState::new();
-        hand.open = open;
-        drawn(&model, &hand, width, height, 0);
+        let mut key_state = KeyState::new();
+        key_state.open = open;
+        drawn(&model, &key_state, width, height, 0);
     }
 
     #[test]
     fn the_active_block_is_in_view_and_no_pane_is_written_over(
         model in any_model(), width in 80..300u16, height in 24..100u16,
     ) {
-        let model = ScreenModel { alarm: None, differ: Vec::new(), pause: None, ..model };
+        let model = ScreenModel { alarm: None, differing_outputs: Vec::new(), pause: None, ..model };
         let out = drawn(&model, &KeyState::new(), width, height, 0);
         let panes = layout::panes(width, height, model.facts.axes.len()).expect("large enough");
         for pane in [panes.program, panes.path, panes.position, panes.motion, panes.state] {
@@ -487,15 +490,15 @@ proptest! {
     fn any_keys_leave_the_screen_whole_and_space_always_holds_a_job(
         keys in prop::collection::vec((any_key(), 0..400u64), 0..60), model in any_model(),
     ) {
-        let mut hand = KeyState::new();
+        let mut key_state = KeyState::new();
         let mut now_ms = 0;
         for (key, ms) in keys {
             now_ms += ms;
-            let said = hand.key(key, now_ms, &model);
+            let command = key_state.key(key, now_ms, &model);
             if key == Key::Char(' ') && model.stage == ScreenStage::Job && !model.is_at_program_end() {
-                prop_assert_eq!(said, Some(UiCommand::Deed(retrace_controller::operator::OperatorCommand::Hold)));
+                prop_assert_eq!(command, Some(UiCommand::Deed(retrace_controller::operator::OperatorCommand::Hold)));
             }
-            drawn(&model, &hand, 80, 24, now_ms);
+            drawn(&model, &key_state, 80, 24, now_ms);
         }
     }
 }
@@ -520,25 +523,25 @@ fn measure_the_redraw() {
         let turn = f64::from(n) * 0.07;
         let at = [turn.cos() * 50.0, (turn * 1.37).sin() * 40.0, 0.0].map(|mm| mm as f32);
         model.trail.push(TrailPoint { along_mm: f64::from(n), at, rapid: false });
-        model.lengths.grow(Place::start_of(n + 1), 1.0, 0);
+        model.lengths.extend(Place::start_of(n + 1), 1.0, 0);
     }
     let shared = Mutex::new(model);
     let mut terminal = Terminal::new(TestBackend::new(200, 60)).expect("a terminal in memory");
     let (mut sum, mut most) = (0.0, 0.0f64);
     for n in 0..200u32 {
         {
-            let mut model = locked(&shared);
+            let mut model = lock_model(&shared);
             (model.line, model.reached_line) = (n * 499, n * 499);
             (model.place, model.reached) = (Place::start_of(100_000), 200_000);
             model.mode = Mode::Reverse;
         }
         let started = std::time::Instant::now();
-        let picture = locked(&shared).clone();
+        let picture = lock_model(&shared).clone();
         terminal.draw(|frame| view::draw(frame.buffer_mut(), &picture, &KeyState::new(), PLAIN, 0)).expect("in memory");
         let ms = started.elapsed().as_secs_f64() * 1e3;
         sum += ms;
         most = most.max(ms);
     }
-    let knots = locked(&shared).trail.knots().count();
+    let knots = lock_model(&shared).trail.corners().count();
     println!("200 pictures of 200 x 60, {knots} corners: mean {:.2} ms, most {most:.2} ms", sum / 200.0);
 }

@@ -4,7 +4,7 @@
 //! is invisible; where that is not enough, the oldest corners are dropped.
 
 /// Maximum number of corners.
-pub const MOST: usize = 4096;
+pub const MAX_CORNERS: usize = 4096;
 
 /// Maximum number of points since the last corner that are checked against the line.
 const WAITING: usize = 24;
@@ -38,56 +38,56 @@ pub struct Trail {
 
 impl Trail {
     /// Extends the line to this point. A point that is not finite is skipped.
-    pub fn push(&mut self, knot: TrailPoint) {
-        if !knot.at.iter().all(|x| x.is_finite()) {
+    pub fn push(&mut self, corner: TrailPoint) {
+        if !corner.at.iter().all(|x| x.is_finite()) {
             return;
         }
         self.tolerance_mm = self.tolerance_mm.max(FINEST_MM);
-        let [least, greatest] = self.extent.get_or_insert([knot.at; 2]);
+        let [least, greatest] = self.extent.get_or_insert([corner.at; 2]);
         for i in 0..3 {
-            least[i] = least[i].min(knot.at[i]);
-            greatest[i] = greatest[i].max(knot.at[i]);
+            least[i] = least[i].min(corner.at[i]);
+            greatest[i] = greatest[i].max(corner.at[i]);
         }
         let Some(last) = self.waiting.last().or(self.corners.last()) else {
-            self.corners.push(knot);
+            self.corners.push(corner);
             return;
         };
-        if last.rapid == knot.rapid && distance(last.at, knot.at) < self.tolerance_mm {
+        if last.rapid == corner.rapid && distance(last.at, corner.at) < self.tolerance_mm {
             return;
         }
-        let turns = last.rapid != knot.rapid
+        let turns = last.rapid != corner.rapid
             || self.waiting.len() >= WAITING
             || self.corners.last().is_some_and(|from| {
-                self.waiting.iter().any(|w| distance_to_line(w.at, from.at, knot.at) > self.tolerance_mm)
+                self.waiting.iter().any(|w| distance_to_line(w.at, from.at, corner.at) > self.tolerance_mm)
             });
         if turns && let Some(corner) = self.waiting.pop() {
             self.waiting.clear();
-            self.keep(corner);
+            self.push_corner(corner);
         }
-        self.waiting.push(knot);
+        self.waiting.push(corner);
     }
 
-    fn keep(&mut self, corner: TrailPoint) {
+    fn push_corner(&mut self, corner: TrailPoint) {
         self.corners.push(corner);
-        if self.corners.len() + 1 >= MOST {
+        if self.corners.len() + 1 >= MAX_CORNERS {
             let (all, extent) = (std::mem::take(&mut self.corners), self.extent);
             let coarsest = extent.map_or(0.0, |[least, greatest]| distance(least, greatest) * COARSEST);
             let tolerance_mm = (2.0 * self.tolerance_mm).min(coarsest.max(self.tolerance_mm));
             let mut coarser = Self { tolerance_mm, ..Self::default() };
-            for knot in all {
-                coarser.push(knot);
+            for corner in all {
+                coarser.push(corner);
             }
             coarser.corners.extend(coarser.waiting.pop());
             coarser.waiting.clear();
-            if coarser.corners.len() > MOST / 4 * 3 {
-                coarser.corners.drain(..MOST / 4);
+            if coarser.corners.len() > MAX_CORNERS / 4 * 3 {
+                coarser.corners.drain(..MAX_CORNERS / 4);
             }
             *self = Self { extent, ..coarser };
         }
     }
 
     /// Corners, with the last point.
-    pub fn knots(&self) -> impl Iterator<Item = &TrailPoint> {
+    pub fn corners(&self) -> impl Iterator<Item = &TrailPoint> {
         self.corners.iter().chain(self.waiting.last())
     }
 
@@ -131,8 +131,8 @@ mod tests {
         let line = (0..1000).map(|n| [n as f32 * 0.1, 0.0, 0.0]);
         let corner = (1..1000).map(|n| [99.9, n as f32 * 0.1, 0.0]);
         let trail = trail(line.chain(corner));
-        assert!(trail.knots().count() < 100, "{}", trail.knots().count());
-        assert!(trail.knots().any(|k| distance(k.at, [99.9, 0.0, 0.0]) < 0.15));
+        assert!(trail.corners().count() < 100, "{}", trail.corners().count());
+        assert!(trail.corners().any(|k| distance(k.at, [99.9, 0.0, 0.0]) < 0.15));
         assert_eq!(trail.extent(), Some([[0.0; 3], [99.9, 99.9, 0.0]]));
     }
 
@@ -144,9 +144,9 @@ mod tests {
             (state >> 8) as f32 / 65536.0
         };
         let trail = trail((0..1_000_000).map(|_| [random(), random(), random()]));
-        assert!(trail.knots().count() <= MOST);
-        assert!(trail.knots().count() > MOST / 8);
-        let along: Vec<f64> = trail.knots().map(|k| k.along_mm).collect();
+        assert!(trail.corners().count() <= MAX_CORNERS);
+        assert!(trail.corners().count() > MAX_CORNERS / 8);
+        let along: Vec<f64> = trail.corners().map(|k| k.along_mm).collect();
         assert!(along.is_sorted());
         assert!(along.last().is_some_and(|&last| last > 999_990.0), "the newest is always there");
     }

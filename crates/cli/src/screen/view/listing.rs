@@ -6,11 +6,11 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 
-use super::{Theme, fitted, pane, put_at};
+use super::{Theme, pane, put_at, truncate};
 use crate::screen::model::{Message, ScreenModel, ScreenStage};
 
 /// Draws the program, with `>` at the active block and `x` at the furthest one.
-pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
+pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: Theme) {
     let text = &model.facts.program;
     let lines = text.lines();
     let active = model.line as usize;
@@ -19,10 +19,10 @@ pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, look: T
         (_, ScreenStage::Job) => format!("program · line {active} of {lines}"),
         _ => format!("program · {lines} lines"),
     };
-    let inside = pane(out, area, &title, look);
+    let inside = pane(out, area, &title, theme);
     if lines == 0 {
-        put_at(out, inside, 1, 0, "Streamed program:", look.faint());
-        put_at(out, inside, 1, 1, "no listing.", look.faint());
+        put_at(out, inside, 1, 0, "Streamed program:", theme.faint());
+        put_at(out, inside, 1, 1, "no listing.", theme.faint());
         return;
     }
     let height = usize::from(inside.height);
@@ -41,26 +41,26 @@ pub(super) fn program(out: &mut Buffer, area: Rect, model: &ScreenModel, look: T
             if is_active { Style::new().add_modifier(Modifier::BOLD | Modifier::REVERSED) } else { Style::new() };
         let line = format!("{sign}{number:digits$} {}", text.line(number).unwrap_or_default());
         let width = usize::from(inside.width);
-        put_at(out, inside, 0, row as u16, &format!("{:width$}", fitted(&line, width)), style);
+        put_at(out, inside, 0, row as u16, &format!("{:width$}", truncate(&line, width)), style);
     }
 }
 
 /// Draws the latest messages, the newest last.
-pub(super) fn messages(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
+pub(super) fn messages(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: Theme) {
     let rows = usize::from(area.height);
     let skip = model.messages.len().saturating_sub(rows);
     let blank = rows.saturating_sub(model.messages.len());
     for (row, message) in model.messages.iter().skip(skip).enumerate() {
         let is_last = row + skip + 1 == model.messages.len();
-        let style = if is_last { Style::new() } else { look.faint() };
-        let line = told(message);
-        let line = fitted(&line, usize::from(area.width).saturating_sub(2));
+        let style = if is_last { Style::new() } else { theme.faint() };
+        let line = message_text(message);
+        let line = truncate(&line, usize::from(area.width).saturating_sub(2));
         put_at(out, area, 1, (row + blank) as u16, &line, style);
     }
 }
 
 /// Formats a message: time, program line if it has one, text.
-pub(super) fn told(message: &Message) -> String {
+pub(super) fn message_text(message: &Message) -> String {
     let line = if message.line == 0 { String::new() } else { format!("line {}", message.line) };
     let times = if message.times > 1 { format!("  ×{}", message.times) } else { String::new() };
     format!("{:9.2} s  {line:<11}  {}{times}", message.time_s, message.text)

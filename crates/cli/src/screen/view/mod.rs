@@ -16,7 +16,7 @@ use ratatui::widgets::{Block, Widget};
 
 use super::key_state::KeyState;
 use super::keys::{self, KeyAction};
-use super::layout::{self, LEAST};
+use super::layout::{self, MIN_SIZE};
 use super::model::{ScreenModel, ScreenStage};
 use super::program_facts::Planned;
 use super::status_line::{self, HintLevel, StatusHint};
@@ -49,11 +49,11 @@ impl Theme {
         self.coloured(Color::Blue)
     }
 
-    fn well(self) -> Style {
+    fn normal(self) -> Style {
         self.coloured(Color::Green)
     }
 
-    fn waits(self) -> Style {
+    fn waiting(self) -> Style {
         self.coloured(Color::Yellow)
     }
 
@@ -63,91 +63,102 @@ impl Theme {
 
     fn of(self, grade: HintLevel) -> Style {
         match grade {
-            HintLevel::Well => self.well(),
-            HintLevel::Waits => self.waits(),
+            HintLevel::Normal => self.normal(),
+            HintLevel::Waiting => self.waiting(),
             HintLevel::Alarm => self.coloured(Color::Red).add_modifier(Modifier::BOLD),
         }
     }
 }
 
 /// Draws the screen.
-pub fn draw(out: &mut Buffer, model: &ScreenModel, hand: &KeyState, look: Theme, now_ms: u64) {
+pub fn draw(out: &mut Buffer, model: &ScreenModel, key_state: &KeyState, theme: Theme, now_ms: u64) {
     let area = out.area;
     let Some(panes) = layout::panes(area.width, area.height, model.facts.axes.len()) else {
-        too_small(out, model, hand);
+        too_small(out, model, key_state);
         return;
     };
-    let guide = status_line::of(model, hand);
-    head(out, panes.head, model, hand, &guide, look);
-    why(out, panes.why, &guide, look);
-    listing::program(out, panes.program, model, look);
-    path::draw(out, panes.path, model, (hand.view, hand.frame), look);
-    readouts::position(out, panes.position, model, hand, look);
-    readouts::motion(out, panes.motion, model, look);
-    readouts::state(out, panes.state, model, hand, look);
-    listing::messages(out, panes.messages, model, look);
-    key_line(out, panes.keys, model, &guide, hand.notice(now_ms), look);
-    overlay::draw(out, panes.path, model, hand, &guide, look);
+    let hint = status_line::of(model, key_state);
+    draw_header(out, panes.head, model, key_state, &hint, theme);
+    draw_reason(out, panes.why, &hint, theme);
+    listing::program(out, panes.program, model, theme);
+    path::draw(out, panes.path, model, (key_state.view, key_state.frame), theme);
+    readouts::position(out, panes.position, model, key_state, theme);
+    readouts::motion(out, panes.motion, model, theme);
+    readouts::state(out, panes.state, model, key_state, theme);
+    listing::messages(out, panes.messages, model, theme);
+    key_line(out, panes.keys, model, &hint, key_state.notice(now_ms), theme);
+    overlay::draw(out, panes.path, model, key_state, &hint, theme);
 }
 
 /// Text for a terminal below the minimum size: state, reason and the hold key.
-fn too_small(out: &mut Buffer, model: &ScreenModel, hand: &KeyState) {
-    let guide = status_line::of(model, hand);
-    let lines =
-        [format!("needs {} x {}", LEAST.0, LEAST.1), guide.word.to_string(), guide.why, "Space: feed hold".into()];
+fn too_small(out: &mut Buffer, model: &ScreenModel, key_state: &KeyState) {
+    let hint = status_line::of(model, key_state);
+    let lines = [
+        format!("needs {} x {}", MIN_SIZE.0, MIN_SIZE.1),
+        hint.status.to_string(),
+        hint.reason,
+        "Space: feed hold".into(),
+    ];
     for (y, line) in (out.area.y..out.area.bottom()).zip(lines) {
         put(out, Rect { y, height: 1, ..out.area }, 0, &line, Style::new());
     }
 }
 
-fn head(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, guide: &StatusHint, look: Theme) {
+fn draw_header(
+    out: &mut Buffer,
+    area: Rect,
+    model: &ScreenModel,
+    key_state: &KeyState,
+    hint: &StatusHint,
+    theme: Theme,
+) {
     // A dry run is shown first while it is on.
-    let word = if hand.dry { format!("DRY {}", guide.word) } else { guide.word.to_owned() };
+    let word = if key_state.dry { format!("DRY {}", hint.status) } else { hint.status.to_owned() };
     let mut style = Style::new().add_modifier(Modifier::REVERSED | Modifier::BOLD);
-    if look.colour {
-        style = style.patch(look.of(guide.grade));
+    if theme.colour {
+        style = style.patch(theme.of(hint.level));
     }
     out.set_style(area, style);
-    let time = match (&model.stage, model.left()) {
+    let time = match (&model.stage, model.time_remaining()) {
         (ScreenStage::Job, _) if model.is_at_program_end() => format!("{} run", clock(model.run_s())),
         (ScreenStage::Job, Some(left)) => {
             let about = if left.exact { "" } else { "about " };
             format!("{} run · {about}{} left", clock(model.run_s()), clock(left.seconds))
         }
-        (ScreenStage::Job, None) if model.facts.planned == Planned::Reckoning => {
+        (ScreenStage::Job, None) if model.facts.planned == Planned::Calculating => {
             format!("{} run · calculating …", clock(model.run_s()))
         }
         (ScreenStage::Job, None) => format!("{} run · end unknown", clock(model.run_s())),
         (ScreenStage::Ended(_), _) => format!("{} run", clock(model.run_s())),
         (ScreenStage::Setup | ScreenStage::Resuming, _) => match model.facts.planned {
             Planned::Known(s) => format!("{} of motion", clock(s)),
-            Planned::Reckoning => "calculating …".into(),
+            Planned::Calculating => "calculating …".into(),
             Planned::Unknown => String::new(),
         },
     };
     let width = area.width as usize;
     let name = format!("{} on {}", model.facts.program.name, model.facts.machine);
-    let name = fitted(&name, width.saturating_sub(word.len() + time.chars().count() + 8));
+    let name = truncate(&name, width.saturating_sub(word.len() + time.chars().count() + 8));
     put(out, area, 1, &format!("{word}  {name}"), style);
     put(out, area, (width.saturating_sub(time.chars().count() + 1)) as u16, &time, style);
 }
 
 /// Draws why the machine waits and the first keys that apply, as many as fit.
-fn why(out: &mut Buffer, area: Rect, guide: &StatusHint, look: Theme) {
-    let mut text = guide.why.clone();
-    for (named, row) in guide.acts.iter().filter_map(|&act| keys::row_for(act)).take(3).enumerate() {
+fn draw_reason(out: &mut Buffer, area: Rect, hint: &StatusHint, theme: Theme) {
+    let mut text = hint.reason.clone();
+    for (named, row) in hint.actions.iter().filter_map(|&act| keys::row_for(act)).take(3).enumerate() {
         let sign = if named == 0 { " — " } else { " · " };
-        let more = format!("{sign}{} {}", row.shown, spelled(row.act, row.short));
+        let more = format!("{sign}{} {}", row.shown, long_label(row.action, row.short));
         if text.chars().count() + more.chars().count() + 2 > area.width as usize {
             break;
         }
         text += &more;
     }
-    put(out, area, 1, &fitted(&text, usize::from(area.width).saturating_sub(2)), look.of(guide.grade));
+    put(out, area, 1, &truncate(&text, usize::from(area.width).saturating_sub(2)), theme.of(hint.level));
 }
 
 /// Long label of an action.
-fn spelled(act: KeyAction, short: &'static str) -> &'static str {
+fn long_label(act: KeyAction, short: &'static str) -> &'static str {
     match act {
         KeyAction::CycleStart => "cycle start",
         KeyAction::Reverse => "reverse",
@@ -162,16 +173,16 @@ fn spelled(act: KeyAction, short: &'static str) -> &'static str {
 }
 
 /// Draws the keys that apply now, as many as fit; or the notice about the last key.
-fn key_line(out: &mut Buffer, area: Rect, model: &ScreenModel, guide: &StatusHint, notice: Option<&str>, look: Theme) {
+fn key_line(out: &mut Buffer, area: Rect, model: &ScreenModel, hint: &StatusHint, notice: Option<&str>, theme: Theme) {
     if let Some(notice) = notice {
-        put(out, area, 1, notice, look.waits().add_modifier(Modifier::BOLD));
+        put(out, area, 1, notice, theme.waiting().add_modifier(Modifier::BOLD));
         return;
     }
     // The cutter key of a machine with a cutter is always shown.
     let help = if model.facts.cutters.is_empty() { "? all keys" } else { "x cutter off  ? all keys" };
     let end = area.width.saturating_sub(help.len() as u16 + 1);
     let mut x = 1;
-    for row in guide.acts.iter().filter_map(|&act| keys::row_for(act)) {
+    for row in hint.actions.iter().filter_map(|&act| keys::row_for(act)) {
         let width = (row.shown.chars().count() + row.short.chars().count() + 1) as u16;
         if x + width + 1 > end {
             break;
@@ -202,18 +213,18 @@ fn put_at(out: &mut Buffer, area: Rect, x: u16, row: u16, text: &str, style: Sty
 }
 
 /// Draws a pane with border and title. Returns the area inside.
-fn pane(out: &mut Buffer, area: Rect, title: &str, look: Theme) -> Rect {
-    let block = Block::bordered().border_style(look.faint());
+fn pane(out: &mut Buffer, area: Rect, title: &str, theme: Theme) -> Rect {
+    let block = Block::bordered().border_style(theme.faint());
     let inside = block.inner(area);
     block.render(area, out);
-    let title = fitted(title, usize::from(area.width).saturating_sub(6));
+    let title = truncate(title, usize::from(area.width).saturating_sub(6));
     put(out, area, 2, &format!(" {title} "), Style::new().add_modifier(Modifier::BOLD));
     inside
 }
 
 /// Folds a text into lines of at most `width` characters, between words where possible; continuation lines are
 /// indented.
-fn folded(text: &str, width: usize, indent: usize) -> Vec<String> {
+fn fold(text: &str, width: usize, indent: usize) -> Vec<String> {
     let (width, indent) = (width.max(8), indent.min(width / 2));
     let mut lines = Vec::new();
     let mut rest: Vec<char> = text.trim_end().chars().collect();
@@ -229,7 +240,7 @@ fn folded(text: &str, width: usize, indent: usize) -> Vec<String> {
 }
 
 /// Cuts a text to `width` characters; an ellipsis marks the cut.
-fn fitted(text: &str, width: usize) -> String {
+fn truncate(text: &str, width: usize) -> String {
     if text.chars().count() <= width {
         return text.into();
     }

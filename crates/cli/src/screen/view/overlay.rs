@@ -7,8 +7,8 @@ use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 use ratatui::widgets::{Clear, Widget};
 
-use super::listing::told;
-use super::{Theme, fitted, folded, pane, put_at};
+use super::listing::message_text;
+use super::{Theme, fold, pane, put_at, truncate};
 use crate::screen::key_state::{KeyState, OpenDialog, PendingQuestion};
 use crate::screen::keys::{KeyAction, Situation, TABLE, row_for};
 use crate::screen::model::{Pause, ScreenModel};
@@ -19,30 +19,30 @@ pub(super) fn draw(
     out: &mut Buffer,
     path: Rect,
     model: &ScreenModel,
-    hand: &KeyState,
-    guide: &StatusHint,
-    look: Theme,
+    key_state: &KeyState,
+    hint: &StatusHint,
+    theme: Theme,
 ) {
-    if model.alarm.is_some() && !hand.alarm_aside {
-        alarm(out, model, look);
+    if model.alarm.is_some() && !key_state.alarm_aside {
+        alarm(out, model, theme);
         return;
     }
-    match hand.open(model) {
-        OpenDialog::Help(from) => help(out, model, *from, look),
-        OpenDialog::Tools => tools(out, model, look),
-        OpenDialog::Messages(back) => log(out, model, *back, look),
-        OpenDialog::Prompt(ask, text, wrong) => prompt(out, *ask, text, wrong.as_deref(), look),
+    match key_state.open(model) {
+        OpenDialog::Help(from) => help(out, model, *from, theme),
+        OpenDialog::Tools => tools(out, model, theme),
+        OpenDialog::Messages(back) => log(out, model, *back, theme),
+        OpenDialog::Prompt(ask, text, wrong) => prompt(out, *ask, text, wrong.as_deref(), theme),
         OpenDialog::Nothing => match (&model.alarm, model.pause) {
-            (None, _) if model.question.is_some() => question(out, model, look),
-            (None, _) if !model.differ.is_empty() => differ(out, model, look),
-            (None, Some(pause)) if guide.grade == HintLevel::Waits => pause_steps(out, path, pause, look),
+            (None, _) if model.question.is_some() => question(out, model, theme),
+            (None, _) if !model.differing_outputs.is_empty() => differ(out, model, theme),
+            (None, Some(pause)) if hint.level == HintLevel::Waiting => pause_steps(out, path, pause, theme),
             _ => {}
         },
     }
 }
 
 /// Draws the steps of a pause at the bottom of the path's pane, so that program and readouts stay visible.
-fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, look: Theme) {
+fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, theme: Theme) {
     let steps = status_line::steps(pause);
     let next = steps.iter().position(|&(_, _, done)| !done);
     let line = |(n, (what, act, done)): (usize, &(&str, KeyAction, bool))| {
@@ -55,32 +55,32 @@ fn pause_steps(out: &mut Buffer, path: Rect, pause: Pause, look: Theme) {
     };
     let lines: Vec<String> = steps.iter().enumerate().map(line).collect();
     let height = (lines.len() as u16 + 2).min(path.height);
-    fill(out, Rect { y: path.bottom() - height, height, ..path }, "PAUSED: steps to resume", &lines, look);
+    draw_filled_box(out, Rect { y: path.bottom() - height, height, ..path }, "PAUSED: steps to resume", &lines, theme);
 }
 
 /// Draws a centred box, as large as its lines and no larger than the screen.
-fn boxed(out: &mut Buffer, title: &str, lines: &[String], look: Theme) {
+fn draw_box(out: &mut Buffer, title: &str, lines: &[String], theme: Theme) {
     let longest = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0).max(title.chars().count() + 4);
     let width = (longest + 4).min(usize::from(out.area.width)) as u16;
     let height = (lines.len() + 2).min(usize::from(out.area.height.saturating_sub(2))) as u16;
     let at = Rect::new((out.area.width - width) / 2, (out.area.height.saturating_sub(height)) / 2, width, height);
-    fill(out, at, title, lines, look);
+    draw_filled_box(out, at, title, lines, theme);
 }
 
-fn fill(out: &mut Buffer, at: Rect, title: &str, lines: &[String], look: Theme) {
+fn draw_filled_box(out: &mut Buffer, at: Rect, title: &str, lines: &[String], theme: Theme) {
     let at = at.intersection(out.area);
     Clear.render(at, out);
-    let inside = pane(out, at, title, look);
+    let inside = pane(out, at, title, theme);
     for (row, line) in lines.iter().enumerate() {
-        let line = fitted(line, usize::from(inside.width).saturating_sub(1));
+        let line = truncate(line, usize::from(inside.width).saturating_sub(1));
         put_at(out, inside, 1, row as u16, &line, Style::new());
     }
-    let waits = look.waits().add_modifier(Modifier::BOLD);
-    put_at(out, at, 2, 0, &format!(" {} ", fitted(title, usize::from(at.width).saturating_sub(6))), waits);
+    let waits = theme.waiting().add_modifier(Modifier::BOLD);
+    put_at(out, at, 2, 0, &format!(" {} ", truncate(title, usize::from(at.width).saturating_sub(6))), waits);
 }
 
 /// Draws all keys, one page at a time: those of this situation first, then the others by situation.
-fn help(out: &mut Buffer, model: &ScreenModel, page: usize, look: Theme) {
+fn help(out: &mut Buffer, model: &ScreenModel, page: usize, theme: Theme) {
     let width = usize::from(out.area.width).saturating_sub(5);
     let lines: Vec<String> = help_lines(Situation::of(model), width);
     let room = usize::from(out.area.height.saturating_sub(4)).max(1);
@@ -93,7 +93,7 @@ fn help(out: &mut Buffer, model: &ScreenModel, page: usize, look: Theme) {
     if let Some(first) = shown.first_mut() {
         *first = format!("{first:width$}", width = longest.max(60).min(width));
     }
-    boxed(out, &format!("keys · page {} of {pages} · ↓ next  ↑ previous  Esc close", page + 1), &shown, look);
+    draw_box(out, &format!("keys · page {} of {pages} · ↓ next  ↑ previous  Esc close", page + 1), &shown, theme);
 }
 
 /// Lines of the key list by situation; a key is listed under the first situation in which it applies.
@@ -104,44 +104,44 @@ fn help_lines(situation: Situation, width: usize) -> Vec<String> {
     for (number, section) in std::iter::once(situation).chain(others).enumerate() {
         let mut rows = Vec::new();
         for (bit, row) in TABLE.iter().enumerate() {
-            if row.when & section as u8 != 0 && listed >> bit & 1 == 0 {
+            if row.situations & section as u8 != 0 && listed >> bit & 1 == 0 {
                 listed |= 1 << bit;
-                rows.extend(folded(&format!("  {:<7} {}", row.shown, row.long), width, 10));
+                rows.extend(fold(&format!("  {:<7} {}", row.shown, row.long), width, 10));
             }
         }
         if rows.is_empty() {
             continue;
         }
         let now = if number == 0 { "Now, " } else { "Also " };
-        lines.push(format!("{now}{}:", section.words()));
+        lines.push(format!("{now}{}:", section.text()));
         lines.append(&mut rows);
     }
     lines
 }
 
-fn tools(out: &mut Buffer, model: &ScreenModel, look: Theme) {
+fn tools(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     let room = usize::from(out.area.height.saturating_sub(4));
     let mut lines: Vec<String> = model.facts.tools.iter().take(room).cloned().collect();
     if lines.is_empty() {
         lines.push("No tool table is loaded (--tools FILE).".into());
     }
-    boxed(out, "tools · any key: close", &lines, look);
+    draw_box(out, "tools · any key: close", &lines, theme);
 }
 
 /// Draws all messages in full, the newest last; `back` is the number of lines scrolled back.
-fn log(out: &mut Buffer, model: &ScreenModel, back: usize, look: Theme) {
+fn log(out: &mut Buffer, model: &ScreenModel, back: usize, theme: Theme) {
     let room = usize::from(out.area.height.saturating_sub(4)).max(1);
     let width = usize::from(out.area.width).saturating_sub(5);
-    let all: Vec<String> = model.messages.iter().flat_map(|message| folded(&told(message), width, 26)).collect();
+    let all: Vec<String> = model.messages.iter().flat_map(|message| fold(&message_text(message), width, 26)).collect();
     let end = all.len().saturating_sub(back).max(room.min(all.len()));
     let mut lines = all[end.saturating_sub(room)..end].to_vec();
     if lines.is_empty() {
         lines.push("No messages.".into());
     }
-    boxed(out, "messages, newest last · ↑ ↓ PgUp PgDn scroll · any other key: close", &lines, look);
+    draw_box(out, "messages, newest last · ↑ ↓ PgUp PgDn scroll · any other key: close", &lines, theme);
 }
 
-fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str>, look: Theme) {
+fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str>, theme: Theme) {
     let (title, question, keys) = match ask {
         PendingQuestion::BackBy => ("back by", "Distance back along the path, mm:", "Enter OK · Esc cancel"),
         PendingQuestion::Output => {
@@ -169,45 +169,45 @@ fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str
     }
     lines.extend(wrong.map(|wrong| format!("! {wrong}")));
     lines.push(keys.into());
-    boxed(out, title, &lines, look);
+    draw_box(out, title, &lines, theme);
 }
 
-fn alarm(out: &mut Buffer, model: &ScreenModel, look: Theme) {
+fn alarm(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     let Some(alarm) = &model.alarm else { return };
     let width = usize::from(out.area.width.clamp(20, 90)) - 6;
-    let mut lines = folded(&format!("Cause:  {}", alarm.cause), width, 8);
-    lines.extend(folded(&format!("Remedy: {}", alarm.remedy), width, 8));
+    let mut lines = fold(&format!("Cause:  {}", alarm.cause), width, 8);
+    lines.extend(fold(&format!("Remedy: {}", alarm.remedy), width, 8));
     lines.push(String::new());
     if alarm.is_refusal {
         lines.push("a or Esc: close".into());
-        boxed(out, "PROGRAM REFUSED", &lines, look);
+        draw_box(out, "PROGRAM REFUSED", &lines, theme);
     } else {
         lines.push("a: clear the alarm · Esc: hide this box".into());
-        boxed(out, &format!("ALARM {}", alarm.number), &lines, look);
+        draw_box(out, &format!("ALARM {}", alarm.number), &lines, theme);
     }
 }
 
-fn question(out: &mut Buffer, model: &ScreenModel, look: Theme) {
+fn question(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     let Some(question) = &model.question else { return };
     let width = usize::from(out.area.width.clamp(20, 110)) - 6;
-    let mut lines: Vec<String> = question.lines.iter().flat_map(|line| folded(line, width, 11)).collect();
+    let mut lines: Vec<String> = question.lines.iter().flat_map(|line| fold(line, width, 11)).collect();
     lines.push(String::new());
     lines.push("y confirm · n cancel".into());
-    boxed(out, &question.title, &lines, look);
+    draw_box(out, &question.title, &lines, theme);
 }
 
-fn differ(out: &mut Buffer, model: &ScreenModel, look: Theme) {
+fn differ(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     let mut lines = vec![format!("{:<16}{:>8}{:>16}", "output", "now", "program expects")];
     let room = usize::from(out.area.height.saturating_sub(9));
-    let lists = model.differ.iter().take(room);
+    let lists = model.differing_outputs.iter().take(room);
     lines.extend(
-        lists.map(|(c, is, wants)| format!("{:<16}{is:>8}{wants:>16}", fitted(&model.facts.output_name(*c), 15))),
+        lists.map(|(c, is, wants)| format!("{:<16}{is:>8}{wants:>16}", truncate(&model.facts.output_name(*c), 15))),
     );
-    if model.differ.len() > room {
-        lines.push(format!("… {} more", model.differ.len() - room));
+    if model.differing_outputs.len() > room {
+        lines.push(format!("… {} more", model.differing_outputs.len() - room));
     }
     lines.push(String::new());
     lines.push("y: switch to the expected states and resume".into());
     lines.push("o: switch one output · r: reverse run".into());
-    boxed(out, "OUTPUTS DIFFER", &lines, look);
+    draw_box(out, "OUTPUTS DIFFER", &lines, theme);
 }

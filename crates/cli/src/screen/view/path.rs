@@ -86,7 +86,7 @@ fn table(model: &ScreenModel) -> [[f32; 3]; 2] {
 }
 
 /// Draws the pane.
-pub(super) fn draw(out: &mut Buffer, area: Rect, model: &ScreenModel, (view, frame): (View, Frame), look: Theme) {
+pub(super) fn draw(out: &mut Buffer, area: Rect, model: &ScreenModel, (view, frame): (View, Frame), theme: Theme) {
     let name = match view {
         View::Xy => "path X Y",
         View::Xz => "path X Z",
@@ -109,41 +109,41 @@ pub(super) fn draw(out: &mut Buffer, area: Rect, model: &ScreenModel, (view, fra
     if frame.zoom > 1.0 {
         title += &format!(" · ×{:.0}", frame.zoom);
     }
-    let inside = pane(out, area, &title, look);
-    legend(out, area, model, look);
+    let inside = pane(out, area, &title, theme);
+    legend(out, area, model, theme);
     let mut canvas = Canvas::over(inside);
     let Some(scale) = Scale::fitting((view, frame), &corners, canvas.size()) else { return };
-    frame_of_limits(&mut canvas, &scale, &limits, look);
-    lines(&mut canvas, &scale, model.facts.preview.path.knots(), [3, 9], [look.plain(), look.faint()]);
-    lines(&mut canvas, &scale, model.trail.knots(), [1, 4], [look.well(); 2]);
+    frame_of_limits(&mut canvas, &scale, &limits, theme);
+    lines(&mut canvas, &scale, model.facts.preview.path.corners(), [3, 9], [theme.plain(), theme.faint()]);
+    lines(&mut canvas, &scale, model.trail.corners(), [1, 4], [theme.normal(); 2]);
     if model.stage == ScreenStage::Job && model.back_mm() > 0.0 {
-        retraced(&mut canvas, &scale, model, look);
+        retraced(&mut canvas, &scale, model, theme);
     }
-    let tool = look.waits().add_modifier(Modifier::BOLD);
+    let tool = theme.waiting().add_modifier(Modifier::BOLD);
     canvas.sign(scale.dot(model.in_space()), '@', tool);
     canvas.show(out);
 }
 
 /// Draws the edges of the volume inside the soft limits.
-fn frame_of_limits(canvas: &mut Canvas, scale: &Scale, corners: &[[f32; 3]; 8], look: Theme) {
+fn frame_of_limits(canvas: &mut Canvas, scale: &Scale, corners: &[[f32; 3]; 8], theme: Theme) {
     for from in 0..8usize {
         for to in [1, 2, 4].map(|bit| from | bit).into_iter().filter(|&to| to != from) {
             let (a, b) = (scale.dot(corners[from]), scale.dot(corners[to]));
             if a != b {
-                canvas.line(a, b, 2, None, look.limits());
+                canvas.line(a, b, 2, None, theme.limits());
             }
         }
     }
 }
 
 /// Draws the legend in the lower edge.
-fn legend(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
+fn legend(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: Theme) {
     let text = if model.stage == ScreenStage::Job && model.back_mm() > 0.0 {
         " @ tool  o retraced  x furthest "
     } else {
         " @ tool  ⣿ done  ⠡ planned  ⠁ rapid "
     };
-    put_at(out, area, 2, area.height.saturating_sub(1), text, look.faint());
+    put_at(out, area, 2, area.height.saturating_sub(1), text, theme.faint());
 }
 
 /// Draws a line through points; `every` and `styles` are the dot spacing and style of cuts and of rapid moves.
@@ -155,10 +155,10 @@ fn lines<'k>(
     styles: [Style; 2],
 ) {
     let mut last: Option<[f64; 2]> = None;
-    for knot in knots {
-        let at = scale.dot(knot.at);
+    for corner in knots {
+        let at = scale.dot(corner.at);
         if let Some(from) = last {
-            let kind = usize::from(knot.rapid);
+            let kind = usize::from(corner.rapid);
             canvas.line(from, at, every[kind], None, styles[kind]);
         }
         last = Some(at);
@@ -166,23 +166,23 @@ fn lines<'k>(
 }
 
 /// Draws the section from the tool to the furthest place.
-fn retraced(canvas: &mut Canvas, scale: &Scale, model: &ScreenModel, look: Theme) {
-    let from_mm = model.lengths.at(model.place);
-    let style = look.waits();
+fn retraced(canvas: &mut Canvas, scale: &Scale, model: &ScreenModel, theme: Theme) {
+    let from_mm = model.lengths.length_at(model.place);
+    let style = theme.waiting();
     let mut last: Option<&TrailPoint> = None;
-    for knot in model.trail.knots() {
-        if let Some(before) = last.filter(|_| knot.along_mm >= from_mm) {
-            let share = if before.along_mm < from_mm && knot.along_mm > before.along_mm {
-                ((from_mm - before.along_mm) / (knot.along_mm - before.along_mm)) as f32
+    for corner in model.trail.corners() {
+        if let Some(before) = last.filter(|_| corner.along_mm >= from_mm) {
+            let share = if before.along_mm < from_mm && corner.along_mm > before.along_mm {
+                ((from_mm - before.along_mm) / (corner.along_mm - before.along_mm)) as f32
             } else {
                 0.0
             };
-            let begin = [0, 1, 2].map(|i| before.at[i] + share * (knot.at[i] - before.at[i]));
-            canvas.line(scale.dot(begin), scale.dot(knot.at), 1, Some('o'), style);
+            let begin = [0, 1, 2].map(|i| before.at[i] + share * (corner.at[i] - before.at[i]));
+            canvas.line(scale.dot(begin), scale.dot(corner.at), 1, Some('o'), style);
         }
-        last = Some(knot);
+        last = Some(corner);
     }
-    if let Some(knot) = last {
-        canvas.sign(scale.dot(knot.at), 'x', style.add_modifier(Modifier::BOLD));
+    if let Some(corner) = last {
+        canvas.sign(scale.dot(corner.at), 'x', style.add_modifier(Modifier::BOLD));
     }
 }

@@ -7,13 +7,13 @@ use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
 use retrace_link::channel;
 
-use super::{Theme, fitted, folded, pane, put_at};
+use super::{Theme, fold, pane, put_at, truncate};
 use crate::screen::key_state::{KeyState, STEPS_MM};
 use crate::screen::model::{AxisHoming, ScreenModel, ScreenStage};
 use crate::screen::program_facts::CutterFacts;
 
 /// Draws machine position, work position and distance to go of every axis.
-pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, look: Theme) {
+pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state: &KeyState, theme: Theme) {
     let marks = if model.homing.contains(&AxisHoming::NotHomed) {
         " · ✓ homed  ? not"
     } else if model.homing.contains(&AxisHoming::Homed) {
@@ -21,37 +21,38 @@ pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: 
     } else {
         ""
     };
-    let inside = pane(out, area, &format!("position, mm{marks}"), look);
+    let inside = pane(out, area, &format!("position, mm{marks}"), theme);
     let header = format!("{:>12}{:>12}{:>11}", "machine", "work", "to go");
-    put_at(out, inside, 2, 0, &header, look.faint());
+    put_at(out, inside, 2, 0, &header, theme.faint());
     let is_jogged = model.stage == ScreenStage::Setup || model.pause.is_some();
     for (axis, facts) in model.facts.axes.iter().enumerate() {
         let row = axis as u16 + 1;
-        let to_go = model.to_go_mm(axis).map_or("-".into(), figure);
-        let line = format!("{:>12}{:>12}{to_go:>11}", figure(model.machine_mm(axis)), figure(model.work_mm(axis)));
+        let to_go = model.to_go_mm(axis).map_or("-".into(), length_text);
+        let line =
+            format!("{:>12}{:>12}{to_go:>11}", length_text(model.machine_mm(axis)), length_text(model.work_mm(axis)));
         let name = facts.letter.to_ascii_uppercase().to_string();
         put_at(out, inside, 2, row, &line, Style::new().add_modifier(Modifier::BOLD));
         put_at(out, inside, 1, row, &name, Style::new().add_modifier(Modifier::BOLD));
         match model.homing.get(axis) {
-            Some(AxisHoming::Homed) => put_at(out, inside, 3, row, "✓", look.well()),
-            Some(AxisHoming::NotHomed) => put_at(out, inside, 3, row, "?", look.waits()),
+            Some(AxisHoming::Homed) => put_at(out, inside, 3, row, "✓", theme.normal()),
+            Some(AxisHoming::NotHomed) => put_at(out, inside, 3, row, "?", theme.waiting()),
             _ => {}
         }
-        if is_jogged && axis == hand.axis {
-            put_at(out, inside, 0, row, ">", look.waits());
+        if is_jogged && axis == key_state.axis {
+            put_at(out, inside, 0, row, ">", theme.waiting());
         }
     }
 }
 
 /// Formats a length with three decimals and at most eleven characters, never as −0.
-fn figure(mm: f64) -> String {
+fn length_text(mm: f64) -> String {
     let rounded = (mm * 1000.0).round() / 1000.0 + 0.0;
     if rounded.abs() < 999_999.5 { format!("{rounded:.3}") } else { format!("{rounded:.1e}") }
 }
 
 /// Draws feed, rate, override, history and look-ahead.
-pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Theme) {
-    let inside = pane(out, area, "motion", look);
+pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, theme: Theme) {
+    let inside = pane(out, area, "motion", theme);
     let (history_s, history_mm) = model.history();
     let asked = model.override_rate;
     let back = model.back_mm();
@@ -64,21 +65,21 @@ pub(super) fn motion(out: &mut Buffer, area: Rect, model: &ScreenModel, look: Th
             format!("{} · {}", seconds(history_s), length(history_mm)),
             ReadoutColumn::History(history_mm, back),
         ),
-        ("ahead", seconds(model.ahead_s()), ReadoutColumn::Text(buffer(model))),
+        ("ahead", seconds(model.ahead_s()), ReadoutColumn::Text(buffer_text(model))),
     ];
     for (row, (name, text, side)) in rows.iter().enumerate() {
         let row = row as u16;
-        put_at(out, inside, 1, row, name, look.faint());
+        put_at(out, inside, 1, row, name, theme.faint());
         put_at(out, inside, 10, row, text, Style::new().add_modifier(Modifier::BOLD));
         let at = 11 + text.chars().count().max(9) as u16;
         match side {
             ReadoutColumn::Text(text) => put_at(out, inside, at, row, text, Style::new()),
             ReadoutColumn::History(behind, back) => {
                 let line = history_line(*behind, *back, inside.width.saturating_sub(at + 1));
-                put_at(out, inside, at, row, &line, look.waits());
+                put_at(out, inside, at, row, &line, theme.waiting());
             }
             ReadoutColumn::Bar(share) => {
-                let style = if *share < 0.0 { look.waits() } else { look.well() };
+                let style = if *share < 0.0 { theme.waiting() } else { theme.normal() };
                 put_at(out, inside, at, row, &bar(*share, inside.width.saturating_sub(at + 1)), style);
             }
         }
@@ -108,7 +109,7 @@ fn programmed(model: &ScreenModel) -> String {
     model.active.feed.map_or(String::new(), |feed| format!("of F{feed:.0}"))
 }
 
-fn buffer(model: &ScreenModel) -> String {
+fn buffer_text(model: &ScreenModel) -> String {
     let held = model.window[1].wrapping_sub(model.window[0]);
     match model.underruns {
         0 => format!("card holds {held}"),
@@ -157,17 +158,17 @@ fn length(mm: f64) -> String {
 }
 
 /// Draws outputs, inputs and the modal state.
-pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &KeyState, look: Theme) {
-    let inside = pane(out, area, "state", look);
+pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state: &KeyState, theme: Theme) {
+    let inside = pane(out, area, "state", theme);
     let width = usize::from(inside.width).saturating_sub(2);
     let mut lines = cutters(model);
     if lines.is_empty() {
         lines.extend([spindle(model), outputs(model)]);
     } else {
-        lines.extend(folded(&format!("{} · {}", spindle(model), outputs(model)), width, 0));
+        lines.extend(fold(&format!("{} · {}", spindle(model), outputs(model)), width, 0));
     }
     if model.stage == ScreenStage::Setup || model.pause.is_some() {
-        let step = STEPS_MM.get(hand.step).copied().flatten();
+        let step = STEPS_MM.get(key_state.step).copied().flatten();
         let optional = if model.optional_stop { " · M1 stops" } else { "" };
         lines.push(format!("jog step {}{optional}", step.map_or("continuous".into(), |mm| format!("{mm} mm"))));
     } else {
@@ -177,13 +178,13 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, hand: &Ke
         let optional = if model.optional_stop { "M1 stops · " } else { "" };
         lines.push(format!("{single} · {optional}inputs {inputs}"));
     }
-    lines.extend(wrapped(&model.active.modal, width));
+    lines.extend(wrap(&model.active.modal, width));
     if lines.len() < usize::from(inside.height) {
         let redraw = model.redraw;
         lines.push(format!("redraw mean {:.1} ms, max {:.0} ms", redraw.mean_ms, redraw.max_ms));
     }
     for (row, line) in lines.iter().enumerate() {
-        put_at(out, inside, 1, row as u16, &fitted(line, width), Style::new());
+        put_at(out, inside, 1, row as u16, &truncate(line, width), Style::new());
     }
 }
 
@@ -240,7 +241,7 @@ fn outputs(model: &ScreenModel) -> String {
 }
 
 /// Breaks a text between words into lines of at most `width` characters.
-fn wrapped(text: &str, width: usize) -> Vec<String> {
+fn wrap(text: &str, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
         match lines.last_mut() {
