@@ -24,7 +24,7 @@ pub type SerialCard<const A: usize> = Box<LinkedCard<A, SerialPort>>;
 pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, CommandFailure> {
     let address = Address::parse(address).map_err(port_error)?;
     let port = SerialPort::open(&address).map_err(port_error)?;
-    let card = LinkedCard::find(port, nonce(), LinkTimeouts::default()).map_err(|fault| {
+    let card = LinkedCard::connect(port, nonce(), LinkTimeouts::default()).map_err(|fault| {
         let refusal = NumberedError::new(fault.number(), format!("{address}: {fault}"), fault.remedy());
         CommandFailure::Card(refusal)
     })?;
