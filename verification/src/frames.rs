@@ -86,16 +86,16 @@ fn accepts_only_frames(c: &mut impl Choice) -> Option<()> {
     let check: [u8; 5] = core::array::from_fn(|at| if c.flag() { right[at] } else { c.word() as u8 });
     c.assume(!check.contains(&0))?;
     // Unrolled, so that the decoder's state is known between them.
-    decoder.take(covered[0]);
-    decoder.take(covered[1]);
-    decoder.take(covered[2]);
-    decoder.take(covered[3]);
-    decoder.take(check[0]);
-    decoder.take(check[1]);
-    decoder.take(check[2]);
-    decoder.take(check[3]);
-    decoder.take(check[4]);
-    let Some(Ok(found)) = decoder.take(0) else { return Some(()) };
+    decoder.push(covered[0]);
+    decoder.push(covered[1]);
+    decoder.push(covered[2]);
+    decoder.push(covered[3]);
+    decoder.push(check[0]);
+    decoder.push(check[1]);
+    decoder.push(check[2]);
+    decoder.push(check[3]);
+    decoder.push(check[4]);
+    let Some(Ok(found)) = decoder.push(0) else { return Some(()) };
     holds!(found.len() == COUNT);
     let found = [found[0], found[1]];
     let mut wire = [0; COUNT + OVERHEAD];

@@ -225,7 +225,7 @@ fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> Once<LinkedCard<3, InProc
     // sooner than the watchdog, and later
     let until = rig.now_us() + u64::from(nonce % 4) * 200_000;
     rig.run(until);
-    let mut wired = LinkedCard::find(InProcess::new(rig), nonce, LinkTimeouts::default()).expect("a card answers");
+    let mut wired = LinkedCard::connect(InProcess::new(rig), nonce, LinkTimeouts::default()).expect("a card answers");
     wired.wait_at_rest(nonce + 1000).expect("it stands");
     let stood = *wired.port().simulator().status();
     assert_eq!((stood.alarm, stood.at_rest), (Some(Alarm::HostSilent), true));
