@@ -108,7 +108,7 @@ impl ManualMove {
                 });
             } else {
                 let start = PathStart { executed: self.executed, ..PathStart::at(self.start) };
-                card.begin(start)?;
+                card.begin_path(start)?;
                 self.off_path = true;
                 self.state = ManualMoveState::Moving { rate_sent: false };
             }
@@ -181,6 +181,6 @@ impl ManualMove {
     fn may_move<const A: usize, C: MotionCard<A>>(&self, jog_planner: &mut JogPlanner<'_, A>, card: &C) -> bool {
         let (wanted, end) = (self.start.wrapping_add(self.look_ahead_records), jog_planner.ring.write());
         let wanted = if is_before(end, wanted) { end } else { wanted };
-        !is_before(card.arrived(), wanted)
+        !is_before(card.acknowledged_high(), wanted)
     }
 }

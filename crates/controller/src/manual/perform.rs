@@ -160,7 +160,7 @@ fn perform_block<const A: usize, C: MotionCard<A>>(
 /// Begins a new path at the machine's position.
 fn begin_path<const A: usize, C: MotionCard<A>>(card: &mut C) -> Result<(), C::Fault> {
     let CardStatus { place, executed, .. } = *card.status();
-    card.begin(PathStart { executed, ..PathStart::at(place.boundary_ahead()) })
+    card.begin_path(PathStart { executed, ..PathStart::at(place.boundary_ahead()) })
 }
 
 /// A task in progress on a card.
@@ -291,7 +291,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         // A rejection by the card shows below.
         let _ = self.card.send(HostCommand::ClearAlarm);
         for _ in 0..RESPONSE_PERIODS {
-            if self.card.period().is_ok_and(|status| status.alarm.is_none()) {
+            if self.card.run_period().is_ok_and(|status| status.alarm.is_none()) {
                 return Ok(ManualTaskDone::Completed { cut_short: false });
             }
         }
@@ -321,7 +321,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                 ))),
             }
         }
-        let status = *self.card.period().map_err(|fault| ManualTaskError::Card(CardError::from_failure(&fault)))?;
+        let status = *self.card.run_period().map_err(|fault| ManualTaskError::Card(CardError::from_failure(&fault)))?;
         self.telemetry.send_output_changes(&status.outputs);
         self.telemetry.send(Telemetry::Period(PeriodRecord {
             off_path: true,
