@@ -252,7 +252,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.bar_beyond_limits(prepared.counts()[axis], prepared.start().place);
         }
         let begun = self.go_to_breakpoint(prepared.counts()).and_then(|ended| match ended {
-            None => self.card.begin_path(*prepared.start()).map(|()| None).map_err(|fault| CardError::from_failure(&fault)),
+            None => {
+                self.card.begin_path(*prepared.start()).map(|()| None).map_err(|fault| CardError::from_failure(&fault))
+            }
             ended => Ok(ended),
         });
         match begun {
