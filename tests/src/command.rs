@@ -1,4 +1,4 @@
-//! Runs the `retrace` command and takes down what it said.
+//! Runs the `retrace` command and records its output.
 //!
 //! Invariant: a command that hangs is ended and reported; it never hangs the tests.
 
@@ -13,16 +13,16 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// How long a command may take.
+/// Longest duration of a command.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The exit code of a Rust program that panicked.
 const PANICKED: i32 = 101;
 
-/// What a command said.
+/// Result of a command.
 #[derive(Clone, Debug)]
 pub struct Said {
-    /// Its exit code; none where a signal ended it.
+    /// Its exit code; `None` where a signal ended it.
     pub code: Option<i32>,
     /// Its standard output.
     pub out: String,
@@ -30,7 +30,7 @@ pub struct Said {
     pub err: String,
 }
 
-/// How many cases a random test tries: `usual`, unless a campaign asks for more (`RETRACE_CASES`).
+/// Number of cases of a random test: `usual`, unless a campaign sets another one (`RETRACE_CASES`).
 #[must_use]
 pub fn cases(usual: u32) -> u32 {
     std::env::var("RETRACE_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
@@ -42,10 +42,10 @@ pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("."))
 }
 
-/// The `retrace` binary: what `RETRACE_BIN` names, or one that cargo builds in the profile of the tests.
+/// The `retrace` binary: the one in `RETRACE_BIN`, or one that cargo builds in the profile of the tests.
 ///
 /// # Panics
-/// Where there is no such binary: no test can go on.
+/// Where no such binary exists: no test can run.
 #[must_use]
 pub fn binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
@@ -70,23 +70,23 @@ fn built() -> Option<PathBuf> {
     })
 }
 
-/// A folder for one test's files, with a journal of its own; gone when it is dropped.
+/// A folder for one test's files, with a journal of its own; removed when it is dropped.
 #[derive(Debug)]
 pub struct Bench {
     folder: TempDir,
 }
 
 impl Bench {
-    /// An empty folder.
+    /// Creates an empty folder.
     ///
     /// # Panics
-    /// Where the system gives none.
+    /// Where the system provides none.
     #[must_use]
     pub fn new() -> Self {
         Self { folder: TempDir::new().expect("a temporary folder") }
     }
 
-    /// The path of a file in the folder.
+    /// Path of a file in the folder.
     #[must_use]
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
@@ -102,7 +102,7 @@ impl Bench {
         path
     }
 
-    /// Begins `retrace` with these arguments in this folder, to be killed; what it says goes to a file of this name.
+    /// Starts `retrace` with these arguments in this folder, to be killed; its output goes to a file of this name.
     ///
     /// # Panics
     /// Where it cannot be run.
@@ -127,7 +127,7 @@ impl Bench {
         self.retrace_reading(arguments, b"")
     }
 
-    /// Runs `retrace` with these arguments in this folder, and `input` for its standard input.
+    /// Runs `retrace` with these arguments in this folder, and `input` as its standard input.
     ///
     /// # Panics
     /// Where it cannot be run, or takes longer than a minute.
@@ -144,7 +144,7 @@ impl Bench {
         let code = finished(&mut command, &input_path, &out, &err).expect("the retrace command runs");
         let text = |path: &Path| String::from_utf8_lossy(&fs::read(path).unwrap_or_default()).into_owned();
         let said = Said { code, out: text(&out), err: text(&err) };
-        // A diagnostic may well show a line of the program that holds these words; it does not begin with them.
+        // A diagnostic may show a line of the program with these words; it does not begin with them.
         let has_panicked = said.err.lines().any(|line| line.starts_with("thread '") && line.contains("panicked at"));
         assert!(!has_panicked && said.code != Some(PANICKED), "the command panicked:\n{}", said.err);
         assert_documented(&arguments, &said.out);
@@ -178,7 +178,7 @@ fn assert_documented(arguments: &[OsString], out: &str) {
     }
 }
 
-/// What `retrace` says on standard error, and its exit code, when nobody reads more than the first line of its output.
+/// Standard error and exit code of `retrace` when nobody reads more than the first line of its output.
 ///
 /// # Panics
 /// Where it cannot be run.
@@ -189,7 +189,7 @@ pub fn read_one_line_of(arguments: &[&str]) -> Said {
     let mut child = command.spawn().expect("the retrace command runs");
     let mut out = String::new();
     if let Some(pipe) = child.stdout.take() {
-        // The pipe is closed when the reader goes.
+        // The pipe is closed when the reader is dropped.
         let _ = BufReader::new(pipe).read_line(&mut out);
     }
     let output = child.wait_with_output().expect("the retrace command ends");
@@ -202,7 +202,7 @@ impl Default for Bench {
     }
 }
 
-/// Runs a command to its end, between files: a pipe that nobody reads would stop it.
+/// Runs a command to its end, between files: a pipe that nobody reads would block it.
 fn finished(command: &mut Command, input: &Path, out: &Path, err: &Path) -> io::Result<Option<i32>> {
     let mut child = command.stdin(File::open(input)?).stdout(File::create(out)?).stderr(File::create(err)?).spawn()?;
     let started = Instant::now();

@@ -1,6 +1,7 @@
-//! An observer of the card's pins that judges when the cutter may be on, from the trace and the program's text alone.
+//! An observer of the card's pins that decides when the cutter may be on, from the trace and the program's text alone.
 //!
-//! Invariant: it knows what the program cuts, how long a pierce takes and how long the machine may stand; it uses nothing of retrace itself.
+//! Invariant: it has the lines that are cut, the duration of a pierce and the longest standstill; it uses nothing of
+//! retrace itself.
 
 use std::collections::{HashMap, VecDeque};
 use std::fs::File;
@@ -9,40 +10,41 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::thread::{self, JoinHandle};
 
-/// What is asked of the pins. Times in milliseconds of the card's clock.
+/// Rules for the pins. Times in milliseconds of the card's clock.
 #[derive(Clone, Debug)]
 pub struct Rules {
-    /// The name of the output that fires: `spindle` or `out3`.
+    /// Name of the output that fires: `spindle` or `out3`.
     pub fire: String,
     /// Program lines that are to be cut, from 1.
     pub cut_lines: Vec<u64>,
-    /// From ignition to the first step at least; and what the instruction may take at most.
+    /// Shortest time from ignition to the first step, and longest duration of the instruction.
     pub ready_ms: [f64; 2],
-    /// How long it may be on while the place on the path does not change: grace and handover. None: it may stand, as a spindle does.
+    /// Longest time that it may be on while the place on the path does not change: grace and handover. `None`:
+    /// unlimited, as for a spindle.
     pub standing_ms: Option<f64>,
 }
 
 /// The place is sampled once a control period, and the outputs follow it.
 const PERIODS_MS: f64 = 3.0;
-/// A machine that is cutting comes to rest within this time; it may move by less than a pulse meanwhile.
+/// Longest time in which a machine that is cutting comes to rest; it may move by less than a pulse meanwhile.
 const BRAKES_MS: f64 = 300.0;
-/// So many changes are shown before a violation.
+/// Number of changes that are shown before a violation.
 const CHANGES: usize = 80;
 
-/// What was seen.
+/// Result of the observation.
 #[derive(Clone, Debug, Default)]
 pub struct Seen {
-    /// What must not be, with its time.
+    /// Violations, with their times.
     pub violations: Vec<String>,
-    /// Ignitions.
+    /// Number of ignitions.
     pub ignitions: u64,
-    /// Steps with the cutter on.
+    /// Number of steps with the cutter on.
     pub steps_on: u64,
-    /// Steps backward.
+    /// Number of steps backward.
     pub steps_back: u64,
-    /// Alarms of the card.
+    /// Number of alarms of the card.
     pub alarms: u64,
-    /// The cutter is on at the end of the trace.
+    /// Whether the cutter is on at the end of the trace.
     pub on_at_end: bool,
     /// The last changes before the first violation, in order: time, signal, value.
     pub before: Vec<String>,
@@ -53,7 +55,7 @@ pub struct Seen {
 pub struct Observation(JoinHandle<Seen>);
 
 impl Observation {
-    /// What was seen; waits until the card has ended.
+    /// Result; waits until the card has ended.
     ///
     /// # Panics
     /// Where the trace cannot be read.
@@ -63,10 +65,10 @@ impl Observation {
     }
 }
 
-/// Makes the pipe that a card writes its trace to, and observes it by these rules.
+/// Creates the pipe that a card writes its trace to, and observes it by these rules.
 ///
 /// # Panics
-/// Where the system makes no such pipe.
+/// Where the system creates no such pipe.
 #[must_use]
 pub fn observe(path: PathBuf, rules: Rules) -> Observation {
     let made = Command::new("mkfifo").arg(&path).status().expect("mkfifo runs");
@@ -82,7 +84,7 @@ pub fn observe(path: PathBuf, rules: Rules) -> Observation {
     }))
 }
 
-/// What a signal is.
+/// Meaning of a signal.
 #[derive(Clone, Copy, Debug)]
 enum Signal {
     Fire,
@@ -104,29 +106,29 @@ pub struct Observer {
     line: u64,
     place: f64,
     alarm: bool,
-    /// A step began at this time.
+    /// Whether a step began at this time.
     stepped: bool,
     /// The place before this period.
     furthest: f64,
-    /// When the cutter came on, until the first step behind it.
+    /// Time at which the cutter came on, until the first step behind it.
     ignited_ms: Option<f64>,
-    /// When it went off last.
+    /// Time at which it last went off.
     off_ms: f64,
-    /// The machine has come to rest since then.
+    /// Whether the machine has come to rest since then.
     rested: bool,
-    /// The last step or ignition.
+    /// Time of the last step or ignition.
     last_ms: f64,
-    /// The last change of the place, or ignition.
+    /// Time of the last change of the place, or ignition.
     moved_ms: f64,
     /// The last changes of cutter, alarm, line and rate.
     changes: VecDeque<String>,
-    /// The last of them was the rate.
+    /// Whether the last of them was the rate.
     ramp: bool,
     seen: Seen,
 }
 
 impl Observer {
-    /// An observer of a trace that begins.
+    /// Observer at the beginning of a trace.
     #[must_use]
     pub fn new(rules: Rules) -> Self {
         Self {
@@ -151,7 +153,7 @@ impl Observer {
         }
     }
 
-    /// Takes a line of the trace.
+    /// Parses a line of the trace.
     pub fn take(&mut self, line: &str) {
         if let Some(declared) = line.strip_prefix("$var ") {
             let words: Vec<&str> = declared.split(' ').collect();
@@ -238,7 +240,7 @@ impl Observer {
         }
     }
 
-    /// The cutter was on, and the place was the same or no step was made, until now: not for too long?
+    /// Checks that the cutter was not on for too long at the same place, or without a step, until now.
     fn stood(&mut self) {
         let Some(most) = self.rules.standing_ms else { return };
         let most = most + PERIODS_MS + if self.ignited_ms.is_some() { self.rules.ready_ms[1] } else { 0.0 };
@@ -250,7 +252,7 @@ impl Observer {
         }
     }
 
-    /// All changes of a time are there.
+    /// Checks the state when all changes of a time are applied.
     fn judge(&mut self) {
         if !std::mem::take(&mut self.stepped) {
             return;
@@ -260,7 +262,7 @@ impl Observer {
         if !self.on {
             // Retracing ends at the boundary of the record that was reached.
             let first_time = self.rate > 0.0 && self.place > self.furthest.max(0.0).ceil();
-            // Where the operator puts it out in the cut, the machine brakes on the path.
+            // Where the operator switches it off in the cut, the machine brakes on the path.
             let brakes = self.now_ms - self.off_ms < BRAKES_MS && !self.rested;
             if is_cut && first_time && !self.alarm && !brakes {
                 self.wrong("feed along a cut with the cutter off".to_owned());
@@ -287,7 +289,7 @@ impl Observer {
         self.last_ms = self.now_ms;
     }
 
-    /// The trace has ended.
+    /// Ends the trace.
     #[must_use]
     pub fn end(mut self) -> Seen {
         self.judge();
@@ -303,7 +305,7 @@ impl Observer {
 mod tests {
     use super::*;
 
-    /// Line 2 is a cut; the torch is ready after 10 ms and may stand for 5.
+    /// Line 2 is a cut; the torch is ready after 10 ms and may be at rest for 5.
     fn seen(changes: &[(u64, &str)]) -> Seen {
         let rules =
             Rules { fire: "spindle".into(), cut_lines: vec![2], ready_ms: [10.0, 30.0], standing_ms: Some(5.0) };

@@ -1,4 +1,5 @@
-//! `docs/json-events.md` as a check: every object that a command prints must have the fields that the page lists, with their types.
+//! `docs/json-events.md` as a check: every object that a command prints must have the fields that the page lists, with
+//! their types.
 //!
 //! Invariant: a field that the page does not list is an error, and so is a listed field that is missing.
 
@@ -7,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Heading of the fields that every event has.
 const COMMON: &str = "Every event";
-/// Heading of the events of a pause, which have fields of their own in common.
+/// Heading of the events of a pause, which have common fields of their own.
 const DNC_EVENTS: &str = "DNC events";
 
 /// The fields of one object: path and type, such as `outputs[].channel` and `integer or null`.
@@ -21,7 +22,7 @@ pub struct JsonPage {
 }
 
 impl JsonPage {
-    /// Reads the page.
+    /// Parses the page.
     ///
     /// # Panics
     /// If a field is listed twice in a section.
@@ -76,7 +77,7 @@ impl JsonPage {
     /// Checks an event of a run.
     ///
     /// # Errors
-    /// What differs from the page.
+    /// The difference from the page.
     pub fn check_event(&self, event: &Value) -> Result<(), String> {
         let name = event["event"].as_str().ok_or_else(|| format!("no event: {event}"))?;
         let own = self.events.get(name).ok_or_else(|| format!("the page has no event {name}: {event}"))?;
@@ -88,16 +89,16 @@ impl JsonPage {
     /// Checks an object against the section with this heading.
     ///
     /// # Errors
-    /// What differs from the page.
+    /// The difference from the page.
     pub fn check_section(&self, heading: &str, object: &Value) -> Result<(), String> {
         let fields = self.sections.get(heading).ok_or_else(|| format!("the page has no section {heading}"))?;
         check(fields, object).map_err(|error| format!("{heading}: {error}"))
     }
 
-    /// Checks that object, which has only some of the section's fields.
+    /// Checks an object that has only some of the section's fields.
     ///
     /// # Errors
-    /// What differs from the page.
+    /// The difference from the page.
     pub fn check_part(&self, heading: &str, object: &Value, part: &[&str]) -> Result<(), String> {
         let fields = self.sections.get(heading).ok_or_else(|| format!("the page has no section {heading}"))?;
         let is_of_part = |path: &str| part.contains(&path.split(['.', '[']).next().unwrap_or_default());
@@ -107,7 +108,7 @@ impl JsonPage {
     }
 }
 
-/// The paths and the type of a row of a table; none for its head and for other lines.
+/// The paths and the type of a row of a table; `None` for its head and for other lines.
 fn row(line: &str) -> Option<(Vec<String>, String)> {
     let mut cells = line.strip_prefix("| `")?.split(" | ");
     let paths = cells.next()?.split(", ").map(|path| path.replace('`', "")).collect();
@@ -117,7 +118,7 @@ fn row(line: &str) -> Option<(Vec<String>, String)> {
 fn check(fields: &Fields, object: &Value) -> Result<(), String> {
     let mut seen = BTreeSet::new();
     check_fields(fields, "", object, &mut seen)?;
-    // A field of an array's element, of a map, or of what may be null need not occur.
+    // A field of an array's element, of a map, or of a nullable object need not occur.
     let is_owed = |path: &str| {
         let mut parents = path.match_indices(['.', '[']).map(|(at, _)| &path[..at]);
         parents.all(|parent| fields.get(parent).is_some_and(|kind| kind == "object"))

@@ -1,6 +1,6 @@
-//! What the end-to-end tests share: running the `retrace` command, reading what it says, and judging it afresh.
+//! Library of the end-to-end tests: runs the `retrace` command, reads its output, and checks it independently.
 //!
-//! Invariant: nothing of retrace itself is used here; what is judged is the command's output alone.
+//! Invariant: nothing of retrace itself is used here; only the command's output is checked.
 #![forbid(unsafe_code)]
 
 pub mod command;

@@ -1,15 +1,16 @@
-//! Judges the rows of `--records` against the axes' limits, from the words of the interface alone.
+//! Checks the rows of `--records` against the axes' limits, by the definition of the interface alone.
 //!
-//! Invariant: written without a look at the command's own judge, and slowly, so that it can be read against the rule:
+//! Invariant: written independently of the command's own limit monitor, and slowly, so that it can be read against the
+//! rule:
 //!
 //! Differences of the emitted positions are taken over strides of n = 1, 2, 4 … 64 periods; the k-th may not exceed
-//! limit · (nT)ᵏ · pulses/mm plus an allowance for rounding: 1, 2, 4 pulses for k = 1, 2, 3 where the rate is ±1 or 0 over
-//! the whole stride, else 2e, 4e, 8e with e = 1 + A·T²/8 in pulses. Over strides in which the rate changes the jerk limit
-//! is twice the axis limit.
+//! limit · (nT)ᵏ · pulses/mm plus an allowance for rounding: 1, 2, 4 pulses for k = 1, 2, 3 where the rate is ±1 or 0
+//! over the whole stride, otherwise 2e, 4e, 8e with e = 1 + A·T²/8 in pulses. Over strides in which the rate changes
+//! the jerk limit is twice the axis limit.
 
 use crate::records::{RATE_ONE, Records};
 
-/// One axis, as the report describes it.
+/// One axis, as in the report.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
     /// Pulses per mm.
@@ -18,21 +19,21 @@ pub struct Axis {
     pub limits: [f64; 3],
 }
 
-/// What was found.
+/// Result of the check.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Audit {
-    /// Windows that broke a limit, by velocity, acceleration, jerk.
+    /// Number of windows that exceed a limit, by velocity, acceleration, jerk.
     pub violations: [u64; 3],
-    /// The first of them, in words.
+    /// Description of the first of them.
     pub first: Option<String>,
     /// The largest velocity, acceleration and jerk beyond the allowance over strides 8 … 64, axis by axis.
     pub largest: Vec<[f64; 3]>,
 }
 
-/// Periods of standstill before and after: the machine stands when a job begins, and when it has ended.
+/// Periods of standstill before and after: the machine is at rest when a job begins, and when it has ended.
 const STANDSTILL: usize = 3 * 64;
 
-/// Judges all rows.
+/// Checks all rows.
 #[must_use]
 pub fn audit(records: &Records, axes: &[Axis], period_s: f64) -> Audit {
     let mut audit = Audit { largest: vec![[0.0; 3]; axes.len()], ..Audit::default() };
@@ -81,7 +82,7 @@ pub fn audit(records: &Records, axes: &[Axis], period_s: f64) -> Audit {
     audit
 }
 
-/// For how many places in a row, up to each, the question is answered with yes.
+/// For each place, the number of places in a row up to it that satisfy `is_so`.
 fn run_lengths(rates: &[i64], is_so: impl Fn(usize) -> bool) -> Vec<usize> {
     let mut lengths = Vec::with_capacity(rates.len());
     let mut length = 0;

@@ -1,12 +1,12 @@
-//! A card's trace, period by period: outputs, place, rate, rest, and which line was executed.
+//! A card's trace, period by period: outputs, place, rate, rest, and the executed line.
 //!
-//! Invariant: a sample holds what the trace says at one moment, nothing that was worked out elsewhere.
+//! Invariant: a sample has the values of the trace at one moment, and nothing that was derived elsewhere.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// What the trace says from a moment on.
+/// Values of the trace from a moment on.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sample {
     /// The moment, in microseconds of the card's time.
@@ -17,7 +17,7 @@ pub struct Sample {
     pub place: f64,
     /// Rate of the last control period.
     pub rate: f64,
-    /// Does the machine stand?
+    /// Whether the machine is at rest.
     pub at_rest: bool,
     /// Values of the outputs that are not 0, by name: `out3`, `spindle` …
     pub outputs: BTreeMap<String, u64>,
@@ -26,7 +26,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// Is this output on?
+    /// Whether this output is on.
     #[must_use]
     pub fn is_on(&self, output: &str) -> bool {
         self.outputs.contains_key(output)
@@ -87,7 +87,7 @@ fn set(now: &mut Sample, scope: &str, name: &str, value: f64) {
     }
 }
 
-/// A change of a value, and the code of what it is the value of.
+/// A change of a value, and the code of its signal.
 fn value_of(line: &str) -> Option<(f64, &str)> {
     let (kind, rest) = line.split_at_checked(1)?;
     match kind {

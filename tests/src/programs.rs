@@ -1,4 +1,4 @@
-//! Programs that tests make up, and where real ones are found.
+//! Programs that tests generate, and the location of real ones.
 
 use crate::command::root;
 use std::fmt::Write;
@@ -21,7 +21,7 @@ pub fn examples() -> Vec<PathBuf> {
     programs
 }
 
-/// A program of so many moves to and fro of `mm` along X, with a full stop after each.
+/// A program of `moves` moves to and fro of `mm` along X, with a full stop after each.
 #[must_use]
 pub fn full_stops(moves: u32, mm: f64) -> String {
     let mut program = String::from("G21 G90 G61.1\nF6000\n");
@@ -32,7 +32,7 @@ pub fn full_stops(moves: u32, mm: f64) -> String {
     program
 }
 
-/// A program that traces a rounded rectangle again and again until it has about `minutes` of motion at 50 mm/s.
+/// A program that traces a rounded rectangle repeatedly until it has about `minutes` of motion at 50 mm/s.
 #[must_use]
 pub fn long_job(minutes: u32) -> String {
     let mut program = String::from("G21 G90 G17 G64 P0.05\nF3000\nG0 X10 Y0\n");

@@ -1,23 +1,23 @@
-//! The rows of `--records`: what the card executed, one row a control period.
+//! The rows of `--records`: what the card executed, one row per control period.
 
 use std::collections::HashMap;
 
 /// One period.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// The number of the period.
+    /// Number of the period.
     pub period: u64,
-    /// The program line that was being executed.
+    /// Program line that was being executed.
     pub line: u64,
-    /// The rate at which it was played, in 10⁻⁹.
+    /// Rate at which it was played, in 10⁻⁹.
     pub rate_nano: i64,
-    /// The record under the cursor at the period's end.
+    /// Record under the cursor at the period's end.
     pub record: u64,
-    /// How far the cursor stood into that record, in 2⁻³².
+    /// Fraction of that record before the cursor, in 2⁻³².
     pub fraction: u64,
-    /// What each axis emitted, in pulses.
+    /// Pulses that each axis emitted.
     pub increments: Vec<i64>,
-    /// What retracing switched, `5=0 66=1`; empty also where the file has no such column.
+    /// Outputs that retracing switched, `5=0 66=1`; empty also where the file has no such column.
     pub retrace_switched: String,
 }
 
@@ -37,10 +37,10 @@ pub struct Records {
 const COLUMNS: [&str; 5] = ["period", "line", "rate", "record", "fraction"];
 
 impl Records {
-    /// Reads the file's text.
+    /// Parses the file's text.
     ///
     /// # Errors
-    /// Where it is not written as the interface says, with the line.
+    /// The first line that does not have the format of the interface.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut lines = text.lines();
         let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
@@ -68,10 +68,10 @@ impl Records {
         totals
     }
 
-    /// Checks that position is a function of the place: returns how many places were visited more than once.
+    /// Checks that position is a function of the place; returns the number of places that were visited more than once.
     ///
     /// # Errors
-    /// The first period that stands at a place visited before, but elsewhere.
+    /// The first period that is at a place visited before, but at another position.
     pub fn places_visited_twice(&self) -> Result<usize, String> {
         let mut positions: HashMap<(u64, u64), Vec<i64>> = HashMap::new();
         let mut position = vec![0_i64; self.axes.len()];
@@ -84,7 +84,7 @@ impl Records {
                 Some(before) if *before != position => {
                     return Err(format!("period {}: {place:?} was {before:?} and is {position:?}", row.period));
                 }
-                // Standing at a place is not coming back to it.
+                // Remaining at a place is not returning to it.
                 Some(_) => twice += usize::from(last_place != Some(place)),
                 None => {
                     positions.insert(place, position.clone());
@@ -111,7 +111,7 @@ fn row(line: &str, axes: usize, has_switched: bool) -> Option<Row> {
     (row.increments.len() == axes).then_some(row)
 }
 
-/// A rate: digits, nine decimals, and never −0.
+/// Parses a rate: digits, nine decimals, and never −0.
 fn rate_nano(text: &str) -> Option<i64> {
     let (is_negative, digits) = text.strip_prefix('-').map_or((false, text), |digits| (true, digits));
     let (whole, decimals) = digits.split_once('.')?;

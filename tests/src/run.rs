@@ -1,4 +1,4 @@
-//! A `retrace run` with everything that it reported.
+//! A `retrace run` with its complete output.
 
 use crate::command::{Bench, Said};
 use crate::limits::{Audit, Axis, audit};
@@ -7,10 +7,10 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-/// What a run left behind.
+/// Result of a run.
 #[derive(Debug)]
 pub struct Run {
-    /// What the command said.
+    /// Output of the command.
     pub said: Said,
     /// Its events, without the report.
     pub events: Vec<Value>,
@@ -24,7 +24,7 @@ impl Run {
     /// Runs a program with `--json` and `--records`, and more arguments.
     ///
     /// # Panics
-    /// Where there is no report or no records: both are owed, however the run ends.
+    /// Where the report or the records are missing: both are required, however the run ends.
     #[must_use]
     pub fn of(bench: &Bench, program: &Path, more: &[&str]) -> Self {
         let said = Self::said(bench, program, more, b"");
@@ -70,7 +70,7 @@ impl Run {
         counts.collect::<Option<_>>().unwrap_or_else(|| panic!("counts in {}", self.report))
     }
 
-    /// What the program commands, in pulses.
+    /// Commanded end position of the program, in pulses.
     #[must_use]
     pub fn commanded(&self) -> Vec<i64> {
         let pulses = |axis: &String| {
@@ -88,12 +88,12 @@ impl Run {
         self.report[name].as_f64().unwrap_or_else(|| panic!("{name} in {}", self.report))
     }
 
-    /// The events of one kind.
+    /// Events of one kind.
     pub fn of_kind<'a>(&'a self, kind: &'a str) -> impl Iterator<Item = &'a Value> {
         self.events.iter().filter(move |event| event["event"] == kind)
     }
 
-    /// The axes as the report describes them.
+    /// The axes as in the report.
     #[must_use]
     pub fn axes(&self) -> Vec<Axis> {
         let axis = |name: &String| {
@@ -107,16 +107,16 @@ impl Run {
         self.records.axes.iter().map(axis).collect::<Option<_>>().unwrap_or_else(|| panic!("limits in {}", self.report))
     }
 
-    /// The judgement of the records, made here.
+    /// Check of the records, made here.
     #[must_use]
     pub fn audit(&self) -> Audit {
         audit(&self.records, &self.axes(), self.number("period_ms") / 1000.0)
     }
 
-    /// What holds for every run that comes to its end, whatever the operator did on the way.
+    /// Checks what holds for every run that is completed, for any commands of the operator.
     ///
     /// # Panics
-    /// Where something of it does not hold.
+    /// Where a part of it does not hold.
     pub fn assert_exact_and_legal(&self) {
         let report = &self.report;
         assert_eq!((self.said.code, report["outcome"].as_str()), (Some(0), Some("completed")), "{}", self.said.err);
@@ -125,10 +125,10 @@ impl Run {
         self.assert_consistent();
     }
 
-    /// What holds for every run, however it ended.
+    /// Checks what holds for every run, however it ended.
     ///
     /// # Panics
-    /// Where something of it does not hold.
+    /// Where a part of it does not hold.
     pub fn assert_consistent(&self) {
         let report = &self.report;
         assert_eq!(self.records.totals(), self.counts(), "the rows do not add up to the position: {report}");

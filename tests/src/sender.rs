@@ -1,7 +1,7 @@
-//! A computer that sends a program over a socket, badly: it stalls, is cut off, goes away and comes again.
+//! A computer that sends a program over a socket, badly: it stalls, is cut off, disconnects and connects again.
 //!
-//! Invariant: every connection is sent the program from its beginning; what goes wrong when follows from the seed. The last connection
-//! is sent all of it.
+//! Invariant: every connection is sent the program from its beginning; faults and their times depend on the seed. The
+//! last connection is sent all of it.
 
 use std::io::Write;
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -9,18 +9,18 @@ use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
-/// Where a sender cuts a connection, how it stalls.
+/// Faults of a sender: where it cuts a connection, how it stalls.
 #[derive(Clone, Debug, Default)]
 pub struct Trouble {
-    /// Bytes after which the connection is cut: the first connection after the first of them, and so on.
+    /// Number of bytes after which the connection is cut: the first connection after the first number, and so on.
     pub cuts: Vec<usize>,
-    /// Is nobody there for a while after a cut?
+    /// Whether the sender is absent for a while after a cut.
     pub goes_away: bool,
-    /// Stalls: after so many bytes of the program, for so long. Each happens once.
+    /// Stalls: position in bytes of the program, and duration. Each occurs once.
     pub stalls: Vec<(usize, Duration)>,
 }
 
-/// A source of numbers that look random, the same for a seed (xorshift).
+/// Pseudo-random numbers that depend on a seed (xorshift).
 #[derive(Clone, Debug)]
 pub struct Chance(u64);
 
@@ -44,7 +44,7 @@ impl Chance {
 }
 
 impl Trouble {
-    /// So many cuts and stalls of up to so many ms each, anywhere in a program of `length` bytes.
+    /// Up to `count` cuts and stalls of up to `ms` ms each, anywhere in a program of `length` bytes.
     #[must_use]
     pub fn anywhere(chance: &mut Chance, length: usize, cuts: usize, stalls: usize, max_ms: usize) -> Self {
         let stall = |chance: &mut Chance| (chance.below(length), Duration::from_millis(chance.below(max_ms) as u64));
@@ -56,7 +56,7 @@ impl Trouble {
     }
 }
 
-/// Sends a program to whoever connects; the name of the program comes back, `tcp://…`. Nobody waits for the sender.
+/// Sends a program to every client; returns the name of the program, `tcp://…`. Nothing waits for the sender.
 ///
 /// # Panics
 /// Where the system has no port.
@@ -74,7 +74,7 @@ fn serve(mut listener: TcpListener, address: SocketAddr, text: &[u8], trouble: T
     let whole = [text.len()];
     for &end in cuts.iter().chain(&whole) {
         let Ok((mut stream, _)) = listener.accept() else { return };
-        // whoever it was sent to may be gone
+        // the client may be gone
         if part(&mut stream, &text[..end], &mut stalls).is_err() || end == text.len() {
             return;
         }

@@ -1,4 +1,4 @@
-//! A simulated card that `retrace card serve` serves, for as long as a test needs it.
+//! A simulated card that `retrace card serve` serves during a test.
 //!
 //! Invariant: it is ended with the test, however that ends.
 
@@ -19,10 +19,10 @@ pub struct Served {
 }
 
 impl Served {
-    /// Serves a card with these arguments besides.
+    /// Serves a card with these additional arguments.
     ///
     /// # Panics
-    /// Where it says no path.
+    /// Where it prints no path.
     #[must_use]
     pub fn with(arguments: &[&str]) -> Self {
         let mut command = Command::new(binary());
@@ -36,10 +36,10 @@ impl Served {
         Self { child, out, port: port.trim_end().to_owned() }
     }
 
-    /// Who answers there, and where the machine stands.
+    /// Identity and position of the card.
     ///
     /// # Panics
-    /// Where nobody answers.
+    /// Where no card answers.
     #[must_use]
     pub fn who(&self, bench: &Bench) -> Value {
         let said = bench.retrace(["card", "identify", &self.port, "--json"]);
@@ -47,13 +47,13 @@ impl Served {
         serde_json::from_str(&said.out).expect("one JSON object")
     }
 
-    /// Runs a program on it, with a watchdog that forgives a computer that is under load: what it does is looked at elsewhere.
+    /// Runs a program on it, with a watchdog that tolerates a computer under load: the watchdog is tested elsewhere.
     #[must_use]
     pub fn run(&self, bench: &Bench, program: &str) -> Said {
         self.run_with(bench, program, &[])
     }
 
-    /// The same with further arguments.
+    /// Runs a program on it with further arguments.
     #[must_use]
     pub fn run_with(&self, bench: &Bench, program: &str, arguments: &[&str]) -> Said {
         bench.file("patient.toml", "[card]\nwatchdog_ms = 2000\n");
@@ -61,16 +61,16 @@ impl Served {
         bench.retrace(usual.iter().chain(arguments))
     }
 
-    /// Says a line to it: what is done by hand to the machine.
+    /// Sends a line to its standard input, which operates the machine manually.
     ///
     /// # Panics
-    /// Where it has gone.
+    /// Where it has ended.
     pub fn by_hand(&mut self, line: &str) {
         let input = self.child.stdin.as_mut().expect("a pipe");
         writeln!(input, "{line}").expect("it listens");
     }
 
-    /// Ends it: what it tells at its end.
+    /// Ends it; returns its final output.
     ///
     /// # Panics
     /// Where that is not JSON.

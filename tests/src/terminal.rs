@@ -1,6 +1,6 @@
 //! A person at a terminal: the command on a pseudo-terminal of a given size, keys in, cells out.
 //!
-//! Invariant: it is ended with the test, however that ends; nobody waits longer for a text than a minute.
+//! Invariant: it is ended with the test, however that ends; no call waits longer for a text than a minute.
 
 use std::io::{Read, Write};
 use std::process::Child;
@@ -15,7 +15,7 @@ use vt100::Parser;
 
 use crate::command::binary;
 
-/// How long a text may be in coming.
+/// Longest time until a text appears.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A terminal with the command in it.
@@ -23,12 +23,12 @@ pub struct Terminal {
     child: Child,
     pty: Arc<Pty>,
     cells: Arc<Mutex<Parser>>,
-    /// Its state folder, unless the environment names another one.
+    /// Its state folder, unless the environment sets another one.
     _state: TempDir,
 }
 
 impl Terminal {
-    /// Runs `retrace` with these arguments on a terminal of so many columns and rows.
+    /// Runs `retrace` with these arguments on a terminal of `columns` columns and `rows` rows.
     ///
     /// # Panics
     /// Where it cannot be run.
@@ -37,7 +37,7 @@ impl Terminal {
         Self::with(arguments, columns, rows, &[])
     }
 
-    /// The same, with these variables in its environment.
+    /// Runs `retrace` with these arguments and environment variables.
     ///
     /// # Panics
     /// Where it cannot be run.
@@ -68,7 +68,7 @@ impl Terminal {
         let (from, to) = (Arc::clone(&pty), Arc::clone(&cells));
         std::thread::spawn(move || {
             let mut bytes = [0; 4096];
-            // The terminal says that it is closed when the command has gone.
+            // The terminal reports that it is closed when the command has ended.
             while let Ok(count @ 1..) = (&*from).read(&mut bytes) {
                 to.lock().unwrap_or_else(PoisonError::into_inner).process(&bytes[..count]);
             }
@@ -76,7 +76,7 @@ impl Terminal {
         Self { child, pty, cells, _state: state }
     }
 
-    /// Presses these keys, as a terminal says them.
+    /// Presses these keys, in the encoding of a terminal.
     ///
     /// # Panics
     /// Where the terminal is closed.
@@ -84,7 +84,7 @@ impl Terminal {
         (&*self.pty).write_all(keys.as_bytes()).expect("an open terminal");
     }
 
-    /// Makes it another size.
+    /// Changes its size.
     ///
     /// # Panics
     /// Where the terminal is closed.
@@ -94,19 +94,19 @@ impl Terminal {
         self.pty.resize(Size::new(rows, columns)).expect("an open terminal");
     }
 
-    /// What stands on it.
+    /// Text on the terminal.
     #[must_use]
     pub fn text(&self) -> String {
         self.cells.lock().unwrap_or_else(PoisonError::into_inner).screen().contents()
     }
 
-    /// Is it on the screen that a full-screen command takes for itself?
+    /// Whether the alternate screen is active, which a full-screen command uses.
     #[must_use]
     pub fn is_full_screen(&self) -> bool {
         self.cells.lock().unwrap_or_else(PoisonError::into_inner).screen().alternate_screen()
     }
 
-    /// Is any cell coloured?
+    /// Whether any cell is coloured.
     #[must_use]
     pub fn is_coloured(&self) -> bool {
         let cells = self.cells.lock().unwrap_or_else(PoisonError::into_inner);
@@ -118,18 +118,18 @@ impl Terminal {
         })
     }
 
-    /// Waits until these words stand on it; the whole of what stands there then.
+    /// Waits until these words are on it; returns the whole text.
     ///
     /// # Panics
-    /// Where they do not come.
+    /// Where they do not appear.
     pub fn until(&self, words: &str) -> String {
         self.until_that(words, |text| text.contains(words))
     }
 
-    /// Waits until what stands on it is so.
+    /// Waits until the text on it satisfies `is_so`.
     ///
     /// # Panics
-    /// Where it does not come to that.
+    /// Where it does not.
     pub fn until_that(&self, what: &str, is_so: impl Fn(&str) -> bool) -> String {
         let started = Instant::now();
         loop {
@@ -142,17 +142,17 @@ impl Terminal {
         }
     }
 
-    /// Closes it, as when its window is closed: the command is told so by a signal.
+    /// Closes it, as when its window is closed: the command receives a signal.
     ///
     /// # Panics
-    /// Where there is no `kill`.
+    /// Where `kill` does not exist.
     pub fn hang_up(&self) {
         let number = self.child.id().to_string();
         let told = std::process::Command::new("kill").args(["-HUP", &number]).status();
         assert!(told.is_ok_and(|status| status.success()));
     }
 
-    /// Waits until the command has ended: its exit code.
+    /// Waits until the command has ended; returns its exit code.
     ///
     /// # Panics
     /// Where it does not end.

@@ -1,6 +1,6 @@
-//! What a served card's trace tells of its instructions: how many were executed, and what they switched in which order.
+//! Instructions in the trace of a served card: how many were executed, and what they switched in which order.
 //!
-//! Invariant: the trace is read while it is written, through a pipe with a name; nothing of it is kept on the disk.
+//! Invariant: the trace is read while it is written, through a named pipe; nothing of it is stored on the disk.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread::{self, JoinHandle};
 
-/// What the card did, but for its motion.
+/// Actions of the card other than its motion.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Switched {
-    /// The number of the last instruction executed, each time that it changed.
+    /// Number of the last instruction executed, each time that it changed.
     pub executed: Vec<u64>,
     /// Every change of a digital output: its name, and whether it came on.
     pub outputs: Vec<(String, bool)>,
@@ -22,10 +22,10 @@ pub struct Switched {
 #[derive(Debug)]
 pub struct Reading(JoinHandle<Switched>);
 
-/// Makes the pipe that a card writes its trace to, and reads it; the reading ends with the card.
+/// Creates the pipe that a card writes its trace to, and reads it; the reading ends with the card.
 ///
 /// # Panics
-/// Where the system makes no such pipe.
+/// Where the system creates no such pipe.
 #[must_use]
 pub fn piped(path: PathBuf) -> Reading {
     let made = Command::new("mkfifo").arg(&path).status().expect("mkfifo runs");
@@ -34,7 +34,7 @@ pub fn piped(path: PathBuf) -> Reading {
 }
 
 impl Reading {
-    /// What the card did; waits until it has ended.
+    /// Actions of the card; waits until it has ended.
     ///
     /// # Panics
     /// Where the trace cannot be read.
@@ -54,7 +54,7 @@ fn read(path: &Path) -> Switched {
     switched
 }
 
-/// Takes a line: a declaration, or a change of a value.
+/// Parses a line: a declaration, or a change of a value.
 fn take(line: &[u8], names: &mut HashMap<Vec<u8>, String>, switched: &mut Switched) {
     match line {
         [b'$', ..] => {

@@ -1,13 +1,12 @@
 //! The two threads of GMC-7 and a card that acknowledges late, built on the real gates.
 //!
-//! The *coarse* thread sends records and sleeps at a front marker on the condition variable until the instruction is done; the
-//! *coordinator* sends the instruction when K holds: the motion ahead of it is reported executed, and what was switched before.
-//! A mutex guards the gates and what the card last reported. Motion and switching are served side by side on the card, so that
-//! whatever is sent too early is also executed too early.
+//! The *coarse* thread sends records and sleeps at a front marker on the condition variable until the instruction is
+//! done. The *coordinator* sends the instruction when K holds: the motion ahead of it is reported executed, and what
+//! was switched before. A mutex guards the gates and the card's last report. The card executes motion and switching in
+//! parallel, so that whatever is sent too early is also executed too early.
 //!
-//! Invariant: in the card's own time line every instruction begins and ends between the record before its marker and the record
-//! behind it; every thread comes to its end; the coordinator is woken only when K holds,
-//! unless the job is disturbed.
+//! Invariant: in the card's own time line every instruction begins and ends between the record before its marker and
+//! the record behind it; every thread ends; the coordinator is woken only when K holds, unless the job is disturbed.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -22,17 +21,18 @@ use crate::sync::{Arc, Condvar, Mutex, MutexGuard, thread};
 pub struct Job {
     /// Place number of the first record.
     pub start: u32,
-    /// Records in all.
+    /// Number of records.
     pub records: u32,
-    /// Before which records, counted from the first, an instruction stands, in order; the number of records: behind the last.
+    /// Records, counted from the first, before which an instruction is executed, in order; the number of records:
+    /// behind the last.
     pub markers: Vec<u32>,
-    /// So many reports the card keeps back while it has anything to do.
+    /// Number of reports that the card withholds while it has anything to do.
     pub lag: usize,
-    /// In so many of its first turns the card wakes everybody for nothing, as a condition variable may.
+    /// Number of its first turns in which the card wakes all threads without a cause, as a condition variable may.
     pub disturbed: u32,
 }
 
-/// What the card did, in its own time.
+/// Event of the card, in its own time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Event {
     /// Ran the record of that place.
@@ -43,12 +43,12 @@ enum Event {
     End(u32),
 }
 
-/// What became of one execution.
+/// Outcome of one execution.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Outcome {
     /// Instructions for which K held as soon as their marker was set.
     pub due_at_once: u32,
-    /// Times that the coordinator was woken.
+    /// Number of times that the coordinator was woken.
     pub woken: u32,
 }
 
@@ -59,10 +59,10 @@ impl fmt::Debug for Outcome {
 }
 
 impl Job {
-    /// Runs the three threads and judges the card's time line.
+    /// Runs the three threads and checks the card's time line.
     ///
     /// # Panics
-    /// Where a record or an instruction stands on the wrong side of another, or the coordinator is woken without K.
+    /// Where a record and an instruction are executed in the wrong order, or the coordinator is woken without K.
     #[must_use]
     pub fn run(self) -> Outcome {
         let host = Arc::new(Host::new(self.start, self.disturbed == 0));
@@ -81,7 +81,7 @@ impl Job {
         Outcome { due_at_once, woken }
     }
 
-    /// The coarse thread. How many instructions were due at once.
+    /// Runs the coarse thread. Returns the number of instructions that were due at once.
     fn feed(&self, host: &Host) -> u32 {
         let mut due_at_once = 0;
         let mut markers = (1..).zip(&self.markers).peekable();
@@ -112,12 +112,12 @@ impl Job {
     }
 }
 
-/// What the mutex guards.
-struct Desk {
+/// Data that the mutex guards.
+struct SharedState {
     gates: Gates,
-    /// As the card last reported.
+    /// The card's last report.
     report: Report,
-    /// The instruction that the card has and has not been heard to complete.
+    /// The instruction that was sent and is not reported complete.
     sent: Option<u32>,
 }
 
@@ -128,13 +128,13 @@ struct Report {
     executed: u32,
 }
 
-impl Desk {
-    /// The instruction in hand may be sent: gate C.
+impl SharedState {
+    /// Whether the accepted instruction may be sent: gate C.
     fn is_due(&self) -> bool {
         self.gates.c_open(Place::start_of(self.report.place), self.report.at_rest)
     }
 
-    /// Takes note that the instruction sent is reported executed; false where it is not.
+    /// Records that the sent instruction is reported executed; false where it is not.
     fn acknowledge(&mut self) -> bool {
         let done = self.gates.acknowledge(self.report.executed).is_some();
         if done {
@@ -149,7 +149,7 @@ impl Desk {
     }
 }
 
-/// What is on its way to the card.
+/// Messages on their way to the card.
 #[derive(Default)]
 struct Wire {
     records: VecDeque<u32>,
@@ -157,12 +157,12 @@ struct Wire {
 }
 
 struct Host {
-    desk: Mutex<Desk>,
+    state: Mutex<SharedState>,
     /// K holds, or the instruction is done.
     changed: Condvar,
     wire: Mutex<Wire>,
     arrived: Condvar,
-    /// Nobody wakes anybody for nothing.
+    /// Whether no thread is woken without a cause.
     is_undisturbed: bool,
 }
 
@@ -170,7 +170,7 @@ impl Host {
     fn new(start: u32, is_undisturbed: bool) -> Self {
         let report = Report { place: start, at_rest: true, executed: 0 };
         Self {
-            desk: Mutex::new(Desk { gates: Gates::default(), report, sent: None }),
+            state: Mutex::new(SharedState { gates: Gates::default(), report, sent: None }),
             changed: Condvar::new(),
             wire: Mutex::new(Wire::default()),
             arrived: Condvar::new(),
@@ -178,12 +178,12 @@ impl Host {
         }
     }
 
-    fn desk(&self) -> MutexGuard<'_, Desk> {
-        self.desk.lock().expect("no thread panics")
+    fn state(&self) -> MutexGuard<'_, SharedState> {
+        self.state.lock().expect("no thread panics")
     }
 
-    fn sleep<'a>(&'a self, desk: MutexGuard<'a, Desk>) -> MutexGuard<'a, Desk> {
-        self.changed.wait(desk).expect("no thread panics")
+    fn sleep<'a>(&'a self, state: MutexGuard<'a, SharedState>) -> MutexGuard<'a, SharedState> {
+        self.changed.wait(state).expect("no thread panics")
     }
 
     /// Puts something on the wire.
@@ -192,47 +192,49 @@ impl Host {
         self.arrived.notify_one();
     }
 
-    /// The coarse thread at a front marker: shuts gate B, and sleeps until the instruction is done. Did K hold at once?
+    /// Passes a front marker in the coarse thread: shuts gate B, and sleeps until the instruction is done. Returns
+    /// whether K held at once.
     fn pass_marker(&self, number: u32, place: u32) -> bool {
-        let mut desk = self.desk();
-        assert!(desk.gates.accept(number, place), "gate A: one instruction at a time");
-        let due = desk.k();
+        let mut state = self.state();
+        assert!(state.gates.accept(number, place), "gate A: one instruction at a time");
+        let due = state.k();
         if due {
             // the card had reported before the marker was set, and will not report again
             self.changed.notify_all();
         }
-        while !desk.gates.b_open(place) {
-            desk = self.sleep(desk);
+        while !state.gates.b_open(place) {
+            state = self.sleep(state);
         }
         due
     }
 
-    /// The coordinator with one instruction: sends it through gate C, and has it acknowledged. How often it was woken.
+    /// Coordinates one instruction: sends it through gate C, and waits for its acknowledgement. Returns how often the
+    /// thread was woken.
     fn coordinate(&self, number: u32) -> u32 {
         let mut woken = 0;
-        let mut desk = self.desk();
-        while !desk.is_due() {
-            desk = self.sleep(desk);
-            assert!(desk.k() || !self.is_undisturbed, "woken although K does not hold");
+        let mut state = self.state();
+        while !state.is_due() {
+            state = self.sleep(state);
+            assert!(state.k() || !self.is_undisturbed, "woken although K does not hold");
             woken += 1;
         }
-        desk.gates.mark_sent();
-        desk.sent = Some(number);
+        state.gates.mark_sent();
+        state.sent = Some(number);
         self.wire(|wire| wire.instructions.push_back(number));
-        while !desk.acknowledge() {
-            desk = self.sleep(desk);
-            assert!(desk.k() || !self.is_undisturbed, "woken although K does not hold");
+        while !state.acknowledge() {
+            state = self.sleep(state);
+            assert!(state.k() || !self.is_undisturbed, "woken although K does not hold");
             woken += 1;
         }
         self.changed.notify_all();
         woken
     }
 
-    /// A report arrives from the card.
-    fn hear(&self, report: Report) {
-        let mut desk = self.desk();
-        desk.report = report;
-        if desk.k() {
+    /// Applies a report from the card.
+    fn apply_report(&self, report: Report) {
+        let mut state = self.state();
+        state.report = report;
+        if state.k() {
             self.changed.notify_all();
         }
     }
@@ -243,7 +245,7 @@ struct Card {
     running: Option<u32>,
     executed: u32,
     line: Vec<Event>,
-    /// Reports that have not left yet.
+    /// Reports that are not sent yet.
     reports: VecDeque<Report>,
 }
 
@@ -252,7 +254,7 @@ impl Card {
         Self { place: start, running: None, executed: 0, line: Vec::new(), reports: VecDeque::new() }
     }
 
-    /// Serves the wire until the whole job is executed and reported; gives its time line.
+    /// Serves the wire until the whole job is executed and reported; returns its time line.
     fn run(mut self, host: &Host, job: &Job) -> Vec<Event> {
         let end = job.start.wrapping_add(job.records);
         let done =
@@ -268,14 +270,14 @@ impl Card {
             if (self.reports.len() > job.lag || !acted)
                 && let Some(report) = self.reports.pop_front()
             {
-                host.hear(report);
+                host.apply_report(report);
             }
         }
         self.line
     }
 
-    /// One turn: at most one record, and one step of switching. False where there was nothing to do. With nothing to report
-    /// either, waits for the wire.
+    /// Runs one turn: at most one record, and one step of switching. Returns false where there was nothing to do. With
+    /// nothing to report either, waits for the wire.
     fn turn(&mut self, host: &Host) -> bool {
         let (record, at_rest, instruction) = self.receive(host);
         if record.is_none() && instruction.is_none() && self.running.is_none() {
@@ -296,7 +298,7 @@ impl Card {
         true
     }
 
-    /// The next record, whether motion rests behind it, and the next instruction unless one is running.
+    /// Receives the next record, whether motion rests behind it, and the next instruction unless one is running.
     fn receive(&self, host: &Host) -> (Option<u32>, bool, Option<u32>) {
         let is_idle = self.running.is_none() && self.reports.is_empty();
         let mut wire = host.wire.lock().expect("no thread panics");

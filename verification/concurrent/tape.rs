@@ -1,7 +1,8 @@
-//! Models of the ring between two threads: one pushes, the other walks forth and back over what is kept (REV-2 … REV-7).
+//! Models of the ring between two threads: one pushes, the other moves forward and backward over the retained records
+//! (REV-2 … REV-7).
 //!
-//! Compiled in the loom and the shuttle crate over each one's own `sync`. Record number k, from 0, holds k, so whoever reads
-//! anything else has read a cell of which the other side was not done.
+//! Compiled in the loom and the shuttle crate over each one's own `sync`. Record number k, from 0, holds k, so reading
+//! anything else means that a cell was read before the other side was done with it.
 //!
 //! Invariant: a tape is run inside one execution of an engine and ends with everything pushed and everything read.
 
@@ -10,32 +11,32 @@ use std::fmt;
 use crate::ring::{Cell, Consumer, Producer, Ring};
 use crate::sync::thread;
 
-/// The shape of a model.
+/// Shape of a model.
 #[derive(Clone, Copy, Debug)]
 pub struct Tape {
-    /// Records kept behind the furthest place.
+    /// Number of records retained behind the furthest place.
     pub keep: u32,
-    /// Records planned beyond it; with `keep` a power of two, the number of cells.
+    /// Number of records planned beyond it; with `keep` a power of two, the number of cells.
     pub look_ahead: u32,
     /// Place number of the first record.
     pub start: u32,
-    /// Records in all.
+    /// Number of records.
     pub records: u32,
-    /// After so many records the consumer goes back as far as history allows, and forward again.
+    /// Number of records after which the consumer goes back as far as the history allows, and forward again.
     pub turn: u32,
 }
 
-/// What became of one execution: how often each side found nothing to do.
+/// Outcome of one execution: how often each side found nothing to do.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Outcome {
     /// Pushes refused because the look-ahead was full.
     pub refused: u32,
-    /// Times that the consumer stood at the end of what was planned.
+    /// Number of times that the consumer was at the end of the planned records.
     pub starved: u32,
 }
 
 impl Outcome {
-    /// With `most` for as many times and more.
+    /// The outcome with each count limited to `most`.
     #[must_use]
     pub fn capped(self, most: u32) -> Self {
         Self { refused: self.refused.min(most), starved: self.starved.min(most) }
@@ -49,20 +50,20 @@ impl fmt::Debug for Outcome {
 }
 
 impl Tape {
-    /// Runs the two threads with a consumer that moves by [`Consumer::forward`] and [`Consumer::backward`].
+    /// Runs the two threads with a consumer that moves by [`Consumer::advance`] and [`Consumer::retreat`].
     ///
     /// # Panics
-    /// Where anything is read that was not pushed, or history is not what is promised.
+    /// Where anything is read that was not pushed, or the history is not as specified.
     #[must_use]
     pub fn walk(self) -> Outcome {
         self.run(|consumer| self.walk_through(consumer))
     }
 
-    /// Runs the two threads with a consumer that looks at records by place and follows the card's cursor, as the controller
-    /// does.
+    /// Runs the two threads with a consumer that reads records by place and follows the card's cursor, as the
+    /// controller does.
     ///
     /// # Panics
-    /// Where anything is read that was not pushed, or history is not what is promised.
+    /// Where anything is read that was not pushed, or the history is not as specified.
     #[must_use]
     pub fn follow(self) -> Outcome {
         self.run(|consumer| self.follow_through(consumer))
@@ -71,7 +72,7 @@ impl Tape {
     fn run(self, consume: impl FnOnce(&mut Consumer<'static, u32>) -> u32) -> Outcome {
         let cells: Box<[Cell<u32>]> = (0..self.keep + self.look_ahead).map(|_| Cell::new(u32::MAX)).collect();
         let ring = Ring::new(cells, self.keep, self.look_ahead, self.start).expect("the shape is valid");
-        // The ends borrow the ring and a thread borrows for ever, so each execution gives a few hundred bytes away.
+        // The ends borrow the ring and a thread borrows for ever, so each execution leaks a few hundred bytes.
         let (mut producer, mut consumer) = Box::leak(Box::new(ring)).split();
         let planner = thread::spawn(move || push_all(&mut producer, self.records));
         let starved = consume(&mut consumer);
@@ -112,7 +113,7 @@ impl Tape {
                 thread::yield_now();
                 continue;
             }
-            // every record ahead is sent, and all but the last of them executed before the card is heard of again
+            // every record ahead is sent, and all but the last of them executed before the next report of the card
             self.check(consumer, reached, planned);
             reached = (planned - 1).max(reached + 1);
             assert!(consumer.seek(self.start.wrapping_add(reached)));
@@ -130,7 +131,7 @@ impl Tape {
         starved
     }
 
-    /// Every record of `from … to`, counted from the first, is what was pushed there.
+    /// Checks that every record of `from … to`, counted from the first, is what was pushed there.
     fn check(self, consumer: &Consumer<'_, u32>, from: u32, to: u32) {
         for number in from..to {
             assert_eq!(consumer.record(self.start.wrapping_add(number)), Some(number));

@@ -1,7 +1,8 @@
-//! A stub of the `kani` crate: as much of it as the harnesses use, so that they compile in every test run where Kani is not there.
+//! A stub of the `kani` crate with what the harnesses use, so that they compile in every test run where Kani is not
+//! installed.
 //!
-//! Invariant: it proves nothing. `any` draws, `assume` ends a run that is outside of the assumptions, and a driver runs each proof so
-//! often that one that panics anyway is noticed.
+//! Invariant: it proves nothing. `any` draws, `assume` ends a run outside the assumptions, and a driver runs each proof
+//! so often that one that panics anyway is noticed.
 #![forbid(unsafe_code)]
 
 pub use kani_macros::{proof, unwind};
@@ -10,31 +11,31 @@ use std::cell::{Cell, RefCell};
 use std::panic::{catch_unwind, panic_any};
 
 thread_local! {
-    /// Of the drawing.
+    /// State of the generator.
     static STATE: Cell<u64> = const { Cell::new(0) };
-    /// What was drawn in this run, and how much of it was asked for again.
+    /// Numbers drawn in this run, and how many of them were requested again.
     static DRAWN: RefCell<(Vec<u64>, usize)> = const { RefCell::new((Vec::new(), 0)) };
 }
 
-/// What can be drawn.
+/// A type of which values can be drawn.
 pub trait Arbitrary {
     /// Any value.
     fn any() -> Self;
 }
 
-/// Any value. Half of them are small or near the wrap, so that assumptions are met now and then.
+/// Any value. Half of them are small or near the wrap, so that assumptions are met often enough.
 pub fn any<T: Arbitrary>() -> T {
     T::any()
 }
 
-/// Goes on only where `holds`.
+/// Continues only where `holds`.
 pub fn assume(holds: bool) {
     if !holds {
         panic_any(Outside);
     }
 }
 
-/// What a run ends with that is outside of the assumptions.
+/// Panic payload of a run outside the assumptions.
 struct Outside;
 
 /// SplitMix64 (Steele, Lea, Flood 2014).
@@ -48,7 +49,7 @@ fn draw_new() -> u64 {
     })
 }
 
-/// The number drawn here in the run before, as far as that one is gone over again, or a new one.
+/// The number drawn here in the run before, as far as that one is repeated, or a new one.
 fn draw() -> u64 {
     DRAWN.with_borrow_mut(|(drawn, at)| {
         if *at == drawn.len() {
@@ -59,12 +60,12 @@ fn draw() -> u64 {
     })
 }
 
-/// After a run that left the assumptions: how far it came.
+/// How far a run came before it left the assumptions.
 fn far() -> usize {
     DRAWN.with_borrow(|(drawn, _)| drawn.len())
 }
 
-/// Draws the last `many` numbers of the run anew in the next one.
+/// Draws the last `many` numbers of the run again in the next one.
 fn forget(many: usize) {
     DRAWN.with_borrow_mut(|(drawn, at)| {
         drawn.truncate(drawn.len().saturating_sub(many));
@@ -105,7 +106,7 @@ pub fn run(name: &str, proof: fn(), times: u64) {
                 (kept, failures, farthest) = (kept + 1, 0, 0);
                 forget(usize::MAX);
             }
-            // an assumption mostly speaks of the number just drawn; where that does not help, of some before it
+            // an assumption mostly concerns the number just drawn; where that does not help, some before it
             Err(payload) if payload.is::<Outside>() => {
                 failures = if far() > farthest { 0 } else { failures + 1 };
                 farthest = farthest.max(far());

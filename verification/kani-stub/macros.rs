@@ -1,6 +1,6 @@
 //! The attributes of the stub of the `kani` crate.
 //!
-//! Invariant: a function marked as a proof stays as it is but for being public, so that a driver can call it.
+//! Invariant: a function marked as a proof is changed only by being made public, so that a driver can call it.
 #![forbid(unsafe_code)]
 
 extern crate proc_macro;
@@ -8,10 +8,10 @@ extern crate proc_macro;
 use proc_macro::{Ident, Span, TokenStream, TokenTree};
 use std::io::Write;
 
-/// Where the names of the proofs are noted, a line each.
+/// Environment variable with the file that receives the names of the proofs, one per line.
 const NOTES: &str = "RETRACE_STUB_PROOFS";
 
-/// Marks a proof: notes its name, and makes it public.
+/// Marks a proof: writes down its name, and makes it public.
 #[proc_macro_attribute]
 pub fn proof(_options: TokenStream, function: TokenStream) -> TokenStream {
     let text = function.to_string();
@@ -21,7 +21,7 @@ pub fn proof(_options: TokenStream, function: TokenStream) -> TokenStream {
         let noted = file.and_then(|mut file| writeln!(file, "{name}"));
         assert!(noted.is_ok(), "{path} cannot be written");
     }
-    // other attributes stand before the function's keyword
+    // other attributes precede the function's keyword
     let is_keyword = |token: &TokenTree| token.to_string() == "fn";
     let mut tokens: Vec<TokenTree> = function.into_iter().collect();
     let at = tokens.iter().position(is_keyword).expect("a proof is a function");
@@ -29,7 +29,7 @@ pub fn proof(_options: TokenStream, function: TokenStream) -> TokenStream {
     tokens.into_iter().collect()
 }
 
-/// The bound of a proof's loops: without meaning where nothing is proved.
+/// The bound of a proof's loops: without effect where nothing is proved.
 #[proc_macro_attribute]
 pub fn unwind(bound: TokenStream, function: TokenStream) -> TokenStream {
     assert!(bound.to_string().parse::<u32>().is_ok(), "unwind takes a number");

@@ -1,9 +1,10 @@
-//! Where a property's arbitrary values come from: the one thing in which the engines differ.
+//! Source of a property's arbitrary values: the only difference between the engines.
 //!
-//! Invariant: a property is a function of its choices alone, so that the numbers of a counterexample replay it anywhere.
+//! Invariant: a property is a function of its choices alone, so that the numbers of a counterexample replay it
+//! anywhere.
 
-/// A source of arbitrary values. In a proof every method stands for *all* its values at once; natively they are enumerated, drawn at
-/// random, or replayed.
+/// A source of arbitrary values. In a proof every method stands for *all* its values at once; natively they are
+/// enumerated, drawn at random, or replayed.
 pub trait Choice {
     /// Any 32-bit word. Natively: values around 0, 2³¹ and the wrap, or random ones.
     fn word(&mut self) -> u32;
@@ -11,13 +12,13 @@ pub trait Choice {
     /// Any number in 0 … `n` − 1; `n` is at least 1. Natively: every one of them.
     fn below(&mut self, n: u32) -> u32;
 
-    /// Any number in 0 … `most`. Natively: the ends and what lies around them, or random ones.
+    /// Any number in 0 … `most`. Natively: the ends and numbers near them, or random ones.
     fn upto(&mut self, most: u32) -> u32;
 
-    /// Any number in `low` … `high`, both included. Natively: the ends, what lies around 0, 2³¹ and 2³², or random ones.
+    /// Any number in `low` … `high`, both included. Natively: the ends, numbers near 0, 2³¹ and 2³², or random ones.
     fn between(&mut self, low: i64, high: i64) -> i64;
 
-    /// Goes on only where `holds`; the property is not asked about the rest.
+    /// Continues only where `holds`; the property makes no claim about the rest.
     fn assume(&mut self, holds: bool) -> Option<()>;
 
     /// Any increment. Natively: around 0 and both ends.
@@ -25,7 +26,7 @@ pub trait Choice {
         self.between(i16::MIN as i64, i16::MAX as i64) as i16
     }
 
-    /// Either.
+    /// Either value.
     fn flag(&mut self) -> bool {
         self.below(2) == 1
     }
@@ -37,7 +38,7 @@ pub(crate) const fn bits_of(most: u64) -> u64 {
     if most == 0 { 0 } else { u64::MAX >> most.leading_zeros() }
 }
 
-/// What a property is: choices in, `None` where an assumption does not hold, a panic where the property does not.
+/// A property: choices in, `None` where an assumption does not hold, a panic where the property does not.
 pub type Property<C> = fn(&mut C) -> Option<()>;
 
 #[cfg(kani)]
@@ -92,12 +93,13 @@ mod on_cbmc {
         }
     }
 
-    /// The claim in that line does not hold.
+    /// Reports that the claim in that line does not hold.
     pub(crate) fn fail(line: u32) -> ! {
         import::fail(line)
     }
 
-    /// What the compiler calls to see whether a product of 64 bits overflows; both are sign-extended from 64 bits.
+    /// Replaces the compiler's check whether a product of 64 bits overflows; both factors are sign-extended from 64
+    /// bits.
     #[unsafe(no_mangle)]
     extern "C" fn __multi3(a: u128, b: u128) -> u128 {
         let (a, b) = (a as u64, b as u64);
@@ -121,7 +123,7 @@ mod on_cbmc {
             self.upto(n - 1)
         }
         fn upto(&mut self, most: u32) -> u32 {
-            // bits that cannot be set are not there at all: the formula is the smaller for it
+            // bits that cannot be set are omitted, which makes the formula smaller
             let value = import::nd() & super::bits_of(most as u64) as u32;
             import::assume(u32::from(value <= most));
             value

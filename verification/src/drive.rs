@@ -1,7 +1,9 @@
-//! The drive: the cursor on the road, and playback's second difference (REV, *Rate law* and *Braking to a place*).
+//! The drive: the cursor in the record window, and playback's second difference (REV, *Rate law* and *Braking to a
+//! place*).
 //!
-//! Invariant: a state is any that the cursor's own invariant allows: the commanded place is on the road, or a planned stop lies
-//! between the cursor and its end. How fast the drive wants to go is any number: slopes keep limits, the cursor keeps the road.
+//! Invariant: a state is any that the cursor's own invariant allows: the commanded place is in the window, or a planned
+//! stop is between the cursor and its end. The rate that the drive requests is any number: slopes observe the limits,
+//! the cursor stays in the window.
 
 use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
@@ -15,18 +17,18 @@ use retrace_core::playback::emission;
 use retrace_core::rate::{FilterLengths, RateFilter};
 use retrace_core::{ONE, Place, RapidCap, Record, Travel};
 
-/// Most boundaries of a modelled road.
+/// Largest number of boundaries of a modelled window.
 const BOUNDARIES: u32 = 6;
 
-/// A short road: bit n of `rests` says that the path is at rest at the n-th boundary.
+/// A short record window: bit n of `rests` says whether the path is at rest at the n-th boundary.
 #[derive(Clone, Copy, Debug)]
-struct Short {
+struct ShortWindow {
     low: u32,
     records: u32,
     rests: u32,
 }
 
-impl RecordWindow<1> for Short {
+impl RecordWindow<1> for ShortWindow {
     fn low(&self) -> u32 {
         self.low
     }
@@ -48,18 +50,18 @@ impl RecordWindow<1> for Short {
     }
 }
 
-/// Where the cursor may be: a road, a place on it, the way it runs, and the law's state.
+/// State of the cursor: a window, a place in it, the direction of motion, and the state of the rate filter.
 ///
 /// Rates and places are multiples of `GRAIN`: the last bit, or a sixteenth of a record.
 struct Scene<const M: usize, const GRAIN: u32> {
     cursor: Cursor<M>,
-    road: Short,
+    window: ShortWindow,
     at: Place,
     sign: Travel,
 }
 
 impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
-    /// Any state with an average of `M` periods that the invariant allows, on a road of up to `records`.
+    /// Any state with an average of `M` periods that the invariant allows, in a window of up to `records`.
     fn any(c: &mut impl Choice, records: u32) -> Option<Self> {
         let sign = if c.flag() { 1 } else { -1 };
         let mut law = RateFilter::new(FilterLengths::new(1, M as u16)?)?;
@@ -69,40 +71,40 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
             law.step(if sign < 0 { -target } else { target });
             k += 1;
         }
-        let road = Short { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
+        let window = ShortWindow { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
         let (record, fraction) = (c.below(records + 1), c.upto(u32::MAX >> GRAIN) << GRAIN);
-        c.assume(record < road.records || record == road.records && fraction == 0)?;
-        let at = Place { record: road.low.wrapping_add(record), fraction };
-        let scene = Self { cursor: Cursor::with_filter(law), road, at, sign };
+        c.assume(record < window.records || record == window.records && fraction == 0)?;
+        let at = Place { record: window.low.wrapping_add(record), fraction };
+        let scene = Self { cursor: Cursor::with_filter(law), window, at, sign };
         c.assume(scene.legal(records))?;
         Some(scene)
     }
 
-    /// The cursor's invariant, written anew: distances in plain numbers from the road's beginning.
+    /// The cursor's invariant, written independently: distances in plain numbers from the beginning of the window.
     fn legal(&self, records: u32) -> bool {
-        let at = Place::start_of(self.road.low).distance_to(self.at);
-        let end = Travel::from(self.road.records) << 32;
+        let at = Place::start_of(self.window.low).distance_to(self.at);
+        let end = Travel::from(self.window.records) << 32;
         let commanded = at + self.cursor.filter().lead();
         let mut stop_ahead = false;
         let mut n = 0;
         while n <= records {
             let stop = Travel::from(n) << 32;
             let ahead = if self.sign > 0 { at < stop && stop <= end } else { stop < at };
-            stop_ahead |= ahead && n <= self.road.records && self.road.rests >> n & 1 == 1;
+            stop_ahead |= ahead && n <= self.window.records && self.window.rests >> n & 1 == 1;
             n += 1;
         }
         0 <= at && at <= end && (0 <= commanded && commanded <= end || stop_ahead)
     }
 }
 
-/// One period from any state, whatever is wished for and however it is braked: the cursor stays on the road, the invariant holds again,
-/// and the rate is neither against the way it runs nor beyond what was wished or remembered.
+/// One period from any state, for any requested rate and any braking: the cursor stays in the window, the invariant
+/// holds again, and the rate is neither against the direction of motion nor beyond what was requested or remembered.
 fn stays_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
-    let wished = c.between(0, ONE >> GRAIN) << GRAIN;
+    let requested = c.between(0, ONE >> GRAIN) << GRAIN;
     let braked = c.between(0, ONE >> GRAIN) << GRAIN;
-    let way = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.road };
-    let step = scene.cursor.advance(wished, braked, &way);
+    let ahead_window = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.window };
+    let step = scene.cursor.advance(requested, braked, &ahead_window);
     let rate = scene.at.distance_to(step.to);
     holds!(if scene.sign < 0 { rate <= 0 } else { rate >= 0 });
     holds!(-ONE - 1 <= rate && rate <= ONE + 1);
@@ -111,59 +113,60 @@ fn stays_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, reco
     Some(())
 }
 
-/// A jump of the rate at a planned stop, whatever is asked and however it is braked, keeps the invariant.
+/// A jump of the rate at a planned stop, for any requested rate and any braking, preserves the invariant.
 fn starts_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
-    let road = Short { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
+    let window = ShortWindow { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
     let sign = if c.flag() { 1 } else { -1 };
     let record = c.below(records + 1);
-    c.assume(record <= road.records && road.rests >> record & 1 == 1)?;
-    let at = Place::start_of(road.low.wrapping_add(record));
+    c.assume(record <= window.records && window.rests >> record & 1 == 1)?;
+    let at = Place::start_of(window.low.wrapping_add(record));
     let mut cursor = Cursor::<M>::with_filter(RateFilter::new(FilterLengths::new(1, M as u16)?)?);
     let (braked, asked) = (c.between(0, ONE >> GRAIN) << GRAIN, c.between(0, ONE >> GRAIN) << GRAIN);
-    let rate = cursor.start_from_rest(braked, asked, &DirectedWindow { at, sign, window: &road });
+    let rate = cursor.start_from_rest(braked, asked, &DirectedWindow { at, sign, window: &window });
     holds!(0 <= rate && rate <= ONE);
-    holds!(Scene::<M, GRAIN> { cursor, road, at, sign }.legal(records));
+    holds!(Scene::<M, GRAIN> { cursor, window, at, sign }.legal(records));
     Some(())
 }
 
-/// With a rate wished for and nothing braked before it must be, the cursor comes to rest exactly on the end of the road and never beyond.
+/// With a rate requested and no braking before it is necessary, the cursor comes to rest exactly at the end of the
+/// window and never beyond.
 fn rests_on_the_end<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32, periods: u32) -> Option<()> {
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
     let mut k = 0;
     while k < periods {
-        let way = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.road };
-        scene.at = scene.cursor.advance(ONE, ONE, &way).to;
+        let ahead_window = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.window };
+        scene.at = scene.cursor.advance(ONE, ONE, &ahead_window).to;
         k += 1;
     }
-    let end = if scene.sign > 0 { scene.road.high() } else { scene.road.low };
+    let end = if scene.sign > 0 { scene.window.high() } else { scene.window.low };
     holds!(scene.at == Place::start_of(end) && scene.cursor.filter().at_rest() && scene.cursor.filter().lead() == 0);
     Some(())
 }
 
-/// As long as some rate is wished for, and braking leaves some of it where there is road, the commanded place goes on in every period
-/// until it stands on the end of the road, or the cursor has come to a planned stop further on; the cursor rests where the commanded
-/// place stands (row rate-rest).
+/// While some rate is requested, and braking leaves some of it where records remain, the commanded place moves in every
+/// period until it is at the end of the window, or the cursor has reached a planned stop further on; the cursor comes
+/// to rest at the commanded place (row rate-rest).
 fn presses_on<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
     let before = scene.at.moved(scene.cursor.filter().lead());
-    let wished = c.between(1, ONE >> GRAIN) << GRAIN;
+    let requested = c.between(1, ONE >> GRAIN) << GRAIN;
     let braked = c.between(1, ONE >> GRAIN) << GRAIN;
-    let way = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.road };
-    let to = scene.cursor.advance(wished, braked, &way).to;
+    let ahead_window = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.window };
+    let to = scene.cursor.advance(requested, braked, &ahead_window).to;
     let after = to.moved(scene.cursor.filter().lead());
-    let end = Place::start_of(if scene.sign > 0 { scene.road.high() } else { scene.road.low });
+    let end = Place::start_of(if scene.sign > 0 { scene.window.high() } else { scene.window.low });
     let (moved, gone_on) = if scene.sign < 0 {
         (-scene.at.distance_to(to), -before.distance_to(after))
     } else {
         (scene.at.distance_to(to), before.distance_to(after))
     };
     let at_rest = scene.cursor.filter().at_rest();
-    let on_a_stop = moved > 0 && at_rest && to.fraction == 0 && scene.road.rests_at(to.record);
+    let on_a_stop = moved > 0 && at_rest && to.fraction == 0 && scene.window.rests_at(to.record);
     holds!(after == end || gone_on > 0 || on_a_stop);
     Some(())
 }
 
-/// A machine whose rate may change by a hundredth or so a period.
+/// A machine whose rate may change by about a hundredth per period.
 const SOFT: PulseLimits = PulseLimits { velocity: 100 << 32, acceleration: 3 << 32, jerk: 1 << 32 };
 
 /// Braking on a machine with that axis, the plan using a share of its limits.
@@ -171,8 +174,8 @@ fn braking(axis: PulseLimits, share: u16) -> Option<Braking<8>> {
     Braking::new(&RateLimits::new(3, share, [axis])?)
 }
 
-/// S(u) ≥ u⁻ + S(u⁻) for any rate u up to one, u⁻ being u less the slope at it: whoever may go on at u and brake then may also go on at u⁻
-/// and brake then. Both roundings are in the last bits.
+/// S(u) ≥ u⁻ + S(u⁻) for any rate u up to one, where u⁻ is u less the slope at it: a cursor that may continue at u and
+/// brake then may also continue at u⁻ and brake then. Both roundings are in the last bits.
 fn braking_covers_a_step_down(c: &mut impl Choice, braking: &Braking<8>) -> Option<()> {
     let rate = c.between(0, ONE >> 16) << 16;
     let slope = braking.slope(rate, 16);
@@ -181,8 +184,8 @@ fn braking_covers_a_step_down(c: &mut impl Choice, braking: &Braking<8>) -> Opti
     Some(())
 }
 
-/// What braking allows can be braked from again, falls by no more than the slope from a rate that could, and is not nothing where there is
-/// road left: for every rate in steps, with what its ramp takes and more left of the road.
+/// A rate that braking allows can be braked from again, decreases by no more than the slope from a rate that could be,
+/// and is not zero where records remain: for every rate in steps, with the length of its ramp and more remaining.
 #[cfg(not(any(kani, verify_wasm)))]
 fn braking_keeps_its_promise(size: Size) -> String {
     let (step, mut asked) = (if size.full { ONE >> 12 } else { ONE >> 9 }, 0u64);
@@ -191,7 +194,7 @@ fn braking_keeps_its_promise(size: Size) -> String {
         let braking = Braking::<32>::new(&limits).expect("fast enough");
         for rate in (0..=ONE).step_by(step as usize) {
             for spare in (0..=ONE / 4).step_by(step as usize / 4).chain([1, 2, 3, ONE, 3 * ONE]) {
-                // what is left when the period at this rate has been run
+                // remaining length after the period at this rate
                 let free = braking.length(rate) + spare;
                 let now = braking.max_rate_within(ONE, free);
                 assert!(0 <= now && now <= ONE && now + braking.length(now) <= free, "{now} of {free}");
@@ -201,24 +204,24 @@ fn braking_keeps_its_promise(size: Size) -> String {
             }
         }
     }
-    format!("{asked} rates and lengths of road")
+    format!("{asked} rates and lengths of path")
 }
 
-/// A planned stop costs no period, however the way to it would be braked: whoever stands on one and asks for rate one, with the next one
-/// `records` further and any others between, is a record further after every period, and stands there again.
+/// A planned stop costs no period, for any braking to it: a cursor at one with rate one requested, with the next one
+/// `records` further and any others between, is a record further after every period, and at rest there again.
 fn planned_stops_are_free<const SIGN: Travel>(c: &mut impl Choice, records: u32) -> Option<()> {
     let low = c.word();
-    let road = Short { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
+    let window = ShortWindow { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
     let mut cursor = Cursor::<3>::with_filter(RateFilter::new(FilterLengths::new(1, 3)?)?);
-    let mut at = if SIGN > 0 { road.low() } else { road.high() };
+    let mut at = if SIGN > 0 { window.low() } else { window.high() };
     let mut k = 0;
     while k < records {
         let next = at.wrapping_add(SIGN as u32);
-        let way = DirectedWindow { at: Place::start_of(at), sign: SIGN, window: &road };
-        if cursor.filter().at_rest() && road.rests_at(at) {
-            cursor.start_from_rest(c.between(0, ONE), ONE, &way);
+        let ahead_window = DirectedWindow { at: Place::start_of(at), sign: SIGN, window: &window };
+        if cursor.filter().at_rest() && window.rests_at(at) {
+            cursor.start_from_rest(c.between(0, ONE), ONE, &ahead_window);
         }
-        let step = cursor.advance(ONE, c.between(0, ONE), &way);
+        let step = cursor.advance(ONE, c.between(0, ONE), &ahead_window);
         holds!(step.to == Place::start_of(next) && !step.starved);
         at = next;
         k += 1;
@@ -227,8 +230,9 @@ fn planned_stops_are_free<const SIGN: Travel>(c: &mut impl Choice, records: u32)
     Some(())
 }
 
-/// The second difference of what is emitted: with |q| ≤ V and |Δq| ≤ a for the records crossed, two neighbouring periods of rates r₁
-/// and r₂ differ by at most V·|r₂ − r₁| + a·min(r₁, r₂), and 2 pulses for the rounding of three positions.
+/// The second difference of the emitted pulses: with |q| ≤ V and |Δq| ≤ a for the records crossed, two neighbouring
+/// periods of rates r₁ and r₂ differ by at most V·|r₂ − r₁| + a·min(r₁, r₂), and 2 pulses for the rounding of three
+/// positions.
 fn acceleration_is_bounded<const V: i64, const STEP: i64>(c: &mut impl Choice) -> Option<()> {
     let mut records = [Record::<1>::default(); 3];
     let (mut last, mut n) = (c.between(-V, V), 0);
@@ -268,8 +272,9 @@ const CURSOR: &str = "crates/core/src/drive/cursor.rs";
 #[cfg(not(any(kani, verify_wasm)))]
 const BRAKING: &str = "crates/core/src/drive/braking.rs";
 
-/// Whatever is asked when, a change of the commanded rate times the speed of any record that the cursor comes to while that change is in
-/// its average is within the axis' acceleration, or within the slope that is legal anywhere. Judged from the places alone.
+/// For any requests at any time, a change of the commanded rate times the speed of any record that the cursor reaches
+/// while that change is in its average is within the axis' acceleration, or within the slope that is legal anywhere.
+/// Checked from the places alone.
 #[cfg(not(any(kani, verify_wasm)))]
 fn slopes_leave_room(size: Size) -> String {
     use crate::native::Draw;
@@ -279,20 +284,20 @@ fn slopes_leave_room(size: Size) -> String {
         let limits = RateLimits::new(2 * draw.below(16) as u16 + 3, 20_000 + 1000 * draw.below(40) as u16, [SOFT]);
         let limits = limits.expect("valid");
         let least = Braking::<32>::new(&limits).expect("fast enough");
-        let road = Wavy::any(&mut draw);
+        let window = Wavy::any(&mut draw);
         let mut drive = Drive::<1, 64>::new(limits).expect("fits");
         let (mut at, mut track) = (Place::start_of(40), Vec::new());
         while track.len() < 3000 {
             let target = [ONE, 0, ONE / 3, -ONE, -ONE / 2][draw.below(5) as usize];
             for _ in 0..=draw.below(200) {
                 let rate = at.moved(drive.lead());
-                at = drive.step(at, target, &road).to;
+                at = drive.step(at, target, &window).to;
                 track.push((at, rate.distance_to(at.moved(drive.lead()))));
             }
         }
         let average = usize::from(limits.average());
         for (i, change) in track.windows(2).map(|pair| pair[1].1 - pair[0].1).enumerate() {
-            let fastest = track[i + 1..].iter().take(average).map(|(at, _)| road.speed(*at)).max().unwrap_or(0);
+            let fastest = track[i + 1..].iter().take(average).map(|(at, _)| window.speed(*at)).max().unwrap_or(0);
             let (room, slope) = (16 * (3 << 32), least.slope(track[i].1.abs().min(ONE), 16));
             let leaves_room = change.abs() * (fastest - 1).max(0) <= room + room / 100;
             assert!(leaves_room || change.abs() <= slope + 3, "{change} at {fastest}/16 pulses, run {:?}", track[i]);
@@ -302,7 +307,7 @@ fn slopes_leave_room(size: Size) -> String {
     format!("{judged} periods of {runs} drawn runs")
 }
 
-/// A road of records whose increments rise and fall as an axis may.
+/// Records whose increments rise and fall as an axis may.
 #[cfg(not(any(kani, verify_wasm)))]
 struct Wavy(Vec<i16>);
 
@@ -354,11 +359,11 @@ impl RecordWindow<1> for Wavy {
 pub const ROWS: &[Row] = &[
     Row {
         name: "drive-road",
-        says: "Whatever rates are wished for when, and however they are braked, the cursor never leaves the road, never runs against its way, and with a rate wished for comes to rest exactly on the road's end, fraction 0",
+        says: "For any requested rates and any braking, the cursor never leaves the record window, never runs against its direction, and with a rate requested comes to rest exactly at the end of the window, fraction 0",
         requirement: "REV, Beyond the source, *Braking to a place*",
-        bound: "one period from any state on roads of up to 2 records with any planned stops, any wished and braked rates in 0 … 1: an average of 1 period to the last bit, of 3 in sixteenths of a record; a jump from a planned stop with one of 5; to rest within 3 periods (1), the commanded place going on in every period (3), in sixteenths",
-        assumes: "the cursor's invariant, which a cursor at rest satisfies; the road may grow, and shrinks only behind the commanded place (the card's window refuses anything else)",
-        suffices: "one step from every state is an induction; slopes, braking and easing only choose the wished and the braked rate, and any are asked about; the cursor looks at the road only through its end, its last planned stop and the place it is at",
+        bound: "one period from any state in windows of up to 2 records with any planned stops, any requested and braked rates in 0 … 1: an average of 1 period to the last bit, of 3 in sixteenths of a record; a jump from a planned stop with one of 5; to rest within 3 periods (1), the commanded place moving in every period (3), in sixteenths",
+        assumes: "the cursor's invariant, which a cursor at rest satisfies; the window may grow, and shrinks only behind the commanded place (the card's window refuses anything else)",
+        suffices: "one step from every state is an induction; slopes, braking and blending only choose the requested and the braked rate, and all of them are covered; the cursor uses only the end of the window, its last planned stop and its own place",
         harnesses: &["drive_road_1", "drive_road_3", "drive_starts_5", "drive_rests_1", "drive_presses_3"],
         searches: &[],
         models: &[],
@@ -385,7 +390,7 @@ pub const ROWS: &[Row] = &[
                 killer: "drive_road_3",
             },
             Mutant {
-                name: "the rate jumps further than the road is long",
+                name: "the rate jumps further than the window is long",
                 file: CURSOR,
                 find: "let rate = if rate * periods <= ahead.distance_to_end()",
                 put: "let rate = if rate <= ahead.distance_to_end()",
@@ -409,11 +414,11 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "drive-braking",
-        says: "A commanded rate that can be braked before the end of the road can be braked by the slopes that are legal anywhere on the machine, stays so when it follows them, and comes to the end",
+        says: "A commanded rate that can be braked before the end of the window can be braked by the slopes that are legal anywhere on the machine, remains so while it follows them, and reaches the end",
         requirement: "REV, Beyond the source, *Braking to a place*",
-        bound: "any rate up to 1 in steps of 2⁻¹⁶ for the step down; in steps of 2⁻¹² with the road that its ramp takes and up to a quarter of a record more for what follows, searched, not proved; on two machines: 69 % and 92 % of the limits used by the plan",
+        bound: "any rate up to 1 in steps of 2⁻¹⁶ for the step down; in steps of 2⁻¹² with the length of its ramp and up to a quarter of a record more for what follows, searched, not proved; on two machines: 69 % and 92 % of the limits used by the plan",
         assumes: "nothing",
-        suffices: "the step covers every rate between, as lengths are linear over each stretch of the rate, of which there are 8 here and 32 in a drive; machines differ by the table alone, and drawn ones are tested in the core's own tests",
+        suffices: "the step covers every rate between, as lengths are linear over each interval of the rate, of which there are 8 here and 32 in a drive; machines differ by the table alone, and drawn ones are tested in the core's own tests",
         harnesses: &["braking_covers_soft", "braking_covers_tight"],
         searches: &[Search { name: "braking-keeps", run: braking_keeps_its_promise }],
         models: &[],
@@ -443,11 +448,11 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "drive-slope",
-        says: "A change of the commanded rate, times the speed of any record that the cursor comes to while it is in the average, is within the axis' acceleration, or within the slope that is legal anywhere",
+        says: "A change of the commanded rate, times the speed of any record that the cursor reaches while it is in the average, is within the axis' acceleration, or within the slope that is legal anywhere",
         requirement: "REV, Beyond the source, *Rate law*",
         bound: "drawn runs of 3 000 periods over drawn records, averages of 3 to 33 periods",
         assumes: "nothing of the records",
-        suffices: "a sample; the judge looks at every period of every run on planned records besides",
+        suffices: "a sample; the limit monitor also checks every period of every run on planned records",
         harnesses: &[],
         searches: &[Search { name: "slopes-leave-room", run: slopes_leave_room }],
         models: &[],
@@ -470,10 +475,10 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "drive-stops",
-        says: "A planned stop costs no period: the cursor runs into it at rate one and goes on from it at rate one, either way",
+        says: "A planned stop costs no period: the cursor runs into it at rate one and leaves it at rate one, in either direction",
         requirement: "REV, Beyond the source, *Braking to a place*",
-        bound: "2 records with a planned stop between or none, both ways, whatever braked rates",
-        assumes: "the road ends in a planned stop",
+        bound: "2 records with a planned stop between or none, both directions, any braked rates",
+        assumes: "the window ends in a planned stop",
         suffices: "from each planned stop on the drive is in the same state as at the start",
         harnesses: &["drive_stops_forward", "drive_stops_backward"],
         searches: &[],
@@ -500,8 +505,8 @@ pub const ROWS: &[Row] = &[
         says: "For every record sequence within V pulses a period and steps of a, neighbouring periods at rates r₁, r₂ differ by at most V·|r₂ − r₁| + a·min(r₁, r₂) pulses, and 2 for rounding",
         requirement: "REV, Beyond the source, *Rate law* (velocity and acceleration hold always)",
         bound: "any three records with V = 7 and a = 2, any place on them, any two rates in 0 … 1",
-        assumes: "the planner keeps its share: |q| ≤ V and |Δq| ≤ αA on every axis (checked on every run by the judge)",
-        suffices: "two periods of |rate| ≤ 1 touch at most three records, and V and a only scale; with the slopes (row drive-slope; core's test that what is played keeps acceleration and jerk) it follows that A holds, but for the rounding that the interface allows",
+        assumes: "the planner stays within its share: |q| ≤ V and |Δq| ≤ αA on every axis (checked on every run by the limit monitor)",
+        suffices: "two periods of |rate| ≤ 1 touch at most three records, and V and a only scale; with the slopes (row drive-slope; core's test that playback stays within acceleration and jerk) it follows that A holds, but for the rounding that the interface allows",
         harnesses: &["drive_acceleration"],
         searches: &[],
         models: &[],

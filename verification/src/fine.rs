@@ -1,6 +1,6 @@
 //! Fine interpolation and sizes: exactly p pulses in S slots, and REV-4's arithmetic.
 //!
-//! Invariant: the accumulator of [`Pulses`] is compared with positions that are reckoned here by multiplication.
+//! Invariant: the accumulator of [`Pulses`] is compared with positions that are computed here by multiplication.
 
 use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
@@ -9,8 +9,8 @@ use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::fine::PulseSlots;
 use retrace_core::size::{history_bytes, history_records, ring_cells};
 
-/// p pulses in up to `MOST` slots: exactly p, spacings that differ by at most one, and slot 0 empty while the pulses fill less than
-/// half of the slots.
+/// p pulses in up to `MOST` slots: exactly p, spacings that differ by at most one, and slot 0 empty while the pulses
+/// fill less than half of the slots.
 fn evenly_spaced<const MOST: u32>(c: &mut impl Choice) -> Option<()> {
     let slots = 1 + c.below(MOST);
     let pulses = c.below(slots + 1);
@@ -34,7 +34,7 @@ fn evenly_spaced<const MOST: u32>(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// The size never panics or wraps: it is what 128 bits would say, or nothing.
+/// The size never panics or wraps: it equals the result in 128 bits, or there is none.
 fn sizes_do_not_wrap(c: &mut impl Choice) -> Option<()> {
     let (axis, axes, period) = (c.word(), c.word(), 2_500);
     let history = u64::from(c.word()) << 32 | u64::from(c.word());
@@ -51,7 +51,7 @@ fn sizes_do_not_wrap(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// The cells are a power of two that holds what is asked for, and the least one.
+/// The number of cells is a power of two that is sufficient, and the least one.
 fn cells_are_enough(c: &mut impl Choice) -> Option<()> {
     let (keep, look_ahead) = (c.word(), c.word());
     let asked = u64::from(keep) + u64::from(look_ahead);
@@ -72,7 +72,7 @@ harnesses! {
     size_bytes, unwind 1 => |c| sizes_do_not_wrap(c);
 }
 
-/// Every count of pulses in every period up to 400 slots, beside the closed form.
+/// Every number of pulses in every period up to 400 slots, compared with the closed form.
 #[cfg(not(any(kani, verify_wasm)))]
 fn every_period(size: Size) -> String {
     let most = if size.full { 1000 } else { 300 };
@@ -95,8 +95,8 @@ pub const ROWS: &[Row] = &[
         name: "fine-pulses",
         says: "A period of S slots yields exactly p pulses at spacings that differ by at most one slot; slot 0 stays empty for the direction to be set up while p < S/2",
         requirement: "GMC-1 (fine interpolation), design idea 1",
-        bound: "periods of up to 16 slots, any p ≤ S; natively up to 300 (full: 1 000) slots, beside the closed form",
-        assumes: "p ≤ S, which the machine file's fastest axis keeps",
+        bound: "periods of up to 16 slots, any p ≤ S; natively up to 300 (full: 1 000) slots, compared with the closed form",
+        assumes: "p ≤ S, which holds for the machine file's fastest axis",
         suffices: "the accumulator is a remainder modulo S; S enters by comparison and subtraction only",
         harnesses: &["fine_8", "fine_16"],
         searches: &[Search { name: "fine-every", run: every_period }],
@@ -120,7 +120,7 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "size",
-        says: "The sizes of REV-4 never wrap, give the source's example, and the ring's cells are the least power of two that is enough",
+        says: "The sizes of REV-4 never wrap, give the source's example, and the number of the ring's cells is the least sufficient power of two",
         requirement: "REV-4",
         bound: "any bytes, axes and history at T = 2.5 ms; any keep and look-ahead",
         assumes: "nothing",

@@ -1,8 +1,8 @@
-//! Frames on the line: encode and decode are inverse, the decoder finds back whatever it has seen, and no error within the
-//! guarantee of CRC-32C cancels out.
+//! Frames on the serial line: encode and decode are inverse, the decoder recovers after any bytes, and no error within
+//! the guarantee of CRC-32C cancels out.
 //!
-//! Invariant: the errors here are those on the line, of length, body and check as they stand there; by linearity of the register,
-//! proved first, the bytes that they strike do not matter.
+//! Invariant: the errors here are those on the line, in length, body and check as transmitted; by linearity of the
+//! register, proved first, the bytes that they strike do not matter.
 
 use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
@@ -11,14 +11,14 @@ use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_link::crc;
 use retrace_link::frame::{FrameDecoder, OVERHEAD, encode};
 
-/// Feeds the frame of any payload of `COUNT` bytes, `W` = `COUNT` + 8, and has it come back at the last byte, and nothing before.
-/// No byte of it but the last is zero.
+/// Feeds the frame of any payload of `COUNT` bytes, `W` = `COUNT` + 8. The payload is returned at the last byte, and
+/// nothing before. No byte of the frame but the last is zero.
 #[inline(always)]
 fn comes_back<const COUNT: usize, const W: usize, const N: usize>(c: &mut impl Choice, decoder: &mut FrameDecoder<N>) {
     let payload: [u8; COUNT] = core::array::from_fn(|_| c.word() as u8);
     let mut wire = [0; W];
     holds!(encode(&payload, &mut wire).is_some_and(|frame| frame.len() == W));
-    // Three loops, so that each is short enough for the compiler to write out.
+    // Three loops, so that each is short enough for the compiler to unroll.
     pass_nothing(decoder, wire[0]);
     let mut at = 1;
     while at < COUNT + 2 {
@@ -41,14 +41,14 @@ fn pass_nothing<const N: usize>(decoder: &mut FrameDecoder<N>, byte: u8) {
     holds!(decoder.take(byte).is_none());
 }
 
-/// Every payload of `COUNT` bytes is what comes back from its frame.
+/// Every payload of `COUNT` bytes is returned from its frame.
 fn identity<const COUNT: usize, const W: usize>(c: &mut impl Choice) -> Option<()> {
     comes_back::<COUNT, W, COUNT>(c, &mut FrameDecoder::new());
     Some(())
 }
 
-/// After any bytes without a zero, the beginning of a good frame among them, and any number of them: no panic. More than
-/// 9 are refused, so that nothing longer makes another state. After the zero the next good frame is decoded.
+/// After any bytes without a zero, the beginning of a good frame among them, and any number of them: no panic. More
+/// than 9 are refused, so that longer input leads to no further state. After the zero the next good frame is decoded.
 fn finds_back(c: &mut impl Choice) -> Option<()> {
     const MOST: usize = 2 + OVERHEAD;
     let mut start = [0; MOST];
@@ -85,7 +85,7 @@ fn accepts_only_frames(c: &mut impl Choice) -> Option<()> {
     let right = core::array::from_fn::<u8, 5, _>(|at| 0x80 | (crc::finish(register) >> (7 * at)) as u8);
     let check: [u8; 5] = core::array::from_fn(|at| if c.flag() { right[at] } else { c.word() as u8 });
     c.assume(!check.contains(&0))?;
-    // Written out, so that the decoder's state is known between them.
+    // Unrolled, so that the decoder's state is known between them.
     decoder.take(covered[0]);
     decoder.take(covered[1]);
     decoder.take(covered[2]);
@@ -104,8 +104,8 @@ fn accepts_only_frames(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// The register is linear: what one flipped bit of it does depends on no other bit, and a byte is the same as those bits of the
-/// register. Bit by bit that holds for any error.
+/// The register is linear: the effect of one flipped bit depends on no other bit, and a byte has the effect of those
+/// bits of the register. Bit by bit that holds for any error.
 fn linear(c: &mut impl Choice) -> Option<()> {
     let (register, bit, byte) = (c.word(), 1 << c.below(32), c.word() as u8);
     holds!(crc::update(register ^ bit, 0) == crc::update(register, 0) ^ crc::update(bit, 0));
@@ -113,7 +113,7 @@ fn linear(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// A byte more is eight steps of the division by x³² + … + 1, 0x1EDC6F41, with all bits in reverse.
+/// One more byte equals eight steps of the division by x³² + … + 1, 0x1EDC6F41, with all bits reversed.
 fn divides(c: &mut impl Choice) -> Option<()> {
     let (register, byte) = (c.word(), c.word() as u8);
     let mut divided = (register ^ u32::from(byte)).reverse_bits();
@@ -129,7 +129,7 @@ fn divides(c: &mut impl Choice) -> Option<()> {
 /// Bytes of length and body that the errors below strike, and the 32 bits of the check behind them.
 const STRUCK: u32 = 5;
 
-/// Does an error of these bits in length and body do to the check what this error does to the check itself?
+/// Whether an error of these bits in length and body changes the check as this error of the check itself does.
 fn cancels(data: u64, check: u32) -> bool {
     let (mut register, mut at) = (0, 0);
     while at < STRUCK {
@@ -154,7 +154,7 @@ fn seen_flips<const FLIPS: usize>(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// No error whose bits lie within 32 in a row, wherever that begins, cancels out.
+/// No error whose bits are within 32 in a row, wherever they begin, cancels out.
 fn seen_burst(c: &mut impl Choice) -> Option<()> {
     let (pattern, first) = (u64::from(c.word()), c.below(8 * STRUCK + 1));
     c.assume(pattern != 0)?;
@@ -189,7 +189,7 @@ const CRC: &str = "crates/link/src/crc.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "frames-identity",
-        says: "A payload is what comes back from its frame, and what is accepted as a payload is its frame and no other bytes; no byte of a frame but the last is zero",
+        says: "A payload is what its frame decodes to, and what is accepted as a payload is its frame and no other bytes; no byte of a frame but the last is zero",
         requirement: "GMC-2, over a line that can damage bytes",
         bound: "any payload of up to 6 bytes; for the converse, any 9 bytes that begin with the length of 2",
         assumes: "nothing",
@@ -231,11 +231,11 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "frames-resynchronise",
-        says: "Any bytes at all: no panic; a zero ends whatever was there, only as many bytes as the payload needs are ever accepted, and the next good frame is decoded",
+        says: "Any bytes: no panic; a zero ends any frame, only as many bytes as the payload needs are ever accepted, and the next good frame is decoded",
         requirement: "GMC-2, over a line that can damage bytes",
         bound: "a decoder of 2 bytes; any up to 10 bytes since the last zero, then any good frame of 2",
         assumes: "nothing",
-        suffices: "after the ninth byte without a zero the decoder waits for one, and a zero makes it as new: no longer stretch makes another state; frames_long does it at 200 bytes",
+        suffices: "after the ninth byte without a zero the decoder waits for one, and a zero resets it: longer input leads to no further state; frames_long does it at 200 bytes",
         harnesses: &["frames_find_back"],
         searches: &[],
         models: &[],
@@ -268,8 +268,8 @@ pub const ROWS: &[Row] = &[
         says: "The check is CRC-32C over the bytes of the line; no error of up to 3 bits, proved, or up to 5, counted, and no burst of up to 32 bits cancels out",
         requirement: "GMC-2, over a line that can damage bytes",
         bound: "proofs: length and body of 5 bytes with their check, any error of up to 3 bits, any burst; counting: the longest frame of the format, 255 bytes with their check, every error of up to 5 bits and every burst",
-        assumes: "the zeros of the line stay as they are; an error that makes or destroys one can yield a tail that passes, with a chance of 2⁻³² for noise (frame.rs says what holds then)",
-        suffices: "by linearity the bytes struck do not matter, and row frames-identity has it that nothing passes without its check",
+        assumes: "the zeros of the line are not changed; an error that makes or destroys one can yield a tail that passes, with a chance of 2⁻³² for noise (frame.rs says what holds then)",
+        suffices: "by linearity the bytes struck do not matter, and row frames-identity shows that nothing passes without its check",
         harnesses: &["frames_linear", "frames_divide", "frames_see_flips", "frames_see_burst"],
         searches: &[Search { name: "frames_distance", run: distance }],
         models: &[],
@@ -313,7 +313,7 @@ pub const ROWS: &[Row] = &[
     },
 ];
 
-/// Frames of up to 200 bytes among noise: each comes back behind the next zero, and nothing else does.
+/// Frames of up to 200 bytes among noise: each is returned behind the next zero, and nothing else is.
 #[cfg(not(any(kani, verify_wasm)))]
 fn long(size: Size) -> String {
     use crate::native::Draw;
@@ -341,7 +341,8 @@ fn long(size: Size) -> String {
     format!("{frames} frames of up to {MAX_PAYLOAD} bytes came back, {refused} stretches of noise were refused")
 }
 
-/// What one flipped bit does to the comparison of check and bytes, for each bit of the longest frame in the order of the line.
+/// Effect of one flipped bit on the comparison of check and bytes, for each bit of the longest frame in the order of
+/// the line.
 #[cfg(not(any(kani, verify_wasm)))]
 fn syndromes() -> Vec<u32> {
     const COVERED: usize = 255;
@@ -355,7 +356,7 @@ fn syndromes() -> Vec<u32> {
     (0..COVERED * 8).map(of_bit).chain((0..32).map(|bit| 1 << bit)).collect()
 }
 
-/// The distance of the code at the longest frame, and its bursts: Koopman's figures, reckoned anew.
+/// The distance of the code at the longest frame, and its bursts: Koopman's figures, computed again.
 #[cfg(not(any(kani, verify_wasm)))]
 fn distance(_: Size) -> String {
     let syndromes = syndromes();
@@ -367,7 +368,7 @@ fn distance(_: Size) -> String {
     }
     pairs.sort_unstable();
     assert!(pairs.windows(2).all(|two| two[0] != two[1]), "two or four bits cancel out");
-    // What 32 bits in a row do is linearly independent, so no choice among them cancels out.
+    // The effects of 32 bits in a row are linearly independent, so no choice among them cancels out.
     for window in syndromes.windows(32) {
         let mut by_top = [0u32; 32];
         for &syndrome in window {

@@ -1,6 +1,6 @@
 //! The acknowledged gates, from any state (GMC-4 … GMC-6); the literal ones, which fail, are in `literal_gates`.
 //!
-//! Invariant: every state of [`Gates`] is reached by taking an instruction in hand and sending it or not.
+//! Invariant: every state of [`Gates`] is reached by accepting an instruction and sending it or not.
 
 use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
@@ -10,7 +10,7 @@ use retrace_core::Place;
 use retrace_core::gate::Gates;
 use retrace_core::place::is_before;
 
-/// What is in hand: number, place of the marker, and whether the card has it.
+/// The accepted instruction: number, place of the marker, and whether the card has it.
 type InHand = Option<(u32, u32, bool)>;
 
 fn any_gates(c: &mut impl Choice) -> (Gates, InHand) {
@@ -26,11 +26,11 @@ fn any_gates(c: &mut impl Choice) -> (Gates, InHand) {
     (gates, Some((number, place, sent)))
 }
 
-/// What the three gates must say of what is in hand, for any record and any report.
+/// Required state of the three gates for an accepted instruction, for any record and any report.
 fn gates_say(gates: &Gates, in_hand: InHand, record: u32, cursor: Place, at_rest: bool) {
     let (b, c) = (gates.b_open(record), gates.c_open(cursor, at_rest));
     match in_hand {
-        // nothing in hand: motion is free, nothing can be sent
+        // nothing accepted: motion is free, nothing can be sent
         None => holds!(gates.a_open() && b && !c),
         Some((_, marker, sent)) => {
             holds!(!gates.a_open());
@@ -82,10 +82,10 @@ const GATE: &str = "crates/core/src/gate.rs";
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {
     name: "gates-states",
-    says: "B and C are never open together: no record behind a marker passes before its instruction is acknowledged, and the instruction passes once, with the cursor at rest on the marker; one is in hand at a time",
+    says: "B and C are never open together: no record behind a marker passes before its instruction is acknowledged, and the instruction passes once, with the cursor at rest on the marker; one is accepted at a time",
     requirement: "GMC-4, GMC-5, GMC-6",
     bound: "none: any state, any event, any record, any report",
-    assumes: "records lie within 2³¹ of the marker",
+    assumes: "records are within 2³¹ of the marker",
     suffices: "one step from every state is an induction",
     harnesses: &["gates_order"],
     searches: &[],

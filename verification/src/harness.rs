@@ -1,9 +1,10 @@
-//! One list of harnesses, every engine: Kani proofs, exports for CBMC over wasm32, and entries for the native engine.
+//! One list of harnesses for every engine: Kani proofs, exports for CBMC over wasm32, and entries for the native
+//! engine.
 //!
-//! Invariant: a harness stands once in the code; the engines' lists are made from that one.
+//! Invariant: a harness is listed once in the code; the engines' lists are made from that one.
 
-/// Makes harnesses of properties: `name, unwind N => property;`. A second group, behind `[without kani]`, is left out of the
-/// Kani list: what divides 64-bit numbers, which Kani's bit-level solver does not end on in useful time.
+/// Makes harnesses of properties: `name, unwind N => property;`. A second group, behind `[without kani]`, is left out
+/// of the Kani list: it divides 64-bit numbers, on which Kani's bit-level solver does not end in useful time.
 macro_rules! harnesses {
     ($($name:ident, unwind $unwind:literal => $body:expr;)* $([without kani] $($other:ident, unwind $other_unwind:literal => $other_body:expr;)*)?) => {
         /// The proofs of this module, in Kani.
@@ -35,8 +36,8 @@ macro_rules! harnesses {
         ];
     };
 }
-/// What a property claims. A panic where it does not hold; under CBMC a call that carries the line alone, for every message is memory
-/// that the proof has to model.
+/// Claim of a property. It panics where it does not hold; under CBMC it is a call with the line alone, because every
+/// message is memory that the proof has to model.
 macro_rules! holds {
     ($claim:expr) => {
         if !$claim {

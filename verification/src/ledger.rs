@@ -1,23 +1,24 @@
-//! The rows of the proof ledger: each property in a sentence, with what checks it and which mutants must fail.
+//! The rows of the proof ledger: each property in a sentence, with its checks and the mutants that must fail.
 //!
-//! Invariant: every harness, search and model belongs to exactly one row, and every row has a mutant that its checks kill.
+//! Invariant: every harness, search and model belongs to exactly one row, and every row has a mutant that its checks
+//! kill.
 
 use crate::native::Harness;
 
 /// One property.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
-    /// Short name, by which commands call it.
+    /// Short name, by which commands refer to it.
     pub name: &'static str,
     /// The property in one sentence.
     pub says: &'static str,
-    /// The requirements it answers.
+    /// Requirements that it covers.
     pub requirement: &'static str,
-    /// How far the engines look.
+    /// Bound of the engines' search.
     pub bound: &'static str,
-    /// What is taken for granted.
+    /// Assumptions.
     pub assumes: &'static str,
-    /// Why that bound is enough.
+    /// Reason why that bound is enough.
     pub suffices: &'static str,
     /// Harnesses, by name: proved by Kani and CBMC, enumerated natively.
     pub harnesses: &'static [&'static str],
@@ -34,16 +35,16 @@ pub struct Row {
 pub struct Search {
     /// Its name.
     pub name: &'static str,
-    /// Runs it and tells in a few words what was seen; panics where the property does not hold.
+    /// Runs it and describes the result in a few words; panics where the property does not hold.
     pub run: fn(Size) -> String,
 }
 
-/// How much is to be looked at.
+/// Size of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
-    /// All of it, or what a test run has time for.
+    /// Whether all of it is searched, or only as much as a test run has time for.
     pub full: bool,
-    /// The seed of what is drawn.
+    /// Seed of the drawn values.
     pub seed: u64,
 }
 
@@ -56,18 +57,18 @@ pub struct Model {
     pub test: &'static str,
 }
 
-/// A change to the code: `find`, which stands exactly once in `file`, becomes `put`.
+/// A change to the code: `find`, which occurs exactly once in `file`, becomes `put`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mutant {
-    /// What is wrong in it, in a few words.
+    /// The defect, in a few words.
     pub name: &'static str,
     /// The file, from the workspace's root.
     pub file: &'static str,
-    /// The text that stands there.
+    /// Text to find.
     pub find: &'static str,
-    /// The text put in its place.
+    /// Replacement.
     pub put: &'static str,
-    /// The harness, search or model test that must notice.
+    /// Harness, search or model test that must notice it.
     pub killer: &'static str,
 }
 

@@ -1,9 +1,10 @@
-//! What is proved of retrace's core: each property written once, over a source of arbitrary values, and run by every engine.
+//! Properties of retrace's core that are proved: each is written once, over a source of arbitrary values, and run by
+//! every engine.
 //!
-//! `choice` is that source, `harness` makes each engine's list, `native` enumerates and draws, `ledger` holds the rows. The other
-//! modules are the properties, each beside the literal machine or model that it compares with.
+//! `choice` is that source, `harness` makes each engine's list, `native` enumerates and draws, `ledger` has the rows.
+//! The other modules are the properties, each next to the literal machine or model that it compares with.
 #![cfg_attr(any(kani, verify_wasm), no_std)]
-// a claim is written out as comparisons: a call to `contains` or `clamp` is one more thing that a proof has to follow
+// a claim is written as comparisons: a call to `contains` or `clamp` adds work to the proof
 #![allow(clippy::manual_range_contains, clippy::manual_clamp)]
 #![cfg_attr(not(verify_wasm), forbid(unsafe_code))]
 

@@ -1,7 +1,8 @@
-//! The gates of GMC-4 … GMC-6 as the source has them, searched until they fail, and ours searched beside them.
+//! The gates of GMC-4 … GMC-6 as the source defines them, searched until they fail, and ours searched in the same way.
 //!
-//! `literal` is the source's machine, `acknowledged` drives the gates of `retrace-core`; both send to the same `card`. The search
-//! takes every step that any part may take next, whatever its speed, and breadth first, so that a failing trace is a shortest one.
+//! `literal` is the source's machine, `acknowledged` drives the gates of `retrace-core`; both send to the same `card`.
+//! The search takes every step that any part may take next, whatever its speed, and breadth first, so that a failing
+//! trace is a shortest one.
 //!
 //! Invariant: a search is a pure function of its bounds: the same steps in the same order, on every machine.
 
@@ -15,14 +16,14 @@ use std::fmt;
 pub use card::Failure;
 use literal::{Empty, Literal};
 
-/// A run that ends in a failure, a line a step.
+/// A run that ends in a failure, one line per step.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Trace {
-    /// What was to be run.
+    /// Program of the run.
     pub program: String,
-    /// What happened, in order.
+    /// Steps, in order.
     pub steps: Vec<String>,
-    /// What is wrong with the last step.
+    /// Failure of the last step.
     pub failure: Failure,
 }
 
@@ -36,16 +37,16 @@ impl fmt::Display for Trace {
     }
 }
 
-/// What a whole search saw.
+/// Result of a whole search.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Programs searched: so many records, markers at these places, this delay.
+    /// Number of programs searched: records, markers at given places, delay.
     pub programs: usize,
-    /// States reached, all programs together.
+    /// Number of states reached, all programs together.
     pub states: usize,
-    /// Steps from one state to another.
+    /// Number of steps from one state to another.
     pub steps: usize,
-    /// States from which the end of the program cannot be reached any more.
+    /// Number of states from which the end of the program cannot be reached.
     pub stuck: usize,
     /// The first failure, if there is one.
     pub failure: Option<Trace>,
@@ -61,8 +62,9 @@ impl Counts {
     }
 }
 
-/// The shortest failures of the literal gates where the flags B2 and C2 are sampled and at most one report is under way, "empty"
-/// being read as an event: motion beside an instruction (B2 late), and an instruction beside motion (C2 late).
+/// The shortest failures of the literal gates where the flags B2 and C2 are sampled and at most one report is under
+/// way, "empty" being read as an event: motion beside an instruction (B2 late), and an instruction beside motion (C2
+/// late).
 ///
 /// # Panics
 /// Where the search no longer finds them.
@@ -81,7 +83,7 @@ pub fn search_level() -> Trace {
     shortest(0, Empty::Level, Failure::MotionTooEarly).expect("a level fails")
 }
 
-/// The literal gates with no delay and "empty" read as an event: what the source must have had in mind.
+/// The literal gates with no delay and "empty" read as an event: the reading that the source presumably intended.
 #[must_use]
 pub fn search_intended(records: u8, markers: usize) -> Counts {
     let mut counts = Counts::default();
@@ -91,8 +93,8 @@ pub fn search_intended(records: u8, markers: usize) -> Counts {
     counts
 }
 
-/// The acknowledged gates of `retrace-core`, over every program of up to `records` records and `markers` markers, with up to
-/// `delay` reports under way, from none.
+/// The acknowledged gates of `retrace-core`, over every program of up to `records` records and `markers` markers, with
+/// 0 to `delay` reports under way.
 #[must_use]
 pub fn search_acknowledged(records: u8, markers: usize, delay: usize) -> Counts {
     let mut counts = Counts::default();
@@ -111,7 +113,7 @@ fn shortest(delay: usize, empty: Empty, failure: Failure) -> Option<Trace> {
         .min_by_key(|trace| trace.steps.len())
 }
 
-/// Records with markers between them: before which records, counted from 0, the markers stand, in order.
+/// Records with markers between them: the records, counted from 0, before which the markers are, in order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Program {
     records: u8,
@@ -145,9 +147,9 @@ fn placed(records: u8, count: usize) -> Vec<Vec<u8>> {
     for _ in 0..count {
         ways = ways
             .into_iter()
-            .flat_map(|way: Vec<u8>| {
-                let from = way.last().copied().unwrap_or(0);
-                (from..=records).map(move |marker| way.iter().copied().chain([marker]).collect())
+            .flat_map(|places: Vec<u8>| {
+                let from = places.last().copied().unwrap_or(0);
+                (from..=records).map(move |marker| places.iter().copied().chain([marker]).collect())
             })
             .collect();
     }
@@ -172,7 +174,7 @@ mod tests {
         assert!(text.ends_with(&format!("\n{trace}")), "the search finds\n{trace}");
     }
 
-    /// So that the failures above are known to come from the delay and from the level, and from nothing else in the model.
+    /// Shows that the failures above result from the delay and from the level, and from nothing else in the model.
     #[test]
     fn without_delay_and_without_the_level_the_literal_gates_hold() {
         let counts = search_intended(3, 2);
@@ -183,7 +185,7 @@ mod tests {
     #[test]
     fn the_acknowledged_gates_hold_under_every_delay() {
         let counts = search_acknowledged(4, 3, 3);
-        println!("acknowledged gates, 4 records, 3 markers, 0 to 3 reports under way: {counts:?}");
+        println!("acknowledged gates, 4 records, 3 markers, 0 to 3 reports under places: {counts:?}");
         assert_eq!((counts.failure, counts.stuck), (None, 0));
         assert!(counts.states > 2_000_000, "{} states only", counts.states);
     }

@@ -1,5 +1,5 @@
-//! The ring as the source has it: three cells and two crossing flags (REV-2, REV-3, REV-6, REV-7), and that it answers every
-//! question like the machine of place numbers.
+//! The ring as the source defines it: three cells and two crossing flags (REV-2, REV-3, REV-6, REV-7), and the proof
+//! that it answers every question like the machine of place numbers.
 //!
 //! Invariant: [`LiteralRing`] is written from the requirements alone and shares no code with the core.
 
@@ -9,17 +9,17 @@ use crate::harness::{harnesses, holds};
 use crate::ledger::{Mutant, Row, Search};
 use retrace_core::ring_indices::ConsumerIndices;
 
-/// Most cells that are modelled.
-pub const MOST: usize = 8;
+/// Largest number of cells that is modelled.
+pub const MAX_CELLS: usize = 8;
 
-/// The source's ring of up to [`MOST`] cells. The record of a place is its place number.
+/// The source's ring of up to [`MAX_CELLS`] cells. The record of a place is its place number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LiteralRing {
     /// The records.
-    cells: [u32; MOST],
-    /// How many cells there are.
+    cells: [u32; MAX_CELLS],
+    /// Number of cells.
     size: usize,
-    /// How many of them have been filled: REV-3 asks whether every cell is full.
+    /// Number of filled cells: REV-3 asks whether every cell is full.
     filled: usize,
     /// *Head*: the cell of the oldest record.
     h: usize,
@@ -37,7 +37,16 @@ impl LiteralRing {
     /// REV-2: at first all three are the same cell.
     #[must_use]
     pub fn new(size: usize) -> Self {
-        Self { cells: [0; MOST], size, filled: 0, h: 0, r: 0, w: 0, over_h_negative: false, over_w_negative: false }
+        Self {
+            cells: [0; MAX_CELLS],
+            size,
+            filled: 0,
+            h: 0,
+            r: 0,
+            w: 0,
+            over_h_negative: false,
+            over_w_negative: false,
+        }
     }
 
     fn next(&self, cell: usize) -> usize {
@@ -48,7 +57,8 @@ impl LiteralRing {
         if cell == 0 { self.size - 1 } else { cell - 1 }
     }
 
-    /// REV-3, in its order. R is put on the newest record, so it goes forward over whatever lies there.
+    /// Stores a record by REV-3, in its order. R is set to the newest record, so it advances over all records in
+    /// between.
     pub fn store(&mut self, record: u32) {
         self.cells[self.w] = record;
         if self.filled == self.size {
@@ -86,31 +96,32 @@ impl LiteralRing {
         Some(self.cells[self.r])
     }
 
-    /// Is this the ring that keeps `played`'s history? The source's W is `reached`, and its R the record before `read`.
+    /// Whether this is the ring that holds `played`'s history. The source's W is `reached`, and its R the record before
+    /// `read`.
     #[must_use]
     pub fn mirrors(&self, played: &ConsumerIndices) -> bool {
-        let kept = played.reached().wrapping_sub(played.head()) as usize;
+        let retained = played.reached().wrapping_sub(played.head()) as usize;
         let back = played.reached().wrapping_sub(played.read()) as usize;
-        if self.filled != kept || self.h != self.behind_write(kept) {
+        if self.filled != retained || self.h != self.behind_write(retained) {
             return false;
         }
-        if kept == 0 {
+        if retained == 0 {
             return self.r == self.w && back == 0 && !self.over_h_negative && !self.over_w_negative;
         }
-        let exhausted = back == kept;
+        let exhausted = back == retained;
         let mut same = self.r == self.previous(self.behind_write(back))
             && self.over_h_negative == exhausted
-            && self.over_w_negative == (exhausted && kept == self.size);
+            && self.over_w_negative == (exhausted && retained == self.size);
         let mut cell = 0;
         while cell < self.size {
             let n = self.age(cell);
-            same &= n > kept || self.cells[cell] == played.reached().wrapping_sub(n as u32);
+            same &= n > retained || self.cells[cell] == played.reached().wrapping_sub(n as u32);
             cell += 1;
         }
         same
     }
 
-    /// How many cells before W that cell lies, 1 … size.
+    /// Number of cells from that cell to W, 1 … size.
     fn age(&self, cell: usize) -> usize {
         if cell < self.w { self.w - cell } else { self.w + self.size - cell }
     }
@@ -123,38 +134,38 @@ impl LiteralRing {
 
 /// Any ring of `size` cells that mirrors the positions returned with it.
 fn any_pair(c: &mut impl Choice, size: u32) -> Option<(LiteralRing, ConsumerIndices)> {
-    let kept = c.below(size + 1);
-    let (back, w) = (c.below(kept + 1), c.below(size) as usize);
+    let retained = c.below(size + 1);
+    let (back, w) = (c.below(retained + 1), c.below(size) as usize);
     let reached = c.word();
     let seen = c.upto(1 << 20);
     let played = ConsumerIndices::at(
-        reached.wrapping_sub(kept),
+        reached.wrapping_sub(retained),
         reached.wrapping_sub(back),
         reached,
         reached.wrapping_add(seen),
         size,
     )?;
     let mut literal = LiteralRing::new(size as usize);
-    (literal.w, literal.filled) = (w, kept as usize);
-    literal.h = literal.behind_write(kept as usize);
+    (literal.w, literal.filled) = (w, retained as usize);
+    literal.h = literal.behind_write(retained as usize);
     literal.r = literal.behind_write(back as usize);
-    if kept > 0 {
+    if retained > 0 {
         literal.r = literal.previous(literal.r);
-        literal.over_h_negative = back == kept;
-        literal.over_w_negative = back == kept && kept == size;
+        literal.over_h_negative = back == retained;
+        literal.over_w_negative = back == retained && retained == size;
     }
     let mut cell = 0;
     while cell < size as usize {
         // a cell that holds no record has any content
         let n = literal.age(cell) as u32;
-        literal.cells[cell] = if n <= kept { reached.wrapping_sub(n) } else { reached };
+        literal.cells[cell] = if n <= retained { reached.wrapping_sub(n) } else { reached };
         cell += 1;
     }
     holds!(literal.mirrors(&played));
     Some((literal, played))
 }
 
-/// What is asked of both machines in one step.
+/// A question to both machines in one step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Question {
     /// Normal run: a record is executed for the first time and stored (REV-5).
@@ -163,7 +174,7 @@ enum Question {
     Forward,
 }
 
-/// Asks both machines, where the source says what is to happen; their answers must be the same, and the mirror stays whole.
+/// Asks both machines where the source defines the result. Their answers must be equal, and the mirror is preserved.
 fn ask(literal: &mut LiteralRing, played: &mut ConsumerIndices, question: Question) -> Option<()> {
     let empty = played.head() == played.reached();
     match question {
@@ -202,10 +213,10 @@ harnesses! {
     literal_5, unwind 9 => |c| answers_alike::<5>(c);
 }
 
-/// Breadth first over every state that both machines can reach together, from empty, the real ring's cells included.
+/// Breadth first over every state that both machines can reach together, from empty, including the real ring's cells.
 #[cfg(not(any(kani, verify_wasm)))]
 mod search {
-    use super::{LiteralRing, MOST, Question, ask};
+    use super::{LiteralRing, MAX_CELLS, Question, ask};
     use crate::ledger::Size;
     use retrace_core::ring::{Cell, RecordSpan, Ring};
     use retrace_core::ring_indices::ConsumerIndices;
@@ -213,7 +224,7 @@ mod search {
 
     const LOOK_AHEAD: u32 = 3;
 
-    /// What of a state matters: place numbers only by their distances.
+    /// Relevant part of a state: place numbers only by their distances.
     fn key(literal: &LiteralRing, played: &ConsumerIndices) -> ([usize; 4], [bool; 2], [u32; 3]) {
         let LiteralRing { filled, h, r, w, over_h_negative, over_w_negative, .. } = *literal;
         let from_head = |place: u32| place.wrapping_sub(played.head());
@@ -224,7 +235,7 @@ mod search {
         )
     }
 
-    /// The same step on the real ring, its cells filled as pushes fill them.
+    /// The same step on the real ring, with its cells filled as by pushes.
     fn ask_ring(before: &ConsumerIndices, keep: u32, question: Question) -> (Option<u32>, [u32; 3]) {
         let size = (keep + LOOK_AHEAD).next_power_of_two();
         let (head, reached, write) = (before.head(), before.reached(), before.write());
@@ -267,7 +278,7 @@ mod search {
 
     pub(super) fn breadth_first(size: Size) -> String {
         let mut states = 0;
-        for keep in 1..=MOST as u32 {
+        for keep in 1..=MAX_CELLS as u32 {
             for start in [0, u32::MAX - 9] {
                 let first = (
                     LiteralRing::new(keep as usize),
@@ -285,12 +296,12 @@ mod search {
             }
         }
         let _ = size;
-        format!("all {states} reachable states of capacities 1 to {MOST}, from place 0 and over the wrap")
+        format!("all {states} reachable states of capacities 1 to {MAX_CELLS}, from place 0 and over the wrap")
     }
 
     #[test]
     fn the_empty_literal_ring_reads_a_cell_never_written() {
-        for size in 2..=MOST {
+        for size in 2..=MAX_CELLS {
             assert_eq!(LiteralRing::new(size).reverse(), Some(0));
             assert_eq!(LiteralRing::new(size).forward(), Some(0));
         }
@@ -301,11 +312,11 @@ mod search {
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {
     name: "ring-literal",
-    says: "The source's machine of three cells and two crossing flags and the ring of place numbers answer every question alike, after every sequence of operations, whatever the planner has added since; the empty ring, which the source leaves undefined, stops at once",
+    says: "The source's machine of three cells and two crossing flags and the ring of place numbers give equal answers to every question, after every sequence of operations, whatever the planner has added since; the empty ring, which the source leaves undefined, stops at once",
     requirement: "REV-2, REV-3, REV-5, REV-6, REV-7",
     bound: "histories of 1 to 5 records (the search: 8) from any state that mirrors, any place number; every reachable state from empty, on the real ring",
     assumes: "records are stored in normal run only, at the newest (REV-5)",
-    suffices: "the mirror is kept by every step from every state (a simulation), so by every sequence; nothing in either machine depends on the size but by wrapping at it",
+    suffices: "every step from every state preserves the mirror (a simulation), so every sequence does; either machine depends on the size only by wrapping at it",
     harnesses: &["literal_1", "literal_2", "literal_3", "literal_4", "literal_5"],
     searches: &[Search { name: "literal-search", run: search::breadth_first }],
     models: &[],

@@ -1,6 +1,6 @@
-//! Runs the native engine: `list`, `check NAME …`, `replay NAME NUMBERS`. `cargo xtask verify` calls it.
+//! Command line of the native engine: `list`, `check NAME …`, `replay NAME NUMBERS`. `cargo xtask verify` calls it.
 //!
-//! Invariant: every answer is one line of JSON on standard output; exit code 0 says that all of them are passes.
+//! Invariant: every answer is one line of JSON on standard output; exit code 0 means that all of them are passes.
 #![forbid(unsafe_code)]
 
 #[cfg(not(kani))]

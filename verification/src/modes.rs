@@ -1,6 +1,7 @@
-//! The modes of operation: when look-ahead is on the road, and how normal run is left and entered again (REV-8 … REV-11).
+//! The modes of operation: when look-ahead is in the record window, and how normal run is left and entered again (REV-8
+//! … REV-11).
 //!
-//! Invariant: whatever orders came before, what holds for a demand holds for the next.
+//! Invariant: a claim about an output holds after any sequence of commands.
 
 use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
@@ -36,12 +37,11 @@ fn any_facts(c: &mut impl Choice) -> MotionFacts {
     MotionFacts { place, at_rest: c.flag(), reached, oldest: c.word(), outputs_agree: c.flag(), wheel }
 }
 
-/// `ORDERS` times an order or none, and a demand: each demand is as the modes allow.
+/// `ORDERS` times a command or none, and an output: each output is as the modes allow.
 fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> {
     let mut operation = ModeController::default();
-    // has the cursor been at rest since normal run was left?
-    // and may outputs be restored without asking again?
-    // and has a stop been ended by a word, so that outputs are compared before motion goes on?
+    // has the cursor been at rest since normal run was left? may outputs be restored without another confirmation? was
+    // a stop ended by a command, so that outputs are compared before motion resumes?
     let (mut turned, mut agreed, mut compares, mut k) = (true, false, false, 0);
     while k < ORDERS {
         let (was, order, facts) = (operation.mode(), any_order(c), any_facts(c));
@@ -69,14 +69,14 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         let mode = operation.mode();
         let demand = operation.advance_period(&facts);
         turned |= facts.at_rest;
-        // look-ahead is on the road in normal run, and while the cursor still runs out of it
+        // look-ahead is in the window in normal run, and while the cursor still runs out of it
         holds!(demand.look_ahead == (operation.mode() == Mode::Run || !turned));
         // nothing but braking before the cursor has been at rest
         holds!(turned || demand.target == RateTarget::ZERO && demand.notice.is_none());
-        // after a stop normal run goes on only with outputs that agree
+        // after a stop normal run resumes only with outputs that agree
         holds!(!compares || demand.target == RateTarget::ZERO || facts.outputs_agree || demand.restore_outputs);
         compares &= !facts.outputs_agree && operation.mode() == Mode::Run && !demand.restore_outputs;
-        // normal run is entered at the furthest place, at rest, with outputs that agree or are restored by word
+        // normal run is entered at the furthest place, at rest, with outputs that agree or are restored by command
         if demand.notice == Some(OperatorNotice::RunResumed) {
             holds!(operation.mode() == Mode::Run);
             holds!(facts.at_rest && facts.place.boundary_ahead() == facts.reached);
@@ -86,9 +86,9 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
             holds!(!demand.restore_outputs && demand.notice != Some(OperatorNotice::RunResumed));
         }
         holds!(!demand.restore_outputs || agreed);
-        // what was agreed to in normal run holds until motion goes on
+        // a confirmation in normal run holds until motion resumes
         agreed &= operation.mode() != Mode::Run || compares;
-        // a hold stands in every mode; backward only where reverse or the wheel asks for it
+        // a hold persists in every mode; backward only where reverse or the wheel requests it
         holds!(!operation.is_held() || demand.target == RateTarget::ZERO);
         let backward = matches!(operation.mode(), Mode::Reverse | Mode::Wheel);
         let RateTarget { feed, rapid } = demand.target;
@@ -109,7 +109,7 @@ harnesses! {
     modes_3, unwind 4 => |c| demands_are_in_order::<3>(c);
 }
 
-/// Long runs of drawn orders.
+/// Long runs of drawn commands.
 #[cfg(not(any(kani, verify_wasm)))]
 fn long_runs(size: Size) -> String {
     let mut draw = crate::native::Draw::new(size.seed);
@@ -127,11 +127,11 @@ const MODE: &str = "crates/core/src/mode.rs";
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {
     name: "modes",
-    says: "Look-ahead is on the road in normal run only; normal run is left through rest and entered again, and goes on after a stop, only at the furthest place, at rest, with outputs that agree or are restored by word; a hold stands in every mode; a refused order changes nothing",
+    says: "Look-ahead is in the record window in normal run only; normal run is left through rest and entered again, and resumes after a stop, only at the furthest place, at rest, with outputs that agree or are restored by command; a hold persists in every mode; a refused command changes nothing",
     requirement: "REV-8, REV-9, REV-10, REV-11, REV-13",
-    bound: "any three orders and reports from the beginning; long drawn runs",
+    bound: "any three commands and reports from the beginning; long drawn runs",
     assumes: "nothing of the card's reports",
-    suffices: "three orders bring about every combination of mode, hold, turned, agreed and told; what is left is two rates, which are passed on",
+    suffices: "three commands lead to every combination of mode, hold, turned, confirmed and reported; the rest is two rates, which are passed on",
     harnesses: &["modes_3"],
     searches: &[Search { name: "modes-long", run: long_runs }],
     models: &[],

@@ -1,7 +1,7 @@
-//! The native engine: a harness run over every choice where they can be counted, over drawn ones where they cannot, or over the
-//! numbers of a counterexample.
+//! The native engine: runs a harness over every choice where they can be enumerated, over drawn ones where they cannot,
+//! or over the numbers of a counterexample.
 //!
-//! Invariant: the same seed draws the same numbers; a failure names the numbers that replay it.
+//! Invariant: the same seed draws the same numbers; a failure includes the numbers that replay it.
 
 use crate::choice::{Choice, Property, bits_of};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -11,11 +11,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 pub struct Harness {
     /// Its name, the same in every engine.
     pub name: &'static str,
-    /// The module it stands in.
+    /// Its module.
     pub module: &'static str,
-    /// How often a loop may turn in a proof.
+    /// Largest number of turns of a loop in a proof.
     pub unwind: u32,
-    /// Is it in Kani's list?
+    /// Whether it is in Kani's list.
     pub kani: bool,
     /// The property over enumerated choices.
     pub enumerate: Property<Enumerate>,
@@ -25,16 +25,16 @@ pub struct Harness {
     pub replay: Property<Replay>,
 }
 
-/// What a native run saw.
+/// Result of a native run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Seen {
-    /// Runs within the assumptions.
+    /// Number of runs within the assumptions.
     pub runs: u64,
-    /// Was every value of every choice taken? If not, some were only tried around their ends and drawn.
+    /// Whether every value of every choice was taken. Otherwise some were only tried around their ends and drawn.
     pub complete: bool,
 }
 
-/// Why a native run is not a pass.
+/// Reason why a native run is not a pass.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Failure {
     /// The property does not hold for these numbers.
@@ -44,7 +44,7 @@ pub enum Failure {
 }
 
 impl Harness {
-    /// Every choice, up to `most` runs; where that is not enough, as many drawn ones.
+    /// Runs the property over every choice, up to `most` runs; where that is not enough, over as many drawn ones.
     ///
     /// # Errors
     /// [`Failure`], with the numbers that replay it.
@@ -73,7 +73,7 @@ impl Harness {
         if seen.runs == 0 { Err(Failure::Vacuous) } else { Ok(seen) }
     }
 
-    /// The property over the numbers of a counterexample; panics where it does not hold.
+    /// Runs the property over the numbers of a counterexample; panics where it does not hold.
     pub fn replay(&self, numbers: Vec<u32>) -> Option<()> {
         (self.replay)(&mut Replay { numbers: numbers.into_iter() })
     }
@@ -83,10 +83,10 @@ fn run<C>(property: Property<C>, choices: &mut C) -> Result<bool, ()> {
     catch_unwind(AssertUnwindSafe(|| property(choices).is_some())).map_err(|_| ())
 }
 
-/// Words worth trying: around 0, 2³¹ and the wrap.
+/// Words that are tried first: around 0, 2³¹ and the wrap.
 const WORDS: [u32; 8] = [0, 1, 2, 0x7FFF_FFFF, 0x8000_0000, 0xFFFF_FFFD, 0xFFFF_FFFE, 0xFFFF_FFFF];
 
-/// Numbers worth trying beside the ends.
+/// Numbers that are tried besides the ends.
 const NUMBERS: [i64; 11] =
     [0, 1, -1, 1 << 31, -(1 << 31), (1 << 31) - 1, 1 << 32, -(1 << 32), 0x5555_5555, (1 << 32) - 1, 3 << 30];
 
@@ -96,7 +96,7 @@ fn worth_trying(low: i64, high: i64) -> impl Iterator<Item = i64> {
     ends.into_iter().chain(inner)
 }
 
-/// The words that make a number of `low` … `high`: its distance from `low`, the upper half first where there is one.
+/// Words that make a number of `low` … `high`: its distance from `low`, the upper half first where there is one.
 fn words_of(value: i64, low: i64, high: i64) -> Vec<u32> {
     let (offset, range) = (value.wrapping_sub(low) as u64, high.wrapping_sub(low) as u64);
     if range >> 32 == 0 { vec![offset as u32] } else { vec![(offset >> 32) as u32, offset as u32] }
@@ -105,42 +105,42 @@ fn words_of(value: i64, low: i64, high: i64) -> Vec<u32> {
 /// Every choice, one after the other, the last one first.
 #[derive(Clone, Debug, Default)]
 pub struct Enumerate {
-    /// Of each choice: which of how many, and the words that replay it.
-    taken: Vec<(u32, u32, Vec<u32>)>,
+    /// For each choice: which of how many, and the words that replay it.
+    choices: Vec<(u32, u32, Vec<u32>)>,
     at: usize,
-    /// Of some choice only the values worth trying were offered.
+    /// Whether a choice offered only selected values.
     abridged: bool,
 }
 
 impl Enumerate {
     fn next(&mut self) -> bool {
         self.at = 0;
-        while let Some((which, of, _)) = self.taken.last_mut() {
+        while let Some((which, of, _)) = self.choices.last_mut() {
             *which += 1;
             if which < of {
                 return true;
             }
-            self.taken.pop();
+            self.choices.pop();
         }
         false
     }
 
     fn choose(&mut self, of: u32) -> usize {
-        if self.at == self.taken.len() {
-            self.taken.push((0, of, Vec::new()));
+        if self.at == self.choices.len() {
+            self.choices.push((0, of, Vec::new()));
         }
-        let (which, offered, _) = self.taken[self.at];
+        let (which, offered, _) = self.choices[self.at];
         assert_eq!(offered, of, "the property is not a function of its choices");
         self.at += 1;
         which as usize
     }
 
     fn note(&mut self, words: Vec<u32>) {
-        self.taken[self.at - 1].2 = words;
+        self.choices[self.at - 1].2 = words;
     }
 
     fn trace(&self) -> Vec<u32> {
-        self.taken[..self.at].iter().flat_map(|(_, _, words)| words.clone()).collect()
+        self.choices[..self.at].iter().flat_map(|(_, _, words)| words.clone()).collect()
     }
 }
 
@@ -183,7 +183,7 @@ impl Choice for Enumerate {
     }
 }
 
-/// Drawn choices: half of them worth trying, half of them anything.
+/// Drawn choices: half of them selected values, half of them any.
 #[derive(Clone, Debug)]
 pub struct Draw {
     state: u64,
@@ -191,7 +191,7 @@ pub struct Draw {
 }
 
 impl Draw {
-    /// Draws from that seed.
+    /// A source that draws from `seed`.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         Self { state: seed ^ 0x9E37_79B9_7F4A_7C15, trace: Vec::new() }

@@ -1,6 +1,7 @@
-//! The permit of the cutting outputs (CUT-3, CUT-4, CUT-6, CUT-8): no state and no word sequence has one on without it.
+//! The permit of the cutting outputs (CUT-3, CUT-4, CUT-6, CUT-8): no state and no sequence of commands has one on
+//! without it.
 //!
-//! Invariant: what a permit is stands here as the requirements have it, and shares no decision with the card.
+//! Invariant: the permit is defined here as in the requirements, and shares no decision with the card.
 
 use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
@@ -33,7 +34,7 @@ fn any_timer(c: &mut impl Choice, of: &CuttingChannel, settings: &CuttingSetting
     PermitTimer { handover, standing: c.upto(u32::from(of.standing_periods)) as u16 }
 }
 
-/// What the requirements say of a channel that fires: may it be on in this period, with so long a standing before it?
+/// Whether the requirements permit that a channel that fires is on in this period, after a standstill of that length.
 fn is_permitted(of: &CuttingChannel, settings: &CuttingSettings, timer: PermitTimer, now: &PermitConditions) -> bool {
     let stands = !now.moving && !now.keeps;
     let waits = now.awaits && timer.handover < settings.handover_periods;
@@ -41,7 +42,8 @@ fn is_permitted(of: &CuttingChannel, settings: &CuttingSettings, timer: PermitTi
     now.denied.is_none() && !settings.inhibit && (of.lit_in_reverse || !now.backward) && !stood_too_long
 }
 
-/// One channel, from any state: it is let through exactly where the requirements permit it, and its timer stays within its bounds.
+/// One channel, from any state: it is passed exactly where the requirements permit it, and its timer stays within its
+/// bounds.
 fn one_channel(c: &mut impl Choice) -> Option<()> {
     let of = any_channel(c, 3, u32::from(u16::MAX));
     let handover_periods = c.upto(u32::from(u16::MAX)) as u16;
@@ -62,8 +64,8 @@ fn one_channel(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// Two channels, drawn outputs, any state: after a period each of them is 0 or permitted, no other output has changed, and a block
-/// comes with every channel that stood for too long.
+/// Two channels, drawn outputs, any state: after a period each of them is 0 or permitted, no other output has changed,
+/// and motion is blocked with every channel whose standstill was too long.
 #[cfg(not(any(kani, verify_wasm)))]
 fn outputs_of_a_period(c: &mut impl Choice) -> Option<()> {
     let mut settings = CuttingSettings { count: 2, handover_periods: c.upto(3) as u16, ..CuttingSettings::default() };
@@ -100,8 +102,8 @@ fn outputs_of_a_period(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// `PERIODS` of anything, from power-on, of one channel: with it on the machine stands for at most handover and grace, and it is off
-/// wherever a condition is missing.
+/// `PERIODS` of anything, from power-on, of one channel: with it on the machine is at rest for at most handover and
+/// grace, and it is off wherever a condition is missing.
 fn a_history<const PERIODS: usize>(c: &mut impl Choice) -> Option<()> {
     let of = CuttingChannel { fires: true, ..any_channel(c, 0, 2) };
     let handover_periods = c.upto(2) as u16;
@@ -111,7 +113,7 @@ fn a_history<const PERIODS: usize>(c: &mut impl Choice) -> Option<()> {
     let (mut stood, mut k) = (0, 0);
     while k < PERIODS {
         let now = any_conditions(c);
-        // whatever a word, an action, an instruction or a repeat asks for; or the value stays
+        // the value that a command, an action, an instruction or a repeat sets; or it is unchanged
         if c.flag() {
             lit = c.flag();
         }
@@ -131,7 +133,7 @@ harnesses! {
     permit_history_6, unwind 7 => |c| a_history::<6>(c);
 }
 
-/// Long runs of drawn words on a whole card.
+/// Long runs of drawn commands on a whole card.
 #[cfg(not(any(kani, verify_wasm)))]
 mod card;
 
@@ -166,10 +168,10 @@ const CARD: &str = "crates/card/src/card.rs";
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {
     name: "permit",
-    says: "No state and no word sequence has a cutting output on without the permit: epoch open, no alarm, host heard of, no dry run, not backward, not standing for longer than handover and grace; and where the grace ran out nothing moves before a restart",
+    says: "No state and no sequence of commands has a cutting output on without the permit: epoch open, no alarm, host alive, no dry run, not backward, not at rest for longer than handover and grace; and where the grace ran out nothing moves before a restart",
     requirement: "CUT-3, CUT-4, CUT-6, CUT-8",
-    bound: "one period of any channel from any state, and any six periods from power-on; drawn states of two channels and their outputs, drawn words on a whole card",
-    assumes: "a timer within its bounds, which every period keeps; that the card applies the rule to each channel, last in every period, is drawn at and not proved",
+    bound: "one period of any channel from any state, and any six periods from power-on; drawn states of two channels and their outputs, drawn commands on a whole card",
+    assumes: "a timer within its bounds, which every period preserves; that the card applies the rule to each channel, last in every period, is tested with drawn commands and not proved",
     suffices: "one step from every state is an induction; the channels of a card do not depend on each other",
     harnesses: &["permit_one_channel", "permit_history_6"],
     searches: &[

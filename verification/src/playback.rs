@@ -1,6 +1,6 @@
 //! Playback: the position is a function of the place (design, idea 1; REV, *Exactness*).
 //!
-//! Invariant: records and places are arbitrary; a walk is any three places, for more follow by induction.
+//! Invariant: records and places are arbitrary; a walk is any three places, because more follow by induction.
 
 use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
@@ -9,14 +9,14 @@ use crate::ledger::{Mutant, Row, Search};
 use retrace_core::playback::{emission, partial_increment};
 use retrace_core::{ONE, Place, Record, Travel};
 
-/// A stretch of `N` records of one axis, from place 0 or over the wrap.
+/// `N` records of one axis, from place 0 or over the wrap.
 struct Stretch<const N: usize> {
     first: u32,
     records: [Record<1>; N],
 }
 
 impl<const N: usize> Stretch<N> {
-    /// Any records of up to `most` pulses either way.
+    /// Any records of up to `most` pulses in either direction.
     fn any(c: &mut impl Choice, most: i64) -> Self {
         let first = if c.flag() { 0 } else { u32::MAX };
         let records =
@@ -24,7 +24,7 @@ impl<const N: usize> Stretch<N> {
         Self { first, records }
     }
 
-    /// Any sixteenth of it, its end included.
+    /// Any sixteenth of it, including its end.
     fn place(&self, c: &mut impl Choice) -> Place {
         let (record, fraction) = (c.below(N as u32), c.below(16) << 28);
         let end = c.flag();
@@ -41,7 +41,7 @@ impl<const N: usize> Stretch<N> {
     }
 }
 
-/// A place moved there and back is the same place; distances add up.
+/// A place moved forward and back is the same place; distances add up.
 fn places_add_up(c: &mut impl Choice) -> Option<()> {
     let from = Place { record: c.word(), fraction: c.word() };
     let most = (1i64 << 62) - 1;
@@ -53,7 +53,7 @@ fn places_add_up(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// At most one record boundary lies in a step of |rate| ≤ 1, and at most ⌈cap⌉ in one of |rate| ≤ cap.
+/// A step of |rate| ≤ 1 contains at most one record boundary, and one of |rate| ≤ cap at most ⌈cap⌉.
 fn crosses_few_boundaries(c: &mut impl Choice) -> Option<()> {
     let from = Place { record: c.word(), fraction: c.word() };
     let cap = 1 + c.below(8);
@@ -66,7 +66,7 @@ fn crosses_few_boundaries(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// Whoever goes from a to b and on to c has emitted what the way from a to c emits, and nothing on the way back.
+/// Motion from a to b and on to c emits what direct motion from a to c emits, and nothing in total after the return.
 fn sums_telescope<const N: usize>(c: &mut impl Choice) -> Option<()> {
     let stretch = Stretch::<N>::any(c, 3);
     let (a, b, d) = (stretch.place(c), stretch.place(c), stretch.place(c));
@@ -80,7 +80,7 @@ fn sums_telescope<const N: usize>(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// The way over whole records emits these records.
+/// Motion over whole records emits these records.
 fn whole_records_are_whole<const N: usize>(c: &mut impl Choice) -> Option<()> {
     let stretch = Stretch::<N>::any(c, i64::from(i16::MAX));
     let (from, records) = (c.below(N as u32), c.below(N as u32 + 1));
@@ -102,7 +102,7 @@ fn whole_records_are_whole<const N: usize>(c: &mut impl Choice) -> Option<()> {
 fn part_is_rounded(increment: i16, fraction: u32) -> Option<()> {
     let part = i64::from(partial_increment(increment, fraction));
     holds!(if increment < 0 { part <= 0 } else { part >= 0 });
-    // in units of 2⁻³² pulses; the exact value lies in [part − ½, part + ½)
+    // in units of 2⁻³² pulses; the exact value is in [part − ½, part + ½)
     let (rounded, exact) = ((part.unsigned_abs()) << 32, u64::from(increment.unsigned_abs()) * u64::from(fraction));
     holds!(rounded <= exact + (1 << 31) && exact < rounded + (1 << 31));
     Some(())
@@ -144,7 +144,7 @@ fn every_increment(size: crate::ledger::Size) -> String {
         for _ in 0..rounds {
             let fraction = draw.word();
             let least = u64::from(increment.unsigned_abs()).max(1);
-            // the fraction just below and at a place where the rounding turns
+            // the fraction just below and at a place where the rounding changes
             let turn = ((u64::from(fraction) % least * 2 + 1) << 31).div_ceil(least) as u32;
             for fraction in [fraction, turn, turn.wrapping_sub(1)] {
                 assert!(part_is_rounded(increment, fraction).is_some());
@@ -155,7 +155,7 @@ fn every_increment(size: crate::ledger::Size) -> String {
     format!("every i16 increment at {} fractions each, around the turns of the rounding too", 3 * rounds)
 }
 
-/// Long walks: any rates over the longest history there is, against sums kept in 128 bits.
+/// Long walks: any rates over the longest possible history, compared with sums in 128 bits.
 #[cfg(not(any(kani, verify_wasm)))]
 fn max_history(size: crate::ledger::Size) -> String {
     let extreme: [Record<1>; 2] = [i16::MIN, i16::MAX].map(|n| Record { increments: [n], ..Record::default() });
@@ -178,10 +178,10 @@ const PLAYBACK: &str = "crates/core/src/playback.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "playback-places",
-        says: "Places moved there and back are the same, distances add up over the wrap, and a period passes at most one record boundary at |rate| ≤ 1 and at most ⌈cap⌉ in rapid retrace",
+        says: "Places moved forward and back are the same, distances add up over the wrap, and a period passes at most one record boundary at |rate| ≤ 1 and at most ⌈cap⌉ in rapid retrace",
         requirement: "REV, Beyond the source, *Exactness* and *Rapid retrace*",
         bound: "none: any place, any distance below 2³⁰ records",
-        assumes: "places on one path lie less than 2³¹ records apart (a ring has at most 2³⁰ cells)",
+        assumes: "places on one path are less than 2³¹ records apart (a ring has at most 2³⁰ cells)",
         suffices: "nothing is bounded",
         harnesses: &["place_sums", "place_boundaries"],
         searches: &[],
@@ -205,10 +205,10 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "playback-sums",
-        says: "A period emits P(x′) − P(x): the sums of any walk telescope, whoever returns to a place has emitted zero, and the sum over a record is the record",
+        says: "A period emits P(x′) − P(x): the sums of any walk telescope, a cursor that returns to a place has emitted zero in total, and the sum over a record is the record",
         requirement: "REV, Beyond the source, *Exactness*",
         bound: "any three places on 2 records of up to 3 pulses, in sixteenths; any i16 increments for whole records, on 3; from place 0 and over the wrap",
-        assumes: "the records between the places are there; where one is missing nothing is emitted (row drive-road)",
+        assumes: "the records between the places exist; where one is missing nothing is emitted (row drive-road)",
         suffices: "a walk of more places is a sum of such triples; emission adds parts and records, whatever their size, one by one and each axis by itself",
         harnesses: &["playback_telescopes", "playback_whole"],
         searches: &[],

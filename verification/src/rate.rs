@@ -1,7 +1,8 @@
-//! The rate law and the wheel: rest exactly on the commanded place, no overshoot, and what bounds the change of the rate.
+//! The rate filter and the wheel: rest exactly at the commanded place, no overshoot, and the bound on the change of the
+//! rate.
 //!
-//! Invariant: every state of the law that targets of one sign can bring about is reached by running it from rest over as many targets as
-//! it remembers, for its remainder is determined by what it remembers.
+//! Invariant: every state of the filter that targets of one sign can lead to is reached by running it from rest over as
+//! many targets as it remembers, because its remainder is determined by what it remembers.
 
 use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
@@ -11,10 +12,11 @@ use retrace_core::rate::{FilterLengths, RateFilter};
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Travel};
 
-/// The longest memory that is modelled.
+/// Longest memory that is modelled.
 const MEMORY: usize = 8;
 
-/// A law of these lengths in any state, and the targets that brought it there, the newest first: `PERIODS` = N₁ + N₂ − 1 of them.
+/// A filter of these lengths in any state, and the targets that led to it, the newest first: `PERIODS` = N₁ + N₂ − 1 of
+/// them.
 fn any_law<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
     first: u16,
@@ -32,8 +34,8 @@ fn any_law<const M: usize, const PERIODS: usize>(
     Some((law, targets))
 }
 
-/// What the cursor has still to run for the targets that are remembered, the newest first, in units of 1/(N₁·N₂): each of them as far
-/// as its weights have not been run yet.
+/// Distance that the cursor has still to run for the remembered targets, the newest first, in units of 1/(N₁·N₂): each
+/// of them as far as its weights have not been run yet.
 fn pending<const PERIODS: usize>(targets: &[Travel; PERIODS], weights: &[Travel; 2 * MEMORY]) -> Travel {
     let (mut sum, mut k) = (0, 0);
     while k < PERIODS {
@@ -48,8 +50,8 @@ fn pending<const PERIODS: usize>(targets: &[Travel; PERIODS], weights: &[Travel;
     sum
 }
 
-/// The lead is what is pending, rounded up to the last bit: so it is zero exactly where nothing is remembered, and the cursor rests
-/// where the commanded place stands. Of any state, and again after any period.
+/// The lead is the pending distance, rounded up to the last bit. So it is zero exactly where nothing is remembered, and
+/// the cursor comes to rest at the commanded place. From any state, and again after any period.
 fn lead_is_what_is_pending<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
     first: u16,
@@ -74,7 +76,8 @@ fn lead_is_what_is_pending<const M: usize, const PERIODS: usize>(
     Some(())
 }
 
-/// The rate lies between the least and the greatest target that is remembered, but for the last bit; where they are all one, it is that.
+/// The rate is between the least and the greatest remembered target, up to the last bit; where they are all equal, it
+/// is that target.
 fn never_overshoots<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
     first: u16,
@@ -94,7 +97,8 @@ fn never_overshoots<const M: usize, const PERIODS: usize>(
     Some(())
 }
 
-/// With nothing more commanded, the cursor rests after as many periods as the law remembers, the whole lead run.
+/// With nothing more commanded, the cursor is at rest after as many periods as the filter remembers, and the whole lead
+/// is run.
 fn comes_to_rest<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
     first: u16,
@@ -126,8 +130,8 @@ const fn weights(first: usize, second: usize) -> [Travel; 2 * MEMORY] {
     weights
 }
 
-/// Rate and change of the rate that a plain step from 0 to 1 shows in its `k`-th period, in units of 1/(2·N₁·N₂): the rate in the
-/// middle of the two periods, the change doubled.
+/// Rate and change of the rate of a plain step from 0 to 1 in its `k`-th period, in units of 1/(2·N₁·N₂): the rate in
+/// the middle of the two periods, the change doubled.
 const fn plain_step(weights: &[Travel; 2 * MEMORY], k: usize) -> (Travel, Travel) {
     let (mut sum, mut n) = (0, 0);
     while n < k {
@@ -137,8 +141,8 @@ const fn plain_step(weights: &[Travel; 2 * MEMORY], k: usize) -> (Travel, Travel
     (2 * sum + weights[k], 2 * weights[k])
 }
 
-/// For targets in 0 … 1 the change |r′| at a rate r is at most what a plain step shows at that rate: under every line through two
-/// neighbouring points of the plain step.
+/// For targets in 0 … 1 the change |r′| at a rate r is at most that of a plain step at that rate: under every line
+/// through two neighbouring points of the plain step.
 fn change_is_bounded<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
     first: u16,
@@ -154,7 +158,8 @@ fn change_is_bounded<const M: usize, const PERIODS: usize>(
     let mut k = 0;
     while k + 1 < PERIODS {
         let ((r0, d0), (r1, d1)) = (plain_step(&weights, k), plain_step(&weights, k + 1));
-        // (|r′| − d0)·(r1 − r0) ≤ (r − r0)·(d1 − d0), with everything in units of 1/(2·unit); each rate is off by less than a last bit
+        // (|r′| − d0)·(r1 − r0) ≤ (r − r0)·(d1 − d0), with everything in units of 1/(2·unit); each rate is off by less
+        // than a last bit
         let (rate, change) = (unit * (before + after), 2 * unit * (after - before).abs());
         let slack = unit * (4 * (r1 - r0) + 2 * (d1 - d0).abs());
         holds!((change - d0 * top) * (r1 - r0) <= (rate - r0 * top) * (d1 - d0) + slack);
@@ -163,7 +168,7 @@ fn change_is_bounded<const M: usize, const PERIODS: usize>(
     Some(())
 }
 
-/// The wheel's rate is the mean of the last periods, held within ±1: at rest when the wheel has been.
+/// The wheel's rate is the mean of the last periods, clamped to ±1: zero when the wheel has been at rest.
 fn wheel_follows(c: &mut impl Choice) -> Option<()> {
     let (mut wheel, mut turns, mut k) = (Wheel::<4>::new(4, 8), [0; 5], 0);
     while k < 5 {
@@ -183,10 +188,11 @@ fn wheel_follows(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// Targets of so many last bits, where the proof is about sums being compared: the law is linear, and its rounding is in the last bit.
+/// Largest target in last bits, where the proof compares sums: the filter is linear, and its rounding is in the last
+/// bit.
 const LAST_BITS: Travel = 15;
 
-/// The highest rate there is.
+/// Highest rate.
 const TOP: Travel = 8 * ONE;
 
 harnesses! {
@@ -203,8 +209,8 @@ harnesses! {
     wheel_mean, unwind 7 => |c| wheel_follows(c);
 }
 
-/// The bound on the change, for every pair of lengths up to eight and every memory of targets 0 and 1: a linear inequality over
-/// targets in 0 … 1 holds everywhere if it holds at the corners.
+/// The bound on the change, for every pair of lengths up to eight and every memory of targets 0 and 1: a linear
+/// inequality over targets in 0 … 1 holds everywhere if it holds at the corners.
 #[cfg(not(any(kani, verify_wasm)))]
 fn change_at_every_corner(_: Size) -> String {
     let mut corners = 0u64;
@@ -229,7 +235,7 @@ fn change_at_every_corner(_: Size) -> String {
     format!("all {corners} corners of lengths 1 to {MEMORY}")
 }
 
-/// Long averages: any targets, whatever is asked when, then rest on the commanded place.
+/// Long averages: any targets at any time, then rest at the commanded place.
 #[cfg(not(any(kani, verify_wasm)))]
 fn long_averages(size: Size) -> String {
     use crate::native::Draw;
@@ -266,10 +272,10 @@ const RATE: &str = "crates/core/src/rate.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "rate-rest",
-        says: "The cursor comes to rest exactly where the commanded place stands and never beyond, nothing commanded is lost; the rate never overshoots its targets and reaches one that is held",
+        says: "The cursor comes to rest exactly at the commanded place and never beyond, nothing commanded is lost; the rate never overshoots its targets and reaches one that is held",
         requirement: "REV-12; REV, Beyond the source, *Rate law*",
         bound: "averages of 1+1 (any targets up to rate 8), 1+3, 2+2 and 4+2 periods (targets of up to 15 last bits, where the rounding is) from any state; drawn runs up to 4 096 periods and rate 8",
-        assumes: "the targets in the memory have one sign (row drive-road: a change of direction goes through rest)",
+        assumes: "the targets in the memory have one sign (row drive-road: a change of direction passes through rest)",
         suffices: "every reachable state is covered, as the remainder is determined by the memory; sums of targets are linear and have no size at which they change, up to the 2⁵⁹ that 64 bits hold; the code depends on the lengths only by wrapping at them and by their product",
         harnesses: &[
             "law_pending_1_1",
@@ -315,11 +321,11 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "rate-change",
-        says: "Whatever is asked when, the rate changes at a rate r by at most what a plain step from 0 to 1 shows at that rate",
+        says: "For any targets at any time, the change of the rate at a rate r is at most that of a plain step from 0 to 1 at that rate",
         requirement: "REV, Beyond the source, *Rate law*",
         bound: "averages of 2+2 and 4+2 periods in fixed point, a full rate being 63 last bits; all lengths up to 8 in exact numbers",
         assumes: "targets in 0 … 1: rapid retrace has caps of its own",
-        suffices: "the weights of two averages rise, stay and fall for all lengths alike; the drive averages over 1 and n periods, for which this says |r′| ≤ 1/n; what the axes' limits need beyond that it takes from slopes (rows drive-slope, drive-braking)",
+        suffices: "the weights of two averages rise, remain constant and fall for all lengths; the drive averages over 1 and n periods, for which this means |r′| ≤ 1/n; slopes provide what the axes' limits require beyond that (rows drive-slope, drive-braking)",
         harnesses: &["law_change_2_2", "law_change_4_2"],
         searches: &[Search { name: "law-corners", run: change_at_every_corner }],
         models: &[],

@@ -1,7 +1,8 @@
-//! The record ring: its positions from any valid state, what either side may touch, and what is read.
+//! The record ring: its indices from any valid state, the cells that either side may touch, and the records that are
+//! read.
 //!
-//! Invariant: nothing here starts from an empty ring only; a state is any that satisfies the invariant, so that one step proves
-//! every sequence.
+//! Invariant: no property starts from an empty ring only; a state is any that satisfies the invariant, so that one step
+//! proves every sequence.
 
 use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
@@ -10,7 +11,7 @@ use crate::ledger::{Mutant, Row};
 use retrace_core::ring::{Cell, RecordSpan, Ring};
 use retrace_core::ring_indices::{ConsumerIndices, ProducerIndices};
 
-/// Both sides and the two shared words.
+/// Both sides and the two shared indices.
 #[derive(Clone, Copy, Debug)]
 struct System {
     planned: ProducerIndices,
@@ -22,14 +23,14 @@ struct System {
 }
 
 impl System {
-    /// Any state that satisfies the invariant: any history, cursor and look-ahead, any place number, and each side knowing the
-    /// other's word as it was at any time before.
+    /// Any state that satisfies the invariant: any history, cursor and look-ahead, any place number, and each side with
+    /// the other's index as it was at any time before.
     fn any(c: &mut impl Choice) -> Option<Self> {
         let keep = c.upto((1 << 30) - 1);
         let look_ahead = 1 + c.upto((1 << 30) - 1 - keep);
-        let (head, kept, ahead) = (c.word(), c.upto(keep), c.upto(look_ahead));
-        let (back, seen) = (c.upto(kept), c.upto(ahead));
-        let reached = head.wrapping_add(kept);
+        let (head, retained, ahead) = (c.word(), c.upto(keep), c.upto(look_ahead));
+        let (back, seen) = (c.upto(retained), c.upto(ahead));
+        let reached = head.wrapping_add(retained);
         let (floor, write) = (reached.wrapping_sub(keep), reached.wrapping_add(ahead));
         let room = keep + look_ahead;
         let lag = c.upto(room - (keep + ahead));
@@ -40,12 +41,12 @@ impl System {
 
     fn holds(&self) -> bool {
         let Self { planned, played, floor, write, keep, look_ahead } = *self;
-        let (kept, seen) =
+        let (retained, seen) =
             (played.reached().wrapping_sub(played.head()), played.write().wrapping_sub(played.reached()));
         let ahead = write.wrapping_sub(played.reached());
         let back = played.reached().wrapping_sub(played.read());
-        back <= kept
-            && kept <= keep
+        back <= retained
+            && retained <= keep
             && seen <= ahead
             && ahead <= look_ahead
             && floor == played.floor()
@@ -53,7 +54,7 @@ impl System {
             && planned.write() == write
     }
 
-    /// What [`retrace_core::ring::Producer::push`] does, without the cell.
+    /// The effect of [`retrace_core::ring::Producer::push`], without the cell.
     fn push(&mut self) -> Option<u32> {
         if self.planned.is_full() {
             self.planned.observe_floor(self.floor);
@@ -83,20 +84,20 @@ fn push_keeps_order(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// What every move of the cursor must keep: `reached` and the floor only grow, and with the cursor only; `head` follows `reached`
-/// at the distance `keep`, never `read`, and never lies before the floor.
+/// Required effect of every move of the cursor: `reached` and the floor only grow, and with the cursor only; `head`
+/// follows `reached` at the distance `keep`, never `read`, and is never before the floor.
 fn moved_in_order(before: &System, after: &ConsumerIndices) {
-    let (was, kept) = (before.played.reached(), before.played.reached().wrapping_sub(before.played.head()));
-    let gone_on = after.reached().wrapping_sub(was);
-    holds!(gone_on <= before.write.wrapping_sub(was));
-    holds!(gone_on == 0 || after.reached() == after.read());
-    let still_kept = after.reached().wrapping_sub(after.head());
+    let (was, retained) = (before.played.reached(), before.played.reached().wrapping_sub(before.played.head()));
+    let advanced = after.reached().wrapping_sub(was);
+    holds!(advanced <= before.write.wrapping_sub(was));
+    holds!(advanced == 0 || after.reached() == after.read());
+    let still_retained = after.reached().wrapping_sub(after.head());
     // both numbers are at most 2³⁰
-    holds!(still_kept == if kept + gone_on < before.keep { kept + gone_on } else { before.keep });
+    holds!(still_retained == if retained + advanced < before.keep { retained + advanced } else { before.keep });
     holds!(System { played: *after, floor: after.floor(), ..*before }.holds());
 }
 
-/// Forward goes over the record under the cursor, and ends exactly at what is planned.
+/// An advance passes the record under the cursor, and ends exactly at the end of the planned records.
 fn forward_keeps_order(c: &mut impl Choice) -> Option<()> {
     let system = System::any(c)?;
     let (before, mut after) = (system.played, system.played);
@@ -111,7 +112,7 @@ fn forward_keeps_order(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// Reverse goes back over one record, and ends exactly at the oldest that is kept; nothing is let go.
+/// A retreat passes one record backward, and ends exactly at the oldest retained one; nothing is released.
 fn backward_keeps_order(c: &mut impl Choice) -> Option<()> {
     let system = System::any(c)?;
     let (before, mut after) = (system.played, system.played);
@@ -139,7 +140,7 @@ fn follow_keeps_order(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// Looking up what is planned moves nothing.
+/// Refreshing the number of planned records moves nothing.
 fn look_keeps_order(c: &mut impl Choice) -> Option<()> {
     let system = System::any(c)?;
     let mut after = system.played;
@@ -149,7 +150,7 @@ fn look_keeps_order(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// The cell that the planner writes is none that the motion path may read, in a ring of any size that is large enough.
+/// The cell that the planner writes is none that the motion path may read, in a ring of any sufficient size.
 fn sides_are_apart(c: &mut impl Choice) -> Option<()> {
     let mut system = System::any(c)?;
     let cells = 1u32 << c.below(31);
@@ -163,15 +164,16 @@ fn sides_are_apart(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// The real ring from any state of `N` cells, any operations: what is read is what was pushed, and it ends where it must.
+/// The real ring from any state of `N` cells, any operations: what is read is what was pushed, and it ends where it
+/// must.
 fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl Choice) -> Option<()> {
     let (keep, look_ahead) = (c.below(N as u32), 1 + c.below(N as u32));
     c.assume(keep + look_ahead <= N as u32)?;
-    let (mut head, kept, mut ahead) = (c.word(), c.below(N as u32), c.below(N as u32 + 1));
-    c.assume(kept <= keep && ahead <= look_ahead)?;
-    let mut reached = head.wrapping_add(kept);
+    let (mut head, retained, mut ahead) = (c.word(), c.below(N as u32), c.below(N as u32 + 1));
+    c.assume(retained <= keep && ahead <= look_ahead)?;
+    let mut reached = head.wrapping_add(retained);
     let write = reached.wrapping_add(ahead);
-    // The record of a place is its number; a cell that holds none has any content.
+    // The record of a place is its number; a cell without a record has any content.
     let cells: [Cell<u32>; N] = core::array::from_fn(|n| {
         let place = head.wrapping_add((n as u32).wrapping_sub(head) & (N as u32 - 1));
         Cell::new(if place.wrapping_sub(head) < write.wrapping_sub(head) { place } else { !place })
@@ -238,7 +240,7 @@ const POSITIONS: &str = "crates/core/src/ring_indices.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "ring-positions",
-        says: "Every operation keeps head ≤ read ≤ reached ≤ write; reverse ends after exactly the retained records, forward exactly at what is planned, storing exactly where the look-ahead is full; reached and floor only grow",
+        says: "Every operation keeps head ≤ read ≤ reached ≤ write; reverse ends after exactly the retained records, forward exactly at what is planned, storing is refused exactly where the look-ahead is full; reached and floor only grow",
         requirement: "REV-2, REV-3, REV-6, REV-7; Beyond the source, *The ring, completed*",
         bound: "none: any capacity up to 2³⁰, any keep and look-ahead, any place numbers over the wrap of u32, each side's knowledge of the other arbitrarily old",
         assumes: "the state satisfies the invariant, which `new` and `holding` establish",
@@ -279,7 +281,7 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "ring-apart",
-        says: "The cell that the planner writes is none that the motion path may read, now or later, before it lets it go",
+        says: "The cell that the planner writes is none that the motion path may read, now or later, before it releases it",
         requirement: "REV, Beyond the source, *Threads*",
         bound: "none: any power of two of cells up to 2³⁰, any valid state",
         assumes: "keep + look-ahead ≤ cells, which `holding` checks",
@@ -299,8 +301,8 @@ pub const ROWS: &[Row] = &[
         name: "ring-content",
         says: "What is read forward or backward is what was pushed under that place number; the empty and the full ring stop where they must",
         requirement: "REV-3, REV-6, REV-7",
-        bound: "the real ring of 4 cells, 3 operations, and of 8 cells, 2 operations, from any stretch held, any place number",
-        assumes: "cell contents as pushes would have left them; what holds no record has any content",
+        bound: "the real ring of 4 cells, 3 operations, and of 8 cells, 2 operations, from any held records, any place number",
+        assumes: "cell contents as after pushes; a cell without a record has any content",
         suffices: "the positions are proved without bound (ring-positions); a cell's index is the place modulo a power of two",
         harnesses: &["ring_content_4", "ring_content_8"],
         searches: &[],

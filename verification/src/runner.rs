@@ -1,6 +1,6 @@
-//! The native runner's commands.
+//! Commands of the native runner.
 //!
-//! Invariant: a check that panics is told as a line like any other; no panic ends the runner.
+//! Invariant: a check that panics is reported as a line like any other; no panic ends the runner.
 
 use retrace_verification::ledger::{self, Row, Search, Size};
 use retrace_verification::native::{Failure, Harness};
@@ -19,13 +19,13 @@ Runs the checks of the proof ledger natively; `cargo xtask verify` calls it.
   replay NAME 1,2,3                            a harness over the numbers of a counterexample
 ";
 
-/// Runs of a harness, enumerated and once more drawn, without `--most`.
-const MOST: u64 = 100_000;
+/// Number of runs of a harness, enumerated and once more drawn, without `--most`.
+const DEFAULT_RUNS: u64 = 100_000;
 
-/// The last panic's message and place.
-static SAID: Mutex<String> = Mutex::new(String::new());
+/// Message and place of the last panic.
+static LAST_PANIC: Mutex<String> = Mutex::new(String::new());
 
-/// Carries out one command line.
+/// Executes one command line.
 pub(crate) fn run(words: &[&str]) -> ExitCode {
     match words {
         ["list"] => {
@@ -44,7 +44,7 @@ fn refuse(reason: &str) -> ExitCode {
 }
 
 fn check(words: &[&str]) -> ExitCode {
-    let (mut names, mut most, mut size) = (Vec::new(), MOST, Size { full: false, seed: 1 });
+    let (mut names, mut most, mut size) = (Vec::new(), DEFAULT_RUNS, Size { full: false, seed: 1 });
     let mut words = words.iter();
     while let Some(&word) = words.next() {
         match word {
@@ -59,7 +59,7 @@ fn check(words: &[&str]) -> ExitCode {
     }
     std::panic::set_hook(Box::new(|info| {
         let place = info.location().map(|place| format!(" ({}:{})", place.file(), place.line())).unwrap_or_default();
-        if let Ok(mut said) = SAID.lock() {
+        if let Ok(mut said) = LAST_PANIC.lock() {
             *said = format!("{}{place}", message(info.payload()));
         }
     }));
@@ -81,7 +81,7 @@ fn check(words: &[&str]) -> ExitCode {
             numbers,
             started.elapsed().as_secs_f64()
         );
-        // whoever reads along must not wait for the last check
+        // readers of the output must not wait for the last check
         let _ = std::io::stdout().flush();
     }
     if passed { ExitCode::SUCCESS } else { ExitCode::FAILURE }
@@ -103,7 +103,7 @@ struct Answer {
     /// `every`, `drawn`, `search`, `refuted`, `vacuous` or `failed`.
     result: &'static str,
     words: String,
-    /// What replays a counterexample.
+    /// Numbers that replay a counterexample.
     numbers: Vec<u32>,
 }
 
@@ -154,7 +154,7 @@ fn message(payload: &(dyn Any + Send)) -> String {
 }
 
 fn said() -> String {
-    SAID.lock().map(|said| said.clone()).unwrap_or_default()
+    LAST_PANIC.lock().map(|said| said.clone()).unwrap_or_default()
 }
 
 fn row_json(row: &Row) -> String {

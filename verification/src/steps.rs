@@ -1,5 +1,5 @@
-//! The interrupted on-line program as the source has it, flag by flag (DNC-1 … DNC-8), and that the core's steps answer every word
-//! like it.
+//! The interrupted on-line program as the source defines it, flag by flag (DNC-1 … DNC-8), and the proof that the
+//! core's steps answer every event in the same way.
 //!
 //! Invariant: [`LiteralSteps`] is written from the requirements alone and shares no decision with the core.
 
@@ -18,7 +18,8 @@ pub struct LiteralSteps<const A: usize> {
     dnc_paused: bool,
     mode_changed: bool,
     inhibit: bool,
-    /// Has the spindle stopped since the pause? Where it stood at the breakpoint there is nothing to stop.
+    /// Whether the spindle has stopped since the pause. Where it was at rest at the breakpoint there is nothing to
+    /// stop.
     has_stopped: bool,
     turns: Option<SpindleDirection>,
     latched: Option<Breakpoint<A>>,
@@ -39,13 +40,13 @@ impl<const A: usize> LiteralSteps<A> {
         }
     }
 
-    /// DNC-8: execution goes on.
+    /// DNC-8: execution resumes.
     #[must_use]
     pub fn executes(&self) -> bool {
         self.on_line && !self.dnc_paused && !self.mode_changed && !self.inhibit
     }
 
-    /// Does the spindle do what it did at the breakpoint, after a stop?
+    /// Whether the spindle is in its state of the breakpoint, after a stop.
     fn spindle_is_back(&self) -> bool {
         match self.latched.map(|latch| latch.spindle) {
             Some(Some(turning)) => self.has_stopped && self.turns == Some(turning.direction),
@@ -54,11 +55,11 @@ impl<const A: usize> LiteralSteps<A> {
         }
     }
 
-    /// Takes a word where the requirements let it through.
-    pub fn say(&mut self, word: InterruptionEvent<A>) -> bool {
-        let by_hand = self.dnc_paused && !self.inhibit;
+    /// Applies an event where the requirements permit it.
+    pub fn apply(&mut self, word: InterruptionEvent<A>) -> bool {
+        let is_manual = self.dnc_paused && !self.inhibit;
         match (word, self.latched) {
-            // DNC-1, DNC-2; the breakpoint of an unfinished return stays the one that it is
+            // DNC-1, DNC-2; the breakpoint of an unfinished return does not change
             (InterruptionEvent::Pause(latch), latched) if self.on_line => {
                 let breakpoint = latched.unwrap_or(latch);
                 (self.on_line, self.dnc_paused, self.mode_changed, self.inhibit) = (false, true, true, false);
@@ -66,14 +67,14 @@ impl<const A: usize> LiteralSteps<A> {
                 self.has_stopped = false;
             }
             // DNC-3
-            (InterruptionEvent::StopSpindle, _) if by_hand && self.turns.is_some() => {
+            (InterruptionEvent::StopSpindle, _) if is_manual && self.turns.is_some() => {
                 (self.turns, self.has_stopped) = (None, true);
                 (self.on_line, self.mode_changed) = (false, true);
             }
             (InterruptionEvent::Jog, _) if self.mode_changed => {}
             // DNC-4
             (InterruptionEvent::StartSpindle(direction), Some(Breakpoint { spindle: Some(turning), .. }))
-                if by_hand && self.turns.is_none() && direction == turning.direction =>
+                if is_manual && self.turns.is_none() && direction == turning.direction =>
             {
                 self.turns = Some(direction);
             }
@@ -83,7 +84,7 @@ impl<const A: usize> LiteralSteps<A> {
             }
             // DNC-6
             (InterruptionEvent::CycleStart { program }, Some(latch))
-                if by_hand && self.on_line && self.spindle_is_back() && program == latch.program =>
+                if is_manual && self.on_line && self.spindle_is_back() && program == latch.program =>
             {
                 self.inhibit = true;
             }
@@ -97,7 +98,7 @@ impl<const A: usize> LiteralSteps<A> {
         true
     }
 
-    /// How far the order has been followed: 0 on line, then a number for each of DNC-1, -3, -4, -5, -6.
+    /// Progress in the order: 0 on line, then a number for each of DNC-1, -3, -4, -5, -6.
     fn step(&self) -> u32 {
         if !self.dnc_paused {
             0
@@ -115,7 +116,7 @@ impl<const A: usize> LiteralSteps<A> {
     }
 }
 
-/// The words of the order, up to step `step`, said to both machines.
+/// The events of the order, up to step `step`, applied to both machines.
 fn both_at<const A: usize>(step: u32, latch: &Breakpoint<A>) -> (Interruption<A>, LiteralSteps<A>) {
     let (mut real, mut literal) = (Interruption::reading(), LiteralSteps::on_line());
     let mut n = 1;
@@ -129,7 +130,7 @@ fn both_at<const A: usize>(step: u32, latch: &Breakpoint<A>) -> (Interruption<A>
             _ => None,
         };
         if let Some(word) = word {
-            holds!(real.apply(word).is_ok() && literal.say(word));
+            holds!(real.apply(word).is_ok() && literal.apply(word));
         }
         n += 1;
     }
@@ -143,7 +144,7 @@ fn alike<const A: usize>(real: &Interruption<A>, literal: &LiteralSteps<A>) {
     holds!(real.breakpoint().copied() == literal.latched);
 }
 
-/// What a taken word has done is what the requirement says, with what was latched.
+/// The effect of an accepted event is the one that the requirement defines, with the latched values.
 fn does_what_is_said<const A: usize>(effect: InterruptionAction<A>, word: InterruptionEvent<A>, latch: &Breakpoint<A>) {
     let right = match (word, effect) {
         (InterruptionEvent::StartSpindle(direction), InterruptionAction::StartSpindle(turning)) => {
@@ -160,8 +161,8 @@ fn does_what_is_said<const A: usize>(effect: InterruptionAction<A>, word: Interr
     holds!(right);
 }
 
-/// A word said to both: the same answer, the same flags, and where it is refused nothing has changed. Then both are in one of the
-/// states that the words of the order lead to, so that this holds again of the next word.
+/// An event applied to both: the same answer, the same flags, and where it is refused nothing has changed. Then both
+/// are in one of the states that the events of the order lead to, so that this holds again of the next event.
 fn said_to_both<const A: usize>(
     real: &mut Interruption<A>,
     literal: &mut LiteralSteps<A>,
@@ -169,7 +170,7 @@ fn said_to_both<const A: usize>(
 ) -> bool {
     let before = (*real, *literal);
     let answer = real.apply(word);
-    let taken = literal.say(word);
+    let taken = literal.apply(word);
     holds!(answer.is_ok() == taken);
     holds!(taken || (*real, *literal) == before);
     alike(real, literal);
@@ -195,7 +196,7 @@ fn any_direction(c: &mut impl Choice) -> SpindleDirection {
     if c.flag() { SpindleDirection::Clockwise } else { SpindleDirection::Counterclockwise }
 }
 
-/// Any word; natively half of the numbers are those latched.
+/// Any event; natively half of the numbers are the latched ones.
 fn any_word<const A: usize>(c: &mut impl Choice, latch: &Breakpoint<A>) -> InterruptionEvent<A> {
     match c.below(7) {
         0 => InterruptionEvent::Pause(any_latch(c)),
@@ -210,7 +211,7 @@ fn any_word<const A: usize>(c: &mut impl Choice, latch: &Breakpoint<A>) -> Inter
     }
 }
 
-/// Any state and any word.
+/// Any state and any event.
 fn order_is_kept<const A: usize>(c: &mut impl Choice) -> Option<()> {
     let step = c.below(6);
     let latch = any_latch::<A>(c);
@@ -222,8 +223,8 @@ fn order_is_kept<const A: usize>(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// Motion from the program begins again by *arrived* alone, at exactly the latched counts; and before it, since the last pause,
-/// every word of the order has been said, each after the one before it.
+/// Motion from the program begins again by *arrived* alone, at exactly the latched counts; and before it, since the
+/// last pause, every event of the order has occurred, each after the one before it.
 fn one_way_back<const A: usize>(c: &mut impl Choice) -> Option<()> {
     let step = c.below(6);
     let latch = any_latch::<A>(c);
@@ -232,7 +233,7 @@ fn one_way_back<const A: usize>(c: &mut impl Choice) -> Option<()> {
     let mut after = real;
     c.assume(after.apply(word).is_ok())?;
     let mut expected = literal;
-    expected.say(word);
+    expected.apply(word);
     let (from, to) = (literal.step(), expected.step());
     let next = match word {
         InterruptionEvent::Jog => to == from,
@@ -307,11 +308,11 @@ const FILE: &str = "crates/core/src/interruption.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "dnc-order",
-        says: "The core answers every word as the flags of the requirements do: the same words are taken, the three flags, the latch and reading are the same after each, what is commanded is what was latched; a refused word changes nothing",
+        says: "The core answers every event as the flags of the requirements do: the same events are accepted, the three flags, the latch and reading are the same after each, what is commanded is what was latched; a refused event changes nothing",
         requirement: "DNC-1 … DNC-8; Beyond the source, *A wrong order of steps*",
-        bound: "none in the states, words and numbers: any program number, any counts of 4 axes, any speed; the search: 2 axes, a few values, every sequence of words",
-        assumes: "the machine does what it is told, and says *arrived* with the counts at which its axes rest",
-        suffices: "every state is one that the words of the order lead to, and every word leads to such a state again: an induction over sequences of any length",
+        bound: "none in the states, events and numbers: any program number, any counts of 4 axes, any speed; the search: 2 axes, a few values, every sequence of events",
+        assumes: "the machine follows its commands, and reports *arrived* with the counts at which its axes are at rest",
+        suffices: "every state is one that the events of the order lead to, and every event leads to such a state again: an induction over sequences of any length",
         harnesses: &["steps_order"],
         searches: &[Search { name: "steps-search", run: search::breadth_first }],
         models: &[],
@@ -352,7 +353,7 @@ pub const ROWS: &[Row] = &[
         requirement: "DNC-3 … DNC-8",
         bound: "none, as dnc-order",
         assumes: "as dnc-order",
-        suffices: "each word taken leads to the next step, to itself, or back, from every state; so the words since the last pause are the whole order wherever reading begins",
+        suffices: "each accepted event leads to the next step, to itself, or back, from every state; so the events since the last pause are the whole order wherever reading begins",
         harnesses: &["steps_way_back"],
         searches: &[],
         models: &[],

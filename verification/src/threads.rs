@@ -1,19 +1,20 @@
-//! The rows of what runs in time: the two threads at the ring, the two threads at the gates, and the literal gates that fail.
+//! The rows of what runs in time: the two threads at the ring, the two threads at the gates, and the literal gates that
+//! fail.
 //!
-//! Invariant: the models stand in `concurrent/` and run in the packages `retrace-loom` and `retrace-shuttle`; here are their names
-//! and mutants.
+//! Invariant: the models are in `concurrent/` and run in the packages `retrace-loom` and `retrace-shuttle`; here are
+//! their names and mutants.
 
 use crate::ledger::{Model, Mutant, Row, Search, Size};
 use crate::literal_gates::{search_acknowledged, search_intended, search_level, search_sampled};
 use crate::native::Harness;
 
-/// No harness: what runs in time is explored by loom and shuttle, not unrolled.
+/// No harness: concurrent code is explored by loom and shuttle, not unrolled.
 pub const HARNESSES: &[Harness] = &[];
 
 const SAMPLED: &str = include_str!("../counterexamples/literal-gates-sampled.txt");
 const LEVEL: &str = include_str!("../counterexamples/literal-gates-level.txt");
 
-/// The literal gates fail exactly as the checked-in traces say.
+/// The literal gates fail exactly as in the checked-in traces.
 fn literal_gates_fail(_: Size) -> String {
     let sampled = search_sampled();
     for trace in &sampled {
@@ -62,7 +63,7 @@ pub const ROWS: &[Row] = &[
         requirement: "REV, Beyond the source, *Threads*",
         bound: "rings of 2 and 4 cells with histories of 0 to 3 records, 4 and 5 records, place numbers from 0 and over the wrap; preemption bound 2 (full: 3); 2 cells and 3 (full: 4) records without a bound",
         assumes: "the memory model as loom has it: coherence and release–acquire, no load buffering; shuttle explores sequentially consistent interleavings only",
-        suffices: "either side decides by two words that only grow; a lost order shows within one turn of the ring, which every model makes (a cell is written again from N + 1 records on)",
+        suffices: "either side decides by two indices that only grow; a lost order shows within one turn of the ring, which every model makes (a cell is written again from N + 1 records on)",
         harnesses: &[],
         searches: &[],
         models: &[
@@ -122,10 +123,10 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "gates-literal",
-        says: "The gates as the source has them let motion pass an instruction that is not complete: with flags that are sampled and late, and, where \"empty\" is read as a level, with no delay at all (both are shown to FAIL)",
+        says: "The gates as the source defines them let motion pass an instruction that is not complete: with flags that are sampled and late, and, where \"empty\" is read as a level, with no delay at all (both are shown to FAIL)",
         requirement: "GMC-4, GMC-5, GMC-6; Beyond the source, both defects",
         bound: "the shortest traces over all programs of up to 2 records and 2 markers; checked in under verification/counterexamples",
-        assumes: "the card and its reports as the requirement has them; at most one report under way",
+        assumes: "the card and its reports as in the requirement; at most one report under way",
         suffices: "one counterexample refutes",
         harnesses: &[],
         searches: &[Search { name: "literal-gates-fail", run: literal_gates_fail }],
@@ -140,11 +141,11 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "gates-order",
-        says: "With the acknowledged gates no record behind an exclusive marker reaches the card's motion before the instruction is complete, and no instruction begins before the motion ahead of it is complete, under every delay; every state can still come to the end",
+        says: "With the acknowledged gates no record behind an exclusive marker reaches the card's motion before the instruction is complete, and no instruction begins before the motion ahead of it is complete, under every delay; the end can be reached from every state",
         requirement: "GMC-3 to GMC-6; Beyond the source, *Safety* and *Liveness*",
         bound: "every program of up to 4 records and 3 markers in any places, up to 2 (full: 4) reports under way, every interleaving",
         assumes: "the card reports honestly and in order; frames are not lost (the link's task)",
-        suffices: "the gates look at one marker at a time and forget it with its acknowledgement (row gates-states)",
+        suffices: "the gates handle one marker at a time and drop it with its acknowledgement (row gates-states)",
         harnesses: &[],
         searches: &[Search { name: "acknowledged-gates-hold", run: acknowledged_gates_hold }],
         models: &[],
@@ -174,11 +175,11 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "gates-threads",
-        says: "With the coarse and the coordinator thread on one mutex and one condition variable, order holds in the card's own time line, no wake-up is lost and nothing stands still for ever",
+        says: "With the coarse and the coordinator thread on one mutex and one condition variable, order holds in the card's own time line, no wake-up is lost and no thread sleeps for ever",
         requirement: "GMC-7; Beyond the source, *Liveness*",
-        bound: "loom: up to 3 records and 2 instructions, wake-ups for nothing included, preemption bound 2 (full: 3); shuttle: 40 records, 6 instructions, every lag, random and PCT schedules",
+        bound: "loom: up to 3 records and 2 instructions, including wake-ups without a cause, preemption bound 2 (full: 3); shuttle: 40 records, 6 instructions, every lag, random and PCT schedules",
         assumes: "the mutex and condition variable as the standard library specifies them",
-        suffices: "the threads share one desk under one mutex; what a third instruction adds is a repetition of the second",
+        suffices: "the threads share one state under one mutex; a third instruction only repeats the second",
         harnesses: &[],
         searches: &[],
         models: &[

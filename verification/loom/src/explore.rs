@@ -1,4 +1,4 @@
-//! Runs a model through every execution loom knows, counts them, and collects what came of them.
+//! Runs a model through every execution that loom generates, counts them, and collects their outcomes.
 //!
 //! Invariant: a report always has more than one execution; a model that loom explores only once checks nothing.
 
@@ -7,23 +7,22 @@ use std::fmt::Debug;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-/// What came of a model.
+/// Result of the exploration of a model.
 #[derive(Debug)]
 pub struct Report<O> {
     /// Executions explored.
     pub executions: u64,
-    /// Every outcome that any of them had.
+    /// Every outcome of any of them.
     pub outcomes: BTreeSet<O>,
 }
 
-/// The full exploration was asked for (`RETRACE_FULL=1`), not the quick one.
+/// Whether the full exploration is requested (`RETRACE_FULL=1`), not the quick one.
 #[must_use]
 pub fn is_full() -> bool {
     std::env::var_os("RETRACE_FULL").is_some_and(|value| value == "1")
 }
 
-/// Explores `model` with at most `bound` preemptions in an execution (`None`: as many as there are), prints one line and
-/// reports.
+/// Explores `model` with at most `bound` preemptions in an execution (`None`: unlimited), prints one line and reports.
 ///
 /// # Panics
 /// Where an execution panics, races or blocks for ever, and where there is one execution only.

@@ -1,7 +1,7 @@
 //! The concurrent parts under loom: every interleaving of the real ring and of the gates' two threads, up to a bound.
 //!
-//! `ring.rs` and `ring_indices.rs` are the files of `retrace-core`, compiled again over loom's atomics and cells (`sync`); the models
-//! are those of `verification/concurrent`, which shuttle runs too.
+//! `ring.rs` and `ring_indices.rs` are the files of `retrace-core`, compiled again over loom's atomics and cells
+//! (`sync`); the models are those of `verification/concurrent`, which shuttle runs too.
 //!
 //! Invariant: nothing here has an unsafe line of its own; the keyword stands in the ring's file alone.
 #![deny(unsafe_code)]

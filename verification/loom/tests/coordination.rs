@@ -1,11 +1,11 @@
-//! The two threads of GMC-7 under loom: order holds in the card's own time line, nobody sleeps for ever, and the coordinator is
-//! woken only when K holds, whatever the order of the threads and however late the card reports.
+//! The two threads of GMC-7 under loom: order holds in the card's own time line, no thread sleeps for ever, and the
+//! coordinator is woken only when K holds, for any order of the threads and any delay of the card's reports.
 
 use retrace_loom::coordination::Job;
 use retrace_loom::explore::{explore, is_full};
 
-/// Explores a job from just before the wrap of place numbers with two preemptions, or three in the full exploration, and holds
-/// what was seen, pairs of `due_at_once` and `woken`, against what is known.
+/// Explores a job from just before the wrap of place numbers with two preemptions, or three in the full exploration,
+/// and compares the outcomes, pairs of `due_at_once` and `woken`, with the known ones.
 fn check(records: u32, markers: &[u32], lag: usize, known: &[(u32, u32)]) {
     explored(Job { start: u32::MAX, records, markers: markers.to_vec(), lag, disturbed: 0 }, known);
 }
@@ -54,7 +54,7 @@ fn two_instructions_and_three_records() {
     check(3, &[1, 3], 2, &known);
 }
 
-/// A condition variable may wake a thread for nothing; no engine does, so the card does.
+/// A condition variable may wake a thread without a cause; no engine does, so the card does.
 #[test]
 fn one_instruction_and_a_wake_up_for_nothing() {
     explored(

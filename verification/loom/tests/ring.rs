@@ -1,18 +1,18 @@
-//! The real ring under loom: whatever the order of the two threads and of their stores, what is read is what was pushed, and no
-//! cell is touched by one side while the other may touch it (REV-2 … REV-7).
+//! The real ring under loom: for any order of the two threads and of their stores, what is read is what was pushed, and
+//! no cell is touched by one side while the other may touch it (REV-2 … REV-7).
 //!
-//! Each shape is walked by cursor from a start just before the wrap of place numbers, and followed by place from 0; the full
-//! exploration takes both from both starts, with one preemption more. A record more than there are cells is pushed at least,
-//! as only then does a cell's second writing depend on the order in which the first was let go.
+//! Each shape is traversed by cursor from a start just before the wrap of place numbers, and followed by place from 0;
+//! the full exploration takes both from both starts, with one preemption more. At least one record more than the number
+//! of cells is pushed, as only then a cell's second write depends on the order in which the first was released.
 
 use retrace_loom::explore::{explore, is_full};
 use retrace_loom::tape::{Outcome, Tape};
 
-/// Just before the wrap: the second record lies behind it.
+/// Just before the wrap: the second record is behind it.
 const WRAP: u32 = u32::MAX;
 
-/// Explores the shape and holds what was seen, pairs of `refused` and `starved` with 3 for three
-/// times and more, against what two preemptions are known to reach.
+/// Explores the shape and compares the outcomes, pairs of `refused` and `starved` with 3 for three times and more, with
+/// those that two preemptions are known to reach.
 fn check(name: &str, shape: Tape, run: fn(Tape) -> Outcome, start: u32, known: &[(u32, u32)]) {
     let starts = if is_full() { vec![0, WRAP] } else { vec![start] };
     let bound = if is_full() { 3 } else { 2 };
@@ -50,7 +50,7 @@ macro_rules! shapes {
     )*};
 }
 
-/// With room for all records but one, either side may never be held up, or again and again.
+/// With space for all records but one, either side may never be held up, or repeatedly.
 const ROOMY: [(u32, u32); 12] =
     [(0, 1), (0, 2), (0, 3), (1, 0), (1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3), (3, 2), (3, 3)];
 
@@ -63,7 +63,7 @@ shapes! {
     four_cells_keep_3: 3 + 1, 5 records, turn 2, [(2, 3), (3, 3)];
 }
 
-/// Small enough to be explored with no bound on preemptions at all.
+/// Small enough to be explored with no bound on preemptions.
 #[test]
 fn two_cells_without_a_bound() {
     let records = if is_full() { 4 } else { 3 };

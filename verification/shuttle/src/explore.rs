@@ -1,6 +1,6 @@
-//! Runs a model under many schedules, counts them, and collects what came of them.
+//! Runs a model under many schedules, counts them, and collects their outcomes.
 //!
-//! Invariant: the seed is fixed, so a run that fails once fails always (`SHUTTLE_RANDOM_SEED` takes another one).
+//! Invariant: the seed is fixed, so a run that fails once fails always (`SHUTTLE_RANDOM_SEED` sets another one).
 
 use std::collections::BTreeSet;
 use std::fmt::Debug;
@@ -12,26 +12,26 @@ use shuttle::{Config, MaxSteps, Runner};
 
 /// Seed of every exploration.
 const SEED: u64 = 0x5eed_0003;
-/// Places at which the PCT scheduler changes who goes first; so many ordering constraints a failure may need.
+/// Number of places at which the PCT scheduler changes priorities: a failure may need that many ordering constraints.
 const DEPTH: usize = 3;
 
-/// What came of a model.
+/// Result of the exploration of a model.
 #[derive(Debug)]
 pub struct Report<O> {
     /// Schedules run.
     pub schedules: usize,
-    /// Every outcome that any of them had.
+    /// Every outcome of any of them.
     pub outcomes: BTreeSet<O>,
 }
 
-/// The full exploration was asked for (`RETRACE_FULL=1`), not the quick one.
+/// Whether the full exploration is requested (`RETRACE_FULL=1`), not the quick one.
 #[must_use]
 pub fn is_full() -> bool {
     std::env::var_os("RETRACE_FULL").is_some_and(|value| value == "1")
 }
 
-/// Runs `model` under `schedules` schedules of either kind, random and PCT (priorities that change at a few places), prints one
-/// line and reports.
+/// Runs `model` under `schedules` schedules of either kind, random and PCT (priorities that change at a few places),
+/// prints one line and reports.
 ///
 /// # Panics
 /// Where a schedule panics or blocks for ever.

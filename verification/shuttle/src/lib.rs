@@ -1,8 +1,8 @@
 //! The concurrent parts under shuttle: many random schedules of larger cases than loom can take.
 //!
-//! `ring.rs` and `ring_indices.rs` are the files of `retrace-core`, compiled again over shuttle's atomics (`sync`); the models are
-//! those of `verification/concurrent`, which loom runs too. Shuttle runs every atomic operation in one order that all threads
-//! see alike: it finds wrong turns, not orderings that are too weak. Those are loom's.
+//! `ring.rs` and `ring_indices.rs` are the files of `retrace-core`, compiled again over shuttle's atomics (`sync`); the
+//! models are those of `verification/concurrent`, which loom runs too. Shuttle runs every atomic operation in one order
+//! that all threads see alike: it finds logic errors, not orderings that are too weak. Those are found by loom.
 //!
 //! Invariant: nothing here has an unsafe line of its own; the keyword stands in the ring's file alone.
 #![deny(unsafe_code)]

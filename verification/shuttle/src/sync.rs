@@ -1,7 +1,7 @@
-//! What the ring and the models run on, from shuttle, which decides who goes next.
+//! The primitives of the ring and the models, from shuttle, which decides which thread runs next.
 //!
-//! Invariant: the same names as `sync` of `retrace-core`, and those the models use besides; a cell that two threads are in at a
-//! time, and one of them to write, panics.
+//! Invariant: the same names as `sync` of `retrace-core`, and further ones that the models use; a cell that two threads
+//! access at a time, one of them writing, panics.
 
 use shuttle::sync::atomic::AtomicI32;
 
@@ -9,11 +9,12 @@ pub(crate) use shuttle::sync::atomic::{AtomicU32, Ordering};
 pub(crate) use shuttle::sync::{Arc, Condvar, Mutex, MutexGuard};
 pub(crate) use shuttle::thread;
 
-/// A cell that knows who is in it; entering and leaving are steps of their own, between which the other thread may run.
+/// A cell that counts its accesses; beginning and ending an access are separate steps, between which the other thread
+/// may run.
 #[derive(Debug, Default)]
 pub(crate) struct UnsafeCell<T> {
     content: core::cell::UnsafeCell<T>,
-    /// Readers inside, or −1 for a writer.
+    /// Number of readers, or −1 for a writer.
     inside: AtomicI32,
 }
 
@@ -37,6 +38,6 @@ impl<T> UnsafeCell<T> {
     }
 }
 
-/// A value on its own; shuttle knows no cache lines.
+/// A value on its own; shuttle does not model cache lines.
 #[derive(Debug)]
 pub(crate) struct CachePadded<T>(pub(crate) T);

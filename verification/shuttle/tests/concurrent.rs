@@ -1,4 +1,5 @@
-//! The ring and the two threads of GMC-7 under shuttle: larger cases than loom's, a fixed seed, random and PCT schedules.
+//! The ring and the two threads of GMC-7 under shuttle: larger cases than loom's, a fixed seed, random and PCT
+//! schedules.
 
 use retrace_shuttle::coordination::Job;
 use retrace_shuttle::explore::{explore, is_full};

@@ -1,8 +1,9 @@
 //! The gates of `retrace-core` over a late line: nothing is sampled, everything is acknowledged by place and number.
 //!
-//! The planner publishes the program piece by piece, a marker before the records behind it; whoever looks takes the next instruction
-//! in hand at once where gate A is open, as the controller does. The card reports its place, which lies within a record while
-//! it moves, whether it rests, which it may also do within a record (hold), and the number of the last instruction executed.
+//! The planner publishes the program piece by piece, a marker before the records behind it. The next instruction is
+//! accepted at once where gate A is open, as in the controller. The card reports its place, which is within a record
+//! while it moves, whether it is at rest, which is also possible within a record (hold), and the number of the last
+//! instruction executed.
 //!
 //! Invariant: a state holds what rebuilds the gates, by the same calls that led to them.
 
@@ -13,10 +14,10 @@ use super::Program;
 use super::card::{Act, Card, Failure, Line};
 use super::search::Model;
 
-/// Place number of the first record, so that the second lies behind the wrap.
+/// Place number of the first record, so that the second is behind the wrap.
 const START: u32 = u32::MAX;
 
-/// What the card says of itself.
+/// The card's report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Report {
     played: u8,
@@ -29,9 +30,9 @@ pub(super) struct Report {
 pub(super) struct State {
     /// Markers and records that are published.
     planned: u8,
-    /// Instructions that were taken in hand.
+    /// Number of instructions that were accepted.
     taken: u8,
-    /// Is the last of them in hand, and has the card got it?
+    /// Whether the last of them is accepted and not acknowledged, and whether the card has it.
     in_hand: bool,
     seen: Report,
     line: Line<Report>,
@@ -53,7 +54,7 @@ pub(super) enum Step {
 pub(super) struct Acknowledged {
     program: Program,
     delay: usize,
-    /// Of every piece of the program, in order: is it a marker?
+    /// For every piece of the program, in order, whether it is a marker.
     pieces: Vec<bool>,
 }
 
@@ -67,7 +68,7 @@ impl Acknowledged {
         Self { program, delay, pieces }
     }
 
-    /// The front marker of the instruction that was taken last.
+    /// Front marker of the instruction that was accepted last.
     fn marker(&self, state: &State) -> u32 {
         place(self.program.markers[usize::from(state.taken) - 1])
     }
@@ -93,7 +94,7 @@ impl Acknowledged {
         self.pieces[..usize::from(state.planned)].iter().copied()
     }
 
-    /// Takes the next instruction in hand if it is published and gate A is open.
+    /// Accepts the next instruction if it is published and gate A is open.
     fn look(&self, mut state: State) -> State {
         let markers = self.published(&state).filter(|is_marker| *is_marker).count();
         if usize::from(state.taken) < markers {
@@ -153,7 +154,7 @@ fn place(record: u8) -> u32 {
     START.wrapping_add(u32::from(record))
 }
 
-/// What the card reports now; `held` where it rests within a record, which it can only while it is at one.
+/// Current report of the card; `held` where it is at rest within a record, which is possible only during one.
 fn own_report(card: &Card, held: bool) -> Option<Report> {
     let at_rest = held || card.has_finished();
     let report = Report { played: card.played, is_within: card.is_moving, at_rest, executed: card.executed };

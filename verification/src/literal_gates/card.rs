@@ -1,15 +1,16 @@
-//! The card as both searches see it: motion and switching run side by side, each what it has been sent, in order.
+//! The card in both searches: motion and switching run in parallel, each in the order in which it was sent.
 //!
-//! Invariant: a failure, once there, stays; it is judged in the card's own time, by what has begun and ended.
+//! Invariant: a failure is permanent once it has occurred; it is determined in the card's own time, by what has begun
+//! and ended.
 
 use std::fmt;
 
 use super::Program;
 
-/// What went wrong in the card's own time line.
+/// Failure in the card's own time line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Failure {
-    /// A record began before an instruction that stands before it was complete.
+    /// A record began before an instruction ahead of it was complete.
     MotionTooEarly,
     /// An instruction began before the motion ahead of it was complete.
     InstructionTooEarly,
@@ -27,25 +28,25 @@ impl fmt::Display for Failure {
     }
 }
 
-/// How far motion and switching are.
+/// Progress of motion and switching.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Card {
     /// Records in the data buffer, run or not.
     pub(super) records: u8,
     /// Records that fine interpolation has completed.
     pub(super) played: u8,
-    /// Is it at a record?
+    /// Whether a record is being played.
     pub(super) is_moving: bool,
     /// Instructions in the card's M buffer, executed or not.
     pub(super) instructions: u8,
     /// Instructions completed.
     pub(super) executed: u8,
-    /// Is the executor at an instruction?
+    /// Whether an instruction is being executed.
     pub(super) is_switching: bool,
     pub(super) failure: Option<Failure>,
 }
 
-/// What the card may do next.
+/// Possible next step of the card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Act {
     /// Fine interpolation begins the next record.
@@ -61,7 +62,7 @@ pub(super) enum Act {
 impl Act {
     const ALL: [Self; 4] = [Self::BeginRecord, Self::EndRecord, Self::BeginInstruction, Self::EndInstruction];
 
-    /// In words, as done from `card`.
+    /// Description of the step as taken from `card`.
     pub(super) fn words(self, card: &Card) -> String {
         let (record, number) = (card.played + 1, card.executed + 1);
         match self {
@@ -74,22 +75,22 @@ impl Act {
 }
 
 impl Card {
-    /// The switching interface is ready: every instruction that arrived is executed.
+    /// Whether the switching interface is ready: every instruction that arrived is executed.
     pub(super) fn is_ready(&self) -> bool {
         self.executed == self.instructions
     }
 
-    /// Fine interpolation has finished: every record that arrived is executed.
+    /// Whether fine interpolation has finished: every record that arrived is executed.
     pub(super) fn has_finished(&self) -> bool {
         self.played == self.records
     }
 
-    /// Has the whole program been executed?
+    /// Whether the whole program has been executed.
     pub(super) fn is_done(&self, program: &Program) -> bool {
         self.played == program.records && usize::from(self.executed) == program.markers.len()
     }
 
-    /// Everything the card may do next, and what becomes of it.
+    /// Every possible next step of the card, with its result.
     pub(super) fn acts(self, program: &Program) -> impl Iterator<Item = (Act, Self)> {
         Act::ALL.into_iter().filter_map(move |act| Some((act, self.after(act, program)?)))
     }
@@ -131,7 +132,7 @@ impl Card {
     }
 }
 
-/// So many reports at most are on their way from the card, oldest first.
+/// Reports on their way from the card, oldest first; their number is limited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Line<R> {
     under_way: [Option<R>; 3],
@@ -147,7 +148,7 @@ impl<R: Copy> Line<R> {
         Some(self)
     }
 
-    /// The oldest report, and what stays on the line.
+    /// The oldest report, and the line without it.
     pub(super) fn received(self) -> Option<(R, Self)> {
         let [first, second, third] = self.under_way;
         Some((first?, Self { under_way: [second, third, None] }))

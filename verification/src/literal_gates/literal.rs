@@ -1,15 +1,16 @@
 //! The gates as the source has them: A, `B = B1 ∧ B2`, `C = C1 ∧ C2 ∧ B2`, flags set by events (GMC-1 … GMC-7).
 //!
-//! All is decoded before the search begins, which is the best case for the source. B1 and C1 are set at a front marker, where the
-//! coarse thread sleeps until B1 is 1 again. B2 and C2 are what the card last reported of itself.
+//! All is decoded before the search begins, which is the best case for the source. B1 and C1 are set at a front marker,
+//! where the coarse thread sleeps until B1 is 1 again. B2 and C2 are what the card last reported of itself.
 //!
-//! Invariant: with `delay` 0 the flags are the card's own at every moment; otherwise at most `delay` reports are on their way.
+//! Invariant: with `delay` 0 the flags are the card's own at every moment; otherwise at most `delay` reports are on
+//! their way.
 
 use super::Program;
 use super::card::{Act, Card, Failure, Line};
 use super::search::Model;
 
-/// How "its buffer is empty" of GMC-4 and GMC-6 is read.
+/// Reading of "its buffer is empty" of GMC-4 and GMC-6.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Empty {
     /// As an event: the buffer was emptied by sending its last datum, which is the end marker.
@@ -25,13 +26,13 @@ pub(super) struct Flags {
     c2: bool,
 }
 
-/// What is in the coordinator's one-instruction buffer.
+/// Content of the coordinator's one-instruction buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Buffer {
     Empty,
     /// An instruction and its end marker.
     Instruction,
-    /// The end marker alone: the instruction has gone to the card.
+    /// The end marker alone: the instruction was sent to the card.
     EndMarker,
 }
 
@@ -40,7 +41,7 @@ pub(super) struct State {
     /// Front markers that the coarse thread has passed, and whether it sleeps at the next.
     passed: u8,
     sleeps: bool,
-    /// Instructions that channel A has let through.
+    /// Number of instructions that channel A has passed.
     taken: u8,
     buffer: Buffer,
     a: bool,
@@ -82,7 +83,7 @@ impl Literal {
         if self.delay == 0 { own_flags(&state.card) } else { state.seen }
     }
 
-    /// Is the next coarse datum a front marker?
+    /// Whether the next coarse datum is a front marker.
     fn is_at_marker(&self, state: &State) -> bool {
         self.program.markers.get(usize::from(state.passed)) == Some(&state.card.records)
     }

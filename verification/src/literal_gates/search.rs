@@ -1,33 +1,33 @@
 //! Breadth-first search over every state that a model can reach.
 //!
-//! Invariant: states are numbered in the order in which they are reached, so the first failing one is at the end of a shortest
-//! trace.
+//! Invariant: states are numbered in the order in which they are reached, so the first failing one is at the end of a
+//! shortest trace.
 
 use std::collections::HashMap;
 use std::hash::Hash;
 
 use super::{Counts, Failure, Trace};
 
-/// A machine of several parts, each of which takes its next step whenever it likes.
+/// A machine of several parts, each of which may take its next step at any time.
 pub(super) trait Model {
     type State: Copy + Eq + Hash;
     type Step: Copy;
 
     fn start(&self) -> Self::State;
-    /// Every step that may come next, in a fixed order, and what becomes of it.
+    /// Every possible next step, in a fixed order, with its result.
     fn steps(&self, state: &Self::State) -> Vec<(Self::Step, Self::State)>;
     fn failure(&self, state: &Self::State) -> Option<Failure>;
-    /// The program is at its end.
+    /// Whether the program is at its end.
     fn is_end(&self, state: &Self::State) -> bool;
     fn program(&self) -> String;
-    /// The step in the words of the shop, as taken from `state`.
+    /// Description of the step, as taken from `state`.
     fn words(&self, state: &Self::State, step: Self::Step) -> String;
 }
 
-/// What is reached, and how.
+/// States reached, and how.
 struct Reached<M: Model> {
     states: Vec<M::State>,
-    /// From which state and by which step each was reached first; none for the start.
+    /// The state and step by which each was reached first; none for the start.
     from: Vec<Option<(usize, M::Step)>>,
     /// Every step, as the numbers of two states.
     edges: Vec<(usize, usize)>,
@@ -40,19 +40,19 @@ pub(super) fn shortest<M: Model>(model: &M, failure: Failure) -> Option<Trace> {
     reached.failing.map(|failing| trace(model, &reached, failing, failure))
 }
 
-/// Every state, whether there is any failure, and whether all of them can still come to the end.
+/// Explores every state: whether there is a failure, and whether the end can be reached from all of them.
 pub(super) fn everything<M: Model>(model: &M) -> Counts {
     let reached = reach(model, |_| true);
     let failure = reached.failing.and_then(|failing| {
         let failure = model.failure(&reached.states[failing])?;
         Some(trace(model, &reached, failing, failure))
     });
-    // a search that failed stopped there, and does not know what else there is
+    // a search that failed stopped there, and did not find the other states
     let stuck = if failure.is_none() { stuck(model, &reached) } else { 0 };
     Counts { programs: 1, states: reached.states.len(), steps: reached.edges.len(), stuck, failure }
 }
 
-/// Reaches every state, or as far as the first failure that is `wanted`. Nothing follows another failure.
+/// Reaches every state, or those up to the first failure that is `wanted`. Nothing follows another failure.
 fn reach<M: Model>(model: &M, wanted: impl Fn(Failure) -> bool) -> Reached<M> {
     let start = model.start();
     let mut numbers = HashMap::from([(start, 0)]);
@@ -92,7 +92,7 @@ fn trace<M: Model>(model: &M, reached: &Reached<M>, failing: usize, failure: Fai
     Trace { program: model.program(), steps, failure }
 }
 
-/// How many states cannot reach the end any more.
+/// Number of states from which the end cannot be reached.
 fn stuck<M: Model>(model: &M, reached: &Reached<M>) -> usize {
     let mut before = vec![Vec::new(); reached.states.len()];
     for (from, to) in &reached.edges {

@@ -1,6 +1,6 @@
-//! Drawn words on a whole card, with an observer of its reports that knows the requirements alone.
+//! Drawn commands on a whole card, with an observer of its reports that uses the requirements alone.
 //!
-//! Invariant: the observer looks at reports and at the words that were taken, never into the card.
+//! Invariant: the observer reads reports and accepted commands, never the state of the card.
 
 use crate::choice::Choice;
 use crate::ledger::Size;
@@ -27,15 +27,16 @@ struct Observer {
     inhibit: bool,
     epoch: u16,
     silent: u32,
-    /// Periods that the torch was on with the machine at rest and nothing that keeps it.
+    /// Number of periods that the torch was on with the machine at rest and nothing that retains it.
     stood: u32,
-    /// A place that was passed in the epoch, and a torch that only a first pass, a word or an instruction may light.
+    /// A place was passed in the epoch, and the torch may only be lit by a first pass, a command or an instruction.
     asked: bool,
     /// An instruction that lights the torch, which is not complete.
     pending: Option<u32>,
-    /// The torch went out because the machine stood, and no restart was taken since.
+    /// The torch went out because the machine was at rest too long, and no restart was accepted since.
     blocked: bool,
-    /// An instruction or a repeat that keeps the torch was taken in this epoch: so long standing says nothing.
+    /// An instruction or a repeat that retains the torch was accepted in this epoch: the length of a standstill means
+    /// nothing then.
     keeps: bool,
     /// Places of actions that light the torch.
     actions: Vec<u32>,
@@ -205,7 +206,7 @@ impl Observer {
     }
 }
 
-/// Runs of drawn words, openings, closings, stops and silences.
+/// Runs of drawn commands, openings, closings, stops and silences.
 pub(super) fn drawn_words(size: Size) -> String {
     let mut draw = Draw::new(size.seed);
     let runs = if size.full { 30_000 } else { 3_000 };
