@@ -300,7 +300,7 @@ mod tests {
         format!("{}/../../examples/{name}", env!("CARGO_MANIFEST_DIR"))
     }
 
-    /// Example 2, backed up over as its operator does, with a journal; it ends in this way, or nobody says how.
+    /// Runs example 2 with its operator's script and a journal, which ends this way, or without an end.
     fn backed_up(folder: &Path, ended: Option<JobEnding>) {
         let text = std::fs::read_to_string(example("02-back-up.toml")).expect("a machine file");
         let machine = MachineConfig::parse(&text, "02-back-up.toml").expect("a machine");
@@ -371,7 +371,7 @@ mod tests {
             assert!(words.contains(&expected), "{expected} is not in {words:?}");
         }
         assert!(history.events.is_sorted_by_key(|remark| remark.time_s));
-        // The bracket's 600 mm; what the marks leave out of arcs is next to nothing.
+        // The bracket's 600 mm; the arc error of the marks is negligible.
         let executed = history.path.strokes.first().expect("a path");
         let ends = [executed.points.first(), executed.points.last()].map(|point| point.copied());
         assert_eq!(ends, [Some([0.0; 3]), Some([-10.0, 0.0, 0.0])]);

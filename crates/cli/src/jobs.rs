@@ -318,7 +318,7 @@ mod tests {
     use retrace_core::{Place, mode};
     use retrace_link::{CardStatus, OutputChange};
 
-    /// A job that ran on a card, was stopped while it went back, and was taken up again once.
+    /// Job that ran on a card, was stopped in reverse run, and was resumed once.
     fn stopped(jobs: &JobStore) -> JobFolder {
         let when = Timestamp::from_ms(1_795_308_387_000);
         let folder = jobs.create("part.ngc", when).expect("a folder");
