@@ -1,4 +1,4 @@
-//! `retrace card`: a simulated card behind a pseudo-terminal, and hosts that come and go.
+//! `retrace card`: a simulated card behind a pseudo-terminal, and hosts that connect and disconnect.
 #![cfg(target_os = "linux")]
 
 use std::process::{Child, Command, Stdio};
@@ -8,7 +8,7 @@ use retrace_tests::command::{Bench, Said, binary};
 use retrace_tests::served::Served;
 use serde_json::Value;
 
-/// A square of 2 mm, there and back to its corner at (1, 1).
+/// A square of 2 mm, and back to its corner at (1, 1).
 const SQUARE: &str = "G21 G90\nG1 X1 Y1 F1200\nG1 X3\nM62 P1\nG1 Y3\nM3 S100\nG1 X1\nG1 Y1\nM2\n";
 
 fn report(said: &Said) -> Value {
@@ -36,7 +36,7 @@ fn a_program_on_a_served_card_ends_where_it_ends_in_process() {
     assert_eq!(again["position_counts"], in_process["position_counts"]);
     let told = served.told();
     assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
-    // the runs make 5 mm and 4 mm of X, at 1000 pulses a millimetre, and a little at rounded corners
+    // the runs are 5 mm and 4 mm of X, at 1000 pulses a millimetre, and a little at rounded corners
     let pulses = told["pulses"][0].as_u64().expect("a count");
     assert!((9000..9500).contains(&pulses), "{told}");
     let trace = std::fs::read_to_string(vcd).expect("a trace");
@@ -70,11 +70,11 @@ fn kill(mut host: Child) {
     host.wait().expect("ended");
 }
 
-/// Killed in motion, the host leaves a machine that stops by itself, on the path, and says so to the next one.
+/// Killed in motion, the host leaves a machine that stops by itself, on the path, and reports so to the next one.
 #[test]
 fn a_host_that_is_killed_leaves_a_machine_at_rest() {
     let bench = Bench::new();
-    // a computer under load may take its time until the first motion
+    // a computer under load may need more time until the first motion
     for seconds in [2, 6, 18] {
         let served = Served::with(&[]);
         let host = long_job(&bench, &served);
@@ -102,7 +102,7 @@ fn a_host_that_is_killed_leaves_a_machine_at_rest() {
 fn a_port_that_is_in_use_or_not_there_is_refused_with_what_to_do() {
     let bench = Bench::new();
     let served = Served::with(&[]);
-    // who asks too early takes the port away from the host that is to have it
+    // an early query takes the port away from the host that is to have it
     let mut asked = [1, 4, 12].into_iter().map(|seconds| {
         let mut host = long_job(&bench, &served);
         std::thread::sleep(Duration::from_secs(seconds));
@@ -150,12 +150,12 @@ fn ports_are_listed() {
     assert!(!bench.retrace(["card", "ports"]).out.is_empty());
 }
 
-/// Corners, an arc, a dwell, spindle and coolant, an output in passing; two seconds of motion.
+/// Corners, an arc, a dwell, spindle and coolant, a synchronous output; two seconds of motion.
 const WORK: &str = "G21 G90 G64 P0.05\nF1800\nM3 S900\nG1 X8 Y2\nG2 X12 Y6 I0 J4\nM62 P2\nG1 X4 Y8\nM8\nG4 P0.1\nG1 X1 Y1\nM9\nM5\n\
     G0 Z2\nG1 X0\nM2\n";
 
-/// Whatever the operator does on a card at the end of a line, the job ends on the counts that it has in this process, and every place
-/// has one position.
+/// For any commands of the operator on a card behind a serial line, the job ends on the counts that it has in this
+/// process, and every place has one position.
 #[test]
 fn holds_reversals_and_switching_on_a_served_card_end_exactly() {
     let bench = Bench::new();
@@ -193,7 +193,7 @@ fn a_latched_alarm_is_told_and_cleared() {
     let served = Served::with(&[]);
     let host = long_job(&bench, &served);
     let begun = Instant::now();
-    // until it has come to move something
+    // until it has begun to move
     std::thread::sleep(Duration::from_secs(2));
     kill(host);
     while served.who(&bench)["alarm"].is_null() && begun.elapsed() < Duration::from_secs(20) {}
@@ -203,12 +203,12 @@ fn a_latched_alarm_is_told_and_cleared() {
     let cleared = bench.retrace(["card", "clear", &served.port]);
     assert_eq!(cleared.code, Some(0), "{}", cleared.err);
     assert!(served.who(&bench)["alarm"].is_null());
-    // It stands where it was stopped; a job begins there.
+    // It is at rest where it was stopped; a job begins there.
     let after = report(&served.run(&bench, "square.ngc"));
     assert_eq!((&after["outcome"], &after["position_counts"]["x"]), (&"completed".into(), &1000.into()), "{after}");
 }
 
-/// What is done by hand to the machine around the card is seen by the card.
+/// Manual changes to the machine around the card are detected by the card.
 #[test]
 fn an_emergency_stop_is_pressed_by_hand() {
     let bench = Bench::new();
@@ -232,7 +232,7 @@ fn an_emergency_stop_is_pressed_by_hand() {
     assert_eq!((&after["outcome"], &after["position_counts"]["x"]), (&"completed".into(), &1000.into()), "{after}");
 }
 
-/// What a card cannot do is said before anything is opened.
+/// What a card cannot do is reported before anything is opened.
 #[test]
 fn a_machine_that_the_card_does_not_fit_is_refused() {
     let bench = Bench::new();

@@ -1,5 +1,5 @@
-//! The journal of a job that was left in a blend, in a loop, while going back and while arriving as a stream, cut at every write and at
-//! every byte of its last records: what is left is taken up and comes to the exact end, or it is refused with the reason.
+//! The journal of a job that ended in a blend, in a loop, while going back and while streaming, cut at every write and
+//! at every byte of its last records: the rest is resumed and reaches the exact end, or it is refused with the reason.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -8,20 +8,20 @@ use std::path::{Path, PathBuf};
 use retrace_tests::command::{Bench, cases};
 use serde_json::Value;
 
-/// Blends, a loop in a subprogram, codes with a duration and in passing.
+/// Blends, a loop in a subprogram, codes with a duration and synchronous ones.
 const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.5\nM3 S1000\nG1 X10\nM62 P10\nX12 Y5\nX5 Y9\nM63 P10\nO100 sub\nO101 repeat [3]\nG91\nM62 P12\nG1 X3 Y1\n\
     X-3 Y2 Z-0.5\nM63 P12\nX1\nG90\nO101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X6 Y-4\nG3 X12 Y2 I0 J6\nM9\nG1 X0 Y0 Z0\nX11.111 Y7.007 Z-3.3\nM5\nM2\n";
-/// Where it ends, in pulses.
+/// Its end, in pulses.
 const END: [i64; 3] = [11_111, 7_007, -3_300];
 
-/// A job that was left, and its journal.
+/// A job that did not reach its end, and its journal.
 struct Left {
     bench: Bench,
     folder: PathBuf,
     journal: Vec<u8>,
 }
 
-/// Runs the program until the operator stops it; the journal must say that of where.
+/// Runs the program until the operator stops it; the journal must record where.
 fn left(program: &str, operator: &str, stood: &str) -> Left {
     let bench = Bench::new();
     bench.file("part.ngc", PROGRAM);
@@ -39,8 +39,8 @@ fn left(program: &str, operator: &str, stood: &str) -> Left {
     Left { bench, folder, journal }
 }
 
-/// The lengths that the journal is cut to: the end of every line, every byte of the last two before the one that says how the job ended,
-/// which a job that was killed does not have, and some of that one. As many of them as are wanted, evenly.
+/// Lengths to which the journal is cut: the end of every line, every byte of the last two before the one with the
+/// outcome of the job, which a killed job does not have, and some of that one. `wanted` of them, evenly distributed.
 fn cuts(journal: &[u8], wanted: usize) -> Vec<usize> {
     let ends: Vec<usize> = (0..journal.len()).filter(|&at| journal[at] == b'\n').map(|at| at + 1).collect();
     let last = ends.len() - 1;
@@ -54,7 +54,7 @@ fn cuts(journal: &[u8], wanted: usize) -> Vec<usize> {
 }
 
 impl Left {
-    /// Takes up what is left of the job after its journal was cut to this length: what came of it.
+    /// Resumes the job after its journal was cut to this length; returns the result.
     fn taken_up(&self, length: usize) -> String {
         let jobs = self.bench.path("cut");
         let _ = fs::remove_dir_all(&jobs);
@@ -77,7 +77,7 @@ impl Left {
         let number = ["E2204", "E2209"].into_iter().find(|number| said.err.contains(number));
         let number = number.unwrap_or_else(|| panic!("{told}"));
         assert!(said.code == Some(2) && said.err.contains("help:"), "{told}");
-        // only what never began has nothing to take up
+        // only a job that never began cannot be resumed
         let begins = self.journal.iter().position(|&byte| byte == b'\n').map_or(0, |at| at + 1);
         assert!(length < begins, "{told}");
         format!("refused with {number}")
@@ -98,7 +98,7 @@ fn copy(from: &Path, to: &Path, journal: &[u8]) {
     fs::create_dir_all(to).expect("a folder");
     for file in fs::read_dir(from).expect("a job's folder") {
         let file = file.expect("a file");
-        // what the job left at its end was not there yet
+        // the output at the end of the job did not exist yet
         if file.file_name() != "report.json" {
             fs::copy(file.path(), to.join(file.file_name())).expect("a copy");
         }

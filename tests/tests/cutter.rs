@@ -1,6 +1,6 @@
-//! What the cutter does at every stop and restart, at the pins of the card.
+//! The cutter at every stop and restart, at the pins of the card.
 //!
-//! Invariant: the outputs are judged by the trace of the card alone.
+//! Invariant: the outputs are checked by the trace of the card alone.
 
 use retrace_tests::command::Bench;
 use retrace_tests::pins::{Sample, samples};
@@ -8,7 +8,7 @@ use retrace_tests::run::Run;
 use retrace_tests::served::Served;
 use serde_json::json;
 
-/// A small machine with a cutter on output `fire` (`spindle` for M3's) of this kind, and more of its file.
+/// A small machine with a cutter of this kind on output `fire` (`spindle` for M3's), and further text of its file.
 fn machine(cutter: &str, more: &str) -> String {
     let axis = |name: &str| {
         format!(
@@ -42,7 +42,7 @@ fn run(machine: &str, program: &str, script: &str, more: &[&str]) -> (Run, Vec<S
     (run, samples(&vcd))
 }
 
-/// For how long, at the most, an output was on without a break while the machine stood, in ms, and the program line of it.
+/// Longest time, in ms, that an output was on without a break while the machine was at rest, and its program line.
 fn max_standing_ms(samples: &[Sample], output: &str) -> (u64, u64) {
     let (mut longest, mut since, mut line) = (0, None, 0);
     for sample in samples {
@@ -114,7 +114,7 @@ fn a_hold_puts_out_a_torch_at_once_a_jet_after_its_grace_and_lets_a_spindle_turn
     jet.assert_exact_and_legal();
     let (standing, line) = max_standing_ms(&pins, "out3");
     assert!((499..=502).contains(&standing) && line == 5, "{standing} ms at line {line}");
-    // a hold that is shorter than the grace goes on without a restart
+    // a hold that is shorter than the grace resumes without a restart
     let short = "at line 5 override 100%\nafter 0.3s hold\nafter 0.4s resume\n";
     let (jet, _) = run(&machine(JET, ""), JET_PROGRAM, short, &[]);
     jet.assert_exact_and_legal();
@@ -202,7 +202,7 @@ fn outputs_that_were_switched_by_hand_are_asked_about_at_every_restart() {
         let after = first_motion_ms(&pins, time_ms(asked) + 1);
         assert!(after >= restored, "it moved at {after} ms, before {restored} ms");
     }
-    // nobody answers: it does not go on
+    // without a confirmation it does not resume
     let (unanswered, pins) = run(&spindle, &program, &held.replace("after 1s agree\n", ""), &[]);
     assert_eq!(unanswered.report["outcome"], "stopped");
     let asked = time_ms(unanswered.of_kind("outputs_differ").next().expect("it asks"));
@@ -246,7 +246,7 @@ fn a_start_in_the_middle_brings_the_tool_up_first_and_lights_a_torch_at_the_cut(
     let (plasma, pins) = run(&machine(TORCH, ""), TORCH_PROGRAM, "", &["--start-line", "8"]);
     assert_eq!(plasma.report["outcome"], "completed");
     let on = pins.iter().find(|sample| sample.is_on("spindle")).expect("it is lit").at_us / 1000;
-    // the way to X100 has been made by then, and the pierce is waited for
+    // X100 has been reached by then, and the pierce is waited for
     let before: Vec<&Sample> = pins.iter().filter(|sample| sample.at_us / 1000 <= on && sample.rate != 0.0).collect();
     assert!(before.len() > 500, "it moves there dark");
     assert!(first_motion_ms(&pins, on) >= on + 400);
@@ -268,7 +268,7 @@ fn reverse_run_puts_the_cutter_out_and_the_end_of_it_lights_it_again() {
 
 #[test]
 fn replayed_outputs_go_back_and_forth_with_m64_and_never_light_the_cutter() {
-    // output 5 belongs to no cutter; the way back goes over everything
+    // output 5 belongs to no cutter; the way back covers everything
     let program =
         "G21 G90 F3000\nG1 X10\nM64 P5\nG1 X20\nM64 P3\nG1 X40\nM65 P3\nG1 X60\nM65 P5\nG1 X80\nG1 X100\nM2\n";
     let script = "at line 11 reverse 100%\nafter 4s leave\n";
@@ -444,7 +444,7 @@ fn a_spindle_that_is_switched_off_by_hand_in_the_cut_holds_the_program() {
     assert!(last_us - off_us < 300_000, "it feeds for {} us with the spindle off", last_us - off_us);
 }
 
-/// A block of a stream that would leave the soft limits ends the program in the cut: the jet goes off where it stands.
+/// A block of a stream that would leave the soft limits ends the program in the cut: the jet goes off at once.
 #[test]
 fn a_stream_that_is_refused_in_the_cut_leaves_the_cutter_off() {
     let bench = Bench::new();
@@ -459,7 +459,7 @@ fn a_stream_that_is_refused_in_the_cut_leaves_the_cutter_off() {
     assert!(samples.iter().any(|sample| sample.line == 4 && sample.is_on("out3")));
 }
 
-/// From the pause to the kerf the jet is off, while a length is entered and on the way back by it.
+/// From the pause to the kerf the jet is off, while a length is entered and during the return with it.
 #[test]
 fn a_tool_length_in_a_pause_lights_nothing_before_the_kerf() {
     let script = "at line 5 override 100%\nafter 0.5s pause\nafter 1s jog z 5\nafter 0s tool length by 1.5\nafter 1s online\n\

@@ -1,13 +1,14 @@
-//! A program is paused, the tool taken away and brought back: the job ends where it would have ended, and no wrong step is taken.
+//! A program is paused, the tool moved away and back: the job reaches its regular end, and no step out of order is
+//! accepted.
 
 use retrace_tests::command::Bench;
 use retrace_tests::run::Run;
 
-/// A pocket's edge with the spindle on, arcs and corners, and output switching on the way.
+/// Edge of a pocket with the spindle on, arcs and corners, and outputs switched in motion.
 const EDGE: &str = "G21 G90 G17 G64 P0.05\nG0 Z5\nT1 M6\nS12000 M3\nG0 X10 Y10\nG1 Z-2 F600\nG1 X40 F1500\nG3 X50 Y20 J10 I0\n\
     G1 Y40\nM62 P3\nG1 X10\nG1 Y10\nM63 P3\nG0 Z5\nM5\nM2\n";
 
-/// The interface's own sequence.
+/// The sequence of the interface.
 const SEQUENCE: &str =
     "after 0s spindle stop\nafter 1s jog z 10\nafter 1s spindle start\nafter 1s online\nafter 0s cycle start\n";
 
@@ -115,7 +116,7 @@ fn another_program_in_the_place_of_the_first_is_refused() {
     let bench = Bench::new();
     let program = bench.file("edge.ngc", EDGE);
     let script = bench.file("dnc.op", format!("at line 7 pause\nafter 7s hold\n{SEQUENCE}after 2s stop\n"));
-    // It is replaced while it is paused: in wall time that is long.
+    // It is replaced during the pause, which is long in wall time.
     let replace = std::thread::spawn({
         let program = program.clone();
         move || {

@@ -7,10 +7,10 @@ use std::process::{Command, Stdio};
 use retrace_tests::command::{Bench, binary};
 use retrace_tests::run::Run;
 
-/// MiB that checking a large file may take: the built-in machine's history is not among them.
+/// MiB that checking a large file may use: the built-in machine's history is not included.
 const MAX_MIB: u64 = 48;
 
-/// Writes a program of so many MiB: short moves with long remarks, so that there is more text than work.
+/// Writes a program of `mib` MiB: short moves with long comments, so that there is more text than work.
 fn large(bench: &Bench, mib: u64) -> std::path::PathBuf {
     let path = bench.path("large.ngc");
     let mut file = BufWriter::new(File::create(&path).expect("a file"));
@@ -26,7 +26,7 @@ fn large(bench: &Bench, mib: u64) -> std::path::PathBuf {
     path
 }
 
-/// Runs the command and watches its memory: exit code, largest resident set in MiB.
+/// Runs the command and watches its memory; returns the exit code, and the largest resident set in MiB.
 fn peak_mib(bench: &Bench, arguments: &[&str]) -> (Option<i32>, u64, String) {
     let out = bench.path("out.txt");
     let mut command = Command::new(binary());

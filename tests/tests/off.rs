@@ -1,5 +1,6 @@
-//! Random jobs on jet, plasma, laser and router machines, stopped, held, paused, killed, cut off and resumed: the cutter is off outside of
-//! a cut and its pierce, and no feed begins before it is ready. The pins are judged by an observer that knows the program alone.
+//! Random jobs on jet, plasma, laser and router machines, stopped, held, paused, killed, cut off and resumed: the
+//! cutter is off outside of a cut and its pierce, and no feed begins before it is ready. The pins are checked by an
+//! observer that has the program alone.
 
 use std::collections::BTreeMap;
 use std::process::Stdio;
@@ -13,31 +14,31 @@ use retrace_tests::cutter_observer::{Observation, Rules, Seen, observe};
 use retrace_tests::sender::Chance;
 use retrace_tests::served::Served;
 
-/// So many times as fast as a clock the card's time passes.
+/// Factor of the card's time over wall time.
 const SPEED: f64 = 5.0;
-/// The watchdog of the jobs, in the card's time: it forgives a computer under load.
+/// Watchdog of the jobs, in the card's time: it tolerates a computer under load.
 const WATCHDOG_MS: f64 = 1500.0;
-/// So many hosts and cards at a time.
+/// Number of hosts and cards at a time.
 const AT_A_TIME: usize = 3;
-/// So long the card waits before it counts standing (`handover_ms`).
+/// Time in the card before it counts a standstill (`handover_ms`).
 const HANDOVER_MS: f64 = 100.0;
 
-/// The jobs that the suite runs: a jet that is killed, and those by which the campaign found a defect.
+/// Jobs that the suite runs: a jet that is killed, and those by which the campaign found a defect.
 const SUITE: [u64; 5] = [56, 27, 219, 492, 734];
 
-/// The jobs to be run: those of the suite, or as many as are asked for from a seed on.
+/// Jobs to be run: those of the suite, or the requested number from a seed on.
 fn seeds() -> Vec<u64> {
     let first = std::env::var("RETRACE_FIRST_SEED").ok().and_then(|text| text.parse().ok());
     first.map_or_else(|| SUITE.to_vec(), |first: u64| (first..).take(cases(SUITE.len() as u32) as usize).collect())
 }
 
-/// A kind of machine, with what its template says of the cutter.
+/// A kind of machine, with the cutter of its template.
 struct Kind {
     template: &'static str,
     on: &'static str,
     off: &'static str,
     fire: &'static str,
-    /// The duration of the instruction, at least; and at most, with the input that it waits for.
+    /// Shortest duration of the instruction; and longest, with the input that it waits for.
     ready_ms: [f64; 2],
     grace_ms: Option<f64>,
 }
@@ -78,7 +79,7 @@ fn program(kind: &Kind, chance: &mut Chance) -> (String, Vec<u64>) {
     (lines.join("\n"), cut)
 }
 
-/// What the operator does, and goes on again.
+/// Commands of the operator, who resumes in the end.
 fn script(chance: &mut Chance) -> String {
     let mut lines = Vec::new();
     for _ in 0..chance.below(4) {
@@ -100,13 +101,13 @@ fn script(chance: &mut Chance) -> String {
     if chance.below(4) == 0 {
         lines.push(format!("after {:.1}s stop", chance.below(60) as f64 / 10.0));
     } else {
-        // what waits for the operator goes on
+        // resumes what waits for the operator
         lines.extend((0..6).map(|_| "after 1.5s recover".to_owned()));
     }
     lines.join("\n") + "\n"
 }
 
-/// The template of a kind, for a machine that need not be homed and stands where the program may go.
+/// The template of a kind, for a machine that need not be homed and is where the program may go.
 fn machine(bench: &Bench, kind: &Kind) -> String {
     let said = bench.retrace(["machine", "new", kind.template]);
     assert_eq!(said.code, Some(0), "{}", said.err);
@@ -114,7 +115,7 @@ fn machine(bench: &Bench, kind: &Kind) -> String {
     said.out.replace("allow_unhomed = false", "allow_unhomed = true").replace("watchdog_ms = 250.0", &watchdog)
 }
 
-/// One job: what the hosts came to, and what the pins showed.
+/// One job: results of the hosts, and of the observation of the pins.
 fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
     let mut chance = Chance::new(seed);
     let kind = &KINDS[chance.below(KINDS.len())];
@@ -165,7 +166,7 @@ fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
     ))
 }
 
-/// Runs a host, killed at some moment or not: how it ended, and its events.
+/// Runs a host, killed at some moment or not; returns how it ended, and its events.
 fn hosted(bench: &Bench, arguments: &[&str], chance: &mut Chance) -> (String, String) {
     let end = run_host(bench, arguments, chance);
     (end, std::fs::read_to_string(bench.path("said.txt")).unwrap_or_default())

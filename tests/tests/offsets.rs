@@ -1,4 +1,4 @@
-//! Offsets and tool data outlive the command that set them, and a job is resumed with those that it began with.
+//! Offsets and tool data persist after the command that set them, and a job is resumed with those that it began with.
 #![cfg(unix)]
 
 use std::fs;
@@ -58,7 +58,7 @@ fn what_is_set_at_the_screen_is_there_after_quitting() {
         ("mG92 Z-3\r", "Z       0.000      -3.000"),
         ("mT4 M6 G10 L1 P4 Z12.5\r", "T4"),
     ]);
-    // The next screen begins with it, and so does a run without one, which names the file.
+    // The next screen begins with it, and so does a run without one, which reports the file.
     screen(&[("mG0 X1\r", "X       6.000       1.000")]);
     bench.file("tool.ngc", "G21 G90 G94 G61 F3000\nT4 M6\nG43 H4\nG1 X10 Z10\nM2\n");
     let said = bench.retrace(["run", "tool.ngc", "--card", &card.port, "--machine", "mill.toml", "--json"]);
@@ -111,7 +111,7 @@ fn a_job_is_resumed_with_the_offsets_that_it_began_with_and_nothing_that_was_set
     assert_eq!((said.code, counts(&said)), (Some(0), [25_000, 5_000, 0]), "{}\n{}", said.out, said.err);
     let shown: Value = serde_json::from_str(said.out.lines().next().expect("a line")).expect("JSON");
     assert_eq!(shown["changed_tables"].as_array().map(Vec::len), Some(2), "{shown}");
-    // What was set since stays, and so does what the program has set.
+    // Later changes persist, and so does what the program has set.
     let file = fs::read_to_string(report(&said)["parameter_file"].as_str().expect("a file")).expect("there");
     for line in ["5221\t5.500000", "5223\t-1.000000", "5241\t77.000000"] {
         assert!(file.contains(line), "{line}: {file}");
@@ -122,7 +122,7 @@ fn a_job_is_resumed_with_the_offsets_that_it_began_with_and_nothing_that_was_set
 fn a_tool_that_was_changed_by_hand_is_the_jobs_tool_when_it_is_resumed() {
     let (bench, card) = (bench(), Served::with(&[]));
     let state = bench.path("state").display().to_string();
-    // G43 without H takes the tool in the spindle.
+    // G43 without H uses the tool in the spindle.
     bench.file("part.ngc", "G21 G90 G94 G61 F3000\nG43\nG1 X10\nG1 X20 F600\nG1 Z1\nM2\n");
     let [machine, part] = ["mill.toml", "part.ngc"].map(|name| bench.path(name).display().to_string());
     let arguments = ["run", &part, "--tui", "--card", &card.port, "--machine", &machine];

@@ -1,4 +1,4 @@
-//! Real-time scheduling, where the system permits it, and what `retrace doctor` measures.
+//! Real-time scheduling, where the system permits it, and the measurements of `retrace doctor`.
 
 #![cfg(target_os = "linux")]
 

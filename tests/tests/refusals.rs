@@ -2,7 +2,7 @@
 
 use retrace_tests::command::{Bench, Said, root};
 
-/// A refusal that says all it has to: exit code, error number, a place, and help; and not a pulse was emitted.
+/// Checks a refusal: exit code, error number, a place, and help; and not a pulse was emitted.
 fn assert_refused(bench: &Bench, said: &Said, code: i32, words: &[&str]) {
     assert_eq!(said.code, Some(code), "{}\n{}", said.out, said.err);
     assert!(said.err.contains("error[E"), "no number: {}", said.err);

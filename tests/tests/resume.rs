@@ -1,5 +1,5 @@
-//! A job that was interrupted is taken up again: the counts at its end are those of a run without an interruption, or it is refused with
-//! the reason.
+//! An interrupted job is resumed: the counts at its end are those of an uninterrupted run, or it is refused with the
+//! reason.
 
 use std::fs;
 use std::process::Stdio;
@@ -14,7 +14,7 @@ use serde_json::Value;
 /// Straight runs, blends, a loop in a subprogram, switching with a duration.
 const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.1\nM3 S1000\nG1 X20\nX25 Y5\nX5 Y9\nO100 sub\nO101 repeat [4]\nG91\nG1 X3 Y1\nX-3 Y2 Z-0.5\nG90\n\
     O101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X30 Y-4\nG3 X40 Y6 I0 J10\nO100 call\nM9\nG1 X0 Y0 Z0\nX11.111 Y7.007 Z-3.3\nM5\nM2\n";
-/// Where it ends, in pulses.
+/// Its end, in pulses.
 const END: [i64; 3] = [11_111, 7_007, -3_300];
 const PATIENT: &str = "[card]\nwatchdog_ms = 2000\n";
 
@@ -77,7 +77,7 @@ fn a_simulated_job_that_was_stopped_goes_on_any_number_of_times() {
         assert_eq!(said.code, Some(4), "{}\n{}", said.out, said.err);
         assert!(said.out.contains("\"event\":\"resume\""), "{}", said.out);
     }
-    // what can be gone back over reaches to the job's beginning
+    // the history for reverse run reaches to the job's beginning
     bench.file("back.op", "at 0.2s hold\nafter 0.5s reverse 100%\nafter 8s leave\n");
     let said = bench.retrace(["resume", "--yes", "--json", "--operator", "back.op"]);
     assert_completed(&said);
@@ -95,7 +95,7 @@ fn nobody_who_agrees_means_nothing_moves() {
     assert_eq!(said.code, Some(2));
     assert_refused(&said, "E2215");
     assert!(said.out.contains("history") && said.out.contains("line"), "{}", said.out);
-    // and the journal is as it was
+    // and the journal is unchanged
     assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
 }
 
@@ -138,7 +138,7 @@ fn a_stream_is_taken_up_from_what_was_kept_of_it_and_sent_again_where_that_is_no
     let whole = fs::File::open(bench.path("part.ngc")).expect("a file");
     killed(&bench, &run, whole.into(), Duration::from_millis(700));
     assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
-    // half of it, and then nothing comes
+    // half of it, and then no more data
     let mut child = bench.begun(&run, Stdio::piped(), "half.txt");
     let mut pipe = child.stdin.take().expect("a pipe");
     std::io::Write::write_all(&mut pipe, &PROGRAM.as_bytes()[..PROGRAM.len() / 2]).expect("it is taken");
@@ -173,7 +173,7 @@ fn another_card_is_refused_and_a_machine_that_was_moved_goes_back_to_the_breakpo
 /// A machine with a retract plane.
 const RETRACTS: &str = "retract_mm = 10\n[card]\nwatchdog_ms = 2000\n";
 
-/// The rows of a records file: increments of X, Y and Z.
+/// Rows of a records file: increments of X, Y and Z.
 fn rows(bench: &Bench) -> Vec<[i64; 3]> {
     let text = fs::read_to_string(bench.path("records.csv")).expect("records");
     let row = |line: &str| {
@@ -183,7 +183,8 @@ fn rows(bench: &Bench) -> Vec<[i64; 3]> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// While X or Y moves before the tool has come down to `down` for good, Z stands at `height`; all from these counts on.
+/// Checks that while X or Y moves before the tool has finally come down to `down`, Z is at `height`; all from these
+/// counts on.
 fn assert_safe_order(rows: &[[i64; 3]], from: [i64; 3], height: i64, start: [i64; 3]) {
     let (mut at, mut was_there) = (from, false);
     for row in rows {
@@ -244,7 +245,7 @@ fn a_stop_on_the_way_back_keeps_the_breakpoint() {
     bench.file("away.op", "at line 6 pause\nafter 0.1s jog z 40\nafter 1s stop\n");
     let on_card = ["--card", &card.port, "--machine", "mill.toml", "--json", "--operator", "away.op"];
     assert_eq!(bench.retrace(["run", "part.ngc"].iter().chain(&on_card)).code, Some(4));
-    // The host goes on the way back.
+    // The host continues the return.
     let mut child = bench.begun(&["resume", "--yes", "--json"], Stdio::null(), "killed.txt");
     while !fs::read_to_string(bench.path("killed.txt")).unwrap_or_default().contains("approach") {
         sleep(Duration::from_millis(1));
@@ -331,8 +332,8 @@ fn after_a_restart_of_the_card_homing_is_enough_where_every_axis_has_a_switch() 
     assert_completed(&bench.retrace(resume));
 }
 
-/// The card loses its power in the cut and is switched on again: all outputs are off, nothing moves until the operator acts, and the job goes on only
-/// behind a position that he has confirmed, with the jet off on the way back.
+/// The card loses its power in the cut and is switched on again: all outputs are off, nothing moves until the operator
+/// acts, and the job resumes only after he has confirmed a position, with the jet off during the return.
 #[test]
 fn after_a_power_loss_in_the_cut_the_jet_stays_off_and_nothing_moves_by_itself() {
     let bench = Bench::new();
@@ -372,7 +373,7 @@ fn after_a_power_loss_in_the_cut_the_jet_stays_off_and_nothing_moves_by_itself()
     assert!(first_motion > 1_500_000, "nothing moves before it is resumed: {first_motion} µs");
     let lit: Vec<_> = samples.iter().filter(|sample| sample.is_on("out3")).collect();
     let breakpoint = lit.first().expect("it is lit").place;
-    // It is lit at the breakpoint, behind the way back, and from there on only along the cut.
+    // It is lit at the breakpoint, after the return, and from there on only along the cut.
     let cuts = |sample: &pins::Sample| sample.place == breakpoint || (4..=5).contains(&sample.line);
     assert!(lit.iter().all(|sample| sample.at_us > first_motion && sample.place >= breakpoint && cuts(sample)));
     let cut: Vec<_> = lit.iter().filter(|sample| sample.rate > 0.0).collect();

@@ -1,4 +1,5 @@
-//! Everything that decoding has read belongs to a job (DNC-12): what was changed since is refused by name, or the job has a copy of its own.
+//! All files that decoding has read belong to a job (DNC-12): a changed one is refused by name, or the job has a copy
+//! of its own.
 
 use retrace_tests::command::{Bench, Said};
 use serde_json::Value;
@@ -36,7 +37,7 @@ fn a_cycle_that_was_changed_is_refused_by_name() {
     std::fs::remove_file(bench.path("cycles/CUT.SPF")).expect("a file");
     assert_refused(&bench.retrace(["resume", "--yes"]), "CUT.SPF");
     bench.file("cycles/CUT.SPF", CYCLE);
-    // One that would take the place of a shipped one.
+    // A file that would replace a built-in one.
     bench.file("cycles/CYCLE81.SPF", "PROC CYCLE81(REAL _A) SAVE\nG1 X=_A\nM17\n");
     assert_refused(&bench.retrace(["resume", "--yes"]), "CYCLE81.SPF");
     std::fs::remove_file(bench.path("cycles/CYCLE81.SPF")).expect("a file");
@@ -57,7 +58,7 @@ fn a_subprogram_that_was_changed_or_would_come_first_now_is_refused_by_name() {
     bench.file("subs/hole.ngc", SUB.replace("X20", "X21"));
     assert_refused(&bench.retrace(["resume", "--yes"]), "hole.ngc");
     bench.file("subs/hole.ngc", SUB);
-    // The program's own folder comes first.
+    // The program's own folder takes precedence.
     bench.file("hole.ngc", SUB.replace("X20", "X21"));
     assert_refused(&bench.retrace(["resume", "--yes"]), "hole.ngc");
     std::fs::remove_file(bench.path("hole.ngc")).expect("a file");

@@ -1,6 +1,6 @@
-//! The screen, as a person has it: keys in, cells out, through a pseudo-terminal, with a job behind it that really runs.
+//! The screen, as a person uses it: keys in, cells out, through a pseudo-terminal, with a real job behind it.
 //!
-//! What is read at the end are the card's own counts: they are those of a run that nobody looked at.
+//! The card's own counts are read at the end: they are those of a run without a screen.
 #![cfg(unix)]
 
 use std::time::{Duration, Instant};
@@ -10,7 +10,7 @@ use retrace_tests::served::Served;
 use retrace_tests::terminal::Terminal;
 
 const BRACKET: &str = "examples/02-back-up.ngc";
-/// Where the bracket ends.
+/// End position of the bracket.
 const BRACKET_COUNTS: &str = "X -10000  Y 0  Z 0";
 const LEFT: &str = "\x1b[D";
 const RIGHT: &str = "\x1b[C";
@@ -35,7 +35,7 @@ fn ready(bench: &Bench, text: &str) -> Terminal {
     terminal
 }
 
-/// The mm that stand before `mm back`.
+/// Number of mm before `mm back`.
 fn back_mm(text: &str) -> f64 {
     let before = text.split(" mm back").next().unwrap_or_default();
     before.rsplit(|c: char| !c.is_ascii_digit() && c != '.').next().and_then(|w| w.parse().ok()).unwrap_or(0.0)
@@ -51,7 +51,7 @@ fn until_block(terminal: &Terminal, line: u32) -> String {
     terminal.until_that(&format!("block {line}"), |text| active(text) >= line)
 }
 
-/// Waits until the job has ended so, and quits; what then stands on the terminal that was there before.
+/// Waits until the job has ended with this outcome, and quits; returns the text of the terminal's main screen.
 fn ends(terminal: &mut Terminal, outcome: &str, code: i32) -> String {
     let end = terminal.until("ENDED");
     assert!(end.contains(outcome), "{end}");
@@ -61,7 +61,7 @@ fn ends(terminal: &mut Terminal, outcome: &str, code: i32) -> String {
     terminal.until("limit violations 0")
 }
 
-/// Turns the wheel until the machine has gone back so far.
+/// Turns the wheel until the machine has gone back by this distance.
 fn turn_back(terminal: &Terminal, key: &str, mm: f64) {
     let begun = Instant::now();
     while back_mm(&terminal.text()) < mm {
@@ -148,7 +148,7 @@ fn reverse_forward_override_and_the_mouse_wheel() {
     terminal.until_that("some mm back", |text| back_mm(text) > 5.0);
     terminal.keys("f");
     terminal.until("FORWARD");
-    // Behind the furthest place the program goes on (REV-7).
+    // Behind the furthest place the program resumes (REV-7).
     terminal.until("RUNNING");
     // Only in handwheel mode the mouse wheel moves the machine.
     terminal.keys(WHEEL_DOWN);
@@ -249,7 +249,7 @@ fn a_job_is_stopped_and_begins_again_from_where_the_machine_stands() {
     assert!(end.contains("X 0  Y 3000  Z 0"), "{end}");
 }
 
-/// The operator is gone with his terminal: the machine stops on its path, and the command says so.
+/// The operator's terminal is closed: the machine stops on its path, and the command reports so.
 #[test]
 fn a_terminal_that_is_closed_stops_the_job() {
     let bench = Bench::new();
@@ -268,7 +268,8 @@ fn a_terminal_that_is_closed_stops_the_job() {
     assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
 }
 
-/// An emergency stop on a served card: its cause and its remedy are shown, it is cleared, and the program is begun again.
+/// An emergency stop on a served card: its cause and its remedy are shown, it is cleared, and the program is begun
+/// again.
 #[test]
 fn an_alarm_is_shown_with_its_remedy_and_cleared() {
     let bench = Bench::new();
@@ -308,7 +309,7 @@ fn what_cannot_be_on_a_screen_is_refused() {
     assert!(said.code == Some(2) && said.err.contains("--json"), "{}", said.err);
 }
 
-/// A script operates beside the keys, and what the card executed is written down.
+/// A script operates together with the keys, and the executed records are written.
 #[test]
 fn a_scripted_operator_and_keys_side_by_side() {
     let bench = Bench::new();
@@ -326,7 +327,7 @@ fn a_scripted_operator_and_keys_side_by_side() {
     assert!(rows.lines().count() > 4000, "{}", rows.lines().count());
 }
 
-/// Set up by hand: a jog, a block, the work zero; then a dry run, which goes from there and switches nothing.
+/// Set up manually: a jog, a block, the work zero; then a dry run, which starts there and switches nothing.
 #[test]
 fn a_machine_is_set_up_by_hand_and_the_program_goes_from_its_work_zero() {
     let bench = Bench::new();
@@ -358,7 +359,7 @@ fn a_machine_is_set_up_by_hand_and_the_program_goes_from_its_work_zero() {
     assert!(end.contains("X 6000  Y 2000  Z 0"), "{end}");
 }
 
-/// A paused program: the steps are shown, each leads to the next, and the job goes on at the very place.
+/// A paused program: the steps are shown, each leads to the next, and the job resumes at the exact place.
 #[test]
 fn a_program_is_paused_the_tool_moved_away_and_the_job_goes_on() {
     let bench = Bench::new();
@@ -433,7 +434,7 @@ fn a_program_beyond_the_limits_is_checked_again_when_the_work_zero_moves() {
     assert_eq!(terminal.ended(), Some(1));
 }
 
-/// At the end of the program the part is still clamped: what was cut can be gone back over until the job is released.
+/// At the end of the program the part is still clamped: the cut can be retraced until the job is released.
 #[test]
 fn reverse_run_is_possible_at_the_end_of_the_program_until_the_job_is_released() {
     let bench = Bench::new();
@@ -458,7 +459,8 @@ fn reverse_run_is_possible_at_the_end_of_the_program_until_the_job_is_released()
     assert_eq!(terminal.ended(), Some(0));
 }
 
-/// A job that was stopped is resumed at the screen: what will be done is shown and agreed to, and every key works from there on.
+/// A job that was stopped is resumed at the screen: the resume is shown and confirmed, and every key works from there
+/// on.
 #[test]
 fn a_job_is_resumed_at_the_screen_with_all_its_keys() {
     let bench = Bench::new();
@@ -487,7 +489,7 @@ fn a_job_is_resumed_at_the_screen_with_all_its_keys() {
     terminal.keys("y");
     terminal.until("RUNNING");
     terminal.keys("r");
-    // Back over what was cut before the interruption, to its beginning.
+    // Back over the part that was cut before the interruption, to its beginning.
     terminal
         .until_that("the beginning", |text| text.contains("REVERSE") && text.contains("at the start of the history"));
     terminal.until("X       0.000");
@@ -508,7 +510,8 @@ fn the_planned_path_moves_with_the_work_zero() {
     terminal.until("path X Y · 10 × 0 mm");
 }
 
-/// Feed, modal line and tool are those of the block under the tool, also where the machine has gone back; a rapid move has no feed to show.
+/// Feed, modal line and tool are those of the block under the tool, also where the machine has gone back; a rapid move
+/// has no feed to show.
 #[test]
 fn what_is_shown_is_that_of_the_block_under_the_tool() {
     let bench = Bench::new();
@@ -525,7 +528,7 @@ fn what_is_shown_is_that_of_the_block_under_the_tool() {
     ends(&mut terminal, "completed", 0);
 }
 
-/// The cutter has a name, a state, and a key that switches it off at once; it starts again only when that is agreed to.
+/// The cutter has a name, a state, and a key that switches it off at once; it starts again only after a confirmation.
 #[test]
 fn the_cutter_is_switched_off_by_a_key_and_started_again_when_that_is_agreed_to() {
     let bench = Bench::new();
@@ -551,7 +554,7 @@ fn the_cutter_is_switched_off_by_a_key_and_started_again_when_that_is_agreed_to(
     ends(&mut terminal, "completed", 0);
 }
 
-/// A tool change by hand names the tool; M1 stops where its switch is on.
+/// A manual tool change shows the tool; M1 stops where its switch is on.
 #[test]
 fn a_tool_change_and_an_optional_stop_wait_for_the_operator() {
     let bench = Bench::new();
@@ -572,8 +575,9 @@ fn a_tool_change_and_an_optional_stop_wait_for_the_operator() {
     ends(&mut terminal, "completed", 0);
 }
 
-/// A machine that was jogged away since the job was left goes back by itself, at the screen as without it: the way back is shown and agreed to. So it is
-/// where the job was stopped, and where its host was killed and the card says a place that is none of the job's any more.
+/// A machine that was jogged away since the job ended returns by itself, at the screen as without it: the way back is
+/// shown and confirmed. So it is where the job was stopped, and where its host was killed and the card reports a place
+/// that no longer belongs to the job.
 #[test]
 fn a_job_is_resumed_at_the_screen_where_the_machine_was_jogged_away() {
     for is_killed in [false, true] {

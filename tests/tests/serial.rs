@@ -1,4 +1,4 @@
-//! Programs over RS-232, FIFOs and devices: what arrives well is executed, what does not stops before its line.
+//! Programs over RS-232, FIFOs and devices: correct data are executed, damage stops the job before its line.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -12,10 +12,10 @@ use retrace_tests::command::{Bench, Said, binary};
 use serde_json::Value;
 use serialport::{SerialPort, TTYPort};
 
-/// A line between a sender and the command: a pseudo-terminal pair.
+/// A serial line between a sender and the command: a pseudo-terminal pair.
 struct Line {
     sender: TTYPort,
-    /// Kept open, so that the other end stays.
+    /// Held open, so that the other end persists.
     _receiver: TTYPort,
     path: String,
 }
@@ -28,11 +28,11 @@ impl Line {
     }
 }
 
-/// What a sender did.
+/// Result of a sender.
 #[derive(Debug, Default)]
 struct Sent {
     pauses: u32,
-    /// Bytes that were sent although the other end had asked for a pause.
+    /// Number of bytes that were sent although the other end had requested a pause.
     overran: usize,
 }
 
@@ -106,7 +106,7 @@ fn a_sender_that_overruns_by_4_kib_loses_nothing() {
     let mut child = command.spawn().expect("the command runs");
     let mut out = String::new();
     let mut pipe = child.stdout.take().expect("its output");
-    // nobody takes what is decoded for a while: the line has to wait
+    // nothing reads the decoded data for a while: the line has to wait
     thread::sleep(Duration::from_secs(2));
     pipe.read_to_string(&mut out).expect("text");
     let output = child.wait_with_output().expect("it ends");

@@ -1,4 +1,4 @@
-//! What is kept between commands: who may read it, what is not followed, and how names are shown.
+//! Files that persist between commands: who may read them, which links are not followed, and how names are shown.
 #![cfg(unix)]
 
 use std::fs;
@@ -28,7 +28,8 @@ fn open_to_others(folder: &Path, found: &mut Vec<String>) {
     }
 }
 
-/// One card at a time: a host whose line was lost opens the port of that name again, which is the next card's by then.
+/// One card at a time: a host whose line was lost opens the port of that name again, which may be the next card's by
+/// then.
 fn one_card() -> MutexGuard<'static, ()> {
     static ONE: Mutex<()> = Mutex::new(());
     ONE.lock().unwrap_or_else(PoisonError::into_inner)

@@ -1,4 +1,5 @@
-//! Signals to a job without a screen: it is stopped on its path, reported, and can be resumed. And Enter at its terminal, which is cycle start.
+//! Signals to a job without a screen: it is stopped on its path, reported, and can be resumed. And Enter at its
+//! terminal, which is cycle start.
 #![cfg(unix)]
 
 use std::fs::{self, File};
@@ -15,7 +16,7 @@ const PROGRAM: &str = "G21 G90 F1200\nM3 S100\nG1 X20\nM8\nG1 X40\nG1 X0\nM2\n";
 /// M8 takes two seconds.
 const MILL: &str = "[card]\nwatchdog_ms = 2000\n[code.M8]\nclass = \"exclusive\"\nduration_ms = 2000\n";
 
-/// The command. A test that is run in the background inherits signals that are ignored, and an ignored signal stays ignored.
+/// The command. A test that runs in the background inherits ignored signals, and an ignored signal remains ignored.
 fn with_default_signals() -> Command {
     let mut command = Command::new("env");
     command.arg("--default-signal=INT,TERM,HUP").arg(binary());
@@ -158,7 +159,7 @@ fn a_run_in_virtual_time_that_waits_for_its_program_is_stopped_too() {
 
 const STOPS: &str = "G21 G90 F6000\nG1 X2\nM0\nG1 X4\nM1\nG1 X6\nT2 M6\nG1 X8\nM2\n";
 
-/// A folder with a program that stops at M0, M1 and M6, on a machine whose tools are changed by hand.
+/// A folder with a program that stops at M0, M1 and M6, on a machine with manual tool changes.
 fn stops() -> Bench {
     let bench = Bench::new();
     bench.file("stops.ngc", STOPS);
@@ -202,7 +203,7 @@ fn m0_m1_and_m6_wait_in_wall_time_and_enter_at_the_terminal_goes_on() {
         terminal.keys("\n");
     }
     assert_eq!(terminal.ended(), Some(0), "{}", terminal.text());
-    // It stood at each of them, and nowhere else for so long.
+    // It stopped at each of them, and nowhere else for so long.
     let records = fs::read_to_string(bench.path("records.csv")).expect("the records");
     let mut stood = std::collections::BTreeMap::<String, u32>::new();
     for row in records.lines().skip(1).map(|row| row.split(',').collect::<Vec<_>>()) {
@@ -231,7 +232,7 @@ fn without_a_terminal_a_program_stop_says_the_way_out_and_a_resumed_job_keeps_th
     let run = ["run", "stops.ngc", "--realtime", "--json", "--journal", "jobs", "--optional-stop", "off"];
     let begun = Begun::of(&bench, &run);
     begun.until("err.txt", "M0 of line 3 waits; no terminal to press Enter at: stop it with `kill ");
-    // Longer than anybody who has gone is waited for elsewhere.
+    // Longer than the timeout for an absent operator elsewhere.
     sleep(Duration::from_secs(12));
     assert!(!begun.text("out.txt").contains("\"report\""), "it still waits: {}", begun.text("out.txt"));
     begun.signal("-TERM");

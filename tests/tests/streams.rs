@@ -1,4 +1,4 @@
-//! Programs that arrive: what is executed of a stream that is cut off, and how it continues.
+//! Streamed programs: what is executed of a stream that is cut off, and how it continues.
 
 use retrace_tests::command::{Bench, Said};
 use retrace_tests::run::Run;
@@ -42,7 +42,8 @@ fn nothing_is_executed_of_a_line_that_did_not_arrive_whole() {
     }
 }
 
-/// What arrives is looked at as it is executed: the line that would leave the soft limits, and nothing behind it, is not.
+/// A stream is checked as it is executed: the line that would leave the soft limits is not executed, nor anything
+/// behind it.
 #[test]
 fn a_stream_never_leaves_the_soft_limits() {
     let bench = Bench::new();
@@ -101,7 +102,7 @@ fn a_stream_that_was_cut_off_continues_with_the_whole_program() {
     }
 }
 
-/// An address of this computer that is not its loopback address; none where it has no network.
+/// An address of this computer that is not its loopback address; `None` where it has no network.
 fn own_address() -> Option<String> {
     let socket = std::net::UdpSocket::bind("0.0.0.0:0").ok()?;
     // Nothing is sent: the system only chooses the address that it would send from.
@@ -123,7 +124,7 @@ fn a_sender_on_the_network_is_warned_about_and_one_on_this_computer_is_not() {
     let warning = "is on another computer: anyone who can send from there can move this machine";
     let here = bench.retrace(["run", &format!("tcp://{}:{port}", std::net::Ipv4Addr::LOCALHOST), "--json"]);
     assert!(here.code == Some(0) && !here.err.contains(warning), "{}", here.err);
-    // Where there is no network nobody can send from elsewhere.
+    // Where there is no network no other computer can send.
     let Some(address) = own_address() else { return };
     let there = bench.retrace(["run", &format!("tcp://{address}:{port}"), "--json"]);
     assert!(there.code == Some(0) && there.err.contains(warning), "{}", there.err);

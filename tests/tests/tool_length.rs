@@ -1,4 +1,5 @@
-//! A tool that is changed in a pause: the way back, the path and everything behind it go by the new length, until the program says otherwise.
+//! A tool that is changed in a pause: the return, the path and everything behind it use the new length, until the
+//! program sets another one.
 
 use std::fs;
 
@@ -39,7 +40,7 @@ fn run(program: &str, script: &str) -> (Run, Records) {
     (run, records)
 }
 
-/// Where the machine stood at the end of each row, and the line of the row.
+/// Position of the machine at the end of each row, and the line of the row.
 fn places(records: &Records) -> Vec<(u64, [i64; 3])> {
     let mut at = [0; 3];
     let row = |row: &retrace_tests::records::Row| {
@@ -89,7 +90,7 @@ fn machine_coordinates_are_those_of_the_machine_and_another_offset_ends_the_leng
     assert_eq!((run.said.code, refusals(&run)), (Some(0), vec![]), "{}\n{}", run.said.err, run.said.out);
     let z = |line| end_of(&records, line)[2];
     assert_eq!((z(9), z(10), z(11), z(12), z(13)), (10_500, 0, 0, 17_500, 11_500), "{}", run.said.out);
-    // an axis that is not moved stays, and the same offset again changes nothing
+    // an axis that is not moved does not change, and the same offset again changes nothing
     assert_eq!((z(14), z(15), z(17)), (11_500, 10_500, 10_500));
     let lowest = places(&records).iter().filter(|(line, _)| *line == 17).map(|(_, at)| at[2]).min();
     assert_eq!(lowest, Some(9_500), "an arc in the tool axis");
@@ -99,7 +100,8 @@ fn machine_coordinates_are_those_of_the_machine_and_another_offset_ends_the_leng
     assert_eq!((run.number("limit_violations"), &run.report["commanded_mm"]["z"]), (0.0, &25.0.into()));
 }
 
-/// Many programs call for the same tool and offset again before each operation: the tool in the spindle is still the new one.
+/// Many programs call the same tool and offset again before each operation: the tool in the spindle is still the new
+/// one.
 #[test]
 fn the_same_tool_and_offset_again_have_the_new_length() {
     let again = "G53 G0 Z0\nG49\nG0 X0\nT1 M6\nG43 H1\nG0 Z5\nG49\nG0 Z1\nG43 H1\nG0 Z3\nM5\nM2\n";
@@ -107,7 +109,7 @@ fn the_same_tool_and_offset_again_have_the_new_length() {
     assert_eq!((run.said.code, refusals(&run)), (Some(0), vec![]), "{}\n{}", run.said.err, run.said.out);
     let z = |line| end_of(&records, line)[2];
     assert_eq!((z(10), z(12), z(15), z(17), z(19)), (0, 0, 17_500, 1_000, 15_500));
-    // straight away, too: the path rests where the offset changes
+    // on a straight line, too: the path is at rest where the offset changes
     let (run, _) = self::run(&SQUARE.replace("G0 Z5\nM5", "G49\nG43 H1\nG0 Z5\nM5"), &pause("tool length 12.5"));
     assert_eq!((run.said.code, run.counts()[2]), (Some(0), 17_500), "{}", run.said.err);
 }
@@ -140,7 +142,7 @@ fn no_move_leaves_the_soft_limits_by_it() {
     let run = low(&pause("tool length 40").replace("jog z 30", "jog z 5"));
     assert_eq!((run.said.code, run.counts()[2]), (Some(0), 15_000), "{}\n{}", run.said.err, run.said.out);
     assert!(refusals(&run)[0].contains("with this tool axis Z would go beyond its soft limit"), "{:?}", refusals(&run));
-    // all that is left is in the ring already: the way up would
+    // the rest is in the ring already: the way up would
     let script = pause("tool length 16").replace("jog z 30", "jog z 5").replace("after 1s pause", "after 4.85s pause");
     let run = run_on(&SQUARE.replace("G1 Y40\nG1 X10\n", ""), &script, true);
     assert_eq!((run.said.code, run.counts()[2]), (Some(0), 15_000), "{}\n{}", run.said.err, run.said.out);
@@ -201,7 +203,7 @@ fn a_job_with_a_new_tool_length_is_resumed_with_it() {
         assert!(stands.is_none() || z(&said.out) == stands, "{}", said.out);
         let shown = bench.retrace(["resume"]);
         assert!(shown.out.contains("new tool   length entered in a pause, +2.500 mm"), "{}\n{}", shown.out, shown.err);
-        // the tool table knows nothing of it
+        // the tool table does not contain it
         let from_line = bench.retrace(["resume", "--from-line", "3"]);
         assert!(from_line.code == Some(2) && from_line.err.contains("E2218"), "{}", from_line.err);
         let said = bench.retrace(["resume", "--yes", "--json", "--records", "records.csv"]);
