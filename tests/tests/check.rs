@@ -2,7 +2,7 @@
 
 use retrace_tests::command::Bench;
 use retrace_tests::programs::examples;
-use retrace_tests::served::Served;
+use retrace_tests::served::ServedCard;
 use retrace_tests::terminal::Terminal;
 use serde_json::Value;
 
@@ -230,7 +230,7 @@ fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
     assert!(lines[2].starts_with("warning[W2116]: m.toml: axis z needs up to 3000000 pulses"), "{}", said.err);
     assert_eq!(lines[3], "m.toml: 3 warnings");
     // The same against a card: the limits of its clock and pulses, and its own bound.
-    let served = Served::with(&[]);
+    let served = ServedCard::with(&[]);
     let said = bench.retrace(["machine", "check", "m.toml", "--card", &served.port]);
     assert_eq!(said.code, Some(2), "{}", said.err);
     let errors: Vec<&str> = said.err.lines().filter(|line| line.starts_with("error[E3008]: m.toml, ")).collect();
@@ -256,8 +256,8 @@ fn a_long_check_shows_its_lines_and_can_be_interrupted() {
     let program = "#1=0\nWHILE [#1 LT 1] DO1\nG0 X1\nG0 X0\nEND1\nM2\n";
     let program = bench.file("endless.ngc", program).to_string_lossy().into_owned();
     let mut terminal = Terminal::running(&["check", &program, "--max-loop-blocks", "2000000000"], 100, 20);
-    terminal.until("blocks in loops and calls");
-    terminal.until("of 6");
+    terminal.wait_for_text("blocks in loops and calls");
+    terminal.wait_for_text("of 6");
     terminal.keys("\u{3}");
-    assert_ne!(terminal.ended(), Some(0));
+    assert_ne!(terminal.wait_for_end(), Some(0));
 }

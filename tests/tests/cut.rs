@@ -15,14 +15,14 @@ const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.5\nM3 S1000\nG1 X10\nM62 P10\nX
 const END: [i64; 3] = [11_111, 7_007, -3_300];
 
 /// A job that did not reach its end, and its journal.
-struct Left {
+struct InterruptedJob {
     bench: Bench,
     folder: PathBuf,
     journal: Vec<u8>,
 }
 
 /// Runs the program until the operator stops it; the journal must record where.
-fn left(program: &str, operator: &str, stood: &str) -> Left {
+fn interrupted_job(program: &str, operator: &str, stood: &str) -> InterruptedJob {
     let bench = Bench::new();
     bench.file("part.ngc", PROGRAM);
     bench.file("stop.op", operator);
@@ -36,7 +36,7 @@ fn left(program: &str, operator: &str, stood: &str) -> Left {
     let text = String::from_utf8_lossy(&journal).into_owned();
     let last = text.lines().rev().find(|line| line.contains("{\"position\":")).expect("a place");
     assert!(last.contains(stood), "{stood}: {last}");
-    Left { bench, folder, journal }
+    InterruptedJob { bench, folder, journal }
 }
 
 /// Lengths to which the journal is cut: the end of every line, every byte of the last two before the one with the
@@ -53,9 +53,9 @@ fn cuts(journal: &[u8], wanted: usize) -> Vec<usize> {
     all.into_iter().rev().step_by(every).collect()
 }
 
-impl Left {
+impl InterruptedJob {
     /// Resumes the job after its journal was cut to this length; returns the result.
-    fn taken_up(&self, length: usize) -> String {
+    fn resume_after_cut(&self, length: usize) -> String {
         let jobs = self.bench.path("cut");
         let _ = fs::remove_dir_all(&jobs);
         copy(&self.folder, &jobs.join(self.folder.file_name().expect("a name")), &self.journal[..length]);
@@ -87,7 +87,7 @@ impl Left {
     fn cut_everywhere(&self, name: &str) {
         let mut counted: BTreeMap<String, u32> = BTreeMap::new();
         for length in cuts(&self.journal, cases(6) as usize) {
-            *counted.entry(self.taken_up(length)).or_default() += 1;
+            *counted.entry(self.resume_after_cut(length)).or_default() += 1;
         }
         println!("{name}: {} bytes, {counted:?}", self.journal.len());
         assert!(counted.contains_key("completed") || counted.contains_key("completed, sent again"), "{counted:?}");
@@ -108,30 +108,30 @@ fn copy(from: &Path, to: &Path, journal: &[u8]) {
 
 #[test]
 fn left_in_a_blend() {
-    left("part.ngc", "at 0.47s stop\n", "\"line\":7").cut_everywhere("blend");
+    interrupted_job("part.ngc", "at 0.47s stop\n", "\"line\":7").cut_everywhere("blend");
 }
 
 #[test]
 fn left_in_the_loop_of_a_subprogram() {
-    left("part.ngc", "at 1.2s stop\n", "\"line\":1").cut_everywhere("loop");
+    interrupted_job("part.ngc", "at 1.2s stop\n", "\"line\":1").cut_everywhere("loop");
 }
 
 #[test]
 fn left_while_going_back() {
-    left("part.ngc", "at 1s hold\nafter 0.2s reverse 100%\nafter 0.3s stop\n", "\"mode\":\"reverse\"")
+    interrupted_job("part.ngc", "at 1s hold\nafter 0.2s reverse 100%\nafter 0.3s stop\n", "\"mode\":\"reverse\"")
         .cut_everywhere("going back");
 }
 
 #[test]
 fn left_while_it_arrived() {
-    left("-", "at 1.2s stop\n", "\"line\":1").cut_everywhere("stream");
+    interrupted_job("-", "at 1.2s stop\n", "\"line\":1").cut_everywhere("stream");
 }
 
 #[test]
 fn a_job_that_never_began_is_refused() {
-    let left = left("part.ngc", "at 0.47s stop\n", "");
+    let left = interrupted_job("part.ngc", "at 0.47s stop\n", "");
     let begins = left.journal.iter().position(|&byte| byte == b'\n').expect("a line");
     for length in [0, 1, begins / 2, begins] {
-        assert!(left.taken_up(length).starts_with("refused"), "{length}");
+        assert!(left.resume_after_cut(length).starts_with("refused"), "{length}");
     }
 }

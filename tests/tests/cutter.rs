@@ -5,7 +5,7 @@
 use retrace_tests::command::Bench;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
-use retrace_tests::served::Served;
+use retrace_tests::served::ServedCard;
 use serde_json::json;
 
 /// A small machine with a cutter of this kind on output `fire` (`spindle` for M3's), and further text of its file.
@@ -157,7 +157,7 @@ fn every_other_stop_puts_the_torch_out_as_well() {
 fn a_script_that_waits_for_a_line_that_cannot_come_ends_the_job() {
     let program = TORCH_PROGRAM.replace("G1 X70", "G1 X40\nM0\nG1 X70");
     let (run, pins) = run(&machine(TORCH, ""), &program, "at line 6 recover\n", &[]);
-    assert_eq!((run.said.code, &run.report["outcome"]), (Some(4), &json!("stopped")));
+    assert_eq!((run.output.code, &run.report["outcome"]), (Some(4), &json!("stopped")));
     assert_off_at_the_end(&pins, "spindle");
 }
 
@@ -223,7 +223,7 @@ fn an_output_that_is_switched_back_while_its_instruction_runs_is_asked_about() {
 #[test]
 fn a_stop_while_the_cutter_is_started_again_leaves_no_motion_behind() {
     let script = "at line 5 override 100%\nafter 0.3s hold\nafter 2s recover\nafter 0.1s stop\n";
-    let (bench, card) = (Bench::new(), Served::with(&[]));
+    let (bench, card) = (Bench::new(), ServedCard::with(&[]));
     bench.file("part.ngc", JET_PROGRAM);
     bench.file("m.toml", machine(JET, ""));
     bench.file("s.op", script);
@@ -233,7 +233,7 @@ fn a_stop_while_the_cutter_is_started_again_leaves_no_motion_behind() {
     let report: serde_json::Value = serde_json::from_str(stopped.out.lines().last().expect("a report")).expect("JSON");
     // the pierce of 300 ms ends after the job has
     std::thread::sleep(std::time::Duration::from_millis(1000));
-    let told = card.told();
+    let told = card.end();
     assert_eq!(told["counts"][0], report["position_counts"]["x"], "it moved on behind the end: {told}");
 }
 
@@ -451,7 +451,7 @@ fn a_stream_that_is_refused_in_the_cut_leaves_the_cutter_off() {
     let (machine, vcd) = (bench.file("m.toml", machine(JET, "")).display().to_string(), bench.path("pins.vcd"));
     let program = b"G21 G90 F1800\nG0 X10\nM64 P3\nG1 X30\nG1 X9999\nM65 P3\nM2\n";
     let run = Run::of_input(&bench, program, &["--machine", &machine, "--vcd", &vcd.display().to_string()]);
-    assert!(run.said.code == Some(1) && run.said.err.contains("E4304"), "{}", run.said.err);
+    assert!(run.output.code == Some(1) && run.output.err.contains("E4304"), "{}", run.output.err);
     let samples = samples(&vcd);
     assert_off_at_the_end(&samples, "out3");
     let (standing, line) = max_standing_ms(&samples, "out3");
@@ -465,8 +465,8 @@ fn a_tool_length_in_a_pause_lights_nothing_before_the_kerf() {
     let script = "at line 5 override 100%\nafter 0.5s pause\nafter 1s jog z 5\nafter 0s tool length by 1.5\nafter 1s online\n\
         after 0s cycle start\nafter 3s recover\n";
     let (run, samples) = run(&machine(JET, ""), JET_PROGRAM, script, &[]);
-    assert_eq!(run.said.code, Some(0), "{}\n{}", run.said.err, run.said.out);
-    let at = |kind: &str| time_ms(run.of_kind(kind).next().unwrap_or_else(|| panic!("{kind}: {}", run.said.out)));
+    assert_eq!(run.output.code, Some(0), "{}\n{}", run.output.err, run.output.out);
+    let at = |kind: &str| time_ms(run.of_kind(kind).next().unwrap_or_else(|| panic!("{kind}: {}", run.output.out)));
     assert!(at("tool_length") > at("jogged") && at("arrived") > at("approaching"));
     let between = |sample: &&Sample| (at("jogged")..at("arrived")).contains(&(sample.at_us / 1000));
     assert!(samples.iter().filter(between).all(|sample| !sample.is_on("out3")));

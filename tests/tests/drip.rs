@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, binary, cases};
 use retrace_tests::run::Run;
-use retrace_tests::sender::{Chance, Trouble, send};
+use retrace_tests::sender::{SenderFaults, TestRandom, send};
 use serde_json::Value;
 
 /// Longest duration of a run; one of a million lines in the tests' own profile on a busy machine.
@@ -81,9 +81,9 @@ fn as_file_and_from_a_sender(bench: &Bench, lines: u32, arguments: &[&str]) -> V
     let text = long_program(lines);
     let file = bench.file("long.ngc", &text);
     let (whole, _) = run(bench, &file.to_string_lossy(), &[]);
-    let mut chance = Chance::new(seed());
+    let mut chance = TestRandom::new(seed());
     let cuts = 3 + (lines / 50_000) as usize;
-    let mut trouble = Trouble::anywhere(&mut chance, text.len(), cuts, 4 * cuts, 250);
+    let mut trouble = SenderFaults::anywhere(&mut chance, text.len(), cuts, 4 * cuts, 250);
     // behind the first line, which has the form of a program's last one
     trouble.cuts.insert(0, 2);
     let (sent, told) = run(bench, &send(Arc::new(text), trouble), arguments);
@@ -108,7 +108,7 @@ fn from_a_socket_that_stalls_and_is_cut_it_ends_as_from_a_file_in_bounded_memory
 #[test]
 fn paused_at_any_moment_it_is_taken_up_where_it_was_left_and_ends_at_the_same_counts() {
     let (bench, lines) = (Bench::new(), cases(20_000));
-    let mut chance = Chance::new(seed() ^ 0xD0C);
+    let mut chance = TestRandom::new(seed() ^ 0xD0C);
     // two milliseconds per line
     let pauses = 4 + lines as usize / 20_000;
     let gap_ms = lines as usize * 3 / 2 / pauses;
@@ -159,7 +159,7 @@ fn when_the_feed_dries_up_the_machine_stops_on_the_path_and_goes_on_when_it_come
     text.push_str("M2\n");
     let at = |line: &str| text.find(line).expect("a line of it");
     // no data for longer than the received part lasts, within a line and between two; then it is cut
-    let trouble = Trouble {
+    let trouble = SenderFaults {
         cuts: vec![at("G1 X105.0") + 4],
         goes_away: true,
         stalls: vec![(at("G1 X60.0") + 4, Duration::from_secs(3)), (at("G1 X90.0"), Duration::from_millis(2500))],

@@ -1,9 +1,9 @@
 //! `retrace home`, `jog` and `mdi`: a machine is set up from the shell, one task after the other.
 
-use retrace_tests::command::{Bench, Said};
+use retrace_tests::command::{Bench, CommandOutput};
 use serde_json::Value;
 
-fn counts(said: &Said) -> Vec<i64> {
+fn counts(said: &CommandOutput) -> Vec<i64> {
     let last = said.out.lines().last().unwrap_or_default();
     let report: Value = serde_json::from_str(last).unwrap_or_else(|_| panic!("no report: {}\n{}", said.out, said.err));
     ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64().expect("a count")).to_vec()
@@ -66,11 +66,11 @@ fn an_axis_without_a_switch_is_not_homed() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_served_card_is_homed_jogged_and_moved_by_a_block_and_keeps_its_position() {
-    use retrace_tests::served::Served;
+    use retrace_tests::served::ServedCard;
     let bench = Bench::new();
     let path = bench.file("mill.toml", format!("{HOMED}[card]\nwatchdog_ms = 2000\n"));
     let path = path.to_string_lossy().into_owned();
-    let served = Served::with(&["--machine", &path]);
+    let served = ServedCard::with(&["--machine", &path]);
     let said = |arguments: &[&str]| {
         let usual = ["--card", served.port.as_str(), "--machine", &path, "--json"];
         let said = bench.retrace(arguments.iter().chain(&usual));
@@ -103,24 +103,24 @@ fn unhomed() -> String {
 #[cfg(target_os = "linux")]
 #[test]
 fn no_program_moves_a_machine_before_it_was_homed_since_its_card_was_switched_on() {
-    use retrace_tests::served::Served;
+    use retrace_tests::served::ServedCard;
     let bench = Bench::new();
     let path = bench.file("mill.toml", unhomed()).to_string_lossy().into_owned();
     bench.file("part.ngc", "G0 X5 Y5\nM2\n");
-    let said = |served: &Served, arguments: &[&str], file: &str| {
+    let said = |served: &ServedCard, arguments: &[&str], file: &str| {
         bench.retrace(arguments.iter().chain(&["--card", served.port.as_str(), "--machine", file, "--json"]))
     };
-    let refused = |served: &Served, arguments: &[&str], axes: &str| {
+    let refused = |served: &ServedCard, arguments: &[&str], axes: &str| {
         let said = said(served, arguments, &path);
         assert_eq!(said.code, Some(2), "{arguments:?}: {}\n{}", said.out, said.err);
         assert!(said.err.contains("E2162") && said.err.contains(axes), "{arguments:?}: {}", said.err);
         assert!(said.err.contains(&format!("retrace home --card {}", served.port)), "{}", said.err);
     };
-    let done = |served: &Served, arguments: &[&str], file: &str| {
+    let done = |served: &ServedCard, arguments: &[&str], file: &str| {
         let said = said(served, arguments, file);
         assert_eq!(said.code, Some(0), "{arguments:?}: {}\n{}", said.out, said.err);
     };
-    let served = Served::with(&["--machine", &path]);
+    let served = ServedCard::with(&["--machine", &path]);
     refused(&served, &["run", "part.ngc"], "axes Z, X, Y were");
     refused(&served, &["mdi", "G0 X1"], "axes Z, X, Y were");
     // Blocks without motion, and manual motion, are executed nevertheless.
@@ -133,7 +133,7 @@ fn no_program_moves_a_machine_before_it_was_homed_since_its_card_was_switched_on
     done(&served, &["mdi", "G0 X1"], &path);
     drop(served);
 
-    let again = Served::with(&["--machine", &path]);
+    let again = ServedCard::with(&["--machine", &path]);
     refused(&again, &["run", "part.ngc"], "axes Z, X, Y were");
     let allowing = bench.file("allowing.toml", format!("{}[manual]\nallow_unhomed = true\n", unhomed()));
     done(&again, &["run", "part.ngc"], &allowing.to_string_lossy());

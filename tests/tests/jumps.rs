@@ -1,9 +1,9 @@
 //! Subprograms, files, the branch table, cycles and user codes, through the command (PRE-1 … PRE-8).
 
-use retrace_tests::command::{Bench, Said};
+use retrace_tests::command::{Bench, CommandOutput};
 
 /// The lines of the canonical functions that move.
-fn moves(said: &Said) -> Vec<String> {
+fn moves(said: &CommandOutput) -> Vec<String> {
     assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
     let moves = said.out.lines().filter(|line| line.contains("STRAIGHT_") || line.contains("ARC_FEED"));
     moves.map(|line| line.get(13..).unwrap_or_default().to_owned()).collect()

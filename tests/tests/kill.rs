@@ -9,9 +9,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use retrace_tests::command::{Bench, Said, cases};
-use retrace_tests::sender::Chance;
-use retrace_tests::served::Served;
+use retrace_tests::command::{Bench, CommandOutput, cases};
+use retrace_tests::sender::TestRandom;
+use retrace_tests::served::ServedCard;
 use retrace_tests::trace::{Switched, piped};
 use serde_json::Value;
 
@@ -51,13 +51,13 @@ struct Kind {
 static KILLS: AtomicU32 = AtomicU32::new(0);
 
 /// A card, and a folder for the jobs on it.
-struct Place {
+struct JobPlace {
     bench: Bench,
-    card: Served,
+    card: ServedCard,
     reading: retrace_tests::trace::Reading,
 }
 
-impl Place {
+impl JobPlace {
     fn new() -> Self {
         let bench = Bench::new();
         bench.file("part.ngc", PROGRAM);
@@ -65,7 +65,7 @@ impl Place {
         bench.file("back.op", OPERATOR);
         let trace = bench.path("trace.vcd");
         let reading = piped(trace.clone());
-        let card = Served::with(&["--speed", SPEED, "--vcd", &trace.to_string_lossy()]);
+        let card = ServedCard::with(&["--speed", SPEED, "--vcd", &trace.to_string_lossy()]);
         Self { bench, card, reading }
     }
 
@@ -83,7 +83,7 @@ impl Place {
         let input = || File::open(self.bench.path("part.ngc")).expect("the program");
         let input = if kind.streamed { input().into() } else { Stdio::null() };
         let begun = Instant::now();
-        let mut child = self.bench.begun(arguments, input, "killed.txt");
+        let mut child = self.bench.start(arguments, input, "killed.txt");
         thread::sleep(after.saturating_sub(begun.elapsed()));
         let had_ended = child.try_wait().expect("a child").is_some();
         KILLS.fetch_add(u32::from(!had_ended), Ordering::Relaxed);
@@ -92,7 +92,7 @@ impl Place {
     }
 
     /// Cuts bytes off the last line of the journal, as a power failure may; returns their number.
-    fn tear(&self, chance: &mut Chance) -> Option<usize> {
+    fn tear(&self, chance: &mut TestRandom) -> Option<usize> {
         let mut jobs = fs::read_dir(self.bench.path("state/retrace/jobs")).ok()?;
         let journal = jobs.next()?.ok()?.path().join("journal");
         let bytes = fs::read(&journal).ok()?;
@@ -106,28 +106,28 @@ impl Place {
 
     /// Ends the card; returns the counts that it reports, those at its step wires, and its switching.
     fn ended(self) -> (Value, Switched) {
-        let told = self.card.told();
+        let told = self.card.end();
         assert_eq!((&told["counts"], &told["periods_apart"]), (&told["counted"], &0.into()), "{told}");
         (told["counts"].clone(), self.reading.ended())
     }
 }
 
 /// An uninterrupted run: its duration, and the card's switching.
-struct Whole {
+struct UninterruptedRun {
     takes: Duration,
     switched: Switched,
 }
 
-fn whole(kind: Kind) -> Whole {
+fn whole(kind: Kind) -> UninterruptedRun {
     for _ in 0..TRIES {
-        let (place, begun) = (Place::new(), Instant::now());
+        let (place, begun) = (JobPlace::new(), Instant::now());
         let input = if kind.streamed { PROGRAM } else { "" };
         let said = place.bench.retrace_reading(place.run(kind), input.as_bytes());
         let takes = begun.elapsed();
         let (counts, switched) = place.ended();
         if said.code == Some(0) {
             assert_eq!(ends_at(&counts), END);
-            return Whole { takes, switched };
+            return UninterruptedRun { takes, switched };
         }
         // The load of a moment, or another program that still has the card open that had this port's name before; any
         // other reason is a failure.
@@ -141,7 +141,7 @@ fn ends_at(counts: &Value) -> [i64; 3] {
 }
 
 /// Number of a refusal or an alarm in the output.
-fn number(said: &Said) -> String {
+fn number(said: &CommandOutput) -> String {
     let text = format!("{}\n{}", said.err, said.out.lines().last().unwrap_or_default());
     let at = text.match_indices('E').map(|(at, _)| at + 1);
     let mut digits = at.filter_map(|at| text.get(at..at + 4)).filter(|four| four.bytes().all(|b| b.is_ascii_digit()));
@@ -149,14 +149,14 @@ fn number(said: &Said) -> String {
 }
 
 /// Runs one job, killed and resumed; returns its result. An error is a silent difference, or no answer at all.
-fn case(seed: u64, wholes: &[Whole; 2]) -> Result<String, String> {
-    let mut chance = Chance::new(seed);
+fn case(seed: u64, wholes: &[UninterruptedRun; 2]) -> Result<String, String> {
+    let mut chance = TestRandom::new(seed);
     let kind = Kind { streamed: chance.below(4) == 0, operated: chance.below(2) == 0 };
     let whole = &wholes[usize::from(kind.operated)];
     let mut moment = || whole.takes.mul_f64(chance.below(1 << 20) as f64 / f64::from(1 << 20));
     let (first, second) = (moment(), moment());
     let again = chance.below(3) == 0;
-    let place = Place::new();
+    let place = JobPlace::new();
     place.killed(&place.run(kind), kind, first);
     let torn = (chance.below(4) == 0).then(|| place.tear(&mut chance)).flatten();
     let file = Kind { streamed: false, operated: false };

@@ -73,8 +73,8 @@ fn a_stream_that_exceeds_its_quota_stops_and_keeps_its_breakpoint() {
     let text = std::fs::read(large(&bench, 2)).expect("a file");
     let machine = bench.file("m.toml", "stream_quota_mib = 1\n");
     let run = Run::of_input(&bench, &text, &["--machine", &machine.to_string_lossy()]);
-    assert_eq!((run.said.code, run.report["outcome"].as_str()), (Some(1), Some("stopped")), "{}", run.said.err);
-    assert!(run.said.err.contains("E2313") && run.said.err.contains("retrace resume"), "{}", run.said.err);
+    assert_eq!((run.output.code, run.report["outcome"].as_str()), (Some(1), Some("stopped")), "{}", run.output.err);
+    assert!(run.output.err.contains("E2313") && run.output.err.contains("retrace resume"), "{}", run.output.err);
     assert_eq!(run.counts(), [1000, 0, 0]);
 }
 

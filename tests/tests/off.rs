@@ -10,9 +10,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, cases};
-use retrace_tests::cutter_observer::{Observation, Rules, Seen, observe};
-use retrace_tests::sender::Chance;
-use retrace_tests::served::Served;
+use retrace_tests::cutter_observer::{Observation, Rules, observe};
+use retrace_tests::sender::TestRandom;
+use retrace_tests::served::ServedCard;
 
 /// Factor of the card's time over wall time.
 const SPEED: f64 = 5.0;
@@ -58,9 +58,9 @@ const KINDS: [Kind; 4] = [
 ];
 
 /// A program, and the lines that it cuts.
-fn program(kind: &Kind, chance: &mut Chance) -> (String, Vec<u64>) {
+fn program(kind: &Kind, chance: &mut TestRandom) -> (String, Vec<u64>) {
     let (mut lines, mut cut) = (vec!["G21 G90 G94 F1800".to_owned(), "G64 P0.05".to_owned()], Vec::new());
-    let place = |chance: &mut Chance| (20 + chance.below(60), 20 + chance.below(60));
+    let place = |chance: &mut TestRandom| (20 + chance.below(60), 20 + chance.below(60));
     for _ in 0..2 + chance.below(2) {
         let (x, y) = place(chance);
         lines.push(format!("G0 X{x} Y{y}"));
@@ -80,7 +80,7 @@ fn program(kind: &Kind, chance: &mut Chance) -> (String, Vec<u64>) {
 }
 
 /// Commands of the operator, who resumes in the end.
-fn script(chance: &mut Chance) -> String {
+fn script(chance: &mut TestRandom) -> String {
     let mut lines = Vec::new();
     for _ in 0..chance.below(4) {
         let (after, rest) = (1 + chance.below(40), 1 + chance.below(12));
@@ -116,8 +116,8 @@ fn machine(bench: &Bench, kind: &Kind) -> String {
 }
 
 /// One job: results of the hosts, and of the observation of the pins.
-fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
-    let mut chance = Chance::new(seed);
+fn case(seed: u64) -> Result<(Vec<String>, Observation), String> {
+    let mut chance = TestRandom::new(seed);
     let kind = &KINDS[chance.below(KINDS.len())];
     let bench = Bench::new();
     let (text, cut_lines) = program(kind, &mut chance);
@@ -139,7 +139,7 @@ fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
     } else {
         String::new()
     };
-    let card = Served::with(&served.iter().map(String::as_str).collect::<Vec<_>>());
+    let card = ServedCard::with(&served.iter().map(String::as_str).collect::<Vec<_>>());
     let port = card.port.clone();
     let part = part.display().to_string();
     let run = ["run", &part, "--card", &port, "--machine", "machine.toml", "--operator", "do.op", "--json"];
@@ -150,7 +150,7 @@ fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
     let (ends, events): (Vec<String>, Vec<String>) = hosts.into_iter().unzip();
     // longer than the watchdog, and than any stop
     thread::sleep(Duration::from_secs_f64((WATCHDOG_MS + 1000.0) / 1000.0 / SPEED));
-    let told = card.told();
+    let told = card.end();
     let mut seen = observation.ended();
     if seen.on_at_end {
         seen.violations.push("on at the end".to_owned());
@@ -167,14 +167,14 @@ fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
 }
 
 /// Runs a host, killed at some moment or not; returns how it ended, and its events.
-fn hosted(bench: &Bench, arguments: &[&str], chance: &mut Chance) -> (String, String) {
+fn hosted(bench: &Bench, arguments: &[&str], chance: &mut TestRandom) -> (String, String) {
     let end = run_host(bench, arguments, chance);
     (end, std::fs::read_to_string(bench.path("said.txt")).unwrap_or_default())
 }
 
-fn run_host(bench: &Bench, arguments: &[&str], chance: &mut Chance) -> String {
+fn run_host(bench: &Bench, arguments: &[&str], chance: &mut TestRandom) -> String {
     let most = if chance.below(5) < 2 { chance.below(4000) as u64 } else { 9000 };
-    let mut child = bench.begun(arguments, Stdio::null(), "said.txt");
+    let mut child = bench.start(arguments, Stdio::null(), "said.txt");
     let until = Instant::now() + Duration::from_millis(most);
     loop {
         match child.try_wait().expect("a child") {

@@ -5,20 +5,20 @@ use std::fs;
 use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 use std::path::PathBuf;
 
-use retrace_tests::command::{Bench, Said};
-use retrace_tests::served::Served;
+use retrace_tests::command::{Bench, CommandOutput};
+use retrace_tests::served::ServedCard;
 use retrace_tests::terminal::Terminal;
 use serde_json::Value;
 
 const MILL: &str = "[card]\nwatchdog_ms = 2000\n";
 const PART: &str = "G21 G90 G94 G54 G61 F3000\nG1 X10\nG1 X20\nG1 X20 Y5\nM2\n";
 
-fn report(said: &Said) -> Value {
+fn report(said: &CommandOutput) -> Value {
     let last = said.out.lines().last().unwrap_or_default();
     serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
 }
 
-fn counts(said: &Said) -> [i64; 3] {
+fn counts(said: &CommandOutput) -> [i64; 3] {
     let report = report(said);
     ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64().unwrap_or_else(|| panic!("counts in {report}")))
 }
@@ -38,19 +38,19 @@ fn bench() -> Bench {
 
 #[test]
 fn what_is_set_at_the_screen_is_there_after_quitting() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let state = bench.path("state").display().to_string();
     let [machine, part] = ["mill.toml", "part.ngc"].map(|name| bench.path(name).display().to_string());
     let screen = |keys: &[(&str, &str)]| {
         let arguments = ["run", &part, "--tui", "--card", &card.port, "--machine", &machine];
         let mut terminal = Terminal::with(&arguments, 100, 30, &[("XDG_STATE_HOME", &state)]);
-        terminal.until("READY");
+        terminal.wait_for_text("READY");
         for (keys, shown) in keys {
             terminal.keys(keys);
-            terminal.until(shown);
+            terminal.wait_for_text(shown);
         }
         terminal.keys("q");
-        terminal.ended();
+        terminal.wait_for_end();
     };
     screen(&[
         ("mG0 X5 Y2\r", "Y       2.000       2.000"),
@@ -90,7 +90,7 @@ fn what_is_set_at_the_screen_is_there_after_quitting() {
 
 #[test]
 fn a_job_is_resumed_with_the_offsets_that_it_began_with_and_nothing_that_was_set_since_is_lost() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let on_card = ["--card", card.port.as_str(), "--machine", "mill.toml", "--json"];
     let by_hand = |block: &str| {
         let said = bench.retrace(["mdi", block].iter().chain(&on_card));
@@ -120,21 +120,21 @@ fn a_job_is_resumed_with_the_offsets_that_it_began_with_and_nothing_that_was_set
 
 #[test]
 fn a_tool_that_was_changed_by_hand_is_the_jobs_tool_when_it_is_resumed() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let state = bench.path("state").display().to_string();
     // G43 without H uses the tool in the spindle.
     bench.file("part.ngc", "G21 G90 G94 G61 F3000\nG43\nG1 X10\nG1 X20 F600\nG1 Z1\nM2\n");
     let [machine, part] = ["mill.toml", "part.ngc"].map(|name| bench.path(name).display().to_string());
     let arguments = ["run", &part, "--tui", "--card", &card.port, "--machine", &machine];
     let mut terminal = Terminal::with(&arguments, 100, 30, &[("XDG_STATE_HOME", &state)]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys("mT2 M6 G10 L1 P2 Z7\r");
-    terminal.until("T2");
+    terminal.wait_for_text("T2");
     terminal.keys("c");
-    terminal.until("RUNNING");
-    terminal.until_that("block 4", |text| text.contains("> 4 ") || text.contains(">  4 ") || text.contains(">4 "));
+    terminal.wait_for_text("RUNNING");
+    terminal.wait_until("block 4", |text| text.contains("> 4 ") || text.contains(">  4 ") || text.contains(">4 "));
     terminal.hang_up();
-    assert_eq!(terminal.ended(), Some(4));
+    assert_eq!(terminal.wait_for_end(), Some(4));
     let said = bench.retrace(["resume", "--yes", "--json"]);
     assert_eq!((said.code, counts(&said)), (Some(0), [20_000, 0, 8_000]), "{}\n{}", said.out, said.err);
 }

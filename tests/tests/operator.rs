@@ -58,7 +58,7 @@ fn a_hold_stops_on_the_path_and_a_stop_keeps_what_was_counted() {
     let bench = Bench::new();
     let script = bench.file("stop.op", "at 1s hold\nafter 2s resume\nafter 1s stop\n");
     let run = Run::of(&bench, &example("01-first-cut.ngc"), &["--operator", &script.to_string_lossy()]);
-    assert_eq!((run.said.code, run.report["outcome"].as_str()), (Some(4), Some("stopped")), "{}", run.said.err);
+    assert_eq!((run.output.code, run.report["outcome"].as_str()), (Some(4), Some("stopped")), "{}", run.output.err);
     run.assert_consistent();
     let standing = run.records.rows.iter().filter(|row| row.rate_nano == 0).count();
     assert!((1000..2000).contains(&standing), "2 s, less the braking, of standing: {standing}");
@@ -102,7 +102,7 @@ fn a_single_block_stops_at_its_end() {
 }
 
 /// A possible next command of the operator, with its time.
-fn deeds() -> impl Strategy<Value = String> {
+fn operator_commands() -> impl Strategy<Value = String> {
     let when = prop_oneof![
         (0_u32..1500).prop_map(|periods| format!("after {periods} periods")),
         (0.0..2.0_f64).prop_map(|seconds| format!("after {seconds:.3}s")),
@@ -154,7 +154,7 @@ proptest! {
         ..ProptestConfig::default()
     })]
     #[test]
-    fn whatever_the_operator_does_the_job_ends_exactly(deeds in prop::collection::vec(deeds(), 1..14)) {
+    fn whatever_the_operator_does_the_job_ends_exactly(deeds in prop::collection::vec(operator_commands(), 1..14)) {
         let bench = Bench::new();
         let program = bench.file("mixed.ngc", MIXED);
         let machine = bench.file("machine.toml", "history_hours = 0.0005\n");

@@ -5,15 +5,19 @@
 use std::fs::File;
 use std::process::{Command, Stdio};
 
-use retrace_tests::command::{Bench, Said, binary, read_one_line_of};
+use retrace_tests::command::{Bench, CommandOutput, binary, read_one_line_of};
 
 /// Runs the command in a bench with its output lost.
-fn to_a_full_device(bench: &Bench, arguments: &[&str]) -> Said {
+fn to_a_full_device(bench: &Bench, arguments: &[&str]) -> CommandOutput {
     let mut command = Command::new(binary());
     command.args(arguments).current_dir(bench.path("")).env("XDG_STATE_HOME", bench.path("state"));
     command.stdin(Stdio::null()).stdout(File::options().write(true).open("/dev/full").expect("a device"));
     let output = command.stderr(Stdio::piped()).spawn().expect("it runs").wait_with_output().expect("it ends");
-    Said { code: output.status.code(), out: String::new(), err: String::from_utf8_lossy(&output.stderr).into_owned() }
+    CommandOutput {
+        code: output.status.code(),
+        out: String::new(),
+        err: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
 }
 
 fn bench() -> Bench {

@@ -1,10 +1,10 @@
 //! All files that decoding has read belong to a job (DNC-12): a changed one is refused by name, or the job has a copy
 //! of its own.
 
-use retrace_tests::command::{Bench, Said};
+use retrace_tests::command::{Bench, CommandOutput};
 use serde_json::Value;
 
-fn counts(said: &Said) -> [i64; 3] {
+fn counts(said: &CommandOutput) -> [i64; 3] {
     let last = said.out.lines().last().unwrap_or_default();
     let report: Value =
         serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err));
@@ -12,7 +12,7 @@ fn counts(said: &Said) -> [i64; 3] {
 }
 
 #[track_caller]
-fn assert_refused(said: &Said, name: &str) {
+fn assert_refused(said: &CommandOutput, name: &str) {
     assert!(
         said.code == Some(2) && said.err.contains("E2210") && said.err.contains(name),
         "{}\n{}",

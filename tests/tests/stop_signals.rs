@@ -8,7 +8,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, binary};
-use retrace_tests::served::Served;
+use retrace_tests::served::ServedCard;
 use retrace_tests::terminal::Terminal;
 use serde_json::Value;
 
@@ -102,7 +102,7 @@ fn assert_stopped((code, report): (Option<i32>, Value)) {
 
 #[test]
 fn ctrl_c_sigterm_and_sighup_stop_the_job_and_keep_its_breakpoint() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "mill.toml", "--no-tui", "--json"];
     let begun = Begun::of(&bench, &run);
     begun.until("out.txt", "\"switched\"");
@@ -110,7 +110,7 @@ fn ctrl_c_sigterm_and_sighup_stop_the_job_and_keep_its_breakpoint() {
     begun.signal("-INT");
     begun.until("err.txt", "stopping: braking on the path");
     assert_stopped(begun.ended());
-    let who = card.who(&bench);
+    let who = card.identify(&bench);
     assert_eq!((&who["at_rest"], &who["alarm"]), (&Value::from(true), &Value::Null), "{who}");
     for signal in ["-TERM", "-HUP"] {
         let begun = Begun::of(&bench, &["resume", "--yes", "--json"]);
@@ -125,7 +125,7 @@ fn ctrl_c_sigterm_and_sighup_stop_the_job_and_keep_its_breakpoint() {
 
 #[test]
 fn a_second_ctrl_c_is_answered_with_what_is_waited_for() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "mill.toml", "--no-tui", "--json"];
     let begun = Begun::of(&bench, &run);
     begun.until("out.txt", "\"code\":\"M8\"");
@@ -196,13 +196,13 @@ fn m0_m1_and_m6_wait_in_wall_time_and_enter_at_the_terminal_goes_on() {
         "M6 of line 7 waits: insert tool 2 (end mill); press Enter",
     ];
     for (answered, wait) in waits.into_iter().enumerate() {
-        terminal.until(wait);
+        terminal.wait_for_text(wait);
         sleep(Duration::from_millis(700));
         assert_eq!(terminal.text().matches("operator: cycle start").count(), answered, "{}", terminal.text());
         assert!(!terminal.text().contains("completed"), "it waits: {}", terminal.text());
         terminal.keys("\n");
     }
-    assert_eq!(terminal.ended(), Some(0), "{}", terminal.text());
+    assert_eq!(terminal.wait_for_end(), Some(0), "{}", terminal.text());
     // It stopped at each of them, and nowhere else for so long.
     let records = fs::read_to_string(bench.path("records.csv")).expect("the records");
     let mut stood = std::collections::BTreeMap::<String, u32>::new();
@@ -218,11 +218,11 @@ fn m0_m1_and_m6_wait_in_wall_time_and_enter_at_the_terminal_goes_on() {
     off.extend(["--optional-stop", "off"]);
     let mut terminal = Terminal::running(&off, 180, 40);
     for wait in ["M0 of line 3 waits", "M6 of line 7 waits"] {
-        terminal.until(wait);
+        terminal.wait_for_text(wait);
         sleep(Duration::from_millis(200));
         terminal.keys("\n");
     }
-    assert_eq!(terminal.ended(), Some(0), "{}", terminal.text());
+    assert_eq!(terminal.wait_for_end(), Some(0), "{}", terminal.text());
     assert!(!terminal.text().contains("M1 of line"), "{}", terminal.text());
 }
 
@@ -239,10 +239,10 @@ fn without_a_terminal_a_program_stop_says_the_way_out_and_a_resumed_job_keeps_th
     assert_stopped(begun.ended());
     let jobs = bench.path("jobs").display().to_string();
     let mut terminal = Terminal::running(&["resume", "--yes", "--realtime", "--journal", &jobs], 180, 40);
-    terminal.until("M0 of line 3 waits; press Enter");
+    terminal.wait_for_text("M0 of line 3 waits; press Enter");
     sleep(Duration::from_millis(200));
     terminal.keys("\n");
-    assert_eq!(terminal.ended(), Some(0), "{}", terminal.text());
+    assert_eq!(terminal.wait_for_end(), Some(0), "{}", terminal.text());
     assert!(!terminal.text().contains("M1 of line"), "M1 is passed, as before: {}", terminal.text());
 }
 
@@ -277,10 +277,10 @@ fn a_job_in_the_background_waits_without_being_stopped_by_its_terminal() {
         bench.path("jobs").display(),
     );
     let mut terminal = Terminal::shell(&line, 200, 40);
-    terminal.until("M0 of line 3 waits; this command runs in the background: bring it to the foreground (fg)");
+    terminal.wait_for_text("M0 of line 3 waits; this command runs in the background: bring it to the foreground (fg)");
     terminal.keys("\n");
-    terminal.until("code=4");
-    assert_eq!(terminal.ended(), Some(0));
+    terminal.wait_for_text("code=4");
+    assert_eq!(terminal.wait_for_end(), Some(0));
 }
 
 #[test]
@@ -296,8 +296,8 @@ fn ctrl_c_sigterm_and_sighup_stop_work_by_hand() {
     let axes = axis("x", "") + &axis("y", "") + &axis("z", "home = { switch = \"upper\" }\n");
     bench.file("mill.toml", format!("homed = true\n{axes}[card]\nwatchdog_ms = 2000\n{switch}"));
     let machine = bench.path("mill.toml").display().to_string();
-    let card = Served::with(&["--machine", &machine]);
-    let at = |axis: usize| card.who(&bench)["counts"][axis].as_i64().expect("a count");
+    let card = ServedCard::with(&["--machine", &machine]);
+    let at = |axis: usize| card.identify(&bench)["counts"][axis].as_i64().expect("a count");
     let works =
         [(&["jog", "x", "800"][..], "-INT", 0), (&["mdi", "G1 Y800 F3000"], "-TERM", 1), (&["home", "z"], "-HUP", 2)];
     for (work, signal, axis) in works {
@@ -308,7 +308,7 @@ fn ctrl_c_sigterm_and_sighup_stop_work_by_hand() {
         begun.until("err.txt", "stopping: braking on the path, cutting outputs go off");
         let (code, report) = begun.ended();
         assert_eq!((code, report["outcome"].as_str()), (Some(4), Some("stopped")), "{work:?}: {report}");
-        let who = card.who(&bench);
+        let who = card.identify(&bench);
         assert_eq!((&who["at_rest"], &who["alarm"]), (&Value::from(true), &Value::Null), "{who}");
         assert!((1..800_000).contains(&at(axis)), "{work:?} was on its way: {who}");
         assert_eq!(who["counts"][axis], report["position_counts"][["x", "y", "z"][axis]], "{who}");

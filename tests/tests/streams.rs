@@ -1,12 +1,12 @@
 //! Streamed programs: what is executed of a stream that is cut off, and how it continues.
 
-use retrace_tests::command::{Bench, Said};
+use retrace_tests::command::{Bench, CommandOutput};
 use retrace_tests::run::Run;
 use serde_json::Value;
 
 const WHOLE: &str = "G21 G90 F3000\nM3 S1000\nG1 X5\nG0 Z10\nG1 X8\nM5\nM30\n";
 
-fn report(said: &Said) -> Value {
+fn report(said: &CommandOutput) -> Value {
     let last = said.out.lines().last().unwrap_or_default();
     serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
 }
@@ -29,13 +29,17 @@ fn nothing_is_executed_of_a_line_that_did_not_arrive_whole() {
             }
             let bench = Bench::new();
             let run = Run::of_input(&bench, sent.as_bytes(), &[]);
-            assert_eq!(run.said.code, Some(1), "{sent:?}: {}", run.said.err);
-            assert!(run.said.err.contains("E1006") && run.said.err.contains(&format!(":{line}:")), "{}", run.said.err);
+            assert_eq!(run.output.code, Some(1), "{sent:?}: {}", run.output.err);
+            assert!(
+                run.output.err.contains("E1006") && run.output.err.contains(&format!(":{line}:")),
+                "{}",
+                run.output.err
+            );
             assert_eq!(run.report["outcome"], "stopped", "{sent:?}");
             let [x, z] = [if line > 5 { 8_000 } else { 5_000 }, if line > 4 { 10_000 } else { 0 }];
             assert_eq!(run.counts(), [x, 0, z], "{sent:?}");
             let id = job(&bench);
-            assert!(run.said.err.contains(&format!("retrace resume {id} --program")), "{}", run.said.err);
+            assert!(run.output.err.contains(&format!("retrace resume {id} --program")), "{}", run.output.err);
             let kept = bench.retrace(["jobs", "show", &id]);
             assert!(kept.out.contains("incomplete"), "{sent:?}: {}", kept.out);
         }
@@ -76,7 +80,7 @@ fn a_last_line_that_is_exactly_the_program_end_needs_no_line_feed() {
         assert_eq!(run.counts(), [8_000, 0, 10_000]);
     }
     let run = Run::of_input(&Bench::new(), WHOLE.replace("M30\n", "N7 M30").as_bytes(), &[]);
-    assert_eq!(run.said.code, Some(1), "{}", run.said.err);
+    assert_eq!(run.output.code, Some(1), "{}", run.output.err);
 }
 
 #[test]
@@ -84,7 +88,7 @@ fn a_stream_that_was_cut_off_continues_with_the_whole_program() {
     for sent in [WHOLE.find("0\nG1 X8").expect("in a line"), WHOLE.find("M5").expect("between lines")] {
         let bench = Bench::new();
         let run = Run::of_input(&bench, &WHOLE.as_bytes()[..sent], &[]);
-        assert_eq!(run.said.code, Some(1), "{}", run.said.err);
+        assert_eq!(run.output.code, Some(1), "{}", run.output.err);
         let said = bench.retrace(["resume", "--yes", "--json"]);
         assert_eq!(said.code, Some(2), "{}", said.err);
         assert!(said.err.contains("E2208") && said.err.contains("--program"), "{}", said.err);
