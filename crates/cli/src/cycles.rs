@@ -33,7 +33,7 @@ pub fn run(args: &args::Cycles) -> Result<(), CommandFailure> {
         Some(CyclesAction::Compile) => {
             let library = folders.library();
             show_findings(&library);
-            let fresh = library.iter().filter(|(_, cycle)| cycle.was_fresh()).count();
+            let fresh = library.iter().filter(|(_, cycle)| cycle.is_from_cache()).count();
             let count = library.iter().count();
             let place = folders.compiled.as_deref().map_or("nowhere".into(), |path| path.display().to_string());
             finish(
@@ -135,8 +135,9 @@ fn table(library: &CycleLibrary) -> String {
     let from_width = widest(&mut library.iter().map(|(_, cycle)| from(cycle).chars().count())).max(4);
     let mut text = format!("{:name_width$}  kind  {:from_width$}  form          parameters\n", "name", "from");
     for (_, cycle) in library.iter() {
-        let form = if cycle.was_fresh() { "up to date" } else { "compiled now" };
-        let parameters: Vec<String> = cycle.parameters().iter().map(|p| format!("{} {}", p.of, p.name)).collect();
+        let form = if cycle.is_from_cache() { "up to date" } else { "compiled now" };
+        let parameters: Vec<String> =
+            cycle.parameters().iter().map(|p| format!("{} {}", p.value_type, p.name)).collect();
         let (name, kind, parameters) = (cycle.name(), cycle.kind().number(), parameters.join(", "));
         let row = format!("{name:name_width$}  {kind:<4}  {:from_width$}  {form:<12}  {parameters}", from(cycle));
         text += row.trim_end();

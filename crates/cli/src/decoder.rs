@@ -68,7 +68,7 @@ impl BlockDecoder for Decoder {
         let progress = self.program.advance(steps);
         if let Some(shown) = &mut self.progress {
             let program = &self.program;
-            shown.block(|| (program.lines_taken(), program.loop_blocks()));
+            shown.block(|| (program.lines_read(), program.loop_blocks()));
         }
         self.is_at_end |= progress == Progress::End;
         self.length_offset |= steps[first..].iter().any(|s| matches!(s.canon, Canon::UseToolLengthOffset(_)));

@@ -26,7 +26,7 @@ pub struct DiagnosticPrinter {
 /// All diagnostics of a checked program; repetitions from a line in a loop count once.
 pub fn all(program: &Program, decoder: &mut Decoder, findings: &[CheckFinding]) -> Vec<DiagnosticPrinter> {
     if decoder.is_at_end {
-        decoder.program.look_behind_the_end();
+        decoder.program.check_after_end();
     }
     let diagnostics = decoder.program.interpreter().diagnostics();
     let mut all: Vec<DiagnosticPrinter> = diagnostics.iter().map(|one| of_diagnostic(program, one)).collect();

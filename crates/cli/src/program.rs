@@ -155,8 +155,8 @@ impl Program {
         if let Some(path) = &reading.ini {
             let ini = table(path, "INI file", Ini::read)?;
             files.push(read(FileRole::Ini, path)?);
-            if !ini.passed_over.is_empty() {
-                notes.push(format!("ignored in {}: {}", path.display(), ini.passed_over.join(", ")));
+            if !ini.ignored.is_empty() {
+                notes.push(format!("ignored in {}: {}", path.display(), ini.ignored.join(", ")));
                 notes.push("a tool table and a parameter file are named with --tools and --params".to_owned());
             }
             if !ini.without_effect.is_empty() {
@@ -190,11 +190,11 @@ impl Program {
             None
         } else if name.is_empty() {
             // The screen opens without a program.
-            Some(Arc::new(Prescan::of(&name, Vec::new().into(), &setup)))
+            Some(Arc::new(Prescan::scan(&name, Vec::new().into(), &setup)))
         } else {
             let (text, of_program) = files::program(&reading.program)?;
             hash = of_program;
-            Some(Arc::new(Prescan::of(&name, text, &setup)))
+            Some(Arc::new(Prescan::scan(&name, text, &setup)))
         };
         let opening = StreamOpening {
             serial: SerialSettings::default(),
@@ -253,7 +253,7 @@ impl Program {
         if self.prescan.is_some() && self.is_loaded() {
             let (text, hash) = files::program(Path::new(&self.name))?;
             again.hash = hash;
-            again.prescan = Some(Arc::new(Prescan::of(&self.name, text, &again.setup)));
+            again.prescan = Some(Arc::new(Prescan::scan(&self.name, text, &again.setup)));
         }
         Ok(again)
     }

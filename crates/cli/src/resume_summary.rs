@@ -229,7 +229,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
             }
             if number > first && steps.iter().any(|step| step.line == self.prepared.line()) {
                 return Some(Block {
-                    location: source.whereabouts().to_string(),
+                    location: source.location().to_string(),
                     text: source.line_text().trim().to_owned(),
                     active: source.active().to_string(),
                 });

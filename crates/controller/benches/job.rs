@@ -105,7 +105,7 @@ fn run(text: &Text, machine: &MachineConfig) -> (f64, u64, u64) {
     let setup = Setup::rs274();
     let planner = Planner::new(machine.limits(), [0.0; 3]).expect("the built-in machine is valid");
     let started = Instant::now();
-    let prescan = std::sync::Arc::new(Prescan::of("program", text.clone(), &setup));
+    let prescan = std::sync::Arc::new(Prescan::scan("program", text.clone(), &setup));
     let mut decoder = Decoder(Program::prescanned(prescan, setup));
     let mut sink = Records { planner, records: 0, pulses: 0 };
     let (blocks, findings) = feed_all(machine, &mut decoder, &mut sink);

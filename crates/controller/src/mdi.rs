@@ -18,7 +18,7 @@ use crate::machine::MachineConfig;
 pub fn setup(machine: &MachineConfig) -> Setup {
     let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
     let user_codes = machine.switching.user_codes().fold(UserCodes::default(), UserCodes::with);
-    Setup { axes: AxisSet::of(&axes), user_codes, position: position(machine), ..Setup::default() }
+    Setup { axes: AxisSet::from_axes(&axes), user_codes, position: position(machine), ..Setup::default() }
 }
 
 /// Position of the machine, mm and degrees, machine coordinates.

@@ -54,7 +54,7 @@ impl BlockDecoder for Text {
 }
 
 fn run_on(machine: &MachineConfig, text: &str) -> (Moves, Vec<CheckFinding>) {
-    let axes = AxisSet::of(&Axis::ALL);
+    let axes = AxisSet::from_axes(&Axis::ALL);
     let program = Program::new(std::io::Cursor::new(text.as_bytes().to_vec()), Setup { axes, ..Setup::default() });
     let mut moves = Moves::default();
     let (_, findings) = feed_all(machine, &mut Text(program), &mut moves);

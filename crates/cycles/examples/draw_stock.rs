@@ -1,7 +1,7 @@
-//! Draws the path of stock removal for a few contours as SVG files, to be looked at: `draw_stock FOLDER`.
+//! Draws the path of stock removal for a few contours as SVG files: `draw_stock FOLDER`.
 //!
-//! Invariant: the picture shows the moves as they are told, nothing smoothed: grey the contour, dashed red rapids, blue roughing, orange
-//! plunging, green finishing.
+//! Invariant: the picture shows the moves as emitted, without smoothing: grey the contour, dashed red rapids, blue
+//! roughing, orange plunging, green finishing.
 
 use std::fmt::Write as _;
 use std::path::Path as Folder;

@@ -5,6 +5,7 @@
 
 use crate::cycle::CycleId;
 use crate::error_codes::ErrorCode;
+use crate::host::CycleStoppedError;
 use std::fmt;
 
 /// A run that has ended with an alarm. If the alarm comes from a check of the parameters, none of the cycle's motion
@@ -41,14 +42,27 @@ impl fmt::Display for Alarm {
     }
 }
 
+impl std::error::Error for Alarm {}
+
 /// Reason why a run has ended early.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Halt {
+pub enum CycleRunError {
     /// An alarm of the cycle.
     Alarm(Box<Alarm>),
     /// The host stopped at a block, and has the reason.
     Stopped,
 }
+
+impl fmt::Display for CycleRunError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Alarm(alarm) => alarm.fmt(f),
+            Self::Stopped => CycleStoppedError.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for CycleRunError {}
 
 /// An alarm of the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,21 +105,21 @@ pub(crate) const ALARMS: &[AlarmText] = &[
     text(61102, "no spindle direction", "Give 3, 4 or 5."),
     text(61103, "number of holes is zero", "Give at least one hole."),
     text(61107, "first depth wrong", "Put the first depth between the reference plane and the final depth."),
-    text(61604, "tool violates the contour", "Take a tool with a larger clearance angle or a smaller nose."),
+    text(61604, "tool violates the contour", "Use a tool with a larger clearance angle or a smaller nose."),
     text(61605, "contour wrong", "Correct the contour subprogram."),
     text(61606, "contour preparation failed", "Correct the contour subprogram."),
     text(61607, "start point wrong", "Begin outside of the blank."),
     text(61610, "no infeed depth", "Give an infeed depth above zero."),
     text(61808, "depth missing", "Give the depth (DP) or the depth from the reference plane (DPR)."),
     text(61815, "cutter compensation active", "Program G40 before the call."),
-    text(61890, "no spindle speed", "Program S before the call, or give the speed or the dwell otherwise."),
+    text(61890, "no spindle speed", "Program S before the call, or give the speed or the dwell in another way."),
     text(62100, "no modal cycle active", "Program MCALL with a drilling cycle before it."),
     text(62801, "sign ignored", "Enter the value without sign."),
     text(62802, "depth given twice", "Give the depth either absolute or from the reference plane."),
     text(
         62803,
         "taken as full retraction",
-        "Nothing needs to be done: a tap is always drawn out whole between strokes.",
+        "Nothing needs to be done: a tap is always fully retracted between strokes.",
     ),
     text(62804, "parameter without effect", "Leave the parameter out."),
     text(62805, "value limited", "Give a value within the range."),

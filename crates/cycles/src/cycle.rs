@@ -46,7 +46,7 @@ pub struct Parameter {
     /// Name, in capitals.
     pub name: String,
     /// Type of the parameter.
-    pub of: Type,
+    pub value_type: Type,
     /// Value if the call passes none; a text is empty then.
     pub default: f64,
 }
@@ -85,9 +85,9 @@ pub enum Origin {
 
 /// Argument of a call, before its value is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Given {
+pub enum ArgumentKind {
     /// An empty argument.
-    Nothing,
+    Empty,
     /// A number.
     Number,
     /// A text.
@@ -103,7 +103,7 @@ pub struct Cycle {
     pub(crate) kind: Kind,
     pub(crate) origin: Origin,
     pub(crate) path: PathBuf,
-    pub(crate) was_fresh: bool,
+    pub(crate) is_from_cache: bool,
 }
 
 impl Cycle {
@@ -133,8 +133,8 @@ impl Cycle {
 
     /// Returns why a call with these arguments is wrong, or `None` if it is right. It serves the check of a program
     /// before it runs.
-    pub fn misfit(&self, given: impl IntoIterator<Item = Given>) -> Option<String> {
-        misfit(&self.unit, given)
+    pub fn argument_mismatch(&self, given: impl IntoIterator<Item = ArgumentKind>) -> Option<String> {
+        argument_mismatch(&self.unit, given)
     }
 
     /// Returns the source: a path, or the name of a shipped cycle.
@@ -145,8 +145,8 @@ impl Cycle {
 
     /// Whether the compiled form was loaded from the folder rather than compiled now.
     #[must_use]
-    pub const fn was_fresh(&self) -> bool {
-        self.was_fresh
+    pub const fn is_from_cache(&self) -> bool {
+        self.is_from_cache
     }
 
     /// Whether the modal state of the caller is restored at the end (`SAVE`).
@@ -171,26 +171,26 @@ impl fmt::Display for Cycle {
         }
         for (index, parameter) in self.parameters().iter().enumerate() {
             f.write_str(if index == 0 { "(" } else { ", " })?;
-            write!(f, "{} {}", parameter.of, parameter.name)?;
+            write!(f, "{} {}", parameter.value_type, parameter.name)?;
         }
         f.write_str(")")
     }
 }
 
 /// Returns why arguments do not fit a unit's parameters, or `None` if they do.
-pub(crate) fn misfit(callee: &Unit, given: impl IntoIterator<Item = Given>) -> Option<String> {
+pub(crate) fn argument_mismatch(callee: &Unit, given: impl IntoIterator<Item = ArgumentKind>) -> Option<String> {
     let (name, most) = (&callee.name, callee.parameters.len());
     for (index, given) in given.into_iter().enumerate() {
         let Some(parameter) = callee.parameters.get(index) else {
-            return Some(format!("{name} takes no more than {most} arguments"));
+            return Some(format!("{name} accepts at most {most} arguments"));
         };
         let fits = match given {
-            Given::Nothing => true,
-            Given::Number => !parameter.of.is_text(),
-            Given::Text => parameter.of.is_text(),
+            ArgumentKind::Empty => true,
+            ArgumentKind::Number => !parameter.value_type.is_text(),
+            ArgumentKind::Text => parameter.value_type.is_text(),
         };
         if !fits {
-            return Some(format!("{name}: {} needs {}", parameter.name, parameter.of));
+            return Some(format!("{name}: {} needs {}", parameter.name, parameter.value_type));
         }
     }
     None

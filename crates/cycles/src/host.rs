@@ -3,6 +3,7 @@
 //! Invariant: nothing here allocates; a block is a value of fixed size.
 
 use crate::cycle::{Cycle, CycleId};
+use std::fmt;
 
 /// State that a cycle may read: left by its caller, or set by its own blocks.
 ///
@@ -167,7 +168,15 @@ pub struct Message<'a> {
 
 /// The host has stopped at a block, and has the reason; the run ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CycleStopped;
+pub struct CycleStoppedError;
+
+impl fmt::Display for CycleStoppedError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the host has stopped the cycle at a block")
+    }
+}
+
+impl std::error::Error for CycleStoppedError {}
 
 /// Arguments of the built-in `STOCKPATH` of CYCLE95; the host adds the contour's elements and the tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -192,12 +201,21 @@ pub struct StockCall<'a> {
 
 /// Reason why a contour has no path.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct StockFailure {
+pub struct StockPathError {
     /// Alarm number of the control, such as 61605.
     pub alarm: u32,
     /// Description.
     pub text: String,
 }
+
+impl fmt::Display for StockPathError {
+    /// Writes `alarm 61605: …`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "alarm {}: {}", self.alarm, self.text)
+    }
+}
+
+impl std::error::Error for StockPathError {}
 
 /// Feed of a move of stock removal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -238,7 +256,7 @@ pub trait Host {
     ///
     /// # Errors
     /// The run ends; the host has the reason.
-    fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStopped>;
+    fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStoppedError>;
 
     /// Displays a message or a warning.
     fn message(&mut self, message: &Message<'_>);
@@ -252,7 +270,7 @@ pub trait Host {
     ///
     /// # Errors
     /// The run ends; the host has the reason.
-    fn leave(&mut self, _cycle: &Cycle) -> Result<(), CycleStopped> {
+    fn leave(&mut self, _cycle: &Cycle) -> Result<(), CycleStoppedError> {
         Ok(())
     }
 
@@ -260,8 +278,8 @@ pub trait Host {
     ///
     /// # Errors
     /// The alarm of the control that applies.
-    fn stock(&mut self, _call: &StockCall<'_>) -> Result<u32, StockFailure> {
-        Err(StockFailure { alarm: 61606, text: "contours cannot be read here".to_owned() })
+    fn stock(&mut self, _call: &StockCall<'_>) -> Result<u32, StockPathError> {
+        Err(StockPathError { alarm: 61606, text: "contours cannot be read here".to_owned() })
     }
 
     /// Returns a move of the path that [`Host::stock`] has calculated, by its number from 0.

@@ -37,13 +37,13 @@ pub mod stock;
 mod stored;
 mod vm;
 
-pub use alarm::{Alarm, AlarmText, Halt, alarm_text};
+pub use alarm::{Alarm, AlarmText, CycleRunError, alarm_text};
 pub use builtin::shipped_source;
-pub use cycle::{Cycle, CycleId, Given, Kind, Origin, Parameter, Type};
+pub use cycle::{ArgumentKind, Cycle, CycleId, Kind, Origin, Parameter, Type};
 pub use diag::{Diagnostic, Severity};
 pub use error_codes::ErrorCode;
 pub use host::{
-    CycleBlock, CycleStopped, CycleWord, Host, Message, Query, StockCall, StockFailure, StockFeed, StockMove,
+    CycleBlock, CycleStoppedError, CycleWord, Host, Message, Query, StockCall, StockFeed, StockMove, StockPathError,
 };
 pub use library::{CycleLibrary, Folders, LibraryFinding};
 pub use vm::{Argument, Vm, VmLimits};

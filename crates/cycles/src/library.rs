@@ -87,7 +87,7 @@ impl CycleLibrary {
         // folder.
         forms.sort_by(|a, b| a.unit.name.cmp(&b.unit.name));
         let keys: Vec<u8> = forms.iter().flat_map(|form| form.key.to_le_bytes()).collect();
-        let cycles = linker::join(forms, &mut findings);
+        let cycles = linker::link(forms, &mut findings);
         findings.sort_by(|a, b| (&a.source, a.diagnostic.line).cmp(&(&b.source, b.diagnostic.line)));
         let has_early_digit = cycles.iter().any(|cycle| cycle.name().as_bytes().get(1).is_some_and(u8::is_ascii_digit));
         Self { cycles, findings, identity: stored::hash(&[&keys]), source_files: Vec::new(), has_early_digit }

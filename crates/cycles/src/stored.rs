@@ -85,18 +85,18 @@ pub(crate) fn read(bytes: &[u8], key: u128) -> Result<(Unit, Vec<Diagnostic>), F
     if length as usize != input.0.len() {
         return Err(FormError::Torn);
     }
-    take_form(&mut input).filter(|_| input.0.is_empty()).ok_or(FormError::Torn)
+    read_form(&mut input).filter(|_| input.0.is_empty()).ok_or(FormError::Torn)
 }
 
-fn take_form(input: &mut Input<'_>) -> Option<(Unit, Vec<Diagnostic>)> {
-    let unit = take_unit(input)?;
-    let warnings = take_list(input, |input| {
+fn read_form(input: &mut Input<'_>) -> Option<(Unit, Vec<Diagnostic>)> {
+    let unit = read_unit(input)?;
+    let warnings = read_list(input, |input| {
         Some(Diagnostic {
             code: *ErrorCode::ALL.get(u32::take(input)? as usize)?,
             line: u32::take(input)?,
             start: u32::take(input)?,
             end: u32::take(input)?,
-            message: take_text(input)?,
+            message: read_text(input)?,
         })
     })?;
     Some((unit, warnings))
@@ -112,7 +112,7 @@ fn put_unit(unit: &Unit, out: &mut Vec<u8>) {
     (unit.parameters.len() as u32).put(out);
     for parameter in &unit.parameters {
         put_text(&parameter.name, out);
-        parameter.of.put(out);
+        parameter.value_type.put(out);
         parameter.default.put(out);
     }
     (unit.texts.len() as u32).put(out);
@@ -144,9 +144,9 @@ fn put_unit(unit: &Unit, out: &mut Vec<u8>) {
     }
 }
 
-fn take_unit(input: &mut Input<'_>) -> Option<Unit> {
+fn read_unit(input: &mut Input<'_>) -> Option<Unit> {
     let mut unit = Unit {
-        name: take_text(input)?,
+        name: read_text(input)?,
         saves: bool::take(input)?,
         is_pattern: bool::take(input)?,
         slots: u16::take(input)?,
@@ -154,24 +154,24 @@ fn take_unit(input: &mut Input<'_>) -> Option<Unit> {
     };
     let (has_contour, contour) = (bool::take(input)?, u16::take(input)?);
     unit.contour = has_contour.then_some(contour);
-    unit.parameters = take_list(input, |input| {
-        Some(Parameter { name: take_text(input)?, of: Type::take(input)?, default: f64::take(input)? })
+    unit.parameters = read_list(input, |input| {
+        Some(Parameter { name: read_text(input)?, value_type: Type::take(input)?, default: f64::take(input)? })
     })?;
-    unit.texts = take_list(input, take_text)?;
-    unit.calls = take_list(input, |input| {
+    unit.texts = read_list(input, read_text)?;
+    unit.calls = read_list(input, |input| {
         Some(CallSite {
-            name: take_text(input)?,
+            name: read_text(input)?,
             line: u32::take(input)?,
             start: u32::take(input)?,
             end: u32::take(input)?,
-            arguments: take_list(input, take_passed)?,
+            arguments: read_list(input, read_passed)?,
         })
     })?;
-    (unit.ops, unit.lines) = take_list(input, |input| Some((Op::take(input)?, u32::take(input)?)))?.into_iter().unzip();
+    (unit.ops, unit.lines) = read_list(input, |input| Some((Op::take(input)?, u32::take(input)?)))?.into_iter().unzip();
     Some(unit)
 }
 
-fn take_passed(input: &mut Input<'_>) -> Option<Passed> {
+fn read_passed(input: &mut Input<'_>) -> Option<Passed> {
     let (tag, parameter) = (u8::take(input)?, u16::take(input)?);
     match tag {
         0 => Some(Passed::Nothing),
@@ -187,13 +187,13 @@ fn put_text(text: &str, out: &mut Vec<u8>) {
     out.extend_from_slice(text.as_bytes());
 }
 
-fn take_text(input: &mut Input<'_>) -> Option<String> {
+fn read_text(input: &mut Input<'_>) -> Option<String> {
     let length = u32::take(input)? as usize;
     String::from_utf8(input.bytes(length)?.to_vec()).ok()
 }
 
 /// Reads a count and as many items. No memory is reserved for the count, which may be anything in a damaged file.
-fn take_list<T>(input: &mut Input<'_>, item: impl Fn(&mut Input<'_>) -> Option<T>) -> Option<Vec<T>> {
+fn read_list<T>(input: &mut Input<'_>, item: impl Fn(&mut Input<'_>) -> Option<T>) -> Option<Vec<T>> {
     let count = u32::take(input)?;
     (0..count).map(|_| item(input)).collect()
 }

@@ -10,9 +10,9 @@ mod state;
 
 pub(crate) use block::is_known_m;
 
-use crate::alarm::{Alarm, Halt};
+use crate::alarm::{Alarm, CycleRunError};
 use crate::code::{Op, Passed, converted};
-use crate::cycle::{Cycle, CycleId, Given, Type};
+use crate::cycle::{ArgumentKind, Cycle, CycleId, Type};
 use crate::error_codes::ErrorCode;
 use crate::host::{CycleBlock, Host};
 use crate::library::CycleLibrary;
@@ -115,7 +115,7 @@ impl Default for Vm {
 
 /// A run: the virtual machine with the data that it works on.
 struct VmRun<'r> {
-    machine: &'r mut Vm,
+    vm: &'r mut Vm,
     library: &'r CycleLibrary,
     arguments: &'r [Argument<'r>],
     host: &'r mut dyn Host,
@@ -153,19 +153,19 @@ impl Vm {
         cycle: CycleId,
         arguments: &[Argument<'_>],
         host: &mut dyn Host,
-    ) -> Result<(), Halt> {
+    ) -> Result<(), CycleRunError> {
         self.stack.clear();
         self.slots.clear();
         self.frames.clear();
         self.message.clear();
         (self.steps, self.blocks) = (0, 0);
-        let mut run = VmRun { machine: self, library, arguments, host };
+        let mut run = VmRun { vm: self, library, arguments, host };
         let mut place = (cycle, 0);
-        run.begin(cycle).and_then(|()| run.go(&mut place)).map_err(|trap| match *trap {
-            VmTrap::Stopped => Halt::Stopped,
+        run.begin(cycle).and_then(|()| run.run_to_end(&mut place)).map_err(|trap| match *trap {
+            VmTrap::Stopped => CycleRunError::Stopped,
             VmTrap::Alarm(code, number, text) => {
                 let (cycle, line) = place;
-                Halt::Alarm(Box::new(Alarm { code, number, cycle, line, text }))
+                CycleRunError::Alarm(Box::new(Alarm { code, number, cycle, line, text }))
             }
         })
     }
@@ -179,32 +179,32 @@ impl<'r> VmRun<'r> {
         };
         let parameters = cycle.parameters();
         let given = self.arguments.iter().map(|argument| match argument {
-            Argument::Missing => Given::Nothing,
-            Argument::Number(_) => Given::Number,
-            Argument::Text(_) => Given::Text,
+            Argument::Missing => ArgumentKind::Empty,
+            Argument::Number(_) => ArgumentKind::Number,
+            Argument::Text(_) => ArgumentKind::Text,
         });
-        if let Some(text) = cycle.misfit(given) {
+        if let Some(text) = cycle.argument_mismatch(given) {
             return trap(ErrorCode::BadArgument, text);
         }
         let mut programmed = 0;
         for (index, parameter) in parameters.iter().enumerate() {
             let argument = self.arguments.get(index).copied().unwrap_or(Argument::Missing);
-            let value = match (argument, parameter.of) {
+            let value = match (argument, parameter.value_type) {
                 (Argument::Missing, Type::Text(_)) => Value::Text(TextPlace::Empty),
                 (Argument::Missing, _) => Value::Number(parameter.default),
                 (Argument::Text(text), Type::Text(length)) if text.len() <= usize::from(length) => {
                     Value::Text(TextPlace::Argument(index as u16))
                 }
                 (Argument::Number(number), Type::Real | Type::Int | Type::Bool) if number.is_finite() => {
-                    Value::Number(converted(parameter.of, number))
+                    Value::Number(converted(parameter.value_type, number))
                 }
                 _ => {
-                    let text = format!("{}: {} is too long or no finite number", cycle.name(), parameter.name);
+                    let text = format!("{}: {} is too long or not a finite number", cycle.name(), parameter.name);
                     return trap(ErrorCode::BadArgument, text);
                 }
             };
             programmed |= u64::from(argument != Argument::Missing) << (index & 63);
-            self.machine.slots.push(value);
+            self.vm.slots.push(value);
         }
         self.enter(cycle, id, 0, programmed);
         Ok(())
@@ -212,20 +212,20 @@ impl<'r> VmRun<'r> {
 
     /// Creates the frame of a cycle whose parameters are in the slots from `base`.
     fn enter(&mut self, cycle: &Cycle, id: CycleId, base: usize, programmed: u64) {
-        self.machine.slots.resize(base + usize::from(cycle.unit.slots), Value::Number(0.0));
-        self.machine.frames.push(Frame { cycle: id, at: 0, base, programmed });
+        self.vm.slots.resize(base + usize::from(cycle.unit.slots), Value::Number(0.0));
+        self.vm.frames.push(Frame { cycle: id, at: 0, base, programmed });
         self.host.enter(cycle);
     }
 
     /// Executes instructions until the outermost cycle ends; `place` is the current line, for alarms.
-    fn go(&mut self, place: &mut (CycleId, u32)) -> Step {
-        while let Some(mut frame) = self.machine.frames.last().copied() {
+    fn run_to_end(&mut self, place: &mut (CycleId, u32)) -> Step {
+        while let Some(mut frame) = self.vm.frames.last().copied() {
             let Some(cycle) = self.library.get(frame.cycle) else {
                 return trap(ErrorCode::CycleUnknown, "the cycle is not in this library");
             };
-            let depth = self.machine.frames.len();
+            let depth = self.vm.frames.len();
             // Stays in one frame until another is created.
-            while self.machine.frames.len() == depth {
+            while self.vm.frames.len() == depth {
                 let op = cycle.unit.ops.get(frame.at).copied().unwrap_or(Op::Return);
                 *place = (frame.cycle, cycle.unit.lines.get(frame.at).copied().unwrap_or(place.1));
                 frame.at += 1;
@@ -237,19 +237,19 @@ impl<'r> VmRun<'r> {
 
     /// Executes one instruction.
     fn step(&mut self, op: Op, frame: &mut Frame, cycle: &'r Cycle, line: u32) -> Step {
-        self.machine.steps += 1;
-        if self.machine.steps > self.machine.limits.steps {
-            return trap(ErrorCode::Endless, format!("{} does not come to an end", cycle.name()));
+        self.vm.steps += 1;
+        if self.vm.steps > self.vm.limits.steps {
+            return trap(ErrorCode::Endless, format!("{} has no end", cycle.name()));
         }
         match op {
             Op::Number(number) => self.push(number),
-            Op::Text(index) => self.machine.stack.push(Value::Text(TextPlace::Constant(frame.cycle, index))),
+            Op::Text(index) => self.vm.stack.push(Value::Text(TextPlace::Constant(frame.cycle, index))),
             Op::Load(slot) => {
-                let value = self.machine.slots.get(frame.base + usize::from(slot)).copied();
-                self.machine.stack.push(value.unwrap_or(Value::Number(0.0)));
+                let value = self.vm.slots.get(frame.base + usize::from(slot)).copied();
+                self.vm.stack.push(value.unwrap_or(Value::Number(0.0)));
             }
             Op::Store(slot, of) => {
-                let value = self.take();
+                let value = self.pop();
                 self.store(frame.base + usize::from(slot), of, value)?;
             }
             Op::Operate(operator) => self.operate(operator)?,
@@ -266,14 +266,14 @@ impl<'r> VmRun<'r> {
             }
             Op::CallCycle(site) => self.call(usize::from(site), *frame, cycle)?,
             Op::Return => {
-                self.machine.slots.truncate(frame.base);
-                self.machine.frames.pop();
+                self.vm.slots.truncate(frame.base);
+                self.vm.frames.pop();
                 return self.host.leave(cycle).map_err(|_| Box::new(VmTrap::Stopped));
             }
             Op::Call1(function) => self.function(function)?,
             Op::LoadAt(..) | Op::StoreAt(..) | Op::Element(..) => self.array(op, frame)?,
             Op::CompareTexts(unequal) => {
-                let (b, a) = (self.take(), self.take());
+                let (b, a) = (self.pop(), self.pop());
                 let equal = self.text(a) == self.text(b);
                 self.push(f64::from(equal != unequal));
             }
@@ -282,7 +282,7 @@ impl<'r> VmRun<'r> {
                 let bit = if (1.0..=64.0).contains(&number) { frame.programmed >> (number as u32 - 1) & 1 } else { 0 };
                 self.push(bit as f64);
             }
-            Op::Clear | Op::Join | Op::Show | Op::Raise => self.tell(op, frame.cycle, line)?,
+            Op::Clear | Op::Join | Op::Show | Op::Raise => self.message_op(op, frame.cycle, line)?,
             Op::StockPath => self.stock_path()?,
             Op::StockRead => self.stock_read()?,
             _ => self.block_op(op, frame, cycle, line)?,
@@ -291,17 +291,17 @@ impl<'r> VmRun<'r> {
     }
 
     fn push(&mut self, number: f64) {
-        self.machine.stack.push(Value::Number(number));
+        self.vm.stack.push(Value::Number(number));
     }
 
     /// Pops a value; 0 from an empty stack, which compiled code excludes.
-    fn take(&mut self) -> Value {
-        self.machine.stack.pop().unwrap_or(Value::Number(0.0))
+    fn pop(&mut self) -> Value {
+        self.vm.stack.pop().unwrap_or(Value::Number(0.0))
     }
 
     /// Pops a number; a text is 0.
     fn number(&mut self) -> f64 {
-        match self.take() {
+        match self.pop() {
             Value::Number(number) => number,
             Value::Text(_) => 0.0,
         }
@@ -333,7 +333,7 @@ impl<'r> VmRun<'r> {
             (Value::Text(_), _) => Value::Number(0.0),
             (Value::Number(number), _) => Value::Number(converted(of, number)),
         };
-        if let Some(place) = self.machine.slots.get_mut(slot) {
+        if let Some(place) = self.vm.slots.get_mut(slot) {
             *place = value;
         }
         Ok(())
@@ -344,11 +344,11 @@ impl<'r> VmRun<'r> {
         match op {
             Op::LoadAt(base, length) => {
                 let index = self.index(length)?;
-                let value = self.machine.slots.get(frame.base + usize::from(base) + index).copied();
-                self.machine.stack.push(value.unwrap_or(Value::Number(0.0)));
+                let value = self.vm.slots.get(frame.base + usize::from(base) + index).copied();
+                self.vm.stack.push(value.unwrap_or(Value::Number(0.0)));
             }
             Op::StoreAt(base, length, of) => {
-                let value = self.take();
+                let value = self.pop();
                 let index = self.index(length)?;
                 self.store(frame.base + usize::from(base) + index, of, value)?;
             }
@@ -374,39 +374,39 @@ impl<'r> VmRun<'r> {
     /// Calls another cycle; `frame` is the caller's, which continues after the call.
     fn call(&mut self, site: usize, frame: Frame, caller: &Cycle) -> Step {
         let (Some(call), Some(&id)) = (caller.unit.calls.get(site), caller.callees.get(site)) else {
-            return trap(ErrorCode::CycleUnknown, "a call leads nowhere");
+            return trap(ErrorCode::CycleUnknown, "a call has no cycle");
         };
         let Some(callee) = self.library.get(id) else {
             return trap(ErrorCode::CycleUnknown, format!("{} is not in this library", call.name));
         };
-        if self.machine.frames.len() >= self.machine.limits.depth {
+        if self.vm.frames.len() >= self.vm.limits.depth {
             return trap(
                 ErrorCode::CallsTooDeep,
-                format!("{} is called {} deep", call.name, self.machine.frames.len()),
+                format!("{} is called at a depth of {}", call.name, self.vm.frames.len()),
             );
         }
-        if let Some(last) = self.machine.frames.last_mut() {
+        if let Some(last) = self.vm.frames.last_mut() {
             last.at = frame.at;
         }
-        let base = self.machine.slots.len();
+        let base = self.vm.slots.len();
         let given = call.arguments.iter().filter(|passed| **passed != Passed::Nothing).count();
-        let mut from = self.machine.stack.len().saturating_sub(given);
+        let mut from = self.vm.stack.len().saturating_sub(given);
         let first = from;
         let mut programmed = 0;
         for (index, parameter) in callee.parameters().iter().enumerate() {
-            self.machine.slots.push(if parameter.of.is_text() {
+            self.vm.slots.push(if parameter.value_type.is_text() {
                 Value::Text(TextPlace::Empty)
             } else {
                 Value::Number(parameter.default)
             });
             if !matches!(call.arguments.get(index), None | Some(Passed::Nothing)) {
-                let value = self.machine.stack.get(from).copied().unwrap_or(Value::Number(0.0));
+                let value = self.vm.stack.get(from).copied().unwrap_or(Value::Number(0.0));
                 from += 1;
                 programmed |= 1 << (index & 63);
-                self.store(base + index, parameter.of, value)?;
+                self.store(base + index, parameter.value_type, value)?;
             }
         }
-        self.machine.stack.truncate(first);
+        self.vm.stack.truncate(first);
         self.enter(callee, id, base, programmed);
         Ok(())
     }
@@ -417,7 +417,7 @@ mod tests {
     use super::*;
     use crate::code::{Input, Operand};
     use crate::cycle::{Kind, Origin, Parameter};
-    use crate::host::CycleStopped;
+    use crate::host::CycleStoppedError;
     use proptest::prelude::*;
     use std::path::PathBuf;
 
@@ -429,7 +429,7 @@ mod tests {
             1.0
         }
 
-        fn block(&mut self, _: &CycleBlock) -> Result<(), CycleStopped> {
+        fn block(&mut self, _: &CycleBlock) -> Result<(), CycleStoppedError> {
             Ok(())
         }
 
@@ -461,11 +461,11 @@ mod tests {
         ) {
             let ops = instructions(&bytes);
             let name = "ANY".to_owned();
-            let parameters = vec![Parameter { name: "P".to_owned(), of: Type::Real, default: 1.0 }];
+            let parameters = vec![Parameter { name: "P".to_owned(), value_type: Type::Real, default: 1.0 }];
             let call = crate::code::CallSite { name: name.clone(), line: 1, start: 0, end: 0, arguments: vec![Passed::Number] };
             let unit = crate::code::Unit { name, parameters, slots, lines: vec![1; ops.len()], ops, calls: vec![call], ..Default::default() };
             let (path, kind, origin) = (PathBuf::new(), Kind::Parameters, Origin::User);
-            let cycle = Cycle { unit, callees: vec![CycleId(0)], kind, origin, path, was_fresh: false };
+            let cycle = Cycle { unit, callees: vec![CycleId(0)], kind, origin, path, is_from_cache: false };
             let limits = VmLimits { steps: 2000, blocks: 200, depth: 5 };
             let _ = Vm::new(limits).run(&CycleLibrary::of_cycles(vec![cycle]), CycleId(0), &[Argument::Number(2.0)], &mut PermissiveHost);
         }

@@ -1,6 +1,6 @@
-//! `docs/cycles.md` says what is there: its example runs, its signatures and alarms are those of the cycles.
+//! `docs/cycles.md` matches the cycles: its example runs, and its signatures and alarms are those of the cycles.
 //!
-//! Invariant: nothing is checked in one direction only.
+//! Invariant: every check is made in both directions.
 
 mod common;
 
@@ -31,7 +31,7 @@ fn the_example_of_a_users_cycle_runs() {
 fn every_cycle_is_written_with_its_parameters() {
     for (_, cycle) in CycleLibrary::shipped().iter() {
         let parameters: Vec<&str> = cycle.parameters().iter().map(|parameter| parameter.name.as_str()).collect();
-        // Those that are only read over stand elsewhere.
+        // Parameters that are ignored are listed elsewhere.
         let parameters: Vec<&str> =
             parameters.into_iter().filter(|name| !["_GMODE", "_DMODE"].contains(name)).collect();
         let head = format!("{}({})", cycle.name(), parameters.join(","));
@@ -39,7 +39,7 @@ fn every_cycle_is_written_with_its_parameters() {
     }
 }
 
-/// The numbers that a cycle names in SETAL.
+/// Returns the numbers that a cycle uses in SETAL.
 fn raised(source: &str) -> impl Iterator<Item = u32> {
     source.match_indices("SETAL(").filter_map(|(at, mark)| source[at + mark.len()..].split(',').next()?.parse().ok())
 }

@@ -1,6 +1,7 @@
-//! The drilling cycles: their blocks over the parameter space, worked out by hand from the rules of the control.
+//! The drilling cycles: their blocks over the parameter space, calculated manually from the rules of the control.
 //!
-//! Invariant: every expectation here stands without the sources of the cycles; the reckoning is in the comment above it.
+//! Invariant: every expectation is independent of the sources of the cycles; its calculation is in the comment above
+//! it.
 
 mod common;
 
@@ -25,7 +26,7 @@ fn the_third_axis_of_the_plane_drills() {
     assert_eq!(in_plane(19.0), ["G0 G90 X2", "G1 X-20", "G0 X10"]);
 }
 
-/// Retraction below the reference plane turns the direction round: s = −1, z0 = 0 − 2, zE = 0 + 15.
+/// Retraction below the reference plane reverses the direction: s = −1, z0 = 0 − 2, zE = 0 + 15.
 #[test]
 fn a_retraction_plane_below_drills_upward() {
     assert_eq!(alarm("CYCLE81(-10,0,2,-20)"), 61101);
@@ -47,7 +48,7 @@ fn equal_planes_need_an_absolute_depth() {
 fn the_relative_depth_wins_and_says_so() {
     let host = blocks_from("CYCLE81(10,0,2,-20,15)", Recorder::default());
     assert_eq!((host.lines[1].as_str(), host.warnings.as_slice()), ("G1 Z-15", &[62802][..]));
-    // Both the same: nothing to say. An explicit 0 beside DP: DP counts.
+    // Both are equal: no message. With an explicit 0 and DP, DP counts.
     assert!(blocks_from("CYCLE81(10,0,2,-20,20)", Recorder::default()).warnings.is_empty());
     let host = blocks_from("CYCLE81(10,0,2,-20,0)", Recorder::default());
     assert_eq!((host.lines[1].as_str(), host.warnings.is_empty()), ("G1 Z-20", true));
@@ -97,7 +98,7 @@ fn cycle82_dwells_in_seconds_or_revolutions() {
     assert_eq!(alarm_from("CYCLE82(10,0,2,-20,,-3)", Recorder { speed: 0.0, ..Recorder::default() }), 61890);
 }
 
-/// The depths that CYCLE83 reaches, with chip removal: they end the feed blocks.
+/// Returns the depths that CYCLE83 reaches, with chip removal: the ends of the feed blocks.
 fn depths(call: &str) -> Vec<f64> {
     let feeds = blocks(call).into_iter().filter(|line| line.starts_with("G1"));
     feeds
@@ -112,8 +113,8 @@ fn depths(call: &str) -> Vec<f64> {
         .collect()
 }
 
-/// T = 57, first 20, DAM 5: 20 − 5 = 15, 15 − 5 = 10; 10 − 5 is not above 5, so strokes of 5 while the rest is above 10: rest
-/// 57 − 45 = 12, one; rest 7 is shared.
+/// T = 57, first 20, DAM 5: 20 − 5 = 15, 15 − 5 = 10; 10 − 5 is not above 5, so strokes of 5 while the remainder is
+/// above 10: remainder 57 − 45 = 12, one; remainder 7 is shared.
 #[test]
 fn cycle83_shortens_its_strokes_by_an_amount() {
     assert_eq!(depths("CYCLE83(10,0,2,,57,,20,5,,,,1)"), [20.0, 35.0, 45.0, 50.0, 53.5, 57.0]);
@@ -126,8 +127,8 @@ fn cycle83_shortens_its_strokes_by_an_amount() {
     assert_eq!(depths("CYCLE83(10,0,2,,37,,20,5,,,,1)"), [20.0, 28.5, 37.0]);
     // T = 38: 3 remain, which is enough; then 15 − 5 = 10 planned, 3 left: one last stroke.
     assert_eq!(depths("CYCLE83(10,0,2,,38,,20,5,,,,1)"), [20.0, 35.0, 38.0]);
-    // A planned stroke that happens to be half of the rest is not shared: first 10, DAM 2, T 26: 8 of 16; then 6 of 8, which leaves 2,
-    // not below 1; then 4 planned, 2 left.
+    // A planned stroke that happens to be half of the rest is not shared: first 10, DAM 2, T 26: 8 of 16; then 6 of 8,
+    // which leaves 2, not below 1; then 4 planned, 2 left.
     assert_eq!(depths("CYCLE83(10,0,2,,26,,10,2,,,,1)"), [10.0, 18.0, 24.0, 26.0]);
 }
 
@@ -139,14 +140,15 @@ fn cycle83_shortens_its_strokes_by_a_factor() {
     assert_eq!(depths("CYCLE83(10,0,2,,57,,20,-0.8,,,,1,,15)"), [20.0, 36.0, 51.0, 57.0]);
     assert_eq!(blocks_from("CYCLE83(10,0,2,,57,,20,-0.8,,,,1,,-15)", Recorder::default()).warnings, [62801]);
     assert_eq!(depths("CYCLE83(10,0,2,,57,,20,-0.8,,,,1,,-15)"), [20.0, 36.0, 51.0, 57.0]);
-    // Halving from 10 never gets to 20: 20 strokes would end a millionth before it, and without _MDEP nothing stops it sooner.
+    // Halving from 10 never reaches 20: 20 strokes would end a millionth before it, and without _MDEP nothing stops it
+    // sooner.
     assert_eq!(alarm("CYCLE83(10,0,2,,20.5,,10,-0.5,,,,1)"), 61107);
     assert_eq!(alarm("CYCLE83(10,0,2,,50,,20,-1.5,,,,1)"), 61107);
 }
 
 #[test]
 fn cycle83_without_degression_shares_the_last_rest() {
-    // Rest after 20: 37, 17 < 20: one stroke; T = 57: 20, 20 (rest 37 < 40 and > 20: shared as 18.5).
+    // Remainder after 20: 37, 17 < 20: one stroke; T = 57: 20, 20 (remainder 37 < 40 and > 20: shared as 18.5).
     assert_eq!(depths("CYCLE83(10,0,2,,57,,20,,,,,1)"), [20.0, 38.5, 57.0]);
     assert_eq!(depths("CYCLE83(10,0,2,,60,,20,,,,,1)"), [20.0, 40.0, 60.0]);
     assert_eq!(depths("CYCLE83(10,0,2,,35,,20,,,,,1)"), [20.0, 35.0]);
@@ -159,7 +161,7 @@ fn cycle83_needs_a_first_depth_between_the_planes() {
     assert_eq!(alarm("CYCLE83(10,0,2,-20,,5)"), 61107);
     assert_eq!(alarm("CYCLE83(10,0,2,-20,,0)"), 61107);
     assert_eq!(alarm("CYCLE83(10,0,2,-20,,,0)"), 61107);
-    // An explicit 0 beside the absolute one: that one counts.
+    // With an explicit 0 and an absolute depth, the absolute one counts.
     assert_eq!(depths("CYCLE83(10,0,2,-20,,-12,0,,,,,1)"), [12.0, 20.0]);
     assert_eq!(alarm("CYCLE83(10,0,2,-20,,-5,,,,,,2)"), 61002);
     assert_eq!(alarm("CYCLE83(10,0,2,-20,,,0.001)"), 61107);
@@ -208,7 +210,8 @@ fn cycle83_removes_chips_by_going_back_to_the_start_plane() {
     assert_eq!(blocks("CYCLE83(10,0,2,-500,,,400,,,,,1)")[3], "G0 Z-393");
 }
 
-/// Back by _VRT at feed between the strokes: 20 − 1 = 19, 35 − 1 = 34 …; the dwell at the final depth is DTB where _DTD is 0.
+/// Back by _VRT at feed between the strokes: 20 − 1 = 19, 35 − 1 = 34 …; the dwell at the final depth is DTB where _DTD
+/// is 0.
 #[test]
 fn cycle83_breaks_chips_by_going_back_a_little() {
     let expected = [
@@ -274,7 +277,7 @@ fn cycle84_taps_synchronised_and_sets_the_spindle_again() {
 fn cycle84_reads_the_pitch_in_four_units() {
     let pitch = |call: &str| blocks(call)[3].clone();
     assert_eq!(pitch("CYCLE84(10,0,2,-20,,,3,,1.5,,,,,1)"), "G33.1 Z-20 K1.5");
-    // 20 threads an inch: 25.4 / 20 = 1.27 mm.
+    // 20 threads per inch: 25.4 / 20 = 1.27 mm.
     assert_eq!(pitch("CYCLE84(10,0,2,-20,,,3,,20,,,,,2)"), "G33.1 Z-20 K1.27");
     assert_eq!(pitch("CYCLE84(10,0,2,-20,,,3,,0.05,,,,,3)"), "G33.1 Z-20 K1.27");
     let inch = Recorder { inch: 1.0, ..Recorder::default() };
@@ -307,7 +310,7 @@ fn cycle84_taps_in_strokes() {
     assert_eq!(blocks("CYCLE84(10,0,2,-20,,,3,6,,,,,,,,2,8)"), expected);
     let host = blocks_from("CYCLE84(10,0,2,-20,,,3,6,,,,,,,,1,8)", Recorder::default());
     assert_eq!((host.lines, host.warnings), (expected.map(str::to_owned).to_vec(), vec![62803]));
-    // Strokes that divide the depth leave no rest.
+    // Strokes that divide the depth leave no remainder.
     assert_eq!(blocks("CYCLE84(10,0,2,-20,,,3,6,,,,,,,,2,10)").len(), 7);
     assert_eq!(blocks("CYCLE84(10,0,2,-0.3,,,3,6,,,,,,,,2,0.1)").len(), 8);
 }

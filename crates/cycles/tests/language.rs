@@ -1,13 +1,13 @@
-//! The language: what cycles of a user's own can say, and what the compiler says to what they cannot.
+//! The language: what cycles of a user can do, and the errors of the compiler.
 //!
-//! Invariant: every construct is shown by what it does, not by what it is compiled to.
+//! Invariant: every construct is tested by its effect, not by its compiled form.
 
 mod common;
 
 use common::{Recorder, halted, run};
 use retrace_cycles::{CycleLibrary, ErrorCode, LibraryFinding};
 
-/// Runs a source that defines `TEST`, and gives its blocks.
+/// Runs a source that defines `TEST`, and returns its blocks.
 fn test(source: &str, call: &str) -> Recorder {
     let library = CycleLibrary::of_sources(&[("TEST", source)]);
     assert!(library.find("TEST").is_some(), "{source}\n{:?}", library.findings());
@@ -191,7 +191,7 @@ fn a_long_cycle_is_not_an_endless_one() {
 fn the_host_can_stop_a_run() {
     let library = CycleLibrary::shipped();
     let mut host = Recorder { stop_at: Some(1), ..Recorder::default() };
-    assert_eq!(run(&library, "CYCLE81(10,0,2,-20)", &mut host), Err(retrace_cycles::Halt::Stopped));
+    assert_eq!(run(&library, "CYCLE81(10,0,2,-20)", &mut host), Err(retrace_cycles::CycleRunError::Stopped));
     assert_eq!(host.lines, ["G0 G90 Z2"]);
 }
 
@@ -208,7 +208,7 @@ fn alarms_and_warnings_carry_their_text() {
     assert_eq!(alarm.to_string(), "alarm 65000: AA=0.1!");
 }
 
-/// One source a code; the line is where the fault is.
+/// One source per code; the line is that of the error.
 #[test]
 fn every_error_of_a_source_is_told_with_its_line() {
     let deep = format!("R1={}1{}", "(".repeat(60), ")".repeat(60));

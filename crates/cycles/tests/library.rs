@@ -1,4 +1,4 @@
-//! The two folders (PRE-1): what is taken from where, and what is never run.
+//! The two folders (PRE-1): what is loaded from each, and what is never run.
 //!
 //! Invariant: every test has folders of its own, which are removed when it ends.
 
@@ -50,7 +50,7 @@ fn says(library: &CycleLibrary, call: &str) -> Vec<String> {
 }
 
 fn was_fresh(library: &CycleLibrary, name: &str) -> bool {
-    library.find(name).and_then(|id| library.get(id)).expect(name).was_fresh()
+    library.find(name).and_then(|id| library.get(id)).expect(name).is_from_cache()
 }
 
 #[test]
@@ -89,7 +89,7 @@ fn a_form_is_compiled_once_and_taken_while_its_source_is_the_same() {
     let second = place.open();
     assert!(was_fresh(&second, "MINE") && was_fresh(&second, "CYCLE95"));
     assert_eq!((says(&second, "MINE"), first.identity() == second.identity()), (vec!["first".to_owned()], true));
-    // A change is seen, also one that keeps length and time.
+    // A change is detected, even one that keeps length and time.
     place.write("mine.spf", "MSG(\"secon\")");
     let third = place.open();
     assert!(!was_fresh(&third, "MINE") && was_fresh(&third, "CYCLE81") && third.findings().is_empty());
@@ -102,7 +102,7 @@ fn a_form_that_is_torn_or_of_another_source_is_never_run() {
     place.write("AA.SPF", "MSG(\"a\")");
     place.write("BB.SPF", "MSG(\"b\")");
     place.open();
-    // Of another source: whole, but with another key.
+    // Of another source: complete, but with another key.
     std::fs::copy(place.compiled("BB.CYC"), place.compiled("AA.CYC")).expect("copied");
     let library = place.open();
     assert_eq!((says(&library, "AA"), was_fresh(&library, "AA")), (vec!["a".to_owned()], false));
@@ -133,7 +133,7 @@ fn a_users_cycle_takes_the_place_of_a_shipped_one() {
         (vec!["mine7".to_owned()], vec![ErrorCode::ShippedReplaced])
     );
     assert_eq!(library.iter().count(), 12);
-    // One with an error is not called, and the shipped one does not stand in for it.
+    // One with an error is not called, and the shipped one does not replace it.
     place.write("CYCLE81.SPF", "PROC CYCLE81(REAL AA)\nMSG(");
     let library = place.open();
     assert_eq!((library.find("CYCLE81"), library.iter().count()), (None, 11));
@@ -177,7 +177,7 @@ fn names_that_clash_and_calls_that_lead_nowhere_are_refused() {
 fn a_folder_that_cannot_be_written_is_told_and_nothing_is_lost() {
     let place = Place::new("unwritable");
     place.write("AA.SPF", "MSG(\"a\")");
-    // A file stands where the folder should be.
+    // A file exists in place of the folder.
     std::fs::write(place.0.join("compiled"), "").expect("a file");
     let library = place.open();
     assert!(library.findings().iter().all(|finding| finding.diagnostic.code == ErrorCode::NotStored));

@@ -1,11 +1,11 @@
-//! HOLES1 and HOLES2: the order of the holes and where they lie; CYCLE95's blocks from a path.
+//! HOLES1 and HOLES2: order and positions of the holes; CYCLE95's blocks from a path.
 //!
-//! Invariant: positions are reckoned here, not taken from the cycles.
+//! Invariant: positions are calculated here, independently of the cycles.
 
 mod common;
 
 use common::{Recorder, alarm, alarm_from, blocks, blocks_from};
-use retrace_cycles::{CycleLibrary, Kind, StockFailure, StockFeed, StockMove};
+use retrace_cycles::{CycleLibrary, Kind, StockFeed, StockMove, StockPathError};
 
 /// Radius 20 around 0/0, six holes: 60° apart, the first at 20/0; sin 60° · 20 = 17.320508.
 #[test]
@@ -146,7 +146,7 @@ fn cycle95_checks_before_it_moves() {
     assert_eq!(alarm_from("CYCLE95(\"C\",1,,,,,,,1)", Recorder { feed: 0.0, ..turning() }), 61003);
     assert_eq!(alarm_from("CYCLE95(\"C\",1,,,,2,,,9)", Recorder { feed: 0.0, ..turning() }), 61003);
     assert_eq!(alarm_from("CYCLE95(\"C\",1,,,,2,,,9)", Recorder { compensation: 41.0, ..turning() }), 61815);
-    let fault = StockFailure { alarm: 10933, text: "two blocks".to_owned() };
+    let fault = StockPathError { alarm: 10933, text: "two blocks".to_owned() };
     assert_eq!(alarm_from("CYCLE95(\"C\",1,,,,2,,3,9)", Recorder { path: Err(fault), ..turning() }), 10933);
     // Finishing needs no infeed and no feed for roughing; omitted feeds follow FF1 and F.
     let host = blocks_from("CYCLE95(\"C\",,,,,,,3,205)", Recorder { feed: 0.0, ..turning() });

@@ -1,12 +1,12 @@
-//! Properties: nothing panics or hangs, whatever the source, the compiled form or the call is; checks come before motion.
+//! Properties: nothing panics or hangs, whatever the source, the compiled form or the call is; checks precede motion.
 //!
-//! Invariant: the sources are drawn with the language's own words among them, so that they reach beyond the first error.
+//! Invariant: the random sources contain words of the language, so that they pass beyond the first error.
 
 mod common;
 
 use common::Recorder;
 use proptest::prelude::*;
-use retrace_cycles::{Argument, CycleLibrary, ErrorCode, Halt, Vm, VmLimits};
+use retrace_cycles::{Argument, CycleLibrary, CycleRunError, ErrorCode, Vm, VmLimits};
 
 const WORDS: &[&str] = &[
     "PROC TEST(REAL AA, STRING[9] BB)",
@@ -93,7 +93,7 @@ fn source() -> impl Strategy<Value = String> {
     prop::collection::vec(prop::sample::select(WORDS), 0..60).prop_map(|words| words.join(" "))
 }
 
-/// Small sources that compile more often than not: whole statements.
+/// Small sources that usually compile: whole statements.
 fn statements() -> impl Strategy<Value = String> {
     let statement = prop::sample::select(vec![
         "II=II+1",
@@ -123,8 +123,8 @@ fn statements() -> impl Strategy<Value = String> {
 
 const SMALL: VmLimits = VmLimits { steps: 5_000, blocks: 500, depth: 6 };
 
-/// How a run ended, its blocks and its messages.
-type Ran = (Result<(), Halt>, Vec<String>, Vec<String>);
+/// End of a run, its blocks and its messages.
+type Ran = (Result<(), CycleRunError>, Vec<String>, Vec<String>);
 
 fn run_all(library: &CycleLibrary, number: f64) -> Vec<Ran> {
     let arguments = [Argument::Number(number), Argument::Text("t")];
@@ -163,13 +163,13 @@ proptest! {
         let library = CycleLibrary::of_sources(&[("TEST", &text)]);
         for (done, lines, _) in run_all(&library, number.round()) {
             prop_assert!(lines.len() <= 500);
-            if let Err(Halt::Alarm(alarm)) = done {
+            if let Err(CycleRunError::Alarm(alarm)) = done {
                 prop_assert!(alarm.code != ErrorCode::CycleUnknown && alarm.line as usize <= text.lines().count());
             }
         }
     }
 
-    /// Whatever a shipped cycle is called with: it ends, and an alarm comes before any motion.
+    /// A shipped cycle ends for any arguments, and an alarm precedes any motion.
     #[test]
     fn shipped_cycles_check_before_they_move(
         which in 0..12_usize,
@@ -187,24 +187,25 @@ proptest! {
         let arguments: Vec<Argument<'_>> = cycle.parameters().iter().zip(&values).map(|(parameter, value)| match value {
             None => Argument::Missing,
             Some(_) if parameter.name == "NPP" => Argument::Text("CONTOUR"),
-            // As many holes as anybody has the patience for.
+            // A number of holes that runs in reasonable time.
             Some(value) if parameter.name == "NUM" => Argument::Number(value.min(100.0)),
             Some(value) => Argument::Number(*value),
         }).collect();
         let mut host = Recorder { plane: f64::from(plane), inch: f64::from(inch), ..Recorder::default() };
         match Vm::default().run(&library, id, &arguments, &mut host) {
             Ok(()) => {}
-            Err(Halt::Alarm(alarm)) => {
+            Err(CycleRunError::Alarm(alarm)) => {
                 prop_assert!(alarm.code == ErrorCode::CycleAlarm, "{:?}", alarm);
                 prop_assert!(host.lines.is_empty(), "{:?} behind {:?}", alarm, host.lines);
                 let named = alarm.text.starts_with(cycle.name());
                 prop_assert!(named && alarm.number.is_some_and(|number| retrace_cycles::alarm_text(number).is_some()));
             }
-            Err(Halt::Stopped) => prop_assert!(false, "the host does not stop"),
+            Err(CycleRunError::Stopped) => prop_assert!(false, "the host does not stop"),
         }
     }
 
-    /// Drilling never goes below the final depth, never feeds in free air above the start plane, and ends on the retraction plane.
+    /// Drilling never goes below the final depth, never feeds in free air above the start plane, and ends on the
+    /// retraction plane.
     #[test]
     fn drilling_stays_between_its_planes(
         which in prop::sample::select(vec!["CYCLE81", "CYCLE82", "CYCLE83", "CYCLE84", "CYCLE85", "CYCLE89"]),
@@ -239,7 +240,7 @@ proptest! {
     // Folders are slow.
     #![proptest_config(ProptestConfig { cases: 150, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// The form that was kept does what the source does.
+    /// The stored form has the same effect as the source.
     #[test]
     fn a_kept_form_behaves_as_its_source(text in statements(), number in -20.0..20.0_f64) {
         let folder = std::env::temp_dir().join(format!("retrace-cycles-kept-{}", std::process::id()));
@@ -250,7 +251,7 @@ proptest! {
         let folders = retrace_cycles::Folders { sources: Some(&sources), compiled: Some(&compiled) };
         let (now, kept) = (CycleLibrary::open(folders), CycleLibrary::open(folders));
         let both = (run_all(&now, number), run_all(&kept, number));
-        let fresh = kept.iter().all(|(_, cycle)| cycle.was_fresh());
+        let fresh = kept.iter().all(|(_, cycle)| cycle.is_from_cache());
         let _ = std::fs::remove_dir_all(&folder);
         prop_assert_eq!(both.0, both.1);
         prop_assert!(fresh);

@@ -1,6 +1,6 @@
 //! Single rules of stock removal: levels, alarms, chip breaking, closing valleys, humps, corners, the nose.
 //!
-//! Invariant: each expected number is worked out beside it.
+//! Invariant: the calculation of each expected number is next to it.
 
 mod stock;
 
@@ -42,7 +42,7 @@ fn a_depth_is_divided_equally() {
         let expected: Vec<f64> = (1..=count).map(|level| 10.0 + depth - step * f64::from(level)).collect();
         assert_eq!(levels, expected);
     }
-    // A depth that is three infeeds but for the last digit: 0.3 / 0.1.
+    // A depth that is three infeeds except for the last digit: 0.3 / 0.1.
     let levels = steps(&path(&job(contour("G1 X20 Z0\nZ-10\nX20.6\nZ-20"), 1, 0.1)));
     assert_eq!(levels.len(), 3);
 }
@@ -68,7 +68,7 @@ fn a_contour_that_cannot_be_prepared_is_refused_with_the_alarm_and_its_line() {
     assert_eq!(refused_contour(&format!("G1 X20 Z0\n{stairs}")), (10934, after, None));
     let stairs: String = (1..=50).map(|step| format!("X{0}\nZ-{0}\n", 20 + step)).collect();
     assert!(plan(&job(contour(&format!("G1 X20 Z0\n{stairs}")), 1, 2.0)).is_ok());
-    // What the reader of the contour refuses itself has its alarm here too.
+    // Errors that the contour reader itself detects have their alarm here too.
     assert_eq!(
         (StockRemovalError::CompensationInside(4).number(), StockRemovalError::CompensationInside(4).followed_by()),
         (10931, after)
@@ -159,7 +159,8 @@ fn a_tool_inside_the_blank_is_refused() {
     assert!(plan(&at(40.0, -10.0, 5)).is_ok());
 }
 
-/// The second cut of the worked example, from Z1.1 to Z-37.9, is stopped once, at Z-18.9; 39 mm and a stop each 13 mm: twice, not at the end.
+/// The second cut of the worked example, from Z1.1 to Z-37.9, is stopped once, at Z-18.9; 39 mm and a stop each 13 mm:
+/// twice, not at the end.
 #[test]
 fn a_roughing_cut_is_interrupted_each_dam() {
     let stops = |dam: f64, x: f64| -> Vec<f64> {
@@ -182,7 +183,7 @@ fn a_roughing_cut_is_interrupted_each_dam() {
     );
 }
 
-/// A groove 1 mm wide with 0.6 mm on both sides has no room: roughing bridges it, finishing takes it.
+/// A groove 1 mm wide with 0.6 mm on both sides has no room: roughing bridges it, finishing cuts it.
 #[test]
 fn a_relief_cut_that_closes_up_is_left_to_finishing_with_a_warning() {
     let groove = contour("G1 X30 Z0\nZ-10\nX20\nZ-11\nX30\nZ-20\nX40");
@@ -203,8 +204,8 @@ fn the_walls_of_a_narrow_valley_meet_higher() {
     assert!(lowest.is_some_and(|at| (at.u + 15.0).abs() < 1e-9 && (at.v - 11.0).abs() < 1e-9), "{lowest:?}");
 }
 
-/// Two valleys, r 15 down to r 11, hump r 13, down to r 9. First part: depth 4, n = 2, levels r 13 and r 11; the first runs at the height of
-/// the hump over both. Rest: top r 13, depth 4, n = 2, levels r 11 and r 9.
+/// Two valleys, r 15 down to r 11, hump r 13, down to r 9. First part: depth 4, n = 2, levels r 13 and r 11; the first
+/// runs at the height of the hump over both. Rest: top r 13, depth 4, n = 2, levels r 11 and r 9.
 #[test]
 fn behind_a_hump_the_rest_is_a_section_of_its_own() {
     let humps = contour("G1 X30 Z0\nZ-5\nX22\nZ-10\nX26\nZ-12\nX18\nZ-20\nX30\nZ-22\nX32");
@@ -272,7 +273,7 @@ fn behind_the_largest_diameter_a_wall_is_added() {
     );
 }
 
-/// A half circle of radius 5 from X20 Z-10 to X20 Z-20 stands over the cylinder; it is split at its top, X30 Z-15.
+/// A half circle of radius 5 from X20 Z-10 to X20 Z-20 rises above the cylinder; it is split at its top, X30 Z-15.
 #[test]
 fn an_arc_is_split_at_the_extremes_of_the_axes() {
     let path = path(&job(contour("G1 X20 Z0\nZ-10\nG3 X20 Z-20 CR=5\nG1 Z-30\nX30\nZ-35"), 1, 5.0));
@@ -294,7 +295,8 @@ fn an_arc_is_split_at_the_extremes_of_the_axes() {
     );
 }
 
-/// RND 2 at a right angle: tangent points 2 mm before and behind. CHR 1: 1 mm of each side. CHF 2 at a right angle: legs of 2/sqrt(2).
+/// RND 2 at a right angle: tangent points 2 mm before and behind. CHR 1: 1 mm of each side. CHF 2 at a right angle:
+/// legs of 2/sqrt(2).
 #[test]
 fn corners_are_broken_as_programmed() {
     let text = "G1 X20 Z0\nZ-10 RND=2\nX30 CHR=1\nZ-20 CHF=2\nX40\nZ-30";
@@ -316,9 +318,9 @@ fn corners_are_broken_as_programmed() {
     );
 }
 
-/// Between a cylinder at r 10 and a rising arc (centre r 10, Z-15, radius 5), rounded with 1: the centre of the rounding lies at r 11 and
-/// 5 + 1 from the arc's centre: Z = -15 + sqrt(36 - 1) = -9.084. It leaves the cylinder there, and touches the arc five sixths of the way:
-/// r 10 + 5/6 = X21.667, Z = -15 + 5/6 * 5.916 = -10.070.
+/// Between a cylinder at r 10 and a rising arc (centre r 10, Z-15, radius 5), rounded with 1: the centre of the
+/// rounding is at r 11 and 5 + 1 from the arc's centre: Z = -15 + sqrt(36 - 1) = -9.084. It leaves the cylinder there,
+/// and touches the arc at five sixths of the distance: r 10 + 5/6 = X21.667, Z = -15 + 5/6 * 5.916 = -10.070.
 #[test]
 fn a_rounding_touches_an_arc_too() {
     let path = path(&job(contour("G1 X20 Z0\nZ-10 RND=1\nG3 X30 Z-15 CR=5\nG1 Z-20"), 5, 0.0));
@@ -365,9 +367,10 @@ fn without_a_nose_compensation_in_roughing_changes_nothing() {
     assert_ne!(with(0.8, true), with(0.8, false));
 }
 
-/// Nose radius 1, tip at its lower left. Upright falling wall at Z-10: the tip keeps 2 mm from it (the nose is in between), so the groove
-/// from Z-10 to Z-20 is cut from Z-12 to Z-20. Around the rim the centre runs from above Z-10 (tip at Z-11, X30) to Z-11.
-/// The floor and the wall towards +Z, which tip and nose touch together, are where they are.
+/// Nose radius 1, tip at its lower left. Upright falling wall at Z-10: the tip keeps 2 mm from it (the nose is in
+/// between), so the groove from Z-10 to Z-20 is cut from Z-12 to Z-20. Around the rim the centre runs from above Z-10
+/// (tip at Z-11, X30) to Z-11. The floor and the wall towards +Z, which tip and nose touch together, are where they
+/// are.
 #[test]
 fn a_compensated_nose_does_not_cut_into_falling_walls() {
     let groove = contour("G1 X30 Z0\nZ-10\nX20\nZ-20\nX32\nZ-25");
@@ -407,7 +410,7 @@ fn a_nose_that_does_not_fit_the_contour_is_refused_where_finishing_is_asked_for(
     assert_eq!(refused(&StockRemovalParams { nose_radius: 0.8, ..job(hollow, 5, 2.0) }), (61604, None, Some(3)));
 }
 
-/// Any number a program can hold, and now and then one of ordinary size.
+/// Any finite or infinite number, and sometimes one of ordinary size.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![any::<f64>(), -100.0..100.0, (-20i32..20).prop_map(f64::from), Just(0.0)]
 }
@@ -451,7 +454,7 @@ proptest! {
         tip in 0..10,
         tidy: bool,
     ) {
-        // Joined, and mostly of ordinary elements in one direction, so that many get beyond the first checks.
+        // Joined, and mostly of ordinary elements in one direction, so that many pass the first checks.
         let mut at = Point::new(0.0, 20.0);
         for element in &mut contour {
             element.start = at;

@@ -1,7 +1,7 @@
-//! Random contours before a judge that knows only the part, the blank and the moves.
+//! Random contours, checked by a model that uses only the part, the blank and the moves.
 //!
-//! Invariant: the judge keeps the stock as heights over many places, each computed exactly, so its tolerances are those of the arithmetic:
-//! a thousandth of a micrometre in height or in place, never the distance of the places.
+//! Invariant: the model stores the stock as heights at many places, each computed exactly, so its tolerances are those
+//! of the arithmetic: a thousandth of a micrometre in height or in place, never the distance between the places.
 
 mod stock;
 
@@ -9,10 +9,11 @@ use proptest::prelude::*;
 use retrace_cycles::stock::{Axes, Feed, MAX_MOVES, Move, MoveKind, Path, Point, StockRemovalParams, ToolTip, plan};
 use stock::part::{self, Dice, Edge, Lie, Part, Step};
 
-/// Differences the arithmetic may make, mm.
+/// Tolerance of the arithmetic, mm.
 const CLOSE: f64 = 1e-6;
 
-/// What may stay above the rough contour: relief cuts and humps of less than a thousandth of a micrometre, one in another.
+/// Material that may remain above the rough contour: relief cuts and humps of less than a thousandth of a micrometre,
+/// one in another.
 const LEFT: f64 = 3e-6;
 
 struct Case {
@@ -33,7 +34,7 @@ fn case(seed: u64, falls: bool, kind: i32) -> Case {
     Case { part: Part::new(edges, allowance), lie, job, backwards }
 }
 
-/// The stock as heights over places.
+/// The stock as heights at places.
 struct Stock {
     heights: Vec<(f64, f64)>,
 }
@@ -55,7 +56,7 @@ impl Stock {
         Self { heights: places.into_iter().map(|u| (u, top)).collect() }
     }
 
-    /// The places a step passes, and how high it passes them.
+    /// Returns the places that a step passes, and the height at which it passes them.
     fn passed(&mut self, step: &Step) -> impl Iterator<Item = (f64, &mut f64, f64)> {
         let edge = step.edge;
         let (low, high) = (edge.start.u.min(edge.end.u), edge.start.u.max(edge.end.u));
@@ -67,11 +68,11 @@ impl Stock {
         })
     }
 
-    /// The stock next to a place, on its lower side.
+    /// Returns the stock next to a place, on its lower side.
     fn beside(&self, u: f64) -> f64 {
         let next = self.heights.partition_point(|(place, _)| *place < u);
         let before = next.checked_sub(1).map_or(f64::INFINITY, |before| self.heights[before].1);
-        // In front of the blank there is none.
+        // In front of the blank there is no stock.
         before.min(self.heights.get(next).map_or(f64::NEG_INFINITY, |after| after.1))
     }
 }
@@ -167,7 +168,7 @@ fn rough_path(case: &Case) -> Path {
     plan(&case.job).unwrap_or_else(|fault| panic!("{} {fault}: {:?}", fault.number(), case.job))
 }
 
-/// How many contours each property is tried on: RETRACE_STOCK, or few enough for every day.
+/// Number of contours on which each property is tested: RETRACE_STOCK, or few enough for every test run.
 fn cases() -> u32 {
     std::env::var("RETRACE_STOCK").ok().and_then(|count| count.parse().ok()).unwrap_or(100)
 }

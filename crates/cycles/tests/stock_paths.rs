@@ -1,7 +1,7 @@
-//! Golden paths: every VARI over a rising, a falling and a relief contour, as worked out by hand beside them.
+//! Golden paths: every VARI over a rising, a falling and a relief contour, next to their manual calculation.
 //!
-//! Invariant: the lists of the other three positions are the ones of outside longitudinal turning, mirrored or with the axes swapped; a
-//! test holds the lists themselves to that, so the hand calculation stands for all of them.
+//! Invariant: the lists of the other three positions are those of outside longitudinal turning, mirrored or with the
+//! axes swapped. A test checks this, so the manual calculation covers all of them.
 
 mod stock;
 
@@ -73,7 +73,7 @@ fn every_vari_over_every_contour_is_the_list() {
     }
 }
 
-/// A block of outside longitudinal turning as it must stand in another position.
+/// Returns a block of outside longitudinal turning as expected in another position.
 fn moved(block: &str, face: bool, inside: bool) -> String {
     let turned = face != inside;
     let number = |word: &str| word[1..].parse::<f64>().unwrap_or_else(|_| panic!("{word}"));
@@ -90,7 +90,7 @@ fn moved(block: &str, face: bool, inside: bool) -> String {
         _ => word.to_owned(),
     };
     let mut words: Vec<String> = block.split(' ').map(word).collect();
-    // X stands before Z.
+    // X comes before Z.
     for place in 1..words.len() {
         if words[place - 1].starts_with('Z') && words[place].starts_with('X') {
             words.swap(place - 1, place);

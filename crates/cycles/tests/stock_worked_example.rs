@@ -1,6 +1,6 @@
 //! The worked example of the requirements (cycles, section 8): every row, to a thousandth of a millimetre.
 //!
-//! Invariant: the expected rows are the requirement's own table; how the path is found is not repeated here.
+//! Invariant: the expected rows are the requirement's own table; the calculation of the path is not repeated here.
 
 mod stock;
 
@@ -9,7 +9,7 @@ use stock::{blocks, contour, job, path};
 
 const OUTSIDE: &str = "G1 X20 Z0\nZ-12\nX32 Z-18\nZ-24\nX26 Z-30\nZ-38\nX44\nG3 X50 Z-41 CR=3\nG1 Z-50";
 const INSIDE: &str = "G1 X60 Z0\nZ-12\nX48 Z-18\nZ-24\nX54 Z-30\nZ-38\nX36\nG2 X30 Z-41 CR=3\nG1 Z-50";
-/// The outside contour from its other end: arcs turn the other way.
+/// The outside contour from its other end: arcs turn in the other direction.
 const OUTSIDE_BACKWARDS: &str = "G1 X50 Z-50\nZ-41\nG2 X44 Z-38 CR=3\nG1 X26\nZ-30\nX32 Z-24\nZ-18\nX20 Z-12\nZ0";
 const ROWS: &str = include_str!("stock/worked_example.txt");
 
@@ -96,8 +96,9 @@ fn the_contour_programmed_backwards_gives_the_same_roughing_and_complete_machini
     }
 }
 
-/// P lies in front of the programmed start, against the travel: Z-50 - 0.1 - 1, X = 2 (25 + 0.2 + 1). The contour ends low, so the
-/// tool leaves with the infeed axis first. Travel is towards +Z with the material below it, on the right: G41.
+/// P is in front of the programmed start, against the travel: Z-50 - 0.1 - 1, X = 2 (25 + 0.2 + 1). The contour ends
+/// low, so the tool leaves with the infeed axis first. Travel is towards +Z with the material below it, on the right:
+/// G41.
 #[test]
 fn finishing_alone_runs_as_programmed() {
     let path = path(&example(contour(OUTSIDE_BACKWARDS), 5));

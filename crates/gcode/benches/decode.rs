@@ -1,9 +1,10 @@
-//! How fast programs become canonical functions: `cargo bench --package retrace-gcode`.
+//! Decoding speed of programs to canonical functions: `cargo bench --package retrace-gcode`.
 //!
-//! Feed moves, calculated moves, drilling cycles, subprograms that the pre-scan has compiled, and calls of a compiled cycle; each from
-//! opening the program to its last canonical function, and the first three as text as well.
+//! Feed moves, calculated moves, drilling cycles, subprograms that the pre-scan has compiled, and calls of a compiled
+//! cycle; each from opening the program to its last canonical function, and the first three as text as well.
 //!
-//! Invariant: what is timed is the whole way of a program that is at hand as text; programs and cycles are made before.
+//! Invariant: the measurement covers a program in memory from its text to the result; programs and cycles are created
+//! before.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use retrace_gcode::cycles::CycleLibrary;
@@ -14,7 +15,7 @@ use std::sync::Arc;
 
 const LINES: u32 = 2000;
 
-/// A program whose lines `write` makes, from the number of a line and two numbers that look random.
+/// Creates a program whose lines `write` returns, from the number of a line and two pseudo-random numbers.
 fn program(write: impl Fn(u32, u32, u32) -> String, behind: &str) -> Text {
     let mut text = String::from("G21 G90 G17\nF1000\nG0 X0 Y0 Z20\n");
     for line in 0..LINES {
@@ -35,9 +36,9 @@ fn programs() -> [(&'static str, Text); 5] {
     ]
 }
 
-/// Decodes a program; each canonical function goes to `take`.
+/// Decodes a program; each canonical function is passed to `take`.
 fn decode(text: &Text, setup: &Setup, take: &mut impl FnMut(&retrace_gcode::CanonStep)) {
-    let prescan = Arc::new(Prescan::of("program", text.clone(), setup));
+    let prescan = Arc::new(Prescan::scan("program", text.clone(), setup));
     let mut program = Program::<&[u8]>::prescanned(prescan, setup.clone());
     let mut steps = Vec::new();
     loop {

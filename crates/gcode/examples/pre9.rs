@@ -1,14 +1,16 @@
-//! Measures what precompiled cycles and the pre-scan spare (PRE-9): `cargo run --release --example pre9` (package retrace-gcode).
+//! Measures the time that precompiled cycles and the pre-scan save (PRE-9): `cargo run --release --example pre9`
+//! (package retrace-gcode).
 //!
-//! Prints one line for each program: its name, the share of its lines in percent, and the milliseconds that each of the four ways takes.
+//! Prints one line for each program: its name, the share of its lines in percent, and the milliseconds of each of the
+//! four decoding modes.
 
-#[path = "../tests/ways/mod.rs"]
-mod ways;
+#[path = "../tests/decoding/mod.rs"]
+mod decoding;
 
+use decoding::{DECODING_MODES, decode, program};
 use retrace_gcode::CanonText;
 use std::path::Path;
 use std::time::Instant;
-use ways::{WAYS, decode, program};
 
 const LINES: u32 = 10_000;
 const ROUNDS: usize = 7;
@@ -18,9 +20,9 @@ fn main() {
     for (name, cycles, calls) in [("cycles", 1, 0), ("jumps", 0, 1), ("both", 1, 1)] {
         for share in (0..=50).step_by(10) {
             let text = program(LINES, share * cycles, share * calls);
-            let mut taken = WAYS.map(|_| Vec::new());
+            let mut taken = DECODING_MODES.map(|_| Vec::new());
             for _ in 0..ROUNDS {
-                for (way, taken) in WAYS.into_iter().zip(&mut taken) {
+                for (way, taken) in DECODING_MODES.into_iter().zip(&mut taken) {
                     let mut out = CanonText::new(std::io::sink());
                     let start = Instant::now();
                     decode(way, &text, &source, &mut |step| out.write(step).expect("a sink"));

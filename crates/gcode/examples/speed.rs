@@ -1,4 +1,4 @@
-//! Measures how many lines a second are read: `cargo run --release --example speed` (package retrace-gcode).
+//! Measures the number of lines read per second: `cargo run --release --example speed` (package retrace-gcode).
 
 use retrace_gcode::{Program, Progress, Setup};
 use std::fmt::Write as _;
@@ -6,7 +6,7 @@ use std::time::Instant;
 
 const LINES: usize = 100_000;
 
-/// A program of feed moves with three axes and a few feed rates.
+/// Returns a program of feed moves with three axes and a few feed rates.
 fn feed_moves() -> String {
     let mut text = String::from("G21 G90 F1000\n");
     for line in 0..LINES {
@@ -17,7 +17,7 @@ fn feed_moves() -> String {
     text + "M2\n"
 }
 
-/// A program that calculates its ends.
+/// Returns a program that calculates its ends.
 fn calculated_moves() -> String {
     let mut text = String::from("G21 G90 F1000\n#1=10 #2=0.5\n");
     for line in 0..LINES {
@@ -26,7 +26,7 @@ fn calculated_moves() -> String {
     text + "M2\n"
 }
 
-/// A program that is a loop.
+/// Returns a program that is a loop.
 fn looped_moves() -> String {
     format!("F1000\nO1 while [#1 LT {}]\n#1=[#1+1]\nG1 X[#1/1000] Y[#1 MOD 7]\nO1 endwhile\nM2\n", LINES / 4)
 }

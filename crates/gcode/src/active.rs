@@ -53,7 +53,7 @@ pub struct ActiveCodes {
     /// Whether G96 is in force.
     pub constant_surface_speed: bool,
     /// Maximum spindle speed in turns per minute under G96; 0 under G97.
-    pub highest_spindle_speed: f64,
+    pub max_spindle_speed: f64,
     /// Whether mist is on (M7).
     pub mist: bool,
     /// Whether flood is on (M8).
@@ -102,7 +102,7 @@ impl From<&ModalState> for ActiveCodes {
             spindle: state.spindle,
             spindle_speed: state.spindle_speed,
             constant_surface_speed: state.constant_surface_speed,
-            highest_spindle_speed: state.highest_spindle_speed,
+            max_spindle_speed: state.max_spindle_speed,
             mist: state.mist,
             flood: state.flood,
             feed_override: state.feed_override,
@@ -162,10 +162,10 @@ impl ActiveCodes {
             PathControl::Continuous { tolerance } => {
                 f.write_str(" G64")?;
                 if tolerance > 0.0 {
-                    write!(f, " P{}", Figure(tolerance))?;
+                    write!(f, " P{}", ShortDecimal(tolerance))?;
                 }
                 if tolerance > 0.0 && self.naivecam_tolerance != tolerance {
-                    write!(f, " Q{}", Figure(self.naivecam_tolerance))?;
+                    write!(f, " Q{}", ShortDecimal(self.naivecam_tolerance))?;
                 }
             }
         }
@@ -186,8 +186,8 @@ impl ActiveCodes {
         })?;
         match self.constant_surface_speed {
             false => f.write_str(" G97"),
-            true if self.highest_spindle_speed > 0.0 && self.highest_spindle_speed < 1e9 => {
-                write!(f, " G96 D{}", Figure(self.highest_spindle_speed))
+            true if self.max_spindle_speed > 0.0 && self.max_spindle_speed < 1e9 => {
+                write!(f, " G96 D{}", ShortDecimal(self.max_spindle_speed))
             }
             true => f.write_str(" G96"),
         }
@@ -224,14 +224,14 @@ impl fmt::Display for ActiveCodes {
         self.write_geometry(f)?;
         self.write_modes(f)?;
         self.write_switches(f)?;
-        write!(f, " T{} F{} S{}", self.current_tool, Figure(self.feed_rate), Figure(self.spindle_speed))
+        write!(f, " T{} F{} S{}", self.current_tool, ShortDecimal(self.feed_rate), ShortDecimal(self.spindle_speed))
     }
 }
 
 /// A number that is displayed with at most four decimals and without trailing zeros.
-struct Figure(f64);
+struct ShortDecimal(f64);
 
-impl fmt::Display for Figure {
+impl fmt::Display for ShortDecimal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let text = format!("{:.4}", self.0);
         f.write_str(text.trim_end_matches('0').trim_end_matches('.'))

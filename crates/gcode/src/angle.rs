@@ -30,7 +30,7 @@ impl ExtendedFloat {
     }
 
     /// Returns the sum of a value and a much smaller one, with all the bits that two `f64` hold.
-    fn of(high: f64, low: f64) -> ExtendedFloat {
+    fn exact_sum(high: f64, low: f64) -> ExtendedFloat {
         let sum = high + low;
         ExtendedFloat { high: sum, low: low - (sum - high) }
     }
@@ -62,12 +62,12 @@ const QUARTER: [f64; 3] = [1.570_796_326_734_125_6, 6.077_100_506_303_966e-11, 2
 const MAX_QUARTERS: f64 = 1e6;
 
 /// Returns the nearest quarter turn of an angle, and the remainder: at most π/4.
-fn reduced(angle: ExtendedFloat) -> (i64, ExtendedFloat) {
+fn reduce(angle: ExtendedFloat) -> (i64, ExtendedFloat) {
     let quarters = (angle.high / QUARTER[0]).round();
     let near = (angle.high - quarters * QUARTER[0]) - quarters * QUARTER[1];
     let lost = ((angle.high - quarters * QUARTER[0]) - near) - quarters * QUARTER[1];
     let low = angle.low + lost - quarters * QUARTER[2];
-    (quarters as i64, ExtendedFloat::of(near, low))
+    (quarters as i64, ExtendedFloat::exact_sum(near, low))
 }
 
 /// Taylor coefficients of the sine, from the third power.
@@ -102,7 +102,7 @@ fn series(coefficients: &[f64], z: f64) -> f64 {
 /// Sine within an eighth of a turn of zero, as the angle plus a small correction.
 fn small_sine(ExtendedFloat { high: x, low }: ExtendedFloat) -> ExtendedFloat {
     let z = x * x;
-    ExtendedFloat::of(x, x * z * series(&SINE, z) + low * (1.0 - z / 2.0))
+    ExtendedFloat::exact_sum(x, x * z * series(&SINE, z) + low * (1.0 - z / 2.0))
 }
 
 /// Cosine within an eighth of a turn of zero, as 1 minus half the square plus a small correction.
@@ -111,7 +111,7 @@ fn small_cosine(ExtendedFloat { high: x, low }: ExtendedFloat) -> ExtendedFloat 
     let z_low = x.mul_add(x, -z);
     let most = 1.0 - z / 2.0;
     let lost = (1.0 - most) - z / 2.0;
-    ExtendedFloat::of(most, lost - z_low / 2.0 - x * low + z * z * series(&COSINE, z))
+    ExtendedFloat::exact_sum(most, lost - z_low / 2.0 - x * low + z * z * series(&COSINE, z))
 }
 
 /// Returns sine and cosine of an angle in degrees.
@@ -125,11 +125,11 @@ fn sine_and_cosine_of(angle: ExtendedFloat) -> (ExtendedFloat, ExtendedFloat) {
         // The low part may be as large as whole radians here.
         let ((sine, cosine), (small_sine, small_cosine)) = (angle.high.sin_cos(), angle.low.sin_cos());
         return (
-            ExtendedFloat::of(sine * small_cosine + cosine * small_sine, 0.0),
-            ExtendedFloat::of(cosine * small_cosine - sine * small_sine, 0.0),
+            ExtendedFloat::exact_sum(sine * small_cosine + cosine * small_sine, 0.0),
+            ExtendedFloat::exact_sum(cosine * small_cosine - sine * small_sine, 0.0),
         );
     }
-    let (quarter, rest) = reduced(angle);
+    let (quarter, rest) = reduce(angle);
     let (sine, cosine) = (small_sine(rest), small_cosine(rest));
     match quarter.rem_euclid(4) {
         0 => (sine, cosine),
@@ -183,7 +183,7 @@ fn with_quarters(angle: f64, quarters: i32, more: f64) -> ExtendedFloat {
     let turned = quarters * FRAC_PI_2;
     let (sum, lost) = exact_sum(angle, turned);
     let (sum, lost_too) = exact_sum(sum, more);
-    ExtendedFloat::of(sum, lost + lost_too + quarters.mul_add(FRAC_PI_2, -turned) + quarters * (PI_LOW / 2.0))
+    ExtendedFloat::exact_sum(sum, lost + lost_too + quarters.mul_add(FRAC_PI_2, -turned) + quarters * (PI_LOW / 2.0))
 }
 
 /// Returns the sum of an angle in radians, a whole number of right angles and another angle, with 80 bits.

@@ -9,7 +9,7 @@ use crate::control::Control;
 use crate::cycle_call::CycleCall;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
-use crate::eval::{Environment, evaluate, whole};
+use crate::eval::{Environment, evaluate, to_whole_number};
 use crate::expr::Op;
 use crate::groups::{GroupG, GroupM, Tenths, group_of_g, group_of_m};
 use crate::params::NameId;
@@ -46,13 +46,13 @@ impl fmt::Display for BlockNumber {
 }
 
 /// First byte, and byte after the last. A line is shorter than 256 bytes.
-pub(crate) type Place = (u8, u8);
+pub(crate) type ByteRange = (u8, u8);
 
-pub(crate) fn place(span: Span) -> Place {
+pub(crate) fn place(span: Span) -> ByteRange {
     (span.start.min(255) as u8, span.end.min(255) as u8)
 }
 
-fn span(place: Place) -> Span {
+fn span(place: ByteRange) -> Span {
     Span::new(place.0.into(), place.1.into())
 }
 
@@ -67,13 +67,13 @@ pub(crate) const LARGEST: f64 = 1e15;
 pub(crate) struct Words {
     present: u32,
     value: [f64; LETTERS],
-    at: [Place; LETTERS],
+    at: [ByteRange; LETTERS],
     g_present: u16,
     g: [Tenths; 16],
-    g_at: [Place; 16],
+    g_at: [ByteRange; 16],
     m_present: u16,
     m: [u8; 16],
-    m_at: [Place; 16],
+    m_at: [ByteRange; 16],
     m_count: u8,
 }
 
@@ -135,7 +135,7 @@ impl Words {
 
     /// Whether the block has any word of a set. [`letters`] makes the set at compile time.
     #[inline]
-    pub(crate) const fn has_of(&self, set: u32) -> bool {
+    pub(crate) const fn has_any_of(&self, set: u32) -> bool {
         self.present & set != 0
     }
 
@@ -203,9 +203,9 @@ impl Words {
         }
         let value = match letter {
             b'f' | b's' if value < 0.0 => return negative(letter, value, at),
-            b'$' => f64::from(whole(value, at, "$")?),
+            b'$' => f64::from(to_whole_number(value, at, "$")?),
             b'h' | b't' | b'l' => {
-                let rounded = f64::from(whole(value, at, "the word")?);
+                let rounded = f64::from(to_whole_number(value, at, "the word")?);
                 if rounded < 0.0 {
                     return negative(letter, value, at);
                 }
@@ -263,14 +263,14 @@ impl Words {
 
     /// Adds an M code.
     pub(crate) fn add_m(&mut self, value: f64, at: Span) -> BlockResult<()> {
-        let code = whole(value, at, "M")?;
+        let code = to_whole_number(value, at, "M")?;
         if code < 0 {
             return negative(b'm', value, at);
         }
         let group = match u8::try_from(code).ok().and_then(group_of_m) {
             Some(group) => group,
             None if matches!(code, 98 | 99) => {
-                return fault(ErrorCode::NotAlone, at, format!("M{code} stands alone in its block, at the beginning"));
+                return fault(ErrorCode::NotAlone, at, format!("M{code} must be alone in its block, at the beginning"));
             }
             None => return fault(ErrorCode::UnknownM, at, format!("there is no M{code}")),
         };
@@ -291,7 +291,7 @@ impl Words {
 #[cold]
 fn too_large(letter: u8, value: f64, at: Span) -> BlockResult<()> {
     let letter = char::from(letter.to_ascii_uppercase());
-    fault(ErrorCode::NumberTooLarge, at, format!("{letter} takes values below {LARGEST:e}, not {value:e}"))
+    fault(ErrorCode::NumberTooLarge, at, format!("{letter} accepts values below {LARGEST:e}, not {value:e}"))
 }
 
 #[cold]
@@ -313,49 +313,49 @@ pub(crate) fn name_of_g(tenths: Tenths) -> String {
 
 /// One packed word of a block.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Item {
+pub(crate) enum PackedWord {
     /// Number of the letter, its value and its place.
-    Word(u8, f64, Place),
+    Word(u8, f64, ByteRange),
     /// Number of the group, the code and its place.
-    G(u8, Tenths, Place),
-    M(u8, u8, Place),
+    G(u8, Tenths, ByteRange),
+    M(u8, u8, ByteRange),
 }
 
 impl Words {
     /// Appends the words to a list.
-    pub(crate) fn pack(&self, items: &mut Vec<Item>) {
+    pub(crate) fn pack(&self, items: &mut Vec<PackedWord>) {
         let bits = |mask: u32| (0..LETTERS as u8).filter(move |bit| mask & 1 << bit != 0);
         items.extend(bits(self.g_present.into()).map(|group| {
             let index = usize::from(group);
-            Item::G(group, self.g[index], self.g_at[index])
+            PackedWord::G(group, self.g[index], self.g_at[index])
         }));
         items.extend(bits(self.m_present.into()).map(|group| {
             let index = usize::from(group);
-            Item::M(group, self.m[index], self.m_at[index])
+            PackedWord::M(group, self.m[index], self.m_at[index])
         }));
         items.extend(bits(self.present).map(|letter| {
             let index = usize::from(letter);
-            Item::Word(letter, self.value[index], self.at[index])
+            PackedWord::Word(letter, self.value[index], self.at[index])
         }));
     }
 
     /// Replaces the content with packed words.
     #[inline]
-    pub(crate) fn unpack(&mut self, items: &[Item]) {
+    pub(crate) fn unpack(&mut self, items: &[PackedWord]) {
         self.clear();
         for item in items {
             match *item {
-                Item::Word(letter, value, at) => {
+                PackedWord::Word(letter, value, at) => {
                     let index = usize::from(letter) % LETTERS;
                     self.present |= 1 << index;
                     (self.value[index], self.at[index]) = (value, at);
                 }
-                Item::G(group, code, at) => {
+                PackedWord::G(group, code, at) => {
                     let index = usize::from(group % 16);
                     self.g_present |= 1 << index;
                     (self.g[index], self.g_at[index]) = (code, at);
                 }
-                Item::M(group, code, at) => {
+                PackedWord::M(group, code, at) => {
                     let index = usize::from(group % 16);
                     self.m_present |= 1 << index;
                     self.m_count += 1;
@@ -385,7 +385,7 @@ pub(crate) struct DeferredValue {
     slot: Slot,
     first_op: u16,
     end_op: u16,
-    at: Place,
+    at: ByteRange,
 }
 
 /// An assignment with its value, not yet applied.
@@ -402,53 +402,53 @@ pub(crate) enum Assignment {
 pub(crate) struct NcBlock {
     pub(crate) number: Option<BlockNumber>,
     pub(crate) words: Words,
-    pub(crate) remark: Option<Comment>,
+    pub(crate) comment: Option<Comment>,
     pub(crate) control: Option<Control>,
     /// Cycle that the line calls.
     pub(crate) cycle: Option<CycleCall>,
     pub(crate) ops: Vec<Op>,
-    pub(crate) late: Vec<DeferredValue>,
+    pub(crate) deferred: Vec<DeferredValue>,
 }
 
 impl NcBlock {
     pub(crate) fn clear(&mut self) {
         self.number = None;
         self.words.clear();
-        self.remark = None;
+        self.comment = None;
         self.control = None;
         self.cycle = None;
         self.ops.clear();
-        self.late.clear();
+        self.deferred.clear();
     }
 
     /// Adds a value that the operations from `first_op` calculate.
-    pub(crate) fn add_late(&mut self, slot: Slot, first_op: usize, at: Span) {
+    pub(crate) fn add_deferred(&mut self, slot: Slot, first_op: usize, at: Span) {
         let (first_op, end_op) = (first_op as u16, self.ops.len() as u16);
-        self.late.push(DeferredValue { slot, first_op, end_op, at: place(at) });
+        self.deferred.push(DeferredValue { slot, first_op, end_op, at: place(at) });
     }
 
     /// Adds a value that the operations from `first_op` to `end_op` calculate.
-    pub(crate) fn add_late_range(&mut self, slot: Slot, first_op: usize, end_op: usize, at: Span) {
+    pub(crate) fn add_deferred_range(&mut self, slot: Slot, first_op: usize, end_op: usize, at: Span) {
         let (first_op, end_op) = (first_op as u16, end_op as u16);
-        self.late.push(DeferredValue { slot, first_op, end_op, at: place(at) });
+        self.deferred.push(DeferredValue { slot, first_op, end_op, at: place(at) });
     }
 
     /// Whether all words have their values without a calculation.
     #[inline]
     pub(crate) fn is_constant(&self) -> bool {
-        self.late.is_empty()
+        self.deferred.is_empty()
     }
 
     /// Returns the first calculated value, or 0 if there is none.
     pub(crate) fn first_value(&self, environment: &impl Environment) -> BlockResult<f64> {
-        let Some(late) = self.late.first() else { return Ok(0.0) };
-        let ops = &self.ops[usize::from(late.first_op)..usize::from(late.end_op)];
+        let Some(deferred) = self.deferred.first() else { return Ok(0.0) };
+        let ops = &self.ops[usize::from(deferred.first_op)..usize::from(deferred.end_op)];
         evaluate(ops, environment).map(|(_, value)| value)
     }
 
     /// Returns the span of the last calculated value.
     pub(crate) fn last_span(&self) -> Span {
-        self.late.last().map_or_else(Span::default, |late| span(late.at))
+        self.deferred.last().map_or_else(Span::default, |deferred| span(deferred.at))
     }
 
     /// Calculates the deferred values in the order of the line: word values into `words`, assignments into
@@ -461,11 +461,11 @@ impl NcBlock {
     ) -> BlockResult<()> {
         words.clone_from(&self.words);
         assignments.clear();
-        for late in &self.late {
-            let ops = &self.ops[usize::from(late.first_op)..usize::from(late.end_op)];
+        for deferred in &self.deferred {
+            let ops = &self.ops[usize::from(deferred.first_op)..usize::from(deferred.end_op)];
             let (below, value) = evaluate(ops, environment)?;
-            let at = span(late.at);
-            match late.slot {
+            let at = span(deferred.at);
+            match deferred.slot {
                 Slot::Word(letter) => words.fill(letter, value, at)?,
                 Slot::G => words.add_g(value, at)?,
                 Slot::M => words.add_m(value, at)?,
@@ -481,7 +481,7 @@ impl NcBlock {
 /// Returns the number of a parameter if it may be assigned to.
 fn assignable(number: f64, at: Span) -> BlockResult<usize> {
     use crate::params::Parameters;
-    let number = whole(number, at, "#")?;
+    let number = to_whole_number(number, at, "#")?;
     match usize::try_from(number) {
         Ok(number) if Parameters::is_read_only(number) => {
             fault(ErrorCode::ParameterReadOnly, at, format!("#{number} is read-only"))

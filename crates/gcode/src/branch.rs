@@ -54,7 +54,9 @@ pub(crate) fn table(codes: &[Arc<CompiledCode>], subs: &Subs) -> Vec<Branch> {
                     (None, BranchDestination::Line { file: code.file, line: code.line_number(to) })
                 }
                 BranchTarget::Calculated => (None, BranchDestination::Calculated),
-                BranchTarget::Line(to) => (None, BranchDestination::Line { file: code.file, line: behind(code, to) }),
+                BranchTarget::Line(to) => {
+                    (None, BranchDestination::Line { file: code.file, line: file_line(code, to) })
+                }
                 BranchTarget::Call(call) => {
                     let Some(call) = code.calls.get(call as usize) else { continue };
                     let sub = call.sub.and_then(|sub| subs.get(sub));
@@ -89,7 +91,7 @@ enum BranchTarget {
 }
 
 /// Returns the file line number of a compiled line; for the position after the last one, the next line number.
-fn behind(code: &CompiledCode, line: u32) -> u32 {
+fn file_line(code: &CompiledCode, line: u32) -> u32 {
     match line.checked_sub(1) {
         Some(before) if line >= code.len() => code.line_number(before) + 1,
         Some(before) if code.line_number(line) < code.line_number(before) => code.line_number(before) + 1,

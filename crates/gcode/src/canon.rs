@@ -99,7 +99,7 @@ pub struct Probing {
     /// Whether loss of contact ends the move (G38.4, G38.5); otherwise contact does.
     pub away: bool,
     /// Whether it is an error to reach the end of the move (G38.2, G38.4).
-    pub must_answer: bool,
+    pub must_trip: bool,
 }
 
 /// An input of the machine.
@@ -220,7 +220,7 @@ pub enum Canon {
         /// Entry in the tool table, from 1; 0 for none.
         index: u32,
         /// Comment on the tool in the tool table.
-        remark: Option<Box<str>>,
+        comment: Option<Box<str>>,
     },
     SelectTool(u32),
     /// Declares this number for the tool in the spindle (M61).

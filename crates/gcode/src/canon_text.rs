@@ -3,7 +3,7 @@
 //! Invariant: the counter increases by one with every line except those of PRINT, which are printed unchanged.
 
 use crate::canon::{ArcFeed, Canon, CanonStep, FeedMode, LengthUnit, PathControl, Plane};
-use crate::output_text::{Head, TextBuffer, TextPiece};
+use crate::output_text::{LineHead, TextBuffer, TextPiece};
 use crate::pose::{Axis, Pose};
 use crate::tool::Tool;
 use std::io::{self, Write};
@@ -12,16 +12,16 @@ use std::io::{self, Write};
 #[derive(Debug)]
 pub struct CanonText<W> {
     out: W,
-    head: Head,
+    head: LineHead,
     /// Lines not yet written.
     text: TextBuffer,
-    ends: Ends,
+    ends: LastCoordinates,
 }
 
 impl<W: Write> CanonText<W> {
     /// Creates a writer whose counter starts at 1.
     pub fn new(out: W) -> CanonText<W> {
-        CanonText { out, head: Head::new(), text: TextBuffer::new(), ends: Ends::default() }
+        CanonText { out, head: LineHead::new(), text: TextBuffer::new(), ends: LastCoordinates::default() }
     }
 
     /// Appends one step. Its line is buffered and written later, at the latest by [`CanonText::into_inner`].
@@ -37,15 +37,15 @@ impl<W: Write> CanonText<W> {
         if let Canon::Print(message) = &step.canon {
             writeln!(text, "{message}")?;
         } else {
-            self.head.begin(text, step.number.map(|number| (number.value(), number.digits())));
+            self.head.push_head(text, step.number.map(|number| (number.value(), number.digits())));
             match &step.canon {
                 Canon::StraightFeed(end) => self.ends.write(text, b"STRAIGHT_FEED(", end)?,
                 Canon::StraightTraverse(end) => self.ends.write(text, b"STRAIGHT_TRAVERSE(", end)?,
                 other => call(text, other)?,
             }
-            text.fixed(b"\n");
+            text.push_fixed(b"\n");
         }
-        if self.text.is_enough() { self.flush() } else { Ok(()) }
+        if self.text.should_flush() { self.flush() } else { Ok(()) }
     }
 
     /// Writes the buffered lines.
@@ -71,29 +71,29 @@ impl<W: Write> CanonText<W> {
 
 /// The last coordinates of straight moves. Most moves leave some of them unchanged.
 #[derive(Debug, Default)]
-struct Ends([(u64, TextPiece); 6]);
+struct LastCoordinates([(u64, TextPiece); 6]);
 
-impl Ends {
+impl LastCoordinates {
     /// Writes the name of a move and its end.
     #[inline]
     fn write<const N: usize>(&mut self, out: &mut TextBuffer, name: &[u8; N], end: &Pose) -> io::Result<()> {
-        out.fixed(name);
+        out.push_fixed(name);
         let [x, y, z, a, b, c] = &mut self.0;
         coordinate(out, x, end[Axis::X])?;
-        out.fixed(b", ");
+        out.push_fixed(b", ");
         coordinate(out, y, end[Axis::Y])?;
-        out.fixed(b", ");
+        out.push_fixed(b", ");
         coordinate(out, z, end[Axis::Z])?;
         // Most machines have no rotary axes.
         if end[Axis::A].to_bits() | end[Axis::B].to_bits() | end[Axis::C].to_bits() == 0 {
-            out.fixed(b", 0.0000, 0.0000, 0.0000)");
+            out.push_fixed(b", 0.0000, 0.0000, 0.0000)");
             return Ok(());
         }
         for (last, axis) in [(a, Axis::A), (b, Axis::B), (c, Axis::C)] {
-            out.fixed(b", ");
+            out.push_fixed(b", ");
             coordinate(out, last, end[axis])?;
         }
-        out.fixed(b")");
+        out.push_fixed(b")");
         Ok(())
     }
 }
@@ -103,10 +103,10 @@ impl Ends {
 fn coordinate(out: &mut TextBuffer, last: &mut (u64, TextPiece), value: f64) -> io::Result<()> {
     // Only the initial piece is empty.
     if last.0 != value.to_bits() || last.1 == TextPiece::default() {
-        let Some(piece) = TextPiece::of_number(value) else { return write!(out, "{value:.4}") };
+        let Some(piece) = TextPiece::format_number(value) else { return write!(out, "{value:.4}") };
         *last = (value.to_bits(), piece);
     }
-    out.piece(&last.1);
+    out.push_piece(&last.1);
     Ok(())
 }
 
@@ -123,8 +123,8 @@ fn call(out: &mut TextBuffer, canon: &Canon) -> io::Result<()> {
         Canon::SetFeedMode(FeedMode::InverseTime | FeedMode::UnitsPerMinute) => write!(out, "SET_FEED_MODE(0, 0)"),
         Canon::SetFeedMode(FeedMode::UnitsPerRevolution) => write!(out, "SET_FEED_MODE(0, 1)"),
         Canon::SetFeedRate(rate) => {
-            out.fixed(b"SET_FEED_RATE(");
-            list(out, &[*rate])
+            out.push_fixed(b"SET_FEED_RATE(");
+            push_numbers(out, &[*rate])
         }
         Canon::StraightTraverse(end) => pose(out, "STRAIGHT_TRAVERSE", end),
         Canon::StraightFeed(end) => pose(out, "STRAIGHT_FEED", end),
@@ -137,12 +137,12 @@ fn call(out: &mut TextBuffer, canon: &Canon) -> io::Result<()> {
         Canon::SelectPlane(_) => write!(out, "SELECT_PLANE(CANON_PLANE_UNKNOWN)"),
         Canon::SetMotionControlMode(mode) => path_control(out, *mode),
         Canon::SetNaivecamTolerance(tolerance) => {
-            out.fixed(b"SET_NAIVECAM_TOLERANCE(");
-            list(out, &[*tolerance])
+            out.push_fixed(b"SET_NAIVECAM_TOLERANCE(");
+            push_numbers(out, &[*tolerance])
         }
         Canon::Dwell(seconds) => {
-            out.fixed(b"DWELL(");
-            list(out, &[*seconds])
+            out.push_fixed(b"DWELL(");
+            push_numbers(out, &[*seconds])
         }
         Canon::SetSpindleSpeed(rpm) => write!(out, "SET_SPINDLE_SPEED(0, {rpm:.4})"),
         Canon::SetSpindleMode(limit) => write!(out, "SET_SPINDLE_MODE(0 {limit:.4})"),
@@ -151,8 +151,8 @@ fn call(out: &mut TextBuffer, canon: &Canon) -> io::Result<()> {
         Canon::WaitSpindleOrientComplete(seconds) => write!(out, "SPINDLE.0.WAIT_ORIENT_COMPLETE({seconds:.4})"),
         Canon::StartSpeedFeedSynch { pitch } => write!(out, "START_SPEED_FEED_SYNC({pitch:.6},0)"),
         Canon::RigidTap(end) => {
-            out.fixed(b"RIGID_TAP(");
-            list(out, end)
+            out.push_fixed(b"RIGID_TAP(");
+            push_numbers(out, end)
         }
         Canon::SelectTool(tool) => write!(out, "SELECT_TOOL({tool})"),
         Canon::ChangeToolNumber { index, .. } => write!(out, "CHANGE_TOOL_NUMBER({index})"),
@@ -171,7 +171,7 @@ fn call(out: &mut TextBuffer, canon: &Canon) -> io::Result<()> {
         Canon::Note(text) => write!(out, "COMMENT(\"{text}\")"),
         Canon::Message(text) => write!(out, "MESSAGE(\"{text}\")"),
         plain => {
-            out.any(plain_name(plain).as_bytes());
+            out.push_text(plain_name(plain).as_bytes());
             Ok(())
         }
     }
@@ -213,47 +213,47 @@ const fn plain_name(canon: &Canon) -> &'static str {
 }
 
 /// Writes numbers separated by commas and a closing parenthesis.
-fn list(out: &mut TextBuffer, numbers: &[f64]) -> io::Result<()> {
+fn push_numbers(out: &mut TextBuffer, numbers: &[f64]) -> io::Result<()> {
     for (index, value) in numbers.iter().enumerate() {
         if index > 0 {
-            out.fixed(b", ");
+            out.push_fixed(b", ");
         }
-        out.number(*value)?;
+        out.push_number(*value)?;
     }
-    out.fixed(b")");
+    out.push_fixed(b")");
     Ok(())
 }
 
 fn six(out: &mut TextBuffer, pose: &Pose) -> io::Result<()> {
-    list(out, &pose.0[..6])
+    push_numbers(out, &pose.0[..6])
 }
 
 fn pose(out: &mut TextBuffer, name: &str, pose: &Pose) -> io::Result<()> {
-    out.any(name.as_bytes());
-    out.fixed(b"(");
+    out.push_text(name.as_bytes());
+    out.push_fixed(b"(");
     six(out, pose)
 }
 
 fn arc(out: &mut TextBuffer, feed: &ArcFeed) -> io::Result<()> {
     let [first, second, normal] = feed.plane.axes();
-    out.fixed(b"ARC_FEED(");
+    out.push_fixed(b"ARC_FEED(");
     for value in [feed.end[first], feed.end[second], feed.first_centre, feed.second_centre] {
-        out.number(value)?;
-        out.fixed(b", ");
+        out.push_number(value)?;
+        out.push_fixed(b", ");
     }
     write!(out, "{}, ", feed.turns)?;
-    list(out, &[feed.end[normal], feed.end[Axis::A], feed.end[Axis::B], feed.end[Axis::C]])
+    push_numbers(out, &[feed.end[normal], feed.end[Axis::A], feed.end[Axis::B], feed.end[Axis::C]])
 }
 
 fn path_control(out: &mut TextBuffer, mode: PathControl) -> io::Result<()> {
     match mode {
         PathControl::ExactPath => {
-            out.fixed(b"SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)");
+            out.push_fixed(b"SET_MOTION_CONTROL_MODE(CANON_EXACT_PATH)");
             Ok(())
         }
         // The tolerance of most programs, which every drilling cycle restores.
         PathControl::Continuous { tolerance } if tolerance.to_bits() == 0 => {
-            out.fixed(b"SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, 0.000000)");
+            out.push_fixed(b"SET_MOTION_CONTROL_MODE(CANON_CONTINUOUS, 0.000000)");
             Ok(())
         }
         PathControl::ExactStop => write!(out, "SET_MOTION_CONTROL_MODE(CANON_EXACT_STOP)"),

@@ -50,29 +50,29 @@ const PYTHON: [&str; 3] = ["py,", "pyrun,", "pyreload"];
 
 impl Comment {
     /// Compiles the text between the parentheses of a comment.
-    pub(crate) fn of(text: &[u8], at: Span, names: &mut Names) -> BlockResult<Option<Comment>> {
+    pub(crate) fn compile(text: &[u8], at: Span, names: &mut Names) -> BlockResult<Option<Comment>> {
         let text = shown(text);
         let text = text.trim_start();
         if text.is_empty() {
             return Ok(None);
         }
-        if let Some(rest) = after(text, "msg,") {
+        if let Some(rest) = strip_command(text, "msg,") {
             return Ok(Some(Comment::Message(rest.into())));
         }
-        if let Some(rest) = after(text, "debug,") {
+        if let Some(rest) = strip_command(text, "debug,") {
             return Ok(Some(Comment::Debug(pieces(rest, at, names)?.into())));
         }
-        if let Some(rest) = after(text, "print,") {
+        if let Some(rest) = strip_command(text, "print,") {
             return Ok(Some(Comment::Print(pieces(rest, at, names)?.into())));
         }
-        if let Some(rest) = after(text, "log,") {
+        if let Some(rest) = strip_command(text, "log,") {
             return Ok(Some(Comment::Log(pieces(rest, at, names)?.into())));
         }
-        if let Some(rest) = after(text, "abort,") {
+        if let Some(rest) = strip_command(text, "abort,") {
             return Ok(Some(Comment::Abort(pieces(rest, at, names)?.into())));
         }
         for (word, append) in [("logopen,", false), ("logappend,", true)] {
-            if let Some(file) = after(text, word) {
+            if let Some(file) = strip_command(text, word) {
                 return Ok(Some(Comment::LogOpen { file: file.into(), append }));
             }
         }
@@ -106,7 +106,7 @@ impl Comment {
 
 /// Refuses a comment that would run Python, both in parentheses and after a semicolon.
 pub(crate) fn refuse_python(text: &str, at: Span) -> BlockResult<()> {
-    match PYTHON.iter().find(|word| after(text.trim_start(), word).is_some()) {
+    match PYTHON.iter().find(|word| strip_command(text.trim_start(), word).is_some()) {
         Some(word) => {
             let word = word.trim_end_matches(',').to_uppercase();
             fault(ErrorCode::PythonComment, at, format!("the comment {word} would run Python"))
@@ -116,7 +116,7 @@ pub(crate) fn refuse_python(text: &str, at: Span) -> BlockResult<()> {
 }
 
 /// Returns the text after a command word of either case.
-fn after<'a>(text: &'a str, word: &str) -> Option<&'a str> {
+fn strip_command<'a>(text: &'a str, word: &str) -> Option<&'a str> {
     let head = text.get(..word.len())?;
     head.eq_ignore_ascii_case(word).then(|| &text[word.len()..])
 }
@@ -129,7 +129,7 @@ fn pieces(text: &str, at: Span, names: &mut Names) -> BlockResult<Vec<CommentPar
         let is_format = rest.as_bytes()[special] == b'%';
         rest = &rest[special + 1..];
         let piece;
-        (piece, rest) = if is_format { format(rest) } else { parameter(rest, at, names)? };
+        (piece, rest) = if is_format { parse_format(rest) } else { parse_parameter(rest, at, names)? };
         pieces.push(piece);
     }
     pieces.push(CommentPart::Text(rest.into()));
@@ -137,7 +137,7 @@ fn pieces(text: &str, at: Span, names: &mut Names) -> BlockResult<Vec<CommentPar
 }
 
 /// Parses what begins with a percent sign, and returns it with the rest. %d, %f and %.0f to %.9f select the decimals.
-fn format(rest: &str) -> (CommentPart, &str) {
+fn parse_format(rest: &str) -> (CommentPart, &str) {
     match *rest.as_bytes() {
         [b'd', ..] => (CommentPart::Decimals(0), &rest[1..]),
         [b'f', ..] => (CommentPart::Decimals(4), &rest[1..]),
@@ -148,7 +148,7 @@ fn format(rest: &str) -> (CommentPart, &str) {
 }
 
 /// Parses what begins with a number sign, and returns it with the rest.
-fn parameter<'a>(rest: &'a str, at: Span, names: &mut Names) -> BlockResult<(CommentPart, &'a str)> {
+fn parse_parameter<'a>(rest: &'a str, at: Span, names: &mut Names) -> BlockResult<(CommentPart, &'a str)> {
     if let Some(named) = rest.strip_prefix('<') {
         // For a name without a closing `>`, LinuxCNC shows the memory behind it.
         let Some((name, rest)) = named.split_once('>') else {

@@ -3,7 +3,7 @@
 //! Invariant: a packed block equals the block that its line compiled to. Every jump stays within its region or goes to
 //! its end. Executing packed lines copies them into one working block and allocates nothing.
 
-use crate::block::{BlockNumber, DeferredValue, Item, NcBlock};
+use crate::block::{BlockNumber, DeferredValue, NcBlock, PackedWord};
 use crate::comment::Comment;
 use crate::control::Label;
 use crate::cycle_call::CycleCall;
@@ -103,9 +103,9 @@ struct CompiledLine {
     text: u32,
     items: u32,
     ops: u32,
-    late: u32,
+    deferred: u32,
     /// Index of its comment.
-    remark: Option<u32>,
+    comment: Option<u32>,
 }
 
 /// Compiled lines of one file, with their text for diagnostics.
@@ -120,10 +120,10 @@ pub(crate) struct CompiledCode {
     pub(crate) line_numbers: LineNumbers,
     lines: Vec<CompiledLine>,
     text: Vec<u8>,
-    items: Vec<Item>,
+    items: Vec<PackedWord>,
     ops: Vec<Op>,
-    late: Vec<DeferredValue>,
-    remarks: Vec<Comment>,
+    deferred: Vec<DeferredValue>,
+    comments: Vec<Comment>,
 }
 
 impl CompiledCode {
@@ -146,10 +146,10 @@ impl CompiledCode {
         self.text.extend_from_slice(text);
         block.words.pack(&mut self.items);
         self.ops.extend_from_slice(&block.ops);
-        self.late.extend_from_slice(&block.late);
-        let remark = block.remark.clone().map(|remark| {
-            self.remarks.push(remark);
-            self.remarks.len() as u32 - 1
+        self.deferred.extend_from_slice(&block.deferred);
+        let comment = block.comment.clone().map(|comment| {
+            self.comments.push(comment);
+            self.comments.len() as u32 - 1
         });
         self.lines.push(CompiledLine {
             line,
@@ -158,8 +158,8 @@ impl CompiledCode {
             text: self.text.len() as u32,
             items: self.items.len() as u32,
             ops: self.ops.len() as u32,
-            late: self.late.len() as u32,
-            remark,
+            deferred: self.deferred.len() as u32,
+            comment,
         });
     }
 
@@ -176,12 +176,12 @@ impl CompiledCode {
     /// Removes this line, all lines after it, and the calls in them.
     pub(crate) fn truncate(&mut self, line: u32) {
         self.lines.truncate(line as usize);
-        let (text, items, ops, late) =
-            self.lines.last().map_or((0, 0, 0, 0), |last| (last.text, last.items, last.ops, last.late));
+        let (text, items, ops, deferred) =
+            self.lines.last().map_or((0, 0, 0, 0), |last| (last.text, last.items, last.ops, last.deferred));
         self.text.truncate(text as usize);
         self.items.truncate(items as usize);
         self.ops.truncate(ops as usize);
-        self.late.truncate(late as usize);
+        self.deferred.truncate(deferred as usize);
         let last = self.lines.last().map_or(0, |last| last.line);
         self.calls.retain(|call| call.line <= last);
         self.cycles.retain(|(line, _)| *line <= last);
@@ -208,14 +208,14 @@ impl CompiledCode {
         let Some(packed) = self.lines.get(line as usize) else { return };
         block.number = packed.number;
         block.control = None;
-        block.remark = packed.remark.and_then(|remark| self.remarks.get(remark as usize)).cloned();
+        block.comment = packed.comment.and_then(|comment| self.comments.get(comment as usize)).cloned();
         block.words.unpack(self.items.get(self.range(line, |line| line.items)).unwrap_or_default());
         block.ops.clear();
-        block.late.clear();
-        let late = self.range(line, |line| line.late);
-        if !late.is_empty() {
+        block.deferred.clear();
+        let deferred = self.range(line, |line| line.deferred);
+        if !deferred.is_empty() {
             block.ops.extend_from_slice(self.ops.get(self.range(line, |line| line.ops)).unwrap_or_default());
-            block.late.extend_from_slice(self.late.get(late).unwrap_or_default());
+            block.deferred.extend_from_slice(self.deferred.get(deferred).unwrap_or_default());
         }
     }
 

@@ -18,7 +18,7 @@ use crate::prescan::Prescan;
 use retrace_cycles::stock::{
     Axes, Corner, Element, Kind, MoveKind, Point, StockRemovalError, StockRemovalParams, ToolTip, Warning, plan,
 };
-use retrace_cycles::{StockCall, StockFailure, StockFeed, StockMove};
+use retrace_cycles::{StockCall, StockFeed, StockMove, StockPathError};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Maximum number of lines of a contour.
@@ -33,18 +33,18 @@ const MAX_PATHS: usize = 64;
 
 /// Cached paths, by their parameters.
 #[derive(Debug, Default)]
-pub(crate) struct Paths(Mutex<Vec<(StockRemovalParams, PlannedContour)>>);
+pub(crate) struct PathCache(Mutex<Vec<(StockRemovalParams, PlannedContour)>>);
 
-impl Clone for Paths {
+impl Clone for PathCache {
     /// Returns an empty cache; the paths are calculated again.
-    fn clone(&self) -> Paths {
-        Paths::default()
+    fn clone(&self) -> PathCache {
+        PathCache::default()
     }
 }
 
-impl Paths {
+impl PathCache {
     /// Returns the path for these parameters, calculated if it is not cached.
-    fn of(&self, job: StockRemovalParams) -> Result<PlannedContour, StockFailure> {
+    fn get_or_plan(&self, job: StockRemovalParams) -> Result<PlannedContour, StockPathError> {
         // A thread that panicked while it held the list has left it intact.
         let mut paths = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, path)) = paths.iter().find(|(known, _)| *known == job) {
@@ -67,7 +67,7 @@ pub(crate) struct ContourReader<'a> {
 }
 
 impl Contours for ContourReader<'_> {
-    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<PlannedContour, StockFailure> {
+    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<PlannedContour, StockPathError> {
         let mut contour = Contour::new(core.state.plane);
         self.read(core, call.contour, &mut contour)?;
         let tool = core.tools.get(core.state.current_tool).unwrap_or_default();
@@ -87,14 +87,14 @@ impl Contours for ContourReader<'_> {
             position: Some(point(&core.state.position, core.state.plane)),
         };
         match self.prescan {
-            Some(prescan) => prescan.paths.of(job),
+            Some(prescan) => prescan.paths.get_or_plan(job),
             None => planned(&job),
         }
     }
 }
 
 impl ContourReader<'_> {
-    fn read(&self, core: &Core, name: &str, contour: &mut Contour) -> Result<(), StockFailure> {
+    fn read(&self, core: &Core, name: &str, contour: &mut Contour) -> Result<(), StockPathError> {
         let mut scratch = Interpreter::scratch(core.clone(), self.reader.clone());
         if let Some((start, end)) = name.split_once(':') {
             let lines = self.prescan.and_then(|prescan| prescan.between(start, end));
@@ -102,7 +102,7 @@ impl ContourReader<'_> {
             return between(lines.0, &lines.1, &mut scratch, contour);
         }
         if let Some(sub) = self.flow.subs.find(0, &label(name)) {
-            return self.subprogram(self.flow.alone(sub), &mut scratch, contour);
+            return self.subprogram(self.flow.for_subprogram(sub), &mut scratch, contour);
         }
         let cycles = self.reader.cycles.as_deref();
         match cycles.and_then(|cycles| cycles.find(name)) {
@@ -112,7 +112,7 @@ impl ContourReader<'_> {
                 scratch
                     .call_cycle(&call, &crate::interp::NoContours, &mut steps)
                     .map_err(|fault| wrong(&fault.message))?;
-                contour.take(&steps, &scratch, false)
+                contour.apply_steps(&steps, &scratch, false)
             }
             None => Err(no_contour(name)),
         }
@@ -123,36 +123,36 @@ impl ContourReader<'_> {
         flow: Option<FlowController>,
         scratch: &mut Interpreter,
         contour: &mut Contour,
-    ) -> Result<(), StockFailure> {
+    ) -> Result<(), StockPathError> {
         let Some(mut flow) = flow else { return Ok(()) };
         let mut steps = Vec::new();
         for _ in 0..MAX_LINES {
             steps.clear();
             match flow.step(scratch, &mut steps).map_err(|fault| wrong(&fault.message))? {
                 LineOutcome::Block => {
-                    scratch.carry_out(&mut steps).map_err(|fault| wrong(&fault.message))?;
-                    contour.take(&steps, scratch, true)?;
+                    scratch.execute_block(&mut steps).map_err(|fault| wrong(&fault.message))?;
+                    contour.apply_steps(&steps, scratch, true)?;
                 }
                 LineOutcome::Jumped => {}
-                LineOutcome::Faulty | LineOutcome::Ahead(..) => return Err(wrong("a block of it is refused")),
+                LineOutcome::Faulty | LineOutcome::Ahead(..) => return Err(wrong("one of its blocks is refused")),
                 LineOutcome::Cycle(_) => return Err(refused(&StockRemovalError::Interpolation(scratch.line_number()))),
                 LineOutcome::Idle | LineOutcome::ProgramEnd => return Ok(()),
             }
         }
-        Err(wrong("it does not come to an end"))
+        Err(wrong("it has no end"))
     }
 }
 
 /// Reads the lines of a text; `first` is the number of the first one.
-fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Contour) -> Result<(), StockFailure> {
+fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Contour) -> Result<(), StockPathError> {
     let mut steps = Vec::new();
-    for (index, line) in crate::lines::Split::new(text).enumerate() {
+    for (index, line) in crate::lines::SplitLines::new(text).enumerate() {
         steps.clear();
         let number = first.saturating_add(index as u32);
         match scratch.read(number, line).map_err(|fault| wrong(&fault.message))? {
             LineRead::Block => {
-                scratch.carry_out(&mut steps).map_err(|fault| wrong(&fault.message))?;
-                contour.take(&steps, scratch, true)?;
+                scratch.execute_block(&mut steps).map_err(|fault| wrong(&fault.message))?;
+                contour.apply_steps(&steps, scratch, true)?;
             }
             LineRead::Deleted => {}
             LineRead::Control(_) => return Err(refused(&StockRemovalError::ChangeInside(number))),
@@ -166,13 +166,17 @@ fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Con
 /// # Errors
 /// No subprogram has this number, or one of its blocks is wrong. The error is reported at the Q word, with the line of
 /// the block.
-pub(crate) fn drawn(flow: &FlowController, number: f64, scratch: &mut Interpreter) -> BlockResult<Vec<CanonStep>> {
+pub(crate) fn profile_steps(
+    flow: &FlowController,
+    number: f64,
+    scratch: &mut Interpreter,
+) -> BlockResult<Vec<CanonStep>> {
     let at = scratch.last_words().span(b'q');
     let label = Label::Number(number.round().clamp(0.0, 1e15) as u64);
-    let Some(flow) = flow.subs.find(0, &label).and_then(|sub| flow.alone(sub)) else {
+    let Some(flow) = flow.subs.find(0, &label).and_then(|sub| flow.for_subprogram(sub)) else {
         return fault(ErrorCode::NoContour, at, format!("there is no subprogram {label}"));
     };
-    match draw(flow, scratch) {
+    match subprogram_steps(flow, scratch) {
         Ok(Some(steps)) => Ok(steps),
         Ok(None) => fault(ErrorCode::TurningProfile, at, format!("{label} is not a profile")),
         Err(wrong) => fault(wrong.code, at, format!("profile, line {}: {}", scratch.line_number(), wrong.message)),
@@ -180,7 +184,7 @@ pub(crate) fn drawn(flow: &FlowController, number: f64, scratch: &mut Interprete
 }
 
 /// Returns the canonical functions of a subprogram, or `None` if it is not a profile.
-fn draw(mut flow: FlowController, scratch: &mut Interpreter) -> BlockResult<Option<Vec<CanonStep>>> {
+fn subprogram_steps(mut flow: FlowController, scratch: &mut Interpreter) -> BlockResult<Option<Vec<CanonStep>>> {
     let mut steps = Vec::new();
     for _ in 0..MAX_LINES {
         if steps.len() > MAX_ELEMENTS {
@@ -188,7 +192,7 @@ fn draw(mut flow: FlowController, scratch: &mut Interpreter) -> BlockResult<Opti
         }
         match flow.step(scratch, &mut steps)? {
             LineOutcome::Block => {
-                scratch.carry_out(&mut steps)?;
+                scratch.execute_block(&mut steps)?;
             }
             LineOutcome::Jumped => {}
             LineOutcome::Faulty | LineOutcome::Cycle(_) | LineOutcome::Ahead(..) => break,
@@ -206,20 +210,20 @@ pub(crate) fn label(name: &str) -> Label {
     }
 }
 
-fn no_contour(name: &str) -> StockFailure {
-    StockFailure { alarm: 61605, text: format!("there is no contour {name}") }
+fn no_contour(name: &str) -> StockPathError {
+    StockPathError { alarm: 61605, text: format!("there is no contour {name}") }
 }
 
-fn wrong(message: &str) -> StockFailure {
-    StockFailure { alarm: 61606, text: format!("contour: {message}") }
+fn wrong(message: &str) -> StockPathError {
+    StockPathError { alarm: 61606, text: format!("contour: {message}") }
 }
 
-fn refused(fault: &StockRemovalError) -> StockFailure {
+fn refused(fault: &StockRemovalError) -> StockPathError {
     let text = match fault.line() {
         Some(line) => format!("contour, line {line}: {fault}"),
         None => fault.to_string(),
     };
-    StockFailure { alarm: fault.number(), text }
+    StockPathError { alarm: fault.number(), text }
 }
 
 /// A contour being read.
@@ -236,7 +240,12 @@ impl Contour {
     }
 
     /// Applies the steps of a block. Of a block of the program, the first step is checked for its words.
-    fn take(&mut self, steps: &[CanonStep], scratch: &Interpreter, is_block: bool) -> Result<(), StockFailure> {
+    fn apply_steps(
+        &mut self,
+        steps: &[CanonStep],
+        scratch: &Interpreter,
+        is_block: bool,
+    ) -> Result<(), StockPathError> {
         let line = scratch.line_number();
         if scratch.state().compensation.is_some() {
             return Err(refused(&StockRemovalError::CompensationInside(line)));
@@ -274,7 +283,7 @@ impl Contour {
         Ok(())
     }
 
-    fn check_first(&self, scratch: &Interpreter, line: u32) -> Result<(), StockFailure> {
+    fn check_first(&self, scratch: &Interpreter, line: u32) -> Result<(), StockPathError> {
         let words = scratch.last_words();
         if words.g(crate::groups::GroupG::Motion).is_none() {
             return Err(refused(&StockRemovalError::MissingMotion(line)));
@@ -283,7 +292,7 @@ impl Contour {
         if words.has(first) && words.has(second) { Ok(()) } else { Err(refused(&StockRemovalError::MissingAxis(line))) }
     }
 
-    fn arc(&mut self, arc: &ArcFeed, line: u32) -> Result<(), StockFailure> {
+    fn arc(&mut self, arc: &ArcFeed, line: u32) -> Result<(), StockPathError> {
         if arc.plane != self.plane {
             return Err(refused(&StockRemovalError::ChangeInside(line)));
         }
@@ -312,7 +321,7 @@ fn point(pose: &Pose, plane: Plane) -> Point {
 }
 
 /// Calculates a path.
-fn planned(job: &StockRemovalParams) -> Result<PlannedContour, StockFailure> {
+fn planned(job: &StockRemovalParams) -> Result<PlannedContour, StockPathError> {
     let path = plan(job).map_err(|fault| refused(&fault))?;
     let mut at = job.position.unwrap_or_default();
     let moves = path.moves.iter().map(|step| {
@@ -342,10 +351,10 @@ fn planned(job: &StockRemovalParams) -> Result<PlannedContour, StockFailure> {
         // The cycle itself has reported it.
         Warning::SignDropped(_) => None,
         Warning::ReliefLeftToFinishing(count) => {
-            Some(format!("{count} relief cuts close up under the allowances and are left to finishing"))
+            Some(format!("{count} relief cuts close up under the allowances and are left for finishing"))
         }
         Warning::NoseLeavesStock(line) => {
-            Some(format!("contour, line {line}: the nose leaves stock that finishing meets"))
+            Some(format!("contour, line {line}: the nose leaves stock for the finishing pass"))
         }
     });
     Ok(PlannedContour { moves, warnings: warnings.collect() })

@@ -174,17 +174,17 @@ pub(crate) struct Control {
 pub(crate) fn may_be(text: &[u8], cycles: Option<&CycleLibrary>) -> bool {
     let mut cursor = Cursor::new(text);
     if matches!(cursor.peek(), b'n' | b'/') {
-        begin(&mut cursor);
+        skip_line_prefix(&mut cursor);
     }
     match cursor.peek() {
         b'o' => true,
-        b'm' if fanuc(&mut cursor).is_some() => true,
-        _ => cycle_call::begins(&mut cursor, cycles),
+        b'm' if eat_m98_m99(&mut cursor).is_some() => true,
+        _ => cycle_call::begins_name(&mut cursor, cycles),
     }
 }
 
 /// Skips a slash and an N word.
-fn begin(cursor: &mut Cursor<'_>) {
+fn skip_line_prefix(cursor: &mut Cursor<'_>) {
     cursor.eat(b'/');
     if cursor.eat(b'n') {
         cursor.digits();
@@ -195,7 +195,7 @@ fn begin(cursor: &mut Cursor<'_>) {
 }
 
 /// Parses M98 or M99, or consumes nothing.
-pub(crate) fn fanuc(cursor: &mut Cursor<'_>) -> Option<Keyword> {
+pub(crate) fn eat_m98_m99(cursor: &mut Cursor<'_>) -> Option<Keyword> {
     let before = cursor.clone();
     if cursor.eat(b'm') {
         let digits = cursor.digits();
@@ -213,9 +213,9 @@ pub(crate) fn fanuc(cursor: &mut Cursor<'_>) -> Option<Keyword> {
 
 /// Compiles the rest of a line after its O.
 pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
-    let control = head(cursor, names, block)?;
+    let control = parse_head(cursor, names, block)?;
     let given = usize::from(control.label == Label::Calculated);
-    let arguments = values(cursor, names, block, &control, given)?;
+    let arguments = parse_values(cursor, names, block, &control, given)?;
     let needs_one =
         matches!(control.keyword, Keyword::If | Keyword::ElseIf | Keyword::While | Keyword::Repeat) && arguments == 0;
     if needs_one {
@@ -226,7 +226,7 @@ pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBl
 }
 
 /// Parses the values in brackets after a keyword, of which `given` are parsed already. Returns their number.
-fn values(
+fn parse_values(
     cursor: &mut Cursor<'_>,
     names: &mut Names,
     block: &mut NcBlock,
@@ -235,21 +235,27 @@ fn values(
 ) -> BlockResult<usize> {
     let mut arguments = given;
     loop {
-        let start = cursor.at();
+        let start = cursor.position();
         match cursor.peek() {
             b'[' => {
                 let first_op = block.ops.len();
                 Compiler::new(cursor, &mut block.ops, names).bracket()?;
                 arguments += 1;
                 if arguments > given + max_arguments(control.keyword) {
-                    let message = format!("{} takes no more values", control.label);
-                    return fault(ErrorCode::BadControl, cursor.since(start), message);
+                    let message = format!("{} accepts no more values", control.label);
+                    return fault(ErrorCode::BadControl, cursor.span_from(start), message);
                 }
-                block.add_late(Slot::Argument, first_op, cursor.since(start));
+                block.add_deferred(Slot::Argument, first_op, cursor.span_from(start));
             }
             b'(' => comment(cursor, start)?,
             0 | b';' => return Ok(arguments),
-            _ => return fault(ErrorCode::BadControl, cursor.here(), "nothing else may stand in a line with an O word"),
+            _ => {
+                return fault(
+                    ErrorCode::BadControl,
+                    cursor.next_span(),
+                    "nothing else is allowed in a line with an O word",
+                );
+            }
         }
     }
 }
@@ -259,7 +265,7 @@ pub(crate) fn comment(cursor: &mut Cursor<'_>, start: usize) -> BlockResult<()> 
         return Ok(());
     }
     cursor.finish();
-    fault(ErrorCode::UnclosedComment, cursor.since(start), ErrorCode::UnclosedComment.title())
+    fault(ErrorCode::UnclosedComment, cursor.span_from(start), ErrorCode::UnclosedComment.title())
 }
 
 /// Compiles the rest of a line after its M98 or M99.
@@ -269,11 +275,11 @@ pub(crate) fn parse_fanuc(
     names: &mut Names,
     block: &mut NcBlock,
 ) -> BlockResult<()> {
-    let at = cursor.since(0);
+    let at = cursor.span_from(0);
     let mut label = None;
     let mut repeats = None;
     loop {
-        let start = cursor.at();
+        let start = cursor.position();
         let letter = cursor.peek();
         match letter {
             0 | b';' => break,
@@ -283,13 +289,13 @@ pub(crate) fn parse_fanuc(
                 let first_op = block.ops.len();
                 Compiler::new(cursor, &mut block.ops, names).value()?;
                 let place = if letter == b'p' { &mut label } else { &mut repeats };
-                if place.replace((first_op, block.ops.len(), cursor.since(start))).is_some() {
-                    return fault(ErrorCode::WordTwice, cursor.since(start), "M98 takes one P word and one L word");
+                if place.replace((first_op, block.ops.len(), cursor.span_from(start))).is_some() {
+                    return fault(ErrorCode::WordTwice, cursor.span_from(start), "M98 takes one P word and one L word");
                 }
             }
             _ => {
-                let message = format!("nothing else may stand in a line with {}", keyword.name());
-                return fault(ErrorCode::BadControl, cursor.here(), message);
+                let message = format!("nothing else is allowed in a line with {}", keyword.name());
+                return fault(ErrorCode::BadControl, cursor.next_span(), message);
             }
         }
     }
@@ -307,9 +313,9 @@ pub(crate) fn parse_fanuc(
         },
         _ => Label::Calculated,
     };
-    block.add_late_range(Slot::Argument, first, end, place);
+    block.add_deferred_range(Slot::Argument, first, end, place);
     if let Some((first, end, place)) = repeats {
-        block.add_late_range(Slot::Argument, first, end, place);
+        block.add_deferred_range(Slot::Argument, first, end, place);
     }
     block.control = Some(Control { label, keyword, at });
     Ok(())
@@ -324,9 +330,9 @@ const fn max_arguments(keyword: Keyword) -> usize {
 }
 
 /// Parses label and keyword.
-fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<Control> {
+fn parse_head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<Control> {
     let next = cursor.peek();
-    let start = cursor.at().saturating_sub(1);
+    let start = cursor.position().saturating_sub(1);
     let label = match next {
         b'<' => {
             cursor.skip();
@@ -334,29 +340,33 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> Bloc
                 cursor.finish();
                 return fault(
                     ErrorCode::BadControl,
-                    cursor.since(start),
-                    "the name behind O< has no >; write O<name> call",
+                    cursor.span_from(start),
+                    "the name after O< has no >; write O<name> call",
                 );
             };
             Label::Name(plain_name(name))
         }
         b'[' | b'#' => {
-            let (first_op, from) = (block.ops.len(), cursor.at());
+            let (first_op, from) = (block.ops.len(), cursor.position());
             Compiler::new(cursor, &mut block.ops, names).value()?;
-            block.add_late(Slot::Argument, first_op, cursor.since(from));
+            block.add_deferred(Slot::Argument, first_op, cursor.span_from(from));
             Label::Calculated
         }
         _ => match cursor.digits() {
             (1..=18, number) => {
                 // A decimal point followed by zeros only is ignored.
                 if cursor.eat(b'.') && cursor.digits().1 != 0 {
-                    return fault(ErrorCode::BadControl, cursor.since(start), "O is followed by a whole number");
+                    return fault(
+                        ErrorCode::BadControl,
+                        cursor.span_from(start),
+                        "O must be followed by a whole number",
+                    );
                 }
                 Label::Number(number)
             }
             _ => {
                 let message = "O is followed by a number, a name in angle brackets or a value";
-                return fault(ErrorCode::BadControl, cursor.since(start), message);
+                return fault(ErrorCode::BadControl, cursor.span_from(start), message);
             }
         },
     };
@@ -365,14 +375,14 @@ fn head(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> Bloc
         None if label != Label::Calculated && matches!(cursor.peek(), 0 | b'(' | b';') => Keyword::Start,
         None => {
             let message = format!("{label} is not followed by a keyword such as sub or if");
-            return fault(ErrorCode::BadControl, cursor.here(), message);
+            return fault(ErrorCode::BadControl, cursor.next_span(), message);
         }
     };
     if label == Label::Calculated && keyword != Keyword::Call {
         let message = format!("only a call may calculate its number, not {}", keyword.name());
-        return fault(ErrorCode::BadControl, cursor.since(start), message);
+        return fault(ErrorCode::BadControl, cursor.span_from(start), message);
     }
-    Ok(Control { label, keyword, at: cursor.since(start) })
+    Ok(Control { label, keyword, at: cursor.span_from(start) })
 }
 
 /// Normalises a name for labels: lower case, without blanks.

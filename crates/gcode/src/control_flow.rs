@@ -8,7 +8,7 @@ use crate::compiled_code::{BY_NUMBER, CallSite, CompiledCode, Jump};
 use crate::control::{Control, Keyword, Label};
 use crate::diag::{BlockError, BlockResult, Span, fault};
 use crate::error_codes::ErrorCode as Number;
-use crate::line_numbers::{LineNumbers, NoLine};
+use crate::line_numbers::{GotoError, LineNumbers};
 use std::collections::HashSet;
 
 /// A subprogram that has been found.
@@ -51,15 +51,15 @@ pub(crate) struct ControlFlowBuilder {
     gotos: Vec<(u32, u32, u64, Span)>,
     /// Whether the file has a GOTO, including one whose number is calculated.
     pub(crate) has_goto: bool,
-    style: Style,
+    style: ControlStyle,
 }
 
 /// Which of the two control languages the file uses.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Style {
+pub(crate) struct ControlStyle {
     /// Whether it is that of Fanuc macros, and the first line that shows it.
     first: Option<(bool, u32)>,
-    is_told: bool,
+    is_reported: bool,
 }
 
 impl ControlFlowBuilder {
@@ -74,14 +74,14 @@ impl ControlFlowBuilder {
     }
 
     /// Appends line `line` of the file, which has been compiled to `block`.
-    pub(crate) fn take(&mut self, code: &mut CompiledCode, line: u32, text: &[u8], block: &NcBlock) {
+    pub(crate) fn push(&mut self, code: &mut CompiledCode, line: u32, text: &[u8], block: &NcBlock) {
         let Some(control) = &block.control else {
             code.push(line, text, block, Jump::None);
             return;
         };
         let at = code.len();
         code.push(line, text, block, Jump::Faulty);
-        if let Err(fault) = self.keeps_style(line, control) {
+        if let Err(fault) = self.check_style(line, control) {
             self.faults.push((line, fault));
         }
         if let Some(cycle) = &block.cycle {
@@ -98,23 +98,23 @@ impl ControlFlowBuilder {
     }
 
     /// Refuses the first line that mixes O words and macro words.
-    fn keeps_style(&mut self, line: u32, control: &Control) -> BlockResult<()> {
+    fn check_style(&mut self, line: u32, control: &Control) -> BlockResult<()> {
         let Some(is_of_macros) = control.keyword.is_of_macros(&control.label) else { return Ok(()) };
         let (first, first_line) = *self.style.first.get_or_insert((is_of_macros, line));
-        if first == is_of_macros || std::mem::replace(&mut self.style.is_told, true) {
+        if first == is_of_macros || std::mem::replace(&mut self.style.is_reported, true) {
             return Ok(());
         }
         let (here, there) = if is_of_macros { ("a macro word", "O words") } else { ("an O word", "macro words") };
-        let message = format!("{here} stands in a file with {there}, as in line {first_line}");
+        let message = format!("{here} is in a file with {there}, as in line {first_line}");
         fault(Number::MixedMacros, control.at, message)
     }
 
     /// Creates a builder with no open blocks, for a file whose lines so far were in this style.
-    pub(crate) fn in_style(style: Style) -> ControlFlowBuilder {
+    pub(crate) fn in_style(style: ControlStyle) -> ControlFlowBuilder {
         ControlFlowBuilder { style, ..ControlFlowBuilder::default() }
     }
 
-    pub(crate) fn style(&self) -> Style {
+    pub(crate) fn style(&self) -> ControlStyle {
         self.style
     }
 
@@ -123,13 +123,13 @@ impl ControlFlowBuilder {
     pub(crate) fn find_lines(&mut self, code: &mut CompiledCode, is_whole: bool) {
         let mut starts: Vec<u32> = self.found.iter().filter(|sub| sub.for_m98).map(|sub| sub.entry - 1).collect();
         starts.sort_unstable();
-        code.line_numbers = LineNumbers::of(code, starts);
+        code.line_numbers = LineNumbers::collect(code, starts);
         for (at, line, number, place) in self.gotos.drain(..) {
             match (code.line_numbers.find(at, number), code.jump(at)) {
                 (Ok(to), Some(Jump::GoTo { is_conditional, .. })) => {
                     code.set_jump(at, Jump::GoTo { to, is_conditional })
                 }
-                (Err(NoLine::Missing), _) if !is_whole => {}
+                (Err(GotoError::Missing), _) if !is_whole => {}
                 (Err(why), _) => {
                     code.set_jump(at, Jump::Faulty);
                     self.faults.push((line, Box::new(why.fault(number, place))));
@@ -223,7 +223,7 @@ impl ControlFlowBuilder {
         }
         let scope = self.sub().cloned();
         if control.keyword == Keyword::Sub && scope.is_some() {
-            let message = format!("{} begins inside of another subprogram", control.label);
+            let message = format!("{} begins inside another subprogram", control.label);
             return fault(Number::SubInSub, control.at, message);
         }
         let is_sub = control.keyword == Keyword::Sub;
@@ -241,7 +241,7 @@ impl ControlFlowBuilder {
             && !control.label.is_of_macro_loop()
             && !self.labels.insert((scope, control.label.clone()))
         {
-            let message = format!("{} has named another block already", control.label);
+            let message = format!("{} is the label of another block already", control.label);
             self.faults.push((line, Box::new(BlockError::new(Number::LabelTwice, control.at, message))));
         }
         Ok(match control.keyword {
@@ -273,7 +273,7 @@ impl ControlFlowBuilder {
         };
         while self.open.len() > index + 1 {
             if let Some(inner) = self.open.pop() {
-                self.faults.push((inner.line, inner.without_end()));
+                self.faults.push((inner.line, inner.missing_end_error()));
             }
         }
         match self.open.pop() {
@@ -317,7 +317,7 @@ impl OpenBlock {
     }
 
     /// Returns the error for a block without an end.
-    pub(crate) fn without_end(&self) -> Box<BlockError> {
+    pub(crate) fn missing_end_error(&self) -> Box<BlockError> {
         let message = format!("{} has no end", self.control.label);
         Box::new(BlockError::new(Number::ControlWithoutEnd, self.control.at, message))
     }
@@ -333,7 +333,7 @@ fn set_otherwise(code: &mut CompiledCode, decider: u32, target: u32) {
 
 fn nothing_open<T>(control: &Control) -> BlockResult<T> {
     if control.keyword == Keyword::Return {
-        return fault(Number::ControlWithoutBegin, control.at, "return stands in no subprogram (sub … endsub)");
+        return fault(Number::ControlWithoutBegin, control.at, "return is outside of every subprogram (sub … endsub)");
     }
     let what = match control.keyword {
         Keyword::EndSub => "no subprogram",

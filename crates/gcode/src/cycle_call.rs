@@ -46,7 +46,7 @@ pub(crate) fn may_begin(cursor: &mut Cursor<'_>) -> bool {
 /// Whether a name begins here: two letters, or a letter and a digit where a cycle's name begins so. A block number and
 /// an O word are not names.
 #[inline]
-pub(crate) fn begins(cursor: &mut Cursor<'_>, cycles: Option<&CycleLibrary>) -> bool {
+pub(crate) fn begins_name(cursor: &mut Cursor<'_>, cycles: Option<&CycleLibrary>) -> bool {
     if may_begin(cursor) {
         return true;
     }
@@ -58,7 +58,7 @@ pub(crate) fn begins(cursor: &mut Cursor<'_>, cycles: Option<&CycleLibrary>) -> 
 }
 
 /// Parses a name, in lower case.
-fn name(cursor: &mut Cursor<'_>) -> ([u8; MAX_NAME_LENGTH], usize) {
+fn parse_name(cursor: &mut Cursor<'_>) -> ([u8; MAX_NAME_LENGTH], usize) {
     let (mut name, mut length) = ([0; MAX_NAME_LENGTH], 0);
     while let letter @ (b'a'..=b'z' | b'0'..=b'9' | b'_') = cursor.peek() {
         if let Some(place) = name.get_mut(length) {
@@ -71,9 +71,9 @@ fn name(cursor: &mut Cursor<'_>) -> ([u8; MAX_NAME_LENGTH], usize) {
 }
 
 /// Parses a label at the beginning of a line, or consumes nothing.
-pub(crate) fn label(cursor: &mut Cursor<'_>) -> Option<Box<str>> {
+pub(crate) fn parse_label(cursor: &mut Cursor<'_>) -> Option<Box<str>> {
     let before = cursor.clone();
-    let (name, length) = name(cursor);
+    let (name, length) = parse_name(cursor);
     if cursor.eat(b':') {
         return Some(String::from_utf8_lossy(&name[..length]).into());
     }
@@ -87,7 +87,7 @@ pub(crate) fn label_of(line: &[u8]) -> Option<Box<str>> {
     if !may_begin(&mut cursor) && cursor.eat(b'n') {
         cursor.digits();
     }
-    if may_begin(&mut cursor) { label(&mut cursor) } else { None }
+    if may_begin(&mut cursor) { parse_label(&mut cursor) } else { None }
 }
 
 /// Compiles a call if this line is one. Otherwise returns false and consumes nothing.
@@ -98,12 +98,13 @@ pub(crate) fn parse(
     block: &mut NcBlock,
 ) -> BlockResult<bool> {
     let before = cursor.clone();
-    let start = cursor.at();
-    let (text, length) = name(cursor);
+    let start = cursor.position();
+    let (text, length) = parse_name(cursor);
     let is_modal = text.starts_with(b"mcall");
     if &text[..length] == b"mcall" {
         end_of_line(cursor)?;
-        block.control = Some(Control { label: Label::Calculated, keyword: Keyword::ModalEnd, at: cursor.since(start) });
+        block.control =
+            Some(Control { label: Label::Calculated, keyword: Keyword::ModalEnd, at: cursor.span_from(start) });
         return Ok(true);
     }
     // A blank between MCALL and the name is ignored, as everywhere.
@@ -115,7 +116,7 @@ pub(crate) fn parse(
         *cursor = before;
         return Ok(false);
     }
-    let at = cursor.since(start);
+    let at = cursor.span_from(start);
     let shown = String::from_utf8_lossy(text).to_uppercase();
     let Some((id, cycle)) = cycles.and_then(|cycles| {
         let id = cycles.find(&shown)?;
@@ -130,14 +131,14 @@ pub(crate) fn parse(
     };
     let mut arguments = Vec::new();
     if cursor.eat(b'(') {
-        list(cursor, names, block, &mut arguments, |cursor, index, is_text| {
+        parse_arguments(cursor, names, block, &mut arguments, |cursor, index, is_text| {
             let Some(parameter) = cycle.parameters().get(index) else {
-                let message = format!("{shown} takes {} arguments", cycle.parameters().len());
-                return fault(ErrorCode::BadCycleCall, cursor.here(), message);
+                let message = format!("{shown} has {} parameters", cycle.parameters().len());
+                return fault(ErrorCode::BadCycleCall, cursor.next_span(), message);
             };
-            if is_text.is_some_and(|is_text| is_text != matches!(parameter.of, Type::Text(_))) {
-                let message = format!("{} of {shown} is {}", parameter.name, parameter.of);
-                return fault(ErrorCode::BadCycleCall, cursor.here(), message);
+            if is_text.is_some_and(|is_text| is_text != matches!(parameter.value_type, Type::Text(_))) {
+                let message = format!("{} of {shown} is {}", parameter.name, parameter.value_type);
+                return fault(ErrorCode::BadCycleCall, cursor.next_span(), message);
             }
             Ok(())
         })?;
@@ -150,7 +151,7 @@ pub(crate) fn parse(
 }
 
 /// Parses the arguments after the opening parenthesis. `check` is called for each, with whether it is a text.
-fn list(
+fn parse_arguments(
     cursor: &mut Cursor<'_>,
     names: &mut Names,
     block: &mut NcBlock,
@@ -158,7 +159,7 @@ fn list(
     check: impl Fn(&mut Cursor<'_>, usize, Option<bool>) -> BlockResult<()>,
 ) -> BlockResult<()> {
     loop {
-        let start = cursor.at();
+        let start = cursor.position();
         match cursor.peek() {
             b',' | b')' => arguments.push(CycleArgument::Missing),
             b'"' => {
@@ -166,7 +167,7 @@ fn list(
                 cursor.skip();
                 let Some(text) = cursor.take_to(b'"') else {
                     cursor.finish();
-                    return fault(ErrorCode::BadCycleCall, cursor.since(start), "a text is not closed by a quote");
+                    return fault(ErrorCode::BadCycleCall, cursor.span_from(start), "a text is not closed by a quote");
                 };
                 arguments.push(CycleArgument::Text(String::from_utf8_lossy(text).into()));
             }
@@ -174,7 +175,7 @@ fn list(
                 check(cursor, arguments.len(), Some(false))?;
                 let first_op = block.ops.len();
                 Compiler::new(cursor, &mut block.ops, names).expression()?;
-                block.add_late(Slot::Argument, first_op, cursor.since(start));
+                block.add_deferred(Slot::Argument, first_op, cursor.span_from(start));
                 arguments.push(CycleArgument::Number);
             }
         }
@@ -187,8 +188,8 @@ fn list(
         if !cursor.eat(b',') {
             return fault(
                 ErrorCode::BadCycleCall,
-                cursor.here(),
-                "arguments are parted by commas and end with a parenthesis",
+                cursor.next_span(),
+                "arguments are separated by commas and end with a parenthesis",
             );
         }
         check(cursor, arguments.len(), None)?;
@@ -200,7 +201,13 @@ fn end_of_line(cursor: &mut Cursor<'_>) -> BlockResult<()> {
         match cursor.peek() {
             0 | b';' => return Ok(()),
             b'(' if cursor.take_to(b')').is_some() => {}
-            _ => return fault(ErrorCode::BadCycleCall, cursor.here(), "the call of a cycle stands alone in its block"),
+            _ => {
+                return fault(
+                    ErrorCode::BadCycleCall,
+                    cursor.next_span(),
+                    "the call of a cycle must be alone in its block",
+                );
+            }
         }
     }
 }

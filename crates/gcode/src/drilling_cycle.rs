@@ -125,16 +125,16 @@ pub struct CycleWords {
 }
 
 impl CycleWords {
-    /// Returns these words, with those of `kept` where one is missing.
+    /// Returns these words, with those of `previous` where one is missing.
     #[must_use]
-    pub(crate) fn or(self, kept: &CycleWords) -> CycleWords {
+    pub(crate) fn or(self, previous: &CycleWords) -> CycleWords {
         let [i, j, k] = self.offsets;
         CycleWords {
-            clearance: self.clearance.or(kept.clearance),
-            bottom: self.bottom.or(kept.bottom),
-            dwell: self.dwell.or(kept.dwell),
-            peck: self.peck.or(kept.peck),
-            offsets: [i.or(kept.offsets[0]), j.or(kept.offsets[1]), k.or(kept.offsets[2])],
+            clearance: self.clearance.or(previous.clearance),
+            bottom: self.bottom.or(previous.bottom),
+            dwell: self.dwell.or(previous.dwell),
+            peck: self.peck.or(previous.peck),
+            offsets: [i.or(previous.offsets[0]), j.or(previous.offsets[1]), k.or(previous.offsets[2])],
         }
     }
 }

@@ -48,7 +48,7 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> BlockResul
                     Some(value) => value,
                     None => {
                         let near = environment.nearest_name(name);
-                        let near = near.map_or_else(String::new, |near| format!("; do you mean #<{near}>?"));
+                        let near = near.map_or_else(String::new, |near| format!("; did you mean #<{near}>?"));
                         let name = environment.name(name);
                         return fault(
                             ErrorCode::ParameterUndefined,
@@ -63,7 +63,7 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> BlockResul
                 environment.system(parameter)
             }
             OpKind::ExistsNumbered => {
-                let number = whole(stack[top], op.span(), "#")?;
+                let number = to_whole_number(stack[top], op.span(), "#")?;
                 let exists = usize::try_from(number).is_ok_and(Parameters::has);
                 f64::from(u8::from(exists))
             }
@@ -91,7 +91,7 @@ pub(crate) fn evaluate(ops: &[Op], environment: &impl Environment) -> BlockResul
 }
 
 fn numbered(number: f64, op: Op, environment: &impl Environment) -> BlockResult<f64> {
-    let number = whole(number, op.span(), "#")?;
+    let number = to_whole_number(number, op.span(), "#")?;
     if usize::try_from(number).is_ok_and(|number| !environment.is_readable(number)) {
         return fault(ErrorCode::CompensationPosition, op.span(), ErrorCode::CompensationPosition.title());
     }
@@ -102,10 +102,10 @@ fn numbered(number: f64, op: Op, environment: &impl Environment) -> BlockResult<
 }
 
 /// Converts a value that must be a whole number within 0.0001.
-pub(crate) fn whole(value: f64, span: Span, of: &str) -> BlockResult<i32> {
+pub(crate) fn to_whole_number(value: f64, span: Span, of: &str) -> BlockResult<i32> {
     let rounded = value.round();
     if (value - rounded).abs() > WHOLE {
-        return fault(ErrorCode::NotAnInteger, span, format!("{of} takes a whole number, not {value}"));
+        return fault(ErrorCode::NotAnInteger, span, format!("{of} must be a whole number, not {value}"));
     }
     if rounded.abs() > f64::from(i32::MAX) {
         return fault(ErrorCode::NumberTooLarge, span, format!("{value} is too large for {of}"));
@@ -168,7 +168,11 @@ fn combine(operator: Operator, left: f64, right: f64, op: Op) -> BlockResult<f64
             if rest < 0.0 { rest + right.abs() } else { rest }
         }
         Operator::Power if left < 0.0 && right.fract() != 0.0 => {
-            return fault(ErrorCode::OutOfDomain, op.span(), format!("{left} has no power of {right}"));
+            return fault(
+                ErrorCode::OutOfDomain,
+                op.span(),
+                format!("{left} cannot be raised to the power of {right}"),
+            );
         }
         Operator::Power => left.powf(right),
     })

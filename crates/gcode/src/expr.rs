@@ -152,7 +152,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
                 match self.cursor.peek() {
                     b'0'..=b'9' | b'.' => Ok(Operand::Constant(-self.cursor.number()?)),
                     _ => {
-                        let start = self.cursor.at().saturating_sub(1);
+                        let start = self.cursor.position().saturating_sub(1);
                         self.value()?;
                         self.push(OpKind::Negate, start)?;
                         Ok(Operand::Calculated)
@@ -169,7 +169,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
     /// Compiles one value: number, parameter, function or bracket, with or without signs.
     pub(crate) fn value(&mut self) -> BlockResult<()> {
         let next = self.cursor.peek();
-        let start = self.cursor.at();
+        let start = self.cursor.position();
         match next {
             b'[' => self.bracket(),
             b'#' => self.parameter_value(),
@@ -187,13 +187,13 @@ impl<'a, 'b> Compiler<'a, 'b> {
                 let number = self.cursor.number()?;
                 self.push(OpKind::Constant(number), start)
             }
-            _ => fault(ErrorCode::NumberMissing, self.cursor.here(), "a value is missing here"),
+            _ => fault(ErrorCode::NumberMissing, self.cursor.next_span(), "a value is missing here"),
         }
     }
 
     /// Compiles `[expression]`.
     pub(crate) fn bracket(&mut self) -> BlockResult<()> {
-        let open = self.cursor.here();
+        let open = self.cursor.next_span();
         if !self.cursor.eat(b'[') {
             return fault(ErrorCode::BracketMissing, open, "an opening bracket is missing here");
         }
@@ -208,7 +208,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
 
     /// Compiles a chain of operators of at least this rank.
     fn binary(&mut self, rank: u8) -> BlockResult<()> {
-        let start = self.cursor.at();
+        let start = self.cursor.position();
         self.value()?;
         loop {
             let before = self.cursor.clone();
@@ -238,23 +238,23 @@ impl<'a, 'b> Compiler<'a, 'b> {
             return fault(ErrorCode::UnclosedBracket, open, "this bracket is not closed");
         }
         if self.cursor.peek() == b'=' {
-            return fault(ErrorCode::EqualsCompares, self.cursor.here(), "= does not compare; EQ does");
+            return fault(ErrorCode::EqualsCompares, self.cursor.next_span(), "= does not compare; use EQ");
         }
         if self.cursor.peek() == b',' {
-            return fault(ErrorCode::DecimalComma, self.cursor.here(), "a comma is not a decimal point");
+            return fault(ErrorCode::DecimalComma, self.cursor.next_span(), "a comma is not a decimal point");
         }
-        fault(ErrorCode::UnknownFunction, self.cursor.here(), "no operator begins here")
+        fault(ErrorCode::UnknownFunction, self.cursor.next_span(), "no operator begins here")
     }
 
     fn function(&mut self) -> BlockResult<()> {
-        let (first, start) = (self.cursor.peek(), self.cursor.at());
+        let (first, start) = (self.cursor.peek(), self.cursor.position());
         let begins = |text: &[u8]| text.first() == Some(&first);
         if first == b'a' && self.cursor.eat_word(b"atan") {
             self.bracket()?;
             if !self.cursor.eat(b'/') {
                 return fault(
                     ErrorCode::BracketMissing,
-                    self.cursor.here(),
+                    self.cursor.next_span(),
                     "ATAN needs a slash and a second argument",
                 );
             }
@@ -279,13 +279,13 @@ impl<'a, 'b> Compiler<'a, 'b> {
     /// Reports that no function begins here, with the most similar function name.
     #[cold]
     fn unknown_function(&mut self) -> BlockResult<()> {
-        let (at, mut name) = (self.cursor.here(), String::new());
+        let (at, mut name) = (self.cursor.next_span(), String::new());
         let mut cursor = self.cursor.clone();
         let mut whole = at;
         while let letter @ b'a'..=b'z' = cursor.peek() {
             cursor.skip();
             name.push(char::from(letter).to_ascii_uppercase());
-            whole = cursor.since(at.start as usize);
+            whole = cursor.span_from(at.start as usize);
         }
         const NAMES: [&str; 14] =
             ["ABS", "ACOS", "ASIN", "ATAN", "COS", "EXISTS", "EXP", "FIX", "FUP", "LN", "ROUND", "SIN", "SQRT", "TAN"];
@@ -293,7 +293,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
         let near = if name.len() > 1 { nearest(&name, NAMES.into_iter()) } else { None };
         match near {
             Some(near) => {
-                fault(ErrorCode::UnknownFunction, whole, format!("there is no function {name}; do you mean {near}?"))
+                fault(ErrorCode::UnknownFunction, whole, format!("there is no function {name}; did you mean {near}?"))
             }
             None if name.len() > 1 && self.cursor.follows(b'[') => {
                 let written = name.to_lowercase();
@@ -307,7 +307,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
     /// Compiles EXISTS\[#<name>\], which tests whether the parameter has a value. A numbered parameter has a value if
     /// its number exists.
     fn exists(&mut self, start: usize) -> BlockResult<()> {
-        let open = self.cursor.here();
+        let open = self.cursor.next_span();
         if !self.cursor.eat(b'[') || self.cursor.peek() != b'#' {
             return fault(ErrorCode::BracketMissing, open, "EXISTS needs a parameter in brackets");
         }
@@ -323,7 +323,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
     }
 
     fn parameter_value(&mut self) -> BlockResult<()> {
-        let start = self.cursor.at();
+        let start = self.cursor.position();
         match self.reference()? {
             Reference::Numbered => self.push(OpKind::Numbered, start),
             Reference::Named(name) => self.push(OpKind::Named(name), start),
@@ -333,7 +333,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
 
     /// Compiles `#` and the parameter that it names. A calculated number is left to the operations.
     pub(crate) fn reference(&mut self) -> BlockResult<Reference> {
-        let start = self.cursor.at();
+        let start = self.cursor.position();
         self.cursor.skip();
         if !self.cursor.eat(b'<') {
             self.value()?;
@@ -341,13 +341,13 @@ impl<'a, 'b> Compiler<'a, 'b> {
         }
         let Some(text) = self.cursor.take_to(b'>') else {
             self.cursor.finish();
-            return fault(ErrorCode::NameNotClosed, self.cursor.since(start), ErrorCode::NameNotClosed.title());
+            return fault(ErrorCode::NameNotClosed, self.cursor.span_from(start), ErrorCode::NameNotClosed.title());
         };
-        self.names.resolve(text, self.cursor.since(start))
+        self.names.resolve(text, self.cursor.span_from(start))
     }
 
     fn push(&mut self, kind: OpKind, start: usize) -> BlockResult<()> {
-        let span = self.cursor.since(start);
+        let span = self.cursor.span_from(start);
         match kind {
             OpKind::Constant(_) | OpKind::Named(_) | OpKind::System(_) | OpKind::Exists(_) => self.held += 1,
             OpKind::Atan | OpKind::Binary(_) => self.held = self.held.saturating_sub(1),

@@ -71,13 +71,13 @@ pub(crate) struct FileScan<'a> {
     prescan: &'a mut Prescan,
     file: u16,
     code: CompiledCode,
-    nest: ControlFlowBuilder,
+    control_flow: ControlFlowBuilder,
     /// Number that M98 of another file calls.
     called: Option<u64>,
     /// First and last lines of the regions that M98 calls; determined when the first O number alone is found.
     starts: Option<Vec<(u32, u32)>>,
     /// Whether the whole file is one region, because a GOTO may go anywhere in it.
-    is_whole: bool,
+    is_single_region: bool,
     /// Whether the limit of compiled text is reached; the rest of the file is not scanned.
     is_full: bool,
     /// Whether a line with an O word could not be read. Such a line may hold a missing beginning or end.
@@ -88,15 +88,15 @@ pub(crate) struct FileScan<'a> {
 impl<'a> FileScan<'a> {
     /// Creates a scan before the first line. `called` is the number that M98 of another file calls.
     pub(crate) fn new(prescan: &'a mut Prescan, file: u16, text: Text, called: Option<u64>) -> FileScan<'a> {
-        let (code, nest) = (CompiledCode::new(file), ControlFlowBuilder::default());
+        let (code, control_flow) = (CompiledCode::new(file), ControlFlowBuilder::default());
         FileScan {
             prescan,
             file,
             code,
-            nest,
+            control_flow,
             called,
             starts: None,
-            is_whole: false,
+            is_single_region: false,
             is_full: false,
             has_unread_control: false,
             text,
@@ -105,17 +105,17 @@ impl<'a> FileScan<'a> {
 
     /// Compiles the regions, and adds them to the pre-scan.
     pub(crate) fn scan(mut self) -> CompiledCode {
-        let (mut line, found, subs) = (0, self.prescan.found(), self.prescan.subs.list.len());
-        let mut scanned = self.all(&mut line);
-        if self.nest.has_goto && scanned.is_ok() {
-            self.prescan.forget(found);
-            self.prescan.subs.forget_from(subs);
+        let (mut line, found, subs) = (0, self.prescan.diagnostic_count(), self.prescan.subs.list.len());
+        let mut scanned = self.scan_lines(&mut line);
+        if self.control_flow.has_goto && scanned.is_ok() {
+            self.prescan.truncate_diagnostics(found);
+            self.prescan.subs.truncate(subs);
             if self.file == 0 {
                 self.prescan.regions.clear();
             }
-            (self.code, self.nest) = (CompiledCode::new(self.file), ControlFlowBuilder::default());
-            (self.is_whole, self.has_unread_control, line) = (true, false, 0);
-            scanned = self.whole(&mut line);
+            (self.code, self.control_flow) = (CompiledCode::new(self.file), ControlFlowBuilder::default());
+            (self.is_single_region, self.has_unread_control, line) = (true, false, 0);
+            scanned = self.scan_whole(&mut line);
         }
         if let Err(error) = scanned {
             self.prescan.report(self.file, line + 1, unreadable(&error));
@@ -125,13 +125,13 @@ impl<'a> FileScan<'a> {
 
     /// Compiles the file as one region, from its first line that is not blank or a percent sign to its end or the next
     /// percent sign.
-    fn whole(&mut self, line: &mut u32) -> io::Result<()> {
+    fn scan_whole(&mut self, line: &mut u32) -> io::Result<()> {
         if self.text.len() > MAX_WHOLE {
-            let message = "a file with GOTO may have 16 MiB";
+            let message = "a file with GOTO may have at most 16 MiB";
             self.prescan.report(
                 self.file,
                 1,
-                BlockError::new(Number::TooMuchToKeep, Span::default(), message.to_owned()),
+                BlockError::new(Number::StorageFull, Span::default(), message.to_owned()),
             );
             return Ok(());
         }
@@ -146,13 +146,13 @@ impl<'a> FileScan<'a> {
             let this = lines.line();
             if !this.trim_ascii().is_empty() && !is_percent(this) {
                 lines.seek(before);
-                return self.region(*line, &mut lines).map(drop);
+                return self.compile_region(*line, &mut lines).map(drop);
             }
         }
     }
 
     /// Scans all lines; `line` is the current one.
-    fn all(&mut self, line: &mut u32) -> io::Result<()> {
+    fn scan_lines(&mut self, line: &mut u32) -> io::Result<()> {
         let mut lines = TextLines::new(self.text.clone());
         let mut percent = false;
         loop {
@@ -174,11 +174,11 @@ impl<'a> FileScan<'a> {
                 continue;
             }
             lines.seek(before);
-            match self.region(*line, &mut lines)? {
+            match self.compile_region(*line, &mut lines)? {
                 Some(behind) => *line = behind - 1,
                 None => _ = lines.advance()?,
             }
-            if self.nest.has_goto || self.is_full {
+            if self.control_flow.has_goto || self.is_full {
                 return Ok(());
             }
             if self.prescan.has_too_many_errors() {
@@ -207,29 +207,29 @@ impl<'a> FileScan<'a> {
     }
 
     /// Compiles the region that begins with the line read last. Returns the line after it, or `None` if it has no end.
-    fn region(&mut self, first: u32, lines: &mut TextLines) -> io::Result<Option<u32>> {
+    fn compile_region(&mut self, first: u32, lines: &mut TextLines) -> io::Result<Option<u32>> {
         let start = self.code.len();
-        let known = self.prescan.found();
+        let known = self.prescan.diagnostic_count();
         let from = lines.position();
         let mut line = first;
         // Of overlapping regions, the last end counts.
         let mut last = first;
         loop {
-            let is_end = !lines.advance()? || self.is_whole && is_percent(lines.line());
-            if is_end && self.is_whole {
-                let open = self.nest.abandon().filter(|_| !self.has_unread_control);
-                open.into_iter().for_each(|open| self.prescan.report(self.file, open.line, *open.without_end()));
+            let is_end = !lines.advance()? || self.is_single_region && is_percent(lines.line());
+            if is_end && self.is_single_region {
+                let open = self.control_flow.abandon().filter(|_| !self.has_unread_control);
+                open.into_iter().for_each(|open| self.prescan.report(self.file, open.line, *open.missing_end_error()));
                 break;
             }
             if is_end {
-                let open = self.nest.abandon();
+                let open = self.control_flow.abandon();
                 self.code.truncate(start);
-                self.nest.found.clear();
-                self.nest.faults.clear();
-                self.prescan.forget(known);
+                self.control_flow.found.clear();
+                self.control_flow.faults.clear();
+                self.prescan.truncate_diagnostics(known);
                 lines.seek(from);
                 if let Some(open) = open.filter(|_| !self.has_unread_control) {
-                    self.prescan.report(self.file, open.line, *open.without_end());
+                    self.prescan.report(self.file, open.line, *open.missing_end_error());
                 }
                 return Ok(None);
             }
@@ -237,9 +237,9 @@ impl<'a> FileScan<'a> {
             if let Some((_, end)) = self.starts.iter().flatten().find(|(start, _)| *start == line) {
                 last = last.max(*end);
             }
-            let read = if line == first && !self.is_whole { Ok(true) } else { self.prescan.reader.read(text) };
+            let read = if line == first && !self.is_single_region { Ok(true) } else { self.prescan.reader.read(text) };
             match read {
-                Ok(_) => self.nest.take(&mut self.code, line, text, &self.prescan.reader.block),
+                Ok(_) => self.control_flow.push(&mut self.code, line, text, &self.prescan.reader.block),
                 Err(fault) => {
                     self.has_unread_control |= has_o_word(text);
                     self.code.push(line, text, &self.prescan.reader.block, Jump::Faulty);
@@ -248,28 +248,28 @@ impl<'a> FileScan<'a> {
             }
             self.report_faults();
             if self.code.text_len() > MAX_COMPILED {
-                let message = "the subprograms, loops and branches of a file may have 128 MiB together";
+                let message = "the subprograms, loops and branches of a file may have at most 128 MiB together";
                 self.prescan.report(
                     self.file,
                     first,
-                    BlockError::new(Number::TooMuchToKeep, Span::default(), message.to_owned()),
+                    BlockError::new(Number::StorageFull, Span::default(), message.to_owned()),
                 );
-                self.nest.abandon();
-                self.nest.found.clear();
+                self.control_flow.abandon();
+                self.control_flow.found.clear();
                 self.code.truncate(start);
                 self.is_full = true;
                 return Ok(None);
             }
             line += 1;
-            if !self.is_whole && self.nest.is_closed() && line > last {
+            if !self.is_single_region && self.control_flow.is_closed() && line > last {
                 break;
             }
         }
-        if self.is_whole {
-            self.nest.find_lines(&mut self.code, true);
+        if self.is_single_region {
+            self.control_flow.find_lines(&mut self.code, true);
             self.report_faults();
         }
-        self.take_found();
+        self.add_found_subs();
         if self.file == 0 {
             self.prescan.regions.push(Region { line: first, end_line: line, start, end: self.code.len() });
         }
@@ -278,15 +278,15 @@ impl<'a> FileScan<'a> {
 
     /// Reports blocks that do not nest, and every GOTO without a line.
     fn report_faults(&mut self) {
-        for (line, fault) in self.nest.faults.drain(..) {
+        for (line, fault) in self.control_flow.faults.drain(..) {
             if !(self.has_unread_control && fault.code == Number::ControlWithoutBegin) {
                 self.prescan.report(self.file, line, *fault);
             }
         }
     }
 
-    fn take_found(&mut self) {
-        for found in std::mem::take(&mut self.nest.found) {
+    fn add_found_subs(&mut self) {
+        for found in std::mem::take(&mut self.control_flow.found) {
             let sub = Sub { code: self.file.into(), entry: found.entry, for_m98: found.for_m98 };
             if !self.prescan.subs.add(self.file, found.label.clone(), sub) {
                 let message = format!("{} has been defined before", found.label);
@@ -306,7 +306,7 @@ mod tests {
     #[test]
     fn what_is_compiled_of_a_file_is_bounded() {
         let found = |text: String| {
-            let prescan = Prescan::of("part", text.into_bytes().into(), &Setup::default());
+            let prescan = Prescan::scan("part", text.into_bytes().into(), &Setup::default());
             prescan.diagnostics().iter().map(|found| (found.number(), found.line)).collect::<Vec<_>>()
         };
         let moves = "G1 X1.2345 Y2.3456\n".repeat(MAX_COMPILED / 18 + 10);

@@ -10,7 +10,7 @@ use crate::cycle_call::CycleCall;
 use crate::diag::{BlockError, BlockResult, Span, fault};
 use crate::error_codes::ErrorCode as Number;
 use crate::interp::Interpreter;
-use crate::line_numbers::NoLine;
+use crate::line_numbers::GotoError;
 use crate::loop_stack::LoopStack;
 use crate::params::Frame;
 use crate::prescan::{Sub, Subs, wrong_call};
@@ -77,7 +77,7 @@ pub(crate) struct FlowController {
     pub(crate) codes: Vec<Arc<CompiledCode>>,
     pub(crate) subs: Subs,
     /// Whether the program was pre-scanned, so that all of its subprograms are known. Otherwise they arrive with it.
-    pub(crate) is_whole: bool,
+    pub(crate) is_prescanned: bool,
 }
 
 impl FlowController {
@@ -88,16 +88,16 @@ impl FlowController {
     }
 
     /// Returns the current compiled line.
-    pub(crate) fn place(&self) -> Option<(&CompiledCode, u32)> {
+    pub(crate) fn current_line(&self) -> Option<(&CompiledCode, u32)> {
         self.levels.last().map(|level| (&*level.code, level.next.saturating_sub(1)))
     }
 
     /// Returns the calls and loops around the current line, from inside to outside. `name` names a file.
-    pub(crate) fn within(&self, name: impl Fn(u16) -> String) -> Vec<CallFrame> {
-        let mut within = Vec::new();
-        let mut open = self.loops.open();
+    pub(crate) fn frames(&self, name: impl Fn(u16) -> String) -> Vec<CallFrame> {
+        let mut frames = Vec::new();
+        let mut open = self.loops.open_count();
         for (index, level) in self.levels.iter().enumerate().rev() {
-            self.loops.within(&level.code, level.next.saturating_sub(1), level.loops..open, &mut within);
+            self.loops.push_frames(&level.code, level.next.saturating_sub(1), level.loops..open, &mut frames);
             open = level.loops;
             let Some(call) = &level.call else { continue };
             let from = index.checked_sub(1).and_then(|below| self.levels.get(below));
@@ -105,14 +105,14 @@ impl FlowController {
                 (name(below.code.file), below.code.line_number(below.next.saturating_sub(1)))
             });
             let label = self.subs.label(&call.sub).map_or_else(String::new, ToString::to_string);
-            within.push(CallFrame::Sub { name: label, from, time: call.of - call.rounds, of: call.of });
+            frames.push(CallFrame::Sub { name: label, from, repeat: call.of - call.rounds, repeats: call.of });
         }
-        within
+        frames
     }
 
     /// Returns the cycle that is called in this line, if it is the current one.
     pub(crate) fn cycle(&self, (file, number): (u16, u32)) -> Option<&str> {
-        let (code, line) = self.place()?;
+        let (code, line) = self.current_line()?;
         if (code.file, code.line_number(line)) != (file, number) {
             return None;
         }
@@ -124,7 +124,7 @@ impl FlowController {
 
     /// Enters a region of the program itself.
     pub(crate) fn begin(&mut self, code: Arc<CompiledCode>, start: u32, end: u32) {
-        self.levels.push(CallLevel { code, next: start, end, loops: self.loops.open(), call: None });
+        self.levels.push(CallLevel { code, next: start, end, loops: self.loops.open_count(), call: None });
     }
 
     /// Executes the next compiled line.
@@ -137,7 +137,7 @@ impl FlowController {
         let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
         let line = level.next;
         if line >= level.end {
-            self.loops.end_all(level.loops);
+            self.loops.truncate(level.loops);
             self.levels.pop();
             return Ok(if self.levels.is_empty() { LineOutcome::Idle } else { LineOutcome::Jumped });
         }
@@ -204,7 +204,7 @@ impl FlowController {
                 }
             }
             Jump::EndRepeat { begin } => {
-                if self.loops.end_of_round(line + 1, level.loops) {
+                if self.loops.end_iteration(line + 1, level.loops) {
                     level.next = begin;
                 }
             }
@@ -238,7 +238,7 @@ impl FlowController {
         let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
         let to = if to == BY_NUMBER {
             let (value, at) = interpreter.last_value()?;
-            let number = crate::eval::whole(value, at, "the number of a line")?;
+            let number = crate::eval::to_whole_number(value, at, "the number of a line")?;
             let line = match u64::try_from(number) {
                 Ok(number) => level.code.line_numbers.find(from, number).map_err(|why| (why, number)),
                 Err(_) => return fault(Number::NoSuchLineNumber, at, format!("there is no line N{number}")),
@@ -246,9 +246,9 @@ impl FlowController {
             match line {
                 Ok(line) => line,
                 // Only this region of a streamed program is known.
-                Err((NoLine::Missing, number)) if !self.is_whole && self.calls == 0 => {
+                Err((GotoError::Missing, number)) if !self.is_prescanned && self.calls == 0 => {
                     self.levels.clear();
-                    self.loops.end_all(0);
+                    self.loops.truncate(0);
                     return Ok(LineOutcome::Ahead(number, at));
                 }
                 Err((why, number)) => return Err(Box::new(why.fault(number, at))),
@@ -271,7 +271,7 @@ impl FlowController {
             (None, Label::Calculated) => self.calculated(&code, first, site.at)?,
             (None, label) => match self.subs.find(code.file, label) {
                 Some(id) => id,
-                None => return Err(self.no_such_sub(label, site.at)),
+                None => return Err(self.no_such_sub_error(label, site.at)),
             },
         };
         let given = usize::from(site.label == Label::Calculated);
@@ -279,20 +279,20 @@ impl FlowController {
     }
 
     fn calculated(&self, code: &CompiledCode, number: f64, at: Span) -> BlockResult<SubId> {
-        let number = crate::eval::whole(number, at, "the number of a subprogram")?;
+        let number = crate::eval::to_whole_number(number, at, "the number of a subprogram")?;
         let label = u64::try_from(number).ok().map(Label::Number);
         match &label {
-            Some(label) => self.subs.find(code.file, label).ok_or_else(|| self.no_such_sub(label, at)),
+            Some(label) => self.subs.find(code.file, label).ok_or_else(|| self.no_such_sub_error(label, at)),
             None => fault(Number::NoSuchSub, at, format!("there is no subprogram O{number}")),
         }
     }
 
     /// Returns the error for a called subprogram that does not exist, or not yet.
-    fn no_such_sub(&self, label: &Label, at: Span) -> Box<BlockError> {
-        if self.is_whole {
+    fn no_such_sub_error(&self, label: &Label, at: Span) -> Box<BlockError> {
+        if self.is_prescanned {
             Box::new(BlockError::new(Number::NoSuchSub, at, format!("there is no subprogram {label}")))
         } else {
-            FlowController::not_yet(label, at)
+            FlowController::not_arrived_error(label, at)
         }
     }
 
@@ -325,7 +325,7 @@ impl FlowController {
         let frame = if is_m98 { interpreter.enter_shared() } else { interpreter.enter_sub(given) };
         let (next, end) = (sub.entry, code.len());
         let call = Some(OpenCall { sub, frame, of: rounds, rounds: rounds - 1 });
-        self.levels.push(CallLevel { code, next, end, loops: self.loops.open(), call });
+        self.levels.push(CallLevel { code, next, end, loops: self.loops.open_count(), call });
         Ok(LineOutcome::Jumped)
     }
 
@@ -335,9 +335,9 @@ impl FlowController {
         let value = interpreter.has_control_value().then_some(value);
         // Regions of the program itself are below all calls.
         let Some(level) = self.levels.last_mut() else { return Ok(LineOutcome::Idle) };
-        self.loops.end_all(level.loops);
+        self.loops.truncate(level.loops);
         let Some(mut call) = level.call.take() else { return Ok(LineOutcome::ProgramEnd) };
-        let taken_up = interpreter.take_up_on_return(steps);
+        let taken_up = interpreter.restore_on_return(steps);
         interpreter.leave_sub(call.frame, value);
         if call.rounds > 0 {
             call.rounds -= 1;
@@ -353,18 +353,18 @@ impl FlowController {
     }
 
     /// Creates a controller that runs one subprogram, without a caller.
-    pub(crate) fn alone(&self, id: SubId) -> Option<FlowController> {
+    pub(crate) fn for_subprogram(&self, id: SubId) -> Option<FlowController> {
         let sub = self.subs.get(id)?;
         let code = Arc::clone(self.codes.get(sub.code as usize)?);
         let (next, end) = (sub.entry, code.len());
         let (codes, subs) = (self.codes.clone(), self.subs.clone());
-        let mut flow = FlowController { codes, subs, is_whole: self.is_whole, ..FlowController::default() };
+        let mut flow = FlowController { codes, subs, is_prescanned: self.is_prescanned, ..FlowController::default() };
         flow.levels.push(CallLevel { code, next, end, loops: 0, call: None });
         Some(flow)
     }
 
     /// Returns the error for a call whose subprogram has not arrived yet.
-    pub(crate) fn not_yet(label: &Label, at: Span) -> Box<BlockError> {
-        Box::new(BlockError::new(Number::NotYetThere, at, format!("subprogram {label} has not arrived yet")))
+    pub(crate) fn not_arrived_error(label: &Label, at: Span) -> Box<BlockError> {
+        Box::new(BlockError::new(Number::SubNotArrived, at, format!("subprogram {label} has not arrived yet")))
     }
 }

@@ -15,7 +15,7 @@ pub struct Ini {
     /// `SUBROUTINE_PATH`: folders that are searched for files of subprograms, in order.
     pub subroutine_path: Vec<String>,
     /// Entries that a machine uses and LinuxCNC's stand-alone interpreter does not, as written.
-    pub passed_over: Vec<String>,
+    pub ignored: Vec<String>,
     /// Entries of the section RS274NGC that have no effect here, as written.
     pub without_effect: Vec<String>,
     /// `ORIENT_OFFSET`: angle added to the R word of M19, in degrees.
@@ -63,14 +63,14 @@ impl Ini {
                 diagnostics.push(complain(ErrorCode::IniLine, ErrorCode::IniLine.title().to_owned()));
                 continue;
             };
-            if let Err(message) = ini.take(section, name.trim(), value.trim()) {
+            if let Err(message) = ini.apply_entry(section, name.trim(), value.trim()) {
                 diagnostics.push(complain(ErrorCode::IniNotSupported, message));
             }
         }
         if diagnostics.is_empty() { Ok(ini) } else { Err(diagnostics) }
     }
 
-    fn take(&mut self, section: &str, name: &str, value: &str) -> Result<(), String> {
+    fn apply_entry(&mut self, section: &str, name: &str, value: &str) -> Result<(), String> {
         if !section.chars().chain(name.chars()).any(char::is_lowercase)
             && let Some(number) = value.parse::<f64>().ok().filter(|number| number.is_finite())
         {
@@ -84,9 +84,7 @@ impl Ini {
             ("RS274NGC", "SUBROUTINE_PATH") => self.subroutine_path = value.split(':').map(str::to_owned).collect(),
             ("RS274NGC", "FEATURES") => return check_features(value),
             ("RS274NGC", "REMAP") => return Err(format!("REMAP = {value}: codes are not remapped")),
-            ("RS274NGC" | "EMCIO", _) if OF_MACHINES.contains(&name) => {
-                self.passed_over.push(format!("{name} = {value}"))
-            }
+            ("RS274NGC" | "EMCIO", _) if OF_MACHINES.contains(&name) => self.ignored.push(format!("{name} = {value}")),
             ("RS274NGC", "ORIENT_OFFSET") => self.orient_offset_degrees = number_of(name, value)?,
             ("RS274NGC", "DISABLE_G92_PERSISTENCE") => self.disable_g92_persistence = number_of(name, value)? != 0.0,
             ("RS274NGC", "DISABLE_FANUC_STYLE_SUB") => self.disable_fanuc_subs = number_of(name, value)? != 0.0,
@@ -124,7 +122,7 @@ mod tests {
         let ini = Ini::read(text).expect("an INI file");
         assert_eq!(ini.values, [("_ini[rs274ngc]features".to_owned(), 12.0), ("_ini[foo]bar".to_owned(), 1.5)]);
         assert_eq!(ini.subroutine_path, ["a", "b"]);
-        assert_eq!(ini.passed_over, ["PARAMETER_FILE = x.var"]);
+        assert_eq!(ini.ignored, ["PARAMETER_FILE = x.var"]);
     }
 
     #[test]

@@ -42,14 +42,14 @@ impl<'a> Cursor<'a> {
                     self.at += 1;
                     byte.to_ascii_lowercase()
                 }
-                _ => self.peek_behind_blanks(),
+                _ => self.peek_after_blanks(),
             },
             None => 0,
         }
     }
 
     #[inline(never)]
-    fn peek_behind_blanks(&mut self) -> u8 {
+    fn peek_after_blanks(&mut self) -> u8 {
         let rest = self.text.get(self.at..).unwrap_or_default();
         let blanks = rest.iter().position(|byte| !is_blank(*byte)).unwrap_or(rest.len());
         self.at += blanks;
@@ -92,18 +92,18 @@ impl<'a> Cursor<'a> {
 
     /// Returns the position of the next character.
     #[inline]
-    pub(crate) fn at(&self) -> usize {
+    pub(crate) fn position(&self) -> usize {
         self.at
     }
 
     /// Returns the span from `start` to here.
     #[inline]
-    pub(crate) fn since(&self, start: usize) -> Span {
+    pub(crate) fn span_from(&self, start: usize) -> Span {
         Span::new(start, self.at)
     }
 
     /// Returns the span of the next character alone.
-    pub(crate) fn here(&mut self) -> Span {
+    pub(crate) fn next_span(&mut self) -> Span {
         self.peek();
         Span::new(self.at, (self.at + 1).min(self.text.len()))
     }
@@ -121,7 +121,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Returns the text not yet consumed.
-    pub(crate) fn rest(&self) -> &'a [u8] {
+    pub(crate) fn remaining(&self) -> &'a [u8] {
         self.text.get(self.at..).unwrap_or_default()
     }
 
@@ -155,7 +155,7 @@ impl<'a> Cursor<'a> {
         self.peek();
         if let Some(short) = short_number(self.text, self.at) {
             let end = self.at + short.length as usize;
-            if !self.goes_on(end) {
+            if !self.number_continues(end) {
                 self.at = end;
                 return Ok(f64::from(short.mantissa) / POWERS_OF_TEN[short.decimals as usize % POWERS_OF_TEN.len()]);
             }
@@ -165,8 +165,10 @@ impl<'a> Cursor<'a> {
 
     /// Whether a number continues at this position, with a second point or after blanks.
     #[inline]
-    fn goes_on(&self, end: usize) -> bool {
-        self.text.get(end).is_some_and(|&byte| byte == b'.' || (is_blank(byte) && text_goes_on(self.text, end)))
+    fn number_continues(&self, end: usize) -> bool {
+        self.text
+            .get(end)
+            .is_some_and(|&byte| byte == b'.' || (is_blank(byte) && number_continues_after(self.text, end)))
     }
 
     #[inline(never)]
@@ -182,7 +184,7 @@ impl<'a> Cursor<'a> {
             decimals = take_digits(text, &mut at, &mut mantissa);
         }
         // A number with a plain end and an exact value needs no further work.
-        if !self.goes_on(self.at + at) && (1..=15).contains(&(at - points)) {
+        if !self.number_continues(self.at + at) && (1..=15).contains(&(at - points)) {
             self.at += at;
             return Ok(mantissa as f64 / POWERS_OF_TEN[decimals]);
         }
@@ -258,7 +260,7 @@ fn take_digits(text: &[u8], at: &mut usize, value: &mut u64) -> usize {
 
 /// Whether a number continues after the blank at this position: the next character except blanks is a digit or a point.
 #[inline]
-fn text_goes_on(text: &[u8], at: usize) -> bool {
+fn number_continues_after(text: &[u8], at: usize) -> bool {
     let next = text.get(at..).unwrap_or_default().iter().find(|byte| !is_blank(**byte));
     next.is_some_and(|byte| matches!(byte, b'0'..=b'9' | b'.'))
 }
@@ -302,7 +304,7 @@ mod tests {
     fn the_cursor_stops_right_after_the_last_digit() {
         let mut cursor = Cursor::new(b"12 . 5  Y");
         assert_eq!(cursor.number().ok(), Some(12.5));
-        assert_eq!(cursor.at(), 6);
+        assert_eq!(cursor.position(), 6);
         assert_eq!(cursor.peek(), b'y');
     }
 }

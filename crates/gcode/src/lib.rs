@@ -87,7 +87,7 @@ pub use diag::{Diagnostic, Severity, Span};
 pub use drilling_cycle::{CycleWords, DrillingCycle, DrillingSeries};
 pub use error_codes::ErrorCode;
 pub use ini::Ini;
-pub use interp::{BlockRefused, Interpreter, ProgramFlow, Setup, UserCodes};
+pub use interp::{BlockRefusedError, Interpreter, ProgramFlow, Setup, UserCodes};
 pub use lines::is_program_end;
 pub use modal::{ArcCentres, DistanceMode, ModalState, MotionMode, SpindleRotation};
 pub use modal_snapshot::{ModalSnapshot, StartTables};

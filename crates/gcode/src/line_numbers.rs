@@ -22,31 +22,29 @@ pub(crate) struct LineNumbers {
 
 /// Reason why a GOTO has no target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum NoLine {
+pub(crate) enum GotoError {
     Missing,
     InLoop,
 }
 
-impl NoLine {
+impl GotoError {
     /// Returns the error for the line with the GOTO.
     pub(crate) fn fault(self, number: u64, at: Span) -> BlockError {
         match self {
-            NoLine::Missing => BlockError::new(
+            GotoError::Missing => BlockError::new(
                 error_codes::ErrorCode::NoSuchLineNumber,
                 at,
                 format!("there is no line N{number} here"),
             ),
-            NoLine::InLoop => BlockError::new(
-                error_codes::ErrorCode::GoToIntoLoop,
-                at,
-                format!("N{number} stands inside of a WHILE loop"),
-            ),
+            GotoError::InLoop => {
+                BlockError::new(error_codes::ErrorCode::GoToIntoLoop, at, format!("N{number} is inside a WHILE loop"))
+            }
         }
     }
 }
 
 /// Returns the N word of a line, from its text alone.
-pub(crate) fn number_of(text: &[u8]) -> Option<u64> {
+pub(crate) fn parse_n_word(text: &[u8]) -> Option<u64> {
     let mut cursor = Cursor::new(text);
     cursor.eat(b'/');
     if !cursor.eat(b'n') {
@@ -67,7 +65,7 @@ const MAX_SEEN: usize = 1 << 16;
 
 impl SeenNumbers {
     /// Records that a line with this number was passed.
-    pub(crate) fn see(&mut self, number: u64) {
+    pub(crate) fn record(&mut self, number: u64) {
         // They usually arrive in order.
         let place = match self.0.last() {
             Some(&last) if last < number => Err(self.0.len()),
@@ -88,7 +86,7 @@ impl SeenNumbers {
 
 impl LineNumbers {
     /// Collects the numbers of all lines of `code`. `starts` are the first lines of its subprograms for M98, in order.
-    pub(crate) fn of(code: &CompiledCode, starts: Vec<u32>) -> LineNumbers {
+    pub(crate) fn collect(code: &CompiledCode, starts: Vec<u32>) -> LineNumbers {
         let mut numbers = LineNumbers { lines: Vec::new(), parts: starts, loops: Vec::new() };
         for line in 0..code.len() {
             if let Some(number) = code.block_number(line) {
@@ -107,13 +105,13 @@ impl LineNumbers {
     }
 
     /// Returns the line that a GOTO in line `from` goes to.
-    pub(crate) fn find(&self, from: u32, number: u64) -> Result<u32, NoLine> {
+    pub(crate) fn find(&self, from: u32, number: u64) -> Result<u32, GotoError> {
         let part = self.part_of(from);
         let first = self.lines.partition_point(|line| *line < (part, number, 0));
         let ahead = self.lines.partition_point(|line| *line <= (part, number, from));
         let at = |index: usize| self.lines.get(index).filter(|line| (line.0, line.1) == (part, number));
-        let &(_, _, to) = at(ahead).or_else(|| at(first)).ok_or(NoLine::Missing)?;
+        let &(_, _, to) = at(ahead).or_else(|| at(first)).ok_or(GotoError::Missing)?;
         let enters = |of: &&Range<u32>| of.start < to && to < of.end && !of.contains(&from);
-        if self.loops.iter().any(|of| enters(&of)) { Err(NoLine::InLoop) } else { Ok(to) }
+        if self.loops.iter().any(|of| enters(&of)) { Err(GotoError::InLoop) } else { Ok(to) }
     }
 }

@@ -95,7 +95,7 @@ impl<R: BufRead> Lines<R> {
     /// Returns the error that the program ended inside a line, if it did.
     pub(crate) fn cut_off_fault(&self) -> Option<Box<BlockError>> {
         let cut_off = String::from_utf8_lossy(self.cut_off()?);
-        let message = format!("the program that arrives ends inside a line: nothing of \"{cut_off}\" is executed");
+        let message = format!("the streamed program ends inside a line: nothing of \"{cut_off}\" is executed");
         Some(Box::new(BlockError::new(ErrorCode::NoProgramEnd, Span::default(), message)))
     }
 
@@ -181,17 +181,17 @@ pub(crate) fn split(text: &[u8]) -> Option<(usize, usize)> {
 /// Iterator over the lines of a text, without their ends, truncated when they are too long: the same as [`Lines`]
 /// returns.
 #[derive(Clone, Debug)]
-pub(crate) struct Split<'a> {
+pub(crate) struct SplitLines<'a> {
     rest: &'a [u8],
 }
 
-impl<'a> Split<'a> {
-    pub(crate) fn new(text: &'a [u8]) -> Split<'a> {
-        Split { rest: text }
+impl<'a> SplitLines<'a> {
+    pub(crate) fn new(text: &'a [u8]) -> SplitLines<'a> {
+        SplitLines { rest: text }
     }
 }
 
-impl<'a> Iterator for Split<'a> {
+impl<'a> Iterator for SplitLines<'a> {
     type Item = &'a [u8];
 
     #[inline]
@@ -227,7 +227,7 @@ mod tests {
                 prop_assert_eq!(at_hand.text(), line);
             }
             prop_assert!(!at_hand.advance().expect("a text"));
-            prop_assert_eq!(all(&text), Split::new(&text).map(<[u8]>::to_vec).collect::<Vec<_>>());
+            prop_assert_eq!(all(&text), SplitLines::new(&text).map(<[u8]>::to_vec).collect::<Vec<_>>());
         }
     }
 

@@ -7,7 +7,7 @@ use crate::angle::rotate;
 use crate::canon::{FeedMode, LengthUnit, PathControl, Plane, Probing};
 use crate::compensation::Compensation;
 use crate::drilling_cycle::{DrillingCycle, DrillingSeries};
-use crate::interp::{Context, Queue};
+use crate::interp::{CompensationQueue, SavedState};
 use crate::pose::{Axis, Pose};
 use crate::spline::ControlPoint;
 
@@ -59,10 +59,10 @@ impl MotionMode {
             MotionMode::QuadraticSpline => "G5.1",
             MotionMode::ControlPoint => "G5.2",
             MotionMode::EndOfPoints => "G5.3",
-            MotionMode::Probe(Probing { away: false, must_answer: true }) => "G38.2",
-            MotionMode::Probe(Probing { away: false, must_answer: false }) => "G38.3",
-            MotionMode::Probe(Probing { away: true, must_answer: true }) => "G38.4",
-            MotionMode::Probe(Probing { away: true, must_answer: false }) => "G38.5",
+            MotionMode::Probe(Probing { away: false, must_trip: true }) => "G38.2",
+            MotionMode::Probe(Probing { away: false, must_trip: false }) => "G38.3",
+            MotionMode::Probe(Probing { away: true, must_trip: true }) => "G38.4",
+            MotionMode::Probe(Probing { away: true, must_trip: false }) => "G38.5",
         }
     }
 
@@ -141,7 +141,7 @@ pub struct ModalState {
     /// units; `None` after a motion.
     pub tool_shift: Option<Pose>,
     /// Moves that the next corner of a compensated path may still change, and the functions after them.
-    pub(crate) waiting: Queue,
+    pub(crate) waiting: CompensationQueue,
     /// Treatment of junctions between moves.
     pub path_control: PathControl,
     /// Tolerance for merging nearly straight moves.
@@ -157,7 +157,7 @@ pub struct ModalState {
     /// Whether G96 is in force.
     pub constant_surface_speed: bool,
     /// Maximum spindle speed in turns per minute under G96; 0 under G97.
-    pub highest_spindle_speed: f64,
+    pub max_spindle_speed: f64,
     /// Whether mist is on (M7).
     pub mist: bool,
     /// Whether flood is on (M8).
@@ -187,7 +187,7 @@ pub struct ModalState {
     /// Control points that G5.2 has collected.
     pub control_points: Vec<ControlPoint>,
     /// States that M70 and M73 have saved, for each level of calls.
-    pub(crate) contexts: Vec<Option<Context>>,
+    pub(crate) saved_states: Vec<Option<SavedState>>,
 }
 
 impl ModalState {
@@ -212,7 +212,7 @@ impl ModalState {
             has_left_compensation: false,
             has_probed: false,
             tool_shift: None,
-            waiting: Queue::default(),
+            waiting: CompensationQueue::default(),
             path_control: PathControl::Continuous { tolerance: 0.0 },
             naivecam_tolerance: 0.0,
             retract_to_r: true,
@@ -220,7 +220,7 @@ impl ModalState {
             spindle: SpindleRotation::Stopped,
             spindle_speed: 0.0,
             constant_surface_speed: false,
-            highest_spindle_speed: 0.0,
+            max_spindle_speed: 0.0,
             mist: false,
             flood: false,
             feed_override: true,
@@ -235,7 +235,7 @@ impl ModalState {
             spline_direction: (0.0, 0.0),
             spline_order: 0,
             control_points: Vec::new(),
-            contexts: Vec::new(),
+            saved_states: Vec::new(),
         }
     }
 

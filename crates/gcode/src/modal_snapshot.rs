@@ -11,7 +11,7 @@ use crate::control::Keyword;
 use crate::diag::{BlockError, BlockResult, Diagnostic, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::interp::{Interpreter, Queue, Setup};
+use crate::interp::{CompensationQueue, Interpreter, Setup};
 use crate::modal::ModalState;
 use crate::params::{Names, Parameters};
 use crate::parse::LineReader;
@@ -35,10 +35,10 @@ impl ModalSnapshot {
         tools: &ToolTable,
         names: &Names,
     ) -> ModalSnapshot {
-        (state.compensation, state.has_left_compensation, state.waiting) = (None, false, Queue::default());
+        (state.compensation, state.has_left_compensation, state.waiting) = (None, false, CompensationQueue::default());
         state.tool_shift = None;
         (state.call_level, state.returned_value) = (0, None);
-        state.contexts.clear();
+        state.saved_states.clear();
         state.control_points.clear();
         ModalSnapshot { state, parameters: parameters.clone(), tools: tools.clone(), names: names.clone() }
     }
@@ -110,12 +110,14 @@ impl Setup {
     /// Returns the initial data of an interpreter with this setup.
     #[must_use]
     pub fn start_tables(&self) -> StartTables {
-        let (parameters, tools) = match &self.carried {
-            Some(carried) => (&carried.parameters, &carried.tools),
+        let (parameters, tools) = match &self.snapshot {
+            Some(snapshot) => (&snapshot.parameters, &snapshot.tools),
             None => (&self.parameters, &self.tools),
         };
-        let (current_tool, selected_tool) =
-            self.carried.as_ref().map_or((0, 0), |carried| (carried.state.current_tool, carried.state.selected_tool));
+        let (current_tool, selected_tool) = self
+            .snapshot
+            .as_ref()
+            .map_or((0, 0), |snapshot| (snapshot.state.current_tool, snapshot.state.selected_tool));
         StartTables { parameters: parameters.clone(), tools: tools.clone(), current_tool, selected_tool }
     }
 
@@ -123,7 +125,7 @@ impl Setup {
     #[must_use]
     pub fn with_start_tables(self, tables: StartTables) -> Setup {
         let StartTables { parameters, tools, current_tool, selected_tool } = tables;
-        let setup = Setup { parameters, tools, carried: None, ..self };
+        let setup = Setup { parameters, tools, snapshot: None, ..self };
         if (current_tool, selected_tool) == (0, 0) {
             return setup;
         }
@@ -134,27 +136,27 @@ impl Setup {
 
     /// Returns this setup for an MDI block that continues from `carried`.
     #[must_use]
-    pub fn continuing(self, carried: &ModalSnapshot) -> Setup {
-        Setup { carried: Some(Arc::new(carried.clone())), ..self }
+    pub fn continuing(self, snapshot: &ModalSnapshot) -> Setup {
+        Setup { snapshot: Some(Arc::new(snapshot.clone())), ..self }
     }
 
     /// Returns this setup for a program that follows: with the persistent parameters, the tool table and the tool in
     /// the spindle.
     #[must_use]
-    pub fn following(self, carried: &ModalSnapshot) -> Setup {
+    pub fn following(self, snapshot: &ModalSnapshot) -> Setup {
         let state = ModalState {
-            current_tool: carried.state.current_tool,
-            selected_tool: carried.state.selected_tool,
+            current_tool: snapshot.state.current_tool,
+            selected_tool: snapshot.state.selected_tool,
             ..ModalState::initial(self.program_units)
         };
-        let parameters = carried.parameters.persistent();
-        let carried = ModalSnapshot { state, parameters, tools: carried.tools.clone(), names: Names::default() };
-        self.continuing(&carried)
+        let parameters = snapshot.parameters.persistent();
+        let snapshot = ModalSnapshot { state, parameters, tools: snapshot.tools.clone(), names: Names::default() };
+        self.continuing(&snapshot)
     }
 }
 
 /// Checks that this text can be executed as an MDI block: one line that needs no other line and leaves nothing open.
-pub(crate) fn check_by_hand(text: &str, setup: &Setup) -> Result<(), Vec<Diagnostic>> {
+pub(crate) fn check_mdi(text: &str, setup: &Setup) -> Result<(), Vec<Diagnostic>> {
     let mut reader = LineReader::of(setup);
     let BlockError { code, span, message } = match check_mdi_block(text, &mut reader) {
         Ok(()) => return Ok(()),
@@ -169,10 +171,10 @@ fn check_mdi_block(text: &str, reader: &mut LineReader) -> BlockResult<()> {
         return Err(Box::new(BlockError::plain(ErrorCode::EmptyProgram, whole)));
     }
     if text.contains(['\n', '\r']) {
-        return fault(ErrorCode::NotByHand, whole, "a block by hand is one line");
+        return fault(ErrorCode::NotMdi, whole, "an MDI block is one line");
     }
     if text.trim() == "%" {
-        return fault(ErrorCode::NotByHand, whole, "a percent sign belongs to a file");
+        return fault(ErrorCode::NotMdi, whole, "a percent sign is allowed in a file only");
     }
     if !reader.read(text.as_bytes())? {
         return Ok(());
@@ -181,12 +183,12 @@ fn check_mdi_block(text: &str, reader: &mut LineReader) -> BlockResult<()> {
     if let Some(control) = &block.control
         && !matches!(control.keyword, Keyword::Call | Keyword::M98 | Keyword::Cycle)
     {
-        let message = format!("{} belongs to a program", control.keyword.name());
-        return fault(ErrorCode::NotByHand, control.at, message);
+        let message = format!("{} is allowed in a program only", control.keyword.name());
+        return fault(ErrorCode::NotMdi, control.at, message);
     }
     if block.words.g(GroupG::CutterCompensation).is_some_and(|code| code != 400) {
         let at = block.words.g_span(GroupG::CutterCompensation);
-        return fault(ErrorCode::NotByHand, at, "cutter compensation looks ahead, and no block follows one by hand");
+        return fault(ErrorCode::NotMdi, at, "cutter compensation needs the next block, and none follows an MDI block");
     }
     Ok(())
 }

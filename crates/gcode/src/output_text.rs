@@ -57,14 +57,14 @@ pub(crate) struct TextPiece {
 impl TextPiece {
     /// Creates a piece from characters, the first in the lowest byte.
     #[inline]
-    fn of(text: u128, length: u32) -> TextPiece {
+    fn from_chars(text: u128, length: u32) -> TextPiece {
         TextPiece { text: text.to_le_bytes(), length: length as u8 }
     }
 
     /// Formats a number with four decimals, rounded as `printf` does: from the exact value, ties to even. Returns
     /// `None` where that takes more than the nearest of two whole numbers, or more digits than fit.
     #[inline]
-    pub(crate) fn of_number(value: f64) -> Option<TextPiece> {
+    pub(crate) fn format_number(value: f64) -> Option<TextPiece> {
         let scaled = value.abs() * 10_000.0;
         // For a value that is not a number or too large, the conversion saturates, and the rest is then not a fraction.
         let whole = scaled as u32;
@@ -93,7 +93,7 @@ impl TextPiece {
         };
         let sign = value.is_sign_negative();
         let text = if sign { text << 8 | u128::from(b'-') } else { text };
-        Some(TextPiece::of(text, length + 5 + u32::from(sign)))
+        Some(TextPiece::from_chars(text, length + 5 + u32::from(sign)))
     }
 }
 
@@ -121,25 +121,25 @@ impl TextBuffer {
 
     /// Whether the buffer should be written.
     #[inline]
-    pub(crate) fn is_enough(&self) -> bool {
+    pub(crate) fn should_flush(&self) -> bool {
         self.length >= ENOUGH
     }
 
     /// Appends a text whose length is known at compile time.
     #[inline]
-    pub(crate) fn fixed<const N: usize>(&mut self, text: &[u8; N]) {
-        self.copied(text, N);
+    pub(crate) fn push_fixed<const N: usize>(&mut self, text: &[u8; N]) {
+        self.push_copied(text, N);
     }
 
     /// Appends a short text.
     #[inline]
-    pub(crate) fn piece(&mut self, piece: &TextPiece) {
-        self.copied(&piece.text, piece.length.into());
+    pub(crate) fn push_piece(&mut self, piece: &TextPiece) {
+        self.push_copied(&piece.text, piece.length.into());
     }
 
     /// Appends the first `length` of these characters.
     #[inline]
-    fn copied<const N: usize>(&mut self, text: &[u8; N], length: usize) {
+    fn push_copied<const N: usize>(&mut self, text: &[u8; N], length: usize) {
         match self.bytes.get_mut(self.length..).and_then(|rest| rest.first_chunk_mut::<N>()) {
             Some(place) => *place = *text,
             None => self.grow(text),
@@ -148,7 +148,7 @@ impl TextBuffer {
     }
 
     /// Appends a text of any length.
-    pub(crate) fn any(&mut self, text: &[u8]) {
+    pub(crate) fn push_text(&mut self, text: &[u8]) {
         match self.bytes.get_mut(self.length..self.length + text.len()) {
             Some(place) => place.copy_from_slice(text),
             None => self.grow(text),
@@ -164,10 +164,10 @@ impl TextBuffer {
 
     /// Appends a number with four decimals.
     #[inline]
-    pub(crate) fn number(&mut self, value: f64) -> io::Result<()> {
-        match TextPiece::of_number(value) {
+    pub(crate) fn push_number(&mut self, value: f64) -> io::Result<()> {
+        match TextPiece::format_number(value) {
             Some(piece) => {
-                self.piece(&piece);
+                self.push_piece(&piece);
                 Ok(())
             }
             None => write!(self, "{value:.4}"),
@@ -177,7 +177,7 @@ impl TextBuffer {
 
 impl Write for TextBuffer {
     fn write(&mut self, text: &[u8]) -> io::Result<usize> {
-        self.any(text);
+        self.push_text(text);
         Ok(text.len())
     }
 
@@ -194,24 +194,24 @@ const NO_NUMBER: &[u8; 7] = b"N..... ";
 
 /// Beginning of a line: the counter, five characters wide, a blank, and the number of the block, seven characters wide.
 #[derive(Debug)]
-pub(crate) struct Head {
+pub(crate) struct LineHead {
     text: [u8; BLANK + 1 + NO_NUMBER.len()],
     /// Position of the first digit of the counter.
     first: usize,
 }
 
-impl Head {
+impl LineHead {
     /// Creates the head before the first line.
-    pub(crate) fn new() -> Head {
+    pub(crate) fn new() -> LineHead {
         let mut text = [b' '; BLANK + 1 + NO_NUMBER.len()];
         text[BLANK - 1] = b'0';
         text[BLANK + 1..].copy_from_slice(NO_NUMBER);
-        Head { text, first: BLANK - 5 }
+        LineHead { text, first: BLANK - 5 }
     }
 
     /// Increments the counter.
     #[inline]
-    fn count(&mut self) {
+    fn increment(&mut self) {
         let mut at = BLANK - 1;
         loop {
             let Some(place) = self.text.get_mut(at) else { return };
@@ -234,13 +234,13 @@ impl Head {
     /// Increments the counter and appends the beginning of a line. The number of the block is its value and its number
     /// of digits as written.
     #[inline]
-    pub(crate) fn begin(&mut self, out: &mut TextBuffer, number: Option<(u64, u8)>) {
-        self.count();
+    pub(crate) fn push_head(&mut self, out: &mut TextBuffer, number: Option<(u64, u8)>) {
+        self.increment();
         let end = if number.is_some() { BLANK + 1 } else { self.text.len() };
         match self.text.get(self.first..).and_then(|rest| rest.first_chunk::<13>()) {
             // Up to 99 999 lines.
-            Some(head) if self.first == BLANK - 5 => out.copied(head, end - self.first),
-            _ => out.any(self.text.get(self.first..end).unwrap_or_default()),
+            Some(head) if self.first == BLANK - 5 => out.push_copied(head, end - self.first),
+            _ => out.push_text(self.text.get(self.first..end).unwrap_or_default()),
         }
         if let Some((value, digits)) = number {
             block_number(out, value, digits.into());
@@ -262,9 +262,9 @@ fn block_number(out: &mut TextBuffer, mut value: u64, digits: usize) {
         text[first] = b'0' + value as u8;
     }
     first = first.min(text.len() - digits.clamp(1, 20));
-    out.fixed(b"N");
-    out.any(&text[first..]);
-    out.any(b"      ".get(text.len() - first..).unwrap_or_default());
+    out.push_fixed(b"N");
+    out.push_text(&text[first..]);
+    out.push_text(b"      ".get(text.len() - first..).unwrap_or_default());
 }
 
 #[cfg(test)]
@@ -274,7 +274,7 @@ mod tests {
 
     fn text(value: f64) -> String {
         let mut out = TextBuffer::new();
-        out.number(value).expect("memory");
+        out.push_number(value).expect("memory");
         String::from_utf8(out.text().to_vec()).expect("digits")
     }
 
@@ -302,9 +302,9 @@ mod tests {
         fn texts_of_any_length_come_one_behind_the_other(texts in prop::collection::vec("[a-z]{0,3000}", 0..60)) {
             let mut out = TextBuffer::new();
             for text in &texts {
-                out.any(text.as_bytes());
-                out.fixed(b", ");
-                out.number(1.5).expect("memory");
+                out.push_text(text.as_bytes());
+                out.push_fixed(b", ");
+                out.push_number(1.5).expect("memory");
             }
             let whole: String = texts.iter().map(|text| format!("{text}, 1.5000")).collect();
             prop_assert_eq!(String::from_utf8_lossy(out.text()), whole);
@@ -313,17 +313,17 @@ mod tests {
 
     #[test]
     fn the_counter_has_five_places_or_as_many_as_it_needs() {
-        let mut head = Head::new();
+        let mut head = LineHead::new();
         let mut out = TextBuffer::new();
         for value in 1..=1_100_000_u64 {
             out.clear();
-            head.begin(&mut out, None);
+            head.push_head(&mut out, None);
             if value < 2000 || value % 1000 < 2 {
                 assert_eq!(String::from_utf8_lossy(out.text()), format!("{value:5} N..... "));
             }
         }
         out.clear();
-        head.begin(&mut out, Some((20, 4)));
+        head.push_head(&mut out, Some((20, 4)));
         assert_eq!(out.text(), b"1100001 N0020  ");
     }
 

@@ -15,7 +15,7 @@ const LAST: usize = 5601;
 /// First parameter of the position of the last probe contact; program units and degrees, X Y Z A B C U V W.
 pub(crate) const PROBE_POSITION: usize = 5061;
 /// 1 if the probe has made contact, otherwise 0.
-pub(crate) const PROBE_ANSWERED: usize = 5070;
+pub(crate) const PROBE_TRIPPED: usize = 5070;
 /// First parameter of the position that G28 goes to; machine units and degrees, X Y Z A B C U V W.
 pub(crate) const G28_HOME: usize = 5161;
 /// First parameter of the position that G30 goes to.
@@ -37,7 +37,8 @@ pub(crate) const fn system_origin(system: u8) -> usize {
 }
 
 /// Parameters that a parameter file stores; both ends of each range are included.
-const KEPT: [(usize, usize); 6] = [(31, 5000), (5161, 5169), (5181, 5189), (5210, 5219), (5220, 5230), (5241, 5390)];
+const PERSISTENT: [(usize, usize); 6] =
+    [(31, 5000), (5161, 5169), (5181, 5189), (5210, 5219), (5220, 5230), (5241, 5390)];
 
 /// Local numbered parameters of a call: its arguments, and the variables of a subprogram.
 const LOCAL: std::ops::RangeInclusive<usize> = 1..=30;
@@ -142,7 +143,11 @@ impl Names {
             return Ok(Reference::Named(*id));
         }
         if self.texts.len() >= MAX_NAMES {
-            return fault(ErrorCode::TooMuchToKeep, at, format!("more than {MAX_NAMES} names of parameters"));
+            return fault(
+                ErrorCode::StorageFull,
+                at,
+                format!("the program has more than {MAX_NAMES} names of parameters"),
+            );
         }
         let id = NameId { index: self.texts.len() as u32, is_global: name.starts_with('_') };
         self.texts.push(name.as_str().into());
@@ -263,23 +268,23 @@ impl Parameters {
     /// Returns the parameters that outlive a program: those that a parameter file stores, and no others.
     #[must_use]
     pub fn persistent(&self) -> Parameters {
-        let mut kept = Parameters::default();
+        let mut persistent = Parameters::default();
         for number in Self::persistent_numbers() {
-            kept.set(number, self.get(number));
+            persistent.set(number, self.get(number));
         }
-        kept
+        persistent
     }
 
     /// Returns the numbers of the parameters that a parameter file stores, in rising order.
     pub fn persistent_numbers() -> impl Iterator<Item = usize> {
-        KEPT.iter().flat_map(|(first, last)| *first..=*last)
+        PERSISTENT.iter().flat_map(|(first, last)| *first..=*last)
     }
 
     /// Whether a numbered parameter is an offset of the machine: coordinate systems, G52 and G92, the positions of G28
     /// and G30. Those below are variables of programs.
     #[must_use]
     pub fn is_machine_offset(number: usize) -> bool {
-        number >= G28_HOME && Self::persistent_numbers().any(|kept| kept == number)
+        number >= G28_HOME && Self::persistent_numbers().any(|persistent| persistent == number)
     }
 
     /// Returns every numbered parameter that differs from its initial value, in the format of a parameter file, with
@@ -332,7 +337,7 @@ impl Parameters {
     #[must_use]
     pub fn write(&self) -> String {
         let mut text = String::new();
-        for (first, last) in KEPT {
+        for (first, last) in PERSISTENT {
             for number in first..=last {
                 let value = self.get(number);
                 if value != 0.0 || number >= G28_HOME {

@@ -44,7 +44,7 @@ impl LineReader {
 
     /// Creates the compiler for an interpreter with this setup, with the parameter names known so far.
     pub(crate) fn of(setup: &Setup) -> LineReader {
-        let known = setup.carried.as_ref().map(|carried| carried.names.clone()).unwrap_or_default();
+        let known = setup.snapshot.as_ref().map(|snapshot| snapshot.names.clone()).unwrap_or_default();
         let names = known.with_fixed(&setup.fixed_values);
         let reader = LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone());
         LineReader { names, disable_fanuc_subs: setup.disable_fanuc_subs, ..reader }
@@ -98,15 +98,15 @@ fn parse(
     check_text(text)?;
     let mut cursor = Cursor::new(text);
     cursor.eat(b'/');
-    if !cycle_call::begins(&mut cursor, cycles) {
+    if !cycle_call::begins_name(&mut cursor, cycles) {
         block_number(&mut cursor, block)?;
     }
-    if cycle_call::begins(&mut cursor, cycles) {
+    if cycle_call::begins_name(&mut cursor, cycles) {
         if macro_words::parse(&mut cursor, names, block)? {
             return Ok(());
         }
-        cycle_call::label(&mut cursor);
-        if cycle_call::begins(&mut cursor, cycles) && cycle_call::parse(&mut cursor, names, cycles, block)? {
+        cycle_call::parse_label(&mut cursor);
+        if cycle_call::begins_name(&mut cursor, cycles) && cycle_call::parse(&mut cursor, names, cycles, block)? {
             return Ok(());
         }
         block_number(&mut cursor, block)?;
@@ -115,13 +115,13 @@ fn parse(
         return control::parse(&mut cursor, names, block);
     }
     if cursor.peek() == b'm'
-        && let Some(keyword) = control::fanuc(&mut cursor)
+        && let Some(keyword) = control::eat_m98_m99(&mut cursor)
     {
         return control::parse_fanuc(keyword, &mut cursor, names, block);
     }
     loop {
         let letter = cursor.peek();
-        let start = cursor.at();
+        let start = cursor.position();
         match letter {
             0 => return Ok(()),
             b'a'..=b'z' | b'@' | b'^' | b'$' => word(letter, &mut cursor, axes, names, block)?,
@@ -187,20 +187,20 @@ fn first_high_byte_outside_comments(text: &[u8]) -> Option<usize> {
 
 #[cold]
 fn bad_character(cursor: &mut Cursor<'_>, start: usize) -> BlockResult<()> {
-    let at = cursor.here();
+    let at = cursor.next_span();
     if cursor.peek() == b',' && follows_digit(cursor, start) {
         return fault(ErrorCode::DecimalComma, at, "a comma is not a decimal point");
     }
     // U+FEFF, U+200B to U+200F, and the no-break space.
-    let rest = cursor.rest();
+    let rest = cursor.remaining();
     if rest.starts_with(b"\xef\xbb\xbf") || rest.starts_with(b"\xe2\x80") || rest.starts_with(b"\xc2\xa0") {
         return fault(ErrorCode::HiddenMark, at, ErrorCode::HiddenMark.title());
     }
     let what = match cursor.peek() {
         b'/' => "a slash deletes a block only at its beginning",
-        b'%' => "a percent sign stands alone in its line, at the beginning and the end of a program",
-        b'=' => "an equals sign belongs behind a parameter at the beginning of an assignment",
-        b')' => "no comment is open here",
+        b'%' => "a percent sign must be alone in its line, at the beginning and the end of a program",
+        b'=' => "an equals sign must follow a parameter at the beginning of an assignment",
+        b')' => "this parenthesis closes no comment",
         _ => ErrorCode::BadCharacter.title(),
     };
     fault(ErrorCode::BadCharacter, Span::new(start, at.end as usize), what)
@@ -211,10 +211,10 @@ fn block_number(cursor: &mut Cursor<'_>, block: &mut NcBlock) -> BlockResult<()>
     if !cursor.eat(b'n') {
         return Ok(());
     }
-    let start = cursor.at() - 1;
+    let start = cursor.position() - 1;
     let (digits, value) = cursor.digits();
     if digits == 0 || digits > 18 {
-        let at = cursor.since(start);
+        let at = cursor.span_from(start);
         return fault(ErrorCode::BadBlockNumber, at, "N is followed by 1 to 18 digits");
     }
     if cursor.eat(b'.') {
@@ -225,31 +225,35 @@ fn block_number(cursor: &mut Cursor<'_>, block: &mut NcBlock) -> BlockResult<()>
 }
 
 fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
-    let start = cursor.at();
+    let start = cursor.position();
     cursor.skip();
     match letter {
         b'n' => {
             return fault(
                 ErrorCode::BadBlockNumber,
-                cursor.since(start),
-                "N stands once, at the beginning of the block",
+                cursor.span_from(start),
+                "N is allowed once, at the beginning of the block",
             );
         }
         b'o' if follows_digit(cursor, start) => {
-            return fault(ErrorCode::LetterO, cursor.since(start), "the letter O stands behind a digit; is a 0 meant?");
+            return fault(ErrorCode::LetterO, cursor.span_from(start), "the letter O follows a digit; did you mean 0?");
         }
         b'o' => {
-            return fault(ErrorCode::BadControl, cursor.since(start), "an O word stands at the beginning of its line");
+            return fault(
+                ErrorCode::BadControl,
+                cursor.span_from(start),
+                "an O word must be at the beginning of its line",
+            );
         }
         _ => {}
     }
     let first_op = block.ops.len();
-    let value_at = cursor.here().start;
+    let value_at = cursor.next_span().start;
     let operand = match Compiler::new(cursor, &mut block.ops, names).operand() {
         Ok(operand) => operand,
         Err(found) => return Err(named(found, letter, start, value_at, cursor)),
     };
-    let at = cursor.since(start);
+    let at = cursor.span_from(start);
     // U and W are increments in a profile of turning, whatever axes exist; executing the block checks them.
     if let Some(axis) = Axis::of_letter(letter)
         && !axes.has(axis)
@@ -271,7 +275,7 @@ fn word(letter: u8, cursor: &mut Cursor<'_>, axes: AxisSet, names: &mut Names, b
         (Operand::Constant(value), Slot::M) => block.words.add_m(value, at),
         (Operand::Constant(value), _) => block.words.fill(letter, value, at),
         (Operand::Calculated, slot) => {
-            block.add_late(slot, first_op, at);
+            block.add_deferred(slot, first_op, at);
             Ok(())
         }
     }
@@ -291,7 +295,7 @@ fn named(
         let name = char::from(letter.to_ascii_uppercase());
         if cursor.peek() == b'o' {
             found.code = ErrorCode::LetterO;
-            found.message = format!("{name} is followed by the letter O; is a 0 meant?");
+            found.message = format!("{name} is followed by the letter O; did you mean 0?");
         } else {
             found.code = ErrorCode::NumberMissing;
             found.message = format!("{name} is not followed by a value");
@@ -313,7 +317,7 @@ fn follows_digit(cursor: &Cursor<'_>, at: usize) -> bool {
 
 /// Compiles `#number=value` or `#<name>=value`.
 pub(crate) fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
-    let start = cursor.at();
+    let start = cursor.position();
     let first_op = block.ops.len();
     let mut compiler = Compiler::new(cursor, &mut block.ops, names);
     let is_text =
@@ -321,39 +325,39 @@ pub(crate) fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut
     let reference = match compiler.reference() {
         Err(found) if is_text && matches!(found.code, ErrorCode::UnknownFunction | ErrorCode::NumberMissing) => {
             compiler.cursor.finish();
-            return fault(ErrorCode::HashComment, compiler.cursor.since(start), ErrorCode::HashComment.title());
+            return fault(ErrorCode::HashComment, compiler.cursor.span_from(start), ErrorCode::HashComment.title());
         }
         reference => reference?,
     };
     if !compiler.cursor.eat(b'=') {
-        return fault(ErrorCode::EqualsMissing, compiler.cursor.here(), "an equals sign is missing here");
+        return fault(ErrorCode::EqualsMissing, compiler.cursor.next_span(), "an equals sign is missing here");
     }
     let slot = match reference {
         Reference::Numbered => Slot::Numbered,
         Reference::Named(name) => Slot::Named(name),
         Reference::System(_) => {
-            let at = compiler.cursor.since(start);
+            let at = compiler.cursor.span_from(start);
             return fault(ErrorCode::ParameterReadOnly, at, "a predefined parameter is read-only");
         }
     };
     compiler.value()?;
-    let at = cursor.since(start);
-    block.add_late(slot, first_op, at);
+    let at = cursor.span_from(start);
+    block.add_deferred(slot, first_op, at);
     Ok(())
 }
 
 /// Compiles `(comment)`; of several in one block the last is passed on.
 fn comment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
-    let start = cursor.at();
+    let start = cursor.position();
     cursor.skip();
     let Some(text) = cursor.take_to(b')') else {
         cursor.finish();
-        return fault(ErrorCode::UnclosedComment, cursor.since(start), ErrorCode::UnclosedComment.title());
+        return fault(ErrorCode::UnclosedComment, cursor.span_from(start), ErrorCode::UnclosedComment.title());
     };
     if let Some(inner) = text.iter().position(|byte| *byte == b'(') {
         let at = Span::new(start + 1 + inner, start + 2 + inner);
         return fault(ErrorCode::NestedComment, at, ErrorCode::NestedComment.title());
     }
-    block.remark = Comment::of(text, cursor.since(start), names)?;
+    block.comment = Comment::compile(text, cursor.span_from(start), names)?;
     Ok(())
 }

@@ -77,7 +77,7 @@ impl AxisSet {
 
     /// Creates the set of these axes.
     #[must_use]
-    pub fn of(axes: &[Axis]) -> AxisSet {
+    pub fn from_axes(axes: &[Axis]) -> AxisSet {
         AxisSet(axes.iter().fold(0, |bits, axis| bits | 1 << *axis as u16))
     }
 

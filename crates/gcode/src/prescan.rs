@@ -6,14 +6,14 @@
 
 use crate::branch::Branch;
 use crate::compiled_code::{CompiledCode, SubId};
-use crate::contour::{Paths, label};
+use crate::contour::{PathCache, label};
 use crate::control::Label;
 use crate::cycle_call::CycleArgument;
 use crate::diag::{BlockError, Diagnostic, Span};
 use crate::error_codes::ErrorCode as Number;
 use crate::file_scan::FileScan;
 use crate::interp::Setup;
-use crate::lines::Split;
+use crate::lines::SplitLines;
 use crate::nearest::nearest;
 use crate::parse::LineReader;
 use crate::program::unreadable;
@@ -86,10 +86,10 @@ impl Subs {
         is_new
     }
 
-    /// Removes all but the first `kept`.
-    pub(crate) fn forget_from(&mut self, kept: usize) {
-        self.list.truncate(kept);
-        self.by_label.retain(|_, id| (*id as usize) < kept);
+    /// Removes all but the first `count`.
+    pub(crate) fn truncate(&mut self, count: usize) {
+        self.list.truncate(count);
+        self.by_label.retain(|_, id| (*id as usize) < count);
     }
 
     /// Returns the subprogram of a call in this file: one of the file itself, or one of the program.
@@ -130,16 +130,16 @@ pub struct Prescan {
     /// Positions and lines of the labels of the program, sorted; determined when the first cycle names one.
     labels: Option<LabelPlaces>,
     /// Names of the subprogram files that were searched for already.
-    missed: HashSet<Box<str>>,
+    searched_names: HashSet<Box<str>>,
     /// Paths of cycles of the third kind.
-    pub(crate) paths: Paths,
+    pub(crate) paths: PathCache,
     diagnostics: Vec<Diagnostic>,
 }
 
 impl Prescan {
     /// Pre-scans a program.
     #[must_use]
-    pub fn of(name: &str, text: Text, setup: &Setup) -> Prescan {
+    pub fn scan(name: &str, text: Text, setup: &Setup) -> Prescan {
         let mut prescan = Prescan {
             files: Vec::new(),
             codes: Vec::new(),
@@ -148,8 +148,8 @@ impl Prescan {
             reader: LineReader::of(setup),
             contours: Vec::new(),
             labels: None,
-            missed: HashSet::new(),
-            paths: Paths::default(),
+            searched_names: HashSet::new(),
+            paths: PathCache::default(),
             diagnostics: Vec::new(),
         };
         prescan.add_file(name.to_owned(), text, None);
@@ -229,7 +229,7 @@ impl Prescan {
     /// Searches for the labels of the program, once.
     fn find_labels(&mut self) {
         if self.labels.is_none() {
-            let labels = self.files.first().map(|file| labels_of(&file.text));
+            let labels = self.files.first().map(|file| find_label_places(&file.text));
             match labels.transpose() {
                 Ok(labels) => self.labels = labels,
                 Err(error) => self.report(0, 0, unreadable(&error)),
@@ -289,7 +289,7 @@ impl Prescan {
                         Label::Name(_) => nearest(&name, known.iter().map(String::as_str)),
                         _ => None,
                     };
-                    let near = near.map_or_else(String::new, |near| format!("; do you mean {near}?"));
+                    let near = near.map_or_else(String::new, |near| format!("; did you mean {near}?"));
                     BlockError::new(Number::NoSuchSub, call.at, format!("there is no subprogram {name}{near}"))
                 }
                 Some(sub) if sub.for_m98 != call.is_m98 => wrong_call(&call.label, call.is_m98, call.at),
@@ -316,7 +316,7 @@ impl Prescan {
                 Some((start, end)) => {
                     self.find_labels();
                     let stretch = self.between(start, end);
-                    let lines = stretch.map(|(line, text)| (line - 1, line + Split::new(&text).count() as u32));
+                    let lines = stretch.map(|(line, text)| (line - 1, line + SplitLines::new(&text).count() as u32));
                     self.contours.extend(lines);
                     lines.is_some()
                 }
@@ -329,7 +329,7 @@ impl Prescan {
                 }
             };
             if !is_there && !name.is_empty() {
-                let message = format!("{} is given the contour {name}, and there is none", call.name);
+                let message = format!("{} names the contour {name}, which does not exist", call.name);
                 self.report(file, *line, BlockError::new(Number::NoContour, call.at, message));
             }
         }
@@ -344,7 +344,7 @@ impl Prescan {
         };
         // A name is searched for once only: a file that calls what it should contain would otherwise be read without
         // end.
-        if !self.missed.insert(name.clone().into()) {
+        if !self.searched_names.insert(name.clone().into()) {
             return;
         }
         let Some(found) = files.and_then(|files| files.find(&name)) else { return };
@@ -366,7 +366,7 @@ impl Prescan {
                 self.subs.by_label.insert((0, label.clone()), *id);
             }
             None => {
-                let message = format!("{} holds no subprogram {label}", self.file_name(file));
+                let message = format!("{} does not contain the subprogram {label}", self.file_name(file));
                 self.report(caller, line, BlockError::new(Number::SubFile, at, message));
             }
         }
@@ -378,12 +378,12 @@ impl Prescan {
     }
 
     /// Returns the number of diagnostics.
-    pub(crate) fn found(&self) -> usize {
+    pub(crate) fn diagnostic_count(&self) -> usize {
         self.diagnostics.len()
     }
 
     /// Discards the diagnostics after the first `found`.
-    pub(crate) fn forget(&mut self, found: usize) {
+    pub(crate) fn truncate_diagnostics(&mut self, found: usize) {
         self.diagnostics.truncate(found);
     }
 
@@ -398,14 +398,14 @@ impl Prescan {
 /// Returns the error for a subprogram of one kind that is called as the other.
 pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> BlockError {
     let message = match is_m98 {
-        true => format!("{label} is a sub: it is called with O… call"),
-        false => format!("{label} ends with M99: it is called with M98"),
+        true => format!("{label} is a sub: call it with O… call"),
+        false => format!("{label} ends with M99: call it with M98"),
     };
     BlockError::new(Number::WrongCall, at, message)
 }
 
 /// Returns the positions and numbers of the lines with labels.
-fn labels_of(text: &Text) -> io::Result<LabelPlaces> {
+fn find_label_places(text: &Text) -> io::Result<LabelPlaces> {
     let mut labels = LabelPlaces::new();
     let (mut lines, mut number) = (TextLines::new(text.clone()), 0_u32);
     loop {

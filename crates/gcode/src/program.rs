@@ -13,9 +13,9 @@ use crate::diag::{BlockError, BlockResult, Diagnostic, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::flow_controller::{FlowController, LineOutcome};
 use crate::interp::{self, Interpreter, LineRead, Setup};
-use crate::line_numbers::{NoLine, number_of};
+use crate::line_numbers::{GotoError, parse_n_word};
 use crate::lines::Lines;
-use crate::modal_snapshot::check_by_hand;
+use crate::modal_snapshot::check_mdi;
 use crate::prescan::Prescan;
 use crate::program_location::ProgramLocation;
 use crate::stream_compiler::StreamCompiler;
@@ -67,13 +67,13 @@ pub struct Program<R> {
     /// Whether it opened with a percent sign, so that it may close with one.
     percent: bool,
     /// Whether a line was read ahead to find the beginning of the program and is still to be executed.
-    is_held: bool,
+    is_read_ahead: bool,
     /// Whether it is one MDI block, which needs no end.
-    by_hand: bool,
+    is_mdi: bool,
     /// Whether it could not be read to its end, and that has been reported.
     is_unreadable: bool,
     /// Target of a GOTO in a streamed program: the next line with this number; line and span of the GOTO.
-    ahead: Option<(u64, u32, Span)>,
+    goto_ahead: Option<(u64, u32, Span)>,
     /// Number of blocks executed in loops and calls.
     loop_blocks: u64,
     /// Number of the last of them without a motion, a dwell, a wait or a stop.
@@ -96,10 +96,10 @@ impl<R: BufRead> Program<R> {
             arriving: StreamCompiler::default(),
             phase: Phase::Opening,
             percent: false,
-            is_held: false,
-            by_hand: false,
+            is_read_ahead: false,
+            is_mdi: false,
             is_unreadable: false,
-            ahead: None,
+            goto_ahead: None,
             loop_blocks: 0,
             blocks_without_motion: 0,
         }
@@ -112,10 +112,10 @@ impl<R: BufRead> Program<R> {
     /// # Errors
     /// The text is not valid as an MDI block, or its pre-scan has found an error.
     pub fn mdi(text: &str, setup: Setup) -> Result<Program<R>, Vec<Diagnostic>> {
-        check_by_hand(text, &setup)?;
-        let prescan = Prescan::of("by hand", text.into(), &setup);
+        check_mdi(text, &setup)?;
+        let prescan = Prescan::scan("by hand", text.into(), &setup);
         if prescan.diagnostics().is_empty() {
-            Ok(Program { by_hand: true, ..Program::prescanned(Arc::new(prescan), setup) })
+            Ok(Program { is_mdi: true, ..Program::prescanned(Arc::new(prescan), setup) })
         } else {
             Err(prescan.diagnostics().to_vec())
         }
@@ -131,7 +131,7 @@ impl<R: BufRead> Program<R> {
         }
         program.flow.codes.clone_from(&prescan.codes);
         program.flow.subs.clone_from(&prescan.subs);
-        program.flow.is_whole = true;
+        program.flow.is_prescanned = true;
         program.prescan = Some(prescan);
         program
     }
@@ -154,14 +154,14 @@ impl<R: BufRead> Program<R> {
         }
         let outcome = if self.flow.is_open() {
             let first = steps.len();
-            let outcome = self.compiled_line(steps);
+            let outcome = self.execute_compiled_line(steps);
             if self.count_loop_block(steps.get(first..).unwrap_or_default()) {
                 self.interpreter.report(BlockError::plain(ErrorCode::EndlessProgram, Span::default()));
                 return self.close(steps);
             }
             outcome
         } else {
-            self.own_line(steps)
+            self.execute_own_line(steps)
         };
         match outcome {
             Ok(progress) => progress,
@@ -185,7 +185,7 @@ impl<R: BufRead> Program<R> {
 
     /// Returns the number of lines of the program itself that have been read.
     #[must_use]
-    pub fn lines_taken(&self) -> u64 {
+    pub fn lines_read(&self) -> u64 {
         u64::from(self.lines.number())
     }
 
@@ -208,7 +208,7 @@ impl<R: BufRead> Program<R> {
     }
 
     /// Executes the next compiled line.
-    fn compiled_line(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
+    fn execute_compiled_line(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
         match self.flow.step(&mut self.interpreter, steps)? {
             LineOutcome::Block => match self.block(steps)? {
                 interp::ProgramFlow::Continue => Ok(Progress::Line),
@@ -220,30 +220,30 @@ impl<R: BufRead> Program<R> {
             }
             LineOutcome::Jumped => Ok(Progress::Line),
             LineOutcome::Faulty => Ok(Progress::Refused),
-            LineOutcome::Idle => self.own_line(steps),
+            LineOutcome::Idle => self.execute_own_line(steps),
             LineOutcome::ProgramEnd => self.end_by_m99(steps),
             LineOutcome::Ahead(number, at) => {
                 if self.arriving.has_seen(number) {
-                    let message = format!("N{number} has been executed, and a program that arrives cannot go back");
+                    let message = format!("N{number} has been executed, and a streamed program cannot jump backward");
                     return fault(ErrorCode::GoToBackward, at, message);
                 }
-                self.ahead = Some((number, self.interpreter.place().1, at));
+                self.goto_ahead = Some((number, self.interpreter.current_line().1, at));
                 Ok(Progress::Line)
             }
         }
     }
 
     /// Skips a line before the target of a GOTO; false where the line is the target.
-    fn pass_ahead(&mut self, (number, line, at): (u64, u32, Span)) -> BlockResult<bool> {
+    fn skip_to_goto_target(&mut self, (number, line, at): (u64, u32, Span)) -> BlockResult<bool> {
         if is_percent(self.lines.text()) {
-            self.ahead = None;
+            self.goto_ahead = None;
             self.interpreter.set_line(0, line);
-            return Err(Box::new(NoLine::Missing.fault(number, at)));
+            return Err(Box::new(GotoError::Missing.fault(number, at)));
         }
-        let found = number_of(self.lines.text());
-        self.arriving.see(found);
+        let found = parse_n_word(self.lines.text());
+        self.arriving.record_line(found);
         if found == Some(number) {
-            self.ahead = None;
+            self.goto_ahead = None;
         }
         Ok(found != Some(number))
     }
@@ -254,13 +254,13 @@ impl<R: BufRead> Program<R> {
         if self.interpreter.is_turning() {
             self.draw_profile()?;
         }
-        self.interpreter.carry_out(steps)
+        self.interpreter.execute_block(steps)
     }
 
     #[cold]
     fn draw_profile(&mut self) -> BlockResult<()> {
         if let Some((number, mut scratch)) = self.interpreter.turning()? {
-            let drawn = contour::drawn(&self.flow, number, &mut scratch)?;
+            let drawn = contour::profile_steps(&self.flow, number, &mut scratch)?;
             self.interpreter.set_profile(&drawn);
         }
         Ok(())
@@ -279,13 +279,13 @@ impl<R: BufRead> Program<R> {
     }
 
     /// Executes the next line outside of all regions.
-    fn own_line(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
-        if !std::mem::take(&mut self.is_held) && !self.read_line() {
-            if let Some((number, line, at)) = self.ahead.take() {
+    fn execute_own_line(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<Progress> {
+        if !std::mem::take(&mut self.is_read_ahead) && !self.read_line() {
+            if let Some((number, line, at)) = self.goto_ahead.take() {
                 self.interpreter.set_line(0, line);
-                self.interpreter.report(NoLine::Missing.fault(number, at));
+                self.interpreter.report(GotoError::Missing.fault(number, at));
             }
-            if self.by_hand {
+            if self.is_mdi {
                 self.interpreter.release(steps);
                 return Ok(self.close(steps));
             }
@@ -295,8 +295,8 @@ impl<R: BufRead> Program<R> {
         if self.enter_region() {
             return Ok(Progress::Line);
         }
-        if let Some(ahead) = self.ahead
-            && self.pass_ahead(ahead)?
+        if let Some(ahead) = self.goto_ahead
+            && self.skip_to_goto_target(ahead)?
         {
             return Ok(Progress::Line);
         }
@@ -307,7 +307,7 @@ impl<R: BufRead> Program<R> {
         }
         let read = self.interpreter.read(self.lines.number(), self.lines.text())?;
         if self.prescan.is_none() {
-            self.arriving.see(self.interpreter.block_number());
+            self.arriving.record_line(self.interpreter.block_number());
         }
         match read {
             LineRead::Deleted => Ok(Progress::Line),
@@ -385,7 +385,7 @@ impl<R: BufRead> Program<R> {
     }
 
     /// Reports, after the end, lines behind it that are neither a subprogram nor another target of a jump.
-    pub fn look_behind_the_end(&mut self) {
+    pub fn check_after_end(&mut self) {
         // An endless loop has prevented it from reaching its end.
         if self.blocks_without_motion > MAX_BLOCKS_WITHOUT_MOTION {
             return;
@@ -409,7 +409,7 @@ impl<R: BufRead> Program<R> {
     /// Returns the current line.
     #[must_use]
     pub fn line_text(&self) -> Cow<'_, str> {
-        shown(match self.flow.place() {
+        shown(match self.flow.current_line() {
             Some((code, line)) => code.text(line),
             None => self.lines.text(),
         })
@@ -436,12 +436,12 @@ impl<R: BufRead> Program<R> {
     /// Returns the location of the program: the current line, and the calls and loops around it. It allocates, so it
     /// should not be called for every line.
     #[must_use]
-    pub fn whereabouts(&self) -> ProgramLocation {
+    pub fn location(&self) -> ProgramLocation {
         let name = |file| self.prescan.as_ref().map_or(String::new(), |prescan| prescan.file_name(file).to_owned());
-        let (file, line) = self.interpreter.place();
+        let (file, line) = self.interpreter.current_line();
         let cycle = self.flow.cycle((file, line)).or_else(|| self.interpreter.cycle());
         let cycle = cycle.map(str::to_owned);
-        ProgramLocation { file: name(file), line, within: self.flow.within(name), cycle }
+        ProgramLocation { file: name(file), line, frames: self.flow.frames(name), cycle }
     }
 
     /// Returns the interpreter, to read its state and its diagnostics.
@@ -467,7 +467,7 @@ impl<R: BufRead> Program<R> {
                 return true;
             }
             if self.lines.text().iter().any(|byte| !byte.is_ascii_whitespace()) {
-                self.is_held = true;
+                self.is_read_ahead = true;
                 return true;
             }
         }
@@ -581,7 +581,7 @@ impl<R: BufRead> Iterator for Steps<R> {
 /// Checks a whole program and returns everything that is wrong with it; nothing moves.
 #[must_use]
 pub fn check(text: impl Into<Text>, setup: Setup) -> Vec<Diagnostic> {
-    let prescan = Arc::new(Prescan::of("program", text.into(), &setup));
+    let prescan = Arc::new(Prescan::scan("program", text.into(), &setup));
     let mut program = Program::<&[u8]>::prescanned(prescan, setup);
     let mut steps = Vec::new();
     while program.advance(&mut steps) != Progress::End {
@@ -591,6 +591,6 @@ pub fn check(text: impl Into<Text>, setup: Setup) -> Vec<Diagnostic> {
             return program.interpreter.take_diagnostics();
         }
     }
-    program.look_behind_the_end();
+    program.check_after_end();
     program.interpreter.take_diagnostics()
 }

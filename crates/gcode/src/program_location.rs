@@ -27,9 +27,9 @@ pub enum CallFrame {
         /// File and line of the call; the file's name is empty for a streamed program.
         from: (String, u32),
         /// Number of the repeat, from 1, of the `of` repeats that M98 L requests.
-        time: u32,
+        repeat: u32,
         /// Number of repeats of this call.
-        of: u32,
+        repeats: u32,
     },
     /// A loop.
     Loop {
@@ -38,9 +38,9 @@ pub enum CallFrame {
         /// Line that begins it, in the same file.
         line: u32,
         /// Number of the iteration, from 1.
-        round: u64,
+        iteration: u64,
         /// Number of iterations, where it is known.
-        of: Option<u64>,
+        iterations: Option<u64>,
     },
 }
 
@@ -52,7 +52,7 @@ pub struct ProgramLocation {
     /// Current line, from 1; 0 before the first.
     pub line: u32,
     /// Calls and loops around the line, from inside to outside.
-    pub within: Vec<CallFrame>,
+    pub frames: Vec<CallFrame>,
     /// Cycle in force or being run: G81 … G89, MCALL, or the call of a cycle.
     pub cycle: Option<String>,
 }
@@ -77,7 +77,7 @@ impl CallFrame {
     /// Writes the frame in words. `file` is the file of the text so far; it becomes that of the call.
     fn write<'w>(&'w self, file: &mut &'w str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            CallFrame::Sub { name, from: (from, line), time, of } => {
+            CallFrame::Sub { name, from: (from, line), repeat: time, repeats: of } => {
                 write!(f, ", in {name} called from ")?;
                 if from != *file {
                     write!(f, "{from} ")?;
@@ -89,13 +89,13 @@ impl CallFrame {
                 }
                 Ok(())
             }
-            CallFrame::Loop { kind, line, round, of } => {
+            CallFrame::Loop { kind, line, iteration, iterations: of } => {
                 let kind = match kind {
                     LoopKind::While => "while",
                     LoopKind::Do => "do",
                     LoopKind::Repeat => "repeat",
                 };
-                write!(f, ", in the {kind} loop of line {line}, {} round", Nth(*round))?;
+                write!(f, ", in the {kind} loop of line {line}, {} iteration", Nth(*iteration))?;
                 of.map_or(Ok(()), |of| write!(f, " of {of}"))
             }
         }
@@ -103,7 +103,7 @@ impl CallFrame {
 }
 
 /// Example: `pocket.ngc line 14, in O100 called from line 3 for the 2nd of 4 times, in the while loop of line 2, 5th
-/// round`.
+/// iteration`.
 impl fmt::Display for ProgramLocation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.file.is_empty() {
@@ -114,6 +114,6 @@ impl fmt::Display for ProgramLocation {
             write!(f, ", in {cycle}")?;
         }
         let mut file = self.file.as_str();
-        self.within.iter().try_for_each(|within| within.write(&mut file, f))
+        self.frames.iter().try_for_each(|within| within.write(&mut file, f))
     }
 }

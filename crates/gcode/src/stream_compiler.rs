@@ -17,15 +17,15 @@ use std::io::BufRead;
 use std::sync::Arc;
 
 /// Maximum total length of the text of subprograms and one loop, in bytes.
-const MAX_KEPT: usize = 16 << 20;
+const MAX_STORED_BYTES: usize = 16 << 20;
 
 /// Compiled regions of a streamed program.
 #[derive(Debug, Default)]
 pub(crate) struct StreamCompiler {
-    nest: ControlFlowBuilder,
+    control_flow: ControlFlowBuilder,
     code: Option<Arc<CompiledCode>>,
     /// Total length of the subprograms in bytes.
-    kept: usize,
+    stored_bytes: usize,
     seen: SeenNumbers,
 }
 
@@ -36,9 +36,9 @@ impl StreamCompiler {
     }
 
     /// Records that a line of the program with this number was passed.
-    pub(crate) fn see(&mut self, number: Option<u64>) {
+    pub(crate) fn record_line(&mut self, number: Option<u64>) {
         if let Some(number) = number {
-            self.seen.see(number);
+            self.seen.record(number);
         }
     }
 
@@ -60,16 +60,16 @@ impl StreamCompiler {
         if let Keyword::Call | Keyword::M98 = control.keyword
             && flow.subs.find(0, &control.label).is_none()
         {
-            return Err(FlowController::not_yet(&control.label, control.at));
+            return Err(FlowController::not_arrived_error(&control.label, control.at));
         }
         let mut code = CompiledCode::new(0);
         // Labels of discarded regions may be used again.
-        self.nest = ControlFlowBuilder::in_style(self.nest.style());
+        self.control_flow = ControlFlowBuilder::in_style(self.control_flow.style());
         let first = lines.number();
         interpreter.reader_mut().block.control = Some(control);
-        self.nest.take(&mut code, first, lines.text(), &interpreter.reader_mut().block);
+        self.control_flow.push(&mut code, first, lines.text(), &interpreter.reader_mut().block);
         self.report(interpreter);
-        while !self.nest.is_closed() {
+        while !self.control_flow.is_closed() {
             let more = match lines.advance() {
                 Ok(more) => more,
                 Err(error) => {
@@ -81,13 +81,13 @@ impl StreamCompiler {
                 interpreter.set_line(0, lines.number().saturating_add(1));
                 return Err(cut_off);
             }
-            if !more || self.kept + code.text_len() > MAX_KEPT {
+            if !more || self.stored_bytes + code.text_len() > MAX_STORED_BYTES {
                 return Err(self.unfinished(more, interpreter));
             }
             interpreter.set_line(0, lines.number());
             let reader = interpreter.reader_mut();
             match reader.read(lines.text()) {
-                Ok(_) => self.nest.take(&mut code, lines.number(), lines.text(), &reader.block),
+                Ok(_) => self.control_flow.push(&mut code, lines.number(), lines.text(), &reader.block),
                 Err(fault) => {
                     code.push(lines.number(), lines.text(), &reader.block, Jump::Faulty);
                     interpreter.report(*fault);
@@ -95,17 +95,17 @@ impl StreamCompiler {
             }
             self.report(interpreter);
         }
-        self.nest.find_lines(&mut code, false);
+        self.control_flow.find_lines(&mut code, false);
         self.report(interpreter);
         let end = code.len();
         for line in 0..end {
-            self.see(code.block_number(line));
+            self.record_line(code.block_number(line));
         }
         let code = Arc::new(code);
         if is_sub {
-            self.kept += code.text_len();
+            self.stored_bytes += code.text_len();
         }
-        for found in self.nest.found.drain(..) {
+        for found in self.control_flow.found.drain(..) {
             let sub = Sub { code: flow.codes.len() as u32, entry: found.entry, for_m98: found.for_m98 };
             if !flow.subs.add(0, found.label.clone(), sub) {
                 let message = format!("{} has been defined before", found.label);
@@ -119,19 +119,19 @@ impl StreamCompiler {
 
     /// Reports blocks that do not nest.
     fn report(&mut self, interpreter: &mut Interpreter) {
-        for (line, fault) in self.nest.faults.drain(..) {
+        for (line, fault) in self.control_flow.faults.drain(..) {
             interpreter.set_line(0, line);
             interpreter.report(*fault);
         }
     }
 
     fn unfinished(&mut self, more: bool, interpreter: &mut Interpreter) -> Box<BlockError> {
-        match self.nest.abandon() {
+        match self.control_flow.abandon() {
             Some(open) if !more => {
                 interpreter.set_line(0, open.line);
-                open.without_end()
+                open.missing_end_error()
             }
-            _ => Box::new(BlockError::plain(Number::TooMuchToKeep, Span::default())),
+            _ => Box::new(BlockError::plain(Number::StorageFull, Span::default())),
         }
     }
 }

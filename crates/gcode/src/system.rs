@@ -60,10 +60,10 @@ impl SystemParameter {
     pub(crate) fn of_name(name: &str) -> Option<SystemParameter> {
         use SystemParameter as P;
         let name = name.strip_prefix('_')?;
-        if let Some(axis) = name.strip_prefix("abs_").and_then(axis_of) {
+        if let Some(axis) = name.strip_prefix("abs_").and_then(parse_axis) {
             return Some(P::MachinePosition(axis));
         }
-        if let Some(axis) = axis_of(name) {
+        if let Some(axis) = parse_axis(name) {
             return Some(P::Position(axis));
         }
         Some(match name {
@@ -130,7 +130,7 @@ impl SystemParameter {
                 Some(MotionMode::ThreadingCycle) => 760.0,
                 Some(MotionMode::Cycle(cycle)) => cycle.tenths().into(),
                 Some(MotionMode::ControlPoint) => 52.0,
-                Some(MotionMode::Probe(Probing { away, must_answer })) => {
+                Some(MotionMode::Probe(Probing { away, must_trip: must_answer })) => {
                     382.0 + 2.0 * truth(away) + truth(!must_answer)
                 }
                 Some(MotionMode::CubicSpline | MotionMode::QuadraticSpline | MotionMode::EndOfPoints) | None => 800.0,
@@ -189,7 +189,7 @@ impl SystemParameter {
     }
 }
 
-fn axis_of(name: &str) -> Option<Axis> {
+fn parse_axis(name: &str) -> Option<Axis> {
     match name.as_bytes() {
         [letter] => Axis::of_letter(*letter),
         _ => None,

@@ -127,7 +127,7 @@ impl Text {
     /// Returns the number of lines.
     pub(crate) fn lines(&self) -> u64 {
         match &self.0 {
-            TextKind::Held(bytes) => crate::lines::Split::new(bytes).count() as u64,
+            TextKind::Held(bytes) => crate::lines::SplitLines::new(bytes).count() as u64,
             TextKind::Stored(stored) => stored.lines,
         }
     }
@@ -288,7 +288,7 @@ impl TextLines {
             }
             if rest.len() > MAX_HELD_LINE {
                 self.line = (self.next, MAX_HELD_LINE);
-                self.next = behind_line_feed(stored, end)?;
+                self.next = after_line_feed(stored, end)?;
                 return Ok(true);
             }
             let block = stored.block(end / BLOCK as u64)?;
@@ -300,7 +300,7 @@ impl TextLines {
 }
 
 /// Returns the position after the next line feed.
-fn behind_line_feed(stored: &StoredText, from: u64) -> io::Result<u64> {
+fn after_line_feed(stored: &StoredText, from: u64) -> io::Result<u64> {
     let mut at = from;
     while at < stored.length {
         let block = stored.block(at / BLOCK as u64)?;

@@ -105,7 +105,7 @@ impl ToolTable {
             if content.trim().is_empty() {
                 continue;
             }
-            match tool_of_line(content) {
+            match parse_tool(content) {
                 // Of several lines of one number the first counts, as in LinuxCNC.
                 Ok(tool) if table.tools.iter().any(|known| known.number == tool.number) => {}
                 Ok(tool) => {
@@ -134,7 +134,7 @@ impl ToolTable {
     pub fn write(&self) -> String {
         let mut text = String::new();
         for tool in &self.tools {
-            text += &words_of(tool);
+            text += &format_words(tool);
             // Writing to a string cannot fail.
             let _ = match self.name(tool.number) {
                 Some(name) => writeln!(text, " ;{name}"),
@@ -152,11 +152,11 @@ impl ToolTable {
         let mut rewritten = String::with_capacity(text.len());
         for line in text.split_inclusive('\n') {
             let (content, comment) = line.split_once(';').map_or((line, None), |(content, rest)| (content, Some(rest)));
-            let number = tool_of_line(content).ok().filter(|_| !content.trim().is_empty()).map(|tool| tool.number);
+            let number = parse_tool(content).ok().filter(|_| !content.trim().is_empty()).map(|tool| tool.number);
             match left.iter().position(|tool| Some(tool.number) == number) {
                 None => rewritten += line,
                 Some(index) => {
-                    rewritten += &words_of(left.remove(index));
+                    rewritten += &format_words(left.remove(index));
                     match comment {
                         Some(comment) => rewritten.extend([" ;", comment]),
                         None => rewritten.push('\n'),
@@ -168,7 +168,7 @@ impl ToolTable {
             if !rewritten.is_empty() && !rewritten.ends_with('\n') {
                 rewritten.push('\n');
             }
-            rewritten += &words_of(tool);
+            rewritten += &format_words(tool);
             rewritten.push('\n');
         }
         rewritten
@@ -176,7 +176,7 @@ impl ToolTable {
 }
 
 /// Returns a tool's line of the table, without its comment.
-fn words_of(tool: &Tool) -> String {
+fn format_words(tool: &Tool) -> String {
     let mut text = format!("T{} P{}", tool.number, tool.pocket);
     let lengths = Axis::ALL.map(|axis| (char::from(axis.letter()), tool.offset[axis]));
     let rest = [('D', tool.diameter), ('I', tool.front_angle), ('J', tool.back_angle), ('Q', tool.orientation)];
@@ -188,7 +188,7 @@ fn words_of(tool: &Tool) -> String {
 }
 
 /// Parses the tool of a line. Returns the invalid word and the reason otherwise.
-fn tool_of_line(line: &str) -> Result<Tool, (&str, String)> {
+fn parse_tool(line: &str) -> Result<Tool, (&str, String)> {
     let mut tool = Tool::default();
     let mut named = false;
     for word in line.split_whitespace() {

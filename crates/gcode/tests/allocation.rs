@@ -1,14 +1,15 @@
-//! Carrying out a block allocates nothing, once the buffers have grown: neither reading its line, nor its expressions, nor its moves.
+//! Executing a block allocates nothing once the buffers have grown: neither reading its line, nor its expressions, nor
+//! its moves.
 
 use allocation_counter::measure;
 use retrace_gcode::{CanonStep, Prescan, Program, Progress, Setup};
 use std::io::BufRead;
 use std::sync::Arc;
 
-/// Blocks that are carried out before any are counted, and counted.
+/// Number of blocks executed before counting, and while counting.
 const BLOCKS: usize = 3_000;
 
-/// What the second part of a program allocates.
+/// Returns the allocations of the second part of a program.
 fn allocated<R: BufRead>(mut program: Program<R>, name: &str) -> u64 {
     let mut steps: Vec<CanonStep> = Vec::with_capacity(4096);
     let mut blocks = |program: &mut Program<R>| {
@@ -47,11 +48,11 @@ fn no_block_allocates() {
         ("M98", "F1000\nO1 while [1]\nM98 P9 L2\nO1 endwhile\nM2\nO9\nG1 X1\nX0\nM99\n".into()),
     ];
     for (name, text) in programs {
-        let prescan = Arc::new(Prescan::of(name, text.as_str().into(), &Setup::default()));
+        let prescan = Arc::new(Prescan::scan(name, text.as_str().into(), &Setup::default()));
         assert!(prescan.diagnostics().is_empty(), "{name}: {:?}", prescan.diagnostics());
         let from_file = Program::<&[u8]>::prescanned(prescan, Setup::default());
         assert_eq!(allocated(from_file, name), 0, "{name}");
-        // what jumps is compiled as it arrives, which allocates
+        // code with jumps is compiled as it arrives, which allocates
         if text.starts_with("G21") && name != "then" {
             assert_eq!(allocated(Program::new(text.as_bytes(), Setup::default()), name), 0, "{name}, arriving");
         }

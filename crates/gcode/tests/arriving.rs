@@ -1,6 +1,6 @@
-//! A program does the same as it arrives, line by line, and from a file that has been looked through.
+//! A streamed program has the same effect as the pre-scanned one from a file.
 
-#[allow(dead_code)] // other tests use the rest of it
+#[allow(dead_code)] // other tests use the remaining items
 mod writer;
 
 use retrace_gcode::{CanonStep, Program, Progress, Setup};
@@ -8,7 +8,7 @@ use std::io::BufRead;
 use std::sync::Arc;
 use writer::Writer;
 
-/// The steps of a program up to the first line that is refused, and the number of that refusal.
+/// Returns the steps of a program up to the first refused line, and the number of that error.
 fn steps<R: BufRead>(mut program: Program<R>) -> (Vec<CanonStep>, Option<&'static str>) {
     let mut steps = Vec::new();
     for _ in 0..100_000 {
@@ -25,7 +25,7 @@ fn steps<R: BufRead>(mut program: Program<R>) -> (Vec<CanonStep>, Option<&'stati
 }
 
 fn both(text: &str) -> [(Vec<CanonStep>, Option<&'static str>); 2] {
-    let prescan = retrace_gcode::Prescan::of("program", text.into(), &Setup::rs274());
+    let prescan = retrace_gcode::Prescan::scan("program", text.into(), &Setup::rs274());
     [
         steps(Program::<&[u8]>::prescanned(Arc::new(prescan), Setup::rs274())),
         steps(Program::new(text.as_bytes(), Setup::rs274())),
@@ -38,7 +38,7 @@ fn random_programs_do_the_same_either_way() {
     for seed in 0..600 {
         let text = Writer::case(seed).program;
         let [file, arrived] = both(&text);
-        // What has not arrived yet cannot be called; labels of what has gone may come again.
+        // A subprogram that has not arrived cannot be called; labels of discarded regions may be used again.
         if arrived.1 == Some("E1811") {
             assert!(file.0.starts_with(&arrived.0[..arrived.0.len().min(file.0.len())]), "seed {seed}");
             continue;
@@ -54,7 +54,7 @@ fn random_programs_do_the_same_either_way() {
 
 #[test]
 fn a_loop_is_forgotten_when_it_has_been_carried_out_and_a_subprogram_is_kept() {
-    // Loops of a MiB each: 40 of them are more than may be kept at once.
+    // Loops of 1 MiB each: 40 of them exceed the memory limit.
     let mut text = String::from("o1 sub\nG0 X#1\no1 endsub\n");
     for label in 10..50 {
         text += &format!("o{label} repeat [1]\n");

@@ -1,4 +1,4 @@
-//! Cutter radius compensation, looked at without LinuxCNC's interpreter: where the tool is, what waits, and what is refused.
+//! Cutter radius compensation, tested without LinuxCNC's interpreter: the tool path, the queue, and the refusals.
 
 use proptest::prelude::*;
 use retrace_gcode::{
@@ -11,7 +11,7 @@ fn setup() -> Setup {
     Setup { tools: ToolTable::read(TOOLS).expect("a tool table"), ..Setup::rs274() }
 }
 
-/// The lines of the canonical text that stand between these programs' beginning and end.
+/// Returns the lines of the canonical text between the beginning and the end of these programs.
 fn calls(program: &str) -> Vec<String> {
     let mut text = CanonText::new(Vec::new());
     for step in Program::new(program.as_bytes(), setup()) {
@@ -22,13 +22,13 @@ fn calls(program: &str) -> Vec<String> {
     calls.take_while(|call| !call.starts_with("SET_G5X") && call != "ON_RESET()").collect()
 }
 
-/// The numbers and lines of what is wrong with a program.
+/// Returns the numbers and lines of the errors of a program.
 fn faults(program: &str) -> Vec<(&'static str, u32)> {
     let diagnostics = retrace_gcode::check(program.as_bytes(), setup());
     diagnostics.iter().map(|found| (found.number(), found.line)).collect()
 }
 
-/// Every step with its line, of the blocks that were not refused.
+/// Returns all steps with their lines, of the blocks that were not refused.
 fn steps(program: &str) -> Vec<CanonStep> {
     let mut interpreter = Interpreter::new(setup());
     let mut steps = Vec::new();
@@ -75,7 +75,7 @@ fn a_step_tells_the_line_that_it_comes_from() {
         .filter(|step| matches!(step.canon, Canon::StraightFeed(_) | Canon::ArcFeed(_) | Canon::FloodOn))
         .map(|step| (step.line, step.number.map(|number| number.value())))
         .collect();
-    // The N word is that of the block which lets it out, as the peer prints it.
+    // The N word is that of the block that releases the step, as LinuxCNC prints it.
     assert_eq!(moves, [(1, None), (3, Some(5)), (4, Some(5)), (5, Some(5)), (5, Some(6))]);
 }
 
@@ -169,7 +169,7 @@ fn a_fault_is_told_once_and_the_path_is_found_again() {
     assert_eq!(faults(program), [("E1658", 5), ("E1659", 8), ("E1658", 12)]);
 }
 
-/// A program that is fed line by line may never end.
+/// A streamed program may never end.
 #[test]
 fn what_waits_has_a_bound() {
     let program = |blocks: usize| format!("F100 G1 X0\nG41.1 D1\nX10\n{}Y10\nG40\nM2\n", "M8\n".repeat(blocks));
@@ -186,7 +186,7 @@ fn polar_coordinates_go_on_from_the_programmed_path() {
     );
 }
 
-/// LinuxCNC says this one at once.
+/// LinuxCNC emits this one immediately.
 #[test]
 fn a_change_to_diameters_passes_what_waits() {
     let calls = calls("F100 G1 X0\nG41.1 D1\nX10\nG7\n(last)\nG40\nM2\n");
@@ -218,7 +218,7 @@ fn a_feed_that_waits_is_converted_with_the_units() {
     assert!((rates[0] - 254.0).abs() < 1e-9 && (rates[1] - 508.0).abs() < 1e-9, "{rates:?}");
 }
 
-/// The peer would lead the tool to the end of the arc at once.
+/// LinuxCNC would move the tool to the end of the arc directly.
 #[test]
 fn a_lathe_tool_comes_to_the_arc_that_leads_to_the_path() {
     let calls = calls("F100 G18 G1 X0 Z0\nG41.1 D1 L2\nG2 Z10 X10 R20\nG1 X20\nG40\nM2\n");
@@ -241,7 +241,7 @@ fn the_state_tells_side_and_both_positions() {
     assert!((state.position[Axis::X] - 10.793_75).abs() < 1e-9 && (state.position[Axis::Y] + 20.0).abs() < 1e-9);
 }
 
-/// Points of the tool's path, as the steps give it.
+/// Returns the points of the tool's path from the steps.
 fn path(steps: &[CanonStep]) -> Vec<(f64, f64)> {
     let mut at = (0.0, 0.0);
     let mut points = Vec::new();
@@ -278,8 +278,8 @@ fn distance(point: (f64, f64), (a, b): ((f64, f64), (f64, f64))) -> f64 {
 }
 
 proptest! {
-    /// On either side of a polygon the tool touches it everywhere and cuts into it nowhere, but for what corners of less than
-    /// 0.05 rad give, which count as none.
+    /// On either side of a polygon the tool touches it everywhere and cuts into it nowhere, except for corners of less
+    /// than 0.05 rad, which count as smooth.
     #[test]
     fn the_tool_is_at_its_radius_from_a_polygon(reaches in prop::collection::vec(40.0..60.0_f64, 4..12), side in 0..2, radius in 0.1..2.0_f64) {
         let corners = reaches.len();
@@ -288,7 +288,7 @@ proptest! {
             (reach * angle.cos(), reach * angle.sin())
         };
         let polygon: Vec<(f64, f64)> = reaches.iter().enumerate().map(corner).collect();
-        // In from the middle of an edge, round, and a little beyond, so that the path is joined like any other.
+        // In from the middle of an edge, around, and a little beyond, so that the path is joined like any other.
         let last = polygon[corners - 1];
         let middle = (0.5 * (polygon[0].0 + last.0), 0.5 * (polygon[0].1 + last.1));
         let towards = ((middle.0 - last.0) * 0.5 + last.0, (middle.1 - last.1) * 0.5 + last.1);
@@ -298,7 +298,7 @@ proptest! {
         }
         program += "G40\n";
         let steps = steps(&program);
-        // Without the way to the start and the entry.
+        // Without the moves to the start and the entry.
         let points = path(&steps).split_off(80);
         let edges: Vec<_> = (0..corners).map(|corner| (polygon[corner], polygon[(corner + 1) % corners])).collect();
         for point in points {
@@ -308,7 +308,7 @@ proptest! {
     }
 }
 
-/// As `rs274 -g` has it: behind G40 the position is the end of the programmed path, and M6 takes that of the machine.
+/// As in `rs274 -g`: after G40 the position is the end of the programmed path, and M6 uses that of the machine.
 #[test]
 fn a_tool_change_behind_g40_takes_the_position_of_the_tool() {
     let last = |between: &str| {

@@ -1,11 +1,11 @@
-//! O words: which lines of a program are carried out, and in what order.
+//! O words: the lines that a program executes, and their order.
 
 mod common;
 
 use common::canon_text;
 use retrace_gcode::{Setup, check};
 
-/// The X coordinates of the moves of a program, in order.
+/// Returns the X coordinates of the moves of a program, in order.
 fn moves(program: &str) -> Vec<String> {
     let (text, failed) = canon_text(&format!("{program}\nM2\n"));
     assert!(!failed, "{text}");
@@ -16,7 +16,7 @@ fn moves(program: &str) -> Vec<String> {
         .collect()
 }
 
-/// The numbers of the errors of a program.
+/// Returns the numbers of the errors of a program.
 fn errors(program: &str) -> Vec<&'static str> {
     check(program.as_bytes(), Setup::default()).iter().map(|found| found.number()).collect()
 }
@@ -41,13 +41,13 @@ fn a_return_leaves_the_subprogram_that_it_stands_in_whatever_its_label() {
     let sub =
         "O<probe> sub\nO2 if [#1]\nG0 X1\nO<found> return [7]\nO2 endif\nG0 X2\nO3 return\nG0 X3\nO<probe> endsub\n";
     assert_eq!(moves(&format!("{sub}O<probe> call [1]\nG0 X#<_value>\nO<probe> call [0]")), ["1", "7", "2"]);
-    // Its label may be that of the branch around it, and of the caller, which goes on.
+    // Its label may be that of the branch around it, and of the caller, which continues.
     assert_eq!(moves("O1 sub\nO2 if [1]\nO2 return\nO2 endif\nG0 X2\nO1 endsub\nO1 call\nG0 X5"), ["5"]);
     assert_eq!(moves("O1 sub\nO4 return\nO1 endsub\nO4 sub\nO1 call\nG0 X6\nO4 endsub\nO4 call\nG0 X5"), ["6", "5"]);
     assert_eq!(errors("M98 P1\nM2\nO1\nO2 return\nM99"), ["E1803"]);
 }
 
-/// As `rs274 -g` has it.
+/// As in `rs274 -g`.
 #[test]
 fn m98_has_a_level_with_names_of_its_own_and_shares_the_numbers() {
     let sub = "M2\nO7\nG0 X#<_call_level>\nG0 X#1\n#1=[#1+1]\n#<own>=[EXISTS[#<own>]+20]\nG0 X#<own>\nM73\nG91\nM99";
@@ -117,7 +117,7 @@ fn what_does_not_fit_is_refused_by_number_and_the_program_goes_on() {
         ("O<open call", "E1801"),
         ("G0 X1 O1 call", "E1801"),
         ("O1 if [1/0]\nO1 endif", "E1204"),
-        // what hangs on a line that cannot be read is not a finding of its own
+        // errors that result from an unreadable line are not reported separately
         ("O1 if [foo]\nG0 X1\nO1 else\nO1 endif", "E1201"),
         ("N5 O1 sub]\nO1 return\nO1 endsub", "E1801"),
         ("O1 repeat [2]\nG0 X1\nO1 endrepeat [", "E1101"),
@@ -154,7 +154,7 @@ fn fanuc_subprograms_are_refused_where_the_machine_disables_them() {
     assert!(errors("O1 sub\nO1 endsub\nO1 call\nM2\n").is_empty());
 }
 
-/// As `rs274 -g` has it.
+/// As in `rs274 -g`.
 #[test]
 fn exists_of_a_number_that_is_none_is_0_and_its_inside_is_evaluated() {
     for (text, wanted) in [

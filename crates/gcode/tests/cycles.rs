@@ -1,13 +1,14 @@
-//! Drilling cycles, threads and the spindle: the calls worked out by hand from what LinuxCNC's manual says.
+//! Drilling cycles, threads and the spindle: the expected calls are calculated manually from LinuxCNC's manual.
 //!
-//! Invariant: a move is written as its kind (T fast, F at the feed) and its place along X Y Z.
+//! Invariant: a move is written as its kind (T rapid, F at the feed) and its end along X Y Z.
 
 mod common;
 
 use common::canon_text;
 use retrace_gcode::{Canon, Program, Setup, check};
 
-/// The moves of a program from X0 Y0 Z0 with F100, as `T1 2 3`; dwells, stops and starts of the spindle by their name.
+/// Returns the moves of a program from X0 Y0 Z0 with F100, as `T1 2 3`; dwells, stops and starts of the spindle by
+/// name.
 fn moves(program: &str) -> String {
     let text = format!("F100\n{program}\nM2\n");
     let steps = Program::new(text.as_bytes(), Setup::rs274()).into_iter();
@@ -32,14 +33,14 @@ fn moves(program: &str) -> String {
     names.collect::<Vec<_>>().join(", ")
 }
 
-/// The numbers of the errors of a program, after F100.
+/// Returns the numbers of the errors of a program, after F100.
 fn errors(program: &str) -> Vec<&'static str> {
     let text = format!("F100\n{program}\nM2\n");
     let found = check(text.as_bytes(), Setup::rs274());
     found.iter().map(|found| found.number()).filter(|number| number.starts_with('E')).collect()
 }
 
-/// The holes of a program: the ends of its feed moves in the plane, with three decimals.
+/// Returns the holes of a program: the ends of its feed moves in the plane, with three decimals.
 fn holes(program: &str) -> Vec<String> {
     let text = format!("F100 G90 G0 Z2\n{program}\nM2\n");
     let steps = Program::new(text.as_bytes(), Setup::rs274()).into_iter();
@@ -62,9 +63,9 @@ fn polar_words_say_where_the_holes_of_a_cycle_are() {
         holes("G0 X1.5\nG81 R.1 Z-.5 ^120\n@2 ^90\n@3\nX1 Y1\n^0"),
         ["-0.750 1.299", "0.000 2.000", "0.000 3.000", "1.000 1.000", "1.414 0.000"]
     );
-    // G91: farther first, then turned.
+    // G91: farther first, then rotated.
     assert_eq!(holes("G0 X1\nG91 G81 R1 Z-2 @1 ^30 L3"), ["1.732 1.000", "1.500 2.598", "0.000 4.000"]);
-    // G87 feeds above the hole, beside which it goes through.
+    // G87 feeds above the hole, after passing through it off its axis.
     assert_eq!(holes("M3 S1 G0 X1\nG87 R1 Z-2 I.1 J0 K-1 ^90"), ["0.000 1.000"]);
 }
 
@@ -79,7 +80,7 @@ fn polar_words_of_a_cycle_at_the_origin_need_a_direction_in_g91_alone() {
     assert_eq!(errors("G18 G0 X1\nG81 R1 Y-2 ^40"), ["E1711"]);
 }
 
-/// The codes that take axis words and no motion.
+/// Codes that use axis words but do not move.
 #[test]
 fn polar_words_are_refused_where_no_motion_takes_them() {
     for line in ["G28 @1", "G30 ^2", "G92 @1", "G52 @1", "G10 L2 P1 @1", "G43.1 @1", "G53 G0 @1", "G80 @1"] {
@@ -92,7 +93,7 @@ fn polar_words_are_refused_where_no_motion_takes_them() {
 fn a_hole_is_drilled_from_the_clearance_and_left_to_it_or_to_the_initial_level() {
     assert_eq!(moves("G0 Z5\nG99 G81 X1 Y2 Z-3 R1"), "T0 0 5, T1 2 5, T1 2 1, F1 2 -3, T1 2 1");
     assert_eq!(moves("G0 Z5\nG98 G81 X1 Y2 Z-3 R1"), "T0 0 5, T1 2 5, T1 2 1, F1 2 -3, T1 2 5");
-    // Below the clearance the tool goes up first.
+    // From below the clearance the tool first moves up.
     assert_eq!(moves("G98 G81 X1 Y2 Z-3 R1"), "T0 0 1, T1 2 1, F1 2 -3, T1 2 1");
 }
 
@@ -122,7 +123,7 @@ fn incremental_holes_go_on_from_each_other_and_count_levels_from_the_initial_one
 fn the_normal_axis_of_the_plane_is_drilled_along() {
     assert_eq!(moves("G18 G81 X1 Z2 Y-3 R1"), "T0 1 0, T1 1 2, F1 -3 2, T1 1 2");
     assert_eq!(moves("G19 G81 Y1 Z2 X-3 R1"), "T1 0 0, T1 1 2, F-3 1 2, T1 1 2");
-    // Words and levels of one plane mean nothing in another.
+    // Words and levels of one plane have no meaning in another.
     assert_eq!(errors("G81 X1 Z-3 R1\nG18 X2"), ["E1505"]);
 }
 
@@ -208,7 +209,7 @@ fn cycles_refuse_what_they_cannot_do() {
 #[test]
 fn moves_in_step_with_the_spindle_name_their_pitch() {
     assert_eq!(moves("M3\nG33 Z-4 K2"), "cw, pitch 2, F0 0 -4");
-    // A rigid tap comes back to where it began.
+    // A rigid tap returns to its start.
     assert_eq!(moves("M3\nG33.1 Z-4 K2\nG91 G0 Z1"), "cw, pitch 2, tap 0 0 -4, T0 0 1");
     for (program, number) in [
         ("G33 Z-4 K2", "E1626"),
@@ -237,7 +238,7 @@ fn a_thread_is_cut_deeper_with_each_pass() {
     };
     let wanted = format!("cw, T10 0 0, {}, {}, {}, T10 0 -9", pass(0.5, 10.5), pass(1.0, 10.0), pass(1.0, 10.0));
     assert_eq!(moves("M3\nG0 X10\nG76 P2 Z-9 I-2 J.5 K1 H1"), wanted);
-    // With R2 the depth grows with the root of the pass: 0.5, 0.707, 0.866, 1.
+    // With R2 the depth grows with the root of the pass number: 0.5, 0.707, 0.866, 1.
     assert_eq!(moves("M3\nG0 X10\nG76 P2 Z-9 I-2 J.5 K1 R2").matches("pitch").count(), 4);
     for (program, number) in [
         ("G76 P2 Z-9 I-2 J.5 K1", "E1626"),
@@ -297,7 +298,7 @@ fn any_name_of_a_cycle_opens_its_call_with_parentheses_or_without() {
     let ends = |line: &str| {
         let setup = Setup { cycles: Some(library.clone()), ..Setup::rs274() };
         let text = format!("G90\n{line}\nM2\n");
-        let prescan = std::sync::Arc::new(retrace_gcode::Prescan::of("p", text.into_bytes().into(), &setup));
+        let prescan = std::sync::Arc::new(retrace_gcode::Prescan::scan("p", text.into_bytes().into(), &setup));
         let steps = Program::<&[u8]>::prescanned(prescan, setup).into_iter();
         let ends = steps.filter_map(|step| match step.canon {
             Canon::StraightTraverse(end) => Some(end.0[0]),
@@ -319,7 +320,7 @@ fn any_name_of_a_cycle_opens_its_call_with_parentheses_or_without() {
         ("O1 repeat [1]\nM7X(2)\nO1 endrepeat", 32.0),
         ("NEXT2(1)", 51.0),
         ("_AB(1)", 61.0),
-        // Blocks of words stay what they are.
+        // Blocks of words keep their meaning.
         ("G0X3", 3.0),
         ("XABS[-4]G0", 4.0),
         ("N3 G0 X5 (M7X)", 5.0),
@@ -331,7 +332,7 @@ fn any_name_of_a_cycle_opens_its_call_with_parentheses_or_without() {
     }
 }
 
-/// The tolerances of G64 are lengths: whatever restores them says them in the units that are then in force.
+/// The tolerances of G64 are lengths: a restore emits them in the units that are then in force.
 #[test]
 fn the_tolerances_of_g64_keep_their_length_when_the_units_change() {
     use retrace_gcode::PathControl;

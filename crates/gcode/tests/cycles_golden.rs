@@ -1,6 +1,7 @@
-//! What `retrace canon` prints for the shipped cycles, called from programs, beside paths worked out by hand.
+//! Output of `retrace canon` for the shipped cycles, called from programs, compared with manually calculated paths.
 //!
-//! Invariant: a call stands as its code and its coordinates: G0, G1 with X Y Z (in G18 X Z), G2, G3 as printed, G4 with seconds, F and S.
+//! Invariant: a call is written as its code and its coordinates: G0, G1 with X Y Z (in G18 X Z), G2, G3 as printed, G4
+//! with seconds, F and S.
 
 mod common;
 
@@ -19,7 +20,7 @@ fn setup() -> Setup {
     }
 }
 
-/// The canonical functions between the comments BEGIN and END, short.
+/// Returns the canonical functions between the comments BEGIN and END, abbreviated.
 fn calls(program: &str) -> String {
     let (text, failed) = canon_text_with(program, setup());
     assert!(!failed, "{program}\n{text}");
@@ -28,7 +29,8 @@ fn calls(program: &str) -> String {
     lines.map(short).collect::<Vec<_>>().join("\n")
 }
 
-/// `G0 1 2 3` for a straight move, `G3 …` for an arc, `G4`, `F`, `S` with their number; what else is there by its name.
+/// Abbreviates a line: `G0 1 2 3` for a straight move, `G3 …` for an arc, `G4`, `F`, `S` with their number; anything
+/// else by name.
 fn short(line: &str) -> String {
     let call = line.get(13..).unwrap_or(line).trim();
     let (name, rest) = call.split_once('(').unwrap_or((call, ""));
@@ -50,7 +52,7 @@ fn short(line: &str) -> String {
     [&[code.to_owned()], numbers.as_slice()].concat().join(" ")
 }
 
-/// A call after a start that leaves tool, spindle, F100 and X1 Y2 Z50 in the modes given.
+/// Returns a call after a start that sets tool, spindle, F100 and X1 Y2 Z50 in the modes given.
 fn drilled(modes: &str, call: &str) -> String {
     calls(&format!(
         "T1 M6\nM3 S500\n{modes} F100\nG90 G0 X1 Y2 Z50\n{}\n(BEGIN)\n{call}\n(END)\nM2\n",
@@ -58,7 +60,7 @@ fn drilled(modes: &str, call: &str) -> String {
     ))
 }
 
-/// Along Z over X1 Y2: `T` fast, a number at the feed, `P` with its seconds waits.
+/// Expands a path along Z at X1 Y2: `T` is rapid, a number is at the feed, `P` is a dwell with its seconds.
 fn along_z(path: &str) -> String {
     let step = |word: &str| match word.as_bytes()[0] {
         b'T' => format!("G0 1 2 {}", &word[1..]),
@@ -76,25 +78,26 @@ fn drilling_cycles_go_down_and_out_as_their_tables_say() {
         ("CYCLE81(10,0,2,-20)", "T2 -20 T10"),
         ("CYCLE81(10,0,2,,20)", "T2 -20 T10"),
         ("CYCLE81(10,0,-2,-20)", "T2 -20 T10"),
-        // Retraction below the reference turns the direction round.
+        // Retraction below the reference plane reverses the direction.
         ("CYCLE81(-10,0,2,,15)", "T-2 15 T-10"),
         ("CYCLE81(0,0,2,-20)", "T2 -20 T0"),
-        // The relative depth wins.
+        // The relative depth takes precedence.
         ("CYCLE81(10,0,2,-20,15)", "T2 -15 T10"),
         ("CYCLE82(10,0,2,-20,,1.5)", "T2 -20 P1.5 T10"),
-        // Three turns at 500 a minute.
+        // Three turns at 500 per minute.
         ("CYCLE82(10,0,2,-20,,-3)", "T2 -20 P0.36 T10"),
         ("CYCLE85(10,0,2,-20,,1,50,80)", "T2 F50 -20 P1 F80 2 T10 F100"),
         ("CYCLE85(10,0,2,-20)", "T2 F100 -20 F100 2 T10"),
         ("CYCLE89(10,0,2,-20,,1)", "T2 -20 P1 2 T10"),
     ] {
         assert_eq!(drilled("", call), along_z(path), "{call}");
-        // The same whatever the distances are counted from outside.
+        // The same in both distance modes of the program.
         assert_eq!(drilled("G91", call), along_z(path), "{call} in G91");
     }
 }
 
-/// T 57, first 20, degression 5: 20, 35, 45, 50, 53.5, 57; back by 1 mm, or out and in again to 0.6 mm or a fiftieth of the depth.
+/// T 57, first 20, degression 5: 20, 35, 45, 50, 53.5, 57; back by 1 mm, or out and in again to 0.6 mm or a fiftieth of
+/// the depth.
 #[test]
 fn deep_holes_break_the_chip_or_take_it_out() {
     for (call, path) in [
@@ -106,26 +109,28 @@ fn deep_holes_break_the_chip_or_take_it_out() {
             "CYCLE83(10,0,2,-57,,,20,5,,,1,1)",
             "T2 F100 -20 T2 T-19.4 F100 -35 T2 T-34.3 F100 -45 T2 T-44.1 F100 -50 T2 T-49 F100 -53.5 T2 T-52.43 F100 -57 T10",
         ),
-        // Factor 0.5, never below 4: 20, 30, 35, 39, 43, 47; the last takes the rest of 3. Waits: 1 s at depths, 2 s above, 3 s below.
+        // Factor 0.5, never below 4: 20, 30, 35, 39, 43, 47; the last takes the remaining 3. Dwells: 1 s at depths, 2 s
+        // above, 3 s below.
         (
             "CYCLE83(10,0,2,-46,,-20,,-0.5,1,2,1,1,3,4,,3,2)",
             "T2 F100 -20 P1 T2 P2 T-18 F100 -30 P1 T2 P2 T-28 F100 -35 P1 T2 P2 T-33 F100 -39 P1 T2 P2 T-37 F100 -43 P1 T2 P2 T-41 \
              F100 -46 P3 T10",
         ),
-        // No degression: 20, 40, and 17 left: below twice 20 two strokes share what is left behind the first.
+        // No degression: 20, 40, and 17 remain: below twice 20, two strokes share the depth that remains after the
+        // first.
         ("CYCLE83(10,0,2,-50,,,20,0)", "T2 F100 -20 F100 -19 F100 -35 F100 -34 F100 -50 T10"),
         ("CYCLE83(10,0,2,-5,,,20,0)", "T2 F100 -5 T10"),
     ] {
         assert_eq!(drilled("", call), along_z(path), "{call}");
     }
-    // In inches the way back is 1 mm = 0.0394 inch: ours, not the inch that the control is said to take.
+    // In inches the retract distance is 1 mm = 0.0394 inch: our value, not the inch that the control reportedly uses.
     let inch = calls("T1 M6\nG20\nF10\nG0 X1 Y2 Z2\n(BEGIN)\nCYCLE83(1,0,.1,-2,,,1,0)\n(END)\nM2\n");
     assert_eq!(inch, along_z("T0.1 F10 -1 F10 -0.9606 F10 -2 T1"));
 }
 
 #[test]
 fn taps_and_bores_handle_the_spindle() {
-    // Oriented stop, M3 with SST, in and out in step, RTP; then S and the direction that SDAC asks for.
+    // Oriented stop, M3 with SST, in and out synchronised, RTP; then S and the direction of SDAC.
     let tap = |pitch: &str, start: &str, speed: &str, after: &str| {
         format!(
             "G0 1 2 2\nORIENT_SPINDLE(0, 90.0000, 0)\nSET_SPINDLE_MODE(0 0.0000)\nS {speed}\n{start}\nSTART_SPEED_FEED_SYNC({pitch},0)\n\
@@ -136,7 +141,7 @@ fn taps_and_bores_handle_the_spindle() {
         ["START_SPINDLE_CLOCKWISE(0)", "START_SPINDLE_COUNTERCLOCKWISE(0)", "STOP_SPINDLE_TURNING(0)"];
     assert_eq!(drilled("", "CYCLE84(10,0,2,-20,,,3,6,,90,300)"), tap("1.000000", cw, "300", cw));
     assert_eq!(drilled("", "CYCLE84(10,0,2,-20,,,5,-10,,90,300)"), tap("1.500000", ccw, "300", stop));
-    // Twenty threads an inch are 1.27 mm.
+    // Twenty threads per inch are 1.27 mm.
     assert_eq!(drilled("", "CYCLE84(10,0,2,-20,,,4,,20,90,300,,,2)"), tap("1.270000", cw, "300", ccw));
     assert_eq!(
         drilled("", "CYCLE87(10,0,2,-20,,3)"),
@@ -155,13 +160,13 @@ fn drilling_goes_along_the_normal_of_the_plane() {
     assert_eq!(drilled("G18", "CYCLE81(10,0,2,-20)"), "G0 1 2 50\nG1 1 -20 50\nG0 1 10 50");
 }
 
-/// Without cycles there are none to call.
+/// Without a library no cycle can be called.
 #[test]
 fn a_machine_without_cycles_knows_none() {
     assert!(canon_text("CYCLE81(10,0,2,-20)\nM2\n").1);
 }
 
-/// The state that a program sees: modes, plane, feed and speed, as its own parameters tell them.
+/// Returns the state as a program reads it through its parameters: modes, plane, feed and speed.
 fn state(modes: &str, motion: &str, call: &str) -> String {
     let shown = "#<_motion_mode> #<_plane> #<_absolute> #<_units_per_minute> #<_units_per_rev> #<_feed> #<_rpm> #<_spindle_rpm_mode> \
                  #<_spindle_css_mode> #<_lathe_diameter_mode> #<_ijk_absolute_mode> #<_ccomp> #<_coord_system>";
@@ -173,7 +178,8 @@ fn state(modes: &str, motion: &str, call: &str) -> String {
     text.lines().find(|line| line.contains("PRINT") || line.contains("MESSAGE")).map(short).expect("the state")
 }
 
-/// Section 1.3, acceptance test 12: motion, plane, distance, feed mode, F, S, spindle mode, diameters, centres, compensation.
+/// Section 1.3, acceptance test 12: motion, plane, distance, feed mode, F, S, spindle mode, diameters, centres,
+/// compensation.
 #[test]
 fn after_every_cycle_the_state_is_as_before() {
     let calls = [
@@ -214,7 +220,7 @@ fn after_every_cycle_the_state_is_as_before() {
     }
 }
 
-/// What SAVE puts back comes out as functions too: the machine has been told otherwise.
+/// The modes that SAVE restores are also emitted as functions, because the machine has received others.
 #[test]
 fn the_machine_is_told_what_is_in_force_again() {
     let after = |modes: &str, call: &str| {
@@ -229,7 +235,7 @@ fn the_machine_is_told_what_is_in_force_again() {
     assert_eq!(after("", "CYCLE85(10,0,2,-20,,1,50,80)"), ["F 100"]);
 }
 
-/// Holes of a modal call along Z, one stroke of CYCLE81(5,0,1,-3) each, by their X and Y.
+/// Returns the holes of a modal call along Z, one stroke of CYCLE81(5,0,1,-3) each, by their X and Y.
 fn holes(program: &str) -> Vec<String> {
     let text = calls(&format!(
         "T1 M6\nF100\nG0 X0 Y0 Z50\n(BEGIN)\n{program}\n(END)\nM2\nO5 sub\nG0 X7\nO5 endsub\nO6 sub\nMCALL CYCLE81(5,0,1,-4)\nG0 X8\nO6 endsub\n"
@@ -245,14 +251,14 @@ fn a_modal_cycle_runs_behind_every_block_with_a_position() {
         ("X1\nG0 Y2\nX3 Y4\nMCALL\nX9", "1 0 -3, 1 2 -3, 3 4 -3"),
         // A distance of zero counts, a block without a position does not.
         ("X0\nM8\nS5\n(comment)\nF50\nG91\nG0\nG90 X0", "0 0 -3, 0 0 -3"),
-        // A word of the drilling axis does.
+        // A word of the drilling axis counts.
         ("Z20", "0 0 -3"),
-        // A new one takes the place of the old.
+        // A new modal call replaces the old one.
         ("X1\nMCALL CYCLE81(5,0,1,-4)\nX2", "1 0 -3, 2 0 -4"),
-        // Another level of calls is none of its business; one of a subprogram ends with that.
+        // A modal call does not act at another level of calls; one of a subprogram ends with it.
         ("X1\nO5 call\nX2", "1 0 -3, 2 0 -3"),
         ("X1\nMCALL\nO6 call\nX2", "1 0 -3, 8 0 -4"),
-        // A cycle inside of the modal call does not set it off again, a pattern does at each of its holes.
+        // A cycle inside the modal call does not trigger it again; a pattern triggers it at each of its holes.
         ("CYCLE81(5,0,1,-9)\nX1", "0 0 -9, 1 0 -3"),
         ("HOLES1(10,0,0,5,10,3)", "15 0 -3, 25 0 -3, 35 0 -3"),
         // From the far end: the nearer hole first.
@@ -273,7 +279,7 @@ fn a_modal_cycle_runs_behind_every_block_with_a_position() {
     }
 }
 
-/// Acceptance tests 2, 3 and 11, and the table of section 13.1: the alarm, and not one function behind the call.
+/// Acceptance tests 2, 3 and 11, and the table of section 13.1: the alarm, and no function after the call.
 #[test]
 fn alarms_come_before_any_motion() {
     for (call, alarm) in [

@@ -1,10 +1,11 @@
-//! Random programs, call by call against LinuxCNC's `rs274 -g`.
+//! Random programs, compared call by call with LinuxCNC's `rs274 -g`.
 //!
-//! The number of programs is 120, or what RETRACE_DIFFERENTIAL says; a run of many takes the environment variable
-//! RETRACE_DIFFERENTIAL_FIRST as its first seed; RETRACE_DIFFERENTIAL_PROGRAM names a file that is compared in place of them.
+//! The number of programs is 120, or the value of RETRACE_DIFFERENTIAL. The environment variable
+//! RETRACE_DIFFERENTIAL_FIRST sets the first seed of a long run; RETRACE_DIFFERENTIAL_PROGRAM names a file that is
+//! compared instead.
 //!
-//! Of five programs four are mended: a line that is refused is taken out, so that what follows it is compared. The fifth stays as it
-//! was written, and ends where both refuse it.
+//! Four of five programs are repaired: a refused line is removed, so that the lines after it are compared. The fifth
+//! stays as written, and ends where both interpreters refuse it.
 
 mod common;
 mod outline;
@@ -15,7 +16,7 @@ use outline::{Outline, TOOLS};
 use peer::compare;
 use writer::{Case, Writer};
 
-/// Lines that are taken out of a program at most.
+/// Maximum number of lines removed from a program.
 const MAX_MENDED: u32 = 12;
 
 fn mended(seed: u64, case: Case) -> Case {

@@ -1,4 +1,5 @@
-//! Whatever the input: canonical functions or diagnostics in the right place, never a panic, and no number that is not finite.
+//! Any input results in canonical functions or diagnostics at the right place, never in a panic, and every number is
+//! finite.
 
 mod outline;
 mod writer;
@@ -24,7 +25,7 @@ fn run(text: &[u8], setup: Setup) -> Vec<Diagnostic> {
     program.interpreter().diagnostics().to_vec()
 }
 
-/// Every diagnostic names a line of the text and a stretch in it, and can be shown.
+/// Every diagnostic names a line of the text and a range in it, and can be rendered.
 fn places_are_right(text: &[u8], diagnostics: &[Diagnostic]) {
     let lines: Vec<&[u8]> = text.split(|byte| *byte == b'\n').collect();
     for diagnostic in diagnostics {
@@ -75,7 +76,8 @@ proptest! {
         survives(&text);
     }
 
-    /// A block does the same whether the program reaches it in one piece or the state is handed to a new interpreter before it.
+    /// A block has the same effect whether the program reaches it continuously or the state is moved to a new
+    /// interpreter before it.
     #[test]
     fn the_state_is_all_that_a_block_builds_on(seed in any::<u64>()) {
         let text = Writer::case(seed).program;
@@ -129,7 +131,7 @@ proptest! {
     }
 }
 
-/// The numbers, lines and columns of what is wrong with a program.
+/// Returns the numbers, lines and columns of the errors of a program.
 fn found(text: &[u8]) -> Vec<(&'static str, u32, u32)> {
     let diagnostics = survives(text);
     diagnostics.iter().map(|found| (found.number(), found.line, found.column())).collect()
@@ -145,7 +147,7 @@ fn known_killers_of_controllers() {
     let long_number = format!("G0 X{}\nM2\n", "9".repeat(1000));
     assert_eq!(found(long_number.as_bytes()), [("E1001", 1, 253)]);
     let long_number = format!("G0 X{}\nG0 X1{}\nM2\n", "9".repeat(240), "0".repeat(246));
-    // No machine is that large, and what is reckoned with such numbers is no longer finite.
+    // No machine is that large, and results calculated from such numbers are no longer finite.
     assert_eq!(found(long_number.as_bytes()), [("E1103", 1, 4), ("E1103", 2, 4)]);
     assert_eq!(found(b"N1\nM2\n"), []);
     assert_eq!(found(b"F17987547480000 G1 X1\nM2\n"), []);

@@ -1,7 +1,7 @@
-//! Hostile input: bytes, broken programs, tables and cycle sources, each through every way in.
+//! Hostile input: bytes, broken programs, tables and cycle sources, each through every entry point.
 //!
-//! Invariant: nothing panics, hangs or keeps what it should not; every diagnostic lies in its line and every number is finite. The
-//! campaign is the same with time: RETRACE_FUZZ_SECONDS, RETRACE_FUZZ_SEED.
+//! Invariant: nothing panics, hangs or uses unbounded memory; every diagnostic is within its line and every number is
+//! finite. The campaign is the same test with more time: RETRACE_FUZZ_SECONDS, RETRACE_FUZZ_SEED.
 
 mod harm;
 mod outline;
@@ -17,10 +17,10 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// A case that takes longer hangs, however slow the machine is.
+/// Maximum duration of a case on any machine; a longer one counts as a hang.
 const LONGEST: Duration = Duration::from_secs(60);
 
-/// Memory that the whole of a campaign may take, MiB.
+/// Maximum memory of a whole campaign, MiB.
 const MAX_MEMORY: u64 = 1024;
 
 fn survives(way: Way, text: &[u8]) {
@@ -55,7 +55,7 @@ proptest! {
     }
 }
 
-/// The most memory that this process has had, MiB; none where the system does not tell.
+/// Returns the peak memory of this process, MiB; `None` where the system does not report it.
 fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
@@ -66,11 +66,11 @@ fn number_of(variable: &str, otherwise: u64) -> u64 {
     std::env::var(variable).ok().and_then(|text| text.parse().ok()).unwrap_or(otherwise)
 }
 
-/// Where the two workers are: the seed of the case in hand, and when it began.
+/// State of the two workers: the seed of the current case, and when it began.
 struct Watch {
     next: AtomicU64,
     is_over: AtomicBool,
-    /// Workers that are done.
+    /// Number of workers that have finished.
     done: AtomicU64,
     at_work: [Mutex<Option<(u64, Instant)>>; 2],
     failed: Mutex<Vec<u64>>,
@@ -91,7 +91,7 @@ impl Watch {
         self.done.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Says of each case that hangs which it is, and gives up: its worker cannot be stopped.
+    /// Reports each case that hangs and aborts the process, because its worker cannot be stopped.
     fn guard(&self) {
         while self.done.load(Ordering::Relaxed) < 2 {
             std::thread::sleep(Duration::from_millis(50));
@@ -112,7 +112,7 @@ impl Watch {
     }
 }
 
-/// A slice of two seconds in the suite, half an hour as a campaign.
+/// Two seconds in the test suite, half an hour as a campaign.
 #[test]
 fn a_campaign_of_broken_programs() {
     if let Ok(seed) = std::env::var("RETRACE_FUZZ_ONLY") {

@@ -1,6 +1,6 @@
-//! The inputs on which controllers have died, one by one, with what becomes of each.
+//! Inputs that have crashed controllers, one by one, with their result here.
 //!
-//! Invariant: each ends within seconds, and what it is told is the one thing that is wrong with it.
+//! Invariant: each ends within seconds, and its diagnostic names the one thing that is wrong with it.
 
 mod harm;
 
@@ -11,7 +11,7 @@ fn setup() -> Setup {
     Setup { cycles: Some(Arc::new(CycleLibrary::shipped())), ..Setup::default() }
 }
 
-/// What a check finds, after the program has survived every way in.
+/// Returns the findings of a check, after the program has passed every entry point.
 fn found(text: &str) -> Vec<(&'static str, u32)> {
     harm::program(text.as_bytes());
     check(text.as_bytes(), setup()).iter().map(|found| (found.number(), found.line)).collect()
@@ -20,7 +20,7 @@ fn found(text: &str) -> Vec<(&'static str, u32)> {
 #[test]
 fn loops_and_calls_without_end_are_told() {
     assert_eq!(found("O1 while [1]\nO1 endwhile\nM2\n").first().map(|found| found.0), Some("E1806"));
-    // A check of each would take its ten million lines; that they are survived is enough.
+    // A check of each would execute ten million lines; it is enough that they do no harm.
     for text in [
         "O1 repeat [10**300]\nO1 endrepeat\nM2\n",
         "O1 do\nG0 X1\nO1 while [1]\nM2\n",
@@ -35,12 +35,12 @@ fn loops_and_calls_without_end_are_told() {
     );
 }
 
-/// Holes by the thousand in every round of a loop: the lines alone would not bound the work.
+/// Thousands of holes in every iteration of a loop: a limit on lines alone would not bound the work.
 #[test]
 fn a_loop_of_large_cycles_is_told_too() {
     let text = "F9 G91 G0 X1\nO1 while [1]\nG81 X1 Z-1 R1 L10000\nO1 endwhile\nM2\n";
     harm::program(text.as_bytes());
-    // A hundred million functions are left to builds that are fast.
+    // A hundred million functions are tested in fast builds only.
     if !cfg!(debug_assertions) {
         assert_eq!(found(text).first().map(|found| found.0), Some("E1806"));
     }
@@ -51,7 +51,7 @@ fn ten_thousand_blocks_inside_each_other() {
     let open: String = (0..10_000).map(|label| format!("O{label} if [1]\n")).collect();
     let close: String = (0..10_000).rev().map(|label| format!("O{label} endif\n")).collect();
     assert_eq!(found(&format!("{open}{close}M2\n")), []);
-    // Without their ends every one is told, up to the most that are.
+    // Every missing end is reported, up to the maximum number of errors.
     let open: String = (0..1000).map(|label| format!("O{label} if [1]\n")).collect();
     assert_eq!(found(&format!("{open}M2\n")).len(), 101);
     let labels: String = (0..50_000).map(|label| format!("LA{label}:\n")).collect();
@@ -98,7 +98,7 @@ fn an_infeed_next_to_nothing_is_refused() {
         let text = format!("T1 M6\nG18 F100 G0 X60 Z10\n{call}\nM2\n{contour}");
         assert_eq!(found(&text), [("E1823", 3)], "{call}");
     }
-    // A contour that calls itself, and one that drills without end.
+    // A contour that calls itself, and one that drills endlessly.
     for body in ["O<part> call", "G81 X1 Z2 Y-1 R1 L10000", "O9 while [1]\nO9 endwhile"] {
         let text = format!(
             "T1 M6\nG18 F100 G0 X60 Z10\nCYCLE95(\"part\",5,,,,90,50,20,1)\nM2\nO<part> sub\n{}O<part> endsub\n",
@@ -113,7 +113,7 @@ fn an_infeed_next_to_nothing_is_refused() {
     }
 }
 
-/// A file that calls what it should hold itself: each name is looked for once.
+/// A file that calls what it should contain itself: each name is searched for once.
 #[test]
 fn files_that_call_each_other_are_read_once() {
     assert_eq!(found("O<f1> call\nO<f2> call\nO<f1> call\nO<g1> call\nM2\n").len(), 4);
@@ -121,7 +121,7 @@ fn files_that_call_each_other_are_read_once() {
     harm::program(calls.as_bytes());
 }
 
-/// Ten thousand contours in one program: their labels are looked for once, not from the start for each.
+/// Ten thousand contours in one program: their labels are searched for once, not from the start for each.
 #[test]
 fn looking_for_labels_takes_no_square_of_time() {
     let calls: String =
@@ -129,15 +129,15 @@ fn looking_for_labels_takes_no_square_of_time() {
     let labels: String = (0..10_000).map(|label| format!("PA{label}:\nG1 X1 Z1\nPB{label}:\n")).collect();
     let text = Text::from(format!("{calls}M2\n{labels}").as_str());
     let began = std::time::Instant::now();
-    let prescan = Arc::new(Prescan::of("program", text, &setup()));
+    let prescan = Arc::new(Prescan::scan("program", text, &setup()));
     assert!(prescan.diagnostics().is_empty());
     let mut program = Program::<&[u8]>::prescanned(prescan, setup());
     program.close(&mut Vec::new());
-    program.look_behind_the_end();
+    program.check_after_end();
     assert!(began.elapsed().as_secs() < 20, "{:?}", began.elapsed());
 }
 
-/// A program that arrives may invent names, points and moves without end; what is kept is bounded.
+/// A streamed program may create names, points and moves endlessly; the memory is bounded.
 #[test]
 fn what_a_program_that_arrives_keeps_is_bounded() {
     let names: String = (0..60_000).map(|number| format!("#<a{number}>=1\n")).collect();
@@ -167,7 +167,7 @@ fn numbers_beyond_any_machine_are_refused() {
     for word in ["X[10**16]", "Y-9999999999999999", "F[10**300]", "S[10**300]", "I[-10**300] X1"] {
         assert_eq!(found(&format!("F9 G3 {word}\nM2\n").replace("F9 G3 F", "G1 F")), [("E1103", 1)], "{word}");
     }
-    // Offsets reach the moves by way of parameters and tables, too.
+    // Offsets also reach the moves through parameters and tables.
     harm::program(
         b"#5221=[10**308]\n#5211=[10**308]\n#5210=1\nG54 G20 G92.3\nG0 X1\nG91 G0 X9\nG10 L20 P1 X5\nG28\nM2\n",
     );

@@ -1,11 +1,12 @@
-//! The wider language where the peer's text does not tell: control points, inputs, user codes, what a program aborts with.
+//! The extended language where LinuxCNC's text output does not show the result: control points, inputs, user codes,
+//! aborts.
 
 mod common;
 
 use common::canon_text;
 use retrace_gcode::{Canon, ControlPoint, Program, Progress, Setup, UserCodes, WaitFor, WaitForInput, WaitInput};
 
-/// Every canonical function of a program, and the numbers of what is wrong with it.
+/// Returns every canonical function of a program, and the numbers of its errors.
 fn run(program: &str, setup: Setup) -> (Vec<Canon>, Vec<&'static str>) {
     let mut program = Program::new(program.as_bytes(), setup);
     let mut steps = Vec::new();
@@ -98,7 +99,8 @@ fn abort_ends_a_program_with_its_text() {
     assert_eq!(found, [("E1728", "no 7.000000")]);
 }
 
-/// The peer forgets a feed that G93 has come over, offsets that are not those of the tool in the spindle, and switches that were off.
+/// LinuxCNC loses a feed that G93 has replaced, offsets that are not those of the tool in the spindle, and switches
+/// that were off.
 #[test]
 fn saved_modes_come_back_whole() {
     let between = "G93 G20 G91 G18 G61 G55 G7 G90.1 G99 M9\nM48\nM52 P1 G49\n";
@@ -114,7 +116,7 @@ fn saved_modes_come_back_whole() {
         }
     }
     let (mut now, mut then) = (program.interpreter().state().clone(), kept.expect("M70"));
-    // A change of units and back leaves traces in the last digits.
+    // A change of units and back changes the last digits.
     let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
     assert!(near(now.feed_rate, then.feed_rate) && near(now.naivecam_tolerance, then.naivecam_tolerance));
     assert!(now.position.minus(&then.position).0.iter().all(|way| near(*way, 0.0)));
@@ -155,11 +157,11 @@ fn saved_modes_hold_feed_per_turn_surface_speed_and_compensation() {
     }
     let state = interpreter.state();
     assert_eq!((state.feed_mode, state.feed_rate), (FeedMode::UnitsPerRevolution, 1.0));
-    assert_eq!((state.constant_surface_speed, state.highest_spindle_speed, state.spindle_speed), (true, 1000.0, 200.0));
+    assert_eq!((state.constant_surface_speed, state.max_spindle_speed, state.spindle_speed), (true, 1000.0, 200.0));
     assert_eq!(state.compensation.map(|found| (found.side, found.radius)), Some((Side::Left, 0.25)));
 }
 
-/// The texts of the messages of a program.
+/// Returns the texts of the messages of a program.
 fn messages(program: &str) -> Vec<String> {
     let (canon, found) = run(program, Setup::rs274());
     assert!(found.is_empty(), "{program}: {found:?}");
@@ -170,7 +172,7 @@ fn messages(program: &str) -> Vec<String> {
     texts.collect()
 }
 
-/// Three steps of 0.1 make a little more than 0.3.
+/// Three steps of 0.1 are a little more than 0.3.
 #[test]
 fn a_loop_with_le_makes_its_last_pass() {
     let program = "#<z>=.1\nO1 while [#<z> LE .3]\n(debug,#<z>)\n#<z>=[#<z>+.1]\nO1 endwhile\nM2\n";
@@ -212,7 +214,7 @@ fn g95_takes_the_number_of_the_spindle() {
     assert_eq!(run("G95 $1 F.1\nM2\n", Setup::rs274()).1, ["E1630"]);
 }
 
-/// The functions of F, S and path mode.
+/// Returns the functions of F, S and path mode.
 fn settings(program: &str) -> Vec<Canon> {
     let (canon, found) = run(program, Setup::rs274());
     assert!(found.is_empty(), "{program}: {found:?}");
@@ -247,7 +249,7 @@ fn restored_modes_come_out_again_though_they_have_not_changed() {
         assert_eq!(settings(&format!("{before}M70\nG1 X1\nM72\nM2\n")), wanted);
         assert_eq!(settings(&format!("O1 sub\nM73\nG1 X1\nO1 endsub\n{before}O1 call\nM2\n")), wanted);
     }
-    // Also under cutter compensation, which takes no code of the path mode; F and S wait for the next corner there.
+    // Also under cutter compensation, which accepts no code of the path mode; F and S wait for the next corner there.
     let compensated = "F100 S50\nG61\nG41.1 D1\nG1 X5\nX9\nM70\nX12\nM72\nX15\nG40\nX0\nM2\n";
     let once = [Canon::SetFeedRate(100.0), Canon::SetSpindleSpeed(50.0)];
     assert_eq!(settings(compensated), [&once[..], &exact, &exact, &once].concat());
@@ -284,7 +286,7 @@ fn a_program_may_have_a_name_of_its_own() {
     }
 }
 
-/// The first finding of a program: its number, its message, and what to do.
+/// Returns the first diagnostic of a program: its number, its message, and the remedy.
 fn first_finding(line: &str) -> (&'static str, String, String) {
     let found = retrace_gcode::check(format!("{line}\nM2\n").into_bytes(), Setup::rs274());
     let first = found.first().unwrap_or_else(|| panic!("{line} is taken"));
@@ -294,36 +296,36 @@ fn first_finding(line: &str) -> (&'static str, String, String) {
 #[test]
 fn common_slips_get_an_answer_of_their_own() {
     for (line, number, message) in [
-        ("GO X10", "E1013", "G is followed by the letter O; is a 0 meant?"),
-        ("G0 X1O", "E1013", "the letter O stands behind a digit; is a 0 meant?"),
-        ("G0 XO", "E1013", "X is followed by the letter O; is a 0 meant?"),
+        ("GO X10", "E1013", "G is followed by the letter O; did you mean 0?"),
+        ("G0 X1O", "E1013", "the letter O follows a digit; did you mean 0?"),
+        ("G0 XO", "E1013", "X is followed by the letter O; did you mean 0?"),
         ("S M3", "E1101", "S is not followed by a value"),
         ("G1 X Y5", "E1101", "X is not followed by a value"),
         ("G0 X10,5", "E1014", "a comma is not a decimal point"),
         ("#1=2,5", "E1014", "a comma is not a decimal point"),
         ("G0 X[1,5]", "E1014", "a comma is not a decimal point"),
-        ("#2=[#1 = 5]", "E1208", "= does not compare; EQ does"),
-        ("# a comment", "E1015", "# begins no comment"),
-        ("#comment", "E1015", "# begins no comment"),
+        ("#2=[#1 = 5]", "E1208", "= does not compare; use EQ"),
+        ("# a comment", "E1015", "# does not begin a comment"),
+        ("#comment", "E1015", "# does not begin a comment"),
         ("IF [#1 GT 5] G0 X1", "E1815", "IF is followed by a condition in brackets and GOTO or THEN"),
         ("IF [#1 GT 5] GOTO X5", "E1815", "GOTO is followed by the number of a line, as in GOTO 100"),
         ("IF [#1 EQ 5] THEN G0", "E1815", "THEN is followed by an assignment, as in IF [#1 GT 5] THEN #1=5"),
-        ("DO1", "E1815", "DO stands behind WHILE and its condition"),
+        ("DO1", "E1815", "DO must follow WHILE and its condition"),
         ("WHILE [#1 LT 5] DO4", "E1815", "DO and END are followed by 1, 2 or 3"),
         ("WHILE [#1 LT 5] G0 X1", "E1815", "WHILE is followed by a condition in brackets and DO"),
-        ("GOTO 100 G0 X1", "E1815", "nothing else may stand in this line"),
+        ("GOTO 100 G0 X1", "E1815", "nothing else is allowed in this line"),
         ("G0 \u{feff}X1", "E1016", "invisible character"),
         ("G0\u{a0}X1", "E1016", "invisible character"),
         ("G0 X[depth+1]", "E1201", "there is no function DEPTH; a named parameter is written #<depth>"),
-        ("G0 X[SINE[30]]", "E1201", "there is no function SINE; do you mean SIN?"),
-        ("G0 X[SQR[4]]", "E1201", "there is no function SQR; do you mean SQRT?"),
-        ("#<depth>=1\nG0 X#<dpeth>", "E1302", "#<dpeth> has no value yet; do you mean #<depth>?"),
+        ("G0 X[SINE[30]]", "E1201", "there is no function SINE; did you mean SIN?"),
+        ("G0 X[SQR[4]]", "E1201", "there is no function SQR; did you mean SQRT?"),
+        ("#<depth>=1\nG0 X#<dpeth>", "E1302", "#<dpeth> has no value yet; did you mean #<depth>?"),
         (
             "O<drill> sub\nO<drill> endsub\nO<dril> call",
             "E1804",
-            "there is no subprogram O<dril>; do you mean O<drill>?",
+            "there is no subprogram O<dril>; did you mean O<drill>?",
         ),
-        ("O<a call", "E1801", "the name behind O< has no >; write O<name> call"),
+        ("O<a call", "E1801", "the name after O< has no >; write O<name> call"),
     ] {
         let (code, said, help) = first_finding(line);
         assert_eq!((code, said.as_str()), (number, message), "{line}");
@@ -341,7 +343,7 @@ fn a_move_that_takes_longer_than_a_day_is_refused() {
     }
 }
 
-/// Where a probing move ends is taken for granted in a check: the machine's own answer gives the next one a way.
+/// The end of a probing move is an assumption in a check: with the machine's own result, the next move has a length.
 #[test]
 fn probing_without_a_way_is_a_fault_only_before_the_first_answer() {
     let errors = |text: &str| {

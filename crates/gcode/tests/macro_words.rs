@@ -1,5 +1,5 @@
-//! The control words of Fanuc's macros: GOTO, IF … GOTO, IF … THEN and WHILE … DO … END, against examples and against a small machine of its
-//! own that goes from line to line.
+//! The control words of Fanuc's macros: GOTO, IF … GOTO, IF … THEN and WHILE … DO … END, compared with examples and
+//! with a small model that executes line by line.
 
 mod common;
 
@@ -7,7 +7,7 @@ use common::canon_text;
 use proptest::prelude::*;
 use retrace_gcode::{BranchDestination, CallFrame, Canon, Prescan, Program, Setup, check};
 
-/// The X coordinates of the rapid moves of a program in a file, in order.
+/// Returns the X coordinates of the rapid moves of a program in a file, in order.
 fn moves(program: &str) -> Vec<i64> {
     let (text, failed) = canon_text(program);
     assert!(!failed, "{program}\n{text}");
@@ -16,7 +16,7 @@ fn moves(program: &str) -> Vec<i64> {
     moves.map(|(_, arguments)| arguments.split('.').next().unwrap_or_default().parse().expect("a number")).collect()
 }
 
-/// The same of a program that arrives; or its first error and the line of it.
+/// Returns the same for a streamed program, or its first error and the line of it.
 fn arriving(program: &str) -> Result<Vec<i64>, (&'static str, u32)> {
     let mut steps = Program::new(program.as_bytes(), Setup::default()).into_iter();
     let moves = steps.by_ref().filter_map(|step| match step.canon {
@@ -40,11 +40,11 @@ fn goto_goes_to_the_line_of_its_number_forward_and_backward() {
     // the number is a value, and a line with leading zeros has the same
     assert_eq!(moves("#1=2\nGOTO [#1*10]\nN10 G0 X1\nN0020 G0 X2\nM2\n"), [2]);
     assert_eq!(moves("#1=30\nIF [1] GOTO #1\nN30 G0 X2\nM2\n"), [2]);
-    // of several the next one ahead, else the first
+    // of several the next one ahead, otherwise the first
     assert_eq!(moves("GOTO 5\nN5 G0 X1\nGOTO 6\nN5 G0 X2\nN6 G0 X3\nM2\n"), [1, 3]);
     let both = "#1=0\nN5 #1=[#1+1]\nG0 X#1\nIF [#1 GT 1] GOTO 9\nGOTO 5\nN5 G0 X7\nN9 M2\n";
     assert_eq!(moves(both), [1, 7]);
-    // behind the end of the program and back
+    // after the end of the program and back
     assert_eq!(moves("GOTO 90\nN10 G0 X1\nM2\nN90 G0 X2\nGOTO 10\n"), [2, 1]);
     // a line that is deleted is not a target
     assert_eq!(moves("G0 X1\n/N7 GOTO 9\nN9 G0 X2\nM2\n"), [1, 2]);
@@ -76,14 +76,14 @@ fn loops_may_be_left_and_not_entered() {
     assert_eq!(moves(left), [1, 1, 1, 9]);
     assert_eq!(errors("GOTO 5\nWHILE [#1 LT 1] DO1\nN5 #1=1\nEND1\nM2\n").first(), Some(&("E1817", 1)));
     assert_eq!(errors("#2=5\nGOTO #2\nWHILE [#1 LT 1] DO1\nN5 #1=1\nEND1\nM2\n").first(), Some(&("E1817", 2)));
-    // its WHILE may be gone to
+    // a jump to its WHILE is allowed
     assert_eq!(moves("#1=1\nGOTO 4\nG0 X3\nN4 WHILE [#1 LT 2] DO1\nG0 X#1\n#1=2\nEND1\nM2\n"), [1]);
 }
 
 #[test]
 fn a_loop_that_was_left_begins_anew() {
     let text = "N1 #1=[#1+1]\nWHILE [1] DO1\nG0 X#1\nGOTO 1\nEND1\nM2\n";
-    let prescan = std::sync::Arc::new(Prescan::of("part", text.into(), &Setup::default()));
+    let prescan = std::sync::Arc::new(Prescan::scan("part", text.into(), &Setup::default()));
     let mut program = Program::<&[u8]>::prescanned(prescan, Setup::default());
     let (mut steps, mut moves) = (Vec::new(), 0);
     while moves < 3 {
@@ -91,8 +91,8 @@ fn a_loop_that_was_left_begins_anew() {
         program.advance(&mut steps);
         moves += steps.iter().filter(|step| matches!(step.canon, Canon::StraightTraverse(_))).count();
     }
-    let within = program.whereabouts().within;
-    assert!(matches!(within[..], [CallFrame::Loop { round: 1, line: 2, .. }]), "{within:?}");
+    let within = program.location().frames;
+    assert!(matches!(within[..], [CallFrame::Loop { iteration: 1, line: 2, .. }]), "{within:?}");
 }
 
 #[test]
@@ -102,7 +102,7 @@ fn what_cannot_be_gone_to_is_told_with_its_line() {
     assert_eq!(errors("IF [0] GOTO 100\nM2\n"), [("E1816", 1)]);
     assert_eq!(errors("GOTO [-1]\nM2\n"), [("E1816", 1)]);
     assert_eq!(errors("N10 GOTO 10\nM2\n"), [("E1806", 1)]);
-    // once, whatever was looked at before the GOTO was met
+    // once, whatever was scanned before the GOTO was found
     assert_eq!(errors("WHILE [0] DO1\nG999\nEND1\nGOTO 5\nN5 M2\n"), [("E1401", 2)]);
     let mixed = |program: &str| errors(program).iter().any(|(number, line)| (*number, *line) == ("E1818", 3));
     for program in ["O1 if [1]\nO1 endif\nGOTO 5\nN5 M2\n", "GOTO 5\nN5\nO1 repeat [2]\nO1 endrepeat\nM2\n"] {
@@ -123,7 +123,7 @@ fn a_program_that_arrives_goes_forward_and_never_back() {
     assert_eq!(arriving("N5 G0 X1\nGOTO 5\nM2\n"), Err(("E1819", 2)));
     assert_eq!(arriving("G0 X1\nGOTO 20\nG0 X2\nM2\n"), Err(("E1816", 2)));
     assert_eq!(arriving("%\nG0 X1\nGOTO 20\nG0 X2\n%\n"), Err(("E1816", 3)));
-    // inside of a loop it goes to and fro, and out of it ahead
+    // inside a loop it jumps in both directions, and out of it forward
     let looped = "#1=0\nWHILE [1] DO1\nN1 #1=[#1+1]\nG0 X#1\nIF [#1 LT 2] GOTO 1\nIF [#1 GT 3] GOTO 9\nEND1\nG0 X50\nN9 G0 X6\nM2\n";
     assert_eq!(arriving(looped), Ok(vec![1, 2, 3, 4, 6]));
     assert_eq!(moves(looped), [1, 2, 3, 4, 6]);
@@ -131,7 +131,7 @@ fn a_program_that_arrives_goes_forward_and_never_back() {
 
 #[test]
 fn every_goto_is_in_the_branch_table() {
-    let prescan = Prescan::of(
+    let prescan = Prescan::scan(
         "part",
         "N10 #1=[#1+1]\nIF [#1 LT 3] GOTO 10\nGOTO #1\nGOTO 30\nN30 M2\n".into(),
         &Setup::default(),
@@ -146,7 +146,7 @@ fn every_goto_is_in_the_branch_table() {
 enum Line {
     Move(u8),
     Add(u8, i64),
-    /// To this line, calculated where the second is true.
+    /// A jump to this line, calculated if the second field is true.
     GoTo(usize, bool),
     IfGoTo(u8, i64, usize, bool),
     IfThen(u8, i64, u8, i64),
@@ -154,7 +154,7 @@ enum Line {
     End,
 }
 
-/// Lines whose loops are closed, and at most three deep.
+/// Lines whose loops are closed, nested at most three deep.
 fn lines() -> impl Strategy<Value = Vec<Line>> {
     let register = 1..4u8;
     let line = prop_oneof![
@@ -190,7 +190,7 @@ fn lines() -> impl Strategy<Value = Vec<Line>> {
     })
 }
 
-/// The loops around each line, by their first lines; that of a loop is around its lines and its end, not around itself.
+/// Returns the loops around each line, by their first lines. A loop is around its lines and its end, not around itself.
 fn around(lines: &[Line]) -> Vec<Vec<usize>> {
     let (mut open, mut all) = (Vec::new(), Vec::new());
     for (at, line) in lines.iter().enumerate() {
@@ -205,7 +205,8 @@ fn around(lines: &[Line]) -> Vec<Vec<usize>> {
     all
 }
 
-/// Carries the lines out one after the other; what is moved to, and whether it comes to its end within so many lines, or goes into a loop.
+/// Executes the lines one after another. Returns the moves, and whether it ends within the given number of lines, or
+/// enters a loop.
 fn carried_out(lines: &[Line], most: usize) -> (Vec<i64>, Option<&'static str>) {
     let (mut registers, mut moves, mut at) = ([0i64; 4], Vec::new(), 0);
     let around = around(lines);
@@ -272,7 +273,7 @@ fn written(lines: &[Line]) -> String {
     text
 }
 
-/// Cases: more where a campaign asks for them.
+/// Number of cases: more in a campaign.
 fn cases() -> u32 {
     std::env::var("RETRACE_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(2_000)
 }
@@ -284,19 +285,19 @@ proptest! {
     fn random_programs_go_from_line_to_line_as_a_machine_of_their_own_does(lines in lines()) {
         let (program, (expected, ended)) = (written(&lines), carried_out(&lines, 3_000));
         let around = around(&lines);
-        // what is written is refused before anything runs, also where the program would not come by
+        // a written number is refused before anything runs, even where the program would not reach it
         let enters = |at: usize, to: usize| !around[to].iter().all(|of| around[at].contains(of));
         let is_refused = lines.iter().enumerate().any(|(at, line)| match *line {
             Line::GoTo(to, false) | Line::IfGoTo(_, _, to, false) => enters(at, to),
             _ => false,
         });
         if is_refused {
-let prescan = Prescan::of("part", program.as_str().into(), &Setup::default());
+let prescan = Prescan::scan("part", program.as_str().into(), &Setup::default());
             let found = prescan.diagnostics();
             prop_assert!(found.iter().any(|found| found.number() == "E1817"), "{}", program);
         } else if ended == Some("E1817") {
             let mut found = Vec::new();
-            let prescan = std::sync::Arc::new(Prescan::of("part", program.as_str().into(), &Setup::default()));
+            let prescan = std::sync::Arc::new(Prescan::scan("part", program.as_str().into(), &Setup::default()));
             let mut steps = Program::<&[u8]>::prescanned(prescan, Setup::default()).into_iter();
             found.extend(steps.by_ref().filter_map(|step| match step.canon {
                 Canon::StraightTraverse(end) => Some(end.0[0] as i64),

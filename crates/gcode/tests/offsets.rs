@@ -1,16 +1,16 @@
-//! Offsets and coordinate systems: none of them moves the machine, and each makes the position what it says.
+//! Offsets and coordinate systems: none of them moves the machine, and each sets the position that it defines.
 
 use proptest::prelude::*;
 use retrace_gcode::{Axis, Canon, Interpreter, LengthUnit, Pose, Setup};
 
-/// Carries out a block that must be right.
+/// Executes a block that must be valid.
 fn block(interpreter: &mut Interpreter, text: &str) -> Vec<Canon> {
     let mut steps = Vec::new();
     interpreter.line(text.as_bytes(), &mut steps).unwrap_or_else(|_| panic!("{text}: {:?}", interpreter.diagnostics()));
     steps.into_iter().map(|step| step.canon).collect()
 }
 
-/// The machine's position in millimetres.
+/// Returns the machine's position in millimetres.
 fn machine(interpreter: &Interpreter) -> Pose {
     interpreter.state().machine_position().scaled_lengths(interpreter.state().units.millimetres())
 }
@@ -19,7 +19,7 @@ fn is_near(left: &Pose, right: &Pose) -> bool {
     left.0.iter().zip(&right.0).all(|(left, right)| (left - right).abs() < 1e-9)
 }
 
-/// A block that sets an offset, and the position that it makes, if it says one.
+/// A block that sets an offset, and the position that it defines, if it defines one.
 fn offset_block() -> impl Strategy<Value = (String, Option<(f64, f64)>)> {
     let value = -500..500_i32;
     (0..9_u8, 1..10_u8, value.clone(), value, 0..360_i32).prop_map(|(kind, system, x, y, rotation)| {
@@ -58,7 +58,7 @@ proptest! {
         }
     }
 
-    /// G53 and G28 know machine coordinates, whatever offsets are in force.
+    /// G53 and G28 use machine coordinates, whatever offsets are in force.
     #[test]
     fn machine_coordinates_are_reached_through_any_offsets(blocks in prop::collection::vec(offset_block(), 1..20)) {
         let mut interpreter = Interpreter::new(Setup::default());
@@ -74,7 +74,7 @@ proptest! {
     }
 }
 
-/// Where the peer errs: it takes the tool offset of 12.9794 mm for 12.9794 inches.
+/// LinuxCNC is wrong here: it reads the tool offset of 12.9794 mm as 12.9794 inches.
 #[test]
 fn a_tool_offset_in_force_is_converted_with_the_units() {
     let mut interpreter = Interpreter::new(Setup::default());

@@ -1,7 +1,7 @@
-//! What `retrace canon` prints for CYCLE95, called from programs, beside paths worked out by hand.
+//! Output of `retrace canon` for CYCLE95, called from programs, compared with manually calculated paths.
 //!
-//! Invariant: paths are written in the cut axis u and the infeed axis v of the requirements (section 7.4), free side +v, cutting towards
-//! -u; each type of machining is one way to lay u and v on X and Z.
+//! Invariant: paths are written in the cut axis u and the infeed axis v of the requirements (section 7.4), free side
+//! +v, cutting towards -u; each type of machining maps u and v to X and Z differently.
 
 mod common;
 
@@ -21,14 +21,14 @@ fn setup() -> Setup {
     }
 }
 
-/// How u and v lie on X (a radius) and Z, for VARI modulo 4.
+/// Mapping of u and v to X (a radius) and Z, for VARI modulo 4.
 #[derive(Clone, Copy, Debug)]
 struct Lay {
     vari: i32,
 }
 
 impl Lay {
-    /// X and Z of a place. X stays above 0.
+    /// Returns X and Z of a point. X stays above 0.
     fn place(self, u: f64, v: f64) -> (f64, f64) {
         match self.vari % 4 {
             1 => (v, u),
@@ -39,7 +39,7 @@ impl Lay {
     }
 }
 
-/// A list of places in u and v, `-` for no change, as X and Z words.
+/// Converts a list of points in u and v, `-` for no change, to X and Z words.
 fn contour(lay: Lay, places: &str) -> String {
     let mut at = (0.0, 0.0);
     let mut lines = String::new();
@@ -53,7 +53,7 @@ fn contour(lay: Lay, places: &str) -> String {
     lines
 }
 
-/// The moves that are meant: `T` fast, a number the feed, then the place.
+/// Returns the expected moves: `T` rapid, a number is the feed, then the end.
 fn meant(lay: Lay, moves: &str) -> Vec<String> {
     let mut at = (0.0, 0.0);
     let mut list = Vec::new();
@@ -67,7 +67,8 @@ fn meant(lay: Lay, moves: &str) -> Vec<String> {
     list
 }
 
-/// The moves of the call, in the same form, from the canonical text; notes of compensation by their side, dwells by their seconds.
+/// Returns the moves of the call, in the same form, from the canonical text; notes of compensation by their side,
+/// dwells by their seconds.
 fn moves(program: &str) -> Vec<String> {
     let (text, failed) = canon_text_with(program, setup());
     assert!(!failed, "{program}\n{text}");
@@ -83,7 +84,7 @@ fn moves(program: &str) -> Vec<String> {
             "SET_FEED_RATE" => feed = numbers[0],
             "STRAIGHT_TRAVERSE" => found.push(format!("T:{:.3},{:.3}", numbers[0] + 0.0, numbers[2] + 0.0)),
             "STRAIGHT_FEED" => found.push(format!("{feed}:{:.3},{:.3}", numbers[0] + 0.0, numbers[2] + 0.0)),
-            // In G18 the end comes as Z X, then the centre.
+            // In G18 the end is printed as Z X, then the centre.
             "ARC_FEED" => found.push(format!("{feed}:{:.3},{:.3}", numbers[1] + 0.0, numbers[0] + 0.0)),
             "DWELL" => found.push(format!("P{}", numbers[0])),
             "COMMENT" if rest.contains("compensation on left") => found.push("G41".to_owned()),
@@ -112,8 +113,8 @@ const RELIEF: &str = "0,6 -10,6 -13,3 -18,3 -18,8 -20,8";
 const ROUGH_RISING: &str = "T:1,13 T:1,8.5 90:-13.5,8.5 90:-14,9 90:-20,9 90:-20,12 T:-19,13 T:1,13 \
     T:1,5 90:-10,5 90:-13.5,8.5 T:-12.5,9.5 T:1,9.5 T:1,13";
 
-/// RELIEF with MID 4: D = 8 - 6 = 2, one level at 6, the relief bridged, up to the top at 8 and no further; then the relief of depth 3 in one level, plunged into along
-/// its flank with FF2.
+/// RELIEF with MID 4: D = 8 - 6 = 2, one level at 6, the relief bridged, up to the top at 8 and no further; then the
+/// relief of depth 3 in one level, plunged into along its flank with FF2.
 const ROUGH_RELIEF: &str = "T:1,9 T:1,6 90:-18,6 90:-18,8 T:-17,9 T:1,9 \
     T:-10,9 T:-10,7 50:-10,6 50:-13,3 90:-18,3 90:-18,6 T:-17,7 T:-17,9 T:1,9";
 
@@ -128,8 +129,9 @@ fn every_type_roughs_rising_falling_and_relieved_contours() {
     }
 }
 
-/// Finishing without a nose: P infeed axis first, in front of the programmed start; the contour once at FF3 between G41 or G42 and G40;
-/// back to P, both axes at once where the end is the highest point, else the infeed axis first.
+/// Finishing without a nose: to P with the infeed axis first, in front of the programmed start; the contour once at FF3
+/// between G41 or G42 and G40; back to P, both axes at once where the end is the highest point, otherwise the infeed
+/// axis first.
 #[test]
 fn every_type_finishes_along_the_programmed_contour() {
     for vari in [5, 6, 7, 8, 205, 206, 207, 208] {
@@ -137,13 +139,13 @@ fn every_type_finishes_along_the_programmed_contour() {
         for (places, path) in [
             (RISING, "T:-,13 T:1,13 T:0,5 20:-10,5 20:-14,9 20:-20,9 20:-20,12 T:1,13"),
             (RELIEF, "T:-,9 T:1,9 T:0,6 20:-10,6 20:-13,3 20:-18,3 20:-18,8 20:-20,8 T:1,9"),
-            // As programmed, towards +u: P lies beyond the other end, and the end is not the highest point.
+            // As programmed, towards +u: P is beyond the other end, and the end is not the highest point.
             (FALLING, "T:-,13 T:-21,13 T:-20,12 20:-20,9 20:-14,9 20:-10,5 20:0,5 T:0,13 T:-21,13"),
         ] {
             let call = format!("CYCLE95(\"part\",0,,,,90,50,20,{vari})");
             let compensation = if is_right(vari, places == FALLING) { "G42" } else { "G41" };
             let (from, path) = path.split_once(' ').expect("the first move");
-            // The tool comes from X80 Z80: the infeed axis goes first.
+            // The tool comes from X80 Z80: the infeed axis moves first.
             let (x, z) = lay.place(0.0, from[4..].parse().expect("v"));
             let first = if vari % 2 == 1 { format!("T:{x:.3},80.000") } else { format!("T:80.000,{z:.3}") };
             let wanted = [vec![first], meant(lay, path)].concat();
@@ -153,18 +155,20 @@ fn every_type_finishes_along_the_programmed_contour() {
                 wanted,
                 "{vari}: {places}"
             );
-            // On with the move to the contour, off with the one behind it.
+            // On with the move to the contour, off with the one after it.
             assert_eq!((found[2].as_str(), found[3 + places.split(' ').count()].as_str()), (compensation, "G40"));
         }
     }
 }
 
-/// Outside longitudinal towards -Z the tool is on the right; each mirror and each turn of direction changes the side.
+/// Outside longitudinal towards -Z the tool is on the right; each mirroring and each reversal of direction changes the
+/// side.
 fn is_right(vari: i32, backwards: bool) -> bool {
     matches!(vari % 4, 1 | 0) != backwards
 }
 
-/// Roughing and finishing in one: the tool goes on from P, and the last pass takes what the allowances have left.
+/// Roughing and finishing in one call: the tool continues from P, and the last pass removes what the allowances have
+/// left.
 #[test]
 fn complete_is_roughing_and_finishing_in_the_direction_of_the_cut() {
     for vari in [9, 10, 11, 12, 209, 212] {
@@ -179,8 +183,9 @@ fn complete_is_roughing_and_finishing_in_the_direction_of_the_cut() {
     }
 }
 
-/// Allowances 0.1 along Z and 0.2 along X move RISING to v 5.2, 9.2, 12.2 and the wall to u -19.9; the taper keeps its slope. P is at
-/// 1.1, 13.2; levels 8.7 and 5.2; each cut stops after 6 mm of way for 2 s, not at its end: the second is 11 long.
+/// Allowances 0.1 along Z and 0.2 along X move RISING to v 5.2, 9.2, 12.2 and the wall to u -19.9; the taper keeps its
+/// slope. P is at 1.1, 13.2; levels 8.7 and 5.2; each cut stops after a distance of 6 mm for 2 s, not at its end: the
+/// second is 11 long.
 #[test]
 fn allowances_move_the_rough_contour_and_cuts_are_interrupted() {
     let found = moves(&program("9", "CYCLE95(\"part\",4,0.1,0.2,,90,50,20,1,2,6)", &contour(Lay { vari: 1 }, RISING)));
@@ -197,10 +202,10 @@ fn allowances_move_the_rough_contour_and_cuts_are_interrupted() {
     assert_eq!(along, found);
 }
 
-/// A nose of 0.4 towards -X and -Z. Its tip stands on cylinders and faces; along the taper (x + z = -5) the centre keeps 0.4 off, so the
-/// tip runs on x + z = -5 - 0.4 (2 - sqrt 2) = -5.2343: it enters the taper at 5, -10.2343. Round the edge at 9, -14 the centre turns from
-/// the normal of the taper to that of the cylinder: tip from 9 - 0.1172, -14.1172 to 9, -14.4. The last wall ends where the centre stands
-/// at X12: the tip at 11.6.
+/// A nose of 0.4 towards -X and -Z. Its tip is on cylinders and faces; along the taper (x + z = -5) the centre stays
+/// 0.4 off, so the tip runs on x + z = -5 - 0.4 (2 - sqrt 2) = -5.2343: it enters the taper at 5, -10.2343. Around the
+/// edge at 9, -14 the centre turns from the normal of the taper to that of the cylinder: tip from 9 - 0.1172, -14.1172
+/// to 9, -14.4. The last wall ends where the centre is at X12: the tip at 11.6.
 #[test]
 fn finishing_keeps_the_nose_off_the_contour() {
     let found = moves(&program("2", "CYCLE95(\"part\",4,,,,90,50,20,5)", &contour(Lay { vari: 1 }, RISING)));
@@ -214,7 +219,7 @@ fn finishing_keeps_the_nose_off_the_contour() {
         "T:13.000,1.000",
     ];
     assert_eq!(found[found.len() - path.len()..], path);
-    // Roughing keeps the same distance by itself, with compensation off: levels 8.5 and 5.
+    // Roughing keeps the same distance without compensation: levels 8.5 and 5.
     let found = moves(&program("2", "CYCLE95(\"part\",4,,,,90,50,20,1)", &contour(Lay { vari: 1 }, RISING)));
     assert!(!found.iter().any(|word| word.starts_with('G')), "{found:?}");
     let first = [
@@ -228,7 +233,8 @@ fn finishing_keeps_the_nose_off_the_contour() {
     assert_eq!(found[..first.len()], first);
 }
 
-/// The worked example of section 8 in canonical text: all rows of VARI 1 and 9 outside, 3 and 11 inside, to half a thousandth.
+/// The worked example of section 8 in canonical text: all rows of VARI 1 and 9 outside, 3 and 11 inside, to half a
+/// thousandth.
 #[test]
 fn the_worked_example_comes_out_of_the_command_row_by_row() {
     const ROWS: &str = include_str!("../../cycles/tests/stock/worked_example.txt");
@@ -236,7 +242,7 @@ fn the_worked_example_comes_out_of_the_command_row_by_row() {
     let inside = "G1 X60 Z0\nZ-12\nX48 Z-18\nZ-24\nX54 Z-30\nZ-38\nX36\nG2 X30 Z-41 I0 K-3\nG1 Z-50\n";
     for (vari, contour, side) in [(1, outside, 0), (9, outside, 0), (3, inside, 1), (11, inside, 1)] {
         let call = format!("G7\nCYCLE95(\"part\",2.8,0.1,0.2,,0.3,0.15,0.1,{vari})\nG8");
-        // An inside contour is begun from its bore.
+        // An inside contour begins at its bore.
         let program = program("9", &call, contour)
             .replace("G0 X80 Z80", "G0 X10 Z80")
             .replace("G1 X20", "G7 G1 X20")
@@ -277,7 +283,7 @@ fn a_contour_may_stand_in_many_places() {
     assert_eq!(moves(&incremental), wanted);
     let numbered = program("9", "CYCLE95(\"77\",4,,,,90,50,20,1)", &contour_text).replace("O<part>", "O77");
     assert_eq!(moves(&numbered), wanted);
-    // In inches everything is 25.4 times as large, but for the lift-off, which is 1 mm: P at 0.039, 12.039.
+    // In inches everything is 25.4 times as large, except for the lift-off, which is 1 mm: P at 0.039, 12.039.
     let inch = moves(
         &program("9", "G20\nCYCLE95(\"part\",4,,,,90,50,20,1)\nG21", &contour_text.replace("X80", "X3"))
             .replace("G0 X80 Z80", "G0 X800 Z80"),
@@ -285,7 +291,7 @@ fn a_contour_may_stand_in_many_places() {
     assert_eq!(inch.first().map(String::as_str), Some("T:12.039,0.039"));
 }
 
-/// Absolute centres (G90.1) are the program's own way, in its contour; the cycle's arcs are none of it.
+/// Absolute centres (G90.1) of the program apply to its contour, not to the cycle's arcs.
 #[test]
 fn centres_mean_in_the_contour_what_they_mean_in_the_program() {
     let call = "CYCLE95(\"part\",2.8,0.1,0.2,,90,50,20,9)";

@@ -1,14 +1,18 @@
-//! Turning cycles: worked out by hand, and over random profiles call by call against LinuxCNC's `rs274 -g`.
+//! Turning cycles: calculated manually, and over random profiles compared call by call with LinuxCNC's `rs274 -g`.
 //!
-//! Invariant: a random profile is one that the peer turns well. RETRACE_TURNING is the number of profiles, RETRACE_TURNING_FIRST the first
-//! seed. Left out are the places where the peer itself is at fault:
-//! - from a profile that ends no higher than it begins it feeds straight from the start to the first point, through the stock;
+//! Invariant: a random profile is one that LinuxCNC turns correctly. RETRACE_TURNING is the number of profiles,
+//! RETRACE_TURNING_FIRST the first seed. Cases in which LinuxCNC itself is wrong are left out:
+//! - from a profile that ends no higher than it begins it feeds straight from the start to the first point, through the
+//!   stock;
 //! - where the first element is a wall and the allowance moves its foot before the start, it cuts through the wall;
-//! - with an allowance it refuses neighbours in one line ("parallel lines"), and prints no numbers for slots that are too narrow;
-//! - at the end of a profile it leaves no allowance at the shoulder, which release 2.9.9 does: profiles to be roughed end with the wall;
-//! - where a level of roughing, or the finishing cut, touches the beginning of an arc along it, it loses the arc: with seed 5205 it feeds
-//!   through the part, with seed 5397 it leaves a pocket uncut;
-//! - it takes an allowance and a retreat below 0, and P0, and makes moves of no length or not by the last digit.
+//! - with an allowance it refuses neighbours in one line ("parallel lines"), and does not print numbers for slots that
+//!   are too narrow;
+//! - at the end of a profile it leaves no allowance at the shoulder, which release 2.9.9 does: profiles to be roughed
+//!   end with the wall;
+//! - where a level of roughing, or the finishing cut, touches the beginning of an arc along it, it loses the arc: with
+//!   seed 5205 it feeds through the part, with seed 5397 it leaves a pocket uncut;
+//! - it accepts an allowance and a retreat below 0, and P0, and makes moves of zero length or not depending on the last
+//!   digit.
 
 use retrace_gcode::{Canon, CanonText, Interpreter, Setup};
 use std::path::Path;
@@ -30,7 +34,7 @@ impl Random {
     }
 }
 
-/// A profile in the making, in a frame: `a` along it, `h` above it.
+/// A profile under construction, in a frame: `a` along it, `h` above it.
 struct Sketch {
     facing: bool,
     along: f64,
@@ -64,7 +68,7 @@ impl Sketch {
         self.lines.push(format!("{code} {} I{i:.4} K{k:.4}", self.name(self.a, self.h)));
     }
 
-    /// One element more, of another kind than the last: neighbours in one line are a fault of the peer.
+    /// Adds one element of another kind than the last: LinuxCNC mishandles neighbours in one line.
     fn grow(&mut self, kind: u64, size: f64, begins_level: bool, after_level: bool) {
         match kind {
             0 => self.line(size, 0.0),
@@ -73,7 +77,7 @@ impl Sketch {
             3 => self.line(2.0 * size, -size * 0.8),
             4 => self.quarter(size, size, begins_level),
             _ => {
-                // Level before and behind: a cusp has no path beside it.
+                // Level before and after: a cusp has no path beside it.
                 if !after_level {
                     self.line(0.8, 0.0);
                 }
@@ -120,7 +124,7 @@ impl Turning {
                 last = if kind == 5 { 0 } else { kind };
             }
         }
-        // The end stands above the beginning: from others the peer feeds straight into the stock.
+        // The end is above the beginning: from other profiles LinuxCNC feeds straight into the stock.
         let rise = (h + 0.5 - sketch.h).max(0.1);
         sketch.line(1.0, rise);
         sketch.line(0.7, 0.2);
@@ -154,7 +158,8 @@ impl Turning {
         format!("{begin}\nO100 sub\n{profile}\nO100 endsub\n{}\nM2\n", self.block)
     }
 
-    /// What this interpreter makes of it; it runs the subprogram beside the program, as the program's own runner does.
+    /// Returns the calls of this interpreter. The subprogram runs in a separate interpreter, as in the program's own
+    /// runner.
     fn calls(&self) -> (Vec<String>, bool) {
         let mut interpreter = Interpreter::new(Setup::rs274());
         let (mut steps, mut drawn) = (Vec::new(), Vec::new());
@@ -174,21 +179,22 @@ impl Turning {
     }
 }
 
-/// The call of a line, if it moves; −0 counts as 0, which the peer's own mirrors make of it.
+/// Returns the call of a line, if it moves; −0 counts as 0, which LinuxCNC's own mirroring results in.
 fn moving(line: &str) -> Option<String> {
     let call = line.get(13..)?;
     let moves = ["STRAIGHT_", "ARC_FEED"].iter().any(|name| call.starts_with(name));
     moves.then(|| call.replace("-0.0000", "0.0000"))
 }
 
-/// The moves of a text. One to where the tool is counts for none: the last digit decides whether the peer makes it.
+/// Returns the moves of a text. A move to the tool position is left out: the last digit decides whether LinuxCNC makes
+/// it.
 fn moves(text: &str) -> Vec<String> {
     let mut moves: Vec<String> = text.lines().filter_map(moving).collect();
     moves.dedup_by(|next, before| !next.starts_with("ARC") && place(next) == place(before));
     moves
 }
 
-/// X and Z of the end of a move.
+/// Returns X and Z of the end of a move.
 fn place(call: &str) -> Option<(&str, &str)> {
     let mut words = call.split_once('(')?.1.split(", ");
     if call.starts_with("ARC") {
@@ -208,7 +214,8 @@ fn rs274(folder: &Path, program: &str) -> Option<(Vec<String>, bool)> {
     Some((moves(&text), !output.status.success()))
 }
 
-/// The moves of a block over a profile, as X and Z, T fast, F at the feed, L and R for arcs to the left and right; or the error.
+/// Returns the moves of a block over a profile, as X and Z, T rapid, F at the feed, L and R for arcs to the left and
+/// right; or the error.
 fn turned(profile: &str, block: &str) -> String {
     let profile = profile.split('|').map(str::to_owned).collect();
     let mut interpreter = Interpreter::new(Setup::rs274());
@@ -269,9 +276,9 @@ fn finishing_goes_along_the_profile_at_a_falling_allowance() {
         turned(SHOULDER, "G70 Q1 X8 Z2 D.5 P2"),
         "T8 2, T8 2, T4.25 0, F4.25 -3.75, F8 -3.75, T8 2, T4 0, F4 -4, F8 -4"
     );
-    // Round an outer corner the allowance is an arc.
+    // Around an outer corner the allowance is an arc.
     assert_eq!(turned("G0 X4 Z0|G1 X6 Z0|Z-4", "G70 Q1 X8 Z2 D1 E.5"), "T8 2, T8 2, T4 0.5, F6 0.5, L6.5 0, F6.5 -4");
-    // In a bore all is mirrored.
+    // In a bore everything is mirrored.
     assert_eq!(turned("G0 X8 Z0|G1 X8 Z-4|X4", "G70 Q1 X2 Z2 D1 E.5"), "T2 2, T2 2, T7.5 0, F7.5 -3.5, F4 -3.5");
 }
 
@@ -301,7 +308,7 @@ fn the_allowance_is_left_at_the_shoulder_where_a_profile_ends() {
     let wanted = "T8 2, T8 2, T8 2, F8 -3.5, T8.5 -3, T8.5 1.5, T8 2, T6 0.8571, F6 -3.5, T6.5 -3, T6.5 0.3571, T6 0.8571, T4.5 0, F4.5 -3.5, F8 -3.5";
     assert_eq!(rounded(&turned(shaft, "G71 Q1 X8 Z2 I2 R.5 D.5")), wanted);
     assert_eq!(rounded(&turned("G0 X4 Z0|G1 Z-4|X8", "G71 Q1 X8 Z2 I2 R.5 D.5")), wanted);
-    // Along X too, and without an allowance as far as the profile goes.
+    // Along X too, and without an allowance as far as the profile extends.
     assert_eq!(
         turned("G0 X8 Z-4|G1 X4", "G72 Q1 X8 Z0 I4 R.5 D.5"),
         turned("G0 X8 Z-4|G1 X4|Z0", "G72 Q1 X8 Z0 I4 R.5 D.5")
@@ -309,11 +316,12 @@ fn the_allowance_is_left_at_the_shoulder_where_a_profile_ends() {
     assert_eq!(turned(shaft, "G71 Q1 X8 Z2 I2"), turned("G0 X4 Z0|G1 Z-4|X8", "G71 Q1 X8 Z2 I2"));
 }
 
-/// The moves of a whole program over the subprogram O1, as X and Z; or its first error and the line that it names.
+/// Returns the moves of a whole program over the subprogram O1, as X and Z; or its first error and the line that it
+/// names.
 fn run(profile: &str, block: &str) -> Result<String, String> {
     let text = format!("G18 F100\nO1 sub\n{}\nO1 endsub\n{block}\nM2\n", profile.replace('|', "\n"));
     let setup = Setup::rs274();
-    let prescan = std::sync::Arc::new(retrace_gcode::Prescan::of("p", text.into_bytes().into(), &setup));
+    let prescan = std::sync::Arc::new(retrace_gcode::Prescan::scan("p", text.into_bytes().into(), &setup));
     let mut program = retrace_gcode::Program::<&[u8]>::prescanned(prescan, setup);
     let mut steps = Vec::new();
     while program.advance(&mut steps) == retrace_gcode::Progress::Line {}
@@ -337,8 +345,8 @@ fn u_and_w_are_increments_in_a_profile_and_it_may_open_with_axis_words_alone() {
     // U of a diameter.
     assert_eq!(run("G7 U-8 W-2|G1 W-4|U8|G8", block), Ok(plain));
     for (profile, message) in [
-        ("G0 X4 U1 Z0|G1 Z-4|X8", "E1635 profile, line 3: U and X both give the end"),
-        ("G0 X4 Z0|G91 G1 W-4|X8", "E1635 profile, line 4: W is an increment already; G91 does not go with it"),
+        ("G0 X4 U1 Z0|G1 Z-4|X8", "E1635 profile, line 3: U and X both define the end"),
+        ("G0 X4 Z0|G91 G1 W-4|X8", "E1635 profile, line 4: W is an increment already and cannot be used with G91"),
     ] {
         assert_eq!(run(profile, block), Err(message.to_owned()));
     }
@@ -374,7 +382,7 @@ fn what_cannot_be_turned_is_refused() {
     }
 }
 
-/// Profiles that the peer turns wrongly; why stands above.
+/// Profiles that LinuxCNC turns incorrectly, for the reasons above.
 const PEER_AT_FAULT: [u64; 2] = [5205, 5397];
 
 #[test]
@@ -393,7 +401,7 @@ fn random_profiles_are_turned_as_rs274_turns_them() {
         };
         let (ours, we_refuse) = turning.calls();
         refused += u64::from(we_refuse);
-        // What is refused is refused by both, wherever it began.
+        // Both refuse the same profiles, wherever they began.
         if they_refuse != we_refuse || (!we_refuse && theirs != ours) {
             differing += 1;
             let at = theirs.iter().zip(&ours).take_while(|(theirs, ours)| theirs == ours).count();

@@ -36,7 +36,7 @@ impl CanonExecutor<'_> {
                 self.selected_tool = *tool;
                 self.exclusive("T", &[], self.machine.switching.of("T"), line, sink)
             }
-            Canon::ChangeTool { tool, was, remark, .. } => {
+            Canon::ChangeTool { tool, was, comment: remark, .. } => {
                 if tool != was {
                     self.forget_entered_length();
                 }

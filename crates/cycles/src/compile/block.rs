@@ -63,7 +63,7 @@ impl Compiler<'_> {
                 Kind::Word { letter: b'R', value } => {
                     self.skip();
                     let slot = self.r_parameter(value, span)?;
-                    self.assign(Variable { slot, of: Type::Real, shape: Shape::Simple }, "R", span)?;
+                    self.assign(Variable { slot, value_type: Type::Real, shape: Shape::Simple }, "R", span)?;
                 }
                 Kind::Word { letter, value } => {
                     self.skip();
@@ -96,7 +96,7 @@ impl Compiler<'_> {
             "R" => {
                 let Some(slot) = self.names.r_parameters() else { return self.too_large(span, "variables") };
                 let shape = Shape::Row(super::names::R_PARAMETERS);
-                self.assign(Variable { slot, of: Type::Real, shape }, "R", span)
+                self.assign(Variable { slot, value_type: Type::Real, shape }, "R", span)
             }
             "AX" | "IP" => {
                 self.begin(words, span)?;
@@ -117,7 +117,7 @@ impl Compiler<'_> {
                 _ => fault(
                     ErrorCode::NameUnknown,
                     span,
-                    format!("{name} is not a variable, and a call stands alone in its block"),
+                    format!("{name} is not a variable, and a call must be alone in its block"),
                 ),
             },
         }
@@ -127,10 +127,10 @@ impl Compiler<'_> {
     fn assign(&mut self, variable: Variable, name: &str, span: Span) -> CompileResult {
         self.indices(variable, name, span)?;
         self.expect(Sign::Assign, name)?;
-        self.value_for(variable.of)?;
+        self.value_for(variable.value_type)?;
         self.emit(match variable.shape {
-            Shape::Simple => Op::Store(variable.slot, variable.of),
-            shape => Op::StoreAt(variable.slot, shape.slots() as u16, variable.of),
+            Shape::Simple => Op::Store(variable.slot, variable.value_type),
+            shape => Op::StoreAt(variable.slot, shape.slots() as u16, variable.value_type),
         });
         Ok(())
     }
@@ -150,7 +150,7 @@ impl Compiler<'_> {
 
     fn once(&mut self, words: &mut Words, letter: u8, span: Span) -> CompileResult {
         if words.letters.contains(&letter) {
-            return fault(ErrorCode::WordTwice, span, format!("{} stands twice in this block", char::from(letter)));
+            return fault(ErrorCode::WordTwice, span, format!("{} is in this block twice", char::from(letter)));
         }
         self.begin(words, span)?;
         if let Some(last) = words.letters.last_mut() {
@@ -180,7 +180,7 @@ impl Compiler<'_> {
                     }
                 }
                 Some((exact, _)) => self.unknown_code("G", exact / 10.0, span),
-                None => fault(ErrorCode::CodeUnknown, span, "a G code of a cycle is a constant"),
+                None => fault(ErrorCode::CodeUnknown, span, "a G code of a cycle must be a constant"),
             };
         }
         if !is_address(letter) {
@@ -227,7 +227,7 @@ impl Compiler<'_> {
     fn code_g(&mut self, words: &mut Words, code: u16, span: Span) -> CompileResult {
         if code == 40 {
             if words.letters.iter().any(|letter| b"FS".contains(letter)) {
-                return fault(ErrorCode::NotUnderstood, span, "G4 stands before its F or S");
+                return fault(ErrorCode::NotUnderstood, span, "G4 must be before its F or S");
             }
             words.dwells = true;
         }
@@ -249,7 +249,7 @@ impl Compiler<'_> {
                 return fault(ErrorCode::CodeUnknown, span, "M2 and M30 end a program; a cycle ends with M17 or RET");
             }
             if words.has_begun {
-                return fault(ErrorCode::NotUnderstood, span, "M17 stands alone in its block");
+                return fault(ErrorCode::NotUnderstood, span, "M17 must be alone in its block");
             }
             self.emit(Op::Return);
             return Ok(());
@@ -271,6 +271,6 @@ impl Compiler<'_> {
     }
 
     fn unknown_code(&self, letter: &str, value: f64, span: Span) -> CompileResult {
-        fault(ErrorCode::CodeUnknown, span, format!("{letter}{value} is not known in a cycle"))
+        fault(ErrorCode::CodeUnknown, span, format!("{letter}{value} is not allowed in a cycle"))
     }
 }

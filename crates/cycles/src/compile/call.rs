@@ -49,7 +49,7 @@ impl Compiler<'_> {
     fn handed_on(&self) -> Option<u16> {
         let ends = matches!(self.kind_at(1), Some(Kind::Sign(Sign::Comma | Sign::Close)));
         let variable = if ends && self.peek() == Some(Kind::Name) { self.names.get(self.word_here()) } else { None };
-        let slot = variable.filter(|variable| variable.of.is_text())?.slot;
+        let slot = variable.filter(|variable| variable.value_type.is_text())?.slot;
         (usize::from(slot) < self.unit.parameters.len()).then_some(slot)
     }
 
@@ -68,7 +68,7 @@ impl Compiler<'_> {
         }
         self.close(Sign::Close, open)?;
         if count != STOCK_NUMBERS {
-            let message = format!("STOCKPATH takes a contour and {STOCK_NUMBERS} numbers, not {count}");
+            let message = format!("STOCKPATH needs a contour and {STOCK_NUMBERS} numbers, not {count}");
             return fault(ErrorCode::FunctionArguments, self.since(span.start), message);
         }
         self.emit(Op::StockPath);
@@ -76,7 +76,7 @@ impl Compiler<'_> {
     }
 
     /// Compiles `MSG("text" << value)` and `SETAL(61101, "text" << value)`.
-    pub(super) fn tell(&mut self, word: &str) -> CompileResult {
+    pub(super) fn message_call(&mut self, word: &str) -> CompileResult {
         self.skip();
         let open = self.here_span();
         self.expect(Sign::Open, word)?;

@@ -10,7 +10,7 @@ use crate::cycle::Type;
 use crate::error_codes::ErrorCode;
 
 /// Maximum nesting of parentheses and structures.
-pub(super) const DEEPEST: usize = 40;
+pub(super) const MAX_NESTING: usize = 40;
 
 /// Type of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -124,7 +124,11 @@ impl Compiler<'_> {
             let right_span = self.since(right_start);
             left = match closeness {
                 COMPARISON if compared => {
-                    return fault(ErrorCode::ComparisonChained, sign, "what is compared here is itself a comparison");
+                    return fault(
+                        ErrorCode::ComparisonChained,
+                        sign,
+                        "one side of this comparison is itself a comparison",
+                    );
                 }
                 COMPARISON => {
                     compared = true;
@@ -152,9 +156,9 @@ impl Compiler<'_> {
                 self.emit(Op::CompareTexts(operator == Operator::Unequal));
             }
             (true, true) => {
-                return fault(ErrorCode::TypeMismatch, sign, "texts are equal (==) or not (<>), nothing else");
+                return fault(ErrorCode::TypeMismatch, sign, "texts can be compared with == and <> only");
             }
-            _ => return fault(ErrorCode::TypeMismatch, sign, "a text is compared with a number"),
+            _ => return fault(ErrorCode::TypeMismatch, sign, "a text cannot be compared with a number"),
         }
         Ok(Ty::Bool)
     }
@@ -162,7 +166,7 @@ impl Compiler<'_> {
     fn arithmetic(&mut self, operator: Operator, left: (Ty, Span), right: (Ty, Span)) -> CompileResult<Ty> {
         for (ty, span) in [left, right] {
             if ty == Ty::Text {
-                return fault(ErrorCode::TypeMismatch, span, "a text cannot be calculated with");
+                return fault(ErrorCode::TypeMismatch, span, "a text cannot be used in a calculation");
             }
         }
         self.emit(Op::Operate(operator));
@@ -179,7 +183,7 @@ impl Compiler<'_> {
         match ty {
             Ty::Bool | Ty::Int => Ok(()),
             Ty::Real => {
-                fault(ErrorCode::ComparisonChained, span, "AND, OR, XOR and NOT take truth values, and this is a REAL")
+                fault(ErrorCode::ComparisonChained, span, "AND, OR, XOR and NOT need truth values, and this is a REAL")
             }
             Ty::Text => fault(ErrorCode::TypeMismatch, span, "a truth value is needed, and this is a text"),
         }
@@ -188,7 +192,7 @@ impl Compiler<'_> {
     /// Compiles a value with the operators before it.
     fn operand(&mut self) -> CompileResult<Ty> {
         self.depth += 1;
-        if self.depth > DEEPEST {
+        if self.depth > MAX_NESTING {
             return fault(ErrorCode::TooDeep, self.here_span(), "this expression is nested too deep");
         }
         let span = self.here_span();
@@ -219,7 +223,7 @@ impl Compiler<'_> {
         let before = self.unit.ops.len();
         let ty = self.operators(NOT)?;
         if ty == Ty::Text {
-            return fault(ErrorCode::TypeMismatch, span, "a text has no sign");
+            return fault(ErrorCode::TypeMismatch, span, "a text cannot have a sign");
         }
         // A constant is negated at compile time.
         if let ([Op::Number(value)], true) = (&mut self.unit.ops[before..], self.folds) {
@@ -263,7 +267,7 @@ impl Compiler<'_> {
                 self.named_value(&name, span)
             }
             Some(Kind::Word { .. }) => {
-                fault(ErrorCode::ValueMissing, span, "a word of a block stands where a value is needed")
+                fault(ErrorCode::ValueMissing, span, "a word of a block is used where a value is needed")
             }
             _ => fault(ErrorCode::ValueMissing, span, "a value is missing here"),
         }
@@ -296,7 +300,7 @@ impl Compiler<'_> {
             "R" if self.peek() == Some(Kind::Sign(Sign::OpenIndex)) => {
                 let Some(first) = self.names.r_parameters() else { return self.too_large(span, "variables") };
                 let shape = Shape::Row(R_PARAMETERS);
-                return self.variable(Variable { slot: first, of: Type::Real, shape }, name, span);
+                return self.variable(Variable { slot: first, value_type: Type::Real, shape }, name, span);
             }
             "STOCKPATH" => return self.stock_path(span),
             _ => {}
@@ -317,7 +321,7 @@ impl Compiler<'_> {
             Shape::Simple => Op::Load(variable.slot),
             shape => Op::LoadAt(variable.slot, shape.slots() as u16),
         });
-        Ok(variable.of.into())
+        Ok(variable.value_type.into())
     }
 
     /// Compiles the indices after a variable's name. They leave one number on the stack, or none for a simple variable.

@@ -3,7 +3,7 @@
 //! Invariant: every jump of a unit without errors leads to an instruction of that unit.
 
 use super::Compiler;
-use super::expression::DEEPEST;
+use super::expression::MAX_NESTING;
 use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use super::names::{Shape, Variable};
 use crate::code::{Op, Operator};
@@ -79,8 +79,8 @@ impl Compiler<'_> {
             "REPEAT" => self.open(Structure::Repeat { top }, span),
             "ELSE" => {
                 let Structure::If { exit } = self.closes("ELSE", &["IF"], span)? else { return Ok(()) };
-                let jump = self.jump_later(Op::Jump(0));
-                self.land(exit);
+                let jump = self.emit_pending_jump(Op::Jump(0));
+                self.set_jump_target(exit);
                 self.open(Structure::Else { exit: jump }, span)
             }
             "UNTIL" => {
@@ -101,12 +101,12 @@ impl Compiler<'_> {
             _ => &["LOOP"],
         };
         match self.closes(word, begins, span)? {
-            Structure::If { exit } => self.land(exit),
-            Structure::Else { exit } => self.land(Some(exit)),
+            Structure::If { exit } => self.set_jump_target(exit),
+            Structure::Else { exit } => self.set_jump_target(Some(exit)),
             Structure::Loop { top } | Structure::Repeat { top } => self.emit(Op::Jump(top as u32)),
             Structure::While { top, exit } => {
                 self.emit(Op::Jump(top as u32));
-                self.land(exit);
+                self.set_jump_target(exit);
             }
             Structure::For { top, exit, variable, of } => {
                 if let Some(slot) = variable {
@@ -115,7 +115,7 @@ impl Compiler<'_> {
                     }
                 }
                 self.emit(Op::Jump(top as u32));
-                self.land(exit);
+                self.set_jump_target(exit);
             }
         }
         Ok(())
@@ -146,7 +146,7 @@ impl Compiler<'_> {
         let variable = self.counter()?;
         self.expect(Sign::Assign, "the variable of FOR")?;
         self.number()?;
-        self.emit(Op::Store(variable.slot, variable.of));
+        self.emit(Op::Store(variable.slot, variable.value_type));
         if !self.word_here().eq_ignore_ascii_case("TO") {
             return fault(ErrorCode::NotUnderstood, self.here_span(), "TO is missing: FOR variable = first TO last");
         }
@@ -158,9 +158,9 @@ impl Compiler<'_> {
         for op in [Op::Load(variable.slot), Op::Load(last), Op::Operate(Operator::Greater)] {
             self.emit(op);
         }
-        let exit = Some(self.jump_later(Op::JumpIf(0)));
+        let exit = Some(self.emit_pending_jump(Op::JumpIf(0)));
         if let Some(open) = self.structures.last_mut() {
-            open.shape = Structure::For { top, exit, variable: Some(variable.slot), of: variable.of };
+            open.shape = Structure::For { top, exit, variable: Some(variable.slot), of: variable.value_type };
         }
         Ok(())
     }
@@ -171,29 +171,29 @@ impl Compiler<'_> {
         let variable = match self.peek() {
             Some(Kind::Word { letter: b'R', value }) => {
                 let slot = self.r_parameter(value, span)?;
-                Some(Variable { slot, of: Type::Real, shape: Shape::Simple })
+                Some(Variable { slot, value_type: Type::Real, shape: Shape::Simple })
             }
             Some(Kind::Name) => self.names.get(self.word_here()),
             _ => None,
         };
         match variable {
-            Some(variable) if variable.shape == Shape::Simple && !variable.of.is_text() => {
+            Some(variable) if variable.shape == Shape::Simple && !variable.value_type.is_text() => {
                 self.skip();
                 Ok(variable)
             }
-            _ => fault(ErrorCode::NameUnknown, span, "FOR counts with a simple variable that is a number"),
+            _ => fault(ErrorCode::NameUnknown, span, "FOR needs a simple variable that is a number"),
         }
     }
 
     /// Compiles a condition, and the jump that is taken where it is false.
     fn condition(&mut self) -> CompileResult<usize> {
         self.number()?;
-        Ok(self.jump_later(Op::JumpIfNot(0)))
+        Ok(self.emit_pending_jump(Op::JumpIfNot(0)))
     }
 
     fn open(&mut self, shape: Structure, span: Span) -> CompileResult {
         self.structures.push(Open { line: self.line, span, shape });
-        if self.structures.len() > DEEPEST {
+        if self.structures.len() > MAX_NESTING {
             return fault(ErrorCode::TooDeep, span, "structures are nested too deep");
         }
         Ok(())
@@ -222,13 +222,13 @@ impl Compiler<'_> {
     }
 
     /// Emits a jump whose target is not known yet, and returns its number.
-    fn jump_later(&mut self, op: Op) -> usize {
+    fn emit_pending_jump(&mut self, op: Op) -> usize {
         self.emit(op);
         self.unit.ops.len() - 1
     }
 
     /// Sets the target of a jump to the next instruction.
-    fn land(&mut self, jump: Option<usize>) {
+    fn set_jump_target(&mut self, jump: Option<usize>) {
         let here = self.unit.ops.len();
         if let Some(jump) = jump {
             self.aim(jump, here);
@@ -254,10 +254,10 @@ impl Compiler<'_> {
         let label = match self.peek() {
             Some(Kind::Word { letter: b'N', value }) => format!("N{value}"),
             Some(Kind::Name | Kind::Word { .. }) => self.word_here().to_ascii_uppercase(),
-            _ => return fault(ErrorCode::NotUnderstood, span, format!("a label is needed behind {word}")),
+            _ => return fault(ErrorCode::NotUnderstood, span, format!("a label is needed after {word}")),
         };
         self.skip();
-        let at = self.jump_later(jump.unwrap_or(Op::Jump(0)));
+        let at = self.emit_pending_jump(jump.unwrap_or(Op::Jump(0)));
         self.jumps.push(Jump { label, at, direction, line: self.line, span });
         Ok(())
     }
@@ -279,7 +279,7 @@ impl Compiler<'_> {
             match (found, places.first()) {
                 (Some(&(target, _)), _) => self.aim(jump.at, target),
                 (None, Some(&(_, line))) => {
-                    let message = format!("{} stands in line {line}, the other way", jump.label);
+                    let message = format!("{} is in line {line}, in the other direction", jump.label);
                     self.report(ErrorCode::LabelDirection, jump.span, message);
                 }
                 (None, None) => {

@@ -21,12 +21,12 @@ impl Compiler<'_> {
     pub(super) fn proc(&mut self, span: Span) -> CompileResult {
         self.skip();
         if self.has_proc || self.has_begun || self.names.slots() > 0 {
-            return fault(ErrorCode::ProcPlace, span, "PROC is the first block of a source, once");
+            return fault(ErrorCode::ProcPlace, span, "PROC must be the first block of a source, and occur once");
         }
         self.has_proc = true;
         let name = self.new_name("PROC")?;
         if !name.eq_ignore_ascii_case(self.file_name) {
-            let message = format!("the file is called {}, the cycle {name}", self.file_name);
+            let message = format!("the file is named {}, the cycle {name}", self.file_name);
             self.report(ErrorCode::NameDiffers, self.since(span.end), message);
         }
         self.unit.name = name;
@@ -55,15 +55,15 @@ impl Compiler<'_> {
 
     fn parameter(&mut self) -> CompileResult {
         let span = self.here_span();
-        let of = self.type_name()?;
+        let value_type = self.type_name()?;
         let name_span = self.here_span();
-        let name = self.new_name(&of.to_string())?;
+        let name = self.new_name(&value_type.to_string())?;
         if self.unit.parameters.len() >= MAX_PARAMETERS {
             return self.too_large(self.since(span.start), "parameters");
         }
-        let default = if self.eat(Sign::Assign) { converted(of, self.constant_number()?) } else { 0.0 };
-        self.define(&name, of, Shape::Simple, name_span)?;
-        self.unit.parameters.push(Parameter { name, of, default });
+        let default = if self.eat(Sign::Assign) { converted(value_type, self.constant_number()?) } else { 0.0 };
+        self.define(&name, value_type, Shape::Simple, name_span)?;
+        self.unit.parameters.push(Parameter { name, value_type, default });
         Ok(())
     }
 
@@ -74,18 +74,18 @@ impl Compiler<'_> {
             return fault(
                 ErrorCode::DefinitionPlace,
                 span,
-                "DEF stands at the beginning, before the first block that does something",
+                "DEF must be at the beginning, before the first block with an effect",
             );
         }
-        let of = self.type_name()?;
+        let value_type = self.type_name()?;
         loop {
             let name_span = self.here_span();
-            let name = self.new_name(&of.to_string())?;
+            let name = self.new_name(&value_type.to_string())?;
             let shape = self.shape()?;
-            let variable = self.define(&name, of, shape, name_span)?;
+            let variable = self.define(&name, value_type, shape, name_span)?;
             if self.eat(Sign::Assign) {
                 self.initial(variable)?;
-            } else if of.is_text() {
+            } else if value_type.is_text() {
                 self.clear_texts(variable, name_span)?;
             }
             if !self.eat(Sign::Comma) {
@@ -96,7 +96,7 @@ impl Compiler<'_> {
 
     fn type_name(&mut self) -> CompileResult<Type> {
         let span = self.here_span();
-        let of = match self.word_here().to_ascii_uppercase().as_str() {
+        let value_type = match self.word_here().to_ascii_uppercase().as_str() {
             "REAL" => Type::Real,
             "INT" => Type::Int,
             "BOOL" => Type::Bool,
@@ -105,8 +105,8 @@ impl Compiler<'_> {
         };
         self.skip();
         let open = self.here_span();
-        if !(of.is_text() && self.eat(Sign::OpenIndex)) {
-            return Ok(of);
+        if !(value_type.is_text() && self.eat(Sign::OpenIndex)) {
+            return Ok(value_type);
         }
         let length = self.constant_number()?;
         self.close(Sign::CloseIndex, open)?;
@@ -114,7 +114,7 @@ impl Compiler<'_> {
             return fault(
                 ErrorCode::ArraySize,
                 self.since(open.start),
-                format!("a text has from 1 to {MAX_TEXT_LENGTH} bytes"),
+                format!("a text must have from 1 to {MAX_TEXT_LENGTH} bytes"),
             );
         }
         Ok(Type::Text(length as u16))
@@ -123,14 +123,14 @@ impl Compiler<'_> {
     /// Parses a name to be defined, in capitals.
     fn new_name(&mut self, behind: &str) -> CompileResult<String> {
         if !matches!(self.peek(), Some(Kind::Name | Kind::Word { .. })) {
-            return fault(ErrorCode::NotUnderstood, self.here_span(), format!("a name is needed behind {behind}"));
+            return fault(ErrorCode::NotUnderstood, self.here_span(), format!("a name is needed after {behind}"));
         }
         let name = self.word_here().to_ascii_uppercase();
         self.skip();
         Ok(name)
     }
 
-    fn define(&mut self, name: &str, of: Type, shape: Shape, span: Span) -> CompileResult<Variable> {
+    fn define(&mut self, name: &str, value_type: Type, shape: Shape, span: Span) -> CompileResult<Variable> {
         if self.names.has(name) {
             return fault(ErrorCode::NameTaken, span, format!("{name} is defined already"));
         }
@@ -140,7 +140,7 @@ impl Compiler<'_> {
         if matches!(name.as_bytes(), [letter] if super::block::is_address(*letter)) {
             self.report(ErrorCode::NameIsAddress, span, format!("{name} is also an address"));
         }
-        match self.names.define(name, of, shape) {
+        match self.names.define(name, value_type, shape) {
             Some(variable) => Ok(variable),
             None => self.too_large(span, "variables"),
         }
@@ -163,7 +163,7 @@ impl Compiler<'_> {
                     return fault(
                         ErrorCode::ArraySize,
                         self.since(open.start),
-                        "an array has one or two sizes from 1 to 1000",
+                        "an array must have one or two sizes from 1 to 1000",
                     );
                 }
             }
@@ -184,8 +184,8 @@ impl Compiler<'_> {
     /// Compiles the value after `=`, or the values of an array in parentheses.
     fn initial(&mut self, variable: Variable) -> CompileResult {
         if variable.shape == Shape::Simple {
-            self.value_for(variable.of)?;
-            self.emit(Op::Store(variable.slot, variable.of));
+            self.value_for(variable.value_type)?;
+            self.emit(Op::Store(variable.slot, variable.value_type));
             return Ok(());
         }
         if self.word_here().eq_ignore_ascii_case("SET") {
@@ -198,8 +198,8 @@ impl Compiler<'_> {
             if count >= variable.shape.slots() {
                 return fault(ErrorCode::ArraySize, self.here_span(), "there are more values than elements");
             }
-            self.value_for(variable.of)?;
-            self.emit(Op::Store(variable.slot + count as u16, variable.of));
+            self.value_for(variable.value_type)?;
+            self.emit(Op::Store(variable.slot + count as u16, variable.value_type));
             count += 1;
             if !self.eat(Sign::Comma) {
                 break;
@@ -213,7 +213,7 @@ impl Compiler<'_> {
         let empty = self.constant_text("", span)?;
         for slot in 0..variable.shape.slots() as u16 {
             self.emit(Op::Text(empty));
-            self.emit(Op::Store(variable.slot + slot, variable.of));
+            self.emit(Op::Store(variable.slot + slot, variable.value_type));
         }
         Ok(())
     }

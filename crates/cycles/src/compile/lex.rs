@@ -125,7 +125,7 @@ pub(super) fn tokens(line: &str, is_variable: impl Fn(&str) -> bool, out: &mut V
                 let Some((spelling, sign)) = SIGNS.iter().find(|(spelling, _)| line[at..].starts_with(spelling)) else {
                     let letter = line[at..].chars().next().unwrap_or('?');
                     let span = Span { start, end: start + letter.len_utf8() };
-                    return fault(ErrorCode::BadCharacter, span, format!("`{letter}` begins nothing"));
+                    return fault(ErrorCode::BadCharacter, span, format!("nothing begins with `{letter}`"));
                 };
                 at += spelling.len();
                 Kind::Sign(*sign)

@@ -43,7 +43,7 @@ pub(crate) struct Compiled {
 pub(crate) fn compile(source: &[u8], file_name: &str) -> Compiled {
     let mut compiler = Compiler::new(file_name);
     if source.len() > MAX_SOURCE_LENGTH {
-        let message = format!("the source has {} bytes; {MAX_SOURCE_LENGTH} are the most", source.len());
+        let message = format!("the source has {} bytes; the maximum is {MAX_SOURCE_LENGTH}", source.len());
         compiler.diagnostics.push(Diagnostic::of_file(ErrorCode::SourceTooLong, message));
     } else {
         for (index, line) in source.split(|byte| *byte == b'\n').enumerate() {
@@ -122,7 +122,7 @@ impl<'s> Compiler<'s> {
     fn line_of_bytes(&mut self, bytes: &'s [u8]) {
         let whole = Span { start: 0, end: bytes.len().min(MAX_LINE_LENGTH) };
         if bytes.len() > MAX_LINE_LENGTH {
-            let message = format!("the line has {} bytes; {MAX_LINE_LENGTH} are the most", bytes.len());
+            let message = format!("the line has {} bytes; the maximum is {MAX_LINE_LENGTH}", bytes.len());
             return self.report(ErrorCode::SourceTooLong, whole, message);
         }
         let is_control = |byte: &u8| *byte < b' ' && *byte != b'\t';
@@ -159,7 +159,7 @@ impl<'s> Compiler<'s> {
             let places = self.labels.entry(name).or_default();
             places.push((self.unit.ops.len(), self.line));
             if let [(_, first), _, ..] = places[..] {
-                let message = format!("this label stands in line {first} too");
+                let message = format!("this label is in line {first} too");
                 self.report(ErrorCode::LabelTwice, span, message);
             }
         }
@@ -192,8 +192,10 @@ impl<'s> Compiler<'s> {
                 self.skip();
                 self.emit(Op::Return);
             }
-            "MSG" | "SETAL" => self.tell(&word)?,
-            "MCALL" => return fault(ErrorCode::NotUnderstood, span, "MCALL belongs into a program; a cycle has none"),
+            "MSG" | "SETAL" => self.message_call(&word)?,
+            "MCALL" => {
+                return fault(ErrorCode::NotUnderstood, span, "MCALL is allowed in a program only, not in a cycle");
+            }
             "AX" | "IP" | "CR" | "SPOS" | "DIAMON" | "DIAMOF" | "R" => return self.items(),
             _ if is_call || word.len() > 1 && self.tokens.len() == self.at + 1 => self.call(&word, span)?,
             _ => return self.items(),
@@ -204,7 +206,7 @@ impl<'s> Compiler<'s> {
     fn end_of_block(&mut self) -> CompileResult {
         match self.peek() {
             None => Ok(()),
-            Some(_) => fault(ErrorCode::NotUnderstood, self.here_span(), "nothing more can stand in this block"),
+            Some(_) => fault(ErrorCode::NotUnderstood, self.here_span(), "nothing more is allowed in this block"),
         }
     }
 
@@ -282,7 +284,7 @@ impl<'s> Compiler<'s> {
         if self.eat(sign) {
             return Ok(());
         }
-        fault(ErrorCode::NotUnderstood, self.here_span(), format!("`{}` is missing behind {behind}", sign.spelling()))
+        fault(ErrorCode::NotUnderstood, self.here_span(), format!("`{}` is missing after {behind}", sign.spelling()))
     }
 
     /// Consumes the closing sign for what was opened there.
@@ -311,7 +313,7 @@ impl<'s> Compiler<'s> {
 
     #[cold]
     fn too_large<T>(&self, span: Span, of: &str) -> CompileResult<T> {
-        fault(ErrorCode::TooLarge, span, format!("a cycle cannot have so many {of}"))
+        fault(ErrorCode::TooLarge, span, format!("a cycle has too many {of}"))
     }
 }
 

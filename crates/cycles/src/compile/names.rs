@@ -41,7 +41,7 @@ impl Shape {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Variable {
     pub(super) slot: u16,
-    pub(super) of: Type,
+    pub(super) value_type: Type,
     pub(super) shape: Shape,
 }
 
@@ -118,9 +118,9 @@ impl Names {
     }
 
     /// Defines a variable; `None` where the frame is full.
-    pub(super) fn define(&mut self, name: &str, of: Type, shape: Shape) -> Option<Variable> {
+    pub(super) fn define(&mut self, name: &str, value_type: Type, shape: Shape) -> Option<Variable> {
         let slot = self.reserve(shape.slots())?;
-        let variable = Variable { slot, of, shape };
+        let variable = Variable { slot, value_type, shape };
         self.variables.insert(name.to_ascii_uppercase(), variable);
         Some(variable)
     }

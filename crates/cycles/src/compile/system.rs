@@ -22,7 +22,7 @@ impl Compiler<'_> {
         }
         self.close(Sign::Close, open)?;
         if count != function.arguments() {
-            let message = format!("{} takes {} arguments, not {count}", function.name(), function.arguments());
+            let message = format!("{} needs {} arguments, not {count}", function.name(), function.arguments());
             return fault(ErrorCode::FunctionArguments, self.since(span.start), message);
         }
         self.emit(Op::Call1(function));
@@ -73,7 +73,7 @@ impl Compiler<'_> {
         }
         match System::named(name) {
             Some(system) => self.system(system),
-            None => fault(ErrorCode::NameUnknown, span, format!("{name} is not a system variable that is known here")),
+            None => fault(ErrorCode::NameUnknown, span, format!("{name} is not a known system variable")),
         }
     }
 

@@ -44,7 +44,7 @@ pub(super) struct Form {
     pub(super) origin: Origin,
     pub(super) path: PathBuf,
     /// Whether the compiled form was loaded from its folder.
-    pub(super) was_fresh: bool,
+    pub(super) is_from_cache: bool,
     pub(super) key: u128,
 }
 
@@ -98,7 +98,7 @@ impl Folders<'_> {
 fn read_source(path: &Path) -> std::io::Result<Vec<u8>> {
     let length = std::fs::metadata(path)?.len();
     if length > MAX_SOURCE_BYTES {
-        return Err(std::io::Error::other(format!("{length} bytes are too many for a source")));
+        return Err(std::io::Error::other(format!("{length} bytes are too many for a source file")));
     }
     std::fs::read(path)
 }
@@ -113,20 +113,20 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
         let holder = |name: &str| taken.iter().find(|(known, _)| known == name).map(|(_, path)| path.clone());
         if let (Origin::Shipped, Some(path)) = (source.origin, holder(&stem)) {
             let diagnostic =
-                Diagnostic::of_file(ErrorCode::ShippedReplaced, format!("{stem} takes the place of the shipped one"));
+                Diagnostic::of_file(ErrorCode::ShippedReplaced, format!("{stem} replaces the shipped cycle"));
             findings.push(LibraryFinding { source: path, diagnostic });
             continue;
         }
         let key = stored::key(&source.text, &stem);
-        let kept = folders.compiled.map(|folder| folder.join(&stem).with_extension(FORM_ENDING));
-        let fresh = kept.as_deref().and_then(|path| taken_form(path, key, &source.path, findings));
-        let was_fresh = fresh.is_some();
+        let stored = folders.compiled.map(|folder| folder.join(&stem).with_extension(FORM_ENDING));
+        let fresh = stored.as_deref().and_then(|path| load_form(path, key, &source.path, findings));
+        let is_from_cache = fresh.is_some();
         let (unit, diagnostics) = match fresh {
             Some((unit, warnings)) => (Some(unit), warnings),
             None => {
                 let compiled = compile(&source.text, &stem);
-                if let (Some(unit), Some(path)) = (&compiled.unit, &kept) {
-                    keep(path, &stored::write(unit, &compiled.diagnostics, key), &source.path, findings);
+                if let (Some(unit), Some(path)) = (&compiled.unit, &stored) {
+                    store_form(path, &stored::write(unit, &compiled.diagnostics, key), &source.path, findings);
                 }
                 (compiled.unit, compiled.diagnostics)
             }
@@ -139,19 +139,19 @@ pub(super) fn forms(sources: Vec<Source>, folders: Folders<'_>, findings: &mut V
             continue;
         };
         if let Some(path) = holder(&unit.name) {
-            let message = format!("{} is defined in {} too", unit.name, path.display());
+            let message = format!("{} is also defined in {}", unit.name, path.display());
             let diagnostic = Diagnostic::of_file(ErrorCode::CycleTwice, message);
             findings.push(LibraryFinding { source: source.path, diagnostic });
             continue;
         }
         taken.push((unit.name.clone(), source.path.clone()));
-        forms.push(Form { unit, origin: source.origin, path: source.path, was_fresh, key });
+        forms.push(Form { unit, origin: source.origin, path: source.path, is_from_cache, key });
     }
     forms
 }
 
 /// Returns the form in a file, if it is usable.
-fn taken_form(
+fn load_form(
     path: &Path,
     key: u128,
     source: &Path,
@@ -164,7 +164,7 @@ fn taken_form(
         }
         Err(FormError::Stale) => None,
         Ok(_) | Err(FormError::Torn) => {
-            let message = format!("{} is damaged or from elsewhere", path.display());
+            let message = format!("{} is damaged or of another program", path.display());
             let diagnostic = Diagnostic::of_file(ErrorCode::StoredTorn, message);
             findings.push(LibraryFinding { source: source.to_owned(), diagnostic });
             None
@@ -173,7 +173,7 @@ fn taken_form(
 }
 
 /// Writes a form under another name first, so that a partial form is never read.
-fn keep(path: &Path, bytes: &[u8], source: &Path, findings: &mut Vec<LibraryFinding>) {
+fn store_form(path: &Path, bytes: &[u8], source: &Path, findings: &mut Vec<LibraryFinding>) {
     let unfinished = path.with_extension(format!("{}.new", std::process::id()));
     let folder = path.parent().unwrap_or(path);
     let written = std::fs::create_dir_all(folder)

@@ -5,12 +5,12 @@
 use super::LibraryFinding;
 use super::folders::Form;
 use crate::code::{CallSite, Passed, Unit};
-use crate::cycle::{Cycle, CycleId, Given, Kind, misfit};
+use crate::cycle::{ArgumentKind, Cycle, CycleId, Kind, argument_mismatch};
 use crate::diag::Diagnostic;
 use crate::error_codes::ErrorCode;
 
 /// Links forms that are sorted by name.
-pub(super) fn join(mut forms: Vec<Form>, findings: &mut Vec<LibraryFinding>) -> Vec<Cycle> {
+pub(super) fn link(mut forms: Vec<Form>, findings: &mut Vec<LibraryFinding>) -> Vec<Cycle> {
     // Removing a cycle also removes those that call it, until no remaining cycle calls a removed one.
     loop {
         let wrong: Vec<Option<Diagnostic>> = forms.iter().map(|form| first_fault(&form.unit, &forms)).collect();
@@ -41,8 +41,8 @@ pub(super) fn join(mut forms: Vec<Form>, findings: &mut Vec<LibraryFinding>) -> 
                 None if form.unit.parameters.is_empty() => Kind::Plain,
                 None => Kind::Parameters,
             };
-            let Form { unit, origin, path, was_fresh, .. } = form;
-            Cycle { unit, callees, kind, origin, path, was_fresh }
+            let Form { unit, origin, path, is_from_cache, .. } = form;
+            Cycle { unit, callees, kind, origin, path, is_from_cache }
         })
         .collect()
 }
@@ -55,18 +55,20 @@ fn place(call: &CallSite, forms: &[Form]) -> Option<usize> {
 fn first_fault(unit: &Unit, forms: &[Form]) -> Option<Diagnostic> {
     unit.calls.iter().find_map(|call| {
         let (code, message) = match place(call, forms) {
-            None => (ErrorCode::CycleUnknown, format!("there is no cycle {} that can be called", call.name)),
-            Some(at) => (ErrorCode::CallArguments, misfit(&forms[at].unit, call.arguments.iter().map(given))?),
+            None => (ErrorCode::CycleUnknown, format!("the cycle {} does not exist or cannot be called", call.name)),
+            Some(at) => {
+                (ErrorCode::CallArguments, argument_mismatch(&forms[at].unit, call.arguments.iter().map(given))?)
+            }
         };
         Some(Diagnostic { code, line: call.line, start: call.start, end: call.end, message })
     })
 }
 
-fn given(passed: &Passed) -> Given {
+fn given(passed: &Passed) -> ArgumentKind {
     match passed {
-        Passed::Nothing => Given::Nothing,
-        Passed::Number => Given::Number,
-        Passed::Text | Passed::Parameter(_) => Given::Text,
+        Passed::Nothing => ArgumentKind::Empty,
+        Passed::Number => ArgumentKind::Number,
+        Passed::Text | Passed::Parameter(_) => ArgumentKind::Text,
     }
 }
 

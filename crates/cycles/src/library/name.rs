@@ -20,7 +20,7 @@ pub(super) fn cannot_be_called(name: &str) -> Option<String> {
     } else if reads_as_words(name) {
         "reads as words of a block"
     } else if has_early_digit && name.starts_with(['N', 'O']) {
-        "begins as a block number or an O word does"
+        "begins like a block number or an O word"
     } else if name.starts_with("MCALL") {
         "begins with MCALL"
     } else if CONTROL_WORDS.contains(&name.trim_end_matches(|letter: char| letter.is_ascii_digit())) {

@@ -87,7 +87,7 @@ fn segment(element: &Element) -> Result<Option<Segment>, StockRemovalError> {
     }
     // The centre is moved to where both radii are equal: onto the perpendicular bisector of the chord.
     let middle = start.plus(end).times(0.5);
-    let upright = end.minus(start).left().unit();
+    let upright = end.minus(start).rotate_left().unit();
     let centre = middle.plus(upright.times(element.centre.minus(middle).dot(upright)));
     let arc = Arc { centre, counterclockwise: element.kind == Kind::Counterclockwise };
     if arc.sweep(start, end) > PI + 1e-6 {

@@ -3,7 +3,7 @@
 //! Invariant: both segments are only shortened, and the inserted element begins and ends on them. An element that does
 //! not fit is an error.
 
-use super::curve::{Curve, meet};
+use super::curve::{Curve, intersect};
 use super::segment::{Arc, Segment};
 use super::{Corner, Point, StockRemovalError};
 
@@ -22,22 +22,22 @@ pub(super) fn break_corner(
     if corner == Corner::None || (turn.abs() < STRAIGHT && arrive.dot(leave) > 0.0) {
         return Ok(None);
     }
-    let misfit = StockRemovalError::Corner(before.line);
+    let error = StockRemovalError::Corner(before.line);
     if turn.abs() < STRAIGHT {
-        return Err(misfit);
+        return Err(error);
     }
     let (from, to, arc) = match corner {
         Corner::None => return Ok(None),
-        Corner::Rounding(radius) => rounding(before, after, radius.abs(), turn > 0.0).ok_or(misfit)?,
-        Corner::ChamferLeg(leg) => chamfer(before, after, leg.abs()).ok_or(misfit)?,
+        Corner::Rounding(radius) => rounding(before, after, radius.abs(), turn > 0.0).ok_or(error)?,
+        Corner::ChamferLeg(leg) => chamfer(before, after, leg.abs()).ok_or(error)?,
         Corner::ChamferLength(length) => {
             // An isosceles triangle over the chamfer: half its base and a leg enclose half the turn.
             let half_turn = turn.atan2(arrive.dot(leave)).abs() / 2.0;
-            chamfer(before, after, length.abs() / (2.0 * half_turn.cos())).ok_or(misfit)?
+            chamfer(before, after, length.abs() / (2.0 * half_turn.cos())).ok_or(error)?
         }
     };
-    if !before.holds(from) || !after.holds(to) {
-        return Err(misfit);
+    if !before.contains(from) || !after.contains(to) {
+        return Err(error);
     }
     before.end = from;
     after.start = to;
@@ -50,11 +50,11 @@ type Between = (Point, Point, Option<Arc>);
 fn rounding(before: &Segment, after: &Segment, radius: f64, left: bool) -> Option<Between> {
     let aside = if left { radius } else { -radius };
     let at = before.end;
-    meet(before.beside(aside)?, after.beside(aside)?)
+    intersect(before.offset_curve(aside)?, after.offset_curve(aside)?)
         .into_iter()
         .flatten()
         .map(|centre| (before.nearest(centre), after.nearest(centre), centre))
-        .filter(|(from, to, _)| before.holds(*from) && after.holds(*to))
+        .filter(|(from, to, _)| before.contains(*from) && after.contains(*to))
         .min_by(|a, b| a.2.distance(at).total_cmp(&b.2.distance(at)))
         .map(|(from, to, centre)| (from, to, Some(Arc { centre, counterclockwise: left })))
 }
@@ -65,7 +65,7 @@ fn chamfer(before: &Segment, after: &Segment, leg: f64) -> Option<Between> {
     let at = before.end;
     let around = Curve::Circle { centre: at, radius: leg };
     let on = |segment: &Segment| {
-        meet(segment.beside(0.0)?, around).into_iter().flatten().find(|point| segment.holds(*point))
+        intersect(segment.offset_curve(0.0)?, around).into_iter().flatten().find(|point| segment.contains(*point))
     };
     Some((on(before)?, on(after)?, None))
 }

@@ -32,7 +32,7 @@ impl Point {
     }
 
     /// Rotates by a quarter turn to the left.
-    pub(super) fn left(self) -> Self {
+    pub(super) fn rotate_left(self) -> Self {
         Self::new(-self.v, self.u)
     }
 
@@ -55,10 +55,10 @@ pub(super) enum Curve {
 }
 
 /// None, one or two points.
-pub(super) type Meetings = [Option<Point>; 2];
+pub(super) type Intersections = [Option<Point>; 2];
 
 /// Returns the intersections of two curves.
-pub(super) fn meet(a: Curve, b: Curve) -> Meetings {
+pub(super) fn intersect(a: Curve, b: Curve) -> Intersections {
     match (a, b) {
         (Curve::Line { through: p, along: d }, Curve::Line { through: q, along: e }) => lines(p, d.unit(), q, e.unit()),
         (Curve::Line { through, along }, Curve::Circle { centre, radius })
@@ -69,7 +69,7 @@ pub(super) fn meet(a: Curve, b: Curve) -> Meetings {
     }
 }
 
-fn lines(p: Point, d: Point, q: Point, e: Point) -> Meetings {
+fn lines(p: Point, d: Point, q: Point, e: Point) -> Intersections {
     let sine = d.cross(e);
     if sine.abs() < 1e-12 {
         return [None, None];
@@ -77,12 +77,12 @@ fn lines(p: Point, d: Point, q: Point, e: Point) -> Meetings {
     [Some(p.plus(d.times(q.minus(p).cross(e) / sine))), None]
 }
 
-fn line_and_circle(p: Point, d: Point, centre: Point, radius: f64) -> Meetings {
+fn line_and_circle(p: Point, d: Point, centre: Point, radius: f64) -> Intersections {
     let foot = p.plus(d.times(centre.minus(p).dot(d)));
     around(foot, d, radius, foot.distance(centre))
 }
 
-fn circles(c: Point, r: f64, d: Point, s: f64) -> Meetings {
+fn circles(c: Point, r: f64, d: Point, s: f64) -> Intersections {
     let apart = c.distance(d);
     if apart < 1e-12 {
         return [None, None];
@@ -90,12 +90,12 @@ fn circles(c: Point, r: f64, d: Point, s: f64) -> Meetings {
     let towards = d.minus(c).unit();
     // Distance from the first centre to the common chord of both circles.
     let along = (apart + (r - s) * (r + s) / apart) / 2.0;
-    around(c.plus(towards.times(along)), towards.left(), r, along)
+    around(c.plus(towards.times(along)), towards.rotate_left(), r, along)
 }
 
 /// Returns the two ends of a chord whose middle is `away` from the centre of a circle. A chord that just misses the
 /// circle touches it.
-fn around(middle: Point, along: Point, radius: f64, away: f64) -> Meetings {
+fn around(middle: Point, along: Point, radius: f64, away: f64) -> Intersections {
     let square = (radius - away) * (radius + away);
     if square < -1e-12 * (1.0 + radius * radius) {
         return [None, None];

@@ -3,7 +3,7 @@
 //! Invariant: the envelope is joined exactly, and no given piece is above it by more than [`TINY`] times its slope.
 
 use super::Point;
-use super::curve::meet;
+use super::curve::intersect;
 use super::piece::{Piece, TINY};
 
 /// Returns the upper envelope of pieces that cover a range of the cut axis without a gap.
@@ -18,7 +18,7 @@ pub(super) fn upper(pieces: &[Piece]) -> Vec<Piece> {
         let Some(piece) = highest else { continue };
         let from = Point::new(pair[0], piece.height(pair[0]));
         let to = Point::new(pair[1], piece.height(pair[1]));
-        join(&mut chain, Piece { from, to, ..*piece }.settled());
+        append(&mut chain, Piece { from, to, ..*piece }.settled());
     }
     chain
 }
@@ -30,7 +30,7 @@ fn places(pieces: &[Piece]) -> Vec<f64> {
         for b in &pieces[number + 1..] {
             let (high, low) = (a.from.u.min(b.from.u), a.to.u.max(b.to.u));
             if high - low > TINY {
-                let met = meet(a.curve(), b.curve()).into_iter().flatten().map(|point| point.u);
+                let met = intersect(a.curve(), b.curve()).into_iter().flatten().map(|point| point.u);
                 places.extend(met.filter(|u| (low..=high).contains(u)));
             }
         }
@@ -41,7 +41,7 @@ fn places(pieces: &[Piece]) -> Vec<f64> {
 }
 
 /// Appends a piece to the chain: as a longer last piece, joined, or behind a wall.
-fn join(chain: &mut Vec<Piece>, mut piece: Piece) {
+fn append(chain: &mut Vec<Piece>, mut piece: Piece) {
     let Some(last) = chain.last_mut() else {
         chain.push(piece);
         return;

@@ -9,31 +9,31 @@ use super::{Compensation, Feed, Point, StockRemovalError};
 
 /// Emits the moves along the contour and back to the start point. The tool is at the start point before and after.
 pub(super) fn finish(
-    pen: &mut MoveWriter,
+    writer: &mut MoveWriter,
     segments: &[Segment],
     frame: Frame,
     with_the_cut: bool,
 ) -> Result<(), StockRemovalError> {
-    let start = pen.at();
+    let start = writer.at();
     let Some((first, last)) = segments.first().zip(segments.last()) else { return Ok(()) };
-    pen.compensate(side(frame, with_the_cut));
-    pen.rapid(frame.into(first.start))?;
+    writer.compensate(side(frame, with_the_cut));
+    writer.rapid(frame.into(first.start))?;
     for segment in segments {
         let to = frame.into(segment.end);
         match segment.arc {
-            None => pen.line(to, Feed::Finish)?,
+            None => writer.line(to, Feed::Finish)?,
             Some(arc) => {
-                pen.arc(to, frame.into(arc.centre), arc.counterclockwise != frame.mirrors(), Feed::Finish)?;
+                writer.arc(to, frame.into(arc.centre), arc.counterclockwise != frame.mirrors(), Feed::Finish)?;
             }
         }
     }
-    pen.compensate(Compensation::Off);
+    writer.compensate(Compensation::Off);
     let end = frame.into(last.end);
     if end.v < highest(segments, frame) - super::piece::TINY {
-        pen.rapid_infeed_axis(start.v)?;
-        pen.rapid_cut_axis(start.u)
+        writer.rapid_infeed_axis(start.v)?;
+        writer.rapid_cut_axis(start.u)
     } else {
-        pen.rapid(start)
+        writer.rapid(start)
     }
 }
 

@@ -13,7 +13,7 @@ mod contour;
 mod corner;
 mod curve;
 mod envelope;
-mod fault;
+mod error;
 mod finish;
 mod frame;
 mod move_writer;
@@ -27,7 +27,7 @@ mod sections;
 mod segment;
 mod shape;
 
-pub use fault::StockRemovalError;
+pub use error::StockRemovalError;
 
 /// Maximum number of moves of one path; a job that needs more is refused.
 pub const MAX_MOVES: usize = 200_000;
@@ -256,5 +256,5 @@ pub struct Path {
 /// # Errors
 /// A [`StockRemovalError`] with the control's alarm number; nothing has moved then.
 pub fn plan(job: &StockRemovalParams) -> Result<Path, StockRemovalError> {
-    params::carry_out(job)
+    params::execute(job)
 }

@@ -23,7 +23,7 @@ pub(super) fn offset(pieces: &[Piece], radius: f64, tip: Point) -> Vec<Piece> {
     let mut chain = vec![Piece::straight(first.from.plus(reach), first.from, first.line)];
     chain.extend_from_slice(pieces);
     chain.push(Piece::straight(last.to, last.to.minus(reach), last.line));
-    let centres = envelope::upper(&round(&chain, radius));
+    let centres = envelope::upper(&grow(&chain, radius));
     // The ends of the air and of the land behind do not belong to the part: the path does not go around them.
     let (start, end) = (first.from.u + radius, last.to.u - 2.0 * radius);
     let move_by = tip.times(radius);
@@ -41,7 +41,7 @@ pub(super) fn offset(pieces: &[Piece], radius: f64, tip: Point) -> Vec<Piece> {
 
 /// Refuses a contour into which the nose does not fit: every element must be touched somewhere.
 pub(super) fn check(pieces: &[Piece], radius: f64) -> Result<(), StockRemovalError> {
-    let centres = envelope::upper(&round(pieces, radius));
+    let centres = envelope::upper(&grow(pieces, radius));
     let height = |u: f64| {
         let over = centres.iter().filter(|piece| piece.from.u >= u && piece.to.u <= u && !piece.is_upright());
         over.map(|piece| piece.height(u)).fold(f64::NEG_INFINITY, f64::max)
@@ -63,7 +63,7 @@ pub(super) fn check(pieces: &[Piece], radius: f64) -> Result<(), StockRemovalErr
 
 /// Returns everything that can be the boundary of the part grown by the nose: elements moved outwards and arcs around
 /// the corners.
-fn round(pieces: &[Piece], radius: f64) -> Vec<Piece> {
+fn grow(pieces: &[Piece], radius: f64) -> Vec<Piece> {
     let mut grown = Vec::with_capacity(3 * pieces.len() + 4);
     for (number, piece) in pieces.iter().enumerate() {
         grown.extend(outwards(piece, radius));
@@ -90,7 +90,7 @@ fn round(pieces: &[Piece], radius: f64) -> Vec<Piece> {
 fn outwards(piece: &Piece, radius: f64) -> Option<Piece> {
     match piece.bend {
         Bend::Straight => {
-            let out = piece.heading(piece.from).left().times(-radius);
+            let out = piece.heading(piece.from).rotate_left().times(-radius);
             Some(piece.shifted(out)).filter(|moved| !moved.is_upright())
         }
         Bend::Over { centre, radius: own } => {

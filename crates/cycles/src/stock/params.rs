@@ -77,7 +77,7 @@ impl Sizes {
 }
 
 /// Returns the path of a job, or why it has none.
-pub(super) fn carry_out(job: &StockRemovalParams) -> Result<Path, StockRemovalError> {
+pub(super) fn execute(job: &StockRemovalParams) -> Result<Path, StockRemovalError> {
     let Variant { lie, roughs, finishes } = Variant::of(job.vari)?;
     let mut warnings = Vec::new();
     let sizes = Sizes::of(job, lie.face, &mut warnings)?;
@@ -93,27 +93,27 @@ pub(super) fn carry_out(job: &StockRemovalParams) -> Result<Path, StockRemovalEr
     if let Some(position) = job.position {
         check_number("the position", position.u)?;
         check_number("the position", position.v)?;
-        if roughs && shape.holds(shape.frame.into(position)) {
+        if roughs && shape.contains(shape.frame.into(position)) {
             return Err(StockRemovalError::StartInBlank);
         }
     }
-    let mut pen = if roughs {
+    let mut writer = if roughs {
         rough(job, &shape, sizes, &mut warnings)?
     } else {
         let start = shape.start_of_finishing(sizes.allowance, sizes.lift, !shape.reversed);
         let approach = [MoveWriter::infeed_axis(shape.frame), MoveWriter::cut_axis(shape.frame)];
         MoveWriter::at_start(shape.frame, sizes.dam, start, &approach)
     };
-    let start = shape.frame.out(pen.at());
+    let start = shape.frame.out(writer.at());
     if finishes {
         if roughs && shape.reversed {
             let reversed: Vec<_> = segments.iter().rev().map(super::segment::Segment::reversed).collect();
-            finish::finish(&mut pen, &reversed, shape.frame, true)?;
+            finish::finish(&mut writer, &reversed, shape.frame, true)?;
         } else {
-            finish::finish(&mut pen, &segments, shape.frame, !shape.reversed)?;
+            finish::finish(&mut writer, &segments, shape.frame, !shape.reversed)?;
         }
     }
-    Ok(Path { start, moves: pen.into_moves(), warnings })
+    Ok(Path { start, moves: writer.into_moves(), warnings })
 }
 
 /// Emits all roughing; the tool is then at the start point again.
@@ -139,10 +139,10 @@ fn rough(
     let (top, lift) = (last.to.v, sizes.lift);
     let start = Point::new(first.from.u + lift, top + lift);
     let levels = levels(top, first.from.v, sizes.mid)?;
-    let mut pen = MoveWriter::at_start(shape.frame, sizes.dam, start, &[Axes::Both]);
-    roughing::rough(&mut pen, &profile, &levels, top, lift)?;
-    relief::rough(&mut pen, &reliefs, relief::Cutting { start, mid: sizes.mid, lift })?;
-    Ok(pen)
+    let mut writer = MoveWriter::at_start(shape.frame, sizes.dam, start, &[Axes::Both]);
+    roughing::rough(&mut writer, &profile, &levels, top, lift)?;
+    relief::rough(&mut writer, &reliefs, relief::Cutting { start, mid: sizes.mid, lift })?;
+    Ok(writer)
 }
 
 /// Refuses a falling flank that is steeper than the tool clears. An angle of 0 switches the check off.

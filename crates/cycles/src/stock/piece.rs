@@ -143,8 +143,8 @@ impl Piece {
     pub(super) fn heading(&self, at: Point) -> Point {
         match self.bend {
             Bend::Straight => self.to.minus(self.from).unit(),
-            Bend::Over { centre, .. } => at.minus(centre).left().unit(),
-            Bend::Under { centre, .. } => centre.minus(at).left().unit(),
+            Bend::Over { centre, .. } => at.minus(centre).rotate_left().unit(),
+            Bend::Under { centre, .. } => centre.minus(at).rotate_left().unit(),
         }
     }
 
@@ -158,6 +158,6 @@ impl Piece {
             }
         };
         // Travelling towards -u, the free side is on the right.
-        (at, self.heading(at).left().times(-1.0))
+        (at, self.heading(at).rotate_left().times(-1.0))
     }
 }

@@ -27,20 +27,24 @@ struct Pocket {
 }
 
 /// Cuts the relief cuts; the tool is at the start point before and after.
-pub(super) fn rough(pen: &mut MoveWriter, reliefs: &[Vec<Piece>], cutting: Cutting) -> Result<(), StockRemovalError> {
+pub(super) fn rough(
+    writer: &mut MoveWriter,
+    reliefs: &[Vec<Piece>],
+    cutting: Cutting,
+) -> Result<(), StockRemovalError> {
     for relief in reliefs {
         let Some(top) = relief.first().map(|piece| piece.from.v) else { continue };
         // The last one pushed is the nearest along the cut direction.
         let mut waiting = vec![Pocket { top, chain: relief.clone() }];
         while let Some(pocket) = waiting.pop() {
-            clear(pen, pocket, cutting, &mut waiting)?;
+            clear(writer, pocket, cutting, &mut waiting)?;
         }
     }
-    pen.rapid_cut_axis(cutting.start.u)
+    writer.rapid_cut_axis(cutting.start.u)
 }
 
 fn clear(
-    pen: &mut MoveWriter,
+    writer: &mut MoveWriter,
     pocket: Pocket,
     cutting: Cutting,
     waiting: &mut Vec<Pocket>,
@@ -56,31 +60,31 @@ fn clear(
     let (mut before, mut length) = (top, f64::INFINITY);
     for (number, &level) in levels.iter().enumerate() {
         let Some(Split { descent, floor, climb }) = split(&chain, level) else { break };
-        let flank = descent.first().map_or(pen.at(), |piece| piece.from);
+        let flank = descent.first().map_or(writer.at(), |piece| piece.from);
         if number == 0 {
-            pen.rapid_cut_axis(flank.u)?;
-            pen.rapid_infeed_axis(top + lift)?;
+            writer.rapid_cut_axis(flank.u)?;
+            writer.rapid_infeed_axis(top + lift)?;
         } else {
             // Clear of the falling flank, where the previous level has made space.
             let clear = lift.min(length / 2.0);
-            pen.rapid_cut_axis(flank.u - clear)?;
-            pen.rapid_infeed_axis(before + clear)?;
+            writer.rapid_cut_axis(flank.u - clear)?;
+            writer.rapid_infeed_axis(before + clear)?;
         }
-        pen.line(Point::new(flank.u, before), Feed::Plunge)?;
-        pen.follow(&descent, Feed::Plunge)?;
-        let (begin, end) = (pen.at().u, climb.first().map_or(pen.at().u, |piece| piece.from.u));
+        writer.line(Point::new(flank.u, before), Feed::Plunge)?;
+        writer.follow(&descent, Feed::Plunge)?;
+        let (begin, end) = (writer.at().u, climb.first().map_or(writer.at().u, |piece| piece.from.u));
         length = begin - end;
-        pen.cut(end)?;
+        writer.cut(end)?;
         let (climb, hump) = up_to_hump(climb);
-        pen.follow(&climb, Feed::Rough)?;
+        writer.follow(&climb, Feed::Rough)?;
         if let Some(behind) = hump {
-            waiting.push(behind_hump(behind, before));
+            waiting.push(pocket_behind_hump(behind, before));
         }
-        pen.rapid(pen.at().plus(Point::new(lift.min(length / 2.0), lift)))?;
+        writer.rapid(writer.at().plus(Point::new(lift.min(length / 2.0), lift)))?;
         chain = floor;
         before = level;
     }
-    pen.rapid_infeed_axis(cutting.start.v)
+    writer.rapid_infeed_axis(cutting.start.v)
 }
 
 /// Returns the chain without the part at the height of the top before it falls.
@@ -142,7 +146,7 @@ fn up_to_hump(climb: Vec<Piece>) -> (Vec<Piece>, Option<Vec<Piece>>) {
 
 /// Returns the pocket behind a hump, whose top is the last level cut over it. At the hump's peak it begins with an
 /// upright flank.
-fn behind_hump(behind: Vec<Piece>, top: f64) -> Pocket {
+fn pocket_behind_hump(behind: Vec<Piece>, top: f64) -> Pocket {
     let mut chain = Vec::with_capacity(behind.len() + 1);
     if let Some(first) = behind.first() {
         let flank = Piece::straight(Point::new(first.from.u, top), first.from, first.line);

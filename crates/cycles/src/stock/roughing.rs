@@ -8,25 +8,25 @@ use super::{Feed, Point, StockRemovalError};
 
 /// Cuts the section of a profile; the tool is at the start point before and after.
 pub(super) fn rough(
-    pen: &mut MoveWriter,
+    writer: &mut MoveWriter,
     profile: &[Piece],
     levels: &[f64],
     top: f64,
     lift: f64,
 ) -> Result<(), StockRemovalError> {
-    let start = pen.at();
+    let start = writer.at();
     let mut before = top;
     for &level in levels {
-        pen.rapid_infeed_axis(level)?;
+        writer.rapid_infeed_axis(level)?;
         let climb = climb(profile, level, before);
         let Some(first) = climb.first() else { break };
-        pen.cut(first.from.u)?;
-        pen.follow(&climb, Feed::Rough)?;
-        pen.rapid(pen.at().plus(Point::new(lift, lift)))?;
-        pen.rapid_cut_axis(start.u)?;
+        writer.cut(first.from.u)?;
+        writer.follow(&climb, Feed::Rough)?;
+        writer.rapid(writer.at().plus(Point::new(lift, lift)))?;
+        writer.rapid_cut_axis(start.u)?;
         before = level;
     }
-    pen.rapid_infeed_axis(start.v)
+    writer.rapid_infeed_axis(start.v)
 }
 
 /// Returns the part of a profile that rises from one height to another, from the last point at the lower to the first

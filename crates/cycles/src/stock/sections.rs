@@ -29,13 +29,13 @@ pub(super) fn divide(chain: &[Piece]) -> Sections {
     for piece in chain {
         match &mut open {
             None if piece.to.v < piece.from.v - TINY => open = Some((piece.from, vec![*piece])),
-            None => sections.keep(*piece),
+            None => sections.append_profile(*piece),
             Some((rim, relief)) if piece.to.v < rim.v - TINY => relief.push(*piece),
             Some((rim, relief)) => {
                 let close = piece.at_height(rim.v.min(piece.to.v));
                 relief.push(piece.until(close));
                 sections.bridge(*rim, close, std::mem::take(relief), piece.line);
-                sections.keep(piece.after(Point::new(close.u, rim.v.min(piece.to.v))));
+                sections.append_profile(piece.after(Point::new(close.u, rim.v.min(piece.to.v))));
                 open = None;
             }
         }
@@ -51,7 +51,7 @@ pub(super) fn divide(chain: &[Piece]) -> Sections {
 }
 
 impl Sections {
-    fn keep(&mut self, piece: Piece) {
+    fn append_profile(&mut self, piece: Piece) {
         if piece.is_nothing() {
             return;
         }
@@ -64,7 +64,7 @@ impl Sections {
 
     fn bridge(&mut self, rim: Point, close: Point, relief: Vec<Piece>, line: u32) {
         let bottom = relief.iter().map(|piece| piece.to.v).fold(rim.v, f64::min);
-        self.keep(Piece::straight(rim, Point::new(close.u, rim.v), line));
+        self.append_profile(Piece::straight(rim, Point::new(close.u, rim.v), line));
         if rim.v - bottom > SHALLOW && rim.u - close.u > SHALLOW {
             self.reliefs.push(relief);
         }

@@ -45,18 +45,18 @@ impl Segment {
         match self.arc {
             None => self.end.minus(self.start).unit(),
             Some(arc) => {
-                let left = at.minus(arc.centre).left().unit();
+                let left = at.minus(arc.centre).rotate_left().unit();
                 if arc.counterclockwise { left } else { left.times(-1.0) }
             }
         }
     }
 
     /// Returns the curve at this distance to its left; `None` where an arc would have no radius left.
-    pub(super) fn beside(&self, left: f64) -> Option<Curve> {
+    pub(super) fn offset_curve(&self, left: f64) -> Option<Curve> {
         match self.arc {
             None => {
                 let along = self.end.minus(self.start).unit();
-                Some(Curve::Line { through: self.start.plus(along.left().times(left)), along })
+                Some(Curve::Line { through: self.start.plus(along.rotate_left().times(left)), along })
             }
             Some(arc) => {
                 let inward = if arc.counterclockwise { left } else { -left };
@@ -78,7 +78,7 @@ impl Segment {
     }
 
     /// Whether a point of the whole line or circle is between the ends.
-    pub(super) fn holds(&self, point: Point) -> bool {
+    pub(super) fn contains(&self, point: Point) -> bool {
         const SLACK: f64 = 1e-9;
         match self.arc {
             None => {

@@ -41,7 +41,7 @@ impl Shape {
     }
 
     /// Whether a place is inside the blank, whose surface is the contour's highest point.
-    pub(super) fn holds(&self, at: Point) -> bool {
+    pub(super) fn contains(&self, at: Point) -> bool {
         let (first, last) = self.ends();
         last.u + SAME < at.u && at.u < first.u - SAME && at.v < last.v - SAME
     }
@@ -63,9 +63,9 @@ pub(super) struct Orientation {
 }
 
 /// Returns the shape of a contour.
-pub(super) fn normalise(segments: &[Segment], lie: Orientation) -> Result<Shape, StockRemovalError> {
-    let infeed = if lie.inside { -1.0 } else { 1.0 };
-    let mut frame = Frame { face: lie.face, cut: 1.0, infeed };
+pub(super) fn normalise(segments: &[Segment], orientation: Orientation) -> Result<Shape, StockRemovalError> {
+    let infeed = if orientation.inside { -1.0 } else { 1.0 };
+    let mut frame = Frame { face: orientation.face, cut: 1.0, infeed };
     let ends = segments.first().zip(segments.last()).ok_or(StockRemovalError::NoExtent)?;
     let (first, last) = (frame.into(ends.0.start), frame.into(ends.1.end));
     // The cut starts at the deep, open end.

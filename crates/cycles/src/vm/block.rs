@@ -43,24 +43,24 @@ impl VmRun<'_> {
                 let value = self.host.ask(Query::Position(letter));
                 self.push(value);
             }
-            Op::Begin => self.machine.block.begin(frame.cycle, line),
-            Op::CodeG(tenths) => self.machine.block.add_g(tenths),
+            Op::Begin => self.vm.block.begin(frame.cycle, line),
+            Op::CodeG(tenths) => self.vm.block.add_g(tenths),
             Op::CodeM => {
                 let code = self.number().round();
                 if !is_known_m(code) {
-                    return trap(ErrorCode::CodeUnknown, format!("M{code} is not known in a cycle"));
+                    return trap(ErrorCode::CodeUnknown, format!("M{code} is not allowed in a cycle"));
                 }
-                self.machine.block.add_m(code as u16);
+                self.vm.block.add_m(code as u16);
             }
             Op::Word(letter) => {
                 let value = self.number();
-                self.machine.block.add_word(letter, value);
+                self.vm.block.add_word(letter, value);
             }
             Op::AxisWord | Op::CentreWord => {
                 let value = self.number();
                 let axis = self.axis()?;
                 let letter = if op == Op::AxisWord { axis } else { centre_of_axis(axis) };
-                self.machine.block.add_word(letter, value);
+                self.vm.block.add_word(letter, value);
             }
             Op::DwellTurns => {
                 let turns = self.number();
@@ -71,12 +71,12 @@ impl VmRun<'_> {
                         format!("{}: no speed for a dwell of {turns} revolutions", cycle.name()),
                     );
                 }
-                self.machine.block.add_word(b'P', turns * 60.0 / speed);
+                self.vm.block.add_word(b'P', turns * 60.0 / speed);
             }
             Op::Orient => {
                 let angle = self.number();
-                self.machine.block.add_m(19);
-                self.machine.block.add_word(b'R', angle);
+                self.vm.block.add_m(19);
+                self.vm.block.add_word(b'R', angle);
             }
             Op::Emit => self.emit(cycle)?,
             _ => {}
@@ -85,23 +85,23 @@ impl VmRun<'_> {
     }
 
     fn emit(&mut self, cycle: &Cycle) -> Step {
-        if self.machine.blocks >= self.machine.limits.blocks {
-            return trap(ErrorCode::Endless, format!("{} has given too many blocks", cycle.name()));
+        if self.vm.blocks >= self.vm.limits.blocks {
+            return trap(ErrorCode::Endless, format!("{} has emitted too many blocks", cycle.name()));
         }
-        self.machine.blocks += 1;
-        self.machine.steps = self.machine.steps.saturating_sub(STEPS_OF_A_BLOCK);
+        self.vm.blocks += 1;
+        self.vm.steps = self.vm.steps.saturating_sub(STEPS_OF_A_BLOCK);
         let axes = axes_of_plane(self.plane());
-        let block = &mut self.machine.block;
+        let block = &mut self.vm.block;
         block.triggers = cycle.is_pattern() && block.words().iter().any(|word| axes.contains(&word.letter));
-        let done = self.host.block(&self.machine.block).map_err(|_| Box::new(VmTrap::Stopped));
+        let done = self.host.block(&self.vm.block).map_err(|_| Box::new(VmTrap::Stopped));
         // The plane that it selected must not apply to the next block.
-        self.machine.block.begin(self.machine.block.cycle, self.machine.block.line);
+        self.vm.block.begin(self.vm.block.cycle, self.vm.block.line);
         done
     }
 
     /// Returns the plane in force in the block that is being built.
     fn plane(&self) -> i64 {
-        let own = self.machine.block.g().iter().rev().find(|code| (170..=190).contains(*code));
+        let own = self.vm.block.g().iter().rev().find(|code| (170..=190).contains(*code));
         own.map_or_else(|| self.host.ask(Query::Plane) as i64, |tenths| i64::from(tenths / 10))
     }
 

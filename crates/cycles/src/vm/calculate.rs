@@ -97,7 +97,7 @@ impl VmRun<'_> {
 
     fn result(&mut self, value: f64) -> Step {
         if !value.is_finite() {
-            return trap(ErrorCode::Arithmetic, "the result of a calculation is beyond any size");
+            return trap(ErrorCode::Arithmetic, "the result of a calculation is too large");
         }
         self.push(value);
         Ok(())

@@ -39,7 +39,7 @@ impl VmRun<'_> {
         for number in numbers.iter_mut().rev() {
             *number = self.number();
         }
-        let contour = self.take();
+        let contour = self.pop();
         let [mid, fal_z, fal_x, fal, vari, dam, vrt] = numbers;
         let contour = self.text(contour);
         let call = StockCall { contour, mid, fal_z, fal_x, fal, vari: vari as i32, dam, vrt };

@@ -1,14 +1,14 @@
-//! A host for tests: it keeps the modal state as an interpreter would, and writes down every block.
+//! A host for tests: it maintains the modal state as an interpreter would, and records every block.
 //!
-//! Invariant: nothing here is taken from the crate's own reading of blocks; words are read one by one.
+//! Invariant: nothing here uses the crate's own reading of blocks; words are read one by one.
 #![allow(dead_code)] // each test uses a part
 
 use retrace_cycles::{
-    Alarm, Argument, Cycle, CycleBlock, CycleLibrary, CycleStopped, Halt, Host, Message, Query, StockCall,
-    StockFailure, StockMove, Vm, VmLimits,
+    Alarm, Argument, Cycle, CycleBlock, CycleLibrary, CycleRunError, CycleStoppedError, Host, Message, Query,
+    StockCall, StockMove, StockPathError, Vm, VmLimits,
 };
 
-/// An interpreter in small.
+/// A minimal interpreter.
 #[derive(Clone, Debug)]
 pub(crate) struct Recorder {
     pub(crate) lines: Vec<String>,
@@ -24,11 +24,11 @@ pub(crate) struct Recorder {
     pub(crate) distance: f64,
     pub(crate) inch: f64,
     pub(crate) modal_cycle: f64,
-    pub(crate) path: Result<Vec<StockMove>, StockFailure>,
+    pub(crate) path: Result<Vec<StockMove>, StockPathError>,
     pub(crate) stock_calls: Vec<String>,
     pub(crate) entered: Vec<String>,
     pub(crate) triggers: usize,
-    /// Stops at this block.
+    /// Index of the block at which it stops.
     pub(crate) stop_at: Option<usize>,
 }
 
@@ -57,7 +57,7 @@ impl Default for Recorder {
     }
 }
 
-/// A number as a person writes it, to a millionth.
+/// Formats a number to a millionth, without trailing zeros.
 pub(crate) fn shown(value: f64) -> String {
     let rounded = (value * 1e6).round() / 1e6;
     format!("{}", if rounded == 0.0 { 0.0 } else { rounded })
@@ -85,9 +85,9 @@ impl Host for Recorder {
         }
     }
 
-    fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStopped> {
+    fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStoppedError> {
         if self.stop_at == Some(self.lines.len()) {
-            return Err(CycleStopped);
+            return Err(CycleStoppedError);
         }
         let mut words = Vec::new();
         for tenths in block.g() {
@@ -125,12 +125,12 @@ impl Host for Recorder {
         self.entered.push(format!("+{}", cycle.name()));
     }
 
-    fn leave(&mut self, cycle: &Cycle) -> Result<(), CycleStopped> {
+    fn leave(&mut self, cycle: &Cycle) -> Result<(), CycleStoppedError> {
         self.entered.push(format!("-{}", cycle.name()));
         Ok(())
     }
 
-    fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockFailure> {
+    fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockPathError> {
         self.stock_calls.push(format!("{call:?}"));
         self.path.as_ref().map(|path| path.len() as u32).map_err(Clone::clone)
     }
@@ -140,7 +140,7 @@ impl Host for Recorder {
     }
 }
 
-/// Reads `NAME(1, , "text")`, as a program would have it; nothing clever.
+/// Parses `NAME(1, , "text")`, as in a program.
 pub(crate) fn call(text: &str) -> (String, Vec<Option<String>>) {
     let (name, rest) = text.split_once('(').unwrap_or((text, ")"));
     let inner = rest.trim_end_matches(')');
@@ -149,7 +149,7 @@ pub(crate) fn call(text: &str) -> (String, Vec<Option<String>>) {
 }
 
 /// Runs a call, such as `CYCLE81(10,0,2,-20)`, over a host.
-pub(crate) fn run(library: &CycleLibrary, text: &str, host: &mut Recorder) -> Result<(), Halt> {
+pub(crate) fn run(library: &CycleLibrary, text: &str, host: &mut Recorder) -> Result<(), CycleRunError> {
     let (name, arguments) = call(text);
     let arguments: Vec<Argument<'_>> = arguments
         .iter()
@@ -164,34 +164,34 @@ pub(crate) fn run(library: &CycleLibrary, text: &str, host: &mut Recorder) -> Re
     Vm::new(limits).run(library, cycle, &arguments, host)
 }
 
-/// The blocks of a call of a shipped cycle from the usual state, which must run without an alarm.
+/// Returns the blocks of a call of a shipped cycle from the usual state, which must run without an alarm.
 pub(crate) fn blocks(text: &str) -> Vec<String> {
     blocks_from(text, Recorder::default()).lines
 }
 
-/// The same from another state; gives the host back.
+/// Returns the host after a call from another state.
 pub(crate) fn blocks_from(text: &str, mut host: Recorder) -> Recorder {
     let done = run(&CycleLibrary::shipped(), text, &mut host);
     assert_eq!(done, Ok(()), "{text}");
     host
 }
 
-/// The alarm of a call of a shipped cycle; nothing has moved.
+/// Returns the alarm of a call of a shipped cycle; nothing has moved.
 pub(crate) fn alarm(text: &str) -> u32 {
     alarm_from(text, Recorder::default())
 }
 
-/// The same from another state.
+/// Returns the alarm of a call from another state.
 pub(crate) fn alarm_from(text: &str, mut host: Recorder) -> u32 {
     let alarm = halted(run(&CycleLibrary::shipped(), text, &mut host));
     assert!(host.lines.is_empty(), "{text} has moved: {:?}", host.lines);
     alarm.number.unwrap_or_else(|| panic!("{text}: {alarm:?}"))
 }
 
-/// The alarm of a run.
-pub(crate) fn halted(done: Result<(), Halt>) -> Alarm {
+/// Returns the alarm of a run.
+pub(crate) fn halted(done: Result<(), CycleRunError>) -> Alarm {
     match done {
-        Err(Halt::Alarm(alarm)) => *alarm,
+        Err(CycleRunError::Alarm(alarm)) => *alarm,
         other => panic!("no alarm: {other:?}"),
     }
 }

@@ -1,6 +1,8 @@
-//! A contour written as a turning program, and a path written down for reading: what the tests of stock removal share.
+//! A contour written as a turning program, and a path written for reading: helpers that the tests of stock removal
+//! share.
 //!
-//! Invariant: X is a diameter in both, as in G18 with DIAMON; nothing here knows how the cycle finds its path.
+//! Invariant: X is a diameter in both, as in G18 with DIAMON; nothing here depends on how the cycle calculates its
+//! path.
 #![allow(dead_code, reason = "each test uses its own part")]
 
 pub(crate) mod part;
@@ -10,7 +12,8 @@ use retrace_cycles::stock::{
     ToolTip, plan,
 };
 
-/// The contour of lines such as `G3 X50 Z-41 CR=3`; the first line tells the start. A negative CR is the arc of more than half a turn.
+/// Parses the contour of lines such as `G3 X50 Z-41 CR=3`; the first line is the start. A negative CR is the arc of
+/// more than half a turn.
 pub(crate) fn contour(text: &str) -> Vec<Element> {
     let mut elements = Vec::new();
     let (mut kind, mut at, mut begun) = (Kind::Line, Point::default(), false);
@@ -84,12 +87,12 @@ pub(crate) fn job(contour: Vec<Element>, vari: i32, mid: f64) -> StockRemovalPar
     }
 }
 
-/// The path of a job that has one.
+/// Returns the path of a job that has one.
 pub(crate) fn path(job: &StockRemovalParams) -> Path {
     plan(job).unwrap_or_else(|fault| panic!("{}: {fault}", fault.number()))
 }
 
-/// One move as a block with its feed: three places, as the spec's tables have them.
+/// Returns one move as a block with its feed: three decimals, as in the tables of the specification.
 pub(crate) fn block(step: &Move) -> String {
     let code = match step.kind {
         MoveKind::Rapid => "G0",
@@ -129,12 +132,12 @@ pub(crate) fn block(step: &Move) -> String {
     format!("{compensation}{code} {axes}{centre}{feed}{dwell}")
 }
 
-/// All moves of a path as blocks.
+/// Returns all moves of a path as blocks.
 pub(crate) fn blocks(path: &Path) -> Vec<String> {
     path.moves.iter().map(block).collect()
 }
 
-/// Compare a path with expected blocks, one a line; what stands behind `;` is for the reader.
+/// Compares a path with expected blocks, one per line; text after `;` is a comment.
 pub(crate) fn expect(path: &Path, expected: &str) {
     let expected: Vec<&str> = expected
         .lines()

@@ -1,7 +1,7 @@
-//! The part as the judge sees it: a boundary that can be asked for its height, and contours made at random.
+//! The part in the model of the checker: a boundary with its heights, and random contours.
 //!
-//! Invariant: written from the requirement's definition (the boundary moved to its free side), with nothing of the cycle's own geometry.
-//! Judge coordinates: u along the cut, cutting towards -u; v towards the free side.
+//! Invariant: written from the requirement's definition (the boundary moved to its free side), without the cycle's own
+//! geometry. Model coordinates: u along the cut, cutting towards -u; v towards the free side.
 
 use retrace_cycles::stock::{Corner, Element, Kind, Move, MoveKind, Point, StockRemovalParams};
 
@@ -25,7 +25,7 @@ impl Dice {
         low + (high - low) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Now and then a round number, so that heights coincide with levels and with each other.
+    /// Returns a size that is sometimes a round number, so that heights coincide with levels and with each other.
     pub(crate) fn size(&mut self, low: f64, high: f64) -> f64 {
         let value = self.between(low, high);
         match self.below(8) {
@@ -36,7 +36,7 @@ impl Dice {
     }
 }
 
-/// One element of the boundary in judge coordinates.
+/// One element of the boundary in model coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Edge {
     pub(crate) start: Point,
@@ -46,7 +46,7 @@ pub(crate) struct Edge {
 }
 
 impl Edge {
-    /// The heights at a place: none, one, or both ends of an upright line.
+    /// Returns the heights at a place: none, one, or both ends of an upright line.
     pub(crate) fn heights(&self, u: f64) -> [Option<f64>; 2] {
         let (low, high) = (self.start.u.min(self.end.u), self.start.u.max(self.end.u));
         let Some((centre, counterclockwise)) = self.arc else {
@@ -76,7 +76,7 @@ impl Edge {
         [on(centre.v + square.sqrt()), on(centre.v - square.sqrt())]
     }
 
-    /// Its highest and its lowest point.
+    /// Returns its highest and its lowest point.
     pub(crate) fn span(&self) -> (f64, f64) {
         let mut heights = vec![self.start.v, self.end.v];
         if let Some((centre, _)) = self.arc {
@@ -104,7 +104,8 @@ impl Part {
         Self { edges, allowance, start, end, top }
     }
 
-    /// The height of the rough contour at a place: the highest point of the contour within the allowance to both sides, raised.
+    /// Returns the height of the rough contour at a place: the highest point of the contour within the allowance to
+    /// both sides, raised.
     pub(crate) fn rough(&self, u: f64) -> f64 {
         let (cut, infeed) = self.allowance;
         if u <= self.end.u {
@@ -123,7 +124,7 @@ impl Part {
         height + infeed
     }
 
-    /// What the height of the rough contour comes to from one side of a place: at a wall the sides differ.
+    /// Returns the limit of the height of the rough contour from one side of a place: at a wall the sides differ.
     fn rough_from(&self, u: f64, right: bool) -> f64 {
         let (cut, infeed) = self.allowance;
         if u < self.end.u - cut || (u <= self.end.u - cut && !right) {
@@ -133,7 +134,7 @@ impl Part {
         let mut height = f64::NEG_INFINITY;
         for edge in &self.edges {
             let (first, last) = (edge.start.u.min(edge.end.u), edge.start.u.max(edge.end.u));
-            // What only touches the window from the other side does not reach into it.
+            // A part that only touches the window from the other side does not extend into it.
             let outside = if right {
                 last <= low + 1e-9 || first > high + 1e-9
             } else {
@@ -150,9 +151,9 @@ impl Part {
         height + infeed
     }
 
-    /// The rough contour next to a place, on its lower and on its higher side.
+    /// Returns the rough contour next to a place, on its lower and on its higher side.
     pub(crate) fn rough_around(&self, u: f64) -> (f64, f64) {
-        // The path may stand a millionth of a micrometre beside the foot of an upright flank.
+        // The path may be a millionth of a micrometre away from the foot of an upright flank.
         let sides = [-1e-9, 0.0, 1e-9].map(|by| self.rough_from(u + by, false).min(self.rough_from(u + by, true)));
         let beside = [-1e-6, 0.0, 1e-6].map(|by| self.rough(u + by));
         let all = sides.iter().chain(&beside);
@@ -160,7 +161,7 @@ impl Part {
     }
 }
 
-/// How judge coordinates lie in the plane.
+/// Mapping of model coordinates to the plane.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lie {
     pub(crate) face: bool,
@@ -179,7 +180,7 @@ impl Lie {
         Point::new(cut * self.cut, infeed * self.infeed)
     }
 
-    /// Does the sense of arcs change between the two?
+    /// Whether the direction of arcs changes between the two.
     pub(crate) fn turns_over(self) -> bool {
         let signs = self.cut * self.infeed < 0.0;
         if self.face { !signs } else { signs }
@@ -206,7 +207,7 @@ impl Lie {
     }
 }
 
-/// An edge from a point onwards, always towards -u.
+/// Creates an edge from a point onwards, always towards -u.
 fn edge(dice: &mut Dice, at: Point, falls: bool) -> Edge {
     let line = |du: f64, dv: f64| Edge { start: at, end: Point::new(at.u - du, at.v + dv), arc: None };
     let sign = if falls && dice.below(5) < 2 { -1.0 } else { 1.0 };
@@ -242,7 +243,7 @@ fn edge(dice: &mut Dice, at: Point, falls: bool) -> Edge {
     }
 }
 
-/// A chain of edges at random, from the deep end.
+/// Creates a random chain of edges, from the deep end.
 pub(crate) fn edges(dice: &mut Dice, falls: bool) -> Vec<Edge> {
     let mut edges: Vec<Edge> = Vec::new();
     let mut at = Point::new(dice.between(-5.0, 5.0), 30.0);
@@ -263,7 +264,7 @@ pub(crate) fn edges(dice: &mut Dice, falls: bool) -> Vec<Edge> {
     edges
 }
 
-/// A move in judge coordinates.
+/// A move in model coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Step {
     pub(crate) from: Point,
@@ -271,7 +272,7 @@ pub(crate) struct Step {
     pub(crate) rapid: bool,
 }
 
-/// The moves behind the first, each with where it begins.
+/// Returns the moves after the first, each with its start.
 pub(crate) fn steps(lie: Lie, moves: &[Move]) -> Vec<Step> {
     let pair = |pair: &[Move]| {
         let (from, to) = (lie.judge(pair[0].end), lie.judge(pair[1].end));
@@ -284,7 +285,7 @@ pub(crate) fn steps(lie: Lie, moves: &[Move]) -> Vec<Step> {
     moves.windows(2).map(pair).collect()
 }
 
-/// A job for these edges.
+/// Returns the parameters for these edges.
 pub(crate) fn job(
     dice: &mut Dice,
     edges: &[Edge],

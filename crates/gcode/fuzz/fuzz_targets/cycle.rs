@@ -1,9 +1,9 @@
-//! The source of a cycle, called from a program: what must hold is written down beside the tests.
+//! Fuzzes the source of a cycle, called from a program.
 //!
 //! Invariant: the same function as in `tests/harm`, fed by libFuzzer.
 #![no_main]
 
-#[allow(dead_code)] // each target has one way in
+#[allow(dead_code)] // each target has one entry point
 #[path = "../../tests/harm/mod.rs"]
 mod harm;
 

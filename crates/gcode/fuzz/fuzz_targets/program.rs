@@ -1,9 +1,9 @@
-//! A program from a file, and as it arrives: what must hold is written down beside the tests.
+//! Fuzzes a program from a file, and streamed.
 //!
 //! Invariant: the same function as in `tests/harm`, fed by libFuzzer.
 #![no_main]
 
-#[allow(dead_code)] // each target has one way in
+#[allow(dead_code)] // each target has one entry point
 #[path = "../../tests/harm/mod.rs"]
 mod harm;
 

@@ -1,9 +1,9 @@
-//! A tool table, a parameter file and an INI file: what must hold is written down beside the tests.
+//! Fuzzes a tool table, a parameter file and an INI file.
 //!
 //! Invariant: the same function as in `tests/harm`, fed by libFuzzer.
 #![no_main]
 
-#[allow(dead_code)] // each target has one way in
+#[allow(dead_code)] // each target has one entry point
 #[path = "../../tests/harm/mod.rs"]
 mod harm;
 

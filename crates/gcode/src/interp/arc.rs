@@ -19,17 +19,17 @@ const TINY: f64 = 1e-12;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Radii {
     /// Minimum radius. Half a chord may exceed the radius by this.
-    least: f64,
+    min_radius: f64,
     /// Maximum absolute difference of the radii.
-    difference: f64,
+    max_difference: f64,
 }
 
 impl Radii {
     /// Returns the tolerances of LinuxCNC 2.9.
-    pub(super) const fn of(units: LengthUnit) -> Radii {
+    pub(super) const fn for_units(units: LengthUnit) -> Radii {
         match units {
-            LengthUnit::Inch => Radii { least: 0.00005, difference: 0.002 * SQRT_2 },
-            LengthUnit::Millimetre => Radii { least: 0.00127, difference: 0.02 * SQRT_2 },
+            LengthUnit::Inch => Radii { min_radius: 0.00005, max_difference: 0.002 * SQRT_2 },
+            LengthUnit::Millimetre => Radii { min_radius: 0.00127, max_difference: 0.02 * SQRT_2 },
         }
     }
 }
@@ -66,11 +66,11 @@ pub(super) fn from_centre(shape: &ArcShape, words: (f64, f64), meaning: ArcCentr
     };
     let first = (centre.0 - shape.start.0).hypot(centre.1 - shape.start.1);
     let last = (centre.0 - shape.end.0).hypot(centre.1 - shape.end.1);
-    if first < shape.radii.least || last < shape.radii.least {
+    if first < shape.radii.min_radius || last < shape.radii.min_radius {
         return fault(ErrorCode::ArcZeroRadius, shape.at, ErrorCode::ArcZeroRadius.title());
     }
     let difference = (first - last).abs();
-    if difference > shape.radii.difference && difference > RELATIVE_TOLERANCE * first.max(last) {
+    if difference > shape.radii.max_difference && difference > RELATIVE_TOLERANCE * first.max(last) {
         let message = format!("the radius is {first:.4} at the start of the arc and {last:.4} at its end");
         return fault(ErrorCode::ArcRadiiDiffer, shape.at, message);
     }
@@ -89,8 +89,8 @@ pub(super) fn from_radius(shape: &ArcShape, radius: f64) -> BlockResult<(f64, f6
     let size = radius.abs();
     let (mid_x, mid_y) = ((end_x + x) / 2.0, (end_y + y) / 2.0);
     let half = (mid_x - end_x).hypot(mid_y - end_y);
-    if half - size > shape.radii.least || size == 0.0 {
-        let message = format!("the radius {size} does not reach over a chord of {:.4}", 2.0 * half);
+    if half - size > shape.radii.min_radius || size == 0.0 {
+        let message = format!("the radius {size} is too small for a chord of {:.4}", 2.0 * half);
         return fault(ErrorCode::ArcRadiusTooSmall, shape.at, message);
     }
     // The side of the chord on which the centre is: on its right for a short clockwise arc, and so on.
@@ -107,7 +107,7 @@ mod tests {
 
     fn centre(radius: f64, difference: f64, units: LengthUnit) -> Result<(f64, f64), ErrorCode> {
         let end = (2.0 * radius + difference, 0.0);
-        let shape = ArcShape { start: (0.0, 0.0), end, turns: 1, radii: Radii::of(units), at: Span::default() };
+        let shape = ArcShape { start: (0.0, 0.0), end, turns: 1, radii: Radii::for_units(units), at: Span::default() };
         from_centre(&shape, (radius, 0.0), ArcCentres::Incremental).map_err(|fault| fault.code)
     }
 
@@ -130,7 +130,7 @@ mod tests {
             start: (0.0, 0.0),
             end: (2.0, 0.0),
             turns: -1,
-            radii: Radii::of(LengthUnit::Millimetre),
+            radii: Radii::for_units(LengthUnit::Millimetre),
             at: Span::default(),
         };
         let near = |centre: BlockResult<(f64, f64)>, wanted: (f64, f64)| {

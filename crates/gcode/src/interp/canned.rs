@@ -5,7 +5,7 @@
 //! the clearance and the initial level with G98.
 
 use super::polar::PolarWords;
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl};
 use crate::diag::{BlockResult, fault};
@@ -38,7 +38,7 @@ struct Levels {
 
 /// State of one hole: tool position, and the axes of the plane.
 struct Hole<'a, 'e> {
-    emit: &'a mut Emit<'e>,
+    emit: &'a mut Emitter<'e>,
     at: Pose,
     axes: [Axis; 3],
     levels: Levels,
@@ -79,9 +79,14 @@ impl Hole<'_, '_> {
 
 impl Core {
     /// Executes a block of a cycle: one hole, or as many as L gives.
-    pub(super) fn canned_cycle(&mut self, cycle: DrillingCycle, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
-        let kept = self.kept_words(cycle);
-        let given = cycle_words(words, self.state.plane.axes()[2]).or(&kept);
+    pub(super) fn canned_cycle(
+        &mut self,
+        cycle: DrillingCycle,
+        words: &Words,
+        emit: &mut Emitter<'_>,
+    ) -> BlockResult<()> {
+        let retained = self.retained_words(cycle);
+        let given = cycle_words(words, self.state.plane.axes()[2]).or(&retained);
         let initial_level = self.initial_level();
         let mut levels = self.levels(cycle, &given, initial_level, words)?;
         let repeats = repeats(cycle, &given, &levels, words)?;
@@ -96,7 +101,7 @@ impl Core {
             emit.call(Canon::SetMotionControlMode(PathControl::ExactPath));
         }
         check_cycle_words(cycle, &given, words)?;
-        self.holes(cycle, levels, (&given, repeats), words, emit)?;
+        self.make_holes(cycle, levels, (&given, repeats), words, emit)?;
         if path != PathControl::ExactPath {
             emit.call(Canon::SetMotionControlMode(path));
             emit.call(Canon::SetNaivecamTolerance(self.state.naivecam_tolerance));
@@ -108,7 +113,7 @@ impl Core {
 
     /// Returns the words that the block may omit: those of the previous block, if that was the same cycle in the same
     /// plane.
-    fn kept_words(&self, cycle: DrillingCycle) -> CycleWords {
+    fn retained_words(&self, cycle: DrillingCycle) -> CycleWords {
         match &self.state.series {
             Some(series) if series.plane == self.state.plane && self.state.motion == Some(MotionMode::Cycle(cycle)) => {
                 series.words
@@ -157,13 +162,13 @@ impl Core {
     }
 
     /// Makes each hole of the block.
-    fn holes(
+    fn make_holes(
         &mut self,
         cycle: DrillingCycle,
         levels: Levels,
         (given, repeats): (&CycleWords, u32),
         words: &Words,
-        emit: &mut Emit<'_>,
+        emit: &mut Emitter<'_>,
     ) -> BlockResult<()> {
         let state = &self.state;
         let axes = state.plane.axes();
@@ -193,7 +198,7 @@ impl Core {
             if travel != levels.clearance {
                 hole.traverse_to(levels.clearance);
             }
-            make(cycle, &mut hole, given, state, words)?;
+            make_hole(cycle, &mut hole, given, state, words)?;
             travel = levels.retract;
         }
         hole.at[normal] = levels.retract;
@@ -216,7 +221,7 @@ fn repeats(cycle: DrillingCycle, given: &CycleWords, levels: &Levels, words: &Wo
 }
 
 /// Makes one hole, from the clearance above it.
-fn make(
+fn make_hole(
     cycle: DrillingCycle,
     hole: &mut Hole<'_, '_>,
     given: &CycleWords,
@@ -254,7 +259,7 @@ fn make(
             hole.feed_to(retract);
         }
         DrillingCycle::BoringSpindleStop | DrillingCycle::BoringManual => {
-            let turn = turning(cycle, state, words)?;
+            let turn = required_direction(cycle, state, words)?;
             hole.feed_to(bottom);
             hole.emit.call(Canon::Dwell(dwell));
             hole.emit.call(Canon::StopSpindleTurning);
@@ -271,7 +276,7 @@ fn make(
 }
 
 /// Returns the direction of the spindle, which the cycle needs to turn.
-fn turning(cycle: DrillingCycle, state: &ModalState, words: &Words) -> BlockResult<SpindleTurn> {
+fn required_direction(cycle: DrillingCycle, state: &ModalState, words: &Words) -> BlockResult<SpindleTurn> {
     match state.spindle.turn() {
         Some(turn) => Ok(turn),
         None => {
@@ -290,7 +295,7 @@ fn tap(
     (dwell, state): (f64, &ModalState),
     words: &Words,
 ) -> BlockResult<()> {
-    let turn = turning(cycle, state, words)?;
+    let turn = required_direction(cycle, state, words)?;
     if turn != needed {
         let (name, needed) = (cycle.name(), needed.name());
         return fault(
@@ -321,7 +326,7 @@ fn tap(
 /// Executes G87: through the hole off its axis with the spindle oriented, up to the middle at the feed, and back on the
 /// same path.
 fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &ModalState, words: &Words) -> BlockResult<()> {
-    let turn = turning(DrillingCycle::BackBoring, state, words)?;
+    let turn = required_direction(DrillingCycle::BackBoring, state, words)?;
     let [first, second, normal] = hole.axes;
     let offset = |axis: Axis| given.offsets[axis as usize].unwrap_or(0.0);
     let Levels { clearance, bottom, retract } = hole.levels;
@@ -330,10 +335,10 @@ fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &ModalState, wo
         DistanceMode::Incremental => bottom + offset(normal),
     };
     let on_axis = (hole.at[first], hole.at[second]);
-    let beside = (on_axis.0 + offset(first), on_axis.1 + offset(second));
+    let off_axis = (on_axis.0 + offset(first), on_axis.1 + offset(second));
     let orient = Canon::OrientSpindle { degrees: 0.0, mode: if turn == SpindleTurn::Clockwise { 2 } else { 3 } };
     hole.at[normal] = clearance;
-    hole.traverse_over(beside.0, beside.1);
+    hole.traverse_over(off_axis.0, off_axis.1);
     hole.emit.call(Canon::StopSpindleTurning);
     hole.emit.call(orient.clone());
     hole.traverse_to(bottom);
@@ -343,7 +348,7 @@ fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &ModalState, wo
     hole.feed_to(bottom);
     hole.emit.call(Canon::StopSpindleTurning);
     hole.emit.call(orient);
-    hole.traverse_over(beside.0, beside.1);
+    hole.traverse_over(off_axis.0, off_axis.1);
     hole.traverse_to(retract);
     hole.traverse_over(on_axis.0, on_axis.1);
     hole.emit.call(turn.start());
@@ -370,7 +375,7 @@ fn check_cycle_words(cycle: DrillingCycle, given: &CycleWords, words: &Words) ->
         _ => {
             return match given.dwell {
                 Some(dwell) if dwell < 0.0 => {
-                    fault(ErrorCode::NegativeValue, words.span(b'p'), "a dwell takes no negative time")
+                    fault(ErrorCode::NegativeValue, words.span(b'p'), "a dwell cannot have a negative time")
                 }
                 _ => Ok(()),
             };

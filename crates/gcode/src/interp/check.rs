@@ -9,7 +9,7 @@ use crate::canon::Probing;
 use crate::diag::{BlockResult, Span, fault};
 use crate::drilling_cycle::DrillingCycle;
 use crate::error_codes::ErrorCode;
-use crate::eval::whole;
+use crate::eval::to_whole_number;
 use crate::groups::{GroupG, GroupM, Tenths};
 use crate::modal::{DistanceMode, ModalState, MotionMode};
 
@@ -18,7 +18,7 @@ pub(super) const AXES: &[u8] = b"xyzabcuvw@^";
 
 /// Motion of the block; G80 is distinct from no motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum MotionToBe {
+pub(super) enum BlockMotion {
     None,
     Cancel,
     Move(MotionMode),
@@ -26,22 +26,22 @@ pub(super) enum MotionToBe {
     Turn(Tenths),
 }
 
-impl MotionToBe {
+impl BlockMotion {
     fn is_arc(self) -> bool {
-        matches!(self, MotionToBe::Move(motion) if motion.is_arc())
+        matches!(self, BlockMotion::Move(motion) if motion.is_arc())
     }
 
     /// Returns the drilling cycle of the block.
     fn cycle(self) -> Option<DrillingCycle> {
         match self {
-            MotionToBe::Move(MotionMode::Cycle(cycle)) => Some(cycle),
+            BlockMotion::Move(MotionMode::Cycle(cycle)) => Some(cycle),
             _ => None,
         }
     }
 
     /// Whether this motion needs axis words.
     fn needs_axes(self) -> bool {
-        let MotionToBe::Move(motion) = self else { return false };
+        let BlockMotion::Move(motion) = self else { return false };
         matches!(
             motion,
             MotionMode::Cycle(_) | MotionMode::SpindleFeed | MotionMode::RigidTap | MotionMode::ThreadingCycle
@@ -49,42 +49,42 @@ impl MotionToBe {
     }
 }
 
-const fn motion_of(tenths: u16) -> MotionToBe {
+const fn motion_of(tenths: u16) -> BlockMotion {
     match tenths {
-        0 => MotionToBe::Move(MotionMode::Traverse),
-        10 => MotionToBe::Move(MotionMode::Feed),
-        20 => MotionToBe::Move(MotionMode::ArcClockwise),
-        30 => MotionToBe::Move(MotionMode::ArcCounterclockwise),
-        330 => MotionToBe::Move(MotionMode::SpindleFeed),
-        331 => MotionToBe::Move(MotionMode::RigidTap),
-        760 => MotionToBe::Move(MotionMode::ThreadingCycle),
-        50 => MotionToBe::Move(MotionMode::CubicSpline),
-        51 => MotionToBe::Move(MotionMode::QuadraticSpline),
-        52 => MotionToBe::Move(MotionMode::ControlPoint),
-        53 => MotionToBe::Move(MotionMode::EndOfPoints),
+        0 => BlockMotion::Move(MotionMode::Traverse),
+        10 => BlockMotion::Move(MotionMode::Feed),
+        20 => BlockMotion::Move(MotionMode::ArcClockwise),
+        30 => BlockMotion::Move(MotionMode::ArcCounterclockwise),
+        330 => BlockMotion::Move(MotionMode::SpindleFeed),
+        331 => BlockMotion::Move(MotionMode::RigidTap),
+        760 => BlockMotion::Move(MotionMode::ThreadingCycle),
+        50 => BlockMotion::Move(MotionMode::CubicSpline),
+        51 => BlockMotion::Move(MotionMode::QuadraticSpline),
+        52 => BlockMotion::Move(MotionMode::ControlPoint),
+        53 => BlockMotion::Move(MotionMode::EndOfPoints),
         382..=385 => {
-            MotionToBe::Move(MotionMode::Probe(Probing { away: tenths >= 384, must_answer: tenths.is_multiple_of(2) }))
+            BlockMotion::Move(MotionMode::Probe(Probing { away: tenths >= 384, must_trip: tenths.is_multiple_of(2) }))
         }
-        700..730 => MotionToBe::Turn(tenths),
+        700..730 => BlockMotion::Turn(tenths),
         _ => match DrillingCycle::of_g(tenths) {
-            Some(cycle) => MotionToBe::Move(MotionMode::Cycle(cycle)),
-            None => MotionToBe::Cancel,
+            Some(cycle) => BlockMotion::Move(MotionMode::Cycle(cycle)),
+            None => BlockMotion::Cancel,
         },
     }
 }
 
 /// Determines which code uses the axis words: the motion in the block, a code that takes them over, or the motion mode
 /// in force.
-pub(super) fn motion_to_be(words: &Words, state: &ModalState) -> BlockResult<MotionToBe> {
+pub(super) fn determine_motion(words: &Words, state: &ModalState) -> BlockResult<BlockMotion> {
     const ANY: u32 = letters(AXES);
-    let axis = if words.has_of(ANY) { words.first_of(AXES) } else { None };
+    let axis = if words.has_any_of(ANY) { words.first_of(AXES) } else { None };
     let owner = words.g(GroupG::NonModal).filter(|code| matches!(code, 100 | 280 | 300 | 520 | 920));
     let to_be = match (words.g(GroupG::Motion), owner) {
         (Some(800), None) => match axis {
             Some(axis) => return fault(ErrorCode::AxisWithG80, words.span(axis), ErrorCode::AxisWithG80.title()),
-            None => MotionToBe::Cancel,
+            None => BlockMotion::Cancel,
         },
-        (Some(800), Some(_)) => MotionToBe::Cancel,
+        (Some(800), Some(_)) => BlockMotion::Cancel,
         (Some(motion), Some(owner)) => {
             let at = words.g_span(GroupG::NonModal);
             let (motion, owner) = (name_of_g(motion), name_of_g(owner));
@@ -102,7 +102,7 @@ pub(super) fn motion_to_be(words: &Words, state: &ModalState) -> BlockResult<Mot
             }
             to_be
         }
-        (None, Some(_)) => MotionToBe::None,
+        (None, Some(_)) => BlockMotion::None,
         (None, None) => modal_motion(words, state, axis)?,
     };
     if axis.is_none() && matches!(owner, Some(520 | 920)) {
@@ -115,26 +115,26 @@ pub(super) fn motion_to_be(words: &Words, state: &ModalState) -> BlockResult<Mot
 }
 
 /// Returns the motion mode in force, if the block has words for it.
-fn modal_motion(words: &Words, state: &ModalState, axis: Option<u8>) -> BlockResult<MotionToBe> {
+fn modal_motion(words: &Words, state: &ModalState, axis: Option<u8>) -> BlockResult<BlockMotion> {
     let offset = words.g(GroupG::ToolOffset);
     match (axis, state.motion) {
-        (Some(_), _) if offset == Some(431) => Ok(MotionToBe::None),
-        (Some(_), _) if offset == Some(432) && !words.has(b'h') => Ok(MotionToBe::None),
-        (Some(_), Some(motion)) => Ok(MotionToBe::Move(motion)),
+        (Some(_), _) if offset == Some(431) => Ok(BlockMotion::None),
+        (Some(_), _) if offset == Some(432) && !words.has(b'h') => Ok(BlockMotion::None),
+        (Some(_), Some(motion)) => Ok(BlockMotion::Move(motion)),
         (Some(axis), None) => fault(ErrorCode::NoMotionMode, words.span(axis), ErrorCode::NoMotionMode.title()),
-        (None, Some(motion)) if motion.is_arc() && words.has_any(b"ijk") => Ok(MotionToBe::Move(motion)),
-        (None, _) => Ok(MotionToBe::None),
+        (None, Some(motion)) if motion.is_arc() && words.has_any(b"ijk") => Ok(BlockMotion::Move(motion)),
+        (None, _) => Ok(BlockMotion::None),
     }
 }
 
-fn check_non_modal(words: &Words, to_be: MotionToBe, state: &ModalState) -> BlockResult<()> {
+fn check_non_modal(words: &Words, to_be: BlockMotion, state: &ModalState) -> BlockResult<()> {
     let Some(code) = words.g(GroupG::NonModal) else { return Ok(()) };
     let at = words.g_span(GroupG::NonModal);
     match code {
         40 => check_dwell(words, to_be, at),
         100 => check_g10(words, at),
         530 => {
-            if !matches!(to_be, MotionToBe::Move(MotionMode::Traverse | MotionMode::Feed)) {
+            if !matches!(to_be, BlockMotion::Move(MotionMode::Traverse | MotionMode::Feed)) {
                 return fault(ErrorCode::G53Motion, at, ErrorCode::G53Motion.title());
             }
             let incremental = match words.g(GroupG::Distance) {
@@ -147,7 +147,7 @@ fn check_non_modal(words: &Words, to_be: MotionToBe, state: &ModalState) -> Bloc
     }
 }
 
-fn check_dwell(words: &Words, to_be: MotionToBe, at: Span) -> BlockResult<()> {
+fn check_dwell(words: &Words, to_be: BlockMotion, at: Span) -> BlockResult<()> {
     // An arc whose code comes from an earlier block makes as many turns as the dwell has seconds, as in LinuxCNC.
     if to_be.is_arc() && words.g(GroupG::Motion).is_some() {
         return fault(ErrorCode::TwoUseAxes, at, "G4 and an arc would both use the P word");
@@ -155,7 +155,7 @@ fn check_dwell(words: &Words, to_be: MotionToBe, at: Span) -> BlockResult<()> {
     match words.get(b'p') {
         None => fault(ErrorCode::WordMissing, at, "G4 needs a P word: the time in seconds"),
         Some(seconds) if seconds < 0.0 => {
-            fault(ErrorCode::NegativeValue, words.span(b'p'), "a dwell takes no negative time")
+            fault(ErrorCode::NegativeValue, words.span(b'p'), "a dwell cannot have a negative time")
         }
         Some(_) => Ok(()),
     }
@@ -172,12 +172,12 @@ fn check_g10(words: &Words, at: Span) -> BlockResult<()> {
     let Some(system) = words.get(b'p') else {
         return fault(ErrorCode::WordMissing, at, "G10 needs a P word: the coordinate system");
     };
-    let system = whole(system, words.span(b'p'), "P")?;
+    let system = to_whole_number(system, words.span(b'p'), "P")?;
     if !(0..=9).contains(&system) {
         return fault(ErrorCode::BadP, words.span(b'p'), format!("there is no coordinate system {system}"));
     }
     if words.has(b'r') && words.get(b'l') == Some(20.0) {
-        return fault(ErrorCode::WordUnused, words.span(b'r'), "G10 L20 takes no R word");
+        return fault(ErrorCode::WordUnused, words.span(b'r'), "G10 L20 does not accept an R word");
     }
     match words.first_of(b"ijkq") {
         Some(letter) => unused(words, letter, "G10 L2 and L20"),
@@ -187,32 +187,32 @@ fn check_g10(words: &Words, at: Span) -> BlockResult<()> {
 
 fn unused(words: &Words, letter: u8, code: &str) -> BlockResult<()> {
     let name = char::from(letter.to_ascii_uppercase());
-    fault(ErrorCode::WordUnused, words.span(letter), format!("{code} takes no {name} word"))
+    fault(ErrorCode::WordUnused, words.span(letter), format!("{code} does not accept the {name} word"))
 }
 
 /// Refuses a word that no code of the block uses.
 #[inline]
-pub(super) fn words_have_uses(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
+pub(super) fn words_have_uses(words: &Words, to_be: BlockMotion) -> BlockResult<()> {
     // Axis words, F, S and T are used in any block.
     const SPECIAL: u32 = letters(b"dehijklpqr$");
-    if words.has_of(SPECIAL) {
+    if words.has_any_of(SPECIAL) {
         special_words_have_uses(words, to_be)?;
     }
     if let (Some(cycle), Some(letter)) = (to_be.cycle(), words.first_of(b"abcuvw")) {
         let name = cycle.name();
         return fault(ErrorCode::CycleAxis, words.span(letter), format!("{name} moves X, Y and Z only"));
     }
-    if to_be == MotionToBe::Move(MotionMode::ThreadingCycle) {
+    if to_be == BlockMotion::Move(MotionMode::ThreadingCycle) {
         check_thread(words)?;
     }
     check_spindle_words(words, to_be)
 }
 
 /// G5 and G5.1.
-const SPLINES: [MotionToBe; 2] =
-    [MotionToBe::Move(MotionMode::CubicSpline), MotionToBe::Move(MotionMode::QuadraticSpline)];
+const SPLINES: [BlockMotion; 2] =
+    [BlockMotion::Move(MotionMode::CubicSpline), BlockMotion::Move(MotionMode::QuadraticSpline)];
 
-fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
+fn special_words_have_uses(words: &Words, to_be: BlockMotion) -> BlockResult<()> {
     let arc = to_be.is_arc();
     let g10 = words.g(GroupG::NonModal) == Some(100);
     let dwell = words.g(GroupG::NonModal) == Some(40);
@@ -223,16 +223,16 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> BlockResult<()> 
     let input = words.m(GroupM::Output) == Some(66);
     let user = words.m(GroupM::User).is_some();
     let (cubic, quadratic) = (to_be == SPLINES[0], to_be == SPLINES[1]);
-    let point = to_be == MotionToBe::Move(MotionMode::ControlPoint);
+    let point = to_be == BlockMotion::Move(MotionMode::ControlPoint);
     let compensation = words.g(GroupG::CutterCompensation).is_some_and(|code| code != 400);
     let switch = matches!(words.m(GroupM::Override), Some(50..=53));
     let number = words.m(GroupM::Tool) == Some(61);
     let cycle = to_be.cycle();
-    let thread = to_be == MotionToBe::Move(MotionMode::ThreadingCycle);
-    let tap = to_be == MotionToBe::Move(MotionMode::RigidTap);
-    let synchronised = tap || to_be == MotionToBe::Move(MotionMode::SpindleFeed);
-    let finish = to_be == MotionToBe::Turn(700);
-    let turn = matches!(to_be, MotionToBe::Turn(_));
+    let thread = to_be == BlockMotion::Move(MotionMode::ThreadingCycle);
+    let tap = to_be == BlockMotion::Move(MotionMode::RigidTap);
+    let synchronised = tap || to_be == BlockMotion::Move(MotionMode::SpindleFeed);
+    let finish = to_be == BlockMotion::Turn(700);
+    let turn = matches!(to_be, BlockMotion::Turn(_));
     let rough = turn && !finish;
     let surface_speed = words.g(GroupG::SpindleMode) == Some(960);
     let orient = words.m(GroupM::Spindle) == Some(19);
@@ -282,7 +282,7 @@ fn special_words_have_uses(words: &Words, to_be: MotionToBe) -> BlockResult<()> 
 /// Returns the number of turns that the P word of an arc gives.
 pub(super) fn turns_of(value: f64, words: &Words) -> BlockResult<i32> {
     let at = words.span(b'p');
-    match whole(value, at, "P")? {
+    match to_whole_number(value, at, "P")? {
         turns @ 1.. => Ok(turns),
         turns => fault(ErrorCode::BadP, at, format!("an arc makes at least one turn, not {turns}")),
     }

@@ -38,7 +38,7 @@ impl Cutter {
     }
 
     /// Returns the point at the tool radius from another one, in this direction.
-    fn beside(self, point: Point, direction: f64) -> Point {
+    fn offset_point(self, point: Point, direction: f64) -> Point {
         polar(point, self.radius, direction)
     }
 }
@@ -64,7 +64,7 @@ pub(super) struct PriorArc {
 
 /// An arc as programmed.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Programmed {
+pub(super) struct ProgrammedArc {
     pub(super) centre: Point,
     pub(super) end: Point,
     pub(super) turns: i32,
@@ -109,7 +109,7 @@ pub(super) fn entry_line(cutter: Cutter, from: Point, to: Point, at: Span) -> Bl
     check_entry(cutter, from, to, at)?;
     let quarters = if cutter.side == Side::Left { 1 } else { -1 };
     let normal = plus_quarters(direction(from, to), quarters, 0.0);
-    Ok((cutter.beside(to, normal), normal))
+    Ok((cutter.offset_point(to, normal), normal))
 }
 
 pub(super) fn check_entry(cutter: Cutter, from: Point, to: Point, at: Span) -> BlockResult<()> {
@@ -129,8 +129,8 @@ pub(super) fn check_entry(cutter: Cutter, from: Point, to: Point, at: Span) -> B
 ///
 /// # Errors
 /// E1659 when no such arc exists.
-pub(super) fn entry_arc(cutter: Cutter, from: Point, arc: &Programmed, at: Span) -> BlockResult<(Point, Point)> {
-    let end = cutter.beside(arc.end, end_normal(cutter, arc));
+pub(super) fn entry_arc(cutter: Cutter, from: Point, arc: &ProgrammedArc, at: Span) -> BlockResult<(Point, Point)> {
+    let end = cutter.offset_point(arc.end, end_normal(cutter, arc));
     let half = distance(end, from) / 2.0;
     let to_centre = direction(end, arc.centre);
     let cosine = (direction(end, from) - to_centre).cos();
@@ -153,7 +153,7 @@ fn too_small<T>(cutter: Cutter, at: Span) -> BlockResult<T> {
 }
 
 /// Returns the direction from the end of an arc to the tool's centre.
-fn end_normal(cutter: Cutter, arc: &Programmed) -> f64 {
+fn end_normal(cutter: Cutter, arc: &ProgrammedArc) -> f64 {
     if cutter.is_inside(arc.turns) { direction(arc.end, arc.centre) } else { direction(arc.centre, arc.end) }
 }
 
@@ -187,12 +187,12 @@ pub(super) fn to_line(
     let opening = plus_quarters(if quarters > 0 { before - after } else { after - before }, -1, 0.0);
     let right_angle = plus_quarters(0.0, quarters, 0.0);
     let normal = after + right_angle;
-    let end = cutter.beside(to, normal);
+    let end = cutter.offset_point(to, normal);
     // A straight move up from the top of an outer arc: both directions around the corner are possible, and the tool
     // takes the shorter one.
     let turns_back =
         opening > plus_quarters(-SMOOTH, 2, 0.0) && corner.arc.is_some_and(|arc| !cutter.is_inside(arc.turns));
-    let joint = if opening < -SMOOTH || opening > plus_quarters(SMOOTH, 2, 0.0) || turns_back {
+    let kind = if opening < -SMOOTH || opening > plus_quarters(SMOOTH, 2, 0.0) || turns_back {
         CornerKind::Concave(match &corner.arc {
             Some(arc) => arc_to_line(cutter, corner.programmed, arc, along, at)?,
             None => {
@@ -204,11 +204,11 @@ pub(super) fn to_line(
             }
         })
     } else if opening > SMOOTH {
-        CornerKind::Convex(cutter.beside(corner.programmed, normal))
+        CornerKind::Convex(cutter.offset_point(corner.programmed, normal))
     } else {
         CornerKind::Smooth
     };
-    Ok((end, joint))
+    Ok((end, kind))
 }
 
 /// Returns the intersection of a compensated arc with a compensated straight move.
@@ -231,7 +231,7 @@ fn arc_to_line(cutter: Cutter, corner: Point, arc: &PriorArc, along: f64, at: Sp
 pub(super) fn to_arc(
     cutter: Cutter,
     corner: &CompensationCorner,
-    arc: &Programmed,
+    arc: &ProgrammedArc,
     at: Span,
 ) -> BlockResult<(Point, CornerKind)> {
     let radius = distance(arc.end, arc.centre);
@@ -247,20 +247,20 @@ pub(super) fn to_arc(
     } else if opening < plus_quarters(0.0, -1, 0.0) {
         opening = plus_quarters(opening, 4, 0.0);
     }
-    let end = cutter.beside(arc.end, end_normal(cutter, arc));
+    let end = cutter.offset_point(arc.end, end_normal(cutter, arc));
     let turns_back = plus_quarters(opening, -2, 0.0).abs() < SMOOTH && !inside;
-    let joint = if opening < -SMOOTH || opening > plus_quarters(SMOOTH, 2, 0.0) || turns_back {
+    let kind = if opening < -SMOOTH || opening > plus_quarters(SMOOTH, 2, 0.0) || turns_back {
         CornerKind::Concave(match &corner.arc {
             Some(prior) => arc_to_arc(cutter, prior, arc, radius, at)?,
             None => line_to_arc(cutter, before, opening, arc, radius, at)?,
         })
     } else if opening > SMOOTH {
         let normal = if inside { to_centre } else { plus_quarters(to_centre, 2, 0.0) };
-        CornerKind::Convex(cutter.beside(corner.programmed, normal))
+        CornerKind::Convex(cutter.offset_point(corner.programmed, normal))
     } else {
         CornerKind::Smooth
     };
-    Ok((end, joint))
+    Ok((end, kind))
 }
 
 /// Returns the intersection of a compensated straight move, with direction `before`, and a compensated arc.
@@ -268,7 +268,7 @@ fn line_to_arc(
     cutter: Cutter,
     before: f64,
     opening: f64,
-    arc: &Programmed,
+    arc: &ProgrammedArc,
     radius: f64,
     at: Span,
 ) -> BlockResult<Point> {
@@ -284,7 +284,7 @@ fn line_to_arc(
 }
 
 /// Returns the intersection of two compensated arcs.
-fn arc_to_arc(cutter: Cutter, prior: &PriorArc, arc: &Programmed, radius: f64, at: Span) -> BlockResult<Point> {
+fn arc_to_arc(cutter: Cutter, prior: &PriorArc, arc: &ProgrammedArc, radius: f64, at: Span) -> BlockResult<Point> {
     let radius = if cutter.is_inside(arc.turns) { radius - cutter.radius } else { radius + cutter.radius };
     let between = distance(arc.centre, prior.centre);
     if prior.radius == 0.0 || between == 0.0 {
@@ -310,7 +310,7 @@ mod tests {
 
     /// Returns the distance of a point from the line through the origin in a direction, positive on the side of the
     /// tool.
-    fn beside_line(cutter: Cutter, direction: f64, point: Point) -> f64 {
+    fn distance_from_line(cutter: Cutter, direction: f64, point: Point) -> f64 {
         let left = direction.cos() * point.1 - direction.sin() * point.0;
         if cutter.side == Side::Left { left } else { -left }
     }
@@ -318,7 +318,7 @@ mod tests {
     /// Returns the vector from a point of the path in this direction to the tool's centre.
     fn tool(cutter: Cutter, direction: f64) -> Point {
         let quarter = std::f64::consts::FRAC_PI_2;
-        cutter.beside(ORIGIN, if cutter.side == Side::Left { direction + quarter } else { direction - quarter })
+        cutter.offset_point(ORIGIN, if cutter.side == Side::Left { direction + quarter } else { direction - quarter })
     }
 
     /// Returns the centre of an arc that starts or ends at the origin in a direction, and the radius of the tool's path
@@ -338,18 +338,18 @@ mod tests {
             let cutter = Cutter { side, radius };
             let corner = CompensationCorner { programmed: ORIGIN, centre: tool(cutter, from), arc: None };
             let to = polar(ORIGIN, 50.0, from + turn);
-            let (end, joint) = to_line(cutter, &corner, to, Span::default()).expect("a corner");
-            prop_assert!((beside_line(cutter, from + turn, end) - radius).abs() < 1e-9);
+            let (end, kind) = to_line(cutter, &corner, to, Span::default()).expect("a corner");
+            prop_assert!((distance_from_line(cutter, from + turn, end) - radius).abs() < 1e-9);
             let is_inner = (turn > 0.0) == (side == Side::Left);
-            match joint {
+            match kind {
                 CornerKind::Smooth => prop_assert!(turn.abs() < 0.050_001),
                 CornerKind::Convex(point) => {
                     prop_assert!(!is_inner && distance(point, tool(cutter, from + turn)) < 1e-9);
                 }
                 CornerKind::Concave(point) => {
                     prop_assert!(is_inner);
-                    prop_assert!((beside_line(cutter, from, point) - radius).abs() < 1e-9);
-                    prop_assert!((beside_line(cutter, from + turn, point) - radius).abs() < 1e-9);
+                    prop_assert!((distance_from_line(cutter, from, point) - radius).abs() < 1e-9);
+                    prop_assert!((distance_from_line(cutter, from + turn, point) - radius).abs() < 1e-9);
                 }
             }
         }
@@ -362,15 +362,15 @@ mod tests {
             let cutter = Cutter { side, radius };
             let (centre, path) = arc(cutter, from + turn, size, turns);
             let end = polar(centre, size, direction(centre, ORIGIN) + sweep * f64::from(turns));
-            let next = Programmed { centre, end, turns };
+            let next = ProgrammedArc { centre, end, turns };
             let corner = CompensationCorner { programmed: ORIGIN, centre: tool(cutter, from), arc: None };
-            if let Ok((to_centre, joint)) = to_arc(cutter, &corner, &next, Span::default()) {
+            if let Ok((to_centre, kind)) = to_arc(cutter, &corner, &next, Span::default()) {
                 prop_assert!((distance(to_centre, centre) - path).abs() < 1e-9 && (distance(to_centre, end) - radius).abs() < 1e-9);
-                match joint {
+                match kind {
                     CornerKind::Smooth => prop_assert!(turn.abs() < 0.050_001),
                     CornerKind::Convex(point) => prop_assert!(distance(point, tool(cutter, from + turn)) < 1e-9),
                     CornerKind::Concave(point) => {
-                        prop_assert!((beside_line(cutter, from, point) - radius).abs() < 1e-9);
+                        prop_assert!((distance_from_line(cutter, from, point) - radius).abs() < 1e-9);
                         prop_assert!((distance(point, centre) - path).abs() < 1e-9);
                     }
                 }
@@ -381,11 +381,11 @@ mod tests {
             let corner = CompensationCorner { programmed: ORIGIN, centre: tool(cutter, from), arc: Some(prior) };
             if let Ok((_, CornerKind::Concave(point))) = to_line(cutter, &corner, polar(ORIGIN, 9.0, from + turn), Span::default()) {
                 prop_assert!((distance(point, centre) - path).abs() < 1e-9);
-                prop_assert!((beside_line(cutter, from + turn, point) - radius).abs() < 1e-8);
+                prop_assert!((distance_from_line(cutter, from + turn, point) - radius).abs() < 1e-8);
             }
             // The same arc before another arc.
             let (other, other_path) = arc(cutter, from + turn, 2.0 * size, -turns);
-            let next = Programmed { centre: other, end: polar(other, 2.0 * size, from), turns: -turns };
+            let next = ProgrammedArc { centre: other, end: polar(other, 2.0 * size, from), turns: -turns };
             if let Ok((_, CornerKind::Concave(point))) = to_arc(cutter, &corner, &next, Span::default()) {
                 prop_assert!((distance(point, centre) - path).abs() < 1e-9);
                 prop_assert!((distance(point, other) - other_path).abs() < 1e-7);
@@ -399,7 +399,7 @@ mod tests {
             let cutter = Cutter { side, radius };
             let (centre, _) = arc(cutter, 0.3, size, turns);
             let end = polar(centre, size, direction(centre, ORIGIN) + sweep * f64::from(turns));
-            if let Ok((to, new_centre)) = entry_arc(cutter, ORIGIN, &Programmed { centre, end, turns }, Span::default()) {
+            if let Ok((to, new_centre)) = entry_arc(cutter, ORIGIN, &ProgrammedArc { centre, end, turns }, Span::default()) {
                 let size = distance(new_centre, to);
                 prop_assert!((distance(to, end) - radius).abs() < 1e-9 && (distance(new_centre, ORIGIN) - size).abs() < 1e-9 * (1.0 + size));
             }
@@ -420,9 +420,9 @@ mod tests {
         let prior = PriorArc { centre: (0.0, -1.5), radius: 0.5, turns: 1 };
         let corner = CompensationCorner { programmed: ORIGIN, centre: (0.0, -1.0), arc: Some(prior) };
         assert_eq!(code(to_line(cutter, &corner, (0.0, -9.0), at)), Some(ErrorCode::CompensationCorner));
-        let next = Programmed { centre: (0.0, -1.5), end: (1.0, -1.5), turns: -1 };
+        let next = ProgrammedArc { centre: (0.0, -1.5), end: (1.0, -1.5), turns: -1 };
         assert_eq!(code(to_arc(cutter, &corner, &next, at)), Some(ErrorCode::CompensationCorner));
-        let next = Programmed { centre: (0.0, -1.0), end: (1.0, -1.0), turns: 1 };
+        let next = ProgrammedArc { centre: (0.0, -1.0), end: (1.0, -1.0), turns: 1 };
         assert_eq!(code(to_arc(cutter, &corner, &next, at)), Some(ErrorCode::CompensationArc));
     }
 }

@@ -44,16 +44,16 @@ const MAX_WAITING: usize = 10_000;
 pub(crate) const UNSHIFTED: Point = (-0.0, -0.0);
 
 #[derive(Clone, Debug, PartialEq)]
-struct CompensationQueue {
+struct QueuedFunction {
     line: u32,
     canon: Canon,
-    course: QueueRole,
+    role: QueueRole,
 }
 
 /// Functions that wait for the next corner.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Queue {
-    waiting: Vec<CompensationQueue>,
+pub(crate) struct CompensationQueue {
+    waiting: Vec<QueuedFunction>,
     plane: Plane,
     /// Position of the compensated path before the queued moves. `None` where it is unknown, and then nothing is
     /// checked.
@@ -64,13 +64,19 @@ pub(crate) struct Queue {
     more_sweep: f64,
 }
 
-impl Default for Queue {
-    fn default() -> Queue {
-        Queue { waiting: Vec::new(), plane: Plane::Xy, start: None, shift: UNSHIFTED, more_sweep: MORE_SWEEP }
+impl Default for CompensationQueue {
+    fn default() -> CompensationQueue {
+        CompensationQueue {
+            waiting: Vec::new(),
+            plane: Plane::Xy,
+            start: None,
+            shift: UNSHIFTED,
+            more_sweep: MORE_SWEEP,
+        }
     }
 }
 
-impl Queue {
+impl CompensationQueue {
     /// Clears the queue and sets it up for a plane and a tool.
     pub(crate) fn begin(&mut self, plane: Plane, shift: Point, units: LengthUnit) {
         self.clear();
@@ -95,7 +101,7 @@ impl Queue {
 
     /// Whether a canonical function is queued behind a waiting move. Other functions overtake it, as in LinuxCNC; they
     /// do not depend on the position of the machine.
-    pub(crate) fn holds(canon: &Canon) -> bool {
+    pub(crate) fn must_wait(canon: &Canon) -> bool {
         if let Canon::Note(text) = canon {
             // The one note of a mode that overtakes.
             return !text.starts_with("interpreter: Lathe diameter mode");
@@ -122,14 +128,14 @@ impl Queue {
     }
 
     /// Queues a canonical function of this line.
-    pub(crate) fn push(&mut self, line: u32, canon: Canon, course: QueueRole) {
-        self.waiting.push(CompensationQueue { line, canon, course });
+    pub(crate) fn push(&mut self, line: u32, canon: Canon, role: QueueRole) {
+        self.waiting.push(QueuedFunction { line, canon, role });
     }
 
     /// Returns the queued arc: its centre, its end, and its turns.
     pub(crate) fn arc(&self) -> Option<(Point, Point, i32)> {
         let [first, second, _] = self.plane.axes();
-        let moving = self.waiting.iter().find(|waiting| waiting.course != QueueRole::Fixed)?;
+        let moving = self.waiting.iter().find(|waiting| waiting.role != QueueRole::Fixed)?;
         match &moving.canon {
             Canon::ArcFeed(arc) => {
                 Some(((arc.first_centre, arc.second_centre), (arc.end[first], arc.end[second]), arc.turns))
@@ -171,12 +177,12 @@ impl Queue {
 
     fn move_end(&mut self, index: usize, end: Point, at: Span) -> BlockResult<()> {
         let (start, more_sweep, [first, second, _]) = (self.start, self.more_sweep, self.plane.axes());
-        let CompensationQueue { canon, course, line } = &mut self.waiting[index];
+        let QueuedFunction { canon, role, line } = &mut self.waiting[index];
         let gouge = |what: &str| {
             let message = format!("the {what} of line {line} is too short for the tool in the corners at its ends");
             fault(ErrorCode::CompensationGouge, at, message)
         };
-        match (canon, *course) {
+        match (canon, *role) {
             (Canon::StraightFeed(pose) | Canon::StraightTraverse(pose), QueueRole::Straight(direction)) => {
                 let runs_back = |start: Point| direction.0 * (end.0 - start.0) + direction.1 * (end.1 - start.1) < 0.0;
                 if start.is_some_and(runs_back) {
@@ -192,7 +198,7 @@ impl Queue {
                     return fault(
                         ErrorCode::CompensationCorner,
                         at,
-                        "the corner does not lie on the compensated arc before it",
+                        "the corner is not on the compensated arc before it",
                     );
                 }
                 let longer = |start| sweep(start, end, centre, arc.turns).abs() > programmed.abs() + more_sweep;
@@ -216,8 +222,8 @@ impl Queue {
     pub(crate) fn release(&mut self, steps: &mut Vec<CanonStep>, number: Number) {
         self.start = None;
         let (plane, shift) = (self.plane, self.shift);
-        for CompensationQueue { line, mut canon, course } in self.waiting.drain(..) {
-            if course != QueueRole::Other {
+        for QueuedFunction { line, mut canon, role } in self.waiting.drain(..) {
+            if role != QueueRole::Other {
                 shift_canon(&mut canon, plane, shift);
             }
             steps.push(CanonStep { line, number, canon });
@@ -230,7 +236,7 @@ impl Queue {
         self.start = self.start.map(scaled);
         self.shift = scaled(self.shift);
         self.more_sweep *= factor;
-        for CompensationQueue { canon, .. } in &mut self.waiting {
+        for QueuedFunction { canon, .. } in &mut self.waiting {
             match canon {
                 Canon::StraightFeed(pose) | Canon::StraightTraverse(pose) => *pose = pose.scaled_lengths(factor),
                 Canon::ArcFeed(arc) => {
@@ -276,7 +282,7 @@ mod tests {
 
     #[test]
     fn the_end_is_moved_for_all_that_stands_over_it_and_the_order_stays() {
-        let mut queue = Queue::default();
+        let mut queue = CompensationQueue::default();
         let mut steps = Vec::new();
         queue.begin(Plane::Xy, (1.0, -0.0), LengthUnit::Inch);
         queue.set_start((0.0, 0.0));
@@ -296,9 +302,9 @@ mod tests {
 
     #[test]
     fn a_queue_that_has_grown_allocates_no_more() {
-        let mut queue = Queue::default();
+        let mut queue = CompensationQueue::default();
         let mut steps = Vec::new();
-        let mut room = 0;
+        let mut capacity = 0;
         for round in 0..50 {
             for line in 0..20 {
                 queue.push(line, feed(f64::from(line), 0.0), QueueRole::Straight((1.0, 0.0)));
@@ -308,8 +314,8 @@ mod tests {
             // A block takes the queue out of the state.
             let taken = std::mem::take(&mut queue);
             queue = taken;
-            assert!(round == 0 || queue.waiting.capacity() == room);
-            room = queue.waiting.capacity();
+            assert!(round == 0 || queue.waiting.capacity() == capacity);
+            capacity = queue.waiting.capacity();
         }
     }
 }

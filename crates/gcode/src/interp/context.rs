@@ -3,8 +3,8 @@
 //! Invariant: each level of calls has one saved state. Restoring it emits the canonical functions of the codes that a
 //! program would need. The motion mode, the offsets of G52 and G92, and the tool in the spindle stay unchanged.
 
-use super::check::MotionToBe;
-use super::{Core, Emit};
+use super::check::BlockMotion;
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
 use crate::compensation::Side;
@@ -16,7 +16,7 @@ use crate::pose::{Axis, Pose};
 
 /// Modes that M70 and M73 save. Lengths are in the units in force when they were saved.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Context {
+pub(crate) struct SavedState {
     units: LengthUnit,
     plane: Plane,
     distance: DistanceMode,
@@ -46,13 +46,13 @@ pub(crate) struct Context {
 }
 
 /// Whether two values differ. A change of units and back changes the last digits.
-fn differs(kept: f64, now: f64) -> bool {
-    (kept - now).abs() > 1e-9 * kept.abs().max(1.0)
+fn differs(saved: f64, now: f64) -> bool {
+    (saved - now).abs() > 1e-9 * saved.abs().max(1.0)
 }
 
-impl Context {
-    fn of(state: &ModalState, on_return: bool) -> Context {
-        Context {
+impl SavedState {
+    fn save(state: &ModalState, on_return: bool) -> SavedState {
+        SavedState {
             units: state.units,
             plane: state.plane,
             distance: state.distance,
@@ -68,7 +68,7 @@ impl Context {
             spindle: state.spindle,
             spindle_speed: state.spindle_speed,
             constant_surface_speed: state.constant_surface_speed,
-            highest_spindle_speed: state.highest_spindle_speed,
+            highest_spindle_speed: state.max_spindle_speed,
             compensation: state.compensation.map(|compensation| (compensation.side, compensation.radius)),
             mist: state.mist,
             flood: state.flood,
@@ -136,7 +136,7 @@ impl Context {
         words.put(b's', self.spindle_speed);
         let mode = |surface: bool, highest: f64| (surface, if surface { highest } else { 0.0 });
         let is_same_mode = mode(self.constant_surface_speed, self.highest_spindle_speed)
-            == mode(state.constant_surface_speed, state.highest_spindle_speed);
+            == mode(state.constant_surface_speed, state.max_spindle_speed);
         if !is_same_mode {
             words.add_g(if self.constant_surface_speed { 96.0 } else { 97.0 }, <_>::default())?;
             if self.constant_surface_speed {
@@ -164,10 +164,10 @@ impl Context {
     /// Whether the path mode in force is the saved one.
     fn has_same_path_control(&self, state: &ModalState) -> bool {
         match (self.path_control, state.path_control) {
-            (PathControl::Continuous { tolerance: kept }, PathControl::Continuous { tolerance: now }) => {
-                !differs(kept, now) && !differs(self.naivecam_tolerance, state.naivecam_tolerance)
+            (PathControl::Continuous { tolerance: saved }, PathControl::Continuous { tolerance: now }) => {
+                !differs(saved, now) && !differs(self.naivecam_tolerance, state.naivecam_tolerance)
             }
-            (kept, now) => kept == now,
+            (saved, now) => saved == now,
         }
     }
 
@@ -190,54 +190,54 @@ impl Context {
 
 impl Core {
     /// Executes M70 … M73.
-    pub(super) fn context(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn context(&mut self, code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let level = self.state.call_level as usize;
         match code {
             70 | 73 => {
-                let kept = Context::of(&self.state, code == 73);
-                if self.state.contexts.len() <= level {
-                    self.state.contexts.resize(level + 1, None);
+                let saved = SavedState::save(&self.state, code == 73);
+                if self.state.saved_states.len() <= level {
+                    self.state.saved_states.resize(level + 1, None);
                 }
-                self.state.contexts[level] = Some(kept);
+                self.state.saved_states[level] = Some(saved);
                 Ok(())
             }
             71 => {
-                self.forget_context();
+                self.clear_context();
                 Ok(())
             }
-            _ => match self.state.contexts.get(level).copied().flatten() {
-                Some(kept) => self.take_up(&kept, emit),
+            _ => match self.state.saved_states.get(level).copied().flatten() {
+                Some(saved) => self.restore(&saved, emit),
                 None => fault(ErrorCode::NothingSaved, words.m_span(GroupM::Spindle), ErrorCode::NothingSaved.title()),
             },
         }
     }
 
     /// Clears the saved state of this level of calls.
-    pub(super) fn forget_context(&mut self) {
-        if let Some(place) = self.state.contexts.get_mut(self.state.call_level as usize) {
+    pub(super) fn clear_context(&mut self) {
+        if let Some(place) = self.state.saved_states.get_mut(self.state.call_level as usize) {
             *place = None;
         }
     }
 
     /// Restores the state that M73 has saved for the end of this subprogram.
-    pub(super) fn take_up_on_return(&mut self, emit: &mut Emit<'_>) -> BlockResult<()> {
-        match self.state.contexts.get(self.state.call_level as usize).copied().flatten() {
-            Some(kept) if kept.on_return && self.state.call_level > 0 => self.take_up(&kept, emit),
+    pub(super) fn restore_on_return(&mut self, emit: &mut Emitter<'_>) -> BlockResult<()> {
+        match self.state.saved_states.get(self.state.call_level as usize).copied().flatten() {
+            Some(saved) if saved.on_return && self.state.call_level > 0 => self.restore(&saved, emit),
             _ => Ok(()),
         }
     }
 
-    fn take_up(&mut self, kept: &Context, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn restore(&mut self, saved: &SavedState, emit: &mut Emitter<'_>) -> BlockResult<()> {
         // These functions belong to no N word, as in LinuxCNC.
         let number = emit.number.take();
-        if kept.units != self.state.units {
-            self.set_units(kept.units, emit);
+        if saved.units != self.state.units {
+            self.set_units(saved.units, emit);
         }
-        let block = kept.block(&self.state)?;
-        let has_same_path_control = kept.has_same_path_control(&self.state);
-        let mut outcome = self.execute(&block, MotionToBe::None, emit);
-        if let (Ok(_), Some(block)) = (&outcome, kept.compensation_block(&self.state)?) {
-            outcome = self.execute(&block, MotionToBe::None, emit);
+        let block = saved.block(&self.state)?;
+        let has_same_path_control = saved.has_same_path_control(&self.state);
+        let mut outcome = self.execute(&block, BlockMotion::None, emit);
+        if let (Ok(_), Some(block)) = (&outcome, saved.compensation_block(&self.state)?) {
+            outcome = self.execute(&block, BlockMotion::None, emit);
         }
         if has_same_path_control {
             // It is emitted again, as F and S are. A code is not used, because cutter compensation would refuse it.
@@ -246,33 +246,33 @@ impl Core {
                 emit.call(Canon::SetNaivecamTolerance(self.state.naivecam_tolerance));
             }
         }
-        self.take_up_switches(kept, emit);
+        self.restore_switches(saved, emit);
         emit.number = number;
         outcome.map(|_| ())
     }
 
-    fn take_up_switches(&mut self, kept: &Context, emit: &mut Emit<'_>) {
+    fn restore_switches(&mut self, saved: &SavedState, emit: &mut Emitter<'_>) {
         let state = &mut self.state;
-        let mut switch = |now: &mut bool, kept: bool, canon: [Canon; 2]| {
-            if std::mem::replace(now, kept) != kept {
+        let mut switch = |now: &mut bool, saved: bool, canon: [Canon; 2]| {
+            if std::mem::replace(now, saved) != saved {
                 let [off, on] = canon;
-                emit.call(if kept { on } else { off });
+                emit.call(if saved { on } else { off });
             }
         };
-        if !kept.mist && !kept.flood && (state.mist || state.flood) {
+        if !saved.mist && !saved.flood && (state.mist || state.flood) {
             // M9 switches both off.
             switch(&mut true, false, [Canon::MistOff, Canon::MistOn]);
             switch(&mut true, false, [Canon::FloodOff, Canon::FloodOn]);
             (state.mist, state.flood) = (false, false);
         }
-        switch(&mut state.mist, kept.mist, [Canon::MistOff, Canon::MistOn]);
-        switch(&mut state.flood, kept.flood, [Canon::FloodOff, Canon::FloodOn]);
+        switch(&mut state.mist, saved.mist, [Canon::MistOff, Canon::MistOn]);
+        switch(&mut state.flood, saved.flood, [Canon::FloodOff, Canon::FloodOn]);
         let feed = [Canon::DisableFeedOverride, Canon::EnableFeedOverride];
-        switch(&mut state.feed_override, kept.feed_override, feed);
+        switch(&mut state.feed_override, saved.feed_override, feed);
         let speed = [Canon::DisableSpeedOverride, Canon::EnableSpeedOverride];
-        switch(&mut state.speed_override, kept.speed_override, speed);
+        switch(&mut state.speed_override, saved.speed_override, speed);
         let adaptive = [Canon::DisableAdaptiveFeed, Canon::EnableAdaptiveFeed];
-        switch(&mut state.adaptive_feed, kept.adaptive_feed, adaptive);
-        switch(&mut state.feed_hold, kept.feed_hold, [Canon::DisableFeedHold, Canon::EnableFeedHold]);
+        switch(&mut state.adaptive_feed, saved.adaptive_feed, adaptive);
+        switch(&mut state.feed_hold, saved.feed_hold, [Canon::DisableFeedHold, Canon::EnableFeedHold]);
     }
 }

@@ -5,25 +5,25 @@
 
 use super::arc::ArcShape;
 use super::compensation_corner::{
-    CompensationCorner, CornerKind, Cutter, PriorArc, Programmed, check_arc, check_entry, entry_arc, entry_line,
+    CompensationCorner, CornerKind, Cutter, PriorArc, ProgrammedArc, check_arc, check_entry, entry_arc, entry_line,
     to_arc, to_line,
 };
 use super::compensation_queue::{Point, QueueRole};
 use super::motion::straight_canon;
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::angle::{sweep, turned_xy};
 use crate::block::{Words, name_of_g};
 use crate::canon::{ArcFeed, Canon, Plane};
 use crate::compensation::{Compensation, Side, tip_shift};
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
-use crate::eval::whole;
+use crate::eval::to_whole_number;
 use crate::groups::GroupG;
 use crate::modal::MotionMode;
 use crate::pose::Pose;
 
 /// The move after a corner, as programmed.
-struct Next {
+struct NextMove {
     cutter: Cutter,
     motion: MotionMode,
     corner: Point,
@@ -33,7 +33,7 @@ struct Next {
 
 impl Core {
     /// Executes G40, G41, G42, G41.1 and G42.1.
-    pub(super) fn set_compensation(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn set_compensation(&mut self, code: u16, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at = words.g_span(GroupG::CutterCompensation);
         if code == 400 {
             let finished = self.finish_path(at, emit);
@@ -77,10 +77,10 @@ impl Core {
         };
         let orientation = match words.get(b'l') {
             Some(_) if self.state.plane != Plane::Zx => {
-                let message = "an orientation belongs to a lathe tool, and those are compensated in G18 only";
+                let message = "only a lathe tool has an orientation, and it can be compensated in G18 only";
                 return fault(ErrorCode::CompensationLathe, words.span(b'l'), message);
             }
-            Some(orientation) => whole(orientation, words.span(b'l'), "L")?,
+            Some(orientation) => to_whole_number(orientation, words.span(b'l'), "L")?,
             None => 0,
         };
         Ok((diameter, orientation))
@@ -113,7 +113,7 @@ impl Core {
     }
 
     /// Releases the queued moves unchanged: the path ends here for now.
-    pub(super) fn finish_path(&mut self, at: Span, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn finish_path(&mut self, at: Span, emit: &mut Emitter<'_>) -> BlockResult<()> {
         if emit.waiting.is_empty() {
             return Ok(());
         }
@@ -140,7 +140,7 @@ impl Core {
         Some((Cutter { side, radius }, programmed))
     }
 
-    fn corner(&self, programmed: Point, emit: &Emit<'_>) -> CompensationCorner {
+    fn corner(&self, programmed: Point, emit: &Emitter<'_>) -> CompensationCorner {
         let arc = emit.waiting.arc().map(|(centre, end, turns)| PriorArc {
             centre,
             radius: (centre.0 - end.0).hypot(centre.1 - end.1),
@@ -153,12 +153,12 @@ impl Core {
     ///
     /// # Errors
     /// The move, or the one before, is too short for the tool. The next move then leads to the path again.
-    pub(super) fn straight_beside(
+    pub(super) fn compensated_straight(
         &mut self,
         motion: MotionMode,
         end: Pose,
         words: &Words,
-        emit: &mut Emit<'_>,
+        emit: &mut Emitter<'_>,
     ) -> BlockResult<()> {
         let done = self.straight_on(motion, end, words, emit);
         if done.is_err() {
@@ -167,7 +167,7 @@ impl Core {
         done
     }
 
-    fn straight_on(&mut self, motion: MotionMode, end: Pose, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn straight_on(&mut self, motion: MotionMode, end: Pose, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let Some((cutter, programmed)) = self.cutter() else { return Ok(()) };
         let at = move_span(words);
         let (here, to) = (self.in_plane(&self.state.position), self.in_plane(&end));
@@ -179,18 +179,18 @@ impl Core {
             }
             Some(from) if from == to => (here, (0.0, 0.0)),
             Some(from) => {
-                let (to_centre, joint) = to_line(cutter, &self.corner(from, emit), to, at)?;
+                let (to_centre, kind) = to_line(cutter, &self.corner(from, emit), to, at)?;
                 // LinuxCNC checks here that the previous move is long enough; before an arc it does not.
-                if let CornerKind::Convex(_) = joint {
+                if let CornerKind::Convex(_) = kind {
                     emit.waiting.end_at(here, at, emit.steps, emit.number)?;
                 }
-                self.join(joint, &Next { cutter, motion, corner: from, end, at }, emit)?;
+                self.connect(kind, &NextMove { cutter, motion, corner: from, end, at }, emit)?;
                 (to_centre, (to.0 - from.0, to.1 - from.1))
             }
         };
         let tool_end = self.with_plane(&end, to_centre);
         emit.waiting.push(emit.line, straight_canon(motion, tool_end), QueueRole::Straight(direction));
-        self.follow(end, tool_end);
+        self.store_end(end, tool_end);
         Ok(())
     }
 
@@ -206,12 +206,12 @@ impl Core {
     ///
     /// # Errors
     /// The arc, or the move before, is too short or too small for the tool. The next move then leads to the path again.
-    pub(super) fn arc_beside(
+    pub(super) fn compensated_arc(
         &mut self,
         shape: &ArcShape,
         centre: Point,
         end: Pose,
-        emit: &mut Emit<'_>,
+        emit: &mut Emitter<'_>,
     ) -> BlockResult<()> {
         let done = self.arc_on(shape, centre, end, emit);
         if done.is_err() {
@@ -220,10 +220,10 @@ impl Core {
         done
     }
 
-    fn arc_on(&mut self, shape: &ArcShape, centre: Point, end: Pose, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn arc_on(&mut self, shape: &ArcShape, centre: Point, end: Pose, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let Some((cutter, programmed)) = self.cutter() else { return Ok(()) };
         let (at, turns) = (shape.at, shape.turns);
-        let arc = Programmed { centre, end: shape.end, turns };
+        let arc = ProgrammedArc { centre, end: shape.end, turns };
         let here = self.in_plane(&self.state.position);
         let (to_centre, centre, angle) = match programmed {
             None => {
@@ -238,9 +238,9 @@ impl Core {
                 (to_centre, centre, sweep(here, to_centre, centre, turns))
             }
             Some(_) => {
-                let (to_centre, joint) = to_arc(cutter, &self.corner(shape.start, emit), &arc, at)?;
+                let (to_centre, kind) = to_arc(cutter, &self.corner(shape.start, emit), &arc, at)?;
                 let motion = if turns > 0 { MotionMode::ArcCounterclockwise } else { MotionMode::ArcClockwise };
-                self.join(joint, &Next { cutter, motion, corner: shape.start, end, at }, emit)?;
+                self.connect(kind, &NextMove { cutter, motion, corner: shape.start, end, at }, emit)?;
                 (to_centre, centre, sweep(shape.start, shape.end, centre, turns))
             }
         };
@@ -248,7 +248,7 @@ impl Core {
         let feed =
             ArcFeed { plane: self.state.plane, end: tool_end, first_centre: centre.0, second_centre: centre.1, turns };
         emit.waiting.push(emit.line, Canon::ArcFeed(feed), QueueRole::Arc(angle));
-        self.follow(end, tool_end);
+        self.store_end(end, tool_end);
         Ok(())
     }
 
@@ -262,8 +262,8 @@ impl Core {
     }
 
     /// Ends the previous move at the corner, and moves about an outer corner; a rapid move does so on a straight line.
-    fn join(&mut self, joint: CornerKind, next: &Next, emit: &mut Emit<'_>) -> BlockResult<()> {
-        let start = match joint {
+    fn connect(&mut self, kind: CornerKind, next: &NextMove, emit: &mut Emitter<'_>) -> BlockResult<()> {
+        let start = match kind {
             CornerKind::Smooth => self.in_plane(&self.state.position),
             CornerKind::Concave(_) if emit.waiting.is_empty() => {
                 return fault(ErrorCode::CompensationLate, next.at, ErrorCode::CompensationLate.title());
@@ -291,7 +291,7 @@ impl Core {
     }
 
     /// Continues at the programmed end after an error, so that errors of later moves are their own.
-    fn lose_path(&mut self, end: Pose, emit: &mut Emit<'_>) {
+    fn lose_path(&mut self, end: Pose, emit: &mut Emitter<'_>) {
         emit.waiting.clear();
         self.state.position = end;
         if let Some(compensation) = &mut self.state.compensation {
@@ -303,7 +303,7 @@ impl Core {
     ///
     /// # Errors
     /// E1662; the queue is then empty, and the next move leads to the path again.
-    pub(super) fn check_waiting(&mut self, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn check_waiting(&mut self, emit: &mut Emitter<'_>) -> BlockResult<()> {
         if !emit.waiting.is_full() {
             return Ok(());
         }
@@ -312,7 +312,7 @@ impl Core {
     }
 
     /// Stores the end of a move in the state.
-    fn follow(&mut self, programmed: Pose, tool: Pose) {
+    fn store_end(&mut self, programmed: Pose, tool: Pose) {
         self.state.position = tool;
         if let Some(compensation) = &mut self.state.compensation {
             compensation.programmed = Some(programmed);

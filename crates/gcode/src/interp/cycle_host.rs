@@ -5,7 +5,7 @@
 //! wrong.
 
 use super::check;
-use super::interpreter_core::{Core, Emit};
+use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, CanonStep, FeedMode, LengthUnit, PathControl, Plane};
 use crate::compensation::Side;
@@ -16,8 +16,8 @@ use crate::error_codes::ErrorCode;
 use crate::modal::{ArcCentres, DistanceMode, ModalState, MotionMode, SpindleRotation};
 use crate::pose::Axis;
 use retrace_cycles::{
-    Argument, Cycle, CycleBlock, CycleLibrary, CycleStopped, Halt, Host, Message, Query, StockCall, StockFailure,
-    StockMove, Vm,
+    Argument, Cycle, CycleBlock, CycleLibrary, CycleRunError, CycleStoppedError, Host, Message, Query, StockCall,
+    StockMove, StockPathError, Vm,
 };
 use std::sync::Arc;
 
@@ -31,7 +31,7 @@ const MAX_MODAL_COST: u64 = 100_000_000;
 
 /// A cycle that is executed after every block with motion (MCALL).
 #[derive(Clone, Debug)]
-pub(super) struct Modal {
+pub(super) struct ModalCycle {
     call: CycleCall,
     /// Arguments, calculated once.
     values: Vec<f64>,
@@ -45,7 +45,7 @@ pub(super) struct Cycles {
     machine: Vm,
     /// Virtual machine for the modal cycle at the blocks of another one.
     inner: Vm,
-    modal: Option<Modal>,
+    modal: Option<ModalCycle>,
     values: Vec<f64>,
     saved: Vec<Option<SavedModes>>,
     words: Words,
@@ -78,7 +78,7 @@ struct SavedModes {
 }
 
 impl SavedModes {
-    fn of(state: &ModalState) -> SavedModes {
+    fn save(state: &ModalState) -> SavedModes {
         SavedModes {
             motion: state.motion,
             plane: state.plane,
@@ -87,7 +87,7 @@ impl SavedModes {
             feed_rate: state.feed_rate,
             spindle_speed: state.spindle_speed,
             constant_surface_speed: state.constant_surface_speed,
-            highest_spindle_speed: state.highest_spindle_speed,
+            highest_spindle_speed: state.max_spindle_speed,
             path_control: state.path_control,
             naivecam_tolerance: state.naivecam_tolerance,
             lathe_diameter: state.lathe_diameter,
@@ -97,7 +97,7 @@ impl SavedModes {
     }
 
     /// Restores the modes and emits the canonical functions for them.
-    fn restore(&self, state: &mut ModalState, emit: &mut Emit<'_>) {
+    fn restore(&self, state: &mut ModalState, emit: &mut Emitter<'_>) {
         (state.motion, state.series) = (self.motion, self.series);
         if state.plane != self.plane {
             state.plane = self.plane;
@@ -114,8 +114,8 @@ impl SavedModes {
             emit.call(Canon::SetFeedRate(self.feed_rate));
         }
         let mode = (self.constant_surface_speed, self.highest_spindle_speed);
-        if (state.constant_surface_speed, state.highest_spindle_speed) != mode {
-            (state.constant_surface_speed, state.highest_spindle_speed) = mode;
+        if (state.constant_surface_speed, state.max_spindle_speed) != mode {
+            (state.constant_surface_speed, state.max_spindle_speed) = mode;
             emit.call(Canon::SetSpindleMode(self.highest_spindle_speed));
         }
         if state.spindle_speed != self.spindle_speed {
@@ -146,15 +146,15 @@ pub(crate) trait Contours {
     ///
     /// # Errors
     /// The control's alarm.
-    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<PlannedContour, StockFailure>;
+    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<PlannedContour, StockPathError>;
 }
 
 /// A source without contours: a modal cycle has none.
 pub(crate) struct NoContours;
 
 impl Contours for NoContours {
-    fn stock(&self, _: &Core, _: &StockCall<'_>) -> Result<PlannedContour, StockFailure> {
-        Err(StockFailure { alarm: 61606, text: "a modal cycle cannot read a contour".to_owned() })
+    fn stock(&self, _: &Core, _: &StockCall<'_>) -> Result<PlannedContour, StockPathError> {
+        Err(StockPathError { alarm: 61606, text: "a modal cycle cannot read a contour".to_owned() })
     }
 }
 
@@ -185,7 +185,7 @@ impl super::Interpreter {
             return fault(ErrorCode::ModalInCycle, call.at, format!("{} calls the modal cycle itself", call.name));
         }
         let values = self.arguments().collect();
-        let modal = Modal { call: call.clone(), values, level: self.core.state.call_level };
+        let modal = ModalCycle { call: call.clone(), values, level: self.core.state.call_level };
         self.cycles.get_or_insert_default().modal = Some(modal);
         Ok(())
     }
@@ -259,7 +259,7 @@ impl super::Interpreter {
             centres,
             max_steps: steps.len().saturating_add(MAX_FUNCTIONS),
             modal_cost: 0,
-            emit: Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None },
+            emit: Emitter { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None },
             at: call.at,
             fault: None,
             warnings: Vec::new(),
@@ -293,7 +293,7 @@ struct Caller<'a> {
     core: &'a mut Core,
     library: &'a CycleLibrary,
     contours: &'a dyn Contours,
-    modal: Option<(&'a Modal, &'a mut Vm)>,
+    modal: Option<(&'a ModalCycle, &'a mut Vm)>,
     saved: &'a mut Vec<Option<SavedModes>>,
     words: &'a mut Words,
     path: Option<Arc<[StockMove]>>,
@@ -303,7 +303,7 @@ struct Caller<'a> {
     max_steps: usize,
     /// Steps and blocks that the modal cycle has used so far.
     modal_cost: u64,
-    emit: Emit<'a>,
+    emit: Emitter<'a>,
     at: Span,
     fault: Option<Box<BlockError>>,
     warnings: Vec<String>,
@@ -320,15 +320,17 @@ impl Caller<'_> {
         self.core.state.arc_centres = centres;
         match outcome {
             Ok(()) => self.check_size(),
-            Err(Halt::Alarm(alarm)) => fault(ErrorCode::CycleAlarm, self.at, format!("{alarm}; {}", alarm.help())),
-            Err(Halt::Stopped) => match self.fault.take() {
+            Err(CycleRunError::Alarm(alarm)) => {
+                fault(ErrorCode::CycleAlarm, self.at, format!("{alarm}; {}", alarm.help()))
+            }
+            Err(CycleRunError::Stopped) => match self.fault.take() {
                 Some(fault) => Err(fault),
                 None => fault(ErrorCode::CycleAlarm, self.at, ErrorCode::CycleAlarm.title()),
             },
         }
     }
 
-    fn carry_out(&mut self, block: &CycleBlock) -> BlockResult<()> {
+    fn execute_block(&mut self, block: &CycleBlock) -> BlockResult<()> {
         let words = &mut *self.words;
         words.clear();
         for tenths in block.g() {
@@ -342,10 +344,10 @@ impl Caller<'_> {
             words.claim(letter, self.at)?;
             words.fill(letter, word.value, self.at)?;
         }
-        if words.has(b'x') && self.core.takes_diameters(words) {
+        if words.has(b'x') && self.core.uses_diameters(words) {
             words.halve_x();
         }
-        let motion = check::motion_to_be(words, &self.core.state)?;
+        let motion = check::determine_motion(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
         self.core.execute(words, motion, &mut self.emit)?;
         if block.triggers
@@ -360,17 +362,16 @@ impl Caller<'_> {
     }
 
     /// A cycle has left compensation on: executes G40 to restore the state before it.
-    fn end_compensation(&mut self) -> Result<(), CycleStopped> {
+    fn end_compensation(&mut self) -> Result<(), CycleStoppedError> {
         self.core.set_compensation(400, &Words::default(), &mut self.emit).map_err(|fault| {
             self.fault = Some(fault);
-            CycleStopped
+            CycleStoppedError
         })
     }
 
     fn check_size(&self) -> BlockResult<()> {
         if self.emit.steps.len() > self.max_steps || self.modal_cost > MAX_MODAL_COST {
-            let message =
-                format!("one call gives more than {MAX_FUNCTIONS} functions, or its holes do not come to an end");
+            let message = format!("one call emits more than {MAX_FUNCTIONS} functions, or its holes have no end");
             return fault(ErrorCode::CycleAlarm, self.at, message);
         }
         Ok(())
@@ -440,15 +441,15 @@ impl Host for Caller<'_> {
         }
     }
 
-    fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStopped> {
-        self.carry_out(block).map_err(|mut fault| {
+    fn block(&mut self, block: &CycleBlock) -> Result<(), CycleStoppedError> {
+        self.execute_block(block).map_err(|mut fault| {
             let name = self.library.get(block.cycle).map_or("", Cycle::name);
             if fault.code != ErrorCode::CycleAlarm {
                 fault.message = format!("{name}, line {}: {}", block.line, fault.message);
             }
             fault.span = self.at;
             self.fault = Some(fault);
-            CycleStopped
+            CycleStoppedError
         })
     }
 
@@ -463,10 +464,10 @@ impl Host for Caller<'_> {
     }
 
     fn enter(&mut self, cycle: &Cycle) {
-        self.saved.push(cycle.saves().then(|| SavedModes::of(&self.core.state)));
+        self.saved.push(cycle.saves().then(|| SavedModes::save(&self.core.state)));
     }
 
-    fn leave(&mut self, _: &Cycle) -> Result<(), CycleStopped> {
+    fn leave(&mut self, _: &Cycle) -> Result<(), CycleStoppedError> {
         if let Some(Some(saved)) = self.saved.pop() {
             if self.core.state.compensation.is_some() && !saved.is_compensated {
                 self.end_compensation()?;
@@ -476,7 +477,7 @@ impl Host for Caller<'_> {
         Ok(())
     }
 
-    fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockFailure> {
+    fn stock(&mut self, call: &StockCall<'_>) -> Result<u32, StockPathError> {
         let centres = std::mem::replace(&mut self.core.state.arc_centres, self.centres);
         let planned = self.contours.stock(self.core, call);
         self.core.state.arc_centres = centres;

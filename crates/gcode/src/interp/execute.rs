@@ -3,14 +3,14 @@
 //! Invariant: comment, feed mode, F, S, T, M codes, then G codes with the motion last, and the stops after everything.
 //! The order does not depend on the order of the words in the line.
 
-use super::check::MotionToBe;
-use super::{Core, Emit, ProgramFlow, unsupported};
+use super::check::BlockMotion;
+use super::{Core, Emitter, ProgramFlow, unsupported};
 use crate::angle::turned_xy;
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode};
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
-use crate::eval::whole;
+use crate::eval::to_whole_number;
 use crate::groups::{GroupG, GroupM};
 use crate::modal::SpindleRotation;
 use crate::tool::Tool;
@@ -20,8 +20,8 @@ impl Core {
     pub(super) fn execute(
         &mut self,
         words: &Words,
-        motion: MotionToBe,
-        emit: &mut Emit<'_>,
+        motion: BlockMotion,
+        emit: &mut Emitter<'_>,
     ) -> BlockResult<ProgramFlow> {
         if let Some(code) = words.g(GroupG::FeedMode) {
             self.set_feed_mode(code, emit);
@@ -53,18 +53,18 @@ impl Core {
         }
         self.g_codes(words, emit)?;
         match motion {
-            MotionToBe::None => {}
-            MotionToBe::Cancel => {
+            BlockMotion::None => {}
+            BlockMotion::Cancel => {
                 emit.call(Canon::Note("interpreter: motion mode set to none"));
                 (self.state.motion, self.state.series) = (None, None);
             }
-            MotionToBe::Turn(code) => {
+            BlockMotion::Turn(code) => {
                 if self.state.compensation.is_some() {
                     unsupported::turning(words)?;
                 }
                 self.turning_cycle(code, words, emit)?;
             }
-            MotionToBe::Move(motion) => {
+            BlockMotion::Move(motion) => {
                 if self.state.compensation.is_some() {
                     unsupported::motion(motion, words)?;
                 }
@@ -80,7 +80,7 @@ impl Core {
     /// Returns the tool whose number a word gives.
     pub(super) fn tool(&self, number: f64, words: &Words, letter: u8) -> BlockResult<Tool> {
         let at = words.span(letter);
-        let number = whole(number, at, "the word")?;
+        let number = to_whole_number(number, at, "the word")?;
         match u32::try_from(number).ok().and_then(|number| self.tools.get(number)) {
             Some(tool) => Ok(tool),
             None => fault(ErrorCode::ToolUnknown, at, format!("tool {number} is not in the tool table")),
@@ -98,7 +98,7 @@ impl Core {
         })
     }
 
-    fn m_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn m_codes(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         if let Some(code) = words.m(GroupM::Output) {
             self.port(code, words, emit)?;
         }
@@ -125,20 +125,20 @@ impl Core {
         Ok(())
     }
 
-    fn change_tool(&mut self, emit: &mut Emit<'_>) {
+    fn change_tool(&mut self, emit: &mut Emitter<'_>) {
         emit.call(Canon::StartChange);
         emit.call(Canon::StopSpindleTurning);
         self.state.spindle = SpindleRotation::Stopped;
         let was = std::mem::replace(&mut self.state.current_tool, self.state.selected_tool);
         let tool = self.state.current_tool;
-        let remark = self.tools.name(tool).map(Into::into);
-        emit.call(Canon::ChangeTool { tool, was, index: self.tools.index_of(tool), remark });
-        self.take_actual_position();
+        let comment = self.tools.name(tool).map(Into::into);
+        emit.call(Canon::ChangeTool { tool, was, index: self.tools.index_of(tool), comment });
+        self.restore_actual_position();
     }
 
     /// After G40 the position is the end of the programmed path until a move goes there. A tool change uses the actual
     /// position of the machine.
-    fn take_actual_position(&mut self) {
+    fn restore_actual_position(&mut self) {
         if let Some(shift) = self.state.tool_shift.take() {
             let shift = turned_xy(shift, -self.state.rotation_degrees);
             self.state.position = self.state.position.plus(&shift);
@@ -146,18 +146,18 @@ impl Core {
     }
 
     /// Executes M61: declares another tool in the spindle.
-    fn rename_tool(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn rename_tool(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let Some(number) = words.get(b'q') else {
             return fault(ErrorCode::WordMissing, words.m_span(GroupM::Tool), "M61 needs a Q word: the tool number");
         };
         let tool = self.tool(number, words, b'q')?;
         self.state.current_tool = tool.number;
         emit.call(Canon::ChangeToolNumber { tool: tool.number, index: self.tools.index_of(tool.number) });
-        self.take_actual_position();
+        self.restore_actual_position();
         Ok(())
     }
 
-    fn spindle(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) {
+    fn spindle(&mut self, code: u8, words: &Words, emit: &mut Emitter<'_>) {
         self.state.spindle = match code {
             3 => SpindleRotation::Clockwise,
             4 => SpindleRotation::Counterclockwise,
@@ -173,7 +173,7 @@ impl Core {
         }
     }
 
-    fn coolant(&mut self, code: u8, emit: &mut Emit<'_>) {
+    fn coolant(&mut self, code: u8, emit: &mut Emitter<'_>) {
         match code {
             7 => {
                 self.state.mist = true;
@@ -192,7 +192,7 @@ impl Core {
     }
 
     /// Executes M48 … M53. For M50 to M53, P0 switches off; any other P, or none, switches on.
-    fn overrides(&mut self, code: u8, p: Option<f64>, emit: &mut Emit<'_>) {
+    fn overrides(&mut self, code: u8, p: Option<f64>, emit: &mut Emitter<'_>) {
         let on = match code {
             48 => true,
             49 => false,

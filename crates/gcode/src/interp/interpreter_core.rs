@@ -5,7 +5,7 @@
 //! here only.
 
 use super::UserCodes;
-use super::compensation_queue::{Queue, QueueRole};
+use super::compensation_queue::{CompensationQueue, QueueRole};
 use crate::block::{BlockNumber, LARGEST};
 use crate::canon::{Canon, CanonStep, LengthUnit};
 use crate::diag::Span;
@@ -34,20 +34,20 @@ pub(crate) struct Core {
 }
 
 /// Receiver of the canonical functions of one block.
-pub(super) struct Emit<'a> {
+pub(super) struct Emitter<'a> {
     pub(super) line: u32,
     pub(super) number: Option<BlockNumber>,
     pub(super) steps: &'a mut Vec<CanonStep>,
     /// Functions that wait for the next corner of a compensated path; empty without one.
-    pub(super) waiting: &'a mut Queue,
+    pub(super) waiting: &'a mut CompensationQueue,
     /// Warning for this block: legal, but suspicious.
     pub(super) warning: Option<(ErrorCode, Span)>,
 }
 
-impl Emit<'_> {
+impl Emitter<'_> {
     #[inline]
     pub(super) fn call(&mut self, canon: Canon) {
-        if !self.waiting.is_empty() && Queue::holds(&canon) {
+        if !self.waiting.is_empty() && CompensationQueue::must_wait(&canon) {
             return self.waiting.push(self.line, canon, QueueRole::Other);
         }
         self.steps.push(CanonStep { line: self.line, number: self.number, canon });
@@ -56,7 +56,7 @@ impl Emit<'_> {
 
 impl Core {
     /// Loads the offsets in force from the parameters, and sets the machine position in program coordinates.
-    pub(super) fn take_up_parameters(&mut self, position: &Pose) {
+    pub(super) fn load_parameters(&mut self, position: &Pose) {
         let system = self.parameters.get(COORDINATE_SYSTEM);
         self.state.coordinate_system = if (1.0..=9.0).contains(&system) { system as u8 } else { 1 };
         let first = system_origin(self.state.coordinate_system);

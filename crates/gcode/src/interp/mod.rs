@@ -27,13 +27,13 @@ mod tool_data;
 mod turning;
 mod unsupported;
 
-pub(crate) use self::context::Context;
+pub(crate) use self::context::SavedState;
 pub use self::ports::UserCodes;
 
-pub(crate) use self::compensation_queue::{Point, Queue, UNSHIFTED};
+pub(crate) use self::compensation_queue::{CompensationQueue, Point, UNSHIFTED};
 pub(crate) use self::cycle_host::{Contours, NoContours, PlannedContour};
 pub(crate) use self::interpreter_core::Core;
-use self::interpreter_core::{BlockEnvironment, Emit};
+use self::interpreter_core::{BlockEnvironment, Emitter};
 use crate::block::{Assignment, BlockNumber, Words, letters};
 use crate::canon::{Canon, CanonStep, LengthUnit};
 use crate::compiled_code::CompiledCode as CompiledLines;
@@ -50,6 +50,7 @@ use crate::prescan::SubFiles;
 use crate::tool::ToolTable;
 use crate::turning::Profile;
 use retrace_cycles::CycleLibrary;
+use std::fmt;
 use std::sync::Arc;
 
 /// Number of errors after which checking stops, and maximum number of stored warnings.
@@ -86,7 +87,7 @@ pub struct Setup {
     pub fixed_values: Vec<(String, f64)>,
     /// State that earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::continuing`] and
     /// [`Setup::following`].
-    pub carried: Option<Arc<ModalSnapshot>>,
+    pub snapshot: Option<Arc<ModalSnapshot>>,
 }
 
 impl Default for Setup {
@@ -106,7 +107,7 @@ impl Default for Setup {
             orient_offset_degrees: 0.0,
             disable_fanuc_subs: false,
             fixed_values: Vec::new(),
-            carried: None,
+            snapshot: None,
         }
     }
 }
@@ -147,7 +148,15 @@ pub(crate) enum LineRead {
 
 /// A block was refused; the diagnostics have the reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BlockRefused;
+pub struct BlockRefusedError;
+
+impl fmt::Display for BlockRefusedError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the block is refused; see the diagnostics")
+    }
+}
+
+impl std::error::Error for BlockRefusedError {}
 
 /// Interpreter that reads and executes a program line by line. It stores no text, so a program may be of any length.
 #[derive(Clone, Debug)]
@@ -174,15 +183,15 @@ impl Interpreter {
     #[must_use]
     pub fn new(setup: Setup) -> Interpreter {
         let reader = LineReader::of(&setup);
-        let (state, parameters, tools) = match setup.carried {
-            Some(carried) => (carried.state.clone(), carried.parameters.clone(), carried.tools.clone()),
+        let (state, parameters, tools) = match setup.snapshot {
+            Some(snapshot) => (snapshot.state.clone(), snapshot.parameters.clone(), snapshot.tools.clone()),
             None => (ModalState::initial(setup.program_units), setup.parameters, setup.tools),
         };
         let (machine_units, user_codes) = (setup.machine_units, setup.user_codes);
         let orient_offset_degrees = setup.orient_offset_degrees;
         let mut core =
             Core { machine_units, state, parameters, tools, user_codes, orient_offset_degrees, profile: None };
-        core.take_up_parameters(&setup.position);
+        core.load_parameters(&setup.position);
         Interpreter {
             core,
             reader,
@@ -213,8 +222,8 @@ impl Interpreter {
     /// Appends the canonical functions that precede those of any program: units and offsets in force.
     pub fn begin(&mut self, steps: &mut Vec<CanonStep>) {
         let state = &self.core.state;
-        let mut waiting = Queue::default();
-        let mut emit = Emit { line: 0, number: None, steps, waiting: &mut waiting, warning: None };
+        let mut waiting = CompensationQueue::default();
+        let mut emit = Emitter { line: 0, number: None, steps, waiting: &mut waiting, warning: None };
         emit.call(Canon::UseLengthUnits(state.units));
         emit.call(Canon::SetG5xOffset { system: state.coordinate_system, offset: state.origin });
         emit.call(Canon::SetG92Offset(state.g92_offset));
@@ -227,15 +236,15 @@ impl Interpreter {
     ///
     /// # Errors
     /// The block was refused. The functions emitted before the error was found stay in `steps`.
-    pub fn line(&mut self, text: &[u8], steps: &mut Vec<CanonStep>) -> Result<ProgramFlow, BlockRefused> {
-        let carried_out = self.read(self.line.saturating_add(1), text).and_then(|read| match read {
-            LineRead::Block => self.carry_out(steps),
+    pub fn line(&mut self, text: &[u8], steps: &mut Vec<CanonStep>) -> Result<ProgramFlow, BlockRefusedError> {
+        let outcome = self.read(self.line.saturating_add(1), text).and_then(|read| match read {
+            LineRead::Block => self.execute_block(steps),
             LineRead::Deleted => Ok(ProgramFlow::Continue),
             LineRead::Control(control) => self.line_with_control(&control, steps),
         });
-        carried_out.map_err(|fault| {
+        outcome.map_err(|fault| {
             self.report(*fault);
-            BlockRefused
+            BlockRefusedError
         })
     }
 
@@ -246,7 +255,7 @@ impl Interpreter {
                 self.call_cycle(&call, &NoContours, steps)?;
                 Ok(ProgramFlow::Continue)
             }
-            _ => fault(ErrorCode::BadControl, control.at, "an O word needs the whole program"),
+            _ => fault(ErrorCode::BadControl, control.at, "an O word cannot be executed without the whole program"),
         }
     }
 
@@ -287,7 +296,7 @@ impl Interpreter {
         &mut self.reader
     }
 
-    /// Loads a compiled line for [`Interpreter::carry_out`] and [`Interpreter::control_value`].
+    /// Loads a compiled line for [`Interpreter::execute_block`] and [`Interpreter::control_value`].
     #[inline]
     pub(crate) fn load(&mut self, code: &CompiledLines, line: u32) {
         self.set_line(code.file, code.line_number(line));
@@ -353,14 +362,14 @@ impl Interpreter {
 
     fn enter_level(&mut self) {
         self.core.state.call_level += 1;
-        self.core.forget_context();
+        self.core.clear_context();
     }
 
     /// Restores the state that M73 has saved; to be called before the subprogram ends.
-    pub(crate) fn take_up_on_return(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<()> {
+    pub(crate) fn restore_on_return(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<()> {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
-        let mut emit = Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
-        let outcome = self.core.take_up_on_return(&mut emit);
+        let mut emit = Emitter { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
+        let outcome = self.core.restore_on_return(&mut emit);
         self.core.state.waiting = waiting;
         outcome
     }
@@ -373,7 +382,7 @@ impl Interpreter {
     }
 
     /// Executes the compiled block.
-    pub(crate) fn carry_out(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
+    pub(crate) fn execute_block(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
         let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
         let is_constant = self.reader.block.is_constant();
         if !is_constant {
@@ -387,9 +396,9 @@ impl Interpreter {
             }
         }
         let given = if is_constant { &self.reader.block.words } else { &self.words };
-        let is_diameter = given.has(b'x') && self.core.takes_diameters(given);
+        let is_diameter = given.has(b'x') && self.core.uses_diameters(given);
         const INCREMENTS: u32 = letters(b"uw");
-        let has_increments = given.has_of(INCREMENTS);
+        let has_increments = given.has_any_of(INCREMENTS);
         if has_increments && !self.draws_profile {
             self.reader.check_increments(given)?;
         }
@@ -406,20 +415,20 @@ impl Interpreter {
             }
         }
         let words = if is_constant && !is_changed { &self.reader.block.words } else { &self.words };
-        let motion = check::motion_to_be(words, &self.core.state)?;
+        let motion = check::determine_motion(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
         // Taken out of the state for the block: the block's functions are either queued there or emitted.
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let (line, number) = (self.step_line, self.reader.block.number);
-        let mut emit = Emit { line, number, steps: &mut *steps, waiting: &mut waiting, warning: None };
-        if let Some(remark) = &self.reader.block.remark {
+        let mut emit = Emitter { line, number, steps: &mut *steps, waiting: &mut waiting, warning: None };
+        if let Some(comment) = &self.reader.block.comment {
             let environment = BlockEnvironment { core: &self.core, names: &self.reader.names, line: self.line };
             let show_debug = self.core.parameters.get(SHOW_DEBUG) > 0.0;
-            if let Some(canon) = remark.canon(&environment, show_debug)? {
+            if let Some(canon) = comment.canon(&environment, show_debug)? {
                 emit.call(canon);
             }
         }
-        let moves = matches!(motion, check::MotionToBe::Move(_)) && words.has_any(b"xyz@^");
+        let moves = matches!(motion, check::BlockMotion::Move(_)) && words.has_any(b"xyz@^");
         let flow = self.core.execute(words, motion, &mut emit);
         let warning = emit.warning;
         self.core.state.waiting = waiting;
@@ -444,7 +453,7 @@ impl Interpreter {
     /// The functions that wait for the next corner of a compensated path cannot be released unchanged.
     pub(crate) fn end_program(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
-        let mut emit = Emit { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
+        let mut emit = Emitter { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
         let ended = self.core.stop(2, Span::default(), &mut emit);
         self.core.state.waiting = waiting;
         ended
@@ -487,7 +496,7 @@ impl Interpreter {
         self.reader.block.calculate(&environment, &mut self.words, &mut self.assignments)?;
         let Some(number) = self.words.get(b'q') else { return Ok(None) };
         let mut scratch = Interpreter::scratch(self.core.clone(), self.reader.clone());
-        if self.core.takes_diameters(&self.words) {
+        if self.core.uses_diameters(&self.words) {
             self.words.halve_x();
         }
         scratch.core.state.position = self.core.end_of(&self.words);
@@ -510,7 +519,7 @@ impl Interpreter {
     }
 
     /// Returns file and line of the current line.
-    pub(crate) fn place(&self) -> (u16, u32) {
+    pub(crate) fn current_line(&self) -> (u16, u32) {
         (self.file, self.line)
     }
 

@@ -3,7 +3,7 @@
 //! Invariant: they are executed in a fixed order (dwell, plane, units, tool offset, coordinate system, path control,
 //! distance, retract), and before any code that uses coordinates.
 
-use super::{Core, Emit, unsupported};
+use super::{Core, Emitter, unsupported};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
 use crate::diag::{BlockResult, fault};
@@ -15,7 +15,7 @@ use crate::pose::{Axis, Pose};
 
 impl Core {
     /// Executes G93, G94, G95.
-    pub(super) fn set_feed_mode(&mut self, code: u16, emit: &mut Emit<'_>) {
+    pub(super) fn set_feed_mode(&mut self, code: u16, emit: &mut Emitter<'_>) {
         if code == 930 {
             emit.call(Canon::Note("interpreter: feed mode set to inverse time"));
             self.state.feed_mode = FeedMode::InverseTime;
@@ -34,7 +34,7 @@ impl Core {
     }
 
     /// Executes all G codes except the motions.
-    pub(super) fn g_codes(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn g_codes(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         if words.g(GroupG::NonModal) == Some(40) {
             emit.call(Canon::Dwell(words.get(b'p').unwrap_or_default()));
         }
@@ -78,7 +78,7 @@ impl Core {
     }
 
     /// Executes G20 and G21: converts all lengths of the state.
-    pub(super) fn set_units(&mut self, units: LengthUnit, emit: &mut Emit<'_>) {
+    pub(super) fn set_units(&mut self, units: LengthUnit, emit: &mut Emitter<'_>) {
         emit.call(Canon::UseLengthUnits(units));
         let state = &mut self.state;
         if units == state.units {
@@ -112,12 +112,12 @@ impl Core {
     }
 
     /// Whether the X word of a block is a diameter.
-    pub(super) fn takes_diameters(&self, words: &Words) -> bool {
+    pub(super) fn uses_diameters(&self, words: &Words) -> bool {
         words.g(GroupG::LatheDiameter).map_or(self.state.lathe_diameter, |code| code == 70)
     }
 
     /// Executes G7 and G8.
-    fn set_lathe_diameter(&mut self, diameter: bool, emit: &mut Emit<'_>) {
+    fn set_lathe_diameter(&mut self, diameter: bool, emit: &mut Emitter<'_>) {
         if self.state.lathe_diameter == diameter {
             return;
         }
@@ -131,7 +131,7 @@ impl Core {
 
     /// Executes G43, G43.1, G43.2 and G49. The machine does not move, so the position changes by the change of the
     /// offset.
-    fn set_tool_offset(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn set_tool_offset(&mut self, code: u16, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let old = self.state.tool_offset;
         let new = match code {
             430 => {
@@ -156,7 +156,7 @@ impl Core {
     fn added_offset(&self, words: &Words, old: &Pose) -> BlockResult<Pose> {
         let at = words.g_span(GroupG::ToolOffset);
         match (words.get(b'h'), words.first_of(super::check::AXES)) {
-            (Some(_), Some(_)) => fault(ErrorCode::TwoUseAxes, at, "G43.2 takes an H word or axis words, not both"),
+            (Some(_), Some(_)) => fault(ErrorCode::TwoUseAxes, at, "G43.2 accepts an H word or axis words, not both"),
             (Some(number), None) => Ok(old.plus(&self.lengths_to_program(&self.tool(number, words, b'h')?.offset))),
             (None, Some(_)) => Ok(given_axes(words, old, |old, given| old + given)),
             (None, None) => fault(ErrorCode::WordMissing, at, "G43.2 needs an H word or axis words"),
@@ -164,7 +164,7 @@ impl Core {
     }
 
     /// Executes G54 … G59.3.
-    fn select_coordinate_system(&mut self, code: u16, emit: &mut Emit<'_>) {
+    fn select_coordinate_system(&mut self, code: u16, emit: &mut Emitter<'_>) {
         let system = match code {
             591..=593 => code - 584,
             _ => code / 10 - 53,
@@ -185,7 +185,7 @@ impl Core {
     }
 
     /// Executes G61, G61.1 and G64. A tolerance below 0 counts as none, and Q defaults to P.
-    fn set_path_control(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) {
+    fn set_path_control(&mut self, code: u16, words: &Words, emit: &mut Emitter<'_>) {
         let given = |letter| words.get(letter).filter(|tolerance| *tolerance >= 0.0);
         let tolerance = given(b'p').unwrap_or_default();
         self.state.path_control = match code {
@@ -201,7 +201,7 @@ impl Core {
     }
 
     /// Executes G90, G91, G90.1, G91.1, G98 and G99.
-    fn set_distances(&mut self, words: &Words, emit: &mut Emit<'_>) {
+    fn set_distances(&mut self, words: &Words, emit: &mut Emitter<'_>) {
         let state = &mut self.state;
         if let Some(code) = words.g(GroupG::Distance) {
             let (distance, note) = match code {

@@ -4,7 +4,7 @@
 
 use super::arc::{ArcShape, Radii, from_centre, from_radius};
 use super::check::turns_of;
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::angle::rotate;
 use crate::block::{Words, letters};
 use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
@@ -21,12 +21,12 @@ const MAX_MOVE_MINUTES: f64 = 1440.0;
 const LONG_ARC_REACH: f64 = 1000.0;
 
 /// Maximum distance on the linear axes that counts as zero.
-const TINY_WAY: f64 = 1e-7;
+const TINY_DISTANCE: f64 = 1e-7;
 
 impl Core {
     /// Executes the block's motion.
     #[inline]
-    pub(super) fn move_along(&mut self, motion: MotionMode, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn move_along(&mut self, motion: MotionMode, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         if self.state.tool_shift.is_some() {
             self.state.tool_shift = None;
         }
@@ -71,14 +71,14 @@ impl Core {
     }
 
     #[inline]
-    fn straight(&mut self, motion: MotionMode, end: Pose, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn straight(&mut self, motion: MotionMode, end: Pose, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         // At higher feeds no machine is large enough for a move to take that long.
         if motion == MotionMode::Feed && self.state.feed_rate < 10.0 {
             self.check_duration(straight_length(self.state.path_position(), &end), words)?;
         }
         self.state.has_left_compensation = false;
         if self.state.compensation.is_some_and(|compensation| compensation.radius > 0.0) {
-            return self.straight_beside(motion, end, words, emit);
+            return self.compensated_straight(motion, end, words, emit);
         }
         if words.g(GroupG::NonModal) == Some(530) {
             emit.call(Canon::MachineCoordinates);
@@ -127,7 +127,7 @@ impl Core {
         )
     }
 
-    fn set_inverse_time_rate(&mut self, length: f64, words: &Words, emit: &mut Emit<'_>) {
+    fn set_inverse_time_rate(&mut self, length: f64, words: &Words, emit: &mut Emitter<'_>) {
         let rate = length * words.get(b'f').unwrap_or_default();
         self.state.feed_rate = rate;
         emit.call(Canon::SetFeedRate(rate));
@@ -143,7 +143,7 @@ impl Core {
         let mut end = *state.path_position();
         let incremental = state.distance == DistanceMode::Incremental;
         const OTHERS: u32 = letters(b"abcuvw");
-        let count = if words.has_of(OTHERS) { 9 } else { 3 };
+        let count = if words.has_any_of(OTHERS) { 9 } else { 3 };
         for (axis, letter) in end.0.iter_mut().zip(*b"xyzabcuvw").take(count) {
             if let Some(given) = words.get(letter) {
                 *axis = if incremental { *axis + given } else { given };
@@ -180,7 +180,7 @@ impl Core {
         end
     }
 
-    fn arc(&mut self, motion: MotionMode, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn arc(&mut self, motion: MotionMode, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at =
             words.first_of(b"rijkxyzabcuvw").map_or_else(|| words.g_span(GroupG::Motion), |letter| words.span(letter));
         if self.state.has_left_compensation {
@@ -214,15 +214,15 @@ impl Core {
             start: (start[first], start[second]),
             end: (end[first], end[second]),
             turns: if motion == MotionMode::ArcClockwise { -turns } else { turns },
-            radii: Radii::of(self.state.units),
+            radii: Radii::for_units(self.state.units),
             at,
         };
         let (first_centre, second_centre) = match (centre, words.get(b'r')) {
             (None, Some(radius)) => from_radius(&shape, radius)?,
             (offset, _) => from_centre(&shape, offset.unwrap_or_default(), self.state.arc_centres)?,
         };
-        let is_beside = self.state.compensation.is_some_and(|compensation| compensation.radius > 0.0);
-        if is_beside {
+        let is_compensated = self.state.compensation.is_some_and(|compensation| compensation.radius > 0.0);
+        if is_compensated {
             self.check_entry_arc(&shape, (first_centre, second_centre))?;
         }
         if self.state.feed_mode == FeedMode::InverseTime {
@@ -234,8 +234,8 @@ impl Core {
         if self.state.feed_rate < 10.0 || reach > LONG_ARC_REACH {
             self.check_duration(shape.length(centre, end[normal] - start[normal]), words)?;
         }
-        if is_beside {
-            return self.arc_beside(&shape, (first_centre, second_centre), end, emit);
+        if is_compensated {
+            return self.compensated_arc(&shape, (first_centre, second_centre), end, emit);
         }
         let plane = self.state.plane;
         emit.call(Canon::ArcFeed(ArcFeed { plane, end, first_centre, second_centre, turns: shape.turns }));
@@ -275,13 +275,13 @@ pub(super) fn straight_canon(motion: MotionMode, end: Pose) -> Canon {
 /// Returns the distance between two points for inverse time feed: along X Y Z; if they stay, along U V W; if those stay
 /// too, the rotation of A B C.
 fn straight_length(start: &Pose, end: &Pose) -> f64 {
-    let way = |axes: [Axis; 3]| {
+    let distance = |axes: [Axis; 3]| {
         let [p, q, r] = axes.map(|axis| end[axis] - start[axis]);
-        let moved = p.abs() > TINY_WAY || q.abs() > TINY_WAY || r.abs() > TINY_WAY;
+        let moved = p.abs() > TINY_DISTANCE || q.abs() > TINY_DISTANCE || r.abs() > TINY_DISTANCE;
         (moved, (p * p + q * q + r * r).sqrt())
     };
-    match (way([Axis::X, Axis::Y, Axis::Z]), way([Axis::U, Axis::V, Axis::W])) {
+    match (distance([Axis::X, Axis::Y, Axis::Z]), distance([Axis::U, Axis::V, Axis::W])) {
         ((true, length), _) | (_, (true, length)) => length,
-        _ => way([Axis::A, Axis::B, Axis::C]).1,
+        _ => distance([Axis::A, Axis::B, Axis::C]).1,
     }
 }

@@ -3,7 +3,7 @@
 //! Invariant: only G28 and G30 move the machine; the other codes change the position in program coordinates.
 
 use super::modes::given_axes;
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::angle::rotate;
 use crate::block::Words;
 use crate::canon::Canon;
@@ -13,7 +13,7 @@ use crate::pose::{Axis, Pose};
 
 impl Core {
     /// Executes the codes of group 0 except G4 and G53, which are executed elsewhere.
-    pub(super) fn non_modal(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn non_modal(&mut self, code: u16, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         match code {
             100 => match words.get(b'l') {
                 Some(0.0) => return self.reload_tools(words.span(b'l'), emit),
@@ -22,8 +22,8 @@ impl Core {
             },
             280 => self.go_home(G28_HOME, words, emit),
             300 => self.go_home(G30_HOME, words, emit),
-            281 => self.keep_home(G28_HOME),
-            301 => self.keep_home(G30_HOME),
+            281 => self.store_home(G28_HOME),
+            301 => self.store_home(G30_HOME),
             520 | 920 => self.set_g92(code == 520, words, emit),
             921 | 922 => self.clear_g92(code == 921, emit),
             923 => self.restore_g92(emit),
@@ -65,7 +65,7 @@ impl Core {
 
     /// Executes G10 L2, which sets the origin of a coordinate system, and G10 L20, which sets the origin that makes the
     /// current position the given one.
-    fn set_coordinate_system(&mut self, words: &Words, emit: &mut Emit<'_>) {
+    fn set_coordinate_system(&mut self, words: &Words, emit: &mut Emitter<'_>) {
         let system = match words.get(b'p').unwrap_or_default().round() as u8 {
             0 => self.state.coordinate_system,
             system => system,
@@ -123,7 +123,7 @@ impl Core {
     }
 
     /// Executes G28 and G30: through the given point to the reference point, on the given axes or, without any, on all.
-    fn go_home(&mut self, first: usize, words: &Words, emit: &mut Emit<'_>) {
+    fn go_home(&mut self, first: usize, words: &Words, emit: &mut Emitter<'_>) {
         self.state.tool_shift = None;
         let way = self.end_of(words);
         emit.call(Canon::StraightTraverse(way));
@@ -146,7 +146,7 @@ impl Core {
     }
 
     /// Executes G28.1 and G30.1: stores the machine's position as the reference point.
-    fn keep_home(&mut self, first: usize) {
+    fn store_home(&mut self, first: usize) {
         let state = &self.state;
         let sum = state.position.plus(&state.tool_offset).plus(&state.origin).plus(&state.g92_offset);
         let point = if state.rotation_degrees == 0.0 { sum } else { state.machine_position() };
@@ -155,7 +155,7 @@ impl Core {
 
     /// Executes G52, which sets the given offset, and G92, which sets the offset that makes the current position the
     /// given one.
-    fn set_g92(&mut self, is_g52: bool, words: &Words, emit: &mut Emit<'_>) {
+    fn set_g92(&mut self, is_g52: bool, words: &Words, emit: &mut Emitter<'_>) {
         self.parameters.set(G92_ACTIVE, 1.0);
         let state = &mut self.state;
         for axis in Axis::ALL {
@@ -174,7 +174,7 @@ impl Core {
     }
 
     /// Executes G92.1 and G92.2: removes the offset; the first also clears its parameters.
-    fn clear_g92(&mut self, forget: bool, emit: &mut Emit<'_>) {
+    fn clear_g92(&mut self, forget: bool, emit: &mut Emitter<'_>) {
         self.parameters.set(G92_ACTIVE, 0.0);
         self.state.position = self.state.position.plus(&self.state.g92_offset);
         self.state.g92_offset = Pose::ZERO;
@@ -185,11 +185,11 @@ impl Core {
     }
 
     /// Executes G92.3: restores the offset from the parameters.
-    fn restore_g92(&mut self, emit: &mut Emit<'_>) {
+    fn restore_g92(&mut self, emit: &mut Emitter<'_>) {
         self.parameters.set(G92_ACTIVE, 1.0);
-        let kept = self.pose_parameter(G92_OFFSET);
-        self.state.position = self.state.position.plus(&self.state.g92_offset).minus(&kept);
-        self.state.g92_offset = kept;
-        emit.call(Canon::SetG92Offset(kept));
+        let stored = self.pose_parameter(G92_OFFSET);
+        self.state.position = self.state.position.plus(&self.state.g92_offset).minus(&stored);
+        self.state.g92_offset = stored;
+        emit.call(Canon::SetG92Offset(stored));
     }
 }

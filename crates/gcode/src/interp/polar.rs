@@ -3,7 +3,7 @@
 //! Invariant: they replace X and Y of a motion, and nothing else.
 
 use super::Core;
-use super::check::MotionToBe;
+use super::check::BlockMotion;
 use crate::block::{Words, letters};
 use crate::canon::Plane;
 use crate::diag::{BlockResult, Span, fault};
@@ -13,25 +13,29 @@ use crate::modal::{DistanceMode, ModalState, MotionMode};
 use crate::pose::{Axis, Pose};
 
 /// Checks that a block may have its polar words.
-pub(super) fn check(words: &Words, to_be: MotionToBe, state: &ModalState) -> BlockResult<()> {
+pub(super) fn check(words: &Words, to_be: BlockMotion, state: &ModalState) -> BlockResult<()> {
     let Some(letter) = words.first_of(b"@^") else { return Ok(()) };
     let at = words.span(letter);
-    if !matches!(to_be, MotionToBe::Move(_)) {
-        return fault(ErrorCode::PolarWithoutMotion, at, "polar coordinates belong to a motion");
+    if !matches!(to_be, BlockMotion::Move(_)) {
+        return fault(ErrorCode::PolarWithoutMotion, at, "polar coordinates need a motion");
     }
-    if to_be == MotionToBe::Move(MotionMode::ControlPoint) {
-        return fault(ErrorCode::PolarWithoutMotion, at, "a control point is given with X and Y");
+    if to_be == BlockMotion::Move(MotionMode::ControlPoint) {
+        return fault(ErrorCode::PolarWithoutMotion, at, "a control point must be given with X and Y");
     }
     // The plane is the one before the block, as in LinuxCNC.
     if state.plane != Plane::Xy {
-        return fault(ErrorCode::PolarWithoutMotion, at, "polar coordinates lie in the plane of G17, selected before");
+        return fault(
+            ErrorCode::PolarWithoutMotion,
+            at,
+            "polar coordinates need the plane of G17, selected in an earlier block",
+        );
     }
     if words.g(GroupG::NonModal) == Some(530) {
-        return fault(ErrorCode::PolarWithoutMotion, at, "G53 takes no polar coordinates");
+        return fault(ErrorCode::PolarWithoutMotion, at, "G53 does not accept polar coordinates");
     }
     match words.first_of(b"xy") {
         Some(other) => {
-            let message = format!("polar coordinates stand for {}", char::from(other.to_ascii_uppercase()));
+            let message = format!("polar coordinates replace {}", char::from(other.to_ascii_uppercase()));
             fault(ErrorCode::PolarMixed, words.span(other), message)
         }
         None => Ok(()),
@@ -72,7 +76,7 @@ impl PolarWords {
         for (step, farther, turned) in steps {
             let Some(step) = step.filter(|step| *step != 0.0) else { continue };
             if x == 0.0 && y == 0.0 {
-                let message = "in G91 polar coordinates need a direction, and the hole before lies at the origin";
+                let message = "in G91 polar coordinates need a direction, and the previous hole is at the origin";
                 return fault(ErrorCode::PolarWithoutMotion, self.at, message);
             }
             let (distance, angle) = (x.hypot(y) + farther * step, y.atan2(x) + turned * step);
@@ -87,7 +91,7 @@ impl Core {
     #[inline]
     pub(super) fn check_polar_words(&self, words: &Words) -> BlockResult<()> {
         const POLAR: u32 = letters(b"@^");
-        let Some(letter) = words.has_of(POLAR).then(|| words.first_of(b"@^")).flatten() else { return Ok(()) };
+        let Some(letter) = words.has_any_of(POLAR).then(|| words.first_of(b"@^")).flatten() else { return Ok(()) };
         match self.polar_point(words) {
             Some(_) => Ok(()),
             None => {

@@ -2,12 +2,12 @@
 //!
 //! Invariant: an output or input is a number of at least 0. Only user codes that the machine has declared are executed.
 
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, WaitFor, WaitForInput, WaitInput};
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
-use crate::eval::whole;
+use crate::eval::to_whole_number;
 use crate::groups::GroupM;
 use crate::params::INPUT;
 
@@ -34,7 +34,7 @@ impl UserCodes {
 
 impl Core {
     /// Executes M62 … M68.
-    pub(super) fn port(&mut self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn port(&mut self, code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         match code {
             62..=65 => digital_output(code, words, emit),
             66 => self.wait(words, emit),
@@ -43,10 +43,10 @@ impl Core {
     }
 
     /// Executes M66. Without a machine, the result is 0, as in LinuxCNC's stand-alone interpreter.
-    fn wait(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    fn wait(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at = words.m_span(GroupM::Output);
         let input = match (words.has(b'p'), words.has(b'e')) {
-            (true, true) => return fault(ErrorCode::InputChoice, at, "M66 asks one input, not both P and E"),
+            (true, true) => return fault(ErrorCode::InputChoice, at, "M66 reads one input, not both P and E"),
             (true, false) => WaitInput::Digital(port_number(words, b'p', "input")?),
             (false, true) => WaitInput::Analog(port_number(words, b'e', "input")?),
             (false, false) => {
@@ -59,7 +59,7 @@ impl Core {
             2 => WaitFor::Fall,
             3 => WaitFor::High,
             4 => WaitFor::Low,
-            other => return fault(ErrorCode::BadL, words.span(b'l'), format!("M66 takes L0 to L4, not L{other}")),
+            other => return fault(ErrorCode::BadL, words.span(b'l'), format!("M66 accepts L0 to L4, not L{other}")),
         };
         let timeout = words.get(b'q').unwrap_or_default();
         if wait_for != WaitFor::Immediate {
@@ -67,7 +67,11 @@ impl Core {
                 return fault(ErrorCode::WaitTimeout, at, ErrorCode::WaitTimeout.title());
             }
             if matches!(input, WaitInput::Analog(_)) {
-                return fault(ErrorCode::InputChoice, words.span(b'l'), "an analog input is not waited for: L0");
+                return fault(
+                    ErrorCode::InputChoice,
+                    words.span(b'l'),
+                    "M66 cannot wait for an analog input: write L0",
+                );
             }
         }
         emit.call(Canon::Wait(WaitForInput { input, wait_for, timeout: timeout.max(0.0) }));
@@ -76,7 +80,7 @@ impl Core {
     }
 
     /// Executes M100 … M199.
-    pub(super) fn user_code(&self, code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn user_code(&self, code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         if !self.user_codes.has(code) {
             let message = format!("M{code} is not declared for this machine");
             return fault(ErrorCode::UserCodeUndeclared, words.m_span(GroupM::User), message);
@@ -87,7 +91,7 @@ impl Core {
 }
 
 /// Executes M62 … M65 for the output that P names.
-fn digital_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+fn digital_output(code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
     if !words.has(b'p') {
         let at = words.m_span(GroupM::Output);
         return fault(ErrorCode::WordMissing, at, format!("M{code} needs a P word: the output"));
@@ -103,7 +107,7 @@ fn digital_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<(
 }
 
 /// Executes M67 and M68: sets the output that E names to the value of Q.
-fn analog_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+fn analog_output(code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
     let at = words.m_span(GroupM::Output);
     let Some(value) = words.get(b'q') else {
         return fault(ErrorCode::WordMissing, at, format!("M{code} needs a Q word: the value"));
@@ -122,7 +126,7 @@ fn analog_output(code: u8, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()
 fn port_number(words: &Words, letter: u8, kind: &str) -> BlockResult<i32> {
     let name = if letter == b'p' { "P" } else { "E" };
     let at = words.span(letter);
-    match whole(words.get(letter).unwrap_or_default(), at, name)? {
+    match to_whole_number(words.get(letter).unwrap_or_default(), at, name)? {
         number @ 0.. => Ok(number),
         number => fault(ErrorCode::NegativeValue, at, format!("there is no {kind} {number}")),
     }

@@ -3,17 +3,17 @@
 //! Invariant: a probing move has a length above zero. Without a machine, the assumed result is that of LinuxCNC's
 //! stand-alone interpreter: the end was reached without contact, and the tool retracted by a hundredth of an inch.
 
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, LengthUnit, Probing};
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::modal::MotionMode;
-use crate::params::{PROBE_ANSWERED, PROBE_POSITION};
+use crate::params::{PROBE_POSITION, PROBE_TRIPPED};
 use crate::pose::{Axis, Pose};
 
 impl Core {
-    pub(super) fn probe(&mut self, probing: Probing, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn probe(&mut self, probing: Probing, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at = words.first_of(super::check::AXES).map_or_else(Default::default, |letter| words.span(letter));
         if self.state.feed_rate == 0.0 {
             return fault(ErrorCode::ZeroFeed, at, "probing needs a feed rate, and none is set");
@@ -33,7 +33,7 @@ impl Core {
         for axis in Axis::ALL {
             self.parameters.set(PROBE_POSITION + axis as usize, end[axis]);
         }
-        self.parameters.set(PROBE_ANSWERED, 0.0);
+        self.parameters.set(PROBE_TRIPPED, 0.0);
         self.state.has_probed = true;
         self.state.position = self.retreated(&start, &end);
         Ok(())
@@ -47,12 +47,12 @@ impl Core {
         };
         let [x, y, z] = [Axis::X, Axis::Y, Axis::Z].map(|axis| start[axis] - end[axis]);
         let length = (x * x + y * y + z * z).sqrt();
-        let mut stands = *end;
+        let mut position = *end;
         if length != 0.0 {
-            for (axis, way) in [(Axis::X, x), (Axis::Y, y), (Axis::Z, z)] {
-                stands[axis] += retreat * (way / length);
+            for (axis, distance) in [(Axis::X, x), (Axis::Y, y), (Axis::Z, z)] {
+                position[axis] += retreat * (distance / length);
             }
         }
-        stands
+        position
     }
 }

@@ -2,13 +2,13 @@
 //!
 //! Invariant: the only spindle is number 0. A synchronised move is refused while the spindle is stopped.
 
-use super::check::MotionToBe;
-use super::{Core, Emit};
+use super::check::BlockMotion;
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::Canon;
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
-use crate::eval::whole;
+use crate::eval::to_whole_number;
 use crate::groups::{GroupG, GroupM};
 use crate::modal::{MotionMode, SpindleRotation};
 use crate::pose::Axis;
@@ -18,16 +18,16 @@ const NO_HIGHEST_SPEED: f64 = 1e30;
 
 impl Core {
     /// Executes G96 and G97. From here S is a surface speed or a rotary speed.
-    pub(super) fn set_spindle_mode(&mut self, code: u16, words: &Words, emit: &mut Emit<'_>) {
+    pub(super) fn set_spindle_mode(&mut self, code: u16, words: &Words, emit: &mut Emitter<'_>) {
         self.state.constant_surface_speed = code == 960;
         let highest = if code == 960 { words.get(b'd').map_or(NO_HIGHEST_SPEED, f64::abs) } else { 0.0 };
-        self.state.highest_spindle_speed = highest;
+        self.state.max_spindle_speed = highest;
         emit.call(Canon::SetSpindleMode(highest));
     }
 
     /// Executes M19: the spindle turns to an angle and stops. Without R and P it only counts as stopped, as in
     /// LinuxCNC.
-    pub(super) fn orient_spindle(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn orient_spindle(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let mode = words.get(b'p').unwrap_or_default() as u8;
         self.state.spindle = SpindleRotation::Stopped;
         if words.has_any(b"rp") {
@@ -49,7 +49,7 @@ impl Core {
         &mut self,
         motion: MotionMode,
         words: &Words,
-        emit: &mut Emit<'_>,
+        emit: &mut Emitter<'_>,
     ) -> BlockResult<()> {
         self.needs_turning_spindle(motion.name(), words)?;
         let pitch = words.get(b'k').unwrap_or_default();
@@ -80,7 +80,7 @@ impl Core {
 }
 
 /// Checks the spindle words before a block is executed.
-pub(super) fn check_spindle_words(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
+pub(super) fn check_spindle_words(words: &Words, to_be: BlockMotion) -> BlockResult<()> {
     if words.g(GroupG::SpindleMode) == Some(960) && !words.has(b's') {
         let at = words.g_span(GroupG::SpindleMode);
         return fault(ErrorCode::WordMissing, at, "G96 needs an S word: the speed at the surface");
@@ -92,7 +92,7 @@ pub(super) fn check_spindle_words(words: &Words, to_be: MotionToBe) -> BlockResu
         check_spindle_number(words, to_be)?;
     }
     match to_be {
-        MotionToBe::Move(motion @ (MotionMode::SpindleFeed | MotionMode::RigidTap)) => {
+        BlockMotion::Move(motion @ (MotionMode::SpindleFeed | MotionMode::RigidTap)) => {
             check_synchronised(motion, words)
         }
         _ => Ok(()),
@@ -116,19 +116,19 @@ fn check_orientation(words: &Words) -> BlockResult<()> {
     }
 }
 
-fn check_spindle_number(words: &Words, to_be: MotionToBe) -> BlockResult<()> {
+fn check_spindle_number(words: &Words, to_be: BlockMotion) -> BlockResult<()> {
     let at = words.span(b'$');
     let switch = matches!(words.m(GroupM::Spindle), Some(3..=5));
     let turns = switch || words.m(GroupM::Spindle) == Some(19);
     let moves =
-        matches!(to_be, MotionToBe::Move(MotionMode::SpindleFeed | MotionMode::RigidTap | MotionMode::ThreadingCycle));
+        matches!(to_be, BlockMotion::Move(MotionMode::SpindleFeed | MotionMode::RigidTap | MotionMode::ThreadingCycle));
     let per_turn = words.g(GroupG::FeedMode) == Some(950);
     let mode = per_turn || words.g(GroupG::SpindleMode).is_some();
     let one = moves || words.m(GroupM::Spindle) == Some(19) || mode;
     if !(turns || moves || words.has(b's') || mode) {
         return fault(ErrorCode::WordUnused, at, "$ belongs to S, M3, M4, M5, M19, G33, G33.1, G76, G95, G96 or G97");
     }
-    match whole(words.get(b'$').unwrap_or_default(), at, "$")? {
+    match to_whole_number(words.get(b'$').unwrap_or_default(), at, "$")? {
         0 => Ok(()),
         -1 if !one => Ok(()),
         number => fault(ErrorCode::NoSuchSpindle, at, format!("there is no spindle {number}")),
@@ -143,7 +143,7 @@ fn check_synchronised(motion: MotionMode, words: &Words) -> BlockResult<()> {
     }
     match words.get(b'k') {
         None => {
-            let message = format!("{name} needs a K word: the way in one turn of the spindle");
+            let message = format!("{name} needs a K word: the distance per turn of the spindle");
             return fault(ErrorCode::WordMissing, words.g_span(GroupG::Motion), message);
         }
         Some(0.0) => return fault(ErrorCode::ZeroPitch, words.span(b'k'), ErrorCode::ZeroPitch.title()),

@@ -2,7 +2,7 @@
 //!
 //! Invariant: a spline begins at the position, ends at its last control point, and stays in the plane of X and Y.
 
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, FeedMode, Plane};
 use crate::diag::{BlockResult, fault};
@@ -19,7 +19,7 @@ const MAX_POINTS: usize = 50_000;
 
 impl Core {
     /// Executes G5 and G5.1. They do not change the motion mode.
-    pub(super) fn spline(&mut self, motion: MotionMode, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn spline(&mut self, motion: MotionMode, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         self.check_spline_feed(words)?;
         let at = words.g_span(GroupG::Motion);
         if self.state.plane != Plane::Xy {
@@ -27,7 +27,7 @@ impl Core {
         }
         if let Some(letter) = words.first_of(b"zabcuvw") {
             let name = char::from(letter.to_ascii_uppercase());
-            return fault(ErrorCode::SplineAxis, words.span(letter), format!("{name} does not belong to a spline"));
+            return fault(ErrorCode::SplineAxis, words.span(letter), format!("{name} is not allowed in a spline"));
         }
         let (start, end) = (self.state.position, self.end_of(words));
         let first = ControlPoint::plain(start[Axis::X], start[Axis::Y]);
@@ -83,7 +83,7 @@ impl Core {
             return fault(ErrorCode::SplineWords, at, "a control point has X, Y and a weight P");
         }
         if let Some(weight) = weight.filter(|weight| *weight <= 0.0) {
-            let message = format!("the weight of a control point is above 0, not {weight}");
+            let message = format!("the weight of a control point must be above 0, not {weight}");
             return fault(ErrorCode::SplineWords, words.span(b'p'), message);
         }
         self.check_spline_feed_of_points(words)?;
@@ -118,7 +118,7 @@ impl Core {
     }
 
     /// Executes G5.3: emits the spline through the points of G5.2. No motion mode is in force after it.
-    pub(super) fn end_of_points(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn end_of_points(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at = words.g_span(GroupG::Motion);
         let state = &mut self.state;
         if state.motion != Some(MotionMode::ControlPoint) {

@@ -3,14 +3,14 @@
 //! Invariant: after the end the modes are those of a new program, except for the units, the path control and the
 //! offsets of G92.
 
-use super::{Core, Emit, ProgramFlow};
+use super::{Core, Emitter, ProgramFlow};
 use crate::canon::{Canon, FeedMode, Plane};
 use crate::diag::{BlockResult, Span};
 use crate::modal::{DistanceMode, MotionMode, SpindleRotation};
 use crate::params::{COORDINATE_SYSTEM, system_origin};
 
 impl Core {
-    pub(super) fn stop(&mut self, code: u8, at: Span, emit: &mut Emit<'_>) -> BlockResult<ProgramFlow> {
+    pub(super) fn stop(&mut self, code: u8, at: Span, emit: &mut Emitter<'_>) -> BlockResult<ProgramFlow> {
         self.finish_path(at, emit)?;
         match code {
             0 => emit.call(Canon::ProgramStop),
@@ -27,7 +27,7 @@ impl Core {
         Ok(ProgramFlow::Continue)
     }
 
-    fn end_program(&mut self, shuttle: bool, emit: &mut Emit<'_>) {
+    fn end_program(&mut self, shuttle: bool, emit: &mut Emitter<'_>) {
         self.state.position = self.position_in_system(1);
         let first = system_origin(1);
         let (origin, rotation) = (self.pose_parameter(first), self.parameters.get(first + 9));
@@ -55,7 +55,7 @@ impl Core {
         state.spindle = SpindleRotation::Stopped;
         emit.call(Canon::StopSpindleTurning);
         state.constant_surface_speed = false;
-        state.highest_spindle_speed = 0.0;
+        state.max_spindle_speed = 0.0;
         emit.call(Canon::SetSpindleMode(0.0));
         (state.motion, state.series) = (Some(MotionMode::Feed), None);
         if std::mem::take(&mut state.mist) {

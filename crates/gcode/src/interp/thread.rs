@@ -3,7 +3,7 @@
 //! Invariant: the passes are those of LinuxCNC 2.9: along Z in any plane, with decreasing depth increments when R is
 //! given, the last ones at the full depth. The tool returns to the drive line, on which the cycle began.
 
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::Canon;
 use crate::diag::{BlockResult, fault};
@@ -44,7 +44,7 @@ struct Thread {
 }
 
 impl Core {
-    pub(super) fn threading_cycle(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn threading_cycle(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         self.needs_turning_spindle("G76", words)?;
         if let Some(letter) = words.first_of(b"abcuvw") {
             return fault(ErrorCode::CycleAxis, words.span(letter), "G76 moves X, Y and Z only");
@@ -124,8 +124,8 @@ impl Thread {
     }
 
     /// Emits one pass at this depth below the drive line.
-    fn pass(&self, depth: f64, at: &mut Pose, feed_override: bool, emit: &mut Emit<'_>) {
-        let mut go = |fast: bool, x: f64, z: f64, emit: &mut Emit<'_>| {
+    fn pass(&self, depth: f64, at: &mut Pose, feed_override: bool, emit: &mut Emitter<'_>) {
+        let mut go = |fast: bool, x: f64, z: f64, emit: &mut Emitter<'_>| {
             (at[Axis::X], at[Axis::Z]) = (x, z);
             emit.call(if fast { Canon::StraightTraverse(*at) } else { Canon::StraightFeed(*at) });
         };

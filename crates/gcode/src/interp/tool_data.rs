@@ -2,13 +2,13 @@
 //!
 //! Invariant: only the words of the block are changed. The tool offset in force stays until the next G43.
 
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::angle::rotate;
 use crate::block::Words;
 use crate::canon::Canon;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
-use crate::eval::whole;
+use crate::eval::to_whole_number;
 use crate::params::system_origin;
 use crate::pose::{Axis, Pose};
 use crate::tool::Tool;
@@ -21,11 +21,11 @@ pub(super) fn check(words: &Words, at: Span) -> BlockResult<()> {
     let Some(number) = words.get(b'p') else {
         return fault(ErrorCode::WordMissing, at, "G10 needs a P word: the tool");
     };
-    if whole(number, words.span(b'p'), "P")? < 1 {
-        return fault(ErrorCode::BadP, words.span(b'p'), "there is no tool below 1 in the table");
+    if to_whole_number(number, words.span(b'p'), "P")? < 1 {
+        return fault(ErrorCode::BadP, words.span(b'p'), "tool numbers of the table begin at 1");
     }
     if words.has(b'k') {
-        return fault(ErrorCode::WordUnused, words.span(b'k'), "G10 takes no K word");
+        return fault(ErrorCode::WordUnused, words.span(b'k'), "G10 does not accept a K word");
     }
     if !words.has_any(b"xyzabcuvwrijq") {
         return fault(
@@ -39,10 +39,10 @@ pub(super) fn check(words: &Words, at: Span) -> BlockResult<()> {
 
 impl Core {
     /// Executes G10 L0.
-    pub(super) fn reload_tools(&mut self, at: Span, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn reload_tools(&mut self, at: Span, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let loaded = self.state.current_tool;
         if loaded != 0 {
-            let message = format!("tool {loaded} is in the spindle while its table would be read again");
+            let message = format!("tool {loaded} is in the spindle, and G10 L0 needs an empty spindle");
             return fault(ErrorCode::ToolLoaded, at, message);
         }
         emit.call(Canon::ReloadToolData);
@@ -51,11 +51,11 @@ impl Core {
 
     /// Executes G10 L1, which sets the given offset; L10, which sets the offset that makes the current position the
     /// given one; and L11, which does the same in the fixture's system, without the offset of G52 and G92.
-    pub(super) fn set_tool_data(&mut self, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn set_tool_data(&mut self, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let mut tool = self.tool(words.get(b'p').unwrap_or_default(), words, b'p')?;
         if let Some(orientation) = words.get(b'q') {
             let place = words.span(b'q');
-            if !(0..=9).contains(&whole(orientation, place, "Q")?) {
+            if !(0..=9).contains(&to_whole_number(orientation, place, "Q")?) {
                 return fault(ErrorCode::BadToolOrientation, place, format!("there is no orientation {orientation}"));
             }
         }

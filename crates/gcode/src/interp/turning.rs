@@ -3,7 +3,7 @@
 //! Invariant: the profile is drawn by the subprogram Q. The caller that runs subprograms sets it before the block is
 //! executed, and it is used once.
 
-use super::{Core, Emit};
+use super::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
 use crate::diag::{BlockResult, fault};
@@ -11,7 +11,7 @@ use crate::error_codes::ErrorCode;
 use crate::groups::{GroupG, Tenths};
 use crate::modal::{DistanceMode, MotionMode};
 use crate::pose::{Axis, Pose};
-use crate::turning::{Place, Pockets, RoughingError, TurningJob, TurningMove, turn};
+use crate::turning::{Pockets, RoughingError, TurningJob, TurningMove, XzPoint, turn};
 
 /// Retreat of G71 and G72 without an R word, in program units.
 const RETREAT: f64 = 0.5;
@@ -19,7 +19,7 @@ const RETREAT: f64 = 0.5;
 impl Core {
     /// Replaces the U and W words of a profile's block by X and Z: they are increments, U of a diameter under G7.
     pub(super) fn add_increments(&self, words: &mut Words) -> BlockResult<()> {
-        let half = if self.takes_diameters(words) { 0.5 } else { 1.0 };
+        let half = if self.uses_diameters(words) { 0.5 } else { 1.0 };
         let is_incremental = match words.g(GroupG::Distance) {
             Some(code) => code == 910,
             None => self.state.distance == DistanceMode::Incremental,
@@ -33,11 +33,11 @@ impl Core {
                 return fault(
                     ErrorCode::TurningWord,
                     at,
-                    format!("{name} is an increment already; G91 does not go with it"),
+                    format!("{name} is an increment already and cannot be used with G91"),
                 );
             }
             if words.has(own) {
-                let message = format!("{name} and {} both give the end", char::from(axis.letter()));
+                let message = format!("{name} and {} both define the end", char::from(axis.letter()));
                 return fault(ErrorCode::TurningWord, at, message);
             }
             words.remove(letter);
@@ -47,7 +47,7 @@ impl Core {
     }
 
     /// Executes a turning cycle over the profile that was set.
-    pub(super) fn turning_cycle(&mut self, code: Tenths, words: &Words, emit: &mut Emit<'_>) -> BlockResult<()> {
+    pub(super) fn turning_cycle(&mut self, code: Tenths, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         let at = words.g_span(GroupG::Motion);
         let job = job_of(code, words)?;
         if self.state.plane != Plane::Zx {
@@ -62,7 +62,7 @@ impl Core {
         };
         let begin = self.end_of(words);
         let (mut pose, mut motion) = (begin, MotionMode::Feed);
-        let start = Place { x: begin[Axis::X], z: begin[Axis::Z] };
+        let start = XzPoint { x: begin[Axis::X], z: begin[Axis::Z] };
         emit.call(Canon::StraightTraverse(begin));
         let turned = turn(&profile, start, &job, &mut |step| {
             let canon = call_of(step, &mut pose);
@@ -144,7 +144,7 @@ fn call_of(step: TurningMove, pose: &mut Pose) -> Canon {
 
 const fn reason(refusal: RoughingError) -> &'static str {
     match refusal {
-        RoughingError::Empty => "the profile has no line and no arc behind its first point",
+        RoughingError::Empty => "the profile has no line and no arc after its first point",
         RoughingError::NotMonotonic(_) => "the profile turns back along its own direction",
         RoughingError::Allowance(_) => "the allowance D is too great for the profile: its elements no longer meet",
         RoughingError::TooManyLevels => "the infeed I is so small that there would be more than 10 000 levels",

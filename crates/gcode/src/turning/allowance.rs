@@ -4,7 +4,7 @@
 //! meet.
 
 use super::RoughingError;
-use super::frame::{ArcOf, Point, Segment, TINY};
+use super::frame::{Point, Segment, SegmentArc, TINY};
 
 /// Minimum length of the arc of an outer corner along the profile, in either unit. At smaller corners the neighbours
 /// are extended until they meet, if they do.
@@ -24,7 +24,7 @@ pub(super) fn offset(segments: &[Segment], distance: f64) -> Result<Vec<Segment>
     let mut has_gap = false;
     for segment in segments {
         match displaced(segment, distance) {
-            Some(moved) => has_gap = join(&mut path, moved, segment, has_gap)?,
+            Some(moved) => has_gap = append(&mut path, moved, segment, has_gap)?,
             None => has_gap = true,
         }
     }
@@ -35,7 +35,7 @@ pub(super) fn offset(segments: &[Segment], distance: f64) -> Result<Vec<Segment>
 }
 
 /// Appends a displaced segment to the path; true where it is absorbed itself.
-fn join(path: &mut Vec<Segment>, moved: Segment, of: &Segment, mut has_gap: bool) -> Result<bool, RoughingError> {
+fn append(path: &mut Vec<Segment>, moved: Segment, of: &Segment, mut has_gap: bool) -> Result<bool, RoughingError> {
     while let Some(before) = path.last_mut() {
         let (into, out) = (before.direction(before.to), moved.direction(moved.from));
         let turn = into.cross(out);
@@ -47,9 +47,9 @@ fn join(path: &mut Vec<Segment>, moved: Segment, of: &Segment, mut has_gap: bool
                 return Ok(false);
             }
             if turn < -1e-7 {
-                let arc = Some(ArcOf { centre: of.from, counterclockwise: false });
+                let arc = Some(SegmentArc { centre: of.from, counterclockwise: false });
                 let from = before.to;
-                path.push(Segment { from, to: moved.from, arc, goes_on: false, element: of.element });
+                path.push(Segment { from, to: moved.from, arc, continues: false, element: of.element });
             } else if into.dot(out) < 0.0 {
                 return Err(RoughingError::Allowance(of.element));
             }
@@ -77,7 +77,7 @@ fn join(path: &mut Vec<Segment>, moved: Segment, of: &Segment, mut has_gap: bool
 
 /// Moves a segment to its left; `None` where it vanishes.
 fn displaced(segment: &Segment, distance: f64) -> Option<Segment> {
-    let shift = |at: Point| at.plus(segment.direction(at).left(), distance);
+    let shift = |at: Point| at.plus(segment.direction(at).rotate_left(), distance);
     if let Some(arc) = segment.arc
         && arc.counterclockwise
         && segment.from.distance(arc.centre) <= distance + TINY
@@ -145,5 +145,5 @@ fn circles(one: Point, other: Point, (first, second): (f64, f64)) -> [Option<Poi
         return [None, None];
     }
     let (foot, half) = (one.plus(along, reach), rest.max(0.0).sqrt());
-    [Some(foot.plus(along.left(), half)), Some(foot.plus(along.left(), -half))]
+    [Some(foot.plus(along.rotate_left(), half)), Some(foot.plus(along.rotate_left(), -half))]
 }

@@ -10,7 +10,7 @@ pub(super) const TINY: f64 = 1e-9;
 
 /// X and Z of the program.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Place {
+pub(crate) struct XzPoint {
     pub(crate) x: f64,
     pub(crate) z: f64,
 }
@@ -50,7 +50,7 @@ impl Point {
     }
 
     /// Rotates by a quarter turn to the left.
-    pub(super) fn left(self) -> Point {
+    pub(super) fn rotate_left(self) -> Point {
         Point { a: -self.h, h: self.a }
     }
 }
@@ -66,7 +66,7 @@ pub(crate) struct Frame {
 
 impl Frame {
     /// Creates the frame of a profile that is turned from `start`.
-    pub(super) fn new(profile: &Profile, start: Place, facing: bool) -> Result<Frame, RoughingError> {
+    pub(super) fn new(profile: &Profile, start: XzPoint, facing: bool) -> Result<Frame, RoughingError> {
         let Some(last) = profile.elements.last() else { return Err(RoughingError::Empty) };
         let plain = Frame { facing, along: 1.0, above: 1.0 };
         let (start, first, last) = (plain.point(start), plain.point(profile.first), plain.point(last.end()));
@@ -75,14 +75,14 @@ impl Frame {
         Ok(Frame { facing, along, above })
     }
 
-    pub(super) fn point(&self, place: Place) -> Point {
+    pub(super) fn point(&self, place: XzPoint) -> Point {
         let (a, h) = if self.facing { (place.x, place.z) } else { (place.z, place.x) };
         Point { a: a * self.along, h: h * self.above }
     }
 
-    pub(super) fn place(&self, point: Point) -> Place {
+    pub(super) fn place(&self, point: Point) -> XzPoint {
         let (a, h) = (point.a * self.along, point.h * self.above);
-        if self.facing { Place { x: a, z: h } } else { Place { x: h, z: a } }
+        if self.facing { XzPoint { x: a, z: h } } else { XzPoint { x: h, z: a } }
     }
 
     /// Whether arcs have the opposite direction in the frame.
@@ -93,7 +93,7 @@ impl Frame {
 
 /// Centre and direction of an arc segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct ArcOf {
+pub(super) struct SegmentArc {
     pub(super) centre: Point,
     pub(super) counterclockwise: bool,
 }
@@ -103,16 +103,16 @@ pub(super) struct ArcOf {
 pub(super) struct Segment {
     pub(super) from: Point,
     pub(super) to: Point,
-    pub(super) arc: Option<ArcOf>,
+    pub(super) arc: Option<SegmentArc>,
     /// Whether the next segment is the rest of the same arc, so that the tool does not end a move between them.
-    pub(super) goes_on: bool,
+    pub(super) continues: bool,
     /// Element of the profile that it belongs to.
     pub(super) element: usize,
 }
 
 impl Segment {
     pub(super) fn line(from: Point, to: Point) -> Segment {
-        Segment { from, to, arc: None, goes_on: false, element: 0 }
+        Segment { from, to, arc: None, continues: false, element: 0 }
     }
 
     /// Returns the direction of travel at one of its points.
@@ -121,7 +121,11 @@ impl Segment {
             None => self.to.minus(self.from).unit(),
             Some(arc) => {
                 let outward = at.minus(arc.centre).unit();
-                if arc.counterclockwise { outward.left() } else { outward.left().left().left() }
+                if arc.counterclockwise {
+                    outward.rotate_left()
+                } else {
+                    outward.rotate_left().rotate_left().rotate_left()
+                }
             }
         }
     }

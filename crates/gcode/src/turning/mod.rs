@@ -8,7 +8,7 @@ mod frame;
 mod profile;
 mod rough;
 
-pub(crate) use frame::{Frame, Place};
+pub(crate) use frame::{Frame, XzPoint};
 pub(crate) use profile::Profile;
 
 use frame::{Point, Segment};
@@ -37,12 +37,12 @@ pub(crate) enum TurningJob {
 /// A move of a turning cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum TurningMove {
-    Rapid(Place),
-    Feed(Place),
+    Rapid(XzPoint),
+    Feed(XzPoint),
     /// Counter-clockwise as G3 in G18: seen with Z to the right and X upwards.
     Arc {
-        end: Place,
-        centre: Place,
+        end: XzPoint,
+        centre: XzPoint,
         counterclockwise: bool,
     },
 }
@@ -66,7 +66,7 @@ pub(crate) enum RoughingError {
 /// The profile does not allow it; no move has been output then.
 pub(crate) fn turn(
     profile: &Profile,
-    start: Place,
+    start: XzPoint,
     job: &TurningJob,
     out: &mut impl FnMut(TurningMove),
 ) -> Result<(), RoughingError> {

@@ -2,7 +2,7 @@
 //!
 //! Invariant: each element begins where the previous one ends.
 
-use super::frame::{ArcOf, Frame, Place, Segment};
+use super::frame::{Frame, Segment, SegmentArc, XzPoint};
 use crate::canon::{Canon, CanonStep, Plane};
 use crate::pose::{Axis, Pose};
 
@@ -10,18 +10,18 @@ use crate::pose::{Axis, Pose};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Element {
     Line {
-        end: Place,
+        end: XzPoint,
     },
     /// Counter-clockwise as G3 in G18.
     Arc {
-        end: Place,
-        centre: Place,
+        end: XzPoint,
+        centre: XzPoint,
         counterclockwise: bool,
     },
 }
 
 impl Element {
-    pub(super) fn end(&self) -> Place {
+    pub(super) fn end(&self) -> XzPoint {
         match *self {
             Element::Line { end } | Element::Arc { end, .. } => end,
         }
@@ -32,7 +32,7 @@ impl Element {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Profile {
     /// End of its first move.
-    pub(crate) first: Place,
+    pub(crate) first: XzPoint,
     pub(crate) elements: Vec<Element>,
     /// Line of each element.
     lines: Vec<u32>,
@@ -49,7 +49,7 @@ impl Profile {
                 Canon::StraightTraverse(end) | Canon::StraightFeed(end) => Element::Line { end: place(end) },
                 Canon::ArcFeed(arc) if arc.plane == Plane::Zx => Element::Arc {
                     end: place(&arc.end),
-                    centre: Place { x: arc.second_centre, z: arc.first_centre },
+                    centre: XzPoint { x: arc.second_centre, z: arc.first_centre },
                     counterclockwise: arc.turns > 0,
                 },
                 _ => continue,
@@ -78,12 +78,13 @@ impl Profile {
             let to = frame.point(element.end());
             let arc = match *element {
                 Element::Line { .. } => None,
-                Element::Arc { centre, counterclockwise, .. } => {
-                    Some(ArcOf { centre: frame.point(centre), counterclockwise: counterclockwise != frame.mirrors() })
-                }
+                Element::Arc { centre, counterclockwise, .. } => Some(SegmentArc {
+                    centre: frame.point(centre),
+                    counterclockwise: counterclockwise != frame.mirrors(),
+                }),
             };
             if arc.is_some() || from != to {
-                segments.push(Segment { from, to, arc, goes_on: false, element: index });
+                segments.push(Segment { from, to, arc, continues: false, element: index });
             }
             from = to;
         }
@@ -91,6 +92,6 @@ impl Profile {
     }
 }
 
-fn place(pose: &Pose) -> Place {
-    Place { x: pose[Axis::X], z: pose[Axis::Z] }
+fn place(pose: &Pose) -> XzPoint {
+    XzPoint { x: pose[Axis::X], z: pose[Axis::Z] }
 }

@@ -120,7 +120,7 @@ impl<O: FnMut(TurningMove)> Rougher<'_, '_, O> {
     }
 
     fn end_of(&mut self, segment: &Segment) {
-        if !segment.goes_on {
+        if !segment.continues {
             self.tool.along(segment, segment.to);
         }
     }
@@ -155,7 +155,7 @@ fn split_at_extremes(segment: Segment, segments: &mut Vec<Segment>) {
         let extreme = Point { a: arc.centre.a, h: arc.centre.h + offset };
         let inside = segment.sweep(extreme) < segment.sweep(segment.to) - 1e-9;
         if inside && segment.from.distance(extreme) > 1e-7 && segment.to.distance(extreme) > 1e-7 {
-            segments.push(Segment { to: extreme, goes_on, ..segment });
+            segments.push(Segment { to: extreme, continues: goes_on, ..segment });
             segments.push(Segment { from: extreme, ..segment });
             return;
         }

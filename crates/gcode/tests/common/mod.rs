@@ -1,36 +1,36 @@
-//! What the interpreter makes of a program, as text.
+//! Runs a program and returns the result as text.
 #![allow(dead_code, reason = "each test file uses some of it")]
 
 use retrace_gcode::{CanonText, Prescan, Program, Progress, Setup, Severity};
 use std::sync::Arc;
 
-/// What became of a program.
+/// Result of a program.
 #[derive(Debug)]
 pub(crate) struct Outcome {
-    /// Its canonical functions up to the first error.
+    /// Canonical functions up to the first error.
     pub(crate) text: String,
     /// File and line of the first error, if there was one.
     pub(crate) refused: Option<(u16, u32)>,
-    /// The number of that error.
+    /// Number of that error.
     pub(crate) error: Option<&'static str>,
 }
 
-/// The canonical text of a program, up to its first error, and whether it had one.
+/// Returns the canonical text of a program, up to its first error, and whether it had one.
 #[allow(dead_code)] // not every test has the plain setup
 pub(crate) fn canon_text(program: &str) -> (String, bool) {
     canon_text_with(program, Setup::rs274())
 }
 
-/// The same with another setup.
+/// Returns the same with another setup.
 #[allow(dead_code)] // as above
 pub(crate) fn canon_text_with(program: &str, setup: Setup) -> (String, bool) {
     let outcome = carried_out(program, setup);
     (outcome.text, outcome.refused.is_some())
 }
 
-/// Carries out a program up to its first error.
+/// Executes a program up to its first error.
 pub(crate) fn carried_out(program: &str, setup: Setup) -> Outcome {
-    let prescan = Prescan::of("program.ngc", program.into(), &setup);
+    let prescan = Prescan::scan("program.ngc", program.into(), &setup);
     let mut program = Program::<&[u8]>::prescanned(Arc::new(prescan), setup);
     let mut text = CanonText::new(Vec::new());
     let mut steps = Vec::new();

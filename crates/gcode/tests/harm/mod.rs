@@ -1,7 +1,8 @@
-//! What must hold whatever comes in: one function for each way in, shared by the tests and by the fuzz targets of cargo-fuzz.
+//! Properties that hold for any input: one function for each entry point, shared by the tests and by the fuzz targets
+//! of cargo-fuzz.
 //!
-//! Invariant: each function returns or panics with what is wrong; the work is bounded by [`MAX_LINES`] and [`MAX_STEPS`], so one that
-//! does not return has found a hang.
+//! Invariant: each function returns or panics with what is wrong. The work is bounded by [`MAX_LINES`] and
+//! [`MAX_STEPS`], so a function that does not return has found a hang.
 
 use retrace_gcode::cycles::CycleLibrary;
 use retrace_gcode::{
@@ -11,20 +12,21 @@ use retrace_gcode::{
 use std::io::BufRead;
 use std::sync::{Arc, OnceLock};
 
-/// Lines of a program that are carried out.
+/// Maximum number of executed lines of a program.
 const MAX_LINES: usize = 2_000;
-/// Canonical functions that are looked at.
+/// Maximum number of checked canonical functions.
 const MAX_STEPS: usize = 50_000;
-/// Canonical functions that one line may have: twice what a cycle may, as one may run at every hole of another.
+/// Maximum number of canonical functions of one line: twice that of a cycle, because one may run at every hole of
+/// another.
 const MAX_OF_A_LINE: usize = 1_100_000;
 
-/// The cycles that come with retrace.
+/// Returns the cycles shipped with retrace.
 fn shipped() -> Arc<CycleLibrary> {
     static LIBRARY: OnceLock<Arc<CycleLibrary>> = OnceLock::new();
     LIBRARY.get_or_init(|| Arc::new(CycleLibrary::shipped())).clone()
 }
 
-/// Tools to turn with, nose up and nose down, and to mill with; tool 9 has no radius.
+/// Tools for turning, nose up and nose down, and for milling; tool 9 has no radius.
 const TOOLS: &str = "T1 P1 Z0.5 D4\nT2 P2 D0.8 Q2\nT3 P3 D1.6 Q3 I30 J20\nT4 P4 D-1\nT9 P9\n";
 
 /// A folder in which every file whose name begins with F is the program itself, and one cannot be read.
@@ -51,7 +53,7 @@ fn setup(text: &Text, library: Arc<CycleLibrary>) -> Setup {
     }
 }
 
-/// A program: from a file, and as it arrives.
+/// Runs a program from a file, and streamed.
 pub(crate) fn program(bytes: &[u8]) {
     program_with(bytes, shipped());
 }
@@ -59,12 +61,12 @@ pub(crate) fn program(bytes: &[u8]) {
 fn program_with(bytes: &[u8], library: Arc<CycleLibrary>) {
     let text = Text::from(bytes);
     let setup = setup(&text, library);
-    let prescan = Arc::new(Prescan::of("program.ngc", text, &setup));
+    let prescan = Arc::new(Prescan::scan("program.ngc", text, &setup));
     let _ = (prescan.branches(), prescan.lines());
     let mut from_file = Program::<&[u8]>::prescanned(Arc::clone(&prescan), setup.clone());
     let is_through = run(&mut from_file);
     if is_through {
-        from_file.look_behind_the_end();
+        from_file.check_after_end();
     }
     for diagnostic in from_file.interpreter().diagnostics() {
         fits(diagnostic, &prescan.line_text(diagnostic.file, diagnostic.line));
@@ -78,7 +80,7 @@ fn program_with(bytes: &[u8], library: Arc<CycleLibrary>) {
     }
 }
 
-/// Carries a program out, as far as the limits go; whether it came to its end.
+/// Executes a program within the limits. Returns whether it ended.
 fn run<R: BufRead>(program: &mut Program<R>) -> bool {
     let mut steps: Vec<CanonStep> = Vec::new();
     let mut seen = 0;
@@ -89,7 +91,7 @@ fn run<R: BufRead>(program: &mut Program<R>) -> bool {
         for step in &steps {
             assert!(is_finite(&step.canon), "{step:?}");
         }
-        // What one line has used is given back, as a program has many.
+        // Frees the memory of a long line, because a program has many.
         if steps.capacity() > 10_000 {
             steps = Vec::new();
         }
@@ -118,7 +120,7 @@ fn is_finite(canon: &Canon) -> bool {
     }
 }
 
-/// A diagnostic lies in its line and can be shown.
+/// Checks that a diagnostic is within its line and can be rendered.
 fn fits(diagnostic: &Diagnostic, line: &[u8]) {
     let (start, end) = (diagnostic.span.start as usize, diagnostic.span.end as usize);
     assert!(start <= end && start <= line.len(), "{diagnostic:?} in {:?}", String::from_utf8_lossy(line));
@@ -126,7 +128,7 @@ fn fits(diagnostic: &Diagnostic, line: &[u8]) {
     assert!(shown.contains(diagnostic.number()), "{shown}");
 }
 
-/// A tool table, a parameter file and an INI file.
+/// Reads a tool table, a parameter file and an INI file.
 pub(crate) fn tables(bytes: &[u8]) {
     let text = String::from_utf8_lossy(bytes);
     let lines: Vec<&str> = text.lines().collect();
@@ -159,7 +161,7 @@ pub(crate) fn tables(bytes: &[u8]) {
     run(&mut program);
 }
 
-/// The source of a cycle, which a program then calls in every way.
+/// Compiles the source of a cycle, which a program then calls in every way.
 pub(crate) fn cycle(bytes: &[u8]) {
     let source = String::from_utf8_lossy(bytes);
     let sources = [("FUZZ", &*source), ("CYCLE81", retrace_gcode::cycles::shipped_source("CYCLE81").unwrap_or(""))];

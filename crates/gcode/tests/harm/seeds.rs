@@ -1,11 +1,11 @@
-//! Programs to begin from, and the ways in which they are broken.
+//! Initial programs, and mutations of them.
 //!
-//! Invariant: a seed number stands for one case, on every machine.
+//! Invariant: a seed number identifies one case, on every machine.
 
 use crate::outline::{Outline, TOOLS};
 use crate::writer::{Random, Writer};
 
-/// What a case is given to.
+/// Entry point of a case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Way {
     Program,
@@ -74,7 +74,7 @@ const CYCLES: &[&str] = &[
     include_str!("../../../cycles/cycles/HOLES2.SPF"),
 ];
 
-/// Numbers on which controllers have died.
+/// Numbers that have crashed controllers.
 const NUMBERS: &[&str] = &[
     "0",
     "-0",
@@ -105,7 +105,7 @@ const NUMBERS: &[&str] = &[
     "12.5",
 ];
 
-/// Words and lines that mean something.
+/// Words and lines with a meaning.
 const LINES: &[&str] = &[
     "G41 D2",
     "G42",
@@ -197,7 +197,7 @@ const LINES: &[&str] = &[
     "G4 F=1",
 ];
 
-/// A case.
+/// Returns a case.
 pub(crate) fn case(seed: u64) -> (Way, Vec<u8>) {
     let mut random = Random::new(seed ^ 0x6a09_e667);
     let way = match random.below(10) {
@@ -231,7 +231,7 @@ fn origin(random: &mut Random, way: Way) -> String {
     }
 }
 
-/// A stretch of one text into another.
+/// Copies a range of one text into another.
 fn splice(text: &mut Vec<u8>, other: &[u8], random: &mut Random) {
     let from = random.below(other.len() as u64 + 1) as usize;
     let to = from + random.below((other.len() - from) as u64 + 1) as usize;
@@ -269,7 +269,7 @@ fn change(text: &mut Vec<u8>, random: &mut Random) {
     }
 }
 
-/// Puts another number in place of the next one.
+/// Replaces the next number by another.
 fn number(text: &mut Vec<u8>, at: usize, random: &mut Random) {
     let is_digit = |byte: &u8| byte.is_ascii_digit() || *byte == b'.';
     let Some(from) = text[at..].iter().position(is_digit).map(|index| at + index) else { return };

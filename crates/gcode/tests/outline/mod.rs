@@ -3,23 +3,24 @@
 use crate::writer::Random;
 use std::f64::consts::{PI, TAU};
 
-/// The tools that these programs know: mills, lathe tools, one of diameter zero, one with a negative diameter. The peer's
-/// CHANGE_TOOL tells the place in the table, so each has the number of its line.
+/// The tools of these programs: mills, lathe tools, one of diameter zero, one with a negative diameter. LinuxCNC's
+/// CHANGE_TOOL prints the position in the table, so each has the number of its line.
 pub(crate) const TOOLS: &str = "T1 P1 Z0.511 D0.125\nT2 P2 Z0.1 D0.0625\nT3 P3 Z1.273 D0.201\nT4 P4 D-0.0625\nT5 P5 D0\n\
     T6 P6 D0.05 Q9\nT7 P7 D0.06 Q1\nT8 P8 D0.06 Q2\nT9 P9 D0.06 Q3\nT10 P10 D0.07 Q4\nT11 P11 D0.08 Q5\nT12 P12 D0.08 Q6\n\
     T13 P13 D-0.08 Q7\nT14 P14 D0.08 Q8\n";
 
-/// Writes random outlines.
+/// Writer of random outlines.
 ///
-/// Left out are the places where `rs274` itself is at fault:
-/// - G92.1, G92.2 and G92.3 do nothing under compensation, and say nothing;
-/// - after M0, M1 or M60 it cuts through the next concave corner, as the move before has gone out and can end no earlier; on which
-///   way it does so depends on what stands in memory that is no longer in use;
-/// - M61 takes the position from a model of the machine that does not know the moves that wait;
+/// Cases in which `rs274` itself is wrong are left out:
+/// - G92.1, G92.2 and G92.3 do nothing under compensation, without a message;
+/// - after M0, M1 or M60 it cuts through the next concave corner, because the previous move has been emitted already
+///   and cannot end earlier; the direction in which it does so depends on memory that is no longer in use;
+/// - M61 takes the position from a model of the machine that does not include the waiting moves;
 /// - a move that waits when the program ends at its closing percent sign is lost;
-/// - an arc as the first move of a lathe tool is led to by a straight move, whose end it moves along with that of the arc;
-/// - when the units change, a feed rate that waits keeps its number, and where the path stands is converted once for each function
-///   that waits.
+/// - an arc as the first move of a lathe tool is reached by a straight move, whose end it moves along with that of the
+///   arc;
+/// - when the units change, a waiting feed rate keeps its number, and the position of the path is converted once for
+///   each waiting function.
 pub(crate) struct Outline {
     random: Random,
     lines: Vec<String>,
@@ -27,7 +28,7 @@ pub(crate) struct Outline {
     letters: [&'static str; 5],
     at: (f64, f64),
     heading: f64,
-    /// Whether directions and lengths are whole.
+    /// Whether directions and lengths are whole numbers.
     is_even: bool,
     /// Millimetres in a unit.
     unit: f64,
@@ -36,9 +37,9 @@ pub(crate) struct Outline {
     left: bool,
     radius: f64,
     is_lathe: bool,
-    /// The first move under compensation has come.
+    /// Whether the first move under compensation was written.
     is_on_path: bool,
-    /// Nothing waits but the last move.
+    /// Whether nothing but the last move waits.
     only_move_waits: bool,
 }
 
@@ -196,7 +197,7 @@ impl Outline {
     /// A move to the next corner, with other blocks before it.
     fn piece(&mut self) {
         let turn = match self.is_even {
-            // Back the same way too, as at the top of an h or the middle of an m.
+            // Also reverses direction, as at the top of an h or the middle of an m.
             true => (self.random.below(9) as f64 - 4.0) * PI / 4.0,
             false => self.random.below(5000) as f64 / 1000.0 - 2.5,
         };
@@ -217,7 +218,7 @@ impl Outline {
         if self.inverse_time || self.random.one_in(8) { format!(" F{feed}") } else { String::new() }
     }
 
-    /// Along the normal axis and the rotary ones.
+    /// Adds words along the normal axis and the rotary ones.
     fn more_words(&mut self) -> String {
         let mut words = String::new();
         if self.random.one_in(8) {
@@ -271,7 +272,7 @@ impl Outline {
         self.only_move_waits = true;
     }
 
-    /// Blocks that may stand between two moves.
+    /// Writes blocks that are allowed between two moves.
     fn between(&mut self) {
         for _ in 0..self.random.below(3) {
             let waits = ["M3 S500", "M5", "M8", "M7", "M9", "F120", "S70", "G4 P0.5", "(corner)", "N7 (x)", "M4 (so)"];
@@ -313,7 +314,7 @@ impl Outline {
         }
     }
 
-    /// A block that is refused under compensation.
+    /// Writes a block that is refused under compensation.
     fn refused(&mut self) {
         let blocks = [
             "T2 M6",

@@ -1,6 +1,7 @@
 //! A program in two interpreters: LinuxCNC's `rs274 -g`, and this one.
 //!
-//! Invariant: every program has a folder that holds nothing but what belongs to it, so no run of the peer sees what another left.
+//! Invariant: every program has a folder of its own with only its own files, so that no run of LinuxCNC's interpreter
+//! depends on another.
 
 use crate::common::{Outcome, carried_out};
 use crate::writer::Case;
@@ -11,10 +12,10 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-/// Programs that run at a time.
+/// Number of programs that run at a time.
 const WORKERS: u64 = 2;
 
-/// The files of a case, as our side finds them.
+/// The files of a case, for this interpreter.
 #[derive(Debug)]
 struct Beside(Vec<(String, String)>);
 
@@ -40,19 +41,19 @@ impl Case {
         setup
     }
 
-    /// Whether M72 or M73 stands in it.
+    /// Whether it has M72 or M73.
     fn restores_modes(&self) -> bool {
         let texts = self.files.iter().map(|(_, text)| text).chain([&self.program]);
         texts.map(|text| text.to_lowercase()).any(|text| text.contains("m72") || text.contains("m73"))
     }
 
-    /// What this interpreter makes of it.
+    /// Returns the result of this interpreter.
     pub(crate) fn ours(&self) -> Outcome {
         carried_out(&self.program, self.setup())
     }
 
-    /// Takes out each line that is refused, so that what follows it is compared too: at most `most` of them. A line with an O word
-    /// stays, since others belong to it.
+    /// Removes each refused line, so that the lines after it are compared too: at most `most` of them. A line with an O
+    /// word stays, since others belong to it.
     pub(crate) fn without_refused_lines(mut self, most: u32) -> Case {
         for _ in 0..most {
             let Some((0, line)) = self.ours().refused else { break };
@@ -76,21 +77,22 @@ fn others_belong_to(line: &str) -> bool {
     line.starts_with(['o', 'O']) || line.contains("5.3") || line.to_lowercase().contains("g40")
 }
 
-/// What the peer made of a program.
+/// Result of LinuxCNC's interpreter for a program.
 struct Theirs {
     functions: String,
     complaint: String,
     refused: bool,
 }
 
-/// What `rs274 -g` prints for a program, what it complains of, and whether it refused it; `None` where it is not installed.
+/// Returns what `rs274 -g` prints for a program, its error message, and whether it refused the program; `None` where it
+/// is not installed.
 fn rs274(folder: &Path, case: &Case) -> Option<Theirs> {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("a file for the peer");
     write("program.ngc", &case.program);
     for (name, text) in &case.files {
         write(&format!("{name}.ngc"), text);
     }
-    // It keeps its tool data in the home folder, where another one running would find them.
+    // It stores its tool data in the home folder, where another running instance would find them.
     let mut command = Command::new("timeout");
     command.args(["20", "rs274", "-g"]).env("HOME", folder).current_dir(folder).stdin(Stdio::null());
     if let Some(tools) = case.tools {
@@ -114,15 +116,15 @@ pub(crate) fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
 }
 
-/// The lines of rs274's standard output that are canonical functions, without their running number: its error messages go to the
-/// same place.
+/// Returns the lines of rs274's standard output that are canonical functions, without their running number: its error
+/// messages have the same destination.
 fn functions(text: &str) -> Vec<&str> {
     let is_function = |line: &&str| line.len() > 13 && line.as_bytes()[6] == b'N' && line.ends_with(')');
     text.lines().filter(is_function).map(|line| &line[6..]).collect()
 }
 
-/// Leaves out feed, speed and path mode where they are those that came last: the release restores them even if they have not
-/// changed, the peer does not.
+/// Removes feed, speed and path mode where they equal the last ones: the release restores them even if they have not
+/// changed, the installed version does not.
 fn leave_out_repeated_settings(lines: &mut Vec<&str>) {
     const SETTINGS: [&str; 4] =
         ["SET_FEED_RATE(", "SET_SPINDLE_SPEED(", "SET_MOTION_CONTROL_MODE(", "SET_NAIVECAM_TOLERANCE("];
@@ -130,7 +132,7 @@ fn leave_out_repeated_settings(lines: &mut Vec<&str>) {
     lines.retain(|line| {
         let call = line.get(7..).unwrap_or_default();
         match SETTINGS.iter().position(|name| call.starts_with(name)) {
-            // G94 behind a block of G93 without a way: the peer's last feed is another one.
+            // G94 after a block of G93 without motion: LinuxCNC's last feed is another one.
             _ if call == "SET_FEED_RATE(0.0000)" => {
                 last[0] = Some(call);
                 true
@@ -141,16 +143,16 @@ fn leave_out_repeated_settings(lines: &mut Vec<&str>) {
     });
 }
 
-/// What came of many programs.
+/// Statistics of many programs.
 #[derive(Debug, Default)]
 struct Tally {
     refused: u64,
     differing: u64,
-    /// Programs whose first difference is a fault of the peer that stands in the list.
+    /// Programs whose first difference is a known fault of LinuxCNC.
     known: u64,
-    /// Programs that differ in nothing but the sign of a zero or a last printed digit.
+    /// Programs that differ only in the sign of a zero or in a last printed digit.
     roundings: u64,
-    /// How often each error ended a program.
+    /// Number of programs that each error ended.
     errors: BTreeMap<&'static str, u64>,
 }
 
@@ -166,7 +168,7 @@ impl Tally {
             leave_out_repeated_settings(&mut their_calls);
             leave_out_repeated_settings(&mut our_calls);
         }
-        // What the release changed after the peer was built counts as the same.
+        // Changes of the release after the installed version count as equal.
         let our_calls: Vec<&str> = (0..our_calls.len())
             .map(|at| match their_calls.get(at) {
                 Some(theirs) if is_of_the_release(theirs, our_calls[at]) => *theirs,
@@ -194,9 +196,9 @@ impl Tally {
         }
         let at = their_calls.iter().zip(&our_calls).take_while(|(theirs, ours)| theirs == ours).count();
         if is_dwell_of_another_cycle(case, their_calls.get(at), our_calls.get(at))
-            // A coordinate beyond 10¹⁵ is refused here on purpose.
+            // A coordinate beyond 10¹⁵ is refused here intentionally.
             || matches!(ours.error, Some("E1660" | "E1103"))
-            // Both refuse the program, the peer already where a comment is not closed behind a faulty line.
+            // Both refuse the program, LinuxCNC earlier where a comment is not closed after a faulty line.
             || theirs.refused && ours.refused.is_some() && theirs.complaint.contains("Unclosed comment")
             || is_mode_behind_a_spline(case, their_calls.get(at), our_calls.get(at))
             || is_feed_that_waited(their_calls.get(at), our_calls.get(at))
@@ -221,8 +223,8 @@ impl Tally {
     }
 }
 
-/// Whether two lines differ by a known difference between the peer and the release (peer_faults.md): the peer's least feed of G93,
-/// and values below 0.0001 in messages, which the peer shows as 0.
+/// Whether two lines differ by a known difference between the installed version and the release (peer_faults.md): the
+/// minimum feed of G93, and values below 0.0001 in messages, which the installed version shows as 0.
 fn is_of_the_release(theirs: &str, ours: &str) -> bool {
     let (Some(their_call), Some(our_call)) = (theirs.get(7..), ours.get(7..)) else { return false };
     let feed = |call: &str| call.strip_prefix("SET_FEED_RATE(")?.strip_suffix(')')?.parse::<f64>().ok();
@@ -238,7 +240,8 @@ fn is_of_the_release(theirs: &str, ours: &str) -> bool {
         && their_words.iter().zip(&our_words).all(|(theirs, ours)| same((theirs, ours)))
 }
 
-/// Whether two lines differ in roundings alone: in the sign of a zero, or in the last printed digit of a number (peer_faults.md).
+/// Whether two lines differ in roundings only: in the sign of a zero, or in the last printed digit of a number
+/// (peer_faults.md).
 fn differ_in_roundings(theirs: &str, ours: &str) -> bool {
     let words = |line: &str| line.split([' ', ',', '(', ')', '"']).map(str::to_owned).collect::<Vec<_>>();
     let decimals = |word: &str| word.split_once('.').map_or(0, |(_, decimals)| decimals.len() as i32);
@@ -251,8 +254,8 @@ fn differ_in_roundings(theirs: &str, ours: &str) -> bool {
     theirs.len() == ours.len() && theirs.iter().zip(&ours).all(is_same)
 }
 
-/// G74 and G84 without P: the peer takes the dwell of another cycle (peer_faults.md). The writer gives them a P; a line that was
-/// mended away may leave a hole without one.
+/// G74 and G84 without P: LinuxCNC uses the dwell of another cycle (peer_faults.md). The writer gives them a P; a
+/// removed line may leave a hole without one.
 fn is_dwell_of_another_cycle(case: &Case, theirs: Option<&&str>, ours: Option<&&str>) -> bool {
     let call = |line: Option<&&str>| line.and_then(|line| line.get(7..)).unwrap_or_default().to_owned();
     let text = case.program.to_lowercase();
@@ -261,8 +264,9 @@ fn is_dwell_of_another_cycle(case: &Case, theirs: Option<&&str>, ours: Option<&&
         && (text.contains("g84") || text.contains("g74"))
 }
 
-/// Under cutter compensation a feed rate that waits keeps its number when the units change (outline/). The writer leaves that out; a line that
-/// was mended away may have been the one between. So is a concave corner behind a stop, which is refused here (E1660).
+/// Under cutter compensation a waiting feed rate keeps its number when the units change (outline/). The writer excludes
+/// that; a removed line may have been the one between. The same applies to a concave corner after a stop, which is
+/// refused here (E1660).
 fn is_feed_that_waited(theirs: Option<&&str>, ours: Option<&&str>) -> bool {
     let feed =
         |line: Option<&&str>| line?.get(7..)?.strip_prefix("SET_FEED_RATE(")?.strip_suffix(')')?.parse::<f64>().ok();
@@ -271,14 +275,14 @@ fn is_feed_that_waited(theirs: Option<&&str>, ours: Option<&&str>) -> bool {
     is_converted(theirs, ours) || is_converted(ours, theirs)
 }
 
-/// Behind G5.3 `#<_motion_mode>` is −1 for the peer and 800 here, as behind G80: there is no motion mode (peer_faults.md).
+/// After G5.3 `#<_motion_mode>` is −1 in LinuxCNC and 800 here, as after G80: there is no motion mode (peer_faults.md).
 fn is_mode_behind_a_spline(case: &Case, theirs: Option<&&str>, ours: Option<&&str>) -> bool {
     let (Some(theirs), Some(ours)) = (theirs, ours) else { return false };
     let text = case.program.to_lowercase();
     text.contains("5.3") && text.contains("#<_motion_mode>") && theirs.replace("-1.000000", "800.000000") == **ours
 }
 
-/// Compares what both make of the programs of as many seeds as the environment asks for.
+/// Compares the results of both for the programs of as many seeds as the environment requests.
 pub(crate) fn compare(name: &str, case_of: impl Fn(u64) -> Case + Sync) {
     let root = std::env::temp_dir().join(format!("retrace-{name}-{}", std::process::id()));
     let (first, count) = (number("RETRACE_DIFFERENTIAL_FIRST", 0), number("RETRACE_DIFFERENTIAL", 120));

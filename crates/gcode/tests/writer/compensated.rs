@@ -1,10 +1,10 @@
-//! Cutter compensation among everything else: outlines in rotated and shifted coordinates, with expressions as ends. What is
-//! particular to compensation is in the writer of outlines.
+//! Cutter compensation combined with other features: outlines in rotated and shifted coordinates, with expressions as
+//! ends. The details of compensation are in the writer of outlines.
 
 use super::Writer;
 
 impl Writer {
-    /// A way in, some moves beside the path, and the way out.
+    /// Writes an entry, some compensated moves, and an exit.
     pub(super) fn compensated(&mut self) {
         let (plane, first, second, centre) = match self.random.below(3) {
             0 => ("G18", "Z", "X", ["K", "I"]),

@@ -1,10 +1,10 @@
 //! Random drilling cycles, spindle modes and threads.
 //!
-//! Invariant: each part ends with a motion or G80, so that what follows begins afresh.
+//! Invariant: each part ends with a motion or G80, so that the next part begins a new series.
 
 use super::Writer;
 
-/// The words that a cycle takes beside the axes, R and L, the first ones always written in its first block.
+/// Words of a cycle in addition to the axes, R and L; the first ones are always written in its first block.
 const CYCLES: [(&str, &str); 11] = [
     ("G81", ""),
     ("G82", "P"),
@@ -20,7 +20,7 @@ const CYCLES: [(&str, &str); 11] = [
 ];
 
 impl Writer {
-    /// A part of a program that drills, threads, or asks something else of the spindle.
+    /// Writes a part of a program that drills, cuts a thread, or uses the spindle otherwise.
     pub(super) fn machining(&mut self) {
         match self.random.below(10) {
             0..=5 => self.drilling(),
@@ -81,7 +81,7 @@ impl Writer {
         last(&["g20", "g21"]) > last(&["g64"])
     }
 
-    /// The axis across the plane of the lines written so far; what stands in a comment or an expression is not a code.
+    /// Returns the axis across the plane of the lines written so far; text in a comment or an expression is not a code.
     fn normal_axis(&self) -> &'static str {
         let plane = self.lines.iter().rev().flat_map(|line| line.lines().rev()).find_map(|line| {
             let line = line.to_lowercase();
@@ -123,7 +123,7 @@ impl Writer {
         self.line(words);
     }
 
-    /// Words of the plane's axes; now and then of others, which are refused.
+    /// Writes words of the plane's axes; sometimes of others, which are refused.
     fn hole_words(&mut self, normal: &str) -> Vec<String> {
         let mut words = Vec::new();
         for letter in ["X", "Y", "Z"] {
@@ -144,7 +144,7 @@ impl Writer {
         words
     }
 
-    /// A hole in polar coordinates: its distance from the origin, its angle, or both.
+    /// Writes a hole in polar coordinates: its distance from the origin, its angle, or both.
     fn polar_words(&mut self) -> Vec<String> {
         let (distance, angle) = (format!("@{}", self.decimal()), format!("^{}", self.decimal()));
         match self.random.below(3) {
@@ -154,7 +154,7 @@ impl Writer {
         }
     }
 
-    /// R, and the bottom below it.
+    /// Writes R, and the bottom below it.
     fn levels(&mut self, normal: &str, words: &mut Vec<String>) {
         let clearance = self.random.below(1200) as f64 / 100.0 - 3.0;
         let below = self.random.below(900) as f64 / 100.0;
@@ -213,7 +213,7 @@ impl Writer {
         }
     }
 
-    /// G33 and G33.1.
+    /// Writes G33 and G33.1.
     fn synchronised(&mut self) {
         if !self.random.one_in(20) {
             self.plain(&["M3 S100", "M4 S20", "M3"]);
@@ -234,7 +234,7 @@ impl Writer {
         self.end_of_part();
     }
 
-    /// G76.
+    /// Writes G76.
     fn thread(&mut self) {
         self.plain(&["M3 S100", "M4 S20", "M3"]);
         self.speed_override_off = false;

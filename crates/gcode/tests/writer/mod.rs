@@ -5,7 +5,7 @@ mod cycles;
 mod more;
 mod routines;
 
-/// A program and what it is given.
+/// A program and its input files.
 #[derive(Clone, Debug, Default)]
 #[allow(dead_code, reason = "fuzzing takes the program alone")]
 pub(crate) struct Case {
@@ -18,8 +18,8 @@ pub(crate) struct Case {
     pub(crate) parameters: Option<String>,
 }
 
-/// The tools of a program that has a table of its own. The peer's CHANGE_TOOL tells the place in the table, so each has the number of
-/// its line.
+/// The tools of a program that has a table of its own. LinuxCNC's CHANGE_TOOL prints the position in the table, so each
+/// has the number of its line.
 const TOOLS: &str =
     "T1 P1 Z0.511 D0.125\nT2 P2 Z0.1 X.25 D0.0625\nT3 P3 Z1.273 Y-.5 A2 D0.201\nT4 P4 D-0.0625 I90 J45 Q3\n";
 
@@ -51,22 +51,22 @@ impl Random {
     }
 }
 
-/// Writes random programs over the language that is carried out.
+/// Writer of random programs over the supported language.
 ///
-/// Left out are the places where `rs274` itself is at fault: peer_faults.md, beside this folder, has each with its reason.
+/// Cases in which `rs274` itself is wrong are left out: peer_faults.md, next to this folder, has each with its reason.
 pub(crate) struct Writer {
     random: Random,
     lines: Vec<String>,
     has_tool_offset: bool,
-    /// There was an M6.
+    /// Whether there was an M6.
     has_tool: bool,
     has_g92: bool,
-    /// M49 or M51 P0 came last.
+    /// Whether M49 or M51 P0 was last.
     speed_override_off: bool,
     names: Vec<String>,
-    /// The O label used last; the peer takes each once only.
+    /// The O label used last; LinuxCNC accepts each once only.
     label: u32,
-    /// There was a break or a continue.
+    /// Whether there was a break or a continue.
     has_leave: bool,
     routines: routines::Routines,
 }
@@ -112,7 +112,7 @@ impl Writer {
         }
         let behind = std::mem::take(&mut writer.routines.behind);
         writer.lines.extend(behind);
-        // A line that is too long is refused by the peer even where it is passed over.
+        // LinuxCNC refuses a line that is too long even where it is skipped.
         let fits = |line: &str| line.lines().all(|line| line.len() <= 250);
         writer.lines.retain(|line| fits(line));
         for (_, text) in &mut writer.routines.files {
@@ -121,7 +121,7 @@ impl Writer {
         Case { program: writer.lines.join("\n") + "\n", files: writer.routines.files, tools, parameters }
     }
 
-    /// A line of these words, in any order, case and spacing.
+    /// Writes a line of these words, in any order, case and spacing.
     fn line(&mut self, mut words: Vec<String>) {
         for last in (1..words.len()).rev() {
             words.swap(last, self.random.below(last as u64 + 1) as usize);
@@ -182,20 +182,20 @@ impl Writer {
         }
     }
 
-    /// A branch, a loop or a subprogram, with blocks inside that may be such themselves. Of the five kinds the last, a subprogram,
-    /// stands only outside of the others: the peer refuses to pass its definition twice.
+    /// Writes a branch, a loop or a subprogram, with blocks inside that may be such themselves. Of the five kinds the
+    /// last, a subprogram, is written only outside of the others: LinuxCNC refuses to pass its definition twice.
     fn control(&mut self, kinds: u64) {
         self.label += 1;
         let label = format!("{}{}", self.random.pick(&["O", "o ", "N7 o"]), self.label);
         let own = 40 + self.label;
         let condition = format!("[{}]", self.expression(2));
         let kind = match self.random.below(kinds) {
-            // Where the peer has passed a break, its next do loop ends after one round.
+            // After LinuxCNC has passed a break, its next do loop ends after one iteration.
             3 if self.has_leave => 2,
             kind => kind,
         };
         let count = self.random.below(4);
-        // What a branch that is not taken assigns would be missing later.
+        // The assignments of a branch that is not executed would be missing later.
         let names = self.names.len();
         match kind {
             0 => self.lines.push(format!("{label} if {condition}")),
@@ -265,8 +265,8 @@ impl Writer {
         }
     }
 
-    /// An expression, with an angle function outermost at most: inside, MOD and comparisons would magnify the last digit of a sine,
-    /// which the peer calculates with 80 bits.
+    /// Writes an expression, with an angle function outermost at most: inside, MOD and comparisons would magnify the
+    /// last digit of a sine, which LinuxCNC calculates with 80 bits.
     fn calculation(&mut self) -> String {
         let inner = self.expression(2);
         match self.random.below(12) {
@@ -280,7 +280,7 @@ impl Writer {
         }
     }
 
-    /// An expression in brackets, or a function of one.
+    /// Writes an expression in brackets, or a function of one.
     fn expression(&mut self, depth: u64) -> String {
         if depth == 0 {
             return match self.random.below(5) {
@@ -296,7 +296,7 @@ impl Writer {
         let inner = self.expression(depth - 1);
         let other = self.expression(depth - 1);
         match self.random.below(14) + 3 {
-            // At the tolerance, where the peer and the release agree: LE and GE do so away from it only.
+            // At the tolerance, LinuxCNC's installed version and the release agree; LE and GE agree away from it only.
             16 => {
                 let (left, near) = (self.random.below(40), self.random.pick(&["", ".0000005", ".0002"]));
                 let operator = self.random.pick(&["EQ", "NE", "LT", "GT", "LE", "GE"]);
@@ -528,7 +528,7 @@ impl Writer {
         self.line(code.split(' ').map(str::to_owned).collect());
     }
 
-    /// Words that may well not belong together.
+    /// Writes words that may not belong together.
     fn anything(&mut self) {
         if !self.random.one_in(12) {
             return;

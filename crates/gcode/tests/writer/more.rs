@@ -1,4 +1,5 @@
-//! Blocks of the wider language: splines, polar coordinates, probing, lathe diameters, tool data, inputs, saved modes, comments.
+//! Blocks of the extended language: splines, polar coordinates, probing, lathe diameters, tool data, inputs, saved
+//! modes, comments.
 
 use super::Writer;
 
@@ -80,11 +81,11 @@ impl Writer {
     }
 
     fn probe(&mut self) {
-        // The peer's model of the machine has to know where the program stands.
+        // LinuxCNC's model of the machine needs the program position.
         self.lines.push("G90 G0 X1 Y2 Z3 A4 B5 C6".to_owned());
         let code = self.random.pick(&["G38.2", "G38.3", "G38.4", "G38.5"]).to_owned();
         let (words, feed) = (self.axis_words(2), self.random.below(90) + 1);
-        // Rounding decides whether a way of zero is one.
+        // Rounding decides whether a distance of zero counts as one.
         let mut words: Vec<String> = words.into_iter().filter(|word| !word.starts_with('Z')).collect();
         words.extend([code, format!("Z-{}.5", self.random.below(40)), format!("F{feed}")]);
         self.line(words);
@@ -182,9 +183,9 @@ impl Writer {
     }
 
     fn saved(&mut self) {
-        // What M72 brings back must have been given with the digits that the peer keeps of it.
+        // The values that M72 restores must be given with the digits that LinuxCNC stores.
         let (feed, speed) = (self.random.below(900) + 1, self.random.below(900));
-        // Nor does it convert the tolerance of G64 Q with the units.
+        // It does not convert the tolerance of G64 Q with the units either.
         let tolerance = self.random.pick(&["G64", "G64 P.25 Q.5", "G64 P.5", "G64 P.125"]);
         self.lines.push(format!("{} F{feed} S{speed} {tolerance}", self.random.pick(&["", "N12"])));
         self.lines.push("M70".to_owned());

@@ -1,7 +1,7 @@
-//! Subprograms of every kind with their calls, and loops that are left early.
+//! Subprograms of every kind with their calls, and loops with an early exit.
 //!
-//! Invariant: a subprogram calls only those written before it, so every program ends; a call is followed by the plane and the distance
-//! mode that the lines behind it count on.
+//! Invariant: a subprogram calls only those written before it, so every program ends. A call is followed by the plane
+//! and the distance mode that the lines after it depend on.
 
 use super::Writer;
 
@@ -14,18 +14,18 @@ enum Callable {
     Fanuc(u32),
 }
 
-/// What the subprograms of a program are.
+/// The subprograms of a program.
 #[derive(Debug, Default)]
 pub(super) struct Routines {
     known: Vec<Callable>,
-    /// Lines that stand behind the end of the program.
+    /// Lines after the end of the program.
     pub(super) behind: Vec<String>,
     /// Name and text of files.
     pub(super) files: Vec<(String, String)>,
 }
 
 impl Writer {
-    /// Up to four subprograms, before the program, behind its end or in files.
+    /// Writes up to four subprograms, before the program, after its end or in files.
     pub(super) fn routines(&mut self) {
         let mut before = Vec::new();
         for index in 0..self.random.below(5) {
@@ -43,7 +43,7 @@ impl Writer {
                     self.place(body, &mut before)
                 }
                 3 => {
-                    // A file calls nothing: the peer looks for a subprogram in the file of the call.
+                    // A file calls nothing: LinuxCNC searches for a subprogram in the file of the call.
                     let known = std::mem::take(&mut self.routines.known);
                     let (name, label) = match self.random.below(2) {
                         0 => (format!("part{index}"), format!("<part{index}>")),
@@ -69,12 +69,12 @@ impl Writer {
         self.lines.extend(before);
     }
 
-    /// Puts a subprogram before or behind the program.
+    /// Writes a subprogram before or after the program.
     fn place(&mut self, mut body: Vec<String>, before: &mut Vec<String>) {
         if self.random.one_in(2) {
             return self.put_behind(body);
         }
-        // The peer takes the value of an endsub that it passes over for one that was returned.
+        // LinuxCNC takes the value of a skipped endsub for a returned one.
         if let Some((end, value)) =
             body.pop().and_then(|end| Some((end.clone(), end.split_once("endsub")?.1.to_owned())))
         {
@@ -87,13 +87,14 @@ impl Writer {
         before.append(&mut body);
     }
 
-    /// Puts a subprogram behind the program, before those that it calls: the peer looks for one from the call on.
+    /// Writes a subprogram after the program, before those that it calls: LinuxCNC searches for one from the call
+    /// onwards.
     fn put_behind(&mut self, mut body: Vec<String>) {
         body.append(&mut self.routines.behind);
         self.routines.behind = body;
     }
 
-    /// The lines of a subprogram; with `sub` and `endsub` around them if they belong to it.
+    /// Returns the lines of a subprogram, with `sub` and `endsub` around them if they belong to it.
     fn body(&mut self, labelled: impl Fn(&str) -> String, is_sub: bool) -> Vec<String> {
         let outer = std::mem::take(&mut self.lines);
         let names = std::mem::take(&mut self.names);
@@ -124,7 +125,7 @@ impl Writer {
                 self.label += 1;
                 let (condition, value) = (self.expression(1), self.expression(1));
                 let end = if self.random.one_in(2) { format!("return [{value}]") } else { "return".into() };
-                // The label of a return may be any.
+                // A return may have any label.
                 let end = match self.random.below(3) {
                     0 => format!("O{} {end}", 2000 + self.label),
                     1 => format!("o<away> {end}"),
@@ -142,7 +143,7 @@ impl Writer {
         std::mem::replace(&mut self.lines, outer)
     }
 
-    /// A call of one of the subprograms that there are.
+    /// Writes a call of one of the known subprograms.
     pub(super) fn call(&mut self) {
         if self.routines.known.is_empty() {
             return self.straight();
@@ -152,7 +153,7 @@ impl Writer {
             Callable::Sub(label) => {
                 let arguments: Vec<String> =
                     (0..self.random.below(4)).map(|_| format!("[{}]", self.expression(1))).collect();
-                // What a calculated call means is not known when the program is opened, so it reaches no file.
+                // The target of a calculated call is not known when the program is opened, so it reaches no file.
                 let is_number =
                     label.parse::<u32>().is_ok() && !self.routines.files.iter().any(|(name, _)| *name == label);
                 let label = match self.random.below(3) {
@@ -178,8 +179,8 @@ impl Writer {
         self.lines.push("G17 G90 G91.1".to_owned());
     }
 
-    /// A while loop with a `break` or a `continue`, and an `if` with all its branches. Loops of do and repeat are left early in the tests of
-    /// control.rs, where the peer goes wrong.
+    /// Writes a while loop with a `break` or a `continue`, and an `if` with all its branches. Early exits of do and
+    /// repeat loops are tested in control.rs, where LinuxCNC is wrong.
     pub(super) fn early_leaving(&mut self) {
         self.label += 2;
         let (outer, inner) = (self.label - 1, self.label);
@@ -191,7 +192,7 @@ impl Writer {
         self.lines.push(format!("o{outer} while [{counter} LT {rounds}]"));
         self.lines.push(format!("{counter}=[{counter}+1]"));
         let (first, second) = (self.random.below(4), self.random.below(4));
-        // One such word a loop: of two the peer takes the wrong one.
+        // One such word per loop: of two, LinuxCNC uses the wrong one.
         let leave = self.random.pick(&["break", "continue", "BREAK", "Continue"]).to_owned();
         self.lines.push(format!("O{inner} if [{counter} EQ {first}]"));
         if self.random.one_in(2) {
@@ -210,7 +211,8 @@ impl Writer {
         self.lines.push(format!("O{outer} endwhile"));
     }
 
-    /// A parameter file: origins, rotations, positions of G28 and G30, an offset of G92, the coordinate system in force.
+    /// Writes a parameter file: origins, rotations, positions of G28 and G30, an offset of G92, the coordinate system
+    /// in force.
     pub(super) fn parameter_file(&mut self) -> String {
         let mut lines = Vec::new();
         let mut add = |number: u32, value: String| lines.push(format!("{number}\t{value}"));

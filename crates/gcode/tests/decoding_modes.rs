@@ -1,15 +1,15 @@
-//! The four ways that `cargo xtask bench pre9` measures give the same canonical functions.
+//! The four decoding modes that `cargo xtask bench pre9` measures give the same canonical functions.
 
-mod ways;
+mod decoding;
 
+use decoding::{DECODING_MODES, DecodingMode, decode, program};
 use retrace_gcode::Canon;
 use std::path::Path;
-use ways::{WAYS, Way, decode, program};
 
-fn decoded(way: Way, text: &str) -> Vec<Canon> {
+fn decoded(way: DecodingMode, text: &str) -> Vec<Canon> {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../cycles/cycles/CYCLE81.SPF");
     let mut calls = Vec::new();
-    // Line 0 has what comes before and after any program, which whoever reads single lines does not have.
+    // Line 0 has the functions before and after any program, which a reader of single lines does not have.
     decode(way, text, &source, &mut |step| calls.extend((step.line > 0).then(|| step.canon.clone())));
     calls
 }
@@ -18,11 +18,11 @@ fn decoded(way: Way, text: &str) -> Vec<Canon> {
 fn all_ways_give_the_same_canonical_functions() {
     for (cycles, calls) in [(0, 0), (50, 0), (0, 50), (20, 30), (50, 50)] {
         let text = program(400, cycles, calls);
-        let expected = decoded(Way::Both, &text);
+        let expected = decoded(DecodingMode::Both, &text);
         // A cycle is three moves, a subprogram two.
         let least = 400 + 8 * cycles + 4 * calls;
         assert!(expected.len() >= least as usize, "{} calls", expected.len());
-        for way in WAYS {
+        for way in DECODING_MODES {
             let found = decoded(way, &text);
             assert!(found == expected, "{way:?} with {cycles} % cycles and {calls} % calls differs");
         }

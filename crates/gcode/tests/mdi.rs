@@ -1,4 +1,5 @@
-//! Blocks by hand, one after the other, against a program that holds the same lines; and what the program after them sees.
+//! MDI blocks, one after another, compared with a program of the same lines; and the state that the program after them
+//! has.
 
 use retrace_gcode::{
     ActiveCodes, Axis, Canon, CanonStep, ErrorCode, ModalSnapshot, Pose, Program, Progress, Setup, Severity, SubFile,
@@ -22,7 +23,7 @@ fn setup() -> Setup {
     Setup { tools, files: Some(Arc::new(Folder)), ..Setup::default() }
 }
 
-/// Where the machine is behind these steps, and what they came to.
+/// Returns the state after these steps, and the steps.
 fn carried_out(mut program: Program<&'static [u8]>) -> (ModalSnapshot, Vec<CanonStep>) {
     let mut steps = Vec::new();
     while program.advance(&mut steps) == Progress::Line {}
@@ -36,7 +37,7 @@ fn carried_out(mut program: Program<&'static [u8]>) -> (ModalSnapshot, Vec<Canon
     (program.interpreter().modal_snapshot(), steps)
 }
 
-/// Carries out blocks by hand; the machine stands each time where the block before has brought it, or where `moved` says.
+/// Executes MDI blocks. Before each, the machine is where the previous block has moved it, or where `moved` puts it.
 fn by_hand(lines: &[&str], moved: impl Fn(usize, Pose) -> Pose) -> (ModalSnapshot, Vec<Vec<CanonStep>>) {
     let mut carried: Option<ModalSnapshot> = None;
     let mut all = Vec::new();
@@ -88,7 +89,7 @@ fn blocks_by_hand_do_what_the_same_lines_do_in_a_program() {
         let lines = &LINES[..count];
         let text = format!("{}\nM0\n", lines.join("\n"));
         let mut program = Program::<&[u8]>::prescanned(
-            Arc::new(retrace_gcode::Prescan::of("p", text.as_str().into(), &setup())),
+            Arc::new(retrace_gcode::Prescan::scan("p", text.as_str().into(), &setup())),
             setup(),
         );
         let mut steps = Vec::new();
@@ -105,7 +106,7 @@ fn blocks_by_hand_do_what_the_same_lines_do_in_a_program() {
     }
 }
 
-/// What a track needs to know before the block's own steps is told again.
+/// The modes that a track needs before the block's own steps are emitted again.
 #[test]
 fn each_block_tells_the_modes_that_its_moves_build_on() {
     let (_, steps) = by_hand(&["G43.1 Z5", "G18 G64 P0.1 Q0.2", "G20 F10", "G95 F0.5", "G1 X1 S100 M3"], |_, at| at);
@@ -121,7 +122,7 @@ fn each_block_tells_the_modes_that_its_moves_build_on() {
     assert_eq!(canon[0], &Canon::UseLengthUnits(retrace_gcode::LengthUnit::Inch));
 }
 
-/// A jog between two blocks: the second one begins where the machine stands then.
+/// A jog between two blocks: the second one begins at the machine position after it.
 #[test]
 fn the_machine_may_have_been_moved_in_between() {
     let jogged = Pose::xyz(100.0, 50.0, 25.0);
@@ -131,7 +132,7 @@ fn the_machine_may_have_been_moved_in_between() {
     assert_eq!(left.state().position, Pose::xyz(106.0, 0.0, 0.0));
 }
 
-/// A program sees what a parameter file would keep, the tool table and the tool; no mode, no name, no local parameter.
+/// A program receives what a parameter file stores, the tool table and the tool; no mode, no name, no local parameter.
 #[test]
 fn the_program_after_them_sees_offsets_and_tools_and_no_modes() {
     let lines = [
@@ -148,13 +149,14 @@ fn the_program_after_them_sees_offsets_and_tools_and_no_modes() {
     let (left, _) = by_hand(&lines, |_, position| position);
     let text = "G43\nG1 X0 F#31\n#31 = [#5 + EXISTS[#<_name>]]\nM0\n";
     let follow = setup().following(&left);
-    let program = Program::prescanned(Arc::new(retrace_gcode::Prescan::of("p", text.into(), &follow)), follow.clone());
+    let program =
+        Program::prescanned(Arc::new(retrace_gcode::Prescan::scan("p", text.into(), &follow)), follow.clone());
     let (after, _) = carried_out(program);
     let told = ActiveCodes::from(after.state()).to_string();
     assert_eq!(told, "G1 G17 G21 G40 G43 G56 G64 G80 G90 G91.1 G92 G94 G97 M5 M9 T1 F7 S0");
     assert_eq!((after.state().tool_offset[Axis::Z], after.state().origin[Axis::X]), (33.0, 5.0));
     assert_eq!(after.parameters().get(31), 0.0);
-    // The same by way of the file.
+    // The same through the file.
     let file = retrace_gcode::Parameters::read(&left.parameters().write()).expect("its own text");
     assert_eq!(file, left.parameters().persistent());
 }
@@ -165,13 +167,13 @@ fn what_needs_more_than_a_line_is_refused_with_its_place() {
     for text in
         ["O1 while [1]", "O1 if [1]", "O1 endwhile", "O2 sub", "O100", "M99", "G41.1 D3", "G0 X1\nG0 X2", "%", "MCALL"]
     {
-        assert_eq!(refused(text), ErrorCode::NotByHand, "{text}");
+        assert_eq!(refused(text), ErrorCode::NotMdi, "{text}");
     }
     assert_eq!(
         (refused("  "), refused("G0 G1 X1"), refused("O<none> call")),
         (ErrorCode::EmptyProgram, ErrorCode::TwoGOfGroup, ErrorCode::NoSuchSub)
     );
-    // In the block itself the diagnostics come as in a program.
+    // In the block itself the diagnostics are as in a program.
     let mut program = Program::<&[u8]>::mdi("G1 X1", setup()).expect("it can be read");
     let mut steps = Vec::new();
     assert_eq!(program.advance(&mut steps), Progress::Refused);

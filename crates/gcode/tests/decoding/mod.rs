@@ -1,32 +1,34 @@
 //! Four ways to decode a program: line by line, with precompiled cycles, with pre-scan, with both (PRE-9).
 //!
-//! The plain way holds nothing back from one line to the next: a cycle is read from its file and compiled at every call, a call looks
-//! for its subprogram through the text and reads its lines anew. All four share blocks, cycles and text output, so what differs is the
-//! preprocessing alone.
+//! The plain mode caches nothing from one line to the next: a cycle is read from its file and compiled at every call, a
+//! call searches the text for its subprogram and reads its lines again. All four share blocks, cycles and text output,
+//! so they differ in the preprocessing alone.
 //!
-//! Invariant: all ways give the same canonical functions.
+//! Invariant: all modes give the same canonical functions.
 
 use retrace_gcode::cycles::CycleLibrary;
-use retrace_gcode::{BlockRefused, CanonStep, Interpreter, Prescan, Program, ProgramFlow, Progress, Setup};
+use retrace_gcode::{BlockRefusedError, CanonStep, Interpreter, Prescan, Program, ProgramFlow, Progress, Setup};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
-/// How a program is decoded.
+/// Preprocessing with which a program is decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Way {
+pub(crate) enum DecodingMode {
     Plain,
     PrecompiledCycles,
     Prescan,
     Both,
 }
 
-pub(crate) const WAYS: [Way; 4] = [Way::Plain, Way::PrecompiledCycles, Way::Prescan, Way::Both];
+pub(crate) const DECODING_MODES: [DecodingMode; 4] =
+    [DecodingMode::Plain, DecodingMode::PrecompiledCycles, DecodingMode::Prescan, DecodingMode::Both];
 
-/// Subprograms behind the end of the program.
+/// Number of subprograms after the end of the program.
 const SUBS: u32 = 20;
 
-/// A program of `lines` lines before its end, of which every hundred have so many calls of a cycle and of subprograms, spread evenly.
+/// Returns a program of `lines` lines before its end, with the given number of calls of a cycle and of subprograms per
+/// hundred lines, spread evenly.
 pub(crate) fn program(lines: u32, cycles_in_100: u32, calls_in_100: u32) -> String {
     let mut text = String::from("G21 G90 G17\nF1000\nG0 X0 Y0 Z20\n");
     for line in 0..lines {
@@ -59,12 +61,12 @@ fn library(source: &Path) -> Arc<CycleLibrary> {
 }
 
 /// Decodes a program; `source` is the file of the cycle.
-pub(crate) fn decode(way: Way, text: &str, source: &Path, take: &mut dyn FnMut(&CanonStep)) {
+pub(crate) fn decode(way: DecodingMode, text: &str, source: &Path, take: &mut dyn FnMut(&CanonStep)) {
     let setup = Setup { cycles: Some(library(source)), ..Setup::rs274() };
-    let compiles_at_call = matches!(way, Way::Plain | Way::Prescan).then_some(source);
+    let compiles_at_call = matches!(way, DecodingMode::Plain | DecodingMode::Prescan).then_some(source);
     match way {
-        Way::Plain | Way::PrecompiledCycles => plain(text, setup, compiles_at_call, take),
-        Way::Prescan | Way::Both => prescanned(text, setup, compiles_at_call, take),
+        DecodingMode::Plain | DecodingMode::PrecompiledCycles => plain(text, setup, compiles_at_call, take),
+        DecodingMode::Prescan | DecodingMode::Both => prescanned(text, setup, compiles_at_call, take),
     }
 }
 
@@ -73,7 +75,7 @@ fn is_cycle(line: &[u8]) -> bool {
 }
 
 fn prescanned(text: &str, setup: Setup, compiles_at_call: Option<&Path>, take: &mut dyn FnMut(&CanonStep)) {
-    let prescan = Arc::new(Prescan::of("program", text.into(), &setup));
+    let prescan = Arc::new(Prescan::scan("program", text.into(), &setup));
     let cycle_lines: Vec<bool> = text.lines().map(|line| is_cycle(line.as_bytes())).collect();
     let mut program = Program::<&[u8]>::prescanned(prescan, setup);
     let mut steps = Vec::new();
@@ -109,7 +111,7 @@ fn plain(text: &str, setup: Setup, compiles_at_call: Option<&Path>, take: &mut d
     }
 }
 
-/// The lines of a text from a place on.
+/// The lines of a text from a position.
 struct Lines<'a> {
     text: &'a [u8],
     next: usize,
@@ -120,7 +122,7 @@ impl<'a> Iterator for Lines<'a> {
 
     fn next(&mut self) -> Option<&'a [u8]> {
         let rest = self.text.get(self.next..).filter(|rest| !rest.is_empty())?;
-        // The standard library's own search, which is a fast one.
+        // The standard library's own search, which is fast.
         let length = std::io::BufRead::skip_until(&mut &*rest, b'\n').expect("memory");
         self.next += length;
         let line = &rest[..length];
@@ -138,8 +140,8 @@ struct Plain<'a> {
 }
 
 impl<'a> Plain<'a> {
-    /// Carries out a line; `behind` is where the next one begins.
-    fn line(&mut self, line: &[u8], behind: usize) -> Result<ProgramFlow, BlockRefused> {
+    /// Executes a line; `behind` is the position of the next one.
+    fn line(&mut self, line: &[u8], behind: usize) -> Result<ProgramFlow, BlockRefusedError> {
         if let Some((number, argument)) = call_of(line) {
             return self.call(number, argument, behind);
         }
@@ -151,8 +153,8 @@ impl<'a> Plain<'a> {
         self.interpreter.line(line, &mut self.steps)
     }
 
-    /// Looks for the subprogram, from the call to the end and then from the beginning, and reads its lines.
-    fn call(&mut self, number: &[u8], argument: &[u8], behind: usize) -> Result<ProgramFlow, BlockRefused> {
+    /// Searches for the subprogram, from the call to the end and then from the beginning, and reads its lines.
+    fn call(&mut self, number: &[u8], argument: &[u8], behind: usize) -> Result<ProgramFlow, BlockRefusedError> {
         self.assignment.clear();
         self.assignment.push_str("#1=");
         self.assignment.push_str(&String::from_utf8_lossy(argument));
@@ -178,14 +180,14 @@ impl<'a> Plain<'a> {
     }
 }
 
-/// Number and argument of a call.
+/// Returns number and argument of a call.
 fn call_of(line: &[u8]) -> Option<(&[u8], &[u8])> {
     let rest = line.strip_prefix(b"O")?;
     let at = rest.windows(6).position(|word| word == b" call ")?;
     Some((&rest[..at], &rest[at + 6..]))
 }
 
-/// The number of an O word with this keyword.
+/// Returns the number of an O word with this keyword.
 fn word_of<'t>(line: &'t [u8], keyword: &[u8]) -> Option<&'t [u8]> {
     line.strip_prefix(b"O")?.strip_suffix(keyword)
 }
