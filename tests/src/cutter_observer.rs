@@ -33,7 +33,7 @@ const CHANGES: usize = 80;
 
 /// Result of the observation.
 #[derive(Clone, Debug, Default)]
-pub struct Observation {
+pub struct ObservedPins {
     /// Violations, with their times.
     pub violations: Vec<String>,
     /// Number of ignitions.
@@ -52,7 +52,7 @@ pub struct Observation {
 
 /// A trace being observed.
 #[derive(Debug)]
-pub struct Observation(JoinHandle<Observation>);
+pub struct Observation(JoinHandle<ObservedPins>);
 
 impl Observation {
     /// Result; waits until the card has ended.
@@ -60,7 +60,7 @@ impl Observation {
     /// # Panics
     /// Where the trace cannot be read.
     #[must_use]
-    pub fn ended(self) -> Observation {
+    pub fn ended(self) -> ObservedPins {
         self.0.join().expect("the trace is read")
     }
 }
@@ -124,7 +124,7 @@ pub struct Observer {
     changes: VecDeque<String>,
     /// Whether the last of them was the rate.
     ramp: bool,
-    seen: Observation,
+    seen: ObservedPins,
 }
 
 impl Observer {
@@ -149,7 +149,7 @@ impl Observer {
             moved_ms: 0.0,
             changes: VecDeque::new(),
             ramp: false,
-            seen: Observation::default(),
+            seen: ObservedPins::default(),
         }
     }
 
@@ -291,7 +291,7 @@ impl Observer {
 
     /// Ends the trace.
     #[must_use]
-    pub fn end(mut self) -> Observation {
+    pub fn end(mut self) -> ObservedPins {
         self.check_state();
         if self.on {
             self.check_standstill();
@@ -306,7 +306,7 @@ mod tests {
     use super::*;
 
     /// Line 2 is a cut; the torch is ready after 10 ms and may be at rest for 5.
-    fn seen(changes: &[(u64, &str)]) -> Observation {
+    fn seen(changes: &[(u64, &str)]) -> ObservedPins {
         let rules =
             Rules { fire: "spindle".into(), cut_lines: vec![2], ready_ms: [10.0, 30.0], standing_ms: Some(5.0) };
         let mut observer = Observer::new(rules);

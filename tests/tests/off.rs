@@ -10,7 +10,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, cases};
-use retrace_tests::cutter_observer::{Observation, Rules, observe};
+use retrace_tests::cutter_observer::{Observation, ObservedPins, Rules, observe};
 use retrace_tests::sender::TestRandom;
 use retrace_tests::served::ServedCard;
 
@@ -116,7 +116,7 @@ fn machine(bench: &Bench, kind: &Kind) -> String {
 }
 
 /// One job: results of the hosts, and of the observation of the pins.
-fn case(seed: u64) -> Result<(Vec<String>, Observation), String> {
+fn case(seed: u64) -> Result<(Vec<String>, ObservedPins), String> {
     let mut chance = TestRandom::new(seed);
     let kind = &KINDS[chance.below(KINDS.len())];
     let bench = Bench::new();
