@@ -114,7 +114,7 @@ fn ctrl_c_sigterm_and_sighup_stop_the_job_and_keep_its_breakpoint() {
     assert_eq!((&who["at_rest"], &who["alarm"]), (&Value::from(true), &Value::Null), "{who}");
     for signal in ["-TERM", "-HUP"] {
         let begun = Begun::of(&bench, &["resume", "--yes", "--json"]);
-        begun.until("out.txt", "\"goes_on\"");
+        begun.until("out.txt", "\"run_resumed\"");
         sleep(Duration::from_millis(100));
         begun.signal(signal);
         assert_stopped(begun.ended());

@@ -31,14 +31,14 @@ fn comes_back<const COUNT: usize, const W: usize, const N: usize>(c: &mut impl C
         at += 1;
     }
     holds!(wire[W - 1] == 0);
-    holds!(decoder.take(0) == Some(Ok(&payload)));
+    holds!(decoder.push(0) == Some(Ok(&payload)));
 }
 
 /// A byte in a frame is not zero and yields nothing.
 #[inline(always)]
 fn pass_nothing<const N: usize>(decoder: &mut FrameDecoder<N>, byte: u8) {
     holds!(byte != 0);
-    holds!(decoder.take(byte).is_none());
+    holds!(decoder.push(byte).is_none());
 }
 
 /// Every payload of `COUNT` bytes is returned from its frame.
@@ -60,11 +60,11 @@ fn finds_back(c: &mut impl Choice) -> Option<()> {
         if at < bytes {
             let byte = if at < good { start[at] } else { c.word() as u8 };
             c.assume(byte != 0)?;
-            holds!(decoder.take(byte).is_none());
+            holds!(decoder.push(byte).is_none());
         }
         at += 1;
     }
-    match decoder.take(0) {
+    match decoder.push(0) {
         None => holds!(bytes == 0),
         Some(Ok(found)) => holds!(bytes == found.len() + OVERHEAD - 1),
         Some(Err(_)) => holds!(bytes > 0),
@@ -86,16 +86,16 @@ fn accepts_only_frames(c: &mut impl Choice) -> Option<()> {
     let check: [u8; 5] = core::array::from_fn(|at| if c.flag() { right[at] } else { c.word() as u8 });
     c.assume(!check.contains(&0))?;
     // Unrolled, so that the decoder's state is known between them.
-    decoder.take(covered[0]);
-    decoder.take(covered[1]);
-    decoder.take(covered[2]);
-    decoder.take(covered[3]);
-    decoder.take(check[0]);
-    decoder.take(check[1]);
-    decoder.take(check[2]);
-    decoder.take(check[3]);
-    decoder.take(check[4]);
-    let Some(Ok(found)) = decoder.take(0) else { return Some(()) };
+    decoder.push(covered[0]);
+    decoder.push(covered[1]);
+    decoder.push(covered[2]);
+    decoder.push(covered[3]);
+    decoder.push(check[0]);
+    decoder.push(check[1]);
+    decoder.push(check[2]);
+    decoder.push(check[3]);
+    decoder.push(check[4]);
+    let Some(Ok(found)) = decoder.push(0) else { return Some(()) };
     holds!(found.len() == COUNT);
     let found = [found[0], found[1]];
     let mut wire = [0; COUNT + OVERHEAD];
@@ -243,8 +243,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "bytes behind the check are passed over",
                 file: FRAME,
-                find: "Due::End { .. } => Due::Nothing(FrameDamage::Length),",
-                put: "Due::End { length } => Due::End { length },",
+                find: "Expected::End { .. } => Expected::Damaged(FrameDamage::Length),",
+                put: "Expected::End { length } => Expected::End { length },",
                 killer: "frames_find_back",
             },
             Mutant {
@@ -257,8 +257,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "a zero byte does not end damage",
                 file: FRAME,
-                find: "match core::mem::replace(&mut self.due, Due::Length) {",
-                put: "match self.due {",
+                find: "match core::mem::replace(&mut self.expected, Expected::Length) {",
+                put: "match self.expected {",
                 killer: "frames_find_back",
             },
         ],
@@ -323,20 +323,20 @@ fn long(size: Size) -> String {
     for _ in 0..frames {
         for _ in 0..draw.below(40) {
             let noise = draw.word() as u8;
-            match decoder.take(noise) {
+            match decoder.push(noise) {
                 Some(Ok(found)) => panic!("noise is accepted: {found:02X?}"),
                 found => refused += u64::from(found.is_some()),
             }
         }
-        refused += u64::from(decoder.take(0).is_some());
+        refused += u64::from(decoder.push(0).is_some());
         let (count, zeros) = (1 + draw.below(MAX_PAYLOAD as u32) as usize, 1 + draw.below(300));
         let payload: [u8; MAX_PAYLOAD] =
             core::array::from_fn(|_| if draw.below(zeros) == 0 { 0 } else { draw.word() as u8 });
         let mut wire = [0; MAX_WIRE];
         let frame = encode(&payload[..count], &mut wire).expect("a payload of 1 to 200 bytes");
         let (last, others) = frame.split_last().expect("a frame has bytes");
-        assert!(others.iter().all(|&byte| byte != 0 && decoder.take(byte).is_none()) && *last == 0);
-        assert!(decoder.take(0) == Some(Ok(&payload[..count])));
+        assert!(others.iter().all(|&byte| byte != 0 && decoder.push(byte).is_none()) && *last == 0);
+        assert!(decoder.push(0) == Some(Ok(&payload[..count])));
     }
     format!("{frames} frames of up to {MAX_PAYLOAD} bytes came back, {refused} stretches of noise were refused")
 }

@@ -9,7 +9,7 @@ use crate::harness::{harnesses, holds};
 use crate::ledger::{Mutant, Row, Search, Size};
 #[cfg(not(any(kani, verify_wasm)))]
 use retrace_card::permit::CutterPermit;
-use retrace_card::permit::{PermitConditions, PermitTimer, check};
+use retrace_card::permit::{PermitConditions, PermitTimer, check_channel};
 #[cfg(not(any(kani, verify_wasm)))]
 use retrace_link::MAX_CUTTING_CHANNELS;
 use retrace_link::{CutterOffCause, CuttingChannel, CuttingSettings};
@@ -21,7 +21,7 @@ fn any_conditions(c: &mut impl Choice) -> PermitConditions {
         2 => Some(CutterOffCause::EpochClosed),
         _ => None,
     };
-    PermitConditions { denied, backward: c.flag(), moving: c.flag(), awaits: c.flag(), keeps: c.flag() }
+    PermitConditions { denied, backward: c.flag(), moving: c.flag(), awaits_motion: c.flag(), keeps_cutter: c.flag() }
 }
 
 fn any_channel(c: &mut impl Choice, number: u8, most: u32) -> CuttingChannel {
@@ -36,8 +36,8 @@ fn any_timer(c: &mut impl Choice, of: &CuttingChannel, settings: &CuttingSetting
 
 /// Whether the requirements permit that a channel that fires is on in this period, after a standstill of that length.
 fn is_permitted(of: &CuttingChannel, settings: &CuttingSettings, timer: PermitTimer, now: &PermitConditions) -> bool {
-    let stands = !now.moving && !now.keeps;
-    let waits = now.awaits && timer.handover < settings.handover_periods;
+    let stands = !now.moving && !now.keeps_cutter;
+    let waits = now.awaits_motion && timer.handover < settings.handover_periods;
     let stood_too_long = stands && !waits && timer.standing >= of.standing_periods;
     now.denied.is_none() && !settings.inhibit && (of.lit_in_reverse || !now.backward) && !stood_too_long
 }
@@ -50,13 +50,13 @@ fn one_channel(c: &mut impl Choice) -> Option<()> {
     let settings = CuttingSettings { handover_periods, inhibit: c.flag(), ..CuttingSettings::default() };
     let timer = any_timer(c, &of, &settings);
     let now = any_conditions(c);
-    match check(&of, &settings, timer, &now) {
+    match check_channel(&of, &settings, timer, &now) {
         Ok(after) => {
             holds!(!of.fires && !settings.inhibit || of.fires && is_permitted(&of, &settings, timer, &now));
             holds!(after.standing <= of.standing_periods && after.handover <= settings.handover_periods);
             let counted = u32::from(after.standing) + u32::from(after.handover);
             let before = u32::from(timer.standing) + u32::from(timer.handover);
-            let stands = of.fires && !now.moving && !now.keeps;
+            let stands = of.fires && !now.moving && !now.keeps_cutter;
             holds!(!stands || counted == before + 1);
         }
         Err(_) => holds!(settings.inhibit || of.fires && !is_permitted(&of, &settings, timer, &now)),
@@ -80,7 +80,7 @@ fn outputs_of_a_period(c: &mut impl Choice) -> Option<()> {
     let now = any_conditions(c);
     let (asked, other) = ([c.word() as i32, c.word() as i32], c.word() as i32);
     let mut outputs = [asked[0], other, asked[1]];
-    let outcome = permit.period(&mut outputs, &now);
+    let outcome = permit.apply_period(&mut outputs, &now);
     holds!(outputs[1] == other);
     let after = [outputs[0], outputs[2]];
     let (mut off, mut blocks, mut k) = (0, false, 0);
@@ -117,11 +117,11 @@ fn a_history<const PERIODS: usize>(c: &mut impl Choice) -> Option<()> {
         if c.flag() {
             lit = c.flag();
         }
-        let after = check(&of, &settings, timer, &now);
+        let after = check_channel(&of, &settings, timer, &now);
         lit &= after.is_ok();
         timer = if let (true, Ok(after)) = (lit, after) { after } else { PermitTimer::default() };
         holds!(!lit || now.denied.is_none() && !settings.inhibit && (of.lit_in_reverse || !now.backward));
-        stood = if lit && !now.moving && !now.keeps { stood + 1 } else { 0 };
+        stood = if lit && !now.moving && !now.keeps_cutter { stood + 1 } else { 0 };
         holds!(stood <= most);
         k += 1;
     }
@@ -254,15 +254,15 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "the permit is applied before the alarms of the period",
             file: CARD,
-            find: "self.player.apply_permit(self.denied());",
+            find: "self.player.apply_permit(self.permit_denial());",
             put: "self.player.apply_permit(None);",
             killer: "permit-card",
         },
         Mutant {
             name: "a closed epoch lets a channel burn",
             file: CARD,
-            find: "None if !self.is_open || self.off_the_path => Some(CutterOffCause::EpochClosed),",
-            put: "None if self.off_the_path => Some(CutterOffCause::EpochClosed),",
+            find: "None if !self.is_open || self.epoch_required => Some(CutterOffCause::EpochClosed),",
+            put: "None if self.epoch_required => Some(CutterOffCause::EpochClosed),",
             killer: "permit-card",
         },
     ],

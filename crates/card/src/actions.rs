@@ -1,13 +1,13 @@
-//! The output actions on the records that the card holds (REV-14; GMC, *synchronous*).
+//! The output actions of the records that the card holds (REV-14; GMC, *synchronous*).
 //!
-//! Invariant: actions are kept in the order of their places; an action is executed when the cursor leaves its place forward
-//! and, where actions are replayed, undone when the cursor comes back over it.
+//! Invariant: actions are stored in the order of their places. An action is executed when the cursor leaves its place
+//! forward and, if actions are replayed, undone when the cursor passes it backward.
 
 use retrace_core::place::is_before;
 use retrace_core::{Place, Travel};
 use retrace_link::{CommandRefusal, OutputAction};
 
-/// At most `N` actions, in order of their places.
+/// Table of at most `N` actions, in order of their places.
 #[derive(Clone, Debug)]
 pub struct ActionTable<const N: usize> {
     actions: [OutputAction; N],
@@ -21,19 +21,19 @@ impl<const N: usize> Default for ActionTable<N> {
 }
 
 impl<const N: usize> ActionTable<N> {
-    /// No actions.
+    /// Creates an empty table.
     #[must_use]
     pub const fn new() -> Self {
         Self { actions: [OutputAction { place: 0, channel: 0, before: 0, after: 0 }; N], count: 0 }
     }
 
-    /// Forgets all actions.
+    /// Removes all actions.
     pub const fn clear(&mut self) {
         self.count = 0;
     }
 
-    /// Takes an action in at its place, behind those of the same place. Where the table is full, one that lies outside the
-    /// window (`low … high`) makes room.
+    /// Inserts an action at its place, after those of the same place. If the table is full, actions outside the window
+    /// (`low … high`) are removed first.
     pub fn insert(&mut self, action: OutputAction, low: u32, high: u32) -> Result<(), CommandRefusal> {
         if self.actions[..self.count].contains(&action) {
             return Ok(());
@@ -52,33 +52,36 @@ impl<const N: usize> ActionTable<N> {
     }
 
     fn forget_outside(&mut self, low: u32, high: u32) {
-        let mut kept = 0;
+        let mut retained = 0;
         for k in 0..self.count {
             let place = self.actions[k].place;
             if !is_before(place, low) && !is_before(high, place) {
-                self.actions[kept] = self.actions[k];
-                kept += 1;
+                self.actions[retained] = self.actions[k];
+                retained += 1;
             }
         }
-        self.count = kept;
+        self.count = retained;
     }
 
-    /// The actions whose place the cursor leaves forward on its way `from` … `to`, in order.
-    pub fn left_forward(&self, from: Place, to: Place) -> impl Iterator<Item = &OutputAction> {
-        let way = from.distance_to(to);
-        self.actions[..self.count].iter().filter(move |a| within(from.distance_to(Place::start_of(a.place)), way))
+    /// Returns the actions whose place the cursor leaves forward between `from` and `to`, in order.
+    pub fn passed_forward(&self, from: Place, to: Place) -> impl Iterator<Item = &OutputAction> {
+        let distance = from.distance_to(to);
+        self.actions[..self.count].iter().filter(move |a| within(from.distance_to(Place::start_of(a.place)), distance))
     }
 
-    /// The actions that the cursor comes back over on its way `from` … `to` (`to` lying behind), last first.
-    pub fn undone_backward(&self, from: Place, to: Place) -> impl Iterator<Item = &OutputAction> {
-        let way = to.distance_to(from);
-        self.actions[..self.count].iter().rev().filter(move |a| within(to.distance_to(Place::start_of(a.place)), way))
+    /// Returns the actions that the cursor passes backward between `from` and `to` (`to` is behind), last first.
+    pub fn passed_backward(&self, from: Place, to: Place) -> impl Iterator<Item = &OutputAction> {
+        let distance = to.distance_to(from);
+        self.actions[..self.count]
+            .iter()
+            .rev()
+            .filter(move |a| within(to.distance_to(Place::start_of(a.place)), distance))
     }
 }
 
-/// Is `x` in 0 … `way`, the end excluded?
-fn within(x: Travel, way: Travel) -> bool {
-    (0..way).contains(&x)
+/// Whether `x` is in 0 … `distance`, the end excluded.
+fn within(x: Travel, distance: Travel) -> bool {
+    (0..distance).contains(&x)
 }
 
 #[cfg(test)]
@@ -95,13 +98,13 @@ mod tests {
         for a in [action(5, 1), action(3, 0), action(5, 0)] {
             table.insert(a, 0, 10).expect("room");
         }
-        let all: Vec<OutputAction> = table.left_forward(Place::start_of(3), Place::start_of(6)).copied().collect();
+        let all: Vec<OutputAction> = table.passed_forward(Place::start_of(3), Place::start_of(6)).copied().collect();
         assert_eq!(all, [action(3, 0), action(5, 1), action(5, 0)]);
-        let back: Vec<OutputAction> = table.undone_backward(Place::start_of(6), Place::start_of(3)).copied().collect();
+        let back: Vec<OutputAction> = table.passed_backward(Place::start_of(6), Place::start_of(3)).copied().collect();
         assert_eq!(back, [action(5, 0), action(5, 1), action(3, 0)]);
         // a place that is only arrived at is not left yet
-        assert_eq!(table.left_forward(Place::start_of(4), Place::start_of(5)).count(), 0);
-        assert_eq!(table.undone_backward(Place { record: 5, fraction: 1 }, Place::start_of(5)).count(), 2);
+        assert_eq!(table.passed_forward(Place::start_of(4), Place::start_of(5)).count(), 0);
+        assert_eq!(table.passed_backward(Place { record: 5, fraction: 1 }, Place::start_of(5)).count(), 2);
     }
 
     #[test]
@@ -111,6 +114,6 @@ mod tests {
         table.insert(action(2, 0), 0, 10).expect("room");
         assert_eq!(table.insert(action(3, 1), 0, 10), Err(CommandRefusal::Full));
         table.insert(action(3, 1), 2, 10).expect("the first is behind the window");
-        assert_eq!(table.left_forward(Place::start_of(0), Place::start_of(9)).count(), 2);
+        assert_eq!(table.passed_forward(Place::start_of(0), Place::start_of(9)).count(), 2);
     }
 }

@@ -1,109 +1,113 @@
-//! Homing: an axis finds its home switch (LinuxCNC and grbl call the cycle so too).
+//! Homing: an axis finds its home switch (LinuxCNC and grbl use the same term).
 //!
-//! Fast toward the switch; where it closes, to rest; slowly back until it opens again, which is the place that the count refers to; to
-//! rest. Speeds change by the same amount a period everywhere. Positions are whole pulses and a fraction of 2⁻³², so that a slow
-//! search makes exactly the pulses that its speed says.
+//! The axis moves fast toward the switch and comes to rest after it closes. It moves slowly back until the switch opens
+//! again, which is the place that the count refers to, and comes to rest. The speed changes by the same amount per
+//! period everywhere. Positions are whole pulses and a fraction of 2⁻³², so that a slow search emits exactly the pulses
+//! that its speed requires.
 //!
-//! Invariant: the increments of a search add up to what the axis has moved, none of them exceeds the faster of the order's two
-//! speeds rounded up, and a search ends at rest.
+//! Invariant: the increments of a search sum to the axis' displacement, none of them exceeds the faster of the
+//! command's two speeds rounded up, and a search ends at rest.
 
 use retrace_core::ONE;
 use retrace_link::HomingCommand;
 
-/// Where a search is.
+/// Phase of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum HomingPhase {
     /// Fast toward the switch.
     Toward,
-    /// It has closed: to rest.
+    /// The switch has closed: brake to rest.
     Overrun,
-    /// Slowly back; the search went this far when it turned.
+    /// Slowly back; `turned` is the displacement where the search reversed.
     Back { turned: i64 },
-    /// It has opened where the axis had moved so far: to rest.
+    /// The switch has opened at displacement `edge`: brake to rest.
     Settle { edge: i64 },
-    /// No further: to rest, and this is how it ends.
-    GiveUp(HomingEnd),
+    /// Brake to rest and end with this result.
+    Ending(HomingEnd),
 }
 
-/// How a search ended.
+/// Result of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HomingEnd {
-    /// The switch was found; the axis' count is this.
+    /// The switch was found; this is the axis' count.
     Found(i64),
-    /// The switch did not close, or did not open again, on the farthest way.
+    /// The switch did not close, or did not open again, within the maximum distance.
     NotFound,
-    /// It was stopped.
+    /// The search was stopped.
     Stopped,
 }
 
-/// One axis on the way to its switch.
+/// Search of one axis for its switch.
 #[derive(Clone, Debug)]
 pub struct HomingSearch {
-    order: HomingCommand,
+    command: HomingCommand,
     phase: HomingPhase,
     /// Speed toward the switch, in 2⁻³² pulses a period.
     speed: i64,
-    /// Part of a pulse that is still to be made, in 2⁻³².
+    /// Fraction of a pulse still to be emitted, in 2⁻³².
     fraction: i64,
-    /// Whole pulses made, toward the switch.
+    /// Whole pulses emitted, toward the switch.
     moved: i64,
 }
 
 impl HomingSearch {
-    /// A search at rest. `None` where the order's speeds are not above 0, or faster than `most` pulses a period, or its count is beyond
-    /// 2⁴⁸, where no axis is.
+    /// Creates a search at rest. Returns `None` if the command's speeds are not above 0, or faster than `most` pulses
+    /// per period, or its count is beyond 2⁴⁸, which no axis reaches.
     #[must_use]
     pub fn new(order: HomingCommand, most: u16) -> Option<Self> {
         let limit = i64::from(most) * ONE;
         let legal = |speed: i64| 0 < speed && speed <= limit;
         let near = order.count.unsigned_abs() <= 1 << 48;
         let valid = near && legal(order.search_speed) && legal(order.latch_speed) && order.acceleration > 0;
-        valid.then_some(Self { order, phase: HomingPhase::Toward, speed: 0, fraction: 0, moved: 0 })
+        valid.then_some(Self { command: order, phase: HomingPhase::Toward, speed: 0, fraction: 0, moved: 0 })
     }
 
-    /// The axis, and whether its upper end is sought.
+    /// Returns the axis, and whether its upper end is searched.
     #[must_use]
-    pub const fn seeks(&self) -> (u8, bool) {
-        (self.order.axis, self.order.upper)
+    pub const fn target_switch(&self) -> (u8, bool) {
+        (self.command.axis, self.command.upper)
     }
 
-    /// Brings the axis to rest; the search then ends as [`Ending::Stopped`], unless it has failed already.
+    /// Brings the axis to rest; the search then ends as [`HomingEnd::Stopped`], unless it has failed already.
     pub fn stop(&mut self) {
-        if !matches!(self.phase, HomingPhase::GiveUp(_)) {
-            self.phase = HomingPhase::GiveUp(HomingEnd::Stopped);
+        if !matches!(self.phase, HomingPhase::Ending(_)) {
+            self.phase = HomingPhase::Ending(HomingEnd::Stopped);
         }
     }
 
-    /// One control period, the switch being `closed` at its beginning: the axis' increment, and the ending where this was the last.
-    pub fn period(&mut self, closed: bool) -> (i32, Option<HomingEnd>) {
+    /// Runs one control period with the switch `closed` at its beginning. Returns the axis' increment, and the result
+    /// if this was the last period.
+    pub fn run_period(&mut self, closed: bool) -> (i32, Option<HomingEnd>) {
         self.observe_switch(closed);
-        if let (0, Some(ending)) = (self.speed, self.ending()) {
+        if let (0, Some(ending)) = (self.speed, self.end_at_rest()) {
             return (0, Some(ending));
         }
         let wanted = match self.phase {
-            HomingPhase::Toward => self.order.search_speed,
-            HomingPhase::Back { .. } => -self.order.latch_speed,
-            HomingPhase::Overrun | HomingPhase::Settle { .. } | HomingPhase::GiveUp(_) => 0,
+            HomingPhase::Toward => self.command.search_speed,
+            HomingPhase::Back { .. } => -self.command.latch_speed,
+            HomingPhase::Overrun | HomingPhase::Settle { .. } | HomingPhase::Ending(_) => 0,
         };
-        let most = self.order.acceleration;
+        let most = self.command.acceleration;
         self.speed += (wanted - self.speed).clamp(-most, most);
         self.fraction += self.speed;
         let pulses = self.fraction.div_euclid(ONE);
         self.fraction = self.fraction.rem_euclid(ONE);
         self.moved += pulses;
-        // At most `most` pulses a period, which is a 32-bit number.
+        // At most `most` pulses per period, which is a 32-bit number.
         let increment = pulses as i32;
-        (if self.order.upper { increment } else { -increment }, None)
+        (if self.command.upper { increment } else { -increment }, None)
     }
 
-    /// What the switch says, and how far it is.
+    /// Updates the phase from the switch and the displacement.
     fn observe_switch(&mut self, closed: bool) {
-        let farthest = i64::from(self.order.max_travel);
+        let max_travel = i64::from(self.command.max_travel);
         self.phase = match self.phase {
             HomingPhase::Toward if closed => HomingPhase::Overrun,
-            HomingPhase::Toward if self.moved >= farthest => HomingPhase::GiveUp(HomingEnd::NotFound),
+            HomingPhase::Toward if self.moved >= max_travel => HomingPhase::Ending(HomingEnd::NotFound),
             HomingPhase::Back { .. } if !closed => HomingPhase::Settle { edge: self.moved },
-            HomingPhase::Back { turned } if turned - self.moved >= farthest => HomingPhase::GiveUp(HomingEnd::NotFound),
+            HomingPhase::Back { turned } if turned - self.moved >= max_travel => {
+                HomingPhase::Ending(HomingEnd::NotFound)
+            }
             phase => phase,
         };
         if self.phase == HomingPhase::Overrun && self.speed == 0 {
@@ -111,13 +115,13 @@ impl HomingSearch {
         }
     }
 
-    fn ending(&self) -> Option<HomingEnd> {
+    fn end_at_rest(&self) -> Option<HomingEnd> {
         match self.phase {
             HomingPhase::Settle { edge } => {
-                let beyond = if self.order.upper { self.moved - edge } else { edge - self.moved };
-                Some(HomingEnd::Found(self.order.count + beyond))
+                let beyond = if self.command.upper { self.moved - edge } else { edge - self.moved };
+                Some(HomingEnd::Found(self.command.count + beyond))
             }
-            HomingPhase::GiveUp(ending) => Some(ending),
+            HomingPhase::Ending(ending) => Some(ending),
             HomingPhase::Toward | HomingPhase::Overrun | HomingPhase::Back { .. } => None,
         }
     }
@@ -128,7 +132,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A switch that is closed from position `at` on, seen from the axis; ends with the position, what ended it, and the periods.
+    /// A switch that is closed from position `at` on, seen from the axis; ends with the position, what ended it, and
+    /// the periods.
     fn run(order: HomingCommand, at: i64, stop: Option<u32>) -> (i64, HomingEnd, u32) {
         let mut search = HomingSearch::new(order, 100).expect("valid");
         let (mut position, mut speed) = (0i64, 0i64);
@@ -137,7 +142,7 @@ mod tests {
                 search.stop();
             }
             let closed = if order.upper { position >= at } else { position <= -at };
-            let (increment, ending) = search.period(closed);
+            let (increment, ending) = search.run_period(closed);
             position += i64::from(increment);
             let fastest = order.search_speed.max(order.latch_speed);
             assert!(i64::from(increment.abs()) <= (fastest + ONE - 1) / ONE);
@@ -189,15 +194,15 @@ mod tests {
         let (mut position, mut ending) = (0, None);
         while ending.is_none() {
             let increment;
-            (increment, ending) = search.period(true);
+            (increment, ending) = search.run_period(true);
             position += increment;
         }
         assert!(ending == Some(HomingEnd::NotFound) && (2000..2003).contains(&position), "{position}");
     }
 
     proptest! {
-        /// Wherever the switch is and however fast the order: the count says where the axis stands, as seen from the edge of the switch, to
-        /// within the way of one slow period.
+        /// Wherever the switch is and however fast the order: the count says where the axis stands, as seen from the
+        /// edge of the switch, to within the way of one slow period.
         #[test]
         fn the_count_refers_to_the_edge(
             upper in any::<bool>(), at in -300i64..1900, fast in 1..40 * ONE, slow in ONE / 50..3 * ONE, acceleration in ONE / 200..ONE,

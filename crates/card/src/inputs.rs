@@ -1,21 +1,21 @@
-//! The inputs of a card: what their levels mean, and the handwheel's encoder.
+//! The inputs of a card: the meaning of their levels, and the handwheel's encoder.
 //!
-//! Invariant: a level is turned into *active* in one place; inputs that the card does not have are never active.
+//! Invariant: a level is converted to *active* in one place; inputs that the card does not have are never active.
 
 use retrace_link::{InputSetting, InputUse, MAX_INPUTS};
 
-/// What a card reads once a control period.
+/// Input values that a card reads once per control period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InputLevels {
     /// Levels of the inputs, one bit each, as they are at the pins.
     pub levels: u16,
     /// The handwheel's quadrature count; it runs freely and wraps.
     pub encoder: u16,
-    /// The machine says that the instruction being executed has failed.
+    /// Whether the machine reports that the instruction being executed has failed.
     pub failed: bool,
 }
 
-/// The inputs as the settings describe them.
+/// Inputs as configured by the settings.
 #[derive(Clone, Debug, Default)]
 pub struct Inputs {
     uses: [InputUse; MAX_INPUTS],
@@ -26,14 +26,14 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// No inputs.
+    /// Creates a state without inputs.
     #[must_use]
     pub const fn new() -> Self {
         Self { uses: [InputUse::Plain; MAX_INPUTS], present: 0, active_low: 0, active: 0, encoder: None }
     }
 
-    /// Describes the first `count` inputs anew. What was read stays, so that a turn of the wheel is not lost.
-    pub fn describe(&mut self, settings: &[InputSetting; MAX_INPUTS], count: u8) {
+    /// Configures the first `count` inputs. The encoder count is retained, so that a turn of the wheel is not lost.
+    pub fn configure(&mut self, settings: &[InputSetting; MAX_INPUTS], count: u8) {
         let count = u32::from(count).min(MAX_INPUTS as u32);
         self.present = ((1u32 << count) - 1) as u16;
         self.active_low = 0;
@@ -44,7 +44,7 @@ impl Inputs {
         self.active &= self.present;
     }
 
-    /// Reads the inputs of a control period; how far the wheel has turned since the last one.
+    /// Reads the inputs of a control period and returns how far the wheel has turned since the last one.
     pub const fn read(&mut self, inputs: &InputLevels) -> i16 {
         self.active = (inputs.levels ^ self.active_low) & self.present;
         let before = match self.encoder {
@@ -55,19 +55,19 @@ impl Inputs {
         inputs.encoder.wrapping_sub(before) as i16
     }
 
-    /// Which inputs are active, one bit each.
+    /// Returns the active inputs, one bit each.
     #[must_use]
     pub const fn active(&self) -> u16 {
         self.active
     }
 
-    /// Is an input active that is used so?
+    /// Whether an input with this use is active.
     #[must_use]
     pub fn is_active(&self, used_for: InputUse) -> bool {
         self.active & self.mask_of(used_for) != 0
     }
 
-    /// The limit switches that are tripped: bit, axis, and whether it is the upper end.
+    /// Returns the tripped limit switches: bit, axis, and whether it is the upper end.
     pub fn tripped(&self) -> impl Iterator<Item = (u16, u8, bool)> {
         self.uses.iter().enumerate().filter_map(|(number, used_for)| match *used_for {
             InputUse::Limit { axis, upper } if self.active >> number & 1 == 1 => Some((1 << number, axis, upper)),
@@ -75,7 +75,8 @@ impl Inputs {
         })
     }
 
-    /// The switch by which an axis is homed at an end: its home switch, else the limit switch there, as a set of bits; 0 for none.
+    /// Returns the switch by which an axis is homed at an end: its home switch, else the limit switch there, as a set
+    /// of bits; 0 for none.
     #[must_use]
     pub fn home_switch(&self, axis: u8, upper: bool) -> u16 {
         match self.mask_of(InputUse::Home { axis }) {
@@ -101,7 +102,7 @@ mod tests {
         settings[1] = InputSetting { used_for: InputUse::Limit { axis: 1, upper: true }, active_low: false };
         settings[15] = InputSetting { used_for: InputUse::Door, active_low: true };
         let mut panel = Inputs::default();
-        panel.describe(&settings, 4);
+        panel.configure(&settings, 4);
         panel.read(&InputLevels { levels: 0b0011, ..InputLevels::default() });
         assert_eq!((panel.active(), panel.tripped().next()), (0b0010, Some((0b10, 1, true))));
         assert!(!panel.is_active(InputUse::EmergencyStop) && !panel.is_active(InputUse::Door));
@@ -109,7 +110,7 @@ mod tests {
         assert!(panel.is_active(InputUse::EmergencyStop) && panel.tripped().next().is_none());
         assert_eq!((panel.home_switch(1, true), panel.home_switch(1, false), panel.home_switch(0, true)), (2, 0, 0));
         settings[2].used_for = InputUse::Home { axis: 1 };
-        panel.describe(&settings, 255);
+        panel.configure(&settings, 255);
         assert_eq!((panel.home_switch(1, true), panel.home_switch(1, false)), (4, 4));
         panel.read(&InputLevels { levels: 0x7FFF, ..InputLevels::default() });
         assert!(panel.is_active(InputUse::Door));

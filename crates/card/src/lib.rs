@@ -1,14 +1,14 @@
-//! The card (design, idea 3): what runs on every retrace card, simulated or on a microcontroller.
+//! The card (design, idea 3): the code that runs on every retrace card, simulated or on a microcontroller.
 //!
-//! It holds a window of the recorded path around its cursor and plays it at the rate it is told, forward and backward; it executes
-//! switching instructions between the motion and output actions in passing, counts every pulse, homes its axes, watches its
-//! inputs and its host, and says on which tick every step pulse begins. What it does not know is bytes: the line's end speaks to it by
-//! [`retrace_link::Deck`].
+//! It holds a window of the recorded path around its cursor and plays it at the commanded rate, forward and backward.
+//! It executes switching instructions between motions and output actions during motion, counts every pulse, homes its
+//! axes, checks its inputs and its host, and determines the tick at which every step pulse begins. It does not handle
+//! bytes: the endpoint of the serial line calls it through [`retrace_link::CardCore`].
 //!
-//! Our stop is a stop of category 2 (IEC 60204-1): the motion is brought to rest under control and the power stays on. The card is only
-//! told of an emergency stop, which must be wired to cut the power by itself.
+//! The stop is a stop of category 2 (IEC 60204-1): the motion is brought to rest under control and the power stays on.
+//! The card only reads an emergency stop, which must be wired to cut the power by itself.
 //!
-//! Invariant: what the card does not hold it cannot run; at the ends of its window it comes to rest exactly.
+//! Invariant: the card cannot play records that it does not hold; at the ends of its window it comes to rest exactly.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
@@ -38,9 +38,9 @@ pub use outputs::OutputBank;
 pub use permit::CutterPermit;
 pub use player::Player;
 pub use safety_monitor::{MotionState, SafetyMonitor};
-pub use step_direction::{Edge, Levels, PulsesDoNotFit, StepDirection, StepTiming};
+pub use step_direction::{Edge, Levels, PulsePlanError, StepDirection, StepTiming};
 pub use switching::InstructionExecutor;
 pub use window::{CardWindow, RecordStorage};
 
-/// A card of four axes leaves a microcontroller of 64 KiB room for everything else.
+/// A card of four axes leaves enough memory of a microcontroller with 64 KiB for everything else.
 const _: () = assert!(size_of::<Card<4, 1024, 256>>() <= 30 * 1024);

@@ -1,7 +1,7 @@
-//! A card on its line: bytes in, bytes out, and a control period now and then. This is what a board's main loop drives, and what
-//! the simulated machine runs.
+//! A card with its serial line: bytes in, bytes out, and one call per control period. A board's main loop drives it,
+//! and the simulated machine runs it.
 //!
-//! Invariant: the works see words in their order only, and every period is reported.
+//! Invariant: the core receives commands only in their order, and every period is reported.
 
 use retrace_core::Record;
 use retrace_link::{CardCore, CardEndpoint, CardIdentity, CardStatus};
@@ -9,78 +9,79 @@ use retrace_link::{CardCore, CardEndpoint, CardIdentity, CardStatus};
 use crate::window::RecordStorage;
 use crate::{Card, CheckedSettings, InputLevels};
 
-/// A card for `A` axes, a window of `W` records, averages up to `M` periods, and `E` entries of reports that are not confirmed (a power of
-/// two).
+/// Card for `A` axes, a window of `W` records, averages of up to `M` periods, and `E` entries of reports that are not
+/// acknowledged (a power of two).
 #[derive(Clone, Debug)]
 pub struct LinkedCard<const A: usize, const W: usize, const M: usize, const E: usize, S = [Record<A>; W]> {
     card: Card<A, W, M, S>,
-    end: CardEndpoint<A, E>,
+    endpoint: CardEndpoint<A, E>,
 }
 
 impl<const A: usize, const W: usize, const M: usize, const E: usize> LinkedCard<A, W, M, E> {
-    /// A card that nobody has opened yet; `None` as [`Card::new`]. In a constant it is put in its place by the linker: built at run time it would
-    /// pass over the stack, twice.
+    /// Creates a card without an epoch; `None` as [`Card::new`]. As a constant it is placed by the linker: built at run
+    /// time it would be copied over the stack twice.
     #[must_use]
     pub const fn new(identity: CardIdentity) -> Option<Self> {
         match Card::new(identity) {
-            Some(card) => Some(Self { card, end: CardEndpoint::new() }),
+            Some(card) => Some(Self { card, endpoint: CardEndpoint::new() }),
             None => None,
         }
     }
 }
 
 impl<const A: usize, const W: usize, const M: usize, const E: usize> LinkedCard<A, W, M, E, &'static mut [Record<A>]> {
-    /// As [`OnLine::new`], with a window whose records [`OnLine::lend`] brings.
+    /// Creates a card as [`LinkedCard::new`] does, with a window whose records are provided by
+    /// [`LinkedCard::lend_records`].
     #[must_use]
     pub const fn without_records(identity: CardIdentity) -> Option<Self> {
         match Card::without_records(identity) {
-            Some(card) => Some(Self { card, end: CardEndpoint::new() }),
+            Some(card) => Some(Self { card, endpoint: CardEndpoint::new() }),
             None => None,
         }
     }
 
-    /// As [`Card::lend`].
-    pub fn lend(&mut self, records: &'static mut [Record<A>; W]) {
-        self.card.lend(records);
+    /// Sets the storage of the records, as [`Card::lend_records`] does.
+    pub fn lend_records(&mut self, records: &'static mut [Record<A>; W]) {
+        self.card.lend_records(records);
     }
 }
 
 impl<const A: usize, const W: usize, const M: usize, const E: usize, S: RecordStorage<A>> LinkedCard<A, W, M, E, S> {
-    /// As [`Card::name`].
-    pub const fn name(&mut self, serial: u32, boot: u32) {
-        self.card.name(serial, boot);
+    /// Sets serial number and start number, as [`Card::set_identity`] does.
+    pub const fn set_identity(&mut self, serial: u32, boot: u32) {
+        self.card.set_identity(serial, boot);
     }
 
-    /// Takes a byte off the line.
+    /// Processes a byte from the line.
     pub fn receive(&mut self, byte: u8) {
-        self.end.receive(byte, &mut self.card);
+        self.endpoint.receive(byte, &mut self.card);
     }
 
-    /// Lets one control period pass: what its report says of outputs is what is to be emitted, and [`Card::pulses`].
-    pub fn period(&mut self, inputs: InputLevels) -> &CardStatus<A> {
-        self.card.period(inputs);
-        self.end.period(self.card.status());
+    /// Runs one control period. The outputs to set are in its status, the pulses to emit in [`Card::pulses`].
+    pub fn run_period(&mut self, inputs: InputLevels) -> &CardStatus<A> {
+        self.card.run_period(inputs);
+        self.endpoint.push_period(self.card.status());
         self.card.status()
     }
 
-    /// Bytes for the line, as many as there are and fit; how many.
+    /// Writes bytes for the line to `out`, as many as are available and fit, and returns their number.
     pub fn transmit(&mut self, out: &mut [u8]) -> usize {
-        self.end.transmit(&self.card, out)
+        self.endpoint.transmit(&self.card, out)
     }
 
-    /// What the epoch goes by; `None` before the first.
+    /// Returns the settings of the epoch; `None` before the first.
     #[must_use]
-    pub const fn terms(&self) -> Option<&CheckedSettings<A>> {
-        self.card.terms()
+    pub const fn settings(&self) -> Option<&CheckedSettings<A>> {
+        self.card.settings()
     }
 
-    /// The last period's report.
+    /// Returns the status of the last period.
     #[must_use]
     pub fn status(&self) -> &CardStatus<A> {
         self.card.status()
     }
 
-    /// The card without its line.
+    /// Returns the card without its line.
     #[must_use]
     pub const fn card(&self) -> &Card<A, W, M, S> {
         &self.card

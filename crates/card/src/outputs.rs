@@ -1,58 +1,60 @@
-//! The outputs: what every channel carries, and which of them a latched alarm keeps safe.
+//! The outputs: the values of all channels, and those that a latched alarm keeps safe.
 //!
-//! Invariant: while an alarm is latched, the channels that the settings call safe keep their safe values, whoever asks for another.
+//! Invariant: while an alarm is latched, the channels that the settings define as safe keep their safe values, whatever
+//! is requested.
 
 use retrace_link::{CommandRefusal, OutputChange, Outputs, channel};
 
-/// The values of all channels.
+/// Values of all channels.
 #[derive(Clone, Debug)]
 pub struct OutputBank {
     values: Outputs,
-    /// Digital outputs that there are, from number 0 on.
+    /// Number of digital outputs, from number 0 on.
     digital: u8,
-    /// Channels that an alarm keeps, one bit each.
+    /// Channels that an alarm has locked, one bit each.
     locked: u128,
 }
 
 const _: () = assert!(channel::COUNT <= 128);
 
 impl OutputBank {
-    /// All zero, with so many digital outputs; the channels above [`channel::DIGITAL`] are always there.
+    /// Creates a bank with all values zero and `digital` digital outputs; the channels above [`channel::DIGITAL`]
+    /// always exist.
     #[must_use]
     pub const fn new(digital: u8) -> Self {
         Self { values: [0; channel::COUNT], digital, locked: 0 }
     }
 
-    /// The values.
+    /// Returns the values.
     #[must_use]
     pub const fn values(&self) -> &Outputs {
         &self.values
     }
 
-    /// The values, for the permit, which no alarm's safe value outranks.
+    /// Returns the values for the permit, which overrides the safe value of an alarm.
     pub(crate) const fn values_mut(&mut self) -> &mut Outputs {
         &mut self.values
     }
 
-    /// Is there such a channel?
+    /// Whether the channel exists.
     #[must_use]
-    pub const fn has(&self, channel: u8) -> bool {
-        has(self.digital, channel)
+    pub const fn has_channel(&self, channel: u8) -> bool {
+        has_channel(self.digital, channel)
     }
 
-    /// Sets a channel, unless an alarm keeps it: then nothing changes. So do instructions and actions in passing.
+    /// Sets a channel, unless an alarm has locked it: then nothing changes. Used by instructions and actions.
     pub fn set(&mut self, change: OutputChange) {
-        if self.has(change.channel) && self.locked >> change.channel & 1 == 0 {
+        if self.has_channel(change.channel) && self.locked >> change.channel & 1 == 0 {
             self.values[usize::from(change.channel)] = change.value;
         }
     }
 
-    /// Sets a channel by hand.
+    /// Sets a channel manually.
     ///
     /// # Errors
-    /// There is no such channel, or an alarm keeps it at another value.
-    pub fn set_by_hand(&mut self, change: OutputChange) -> Result<(), CommandRefusal> {
-        if !self.has(change.channel) {
+    /// The channel does not exist, or an alarm has locked it at another value.
+    pub fn set_manually(&mut self, change: OutputChange) -> Result<(), CommandRefusal> {
+        if !self.has_channel(change.channel) {
             return Err(CommandRefusal::NoSuchChannel);
         }
         if self.locked >> change.channel & 1 == 1 && self.values[usize::from(change.channel)] != change.value {
@@ -62,24 +64,24 @@ impl OutputBank {
         Ok(())
     }
 
-    /// Makes these changes at once and keeps their channels so until [`OutputBank::release`].
-    pub fn keep_safe(&mut self, changes: &[OutputChange]) {
+    /// Makes these changes at once and locks their channels until [`OutputBank::release`].
+    pub fn lock_safe(&mut self, changes: &[OutputChange]) {
         self.locked = 0;
         for &change in changes {
             self.set(change);
         }
-        let there = changes.iter().filter(|change| has(self.digital, change.channel));
-        self.locked = there.fold(0, |locked, change| locked | 1 << change.channel);
+        let existing = changes.iter().filter(|change| has_channel(self.digital, change.channel));
+        self.locked = existing.fold(0, |locked, change| locked | 1 << change.channel);
     }
 
-    /// Every channel may be set again; the values stay.
+    /// Unlocks every channel; the values are unchanged.
     pub const fn release(&mut self) {
         self.locked = 0;
     }
 }
 
-/// Has a card with so many digital outputs such a channel?
-pub(crate) const fn has(digital: u8, channel: u8) -> bool {
+/// Whether a card with `digital` digital outputs has this channel.
+pub(crate) const fn has_channel(digital: u8, channel: u8) -> bool {
     let number = channel as usize;
     channel < digital && number < channel::DIGITAL || channel::DIGITAL <= number && number < channel::COUNT
 }
@@ -92,20 +94,20 @@ mod tests {
     fn an_alarm_keeps_what_is_safe_and_nothing_else() {
         let mut bank = OutputBank::new(8);
         let change = |channel, value| OutputChange { channel, value };
-        assert_eq!(bank.set_by_hand(change(8, 1)), Err(CommandRefusal::NoSuchChannel));
-        assert_eq!(bank.set_by_hand(change(channel::COUNT as u8, 1)), Err(CommandRefusal::NoSuchChannel));
+        assert_eq!(bank.set_manually(change(8, 1)), Err(CommandRefusal::NoSuchChannel));
+        assert_eq!(bank.set_manually(change(channel::COUNT as u8, 1)), Err(CommandRefusal::NoSuchChannel));
         bank.set(change(3, 1));
         bank.set(change(4, 1));
-        bank.keep_safe(&[change(3, 0), change(channel::SPINDLE, 0), change(200, 1)]);
+        bank.lock_safe(&[change(3, 0), change(channel::SPINDLE, 0), change(200, 1)]);
         bank.set(change(3, 1));
-        assert_eq!(bank.set_by_hand(change(channel::SPINDLE, 1)), Err(CommandRefusal::Alarm));
-        assert_eq!(bank.set_by_hand(change(3, 0)), Ok(()));
+        assert_eq!(bank.set_manually(change(channel::SPINDLE, 1)), Err(CommandRefusal::Alarm));
+        assert_eq!(bank.set_manually(change(3, 0)), Ok(()));
         bank.set(change(4, 2));
         assert_eq!((bank.values()[3], bank.values()[4], bank.values()[64]), (0, 2, 0));
-        bank.keep_safe(&[change(3, 7)]);
-        assert_eq!((bank.values()[3], bank.set_by_hand(change(64, 1))), (7, Ok(())), "what is safe was said anew");
+        bank.lock_safe(&[change(3, 7)]);
+        assert_eq!((bank.values()[3], bank.set_manually(change(64, 1))), (7, Ok(())), "what is safe was said anew");
         bank.release();
-        assert_eq!(bank.set_by_hand(change(3, 1)), Ok(()));
+        assert_eq!(bank.set_manually(change(3, 1)), Ok(()));
         assert_eq!(bank.values()[3], 1);
     }
 }

@@ -1,56 +1,56 @@
-//! The guard: watches the inputs and the host, and latches what stops the machine.
+//! The safety monitor: checks the inputs and the host, and latches the cause that stops the machine.
 //!
-//! Invariant: the first cause is kept until it is cleared, and it is not cleared while a cause is there.
+//! Invariant: the first cause is retained until it is cleared, and it cannot be cleared while a cause is present.
 
 use retrace_link::{Alarm, InputUse};
 
 use crate::Inputs;
 
-/// What is going on while the guard looks.
+/// State of motion that the safety monitor needs.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MotionState {
-    /// Does the machine move, or is it about to, or is an instruction being executed?
-    pub acting: bool,
-    /// The axis and the end that homing seeks.
+    /// Whether the machine moves or is about to, or an instruction is being executed.
+    pub moving_or_switching: bool,
+    /// Axis and end that homing is searching.
     pub homing: Option<(u8, bool)>,
 }
 
-/// The latched alarm, and what it is watched for.
+/// Latched alarm and the state it is derived from.
 #[derive(Clone, Debug, Default)]
 pub struct SafetyMonitor {
     alarm: Option<Alarm>,
-    /// Periods without a whole frame of the host.
+    /// Periods without a complete frame from the host.
     periods_without_host: u32,
-    /// So many of them are too many; 0: nobody is expected yet.
+    /// Maximum of these periods; 0: no host is expected yet.
     watchdog: u16,
     /// Limit switches whose alarm was cleared while they were tripped, until they open, one bit each.
     acknowledged_limits: u16,
 }
 
 impl SafetyMonitor {
-    /// Nothing latched, and nobody expected.
+    /// Creates a monitor without an alarm and without a watchdog.
     #[must_use]
     pub const fn new() -> Self {
         Self { alarm: None, periods_without_host: 0, watchdog: 0, acknowledged_limits: 0 }
     }
 
-    /// What is latched.
+    /// Returns the latched alarm.
     #[must_use]
     pub const fn alarm(&self) -> Option<Alarm> {
         self.alarm
     }
 
-    /// An epoch begins, with this watchdog, in periods.
-    pub const fn expect_host(&mut self, watchdog: u16) {
+    /// Starts the watchdog with this limit in periods; 0 switches it off.
+    pub const fn start_watchdog(&mut self, watchdog: u16) {
         (self.watchdog, self.periods_without_host) = (watchdog, 0);
     }
 
-    /// The host was heard.
-    pub const fn host_is_alive(&mut self) {
+    /// Records that a complete frame from the host has arrived.
+    pub const fn record_host_frame(&mut self) {
         self.periods_without_host = 0;
     }
 
-    /// Latches an alarm; false where one was latched already, which stays.
+    /// Latches an alarm. Returns false if one was already latched, which remains.
     pub const fn latch(&mut self, alarm: Alarm) -> bool {
         let first = self.alarm.is_none();
         if first {
@@ -59,63 +59,65 @@ impl SafetyMonitor {
         first
     }
 
-    /// A period begins with these inputs: what stops the machine, if anything does, the gravest first.
-    pub fn check(&mut self, panel: &Inputs, sight: MotionState) -> Option<Alarm> {
-        self.acknowledged_limits &= panel.active();
+    /// Checks the inputs at the beginning of a period and returns the cause that stops the machine, if any, the most
+    /// serious first.
+    pub fn check(&mut self, inputs: &Inputs, motion: MotionState) -> Option<Alarm> {
+        self.acknowledged_limits &= inputs.active();
         if self.watchdog != 0 {
             self.periods_without_host = self.periods_without_host.saturating_add(1);
         }
-        if panel.active() == 0 {
-            // as nearly always
-            return self.is_silent().then_some(Alarm::HostSilent);
+        if inputs.active() == 0 {
+            // the usual case
+            return self.host_timed_out().then_some(Alarm::HostSilent);
         }
-        if panel.is_active(InputUse::EmergencyStop) {
+        if inputs.is_active(InputUse::EmergencyStop) {
             return Some(Alarm::EmergencyStop);
         }
-        let mut limits = panel.tripped().filter(|&(bit, axis, upper)| {
-            // The switch that homing runs onto does not stop it.
-            self.acknowledged_limits & bit == 0 && sight.homing != Some((axis, upper))
+        let mut limits = inputs.tripped().filter(|&(bit, axis, upper)| {
+            // The switch that homing moves onto does not stop it.
+            self.acknowledged_limits & bit == 0 && motion.homing != Some((axis, upper))
         });
         if let Some((_, axis, upper)) = limits.next() {
             return Some(Alarm::LimitSwitch { axis, upper });
         }
-        if sight.acting && panel.is_active(InputUse::Door) {
+        if motion.moving_or_switching && inputs.is_active(InputUse::Door) {
             return Some(Alarm::DoorOpen);
         }
-        self.is_silent().then_some(Alarm::HostSilent)
+        self.host_timed_out().then_some(Alarm::HostSilent)
     }
 
-    /// A forgiven limit switch is left, not run further into: does one of these increments go the wrong way?
+    /// Checks that an axis on an acknowledged limit switch moves away from it, and not further into it, with these
+    /// increments.
     #[must_use]
-    pub fn runs_into(&self, panel: &Inputs, increments: &[i32]) -> Option<Alarm> {
+    pub fn check_acknowledged_limits(&self, inputs: &Inputs, increments: &[i32]) -> Option<Alarm> {
         if self.acknowledged_limits == 0 {
             return None;
         }
-        let mut limits = panel.tripped().filter(|&(bit, axis, upper)| {
+        let mut limits = inputs.tripped().filter(|&(bit, axis, upper)| {
             let increment = increments.get(usize::from(axis)).copied().unwrap_or(0);
             self.acknowledged_limits & bit != 0 && (if upper { increment > 0 } else { increment < 0 })
         });
         limits.next().map(|(_, axis, upper)| Alarm::LimitSwitch { axis, upper })
     }
 
-    /// Clears what is latched; false, and nothing changed, where a cause is there. `failed`: the machine still says that the instruction has
-    /// failed.
+    /// Clears the alarm. Returns false and changes nothing if a cause is present. `failed` means that the machine still
+    /// reports the instruction as failed.
     ///
-    /// A tripped limit switch is not a cause, since only motion can open it: it is forgiven until it opens, and the axis may leave it. The
-    /// door is one only where it was the cause.
-    pub fn clear(&mut self, panel: &Inputs, failed: bool) -> bool {
+    /// A tripped limit switch is not such a cause, since only motion can open it: it is acknowledged until it opens,
+    /// and the axis may move off it. An open door is one only if it was the cause of the alarm.
+    pub fn clear(&mut self, inputs: &Inputs, failed: bool) -> bool {
         let Some(alarm) = self.alarm else { return true };
-        let door = alarm == Alarm::DoorOpen && panel.is_active(InputUse::Door);
+        let door = alarm == Alarm::DoorOpen && inputs.is_active(InputUse::Door);
         let failed = failed && matches!(alarm, Alarm::Failed { .. });
-        if door || failed || self.is_silent() || panel.is_active(InputUse::EmergencyStop) {
+        if door || failed || self.host_timed_out() || inputs.is_active(InputUse::EmergencyStop) {
             return false;
         }
-        self.acknowledged_limits = panel.tripped().fold(0, |bits, (bit, ..)| bits | bit);
+        self.acknowledged_limits = inputs.tripped().fold(0, |bits, (bit, ..)| bits | bit);
         self.alarm = None;
         true
     }
 
-    fn is_silent(&self) -> bool {
+    fn host_timed_out(&self) -> bool {
         self.watchdog != 0 && self.periods_without_host >= u32::from(self.watchdog)
     }
 }
@@ -130,31 +132,37 @@ mod tests {
     const DOOR: u16 = 2;
     const STOP: u16 = 4;
 
-    fn panel(levels: u16) -> Inputs {
+    fn inputs(levels: u16) -> Inputs {
         let uses = [InputUse::Limit { axis: 0, upper: true }, InputUse::Door, InputUse::EmergencyStop];
         let mut settings = [InputSetting::default(); MAX_INPUTS];
         for (setting, used_for) in settings.iter_mut().zip(uses) {
             setting.used_for = used_for;
         }
-        let mut panel = Inputs::default();
-        panel.describe(&settings, 3);
-        panel.read(&InputLevels { levels, ..InputLevels::default() });
-        panel
+        let mut inputs = Inputs::default();
+        inputs.configure(&settings, 3);
+        inputs.read(&InputLevels { levels, ..InputLevels::default() });
+        inputs
     }
 
-    const STANDING: MotionState = MotionState { acting: false, homing: None };
-    const ACTING: MotionState = MotionState { acting: true, homing: None };
+    const STANDING: MotionState = MotionState { moving_or_switching: false, homing: None };
+    const ACTING: MotionState = MotionState { moving_or_switching: true, homing: None };
 
     #[test]
     fn the_gravest_cause_comes_first_and_the_first_alarm_stays() {
         let mut guard = SafetyMonitor::default();
         let limit = Alarm::LimitSwitch { axis: 0, upper: true };
-        assert_eq!(guard.check(&panel(LIMIT | DOOR | STOP), ACTING), Some(Alarm::EmergencyStop));
-        assert_eq!(guard.check(&panel(LIMIT | DOOR), ACTING), Some(limit));
-        assert_eq!(guard.check(&panel(DOOR), ACTING), Some(Alarm::DoorOpen));
-        assert_eq!(guard.check(&panel(DOOR), STANDING), None);
-        assert_eq!(guard.check(&panel(LIMIT), MotionState { acting: true, homing: Some((0, true)) }), None);
-        assert_eq!(guard.check(&panel(LIMIT), MotionState { acting: true, homing: Some((0, false)) }), Some(limit));
+        assert_eq!(guard.check(&inputs(LIMIT | DOOR | STOP), ACTING), Some(Alarm::EmergencyStop));
+        assert_eq!(guard.check(&inputs(LIMIT | DOOR), ACTING), Some(limit));
+        assert_eq!(guard.check(&inputs(DOOR), ACTING), Some(Alarm::DoorOpen));
+        assert_eq!(guard.check(&inputs(DOOR), STANDING), None);
+        assert_eq!(
+            guard.check(&inputs(LIMIT), MotionState { moving_or_switching: true, homing: Some((0, true)) }),
+            None
+        );
+        assert_eq!(
+            guard.check(&inputs(LIMIT), MotionState { moving_or_switching: true, homing: Some((0, false)) }),
+            Some(limit)
+        );
         assert!(guard.latch(limit) && !guard.latch(Alarm::EmergencyStop));
         assert_eq!(guard.alarm(), Some(limit));
     }
@@ -163,38 +171,38 @@ mod tests {
     fn nothing_is_cleared_while_its_cause_is_there() {
         let mut guard = SafetyMonitor::default();
         guard.latch(Alarm::DoorOpen);
-        assert!(!guard.clear(&panel(DOOR), false) && !guard.clear(&panel(STOP), false));
-        assert!(guard.clear(&panel(0), false));
+        assert!(!guard.clear(&inputs(DOOR), false) && !guard.clear(&inputs(STOP), false));
+        assert!(guard.clear(&inputs(0), false));
         assert_eq!(guard.alarm(), None);
         guard.latch(Alarm::Failed { instruction: 3 });
-        assert!(!guard.clear(&panel(0), true) && guard.clear(&panel(DOOR), false));
+        assert!(!guard.clear(&inputs(0), true) && guard.clear(&inputs(DOOR), false));
     }
 
     #[test]
     fn a_limit_switch_that_was_cleared_may_only_be_left() {
         let mut guard = SafetyMonitor::default();
         let limit = Some(Alarm::LimitSwitch { axis: 0, upper: true });
-        assert!(guard.latch(Alarm::HostSilent) && guard.clear(&panel(LIMIT), false));
-        assert_eq!(guard.check(&panel(LIMIT), ACTING), None);
-        assert_eq!(guard.runs_into(&panel(LIMIT), &[-1]), None);
-        assert_eq!(guard.runs_into(&panel(LIMIT), &[1]), limit);
-        assert_eq!(guard.check(&panel(0), ACTING), None);
-        assert_eq!(guard.check(&panel(LIMIT), ACTING), limit);
+        assert!(guard.latch(Alarm::HostSilent) && guard.clear(&inputs(LIMIT), false));
+        assert_eq!(guard.check(&inputs(LIMIT), ACTING), None);
+        assert_eq!(guard.check_acknowledged_limits(&inputs(LIMIT), &[-1]), None);
+        assert_eq!(guard.check_acknowledged_limits(&inputs(LIMIT), &[1]), limit);
+        assert_eq!(guard.check(&inputs(0), ACTING), None);
+        assert_eq!(guard.check(&inputs(LIMIT), ACTING), limit);
     }
 
     #[test]
     fn the_watchdog_counts_from_the_last_frame_and_not_before_an_epoch() {
         let mut guard = SafetyMonitor::default();
-        let quiet = panel(0);
+        let quiet = inputs(0);
         assert!((0..1000).all(|_| guard.check(&quiet, STANDING).is_none()));
-        guard.expect_host(20);
+        guard.start_watchdog(20);
         assert!((0..19).all(|_| guard.check(&quiet, STANDING).is_none()));
-        guard.host_is_alive();
+        guard.record_host_frame();
         assert!((0..19).all(|_| guard.check(&quiet, STANDING).is_none()));
         assert_eq!(guard.check(&quiet, STANDING), Some(Alarm::HostSilent));
         guard.latch(Alarm::HostSilent);
         assert!(!guard.clear(&quiet, false));
-        guard.host_is_alive();
+        guard.record_host_frame();
         assert!(guard.clear(&quiet, false));
     }
 }

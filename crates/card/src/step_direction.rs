@@ -1,16 +1,18 @@
-//! Step and direction: an axis' increment of one control period as edges on two wires (GMC-1, *fine interpolation*).
+//! Step and direction: an axis' increment of one control period as edges on two signals (GMC-1, *fine interpolation*).
 //!
-//! The pulses are spaced by `core::fine`, tick by tick of the card's clock. Where the direction turns, it turns no sooner than its set-up time
-//! after the last falling edge, and the pulses are spread over what is left of the period behind its set-up time. Nobody has to
-//! look at the next period for that: [`StepTiming::most`] pulses fit whatever went before.
+//! The pulses are spaced by `core::fine`, tick by tick of the card's clock. If the direction reverses, it changes no
+//! sooner than its set-up time after the last falling edge, and the pulses are spread over the part of the period that
+//! remains after its set-up time. The next period need not be known: [`StepTiming::max_increment`] pulses fit after any
+//! previous period.
 //!
-//! Invariant: a period with an increment of p pulses has exactly |p| rising edges, all edges inside the period; a pulse is high for exactly
-//! its length and low for at least as long, also over the end of a period; the direction stands for its set-up time before
-//! every rising edge and after every falling edge. The edges and the ticks are two views of the same plan.
+//! Invariant: a period with an increment of p pulses has exactly |p| rising edges, all edges inside the period. A pulse
+//! is high for exactly its length and low for at least as long, also across the end of a period. The direction is
+//! stable for its set-up time before every rising edge and after every falling edge. Edges and ticks are two views of
+//! the same plan.
 
 use retrace_core::fine::{PulseSlots, pulse_slots};
 
-/// The times of a step and direction output, in ticks of the card's clock.
+/// Timing of a step and direction output, in ticks of the card's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepTiming {
     period: u32,
@@ -19,8 +21,9 @@ pub struct StepTiming {
 }
 
 impl StepTiming {
-    /// A control period (below 2³¹), a pulse (at least 1) and the set-up of the direction (at least 1), in ticks. `None` where not even
-    /// one pulse fits a period in which the direction turns.
+    /// Creates a timing from the control period (below 2³¹), the pulse length (at least 1) and the set-up time of the
+    /// direction (at least 1), in ticks. Returns `None` if not even one pulse fits a period in which the direction
+    /// reverses.
     #[must_use]
     pub const fn new(period: u32, pulse: u32, setup: u32) -> Option<Self> {
         let timing = Self { period, pulse, setup };
@@ -30,8 +33,8 @@ impl StepTiming {
         if valid && short && timing.max_increment() >= 1 { Some(timing) } else { None }
     }
 
-    /// From a clock of `tick_hz` ticks a second: a period of whole ticks, and a pulse and a set-up that are at least as long as
-    /// asked for, and at least one tick. `None` as in [`StepTiming::new`].
+    /// Creates a timing for a clock of `tick_hz` ticks per second: a period of whole ticks, and a pulse and a set-up
+    /// time at least as long as requested, and at least one tick. Returns `None` as [`StepTiming::new`] does.
     #[must_use]
     pub const fn of_clock(tick_hz: u32, period_us: u32, pulse_ns: u16, setup_ns: u16) -> Option<Self> {
         let period = period_us as u64 * tick_hz as u64 / 1_000_000;
@@ -41,16 +44,18 @@ impl StepTiming {
         Self::new(period as u32, ticks(pulse_ns, tick_hz), ticks(setup_ns, tick_hz))
     }
 
-    /// Ticks of a control period.
+    /// Returns the ticks of a control period.
     #[must_use]
     pub const fn period(self) -> u32 {
         self.period
     }
 
-    /// The most pulses that fit a period whatever went before: also where the direction turns in it.
+    /// Returns the maximum number of pulses that fit a period after any previous period, also if the direction reverses
+    /// in it.
     #[must_use]
     pub const fn max_increment(self) -> u16 {
-        // The last falling edge lies at least one tick before the end of its period: the direction may turn at `setup` − 1.
+        // The last falling edge is at least one tick before the end of its period: the direction may change at `setup`
+        // − 1.
         let before = 2 * self.setup as u64 - 1;
         let room = (self.period as u64).saturating_sub(before);
         let most = room / (2 * self.pulse as u64);
@@ -58,22 +63,22 @@ impl StepTiming {
     }
 }
 
-/// The ticks that last at least `ns`, and at least one.
+/// Returns the ticks that last at least `ns`, and at least one.
 const fn ticks(ns: u16, tick_hz: u32) -> u32 {
     let ticks = (ns as u64 * tick_hz as u64).div_ceil(1_000_000_000);
     if ticks == 0 { 1 } else { ticks as u32 }
 }
 
-/// The increment has more pulses than the period can hold.
+/// Error: the increment has more pulses than fit the period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PulsesDoNotFit;
+pub struct PulsePlanError;
 
-/// What happens on the two wires.
+/// Edge on one of the two signals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Edge {
-    /// The direction turns: `backward` from now on.
+    /// The direction changes to `backward`.
     Direction {
-        /// Does the axis count down?
+        /// Whether the axis counts down.
         backward: bool,
     },
     /// A pulse begins.
@@ -82,28 +87,28 @@ pub enum Edge {
     Fall,
 }
 
-/// The wires of an axis in one tick.
+/// Levels of an axis' signals in one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Levels {
-    /// Is a pulse on?
+    /// Whether a pulse is on.
     pub step: bool,
-    /// Does the axis count down? An inverted output is the pin's concern.
+    /// Whether the axis counts down. An inverted output is the pin's concern.
     pub backward: bool,
 }
 
-/// One axis' step and direction output.
+/// Step and direction output of one axis.
 #[derive(Clone, Debug)]
 pub struct StepDirection {
     timing: StepTiming,
-    /// The direction at the end of the period that was begun.
+    /// Direction at the end of the current period.
     backward: bool,
     /// Ticks from the last falling edge to the end of that period.
-    idle: u32,
-    /// Its pulses.
+    ticks_since_fall: u32,
+    /// Number of its pulses.
     count: u16,
-    /// The tick in which the direction turns.
+    /// Tick in which the direction changes.
     turn: Option<u32>,
-    /// The tick from which on pulses are spread.
+    /// Tick from which pulses are spread.
     first: u32,
     now: u32,
     pulses: PulseSlots,
@@ -112,13 +117,13 @@ pub struct StepDirection {
 }
 
 impl StepDirection {
-    /// An output that stands forward, and has done so for long.
+    /// Creates an output that has been at rest in forward direction for long.
     #[must_use]
     pub const fn new(timing: StepTiming) -> Self {
         Self {
             timing,
             backward: false,
-            idle: u32::MAX,
+            ticks_since_fall: u32::MAX,
             count: 0,
             turn: None,
             first: 0,
@@ -129,26 +134,28 @@ impl StepDirection {
         }
     }
 
-    /// Begins a control period with `increment` pulses. To be called every `period` ticks, also where the increment is zero.
+    /// Begins a control period with `increment` pulses. To be called every `period` ticks, also with an increment of
+    /// zero.
     ///
     /// # Errors
-    /// [`DoesNotFit`], which up to [`StepTiming::most`] pulses never meet: the period is begun and stays without any.
-    pub const fn begin(&mut self, increment: i32) -> Result<(), PulsesDoNotFit> {
+    /// Returns an error if the pulses do not fit, which is never the case up to [`StepTiming::max_increment`]: the
+    /// period begins without any pulses then.
+    pub const fn begin_period(&mut self, increment: i32) -> Result<(), PulsePlanError> {
         let StepTiming { period, pulse, setup } = self.timing;
         let count = increment.unsigned_abs();
         (self.count, self.turn, self.first, self.now, self.high) = (0, None, 0, 0, 0);
         self.level = self.backward;
         self.pulses = PulseSlots::new(0, period);
         let turns = count > 0 && (increment < 0) != self.backward;
-        let turn = setup.saturating_sub(self.idle);
+        let turn = setup.saturating_sub(self.ticks_since_fall);
         let first = if turns { turn + setup } else { 0 };
         let room = period.saturating_sub(first);
         if count as u64 * 2 * pulse as u64 > room as u64 || count > u16::MAX as u32 {
-            self.idle = self.idle.saturating_add(period);
-            return Err(PulsesDoNotFit);
+            self.ticks_since_fall = self.ticks_since_fall.saturating_add(period);
+            return Err(PulsePlanError);
         }
         if count == 0 {
-            self.idle = self.idle.saturating_add(period);
+            self.ticks_since_fall = self.ticks_since_fall.saturating_add(period);
             return Ok(());
         }
         if turns {
@@ -157,12 +164,12 @@ impl StepDirection {
         }
         (self.count, self.first) = (count as u16, first);
         self.pulses = PulseSlots::new(self.count, room);
-        // The last pulse begins where half of its share of the room is still to come (core, `pulse_slots`).
-        self.idle = room / 2 / count + 1 - pulse;
+        // The last pulse begins where half of its share of the time is still to come (core, `pulse_slots`).
+        self.ticks_since_fall = room / 2 / count + 1 - pulse;
         Ok(())
     }
 
-    /// The edges of the period that was begun, in order: the tick of each, from 0.
+    /// Returns the edges of the current period in order, each with its tick, from 0.
     pub fn edges(&self) -> impl Iterator<Item = (u32, Edge)> {
         let (first, pulse, backward) = (self.first, self.timing.pulse, self.backward);
         let turn = self.turn.map(|tick| (tick, Edge::Direction { backward }));
@@ -171,9 +178,9 @@ impl StepDirection {
         turn.into_iter().chain(pulses)
     }
 
-    /// Lets one tick pass and gives the levels that hold from its beginning: what a timer interrupt writes to the pins.
+    /// Advances by one tick and returns the levels from its beginning: what a timer interrupt writes to the pins.
     ///
-    /// Behind the end of the period both wires stay as they are.
+    /// After the end of the period both signals are unchanged.
     pub const fn tick(&mut self) -> Levels {
         if self.now < self.timing.period {
             if let Some(turn) = self.turn
@@ -239,9 +246,9 @@ mod tests {
     }
 
     /// One period through both views: the levels of every tick are those that the edges say.
-    fn run(output: &mut StepDirection, scope: &mut Scope, increment: i32) -> Result<(), PulsesDoNotFit> {
+    fn run(output: &mut StepDirection, scope: &mut Scope, increment: i32) -> Result<(), PulsePlanError> {
         let mut expected = Levels { step: false, backward: output.backward };
-        let begun = output.begin(increment);
+        let begun = output.begin_period(increment);
         let before = scope.position;
         let (twin, mut last) = (output.clone(), None);
         let mut edges = twin.edges().peekable();
@@ -259,7 +266,7 @@ mod tests {
         }
         assert_eq!(edges.next(), None, "every edge lies inside its period");
         if let Some(last) = last {
-            assert_eq!(twin.idle, output.timing.period - last);
+            assert_eq!(twin.ticks_since_fall, output.timing.period - last);
         }
         assert_eq!(output.tick(), Levels { step: false, ..expected }, "the wires stay as they are");
         let emitted = if begun.is_ok() { i64::from(increment) } else { 0 };
@@ -300,11 +307,11 @@ mod tests {
         let timing = StepTiming::new(40, 2, 3).expect("fits");
         assert_eq!(timing.max_increment(), 8);
         let mut output = StepDirection::new(timing);
-        output.begin(10).expect("straight on");
-        assert_eq!(output.begin(-9), Err(PulsesDoNotFit));
+        output.begin_period(10).expect("straight on");
+        assert_eq!(output.begin_period(-9), Err(PulsePlanError));
         assert_eq!(output.edges().count(), 0);
-        output.begin(10).expect("the direction has not turned");
-        output.begin(-8).expect("the most");
+        output.begin_period(10).expect("the direction has not turned");
+        output.begin_period(-8).expect("the most");
     }
 
     #[test]
@@ -346,7 +353,7 @@ mod tests {
         fn hostile_increments_are_refused(increment in any::<i32>(), period in 1u32..1 << 31, pulse in 1u32..99, setup in 1u32..99) {
             if let Some(timing) = StepTiming::new(period, pulse, setup) {
                 let mut output = StepDirection::new(timing);
-                let fits = output.begin(increment).is_ok();
+                let fits = output.begin_period(increment).is_ok();
                 prop_assert!(fits || increment.unsigned_abs() > u32::from(timing.max_increment()));
                 prop_assert_eq!(output.edges().take(1).count(), usize::from(fits && increment != 0));
             }

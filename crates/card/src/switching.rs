@@ -1,38 +1,40 @@
-//! The executor of exclusive switching instructions (GMC-1, GMC-4 in the acknowledged form), and of those that a restart repeats.
+//! Executor of exclusive switching instructions (GMC-1, GMC-4 in the acknowledged form), and of those that a restart
+//! repeats.
 //!
-//! Invariant: one instruction in hand at a time, in the order of their numbers; it is kept until the cursor rests on its place, and
-//! `executed` names the last one that is complete. Nothing else counts as ready, and nothing passes the place of one that is not.
+//! Invariant: at most one instruction is pending, in the order of their numbers; it is stored until the cursor is at
+//! rest on its place, and `executed` is the number of the last complete one. Nothing else counts as ready, and nothing
+//! passes the place of an instruction that is not executed.
 
 use retrace_link::{Alarm, CommandRefusal, InputWait, Instruction, RepeatedInstruction};
 
 use crate::OutputBank;
 
-/// How far the instruction in hand has come.
+/// Stage of the pending instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum InstructionStage {
-    /// It waits for the cursor to come to its place.
+    /// It waits until the cursor reaches its place.
     Waiting,
-    /// It is being executed, for so many control periods.
+    /// It has been executed for so many control periods.
     Running(u32),
-    /// An alarm has ended it. It holds its place still, until it is sent again.
+    /// An alarm has cancelled it. It blocks its place until it is sent again.
     Cancelled,
 }
 
-/// The instruction in hand.
+/// Pending instruction.
 #[derive(Clone, Copy, Debug)]
 struct PendingInstruction {
     instruction: Instruction,
     stage: InstructionStage,
 }
 
-/// The repeated instruction that is being executed, for so many control periods.
+/// Repeated instruction that has been executed for `passed` control periods.
 #[derive(Clone, Copy, Debug)]
 struct PendingRepeat {
     instruction: RepeatedInstruction,
     passed: u32,
 }
 
-/// The instruction in hand, the repeated one, and how far the order of both has come.
+/// State of the pending instruction, the repeated one, and the numbers of the last complete ones.
 #[derive(Clone, Debug, Default)]
 pub struct InstructionExecutor {
     pending: Option<PendingInstruction>,
@@ -41,17 +43,18 @@ pub struct InstructionExecutor {
     repeated: u32,
 }
 
-/// What a control period of an instruction leads to.
+/// Result of a control period of an instruction.
 enum InstructionProgress {
-    Goes,
+    Running,
     Complete,
     TimedOut,
 }
 
-/// `passed` control periods of an instruction that takes `periods` and waits for `until`, with these inputs active.
+/// Returns the progress after `passed` control periods of an instruction that takes `periods` and waits for `until`,
+/// with these inputs active.
 fn progress(passed: u32, periods: u32, until: Option<InputWait>, active: u16) -> InstructionProgress {
     if passed < periods {
-        return InstructionProgress::Goes;
+        return InstructionProgress::Running;
     }
     let Some(until) = until else { return InstructionProgress::Complete };
     let is_active = u32::from(active) >> (until.input & 31) & 1 == 1;
@@ -60,37 +63,38 @@ fn progress(passed: u32, periods: u32, until: Option<InputWait>, active: u16) ->
     } else if until.timeout_periods != 0 && passed >= periods.saturating_add(until.timeout_periods) {
         InstructionProgress::TimedOut
     } else {
-        InstructionProgress::Goes
+        InstructionProgress::Running
     }
 }
 
 impl InstructionExecutor {
-    /// Nothing in hand, nothing executed.
+    /// Creates an executor without instructions.
     #[must_use]
     pub const fn new() -> Self {
         Self { pending: None, executed: 0, repeat: None, repeated: 0 }
     }
 
-    /// Number of the last complete instruction; where an epoch begins, what it began with.
+    /// Returns the number of the last complete instruction; when an epoch begins, the number in its start.
     #[must_use]
     pub const fn executed(&self) -> u32 {
         self.executed
     }
 
-    /// Number of the last complete repeated instruction; 0 where an epoch begins.
+    /// Returns the number of the last complete repeated instruction; 0 when an epoch begins.
     #[must_use]
     pub const fn repeated(&self) -> u32 {
         self.repeated
     }
 
-    /// Is an instruction being executed, a repeated one included?
+    /// Whether an instruction is being executed, including a repeated one.
     #[must_use]
-    pub const fn busy(&self) -> bool {
+    pub const fn is_busy(&self) -> bool {
         self.repeat.is_some()
             || matches!(self.pending, Some(PendingInstruction { stage: InstructionStage::Running(_), .. }))
     }
 
-    /// Is an instruction being executed during which standing is not counted: a repeated one, or one that says so?
+    /// Whether an instruction is being executed during which time at rest is not counted: a repeated one, or one with
+    /// that flag.
     #[must_use]
     pub const fn keeps_cutter(&self) -> bool {
         let by_itself = match self.pending {
@@ -100,16 +104,16 @@ impl InstructionExecutor {
         self.repeat.is_some() || by_itself
     }
 
-    /// The place of the instruction that is kept for it.
+    /// Returns the place of the instruction that waits for it.
     #[must_use]
-    pub const fn waits_for_place(&self) -> Option<u32> {
+    pub const fn waiting_place(&self) -> Option<u32> {
         match self.pending {
             Some(PendingInstruction { instruction, stage: InstructionStage::Waiting }) => Some(instruction.place),
             _ => None,
         }
     }
 
-    /// The place that nothing may pass: that of the instruction in hand, also where an alarm has ended it.
+    /// Returns the place that nothing may pass: that of the pending instruction, also after an alarm has cancelled it.
     #[must_use]
     pub const fn barrier(&self) -> Option<u32> {
         match self.pending {
@@ -118,31 +122,32 @@ impl InstructionExecutor {
         }
     }
 
-    /// May this one be kept?
+    /// Checks that this instruction can be stored.
     ///
     /// # Errors
-    /// [`Refusal::Busy`] where another is kept or executed, or the number is not the next; a channel that is not there.
+    /// [`CommandRefusal::Busy`] if another is stored or executed, or the number is not the next one;
+    /// [`CommandRefusal::NoSuchChannel`] for a channel that does not exist.
     pub fn check(&self, instruction: &Instruction, outputs: &OutputBank) -> Result<(), CommandRefusal> {
-        if self.busy() || self.waits_for_place().is_some() || instruction.number != self.executed.wrapping_add(1) {
+        if self.is_busy() || self.waiting_place().is_some() || instruction.number != self.executed.wrapping_add(1) {
             return Err(CommandRefusal::Busy);
         }
-        if !instruction.changes().iter().all(|change| outputs.has(change.channel)) {
+        if !instruction.changes().iter().all(|change| outputs.has_channel(change.channel)) {
             return Err(CommandRefusal::NoSuchChannel);
         }
         Ok(())
     }
 
-    /// Keeps an instruction until its place is come to.
+    /// Stores an instruction until its place is reached.
     ///
     /// # Errors
-    /// As [`Switching::check`].
+    /// As [`InstructionExecutor::check`].
     pub fn store(&mut self, instruction: Instruction, outputs: &OutputBank) -> Result<(), CommandRefusal> {
         self.check(&instruction, outputs)?;
         self.pending = Some(PendingInstruction { instruction, stage: InstructionStage::Waiting });
         Ok(())
     }
 
-    /// The place of the kept instruction is come to: its changes take place at once.
+    /// Begins the stored instruction at its place: its changes are made at once.
     pub fn begin(&mut self, outputs: &mut OutputBank) {
         let Some(PendingInstruction { instruction, stage: InstructionStage::Waiting }) = self.pending else { return };
         for &change in instruction.changes() {
@@ -155,15 +160,16 @@ impl InstructionExecutor {
         }
     }
 
-    /// Begins a repeated instruction: its changes take place at once.
+    /// Begins a repeated instruction: its changes are made at once.
     ///
     /// # Errors
-    /// [`Refusal::Busy`] while an instruction is being executed, or where the number is not the next; a channel that is not there.
+    /// [`CommandRefusal::Busy`] while an instruction is being executed, or if the number is not the next one;
+    /// [`CommandRefusal::NoSuchChannel`] for a channel that does not exist.
     pub fn repeat(&mut self, instruction: RepeatedInstruction, outputs: &mut OutputBank) -> Result<(), CommandRefusal> {
-        if self.busy() || instruction.number != self.repeated.wrapping_add(1) {
+        if self.is_busy() || instruction.number != self.repeated.wrapping_add(1) {
             return Err(CommandRefusal::Busy);
         }
-        if !instruction.changes().iter().all(|change| outputs.has(change.channel)) {
+        if !instruction.changes().iter().all(|change| outputs.has_channel(change.channel)) {
             return Err(CommandRefusal::NoSuchChannel);
         }
         for &change in instruction.changes() {
@@ -177,10 +183,12 @@ impl InstructionExecutor {
         Ok(())
     }
 
-    /// One control period passes, with these inputs active. `failed`: the machine says that the instruction has failed.
+    /// Runs one control period with these inputs active. `failed` means that the machine reports the instruction as
+    /// failed.
     ///
-    /// An instruction that failed or took too long is given up; the reason is returned, with its number in its own sequence.
-    pub fn period(&mut self, active: u16, failed: bool) -> Option<Alarm> {
+    /// An instruction that failed or timed out is cancelled, and the alarm is returned, with the number in its own
+    /// sequence.
+    pub fn run_period(&mut self, active: u16, failed: bool) -> Option<Alarm> {
         if let Some(PendingRepeat { instruction, passed }) = self.repeat {
             return self.repeat_period(instruction, passed.saturating_add(1), active, failed);
         }
@@ -195,7 +203,7 @@ impl InstructionExecutor {
             return Some(Alarm::Failed { instruction: number });
         }
         match progress(passed, instruction.periods, instruction.until, active) {
-            InstructionProgress::Goes => {}
+            InstructionProgress::Running => {}
             InstructionProgress::Complete => self.complete(&instruction),
             InstructionProgress::TimedOut => {
                 self.cancel();
@@ -218,24 +226,24 @@ impl InstructionExecutor {
             return Some(Alarm::Failed { instruction: number });
         }
         match progress(passed, instruction.periods, instruction.until, active) {
-            InstructionProgress::Goes => self.repeat = Some(PendingRepeat { instruction, passed }),
+            InstructionProgress::Running => self.repeat = Some(PendingRepeat { instruction, passed }),
             InstructionProgress::Complete => self.repeated = number,
             InstructionProgress::TimedOut => return Some(Alarm::TimedOut { instruction: number }),
         }
         None
     }
 
-    /// What is in hand is given up: it is not executed, its number stays the next one, and nothing passes its place before it was sent
-    /// again.
+    /// Cancels the pending instructions: they are not executed, the number stays the next one, and nothing passes the
+    /// place until the instruction is sent again.
     pub const fn cancel(&mut self) {
         self.repeat = None;
-        if let Some(in_hand) = &mut self.pending {
-            in_hand.stage = InstructionStage::Cancelled;
+        if let Some(pending) = &mut self.pending {
+            pending.stage = InstructionStage::Cancelled;
         }
     }
 
-    /// A new epoch: nothing in hand, and the numbers go on behind `executed`.
-    pub const fn restart(&mut self, executed: u32) {
+    /// Begins an epoch: nothing is pending, and the numbers continue after `executed`.
+    pub const fn reset(&mut self, executed: u32) {
         (self.pending, self.executed) = (None, executed);
         (self.repeat, self.repeated) = (None, 0);
     }
@@ -262,15 +270,15 @@ mod tests {
         let spindle = |outputs: &OutputBank| outputs.values()[usize::from(channel::SPINDLE)];
         assert_eq!(switching.store(instruction(2, 0, None), &outputs), Err(CommandRefusal::Busy));
         switching.store(instruction(1, 2, None), &outputs).expect("the next number");
-        assert_eq!((switching.period(0, false), spindle(&outputs), switching.busy()), (None, 0, false));
+        assert_eq!((switching.run_period(0, false), spindle(&outputs), switching.is_busy()), (None, 0, false));
         switching.begin(&mut outputs);
-        assert_eq!((spindle(&outputs), switching.busy()), (1, true));
-        switching.period(0, false);
+        assert_eq!((spindle(&outputs), switching.is_busy()), (1, true));
+        switching.run_period(0, false);
         assert_eq!(
             (switching.executed(), switching.store(instruction(2, 0, None), &outputs)),
             (0, Err(CommandRefusal::Busy))
         );
-        switching.period(0, false);
+        switching.run_period(0, false);
         assert_eq!(switching.executed(), 1);
         switching.store(instruction(2, 0, None), &outputs).expect("the next number");
         switching.begin(&mut outputs);
@@ -284,7 +292,7 @@ mod tests {
         bad.count = 2;
         bad.changes[1] = OutputChange { channel: 4, value: 1 };
         assert_eq!(switching.store(bad, &outputs), Err(CommandRefusal::NoSuchChannel));
-        assert_eq!((switching.waits_for_place(), switching.executed()), (None, 0));
+        assert_eq!((switching.waiting_place(), switching.executed()), (None, 0));
     }
 
     /// Periods after which an instruction ends, and how, where the input becomes active in period `at`.
@@ -294,9 +302,9 @@ mod tests {
         switching.store(instruction(1, periods, until), &outputs).expect("the next number");
         switching.begin(&mut outputs);
         for n in 1..100 {
-            let alarm = switching.period(u16::from(n >= at) << 5, false);
+            let alarm = switching.run_period(u16::from(n >= at) << 5, false);
             if alarm.is_some() || switching.executed() == 1 {
-                assert!(!switching.busy());
+                assert!(!switching.is_busy());
                 return (n, alarm);
             }
         }
@@ -320,10 +328,10 @@ mod tests {
     fn a_failure_that_the_machine_reports_ends_it_unexecuted() {
         let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(64));
         switching.store(instruction(1, 5, None), &outputs).expect("the next number");
-        assert_eq!(switching.period(0, true), None);
+        assert_eq!(switching.run_period(0, true), None);
         switching.begin(&mut outputs);
-        assert_eq!(switching.period(0, true), Some(Alarm::Failed { instruction: 1 }));
-        assert_eq!((switching.executed(), switching.busy(), switching.waits_for_place()), (0, false, None));
+        assert_eq!(switching.run_period(0, true), Some(Alarm::Failed { instruction: 1 }));
+        assert_eq!((switching.executed(), switching.is_busy(), switching.waiting_place()), (0, false, None));
         assert_eq!(switching.barrier(), Some(0), "its place is held");
         switching.store(instruction(1, 5, None), &outputs).expect("its number stays the next");
     }

@@ -1,21 +1,22 @@
-//! The records that the card holds around its cursor.
+//! The window: the records that the card holds around its cursor.
 //!
-//! Invariant: `low ≤ cursor ≤ high`, but at the beginning of an epoch inside of a record, until that record is there; at most `W` records; the host slides the window, one record at a time, at either end. What
-//! has to make room is taken from the far end, and never within a quarter of the window of the cursor, nor where the
-//! cursor is already bound to go.
+//! Invariant: `low ≤ cursor ≤ high`, except at the beginning of an epoch inside a record, until that record has
+//! arrived; at most `W` records. The host slides the window, one record at a time, at either end. Records that are
+//! replaced are taken from the far end, and never within a quarter of the window from the cursor, nor where the cursor
+//! cannot avoid going.
 
 use retrace_core::drive::RecordWindow;
 use retrace_core::place::is_before;
 use retrace_core::{Flags, Place, RapidCap, Record};
 use retrace_link::CommandRefusal;
 
-/// Storage for the records of a window: an array, or one that is lent.
+/// Storage for the records of a window: an array, or a borrowed slice.
 pub trait RecordStorage<const A: usize>: AsRef<[Record<A>]> + AsMut<[Record<A>]> {}
 
 impl<const A: usize, S: AsRef<[Record<A>]> + AsMut<[Record<A>]>> RecordStorage<A> for S {}
 
-/// A window of at most `W` records (a power of two, at least 4), which stand in `S`: its own array as a rule. On a microcontroller they are
-/// lent, so that the card's first value in flash is without them.
+/// Window of at most `W` records (a power of two, at least 4), which are stored in `S`: usually its own array. On a
+/// microcontroller the storage is provided separately, so that the card's initial value in flash does not contain it.
 #[derive(Clone, Debug)]
 pub struct CardWindow<const A: usize, const W: usize, S = [Record<A>; W]> {
     records: S,
@@ -27,7 +28,7 @@ pub struct CardWindow<const A: usize, const W: usize, S = [Record<A>; W]> {
 impl<const A: usize, const W: usize> CardWindow<A, W> {
     const CHECKED: () = assert!(W.is_power_of_two() && W >= 4 && W <= 1 << 24);
 
-    /// An empty window at `place`, where the path is at rest.
+    /// Creates an empty window at `place`, where the path is at rest.
     #[must_use]
     pub const fn new(place: u32) -> Self {
         let () = Self::CHECKED;
@@ -36,17 +37,17 @@ impl<const A: usize, const W: usize> CardWindow<A, W> {
 }
 
 impl<const A: usize, const W: usize, S> CardWindow<A, W, S> {
-    /// The same, with its records in `records`.
+    /// Creates an empty window at `place` with its records in `records`.
     pub(crate) const fn with_records(place: u32, records: S) -> Self {
         Self { records, low: place, high: place, low_rests: true }
     }
 
-    /// Where its records are to stand, before there are any: `W` of them.
-    pub(crate) fn lend(&mut self, records: S) {
+    /// Sets the storage of its `W` records, before it holds any.
+    pub(crate) fn lend_records(&mut self, records: S) {
         self.records = records;
     }
 
-    /// Forgets everything and begins anew at `place`; `rests`: the path is at rest there.
+    /// Drops all records and restarts at `place`; `rests` means that the path is at rest there.
     pub const fn restart(&mut self, place: u32, rests: bool) {
         (self.low, self.high, self.low_rests) = (place, place, rests);
     }
@@ -61,13 +62,13 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
         self.high.wrapping_sub(self.low)
     }
 
-    /// The record of that number, if held.
+    /// Returns the record of that number, if held.
     #[must_use]
     pub fn record(&self, place: u32) -> Option<&Record<A>> {
         (place.wrapping_sub(self.low) < self.len()).then(|| &self.records.as_ref()[Self::index(place)])
     }
 
-    /// Takes the next record ahead. `cursor` is where the card stands.
+    /// Adds the next record ahead. `cursor` is the current place of the card.
     pub fn push_ahead(&mut self, place: u32, record: Record<A>, cursor: Place) -> Result<(), CommandRefusal> {
         if place != self.high {
             return Err(CommandRefusal::OutOfOrder);
@@ -84,8 +85,8 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
         Ok(())
     }
 
-    /// Takes the next record behind; `rests`: the path is at rest before it. `bound` is the furthest place ahead that the
-    /// cursor stands at or is bound to run to.
+    /// Adds the next record behind; `rests` means that the path is at rest before it. `bound` is the furthest place
+    /// ahead that the cursor is at or cannot avoid reaching.
     pub fn push_behind(
         &mut self,
         place: u32,
@@ -109,7 +110,7 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
         Ok(())
     }
 
-    /// Forgets the records from `high` on; not those that the cursor stands in or is bound to run to.
+    /// Drops the records from `high` on, but not those that the cursor is in or cannot avoid reaching.
     pub fn trim(&mut self, high: u32, bound: Place) -> Result<(), CommandRefusal> {
         if is_before(self.high, high) || is_before(high, self.low) {
             return Err(CommandRefusal::OutOfOrder);
@@ -121,7 +122,7 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
         Ok(())
     }
 
-    /// Forgets the records before `low`; not those that the cursor stands in or is bound to run back to.
+    /// Drops the records before `low`, but not those that the cursor is in or cannot avoid reaching backward.
     pub fn forget(&mut self, low: u32, bound: Place) -> Result<(), CommandRefusal> {
         if is_before(low, self.low) || is_before(self.high, low) {
             return Err(CommandRefusal::OutOfOrder);

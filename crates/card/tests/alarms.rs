@@ -26,7 +26,7 @@ fn running() -> TestCard {
     card.accept(HostCommand::rate(ONE)).expect("a rate");
     for _ in 0..10 {
         card.heard();
-        card.period(levels(0));
+        card.run_period(levels(0));
     }
     assert!(card.status().place.record >= 3 && card.status().outputs[3] == 1);
     card
@@ -35,13 +35,13 @@ fn running() -> TestCard {
 /// The alarm is latched in the period that `inputs` come in, and the card comes to rest on the path as the law says.
 fn brakes(card: &mut TestCard, inputs: InputLevels, alarm: Alarm) {
     let rate = card.status().rate;
-    let status = *card.period(inputs);
+    let status = *card.run_period(inputs);
     assert_eq!((status.alarm, status.outputs[3]), (Some(alarm), 0));
     assert!(status.rate != 0 && status.rate <= rate, "braked, not cut off");
     for _ in 1..STOPS_WITHIN {
         card.heard();
         assert_eq!(card.accept(HostCommand::rate(ONE)), Err(CommandRefusal::Alarm));
-        card.period(inputs);
+        card.run_period(inputs);
     }
     assert!(card.status().at_rest);
     assert_eq!((card.status().counts, card.status().alarm), (moved(0, card.status().place), Some(alarm)));
@@ -71,17 +71,17 @@ fn every_cause_brakes_on_the_path_and_keeps_the_outputs_safe_until_it_is_gone_an
         assert_eq!(card.accept(HostCommand::Home(HomingCommand::default())), Err(CommandRefusal::Alarm));
         card.accept(HostCommand::Ahead { place: 60, record: record(60) }).expect("records are taken all the same");
         card.heard();
-        card.period(levels(0));
+        card.run_period(levels(0));
         card.accept(HostCommand::ClearAlarm).expect("the cause has gone");
         card.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 2 }))
             .expect("nothing keeps it any more");
         let place = card.status().place;
         for _ in 0..20 {
             card.heard();
-            assert_eq!((card.period(levels(0)).place, card.status().alarm), (place, None));
+            assert_eq!((card.run_period(levels(0)).place, card.status().alarm), (place, None));
         }
         card.accept(HostCommand::rate(ONE)).expect("a new word");
-        card.period(levels(0));
+        card.run_period(levels(0));
         assert!(place.distance_to(card.status().place) > 0);
     }
 }
@@ -90,7 +90,7 @@ fn every_cause_brakes_on_the_path_and_keeps_the_outputs_safe_until_it_is_gone_an
 fn a_silent_host_stops_the_card_also_at_rest_and_opening_anew_does_not_clear_it() {
     let mut card = running();
     for n in 1..=60 {
-        let silent = card.period(levels(0)).alarm == Some(Alarm::HostSilent);
+        let silent = card.run_period(levels(0)).alarm == Some(Alarm::HostSilent);
         // the last of the ten periods before had been heard in
         assert_eq!(silent, n >= 29, "{n}");
     }
@@ -111,12 +111,12 @@ fn a_silent_host_stops_the_card_also_at_rest_and_opening_anew_does_not_clear_it(
 
     let mut idle = TestCard::new(identity()).expect("a memory");
     for _ in 0..100 {
-        assert_eq!(idle.period(levels(!0)).alarm, None, "nobody has opened it");
+        assert_eq!(idle.run_period(levels(!0)).alarm, None, "nobody has opened it");
     }
     idle.open(&settings(1, 0)).expect("fit");
     idle.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("an output");
     for _ in 0..30 {
-        idle.period(levels(0));
+        idle.run_period(levels(0));
     }
     assert_eq!((idle.status().alarm, idle.status().outputs[3]), (Some(Alarm::HostSilent), 0));
 }
@@ -127,24 +127,24 @@ fn a_door_may_be_open_while_nothing_moves_and_stops_what_is_about_to() {
     for place in 0..40 {
         card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
         card.heard();
-        assert_eq!(card.period(levels(DOOR)).alarm, None);
+        assert_eq!(card.run_period(levels(DOOR)).alarm, None);
     }
     card.accept(HostCommand::rate(ONE)).expect("a rate");
-    assert_eq!((card.period(levels(DOOR)).alarm, card.status().rate), (Some(Alarm::DoorOpen), 0));
+    assert_eq!((card.run_period(levels(DOOR)).alarm, card.status().rate), (Some(Alarm::DoorOpen), 0));
     let mut card = opened(0);
     card.accept(HostCommand::rate(ONE)).expect("a rate");
-    assert_eq!(card.period(levels(DOOR)).alarm, None, "there is nothing to run");
+    assert_eq!(card.run_period(levels(DOOR)).alarm, None, "there is nothing to run");
     card.accept(HostCommand::Instruction(Instruction { number: 1, periods: 3, ..Instruction::default() }))
         .expect("in order");
-    assert_eq!(card.period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
+    assert_eq!(card.run_period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
     assert_eq!(card.status().executed, 0);
     let mut card = opened(0);
     let mut instruction = Instruction { number: 1, count: 1, ..Instruction::default() };
     instruction.changes[0] = OutputChange { channel: channel::TOOL, value: 5 };
     card.accept(HostCommand::Instruction(instruction)).expect("in order");
-    assert_eq!(card.period(levels(DOOR)).alarm, None, "it is kept");
+    assert_eq!(card.run_period(levels(DOOR)).alarm, None, "it is kept");
     card.accept(HostCommand::rate(ONE)).expect("a rate");
-    assert_eq!(card.period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
+    assert_eq!(card.run_period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
     assert_eq!(card.status().outputs[usize::from(channel::TOOL)], 0, "it has not begun");
 }
 
@@ -153,7 +153,7 @@ fn a_limit_switch_that_was_cleared_lets_the_axis_leave_and_nothing_else() {
     for (wrong, increment) in [(true, 5), (false, -5)] {
         let mut card = opened(0);
         let limit = Alarm::LimitSwitch { axis: 0, upper: true };
-        assert_eq!(card.period(levels(UPPER_LIMIT)).alarm, Some(limit));
+        assert_eq!(card.run_period(levels(UPPER_LIMIT)).alarm, Some(limit));
         card.accept(HostCommand::ClearAlarm).expect("at rest; only motion can open the switch");
         for place in 0..40 {
             let record = Record { increments: [increment, 7], ..Record::default() };
@@ -161,10 +161,10 @@ fn a_limit_switch_that_was_cleared_lets_the_axis_leave_and_nothing_else() {
         }
         card.accept(HostCommand::rate(ONE)).expect("a rate");
         card.heard();
-        let alarm = card.period(levels(UPPER_LIMIT)).alarm;
+        let alarm = card.run_period(levels(UPPER_LIMIT)).alarm;
         assert_eq!(alarm, wrong.then_some(limit));
-        card.period(levels(0));
-        assert_eq!(card.period(levels(UPPER_LIMIT)).alarm, Some(limit), "it has been open: it counts again");
+        card.run_period(levels(0));
+        assert_eq!(card.run_period(levels(UPPER_LIMIT)).alarm, Some(limit), "it has been open: it counts again");
     }
 }
 
@@ -172,13 +172,13 @@ fn a_limit_switch_that_was_cleared_lets_the_axis_leave_and_nothing_else() {
 fn a_record_with_too_many_pulses_is_refused_brakes_the_card_and_is_never_emitted() {
     let mut card = running();
     // 1000 ticks a period, 2 a pulse, 5 to set the direction up: (1000 − 9) / 4; one is kept for rounding
-    assert_eq!(card.terms().map(|terms| terms.max_increment()), Some(247));
+    assert_eq!(card.settings().map(|terms| terms.max_increment()), Some(247));
     let place = card.status().high;
     let too_many = |increment, cap| Record { increments: [0, increment], cap, ..Record::default() };
     assert_eq!(card.accept(HostCommand::Ahead { place, record: too_many(246, RapidCap::PLANNED) }), Ok(()));
     assert_eq!(card.status().alarm, None);
     let fast = HostCommand::Ahead { place: place + 1, record: too_many(130, RapidCap::sixteenths(32)) };
-    assert_eq!(card.accept(fast), Err(CommandRefusal::Unfit));
+    assert_eq!(card.accept(fast), Err(CommandRefusal::Unsupported));
     assert_eq!(card.status().alarm, Some(Alarm::TooManyPulses { axis: 1 }));
     brakes(&mut card, levels(0), Alarm::TooManyPulses { axis: 1 });
     assert_eq!(card.status().high, place + 1);
@@ -186,7 +186,7 @@ fn a_record_with_too_many_pulses_is_refused_brakes_the_card_and_is_never_emitted
         let mut card = opened(0);
         assert_eq!(
             card.accept(HostCommand::Ahead { place: 0, record: too_many(increment, RapidCap::PLANNED) }),
-            Err(CommandRefusal::Unfit)
+            Err(CommandRefusal::Unsupported)
         );
         assert_eq!(card.status().alarm, Some(Alarm::TooManyPulses { axis: 1 }));
     }
@@ -205,24 +205,24 @@ fn an_instruction_that_fails_or_takes_too_long_is_not_executed_and_its_number_st
     let mut card = begun();
     for n in 1..=15 {
         let alarm = (n == 15).then_some(Alarm::TimedOut { instruction: 1 });
-        assert_eq!((card.period(levels(0)).alarm, card.status().executed), (alarm, 0));
+        assert_eq!((card.run_period(levels(0)).alarm, card.status().executed), (alarm, 0));
     }
     card.accept(HostCommand::ClearAlarm).expect("nothing stands against it");
     card.heard();
     card.accept(HostCommand::Instruction(instruction)).expect("the number is the next still");
     for _ in 0..8 {
-        assert_eq!(card.period(levels(PLAIN)).executed, 0, "the target is 0 since the alarm");
+        assert_eq!(card.run_period(levels(PLAIN)).executed, 0, "the target is 0 since the alarm");
     }
     card.accept(HostCommand::rate(ONE)).expect("a rate");
     for n in 1..=5 {
-        assert_eq!(card.period(levels(PLAIN)).executed, u32::from(n == 5));
+        assert_eq!(card.run_period(levels(PLAIN)).executed, u32::from(n == 5));
     }
     let mut card = begun();
     let failed = InputLevels { failed: true, ..InputLevels::default() };
-    card.period(levels(0));
-    assert_eq!(card.period(failed).alarm, Some(Alarm::Failed { instruction: 1 }));
+    card.run_period(levels(0));
+    assert_eq!(card.run_period(failed).alarm, Some(Alarm::Failed { instruction: 1 }));
     assert_eq!((card.accept(HostCommand::ClearAlarm), card.status().executed), (Err(CommandRefusal::Alarm), 0));
-    card.period(levels(0));
+    card.run_period(levels(0));
     assert_eq!(card.accept(HostCommand::ClearAlarm), Ok(()));
 }
 
@@ -237,11 +237,11 @@ fn an_action_that_is_passed_while_braking_does_not_undo_what_is_safe() {
         card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
     card.accept(HostCommand::rate(ONE)).expect("a rate");
-    card.period(levels(0));
+    card.run_period(levels(0));
     assert_eq!(card.status().outputs[3..5], [1, 1]);
     card.accept(HostCommand::ManualOutput(OutputChange { channel: 4, value: 0 })).expect("an output");
     for _ in 0..STOPS_WITHIN {
-        card.period(levels(STOP));
+        card.run_period(levels(STOP));
         assert_eq!(card.status().outputs[3], 0);
     }
     assert_eq!(card.status().outputs[4], 1, "only what is called safe is kept");
@@ -280,10 +280,10 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
         no_axis,
     ];
     for (number, bad) in unfit.iter().enumerate() {
-        assert_eq!(card.open(bad), Err(CommandRefusal::Unfit), "number {number}");
+        assert_eq!(card.open(bad), Err(CommandRefusal::Unsupported), "number {number}");
     }
     assert_eq!(card.open(&no_output), Err(CommandRefusal::NoSuchChannel));
-    assert!(card.terms().is_none() && card.status().place == Place::start_of(0));
+    assert!(card.settings().is_none() && card.status().place == Place::start_of(0));
     let words: [HostCommand<2>; 5] = [
         HostCommand::rate(1),
         HostCommand::Ahead { place: 0, record: record(0) },
@@ -292,7 +292,7 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
         HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() }),
     ];
     for word in words {
-        assert_eq!(card.accept(word), Err(CommandRefusal::Unfit), "nobody has opened it");
+        assert_eq!(card.accept(word), Err(CommandRefusal::Unsupported), "nobody has opened it");
     }
     card.accept(HostCommand::rate(0)).expect("a stop is always taken");
     card.open(&good).expect("fit");
@@ -301,13 +301,13 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
     card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
     card.accept(HostCommand::Ahead { place: place + 1, record: record(place + 1) }).expect("room");
     card.accept(HostCommand::rate(ONE / 9)).expect("a rate");
-    card.period(levels(0));
+    card.run_period(levels(0));
     assert_eq!(card.open(&settings(2, 0)), Err(CommandRefusal::InMotion));
     let one_axis = CardSettings { axes: 1, inputs: Default::default(), ..settings(3, 0) };
     let mut card = TestCard::new(identity()).expect("a memory");
     card.open(&one_axis).expect("fit");
     let both = Record { increments: [1, 1], ..Record::default() };
-    assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: both }), Err(CommandRefusal::Unfit));
+    assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: both }), Err(CommandRefusal::Unsupported));
     assert_eq!(card.status().alarm, None);
 }
 
@@ -321,7 +321,7 @@ fn an_epoch_begins_at_the_counts_as_they_are_with_nothing_on_the_window() {
     card.accept(HostCommand::rate(ONE)).expect("a rate");
     card.accept(HostCommand::ManualOutput(OutputChange { channel: channel::FLOOD, value: 1 })).expect("an output");
     for _ in 0..20 {
-        card.period(levels(0));
+        card.run_period(levels(0));
     }
     let counts = moved(0, Place::start_of(16));
     assert_eq!((card.status().counts, card.status().executed), (counts, 1));
@@ -335,7 +335,7 @@ fn an_epoch_begins_at_the_counts_as_they_are_with_nothing_on_the_window() {
         let place = start.wrapping_add(n);
         card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
-    card.period(levels(0));
+    card.run_period(levels(0));
     assert_eq!(card.status().place, Place::start_of(start), "the rate of the last epoch is gone");
     card.accept(HostCommand::Behind { place: start - 1, record: record(start - 1), rests: rests_before(start - 1, 0) })
         .expect("room");
@@ -351,7 +351,7 @@ fn actions_of_another_epoch_are_not_executed() {
     }
     card.accept(HostCommand::rate(ONE)).expect("a rate");
     for _ in 0..20 {
-        card.period(levels(0));
+        card.run_period(levels(0));
     }
     assert_eq!((card.status().place, card.status().outputs[4]), (Place::start_of(16), 0));
 }
@@ -359,9 +359,9 @@ fn actions_of_another_epoch_are_not_executed() {
 #[test]
 fn the_wheel_and_the_inputs_are_reported() {
     let mut card = opened(0);
-    card.period(InputLevels { levels: PLAIN, encoder: 65_530, failed: false });
+    card.run_period(InputLevels { levels: PLAIN, encoder: 65_530, failed: false });
     assert_eq!((card.status().inputs, card.status().wheel), (PLAIN, 0));
-    card.period(InputLevels { levels: 0xFFC0, encoder: 4, failed: false });
+    card.run_period(InputLevels { levels: 0xFFC0, encoder: 4, failed: false });
     assert_eq!((card.status().inputs, card.status().wheel), (0, 10));
 }
 
@@ -383,7 +383,7 @@ fn home(card: &mut TestCard, at: i64, farthest: u32, mut each: impl FnMut(&mut T
         each(card, n);
         // the limit switch lies right behind the home switch
         let inputs = if position >= at { HOME | UPPER_LIMIT } else { 0 };
-        let status = card.period(levels(inputs));
+        let status = card.run_period(levels(inputs));
         position += i64::from(status.increments[0]);
         assert_eq!((status.rate, status.increments[1], status.place), (0, 0, Place::start_of(0)));
         if status.at_rest {
@@ -418,8 +418,8 @@ fn homing_sets_the_count_at_the_switch_and_asks_for_a_new_epoch() {
         assert!((-4..=0).contains(&(position - at)), "off the switch, at rest: {position}");
         // the switch opened on the pulse below its edge, seen in the next period
         assert!((0..=1).contains(&(card.status().counts[0] - 1000 - (position - at))), "{:?}", card.status().counts);
-        assert_eq!(card.accept(HostCommand::rate(ONE)), Err(CommandRefusal::Unfit));
-        assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: record(0) }), Err(CommandRefusal::Unfit));
+        assert_eq!(card.accept(HostCommand::rate(ONE)), Err(CommandRefusal::Unsupported));
+        assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: record(0) }), Err(CommandRefusal::Unsupported));
         let counts = card.status().counts;
         card.open(&settings(2, 77)).expect("at rest");
         assert_eq!((card.status().counts, card.status().low), (counts, 77));
@@ -450,7 +450,7 @@ fn homing_ends_in_an_alarm_or_cleanly_and_always_at_rest() {
     };
     let position = home(&mut card, 5000, 100_000, stop);
     assert_eq!((card.status().alarm, card.status().counts[0]), (None, position));
-    assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: record(0) }), Err(CommandRefusal::Unfit));
+    assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: record(0) }), Err(CommandRefusal::Unsupported));
 
     let mut card = opened(0);
     let order = HomingCommand {
@@ -464,11 +464,11 @@ fn homing_ends_in_an_alarm_or_cleanly_and_always_at_rest() {
     };
     card.accept(HostCommand::Home(order)).expect("at rest");
     for _ in 0..20 {
-        card.period(levels(0));
+        card.run_period(levels(0));
     }
-    assert_eq!(card.period(levels(LOWER_LIMIT)).alarm, Some(Alarm::LimitSwitch { axis: 0, upper: false }));
+    assert_eq!(card.run_period(levels(LOWER_LIMIT)).alarm, Some(Alarm::LimitSwitch { axis: 0, upper: false }));
     for _ in 0..6 {
-        card.period(levels(LOWER_LIMIT));
+        card.run_period(levels(LOWER_LIMIT));
     }
     assert!(card.status().at_rest && card.status().increments == [0, 0]);
     card.accept(HostCommand::Ahead { place: 0, record: record(0) }).expect_err("a new epoch first");
@@ -493,9 +493,9 @@ fn homing_needs_an_empty_window_and_a_card_at_rest() {
     let mut card = opened(0);
     assert_eq!(
         card.accept(HostCommand::Home(HomingCommand { search_speed: 300 * ONE, ..order })),
-        Err(CommandRefusal::Unfit)
+        Err(CommandRefusal::Unsupported)
     );
-    assert_eq!(card.accept(HostCommand::Home(HomingCommand { axis: 9, ..order })), Err(CommandRefusal::Unfit));
+    assert_eq!(card.accept(HostCommand::Home(HomingCommand { axis: 9, ..order })), Err(CommandRefusal::Unsupported));
     card.accept(HostCommand::Ahead { place: 0, record: record(0) }).expect("a refused order changes nothing");
 }
 

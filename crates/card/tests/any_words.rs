@@ -209,7 +209,7 @@ impl Witness {
     fn new(start: u32) -> Self {
         let mut card = TestCard::new(identity()).expect("a memory");
         card.open(&cutting_settings(1, start)).expect("fit");
-        let timing = card.terms().expect("opened").timing();
+        let timing = card.settings().expect("opened").timing();
         let outputs = [StepDirection::new(timing), StepDirection::new(timing)];
         Self {
             card,
@@ -242,7 +242,7 @@ impl Witness {
         if taken.is_err() {
             let too_fast = matches!(after.alarm, Some(Alarm::TooManyPulses { .. })) && before.alarm.is_none();
             if too_fast {
-                assert_eq!(taken, Err(CommandRefusal::Unfit));
+                assert_eq!(taken, Err(CommandRefusal::Unsupported));
                 (after.alarm, after.outputs) = (before.alarm, before.outputs);
             }
             assert_eq!(before, after, "{word:?} was refused and changed the report");
@@ -519,7 +519,7 @@ impl Witness {
             || self.begun.is_some() && self.instruction.is_some_and(|instruction| instruction.keeps_cutter);
         let lights = self.instruction;
         let begun = self.begun.is_some();
-        self.card.period(InputLevels { levels, encoder: 0, failed });
+        self.card.run_period(InputLevels { levels, encoder: 0, failed });
         let now = self.status();
         assert_eq!(now.period, before.period + 1);
         self.check_pulses(&before, &now);
@@ -541,7 +541,7 @@ impl Witness {
     fn check_pulses(&mut self, before: &CardStatus<2>, now: &CardStatus<2>) {
         for axis in 0..2 {
             let increment = now.increments[axis];
-            self.outputs[axis].begin(increment).expect("a card never asks for more than a period holds");
+            self.outputs[axis].begin_period(increment).expect("a card never asks for more than a period holds");
             let rises = self.outputs[axis].edges().filter(|(_, edge)| *edge == Edge::Rise).count();
             assert_eq!(rises, increment.unsigned_abs() as usize);
             self.pulses[axis] += i64::from(increment);

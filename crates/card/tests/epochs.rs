@@ -45,7 +45,7 @@ impl Host {
         card.accept(HostCommand::rate(ONE)).expect("a rate");
         while Place::start_of(first).distance_to(card.status().place) < ONE {
             card.heard();
-            card.period(levels(0));
+            card.run_period(levels(0));
         }
         card.open(&settings(2, first)).expect("at rest");
         Self { card, first, epoch: 2, base, switched: Vec::new(), acted: Vec::new(), shown: [0; 2] }
@@ -117,7 +117,7 @@ impl Host {
             self.card.heard();
         }
         let was = *self.card.status();
-        self.card.period(levels(0));
+        self.card.run_period(levels(0));
         let now = *self.card.status();
         let shown = [channel::SPEED, COUNTER].map(|output| now.outputs[usize::from(output)]);
         for ((now, was), log) in shown.into_iter().zip(&mut self.shown).zip([&mut self.switched, &mut self.acted]) {
@@ -221,7 +221,7 @@ fn a_start_that_contradicts_itself_is_refused() {
         PathStart { place: Place::start_of(9), ..good },
     ];
     for start in bad {
-        assert_eq!(card.open(&CardSettings { start, ..settings(2, 0) }), Err(CommandRefusal::Unfit), "{start:?}");
+        assert_eq!(card.open(&CardSettings { start, ..settings(2, 0) }), Err(CommandRefusal::Unsupported), "{start:?}");
         assert_eq!(*card.status(), before);
     }
     card.open(&CardSettings { start: good, ..settings(2, 0) }).expect("good");
@@ -244,7 +244,7 @@ fn a_path_in_motion_is_not_left_at_full_rate() {
         }
         card.accept(HostCommand::rate(ONE)).expect("a rate");
         card.heard();
-        card.period(levels(0)).rate
+        card.run_period(levels(0)).rate
     };
     assert_eq!(rate_after(true), ONE);
     assert!(rate_after(false) < ONE / 10);

@@ -170,7 +170,7 @@ fn run(job: &Job) {
         let waits = was.executed as usize;
         let due = judge.begun.zip(job.markers.get(waits).and_then(|m| m.2));
         let input = due.is_some_and(|(begun, after)| was.period >= begun + u64::from(after));
-        card.period(levels(if input { common::PLAIN } else { 0 }));
+        card.run_period(levels(if input { common::PLAIN } else { 0 }));
         judge.look(&was, card.status());
         for report in reports.pass(vec![*card.status()]) {
             heard = report;

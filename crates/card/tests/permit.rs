@@ -73,7 +73,7 @@ impl Bench {
         if !self.silent {
             self.card.heard();
         }
-        *self.card.period(levels(self.levels))
+        *self.card.run_period(levels(self.levels))
     }
 
     fn periods(&mut self, count: u32) {
@@ -276,7 +276,7 @@ fn the_torch_is_out_before_the_path_runs_backward() {
     assert!(!bench.status().blocked);
     assert_eq!(
         bench.card.accept(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 1 })),
-        Err(CommandRefusal::Unfit)
+        Err(CommandRefusal::Unsupported)
     );
     bench.rate(ONE);
     bench.periods(60);
@@ -390,7 +390,7 @@ fn opening_and_closing_an_epoch_put_out() {
     assert_eq!(bench.value(JET), 0);
     assert_eq!(
         bench.card.accept(HostCommand::ManualOutput(OutputChange { channel: JET, value: 1 })),
-        Err(CommandRefusal::Unfit)
+        Err(CommandRefusal::Unsupported)
     );
 }
 
@@ -420,7 +420,7 @@ fn a_dry_run_keeps_fire_and_auxiliary_channels_off_and_blocks_nothing() {
     assert!(bench.status().place.record > 30);
     assert_eq!(
         bench.card.accept(HostCommand::ManualOutput(OutputChange { channel: ABRASIVE, value: 1 })),
-        Err(CommandRefusal::Unfit)
+        Err(CommandRefusal::Unsupported)
     );
 }
 
@@ -429,7 +429,7 @@ fn a_torch_is_not_lit_by_hand_at_rest() {
     let mut bench = Bench::new(false, false);
     assert_eq!(
         bench.card.accept(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 1 })),
-        Err(CommandRefusal::Unfit)
+        Err(CommandRefusal::Unsupported)
     );
     bench.send(HostCommand::ManualOutput(OutputChange { channel: JET, value: 1 }));
     assert_eq!(bench.until_off(JET).0, u32::from(JET_GRACE) + 1);

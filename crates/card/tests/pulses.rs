@@ -38,7 +38,7 @@ proptest! {
         let mut card = LongCard::new(identity()).expect("a memory");
         // 100 ticks: (100 − 9) / 4 pulses
         card.open(&CardSettings { period_us: 100, ..settings(1, 0) }).expect("fit");
-        let (timing, most) = card.terms().map(|terms| (terms.timing(), terms.max_increment())).expect("open");
+        let (timing, most) = card.settings().map(|terms| (terms.timing(), terms.max_increment())).expect("open");
         prop_assert_eq!(most, 22);
         let mut outputs = [StepDirection::new(timing), StepDirection::new(timing)];
         let mut place = 0;
@@ -62,9 +62,9 @@ proptest! {
             card.accept(HostCommand::rate(target)).expect("a rate");
             for _ in 0..periods {
                 card.heard();
-                let increments = card.period(levels(0)).increments;
+                let increments = card.run_period(levels(0)).increments;
                 for (output, increment) in outputs.iter_mut().zip(increments) {
-                    prop_assert_eq!(output.begin(increment), Ok(()));
+                    prop_assert_eq!(output.begin_period(increment), Ok(()));
                     fullest = fullest.max(increment.unsigned_abs());
                 }
             }
@@ -83,7 +83,7 @@ proptest! {
         let place = if back { u32::MAX } else { 0 };
         let word = if back { HostCommand::Behind { place, record, rests: true } } else { HostCommand::Ahead { place, record } };
         let fits = Travel::from(increment).abs() * Travel::from(cap.get()) <= 246 * 16;
-        prop_assert_eq!(card.accept(word), if fits { Ok(()) } else { Err(CommandRefusal::Unfit) });
+        prop_assert_eq!(card.accept(word), if fits { Ok(()) } else { Err(CommandRefusal::Unsupported) });
         prop_assert_eq!(card.status().alarm, (!fits).then_some(Alarm::TooManyPulses { axis: 1 }));
     }
 }

@@ -127,7 +127,7 @@ fn outputs_text(outputs: &Outputs, names: &ChannelNames) -> String {
 fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
     let machine = files::machine(machine)?;
     let mut card = linked_card::find::<MAX_AXES>(address)?;
-    card.settle(linked_card::nonce()).map_err(|fault| linked_card::card_error(address, &fault))?;
+    card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(address, &fault))?;
     // The place on the path is kept: an interrupted job may be resumed there.
     let start = card.greeting().map_or(PathStart::at(0), |said| PathStart {
         place: said.place,
@@ -143,7 +143,7 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
     // A rejected command shows below.
     let _ = card.send(HostCommand::ClearAlarm);
     for _ in 0..CLEARED_WITHIN {
-        if card.period().is_ok_and(|status| status.alarm.is_none()) {
+        if card.run_period().is_ok_and(|status| status.alarm.is_none()) {
             say!("{address}: cleared: {alarm}");
             return card.close().map_err(|fault| linked_card::card_error(address, &fault));
         }

@@ -24,7 +24,7 @@ pub type SerialCard<const A: usize> = Box<LinkedCard<A, SerialPort>>;
 pub fn find<const A: usize>(address: &str) -> Result<SerialCard<A>, CommandFailure> {
     let address = Address::parse(address).map_err(port_error)?;
     let port = SerialPort::open(&address).map_err(port_error)?;
-    let card = LinkedCard::find(port, nonce(), LinkTimeouts::default()).map_err(|fault| {
+    let card = LinkedCard::connect(port, nonce(), LinkTimeouts::default()).map_err(|fault| {
         let refusal = NumberedError::new(fault.number(), format!("{address}: {fault}"), fault.remedy());
         CommandFailure::Card(refusal)
     })?;
@@ -101,7 +101,7 @@ pub const MAX_AXES: usize = 9;
 /// no host.
 ///
 /// # Errors
-/// See [`MotionCard::open`].
+/// The card cannot be opened with these settings.
 pub fn read_status<const A: usize>(
     card: &mut SerialCard<A>,
     address: &str,
@@ -146,7 +146,7 @@ impl<const A: usize> GreetedCard<A> {
     }
 
     fn open(&mut self, start: PathStart) -> Result<(), Fault<A>> {
-        self.card.settle(nonce())?;
+        self.card.wait_at_rest(nonce())?;
         let same = |greeting: &retrace_link::Greeting<A>| {
             greeting.identity.boot == self.boot && greeting.counts == self.status.counts
         };
@@ -159,7 +159,7 @@ impl<const A: usize> GreetedCard<A> {
             // A rejected command shows in the card's reports.
             let _ = self.card.send(HostCommand::ClearAlarm);
             for _ in 0..CLEARED_WITHIN {
-                if self.card.period()?.alarm.is_none() {
+                if self.card.run_period()?.alarm.is_none() {
                     break;
                 }
             }
@@ -178,23 +178,23 @@ impl<const A: usize> MotionCard<A> for GreetedCard<A> {
     }
 
     fn send(&mut self, word: HostCommand<A>) -> Result<(), retrace_link::CommandRefusal> {
-        if self.is_open { self.card.send(word) } else { Err(retrace_link::CommandRefusal::Unfit) }
+        if self.is_open { self.card.send(word) } else { Err(retrace_link::CommandRefusal::Unsupported) }
     }
 
-    fn period(&mut self) -> Result<&CardStatus<A>, Fault<A>> {
-        self.card.period()
+    fn run_period(&mut self) -> Result<&CardStatus<A>, Fault<A>> {
+        self.card.run_period()
     }
 
-    fn begin(&mut self, start: PathStart) -> Result<(), Fault<A>> {
-        if self.is_open { self.card.begin(start) } else { self.open(start) }
+    fn begin_path(&mut self, start: PathStart) -> Result<(), Fault<A>> {
+        if self.is_open { self.card.begin_path(start) } else { self.open(start) }
     }
 
     fn status(&self) -> &CardStatus<A> {
         if self.is_open { self.card.status() } else { &self.status }
     }
 
-    fn arrived(&self) -> u32 {
-        if self.is_open { self.card.arrived() } else { self.status.high }
+    fn acknowledged_high(&self) -> u32 {
+        if self.is_open { self.card.acknowledged_high() } else { self.status.high }
     }
 }
 

@@ -109,7 +109,7 @@ fn on_card<const A: usize>(
         return perform_on(args, machine, task, modal_context, &mut card, &Homing::simulated());
     }
     let mut card = linked_card::find::<A>(&args.port.card)?;
-    card.settle(linked_card::nonce()).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
+    card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
     let Some(greeting) = card.greeting().copied() else { return Ok(3) };
     linked_card::check_fit(&args.port.card, &greeting.identity, machine)?;
     let homing = Homing::of(&args.port.card, &greeting.identity);

@@ -268,7 +268,7 @@ impl ResumeStep<'_> {
     ) -> Result<u8, CommandFailure> {
         let address = self.args.card.clone().unwrap_or_else(|| was.address.clone());
         let mut card = linked_card::find::<A>(&address)?;
-        card.settle(linked_card::nonce()).map_err(|fault| linked_card::card_error(&address, &fault))?;
+        card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(&address, &fault))?;
         let Some(greeting) = card.greeting().copied() else { return Ok(3) };
         linked_card::check_fit(&address, &greeting.identity, &self.machine)?;
         let start = self.start_place(&address, &greeting, was)?;

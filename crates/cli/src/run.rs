@@ -94,7 +94,7 @@ impl RunContext<'_> {
         // Everything that can be refused without the card is checked before the card is contacted.
         self.open(&machine)?;
         let mut card = linked_card::find::<A>(&args.port.card)?;
-        card.settle(linked_card::nonce()).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
+        card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
         let Some(greeting) = card.greeting().copied() else { return Ok(3) };
         linked_card::check_fit(&args.port.card, &greeting.identity, &machine)?;
         let (counts, named) = (greeting.counts, crate::journaled_job::linked_card(&args.port.card, &greeting.identity));

@@ -139,7 +139,7 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &CardSimulatorSettings) -> (
     let machine = MachineConfig::built_in().expect("valid");
     let mut rig = CardSimulator::<AXES>::new(rig).expect("a card");
     let log = watched(&mut rig);
-    let mut card = Box::new(LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("it answers"));
+    let mut card = Box::new(LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("it answers"));
     card.open(machine.card_settings(PathStart::at(0))).expect("it opens");
     card.send(HostCommand::rate(ONE)).expect("a rate");
     let end = tape.records.len() as u32;
@@ -158,7 +158,7 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &CardSimulatorSettings) -> (
         {
             policy.sent();
         }
-        if let Err(fault) = card.period() {
+        if let Err(fault) = card.run_period() {
             assert!(matches!(fault, LinkedCardError::Host(LinkError::Refused(_))), "{fault}");
             ended = End::Refused;
             break;

@@ -1,37 +1,38 @@
-//! Who this card is, and a number for this start of it.
+//! Identity of this card, and a number for this start of it.
 //!
-//! Invariant: two starts are given the same number only by chance, at odds of about one in the cycles that the host's first byte may come
-//! earlier or later.
+//! Invariant: two starts have the same number only by chance, with a probability of about one in the number of cycles
+//! by which the host's first byte may arrive earlier or later.
 
 use retrace_link::{CardIdentity, PROTOCOL};
 
 use crate::period::{MAX_PERIOD_US, MIN_PERIOD_US, SLOT_HZ};
 use crate::{AXES, MEMORY, WINDOW, pins};
 
-/// The card's name on the line.
+/// Name of the card on the serial line.
 const NAME: [u8; 16] = *b"retrace-stm32f4\0";
 
-/// The words of a microcontroller's unique number mixed into one serial number, which is never 0.
+/// Returns the serial number mixed from the words of a microcontroller's unique number; it is never 0.
 #[must_use]
 pub fn serial_number(unique: [u32; 3]) -> u32 {
     unique.iter().fold(0, |mixed, &word| mix(mixed ^ word)).max(1)
 }
 
-/// The number of this start: from the starts counted so far, if that count outlived the last one, and from the clock's count at the host's
-/// first byte, which comes when it likes.
+/// Returns the number of this start: from the count of starts, if that count survived the last one, and from the
+/// clock's count at the host's first byte, whose arrival time is arbitrary.
 #[must_use]
 pub fn boot_number(starts: u32, first_byte_at: u32) -> u32 {
     mix(mix(starts) ^ first_byte_at)
 }
 
-/// A bijection that spreads small differences over all bits: the 32-bit finalizer of MurmurHash3 (Appleby, 2011; public domain).
+/// A bijection that spreads small differences over all bits: the 32-bit finalizer of MurmurHash3 (Appleby, 2011; public
+/// domain).
 const fn mix(word: u32) -> u32 {
     let word = (word ^ word >> 16).wrapping_mul(0x85eb_ca6b);
     let word = (word ^ word >> 13).wrapping_mul(0xc2b2_ae35);
     word ^ word >> 16
 }
 
-/// What the card says of itself, before it has a serial number and the number of a start.
+/// Identity of the card before it has a serial number and the number of a start.
 pub const IDENTITY: CardIdentity = CardIdentity {
     protocol: PROTOCOL,
     name: NAME,

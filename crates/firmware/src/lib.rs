@@ -1,6 +1,7 @@
-//! The part of the firmware that knows no register, and is therefore tested on the developer's machine.
+//! The part of the firmware that accesses no register, and is therefore tested on the development host.
 //!
-//! Invariant: nothing here blocks or allocates; what the interrupt and the main loop share is atomic, each word stored by one of them.
+//! Invariant: nothing here blocks or allocates; data shared by the interrupt and the main loop is atomic, and each word
+//! is stored by only one of them.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
@@ -13,9 +14,9 @@ pub mod steps;
 
 /// Axes of this card.
 pub const AXES: usize = 4;
-/// Records that it holds.
+/// Number of records that it holds.
 pub const WINDOW: usize = 1024;
-/// Longest average of its rate law, in periods.
+/// Maximum average of its rate law, in periods.
 pub const MEMORY: usize = 256;
-/// Entries of reports that the host has not confirmed.
+/// Maximum number of report entries that the host has not acknowledged.
 pub const ENTRIES: usize = 256;

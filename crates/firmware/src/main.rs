@@ -1,9 +1,10 @@
-//! The card on an STM32F4: a serial line, four axes' step and direction, outputs and inputs (GMC-1, the card's side).
+//! The card on an STM32F4: a serial line, step and direction of four axes, outputs and inputs (GMC-1, the card's side).
 //!
-//! The main loop computes a control period whenever the step interrupt has taken the last one; between them it feeds bytes to the card and
-//! takes bytes from it.
+//! The main loop computes a control period whenever the step interrupt has taken the last one. Between these periods it
+//! passes received bytes to the card and sends its bytes.
 //!
-//! Invariant: nothing allocates and nothing waits for the line. Whatever panics or faults stops here, with steps and outputs low.
+//! Invariant: nothing allocates and nothing waits for the line. A panic or fault stops the firmware here, with steps
+//! and outputs low.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![deny(unsafe_code)]
 
@@ -17,7 +18,7 @@ mod main_loop;
 #[cfg(target_os = "none")]
 use main_loop::halt;
 
-/// On a developer's machine there is nothing to run.
+/// On a development host there is nothing to run.
 #[cfg(not(target_os = "none"))]
 fn main() {
     eprintln!("this is the firmware of a microcontroller: cargo xtask firmware build");

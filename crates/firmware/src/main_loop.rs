@@ -1,6 +1,7 @@
-//! The main loop, and the end of everything where something is wrong with the firmware itself.
+//! The main loop, and the halt after a defect of the firmware itself.
 //!
-//! Invariant: an order is computed only when there is room for it, so that none is ever lost; being late stretches time, not the path.
+//! Invariant: a step batch is computed only when there is space for it, so that none is ever lost; a delay stretches
+//! time, not the path.
 
 use core::sync::atomic::Ordering::Relaxed;
 
@@ -16,12 +17,13 @@ use crate::board::step_timer::ORDERS;
 use crate::board::{self, registers, serial, stopwatch};
 use crate::diagnostics::DIAGNOSTICS;
 
-/// Bytes that are fetched from the card at a time.
+/// Number of bytes fetched from the card at a time.
 const CHUNK: usize = 64;
 
 type Card = LinkedCard<AXES, WINDOW, MEMORY, ENTRIES, &'static mut [Record<AXES>]>;
 
-/// As a constant, so that it never passes over the stack. Its window's records stand apart: they are zeros, which need no flash.
+/// The initial card. It is a constant so that it never passes over the stack. The records of its window are stored
+/// separately: they are zeros, which need no flash.
 const FRESH: Card = match Card::without_records(boot::IDENTITY) {
     Some(card) => card,
     None => unreachable!(),
@@ -31,15 +33,15 @@ const FRESH: Card = match Card::without_records(boot::IDENTITY) {
 fn main() -> ! {
     static mut CARD: Card = FRESH;
     static mut RECORDS: [Record<AXES>; WINDOW] = [Record::STILL; WINDOW];
-    CARD.lend(RECORDS);
+    CARD.lend_records(RECORDS);
     board::start();
     let starts = board::count_start();
-    DIAGNOSTICS.begin();
-    // Before the host has spoken there is nothing to do, and when it speaks makes the number of this start.
+    DIAGNOSTICS.mark_valid();
+    // Nothing is to be done before the first byte from the host; its arrival time makes the number of this start.
     while serial::is_silent() {}
     let boot = boot::boot_number(starts, stopwatch::now());
     let serial_number = boot::serial_number(registers::unique_number());
-    CARD.name(serial_number, boot);
+    CARD.set_identity(serial_number, boot);
     let mut shape = Steps::SHAPE;
     let mut sender = Sender { bytes: [0; CHUNK], at: 0, end: 0 };
     loop {
@@ -47,33 +49,33 @@ fn main() -> ! {
             CARD.receive(byte);
         }
         if ORDERS.is_free() {
-            period(CARD, &mut shape);
+            run_period(CARD, &mut shape);
         }
         sender.send(CARD);
     }
 }
 
-/// Computes a control period and orders its pulses. Where an opening has changed how steps are made, a period without any goes ahead of
-/// it, so that the directions stand.
-fn period(card: &mut Card, shape: &mut StepShape) {
-    if let Some(wanted) = card.terms().map(|terms| shape_of(terms.settings()))
+/// Computes a control period and puts its step batch. If an opening has changed the step timing, a period without
+/// pulses precedes it, so that the directions are stable.
+fn run_period(card: &mut Card, shape: &mut StepShape) {
+    if let Some(wanted) = card.settings().map(|settings| shape_of(settings.settings()))
         && wanted != *shape
     {
         *shape = wanted;
         ORDERS.put(&StepBatch { increments: [0; AXES], shape: wanted });
         return;
     }
-    let (began, interrupts) = (stopwatch::now(), DIAGNOSTICS.in_interrupts());
+    let (began, interrupts) = (stopwatch::now(), DIAGNOSTICS.interrupt_cycles());
     let inputs = InputLevels { levels: board::input_levels(), encoder: board::encoder(), failed: false };
-    let status = card.period(inputs);
+    let status = card.run_period(inputs);
     board::set_outputs(&status.outputs);
     ORDERS.put(&StepBatch { increments: *card.card().pulses(), shape: *shape });
-    let interrupted = DIAGNOSTICS.in_interrupts().wrapping_sub(interrupts);
+    let interrupted = DIAGNOSTICS.interrupt_cycles().wrapping_sub(interrupts);
     DIAGNOSTICS.max_period.fetch_max(stopwatch::since(began).saturating_sub(interrupted), Relaxed);
     DIAGNOSTICS.periods.fetch_add(1, Relaxed);
 }
 
-/// How the host wants steps to be made.
+/// Returns the step shape for the host's settings.
 fn shape_of(settings: &CardSettings<AXES>) -> StepShape {
     StepShape {
         period_us: settings.period_us,
@@ -83,7 +85,7 @@ fn shape_of(settings: &CardSettings<AXES>) -> StepShape {
     }
 }
 
-/// What the card wants to say, on its way to the transmitter.
+/// Bytes of the card that wait for the transmitter.
 struct Sender {
     bytes: [u8; CHUNK],
     at: usize,
@@ -91,7 +93,7 @@ struct Sender {
 }
 
 impl Sender {
-    /// Hands one byte on, if there is one and the transmitter has room.
+    /// Sends one byte, if one is available and the transmitter is ready.
     fn send(&mut self, card: &mut Card) {
         if self.at == self.end {
             (self.at, self.end) = (0, card.transmit(&mut self.bytes).min(CHUNK));
@@ -103,8 +105,8 @@ impl Sender {
     }
 }
 
-/// Stops for good: no interrupt, no step, every output low. Only a reset leads out of here, after which the host finds a card that was
-/// started anew.
+/// Halts the firmware: no interrupt, no step, every output low. Only a reset ends this state; the host then finds a
+/// restarted card.
 pub(crate) fn halt() -> ! {
     cortex_m::interrupt::disable();
     registers::set_port_a(ALL_STEPS_LOW);

@@ -1,28 +1,29 @@
-//! The step clock: how a control period is cut into slots, the slots in which steps begin and end.
+//! The step clock: divides a control period into slots, at which steps begin and end.
 //!
-//! Invariant: slots × reload is the control period to within half a timer tick a slot.
+//! Invariant: slots × reload is the control period to within half a timer tick per slot.
 
-/// Slots a second: steps begin and end on them, so an axis makes at most half as many steps a second.
+/// Slots per second: steps begin and end on them, so an axis makes at most half as many steps per second.
 pub const SLOT_HZ: u32 = 100_000;
-/// Shortest control period that is accepted, in microseconds: what the chip has time for (docs/firmware.md, *Figures*).
+/// Minimum control period, in microseconds: limited by the computing time of the chip (docs/firmware.md, *Figures*).
 pub const MIN_PERIOD_US: u32 = if cfg!(feature = "f405") { 500 } else { 1000 };
-/// Longest control period that is accepted, in microseconds.
+/// Maximum control period, in microseconds.
 pub const MAX_PERIOD_US: u32 = 20_000;
 
-/// A control period as the step timer runs it.
+/// Control period as the step timer runs it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Period {
-    /// Slots in the period, at least 1.
+    /// Number of slots in the period, at least 1.
     pub slots: u32,
-    /// Ticks of the timer a slot.
+    /// Timer ticks per slot.
     pub ticks_per_slot: u32,
 }
 
 impl Period {
-    /// The slots of a period of `us` microseconds, held to [`MIN_PERIOD_US`] … [`MAX_PERIOD_US`], for a timer of `timer_hz`.
+    /// Returns the slots of a period of `us` microseconds, clamped to [`MIN_PERIOD_US`] … [`MAX_PERIOD_US`], for a
+    /// timer of `timer_hz`.
     ///
-    /// A period that is a multiple of 10 µs is exact where the timer's rate is a multiple of [`SLOT_HZ`]; another one is off by at most
-    /// half a tick a slot.
+    /// A period that is a multiple of 10 µs is exact if the timer's rate is a multiple of [`SLOT_HZ`]; any other one is
+    /// off by at most half a tick per slot.
     #[must_use]
     pub const fn new(us: u32, timer_hz: u32) -> Self {
         let us = if us < MIN_PERIOD_US {
@@ -35,7 +36,7 @@ impl Period {
         let slots = us / (1_000_000 / SLOT_HZ);
         let ticks = us as u64 * timer_hz as u64 / 1_000_000;
         let ticks_per_slot = (ticks + slots as u64 / 2) / slots as u64;
-        // below 2³²: a slot is some 10 µs
+        // below 2³²: a slot is about 10 µs
         Self { slots, ticks_per_slot: ticks_per_slot as u32 }
     }
 }

@@ -1,18 +1,18 @@
-//! Which pin is what: the wiring table of `docs/firmware.md`, as constants, and the ports' words made from it.
+//! Pin assignment: the wiring table of `docs/firmware.md`, as constants, and the register words of the ports.
 //!
-//! Invariant: all axes are on port A and all outputs on port B, so that one store to a port's bit set/reset register switches them at once
-//! (RM0090 and RM0368, 8.4.7: lower half sets, upper half resets).
+//! Invariant: all axes are on port A and all outputs on port B, so that one store to a port's bit set/reset register
+//! switches them at once (RM0090 and RM0368, 8.4.7: lower half sets, upper half resets).
 
 use retrace_link::{Outputs, channel};
 
 use crate::AXES;
 
-/// Step of the first axis, on port A; those of the others follow it. The drive counts the rising edge.
+/// Step pin of the first axis, on port A; those of the other axes follow it. The drive counts the rising edge.
 pub const FIRST_STEP_PIN: u8 = 1;
-/// Direction of the first axis, on port A; those of the others follow it. High is positive.
+/// Direction pin of the first axis, on port A; those of the other axes follow it. High is positive.
 pub const FIRST_DIRECTION_PIN: u8 = 5;
 
-/// When an output pin is high.
+/// Condition under which an output pin is high.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum High {
     /// While the channel is not 0.
@@ -23,7 +23,7 @@ pub enum High {
     Below(u8),
 }
 
-/// Digital outputs that have a pin: channels 0 … 3.
+/// Number of digital outputs with a pin: channels 0 … 3.
 pub const DIGITAL_OUTPUTS: u8 = 4;
 /// The output pins, on port B. All are low from reset on.
 pub const OUTPUT_PINS: [(u8, High); 8] = [
@@ -62,8 +62,8 @@ const ALL: u32 = (1 << AXES) - 1;
 /// All pins of the axes, one bit each.
 const AXIS_PINS: u32 = ALL << FIRST_STEP_PIN | ALL << FIRST_DIRECTION_PIN;
 
-/// The word for port A that sets all steps and directions: axes whose step is high, that go backward, and whose direction output is the other
-/// way round, one bit each.
+/// Returns the word for port A that sets all steps and directions, from three bit sets of axes: step high, backward,
+/// and direction output inverted.
 #[must_use]
 pub const fn axes_word(steps: u32, backward: u32, inverted: u32) -> u32 {
     let directions = !(backward ^ inverted) & ALL;
@@ -71,7 +71,7 @@ pub const fn axes_word(steps: u32, backward: u32, inverted: u32) -> u32 {
     high | (AXIS_PINS & !high) << 16
 }
 
-/// The word for port B that sets all output pins.
+/// Returns the word for port B that sets all output pins.
 #[must_use]
 pub fn outputs_word(outputs: &Outputs) -> u32 {
     let value = |channel: u8| outputs[usize::from(channel)];
@@ -85,7 +85,7 @@ pub fn outputs_word(outputs: &Outputs) -> u32 {
     })
 }
 
-/// The word for port B that sets all output pins low.
+/// Word for port B that sets all output pins low.
 pub const ALL_OUTPUTS_LOW: u32 = {
     let (mut word, mut n) = (0, 0);
     while n < OUTPUT_PINS.len() {
@@ -95,14 +95,14 @@ pub const ALL_OUTPUTS_LOW: u32 = {
     word
 };
 
-/// The word for port A that sets all step pins low and leaves the directions.
+/// Word for port A that sets all step pins low and leaves the directions unchanged.
 pub const ALL_STEPS_LOW: u32 = ALL << FIRST_STEP_PIN << 16;
 
 const fn bit(pin: u8, high: bool) -> u32 {
     1 << (if high { pin } else { pin + 16 })
 }
 
-/// Levels of the inputs, one bit each, from what ports A, B and C read.
+/// Returns the levels of the inputs, one bit each, from the input registers of ports A, B and C.
 #[must_use]
 pub fn input_levels(a: u32, b: u32, c: u32) -> u16 {
     INPUT_PINS.iter().enumerate().fold(0, |levels, (number, &(port, pin))| {

@@ -1,32 +1,32 @@
-//! A ring of bytes between an interrupt and the main loop.
+//! Ring of bytes between an interrupt and the main loop.
 //!
-//! Invariant: one side only pushes and stores `head`, the other only pops and stores `tail`; both count bytes and only grow, and
-//! `head − tail` is at most `N`.
+//! Invariant: one side only pushes and stores `head`, the other only pops and stores `tail`; both count bytes and only
+//! grow, and `head − tail` is at most `N`.
 
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
-/// Holds up to `N` bytes; `N` is a power of two. One context pushes, one pops.
+/// Ring of up to `N` bytes; `N` is a power of two. One context pushes, one pops.
 pub struct ByteRing<const N: usize> {
     bytes: [AtomicU8; N],
-    /// Bytes ever pushed.
+    /// Total bytes pushed.
     head: AtomicU32,
-    /// Bytes ever popped.
+    /// Total bytes popped.
     tail: AtomicU32,
 }
 
 impl<const N: usize> ByteRing<N> {
-    /// An empty ring.
+    /// Creates an empty ring.
     #[must_use]
     pub const fn new() -> Self {
-        // a power of two, so that positions run on where the counts wrap around
+        // a power of two, so that positions continue where the counts wrap around
         const { assert!(N.is_power_of_two() && N <= 1 << 16) };
         Self { bytes: [const { AtomicU8::new(0) }; N], head: AtomicU32::new(0), tail: AtomicU32::new(0) }
     }
 
-    /// Appends a byte; false where the ring is full, and nothing has changed then. The pushing side's.
+    /// Appends a byte. Returns false and changes nothing if the ring is full. For the pushing side only.
     pub fn push(&self, byte: u8) -> bool {
         let head = self.head.load(Ordering::Relaxed);
-        // acquire: the byte in the cell was read before the cell was given back
+        // acquire: the byte in the cell was read before the cell was released
         if head.wrapping_sub(self.tail.load(Ordering::Acquire)) as usize >= N {
             return false;
         }
@@ -35,7 +35,7 @@ impl<const N: usize> ByteRing<N> {
         true
     }
 
-    /// Takes the oldest byte. The popping side's.
+    /// Removes and returns the oldest byte. For the popping side only.
     pub fn pop(&self) -> Option<u8> {
         let tail = self.tail.load(Ordering::Relaxed);
         if tail == self.head.load(Ordering::Acquire) {
@@ -46,7 +46,7 @@ impl<const N: usize> ByteRing<N> {
         Some(byte)
     }
 
-    /// Is nothing in it? The popping side's.
+    /// Whether the ring is empty. For the popping side only.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.tail.load(Ordering::Relaxed) == self.head.load(Ordering::Acquire)

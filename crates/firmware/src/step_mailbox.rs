@@ -1,34 +1,35 @@
-//! The hand-over of a control period's increments from the main loop to the step interrupt.
+//! Mailbox for the increments of a control period, from the main loop to the step interrupt.
 //!
-//! Invariant: each order that was put is taken exactly once, whole, in the order in which they were put.
+//! Invariant: each step batch that was put is taken exactly once, completely, in the order in which they were put.
 
 use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering};
 
-/// How steps are to be made, as the host's settings say it.
+/// Step timing from the host's settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepShape {
     /// Control period in microseconds.
     pub period_us: u32,
-    /// Least length of a step pulse, in nanoseconds.
+    /// Minimum length of a step pulse, in nanoseconds.
     pub pulse_ns: u16,
-    /// Time that the direction stands before a step, in nanoseconds.
+    /// Time that the direction is stable before a step, in nanoseconds.
     pub setup_ns: u16,
-    /// Axes whose direction output is the other way round, one bit each.
+    /// Axes whose direction output is inverted, one bit each.
     pub inverted: u16,
 }
 
-/// Net pulses of each axis in a control period, and how they are to be made.
+/// Net pulses of each axis in a control period, and their step timing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepBatch<const A: usize> {
     /// Net pulses of each axis.
     pub increments: [i32; A],
-    /// How.
+    /// Step timing.
     pub shape: StepShape,
 }
 
-/// Room for one order: one context puts, one takes.
+/// Mailbox for one step batch: one context puts, one takes.
 pub struct StepMailbox<const A: usize> {
-    /// Is there an order? Set by the putting side, cleared by the taking side; the rest belongs to whom it says.
+    /// Whether it holds a batch. Set by the putting side, cleared by the taking side; the flag tells which side owns
+    /// the other fields.
     full: AtomicBool,
     increments: [AtomicI32; A],
     period_us: AtomicU32,
@@ -38,7 +39,7 @@ pub struct StepMailbox<const A: usize> {
 }
 
 impl<const A: usize> StepMailbox<A> {
-    /// No order.
+    /// Creates an empty mailbox.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -50,13 +51,13 @@ impl<const A: usize> StepMailbox<A> {
         }
     }
 
-    /// May the next order be put? The putting side's.
+    /// Whether the next batch may be put. For the putting side only.
     #[must_use]
     pub fn is_free(&self) -> bool {
         !self.full.load(Ordering::Acquire)
     }
 
-    /// Puts an order; false where the last one was not taken yet, and nothing has changed then. The putting side's.
+    /// Puts a batch. Returns false and changes nothing if the last one was not taken yet. For the putting side only.
     pub fn put(&self, order: &StepBatch<A>) -> bool {
         if !self.is_free() {
             return false;
@@ -72,7 +73,7 @@ impl<const A: usize> StepMailbox<A> {
         true
     }
 
-    /// Takes the order, if there is one. The taking side's.
+    /// Takes the batch, if there is one. For the taking side only.
     pub fn take(&self) -> Option<StepBatch<A>> {
         if !self.full.load(Ordering::Acquire) {
             return None;

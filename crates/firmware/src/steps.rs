@@ -1,7 +1,7 @@
-//! What the step interrupt does in a slot: four axes' steps and directions, as one word for the port.
+//! The work of the step interrupt in a slot: steps and directions of four axes, as one word for the port.
 //!
-//! Invariant: every pulse of every order that was taken appears once at the port, in the slots of that order's period; a period that has
-//! no order yet waits, and nothing moves meanwhile.
+//! Invariant: every pulse of every batch that was taken is emitted once at the port, in the slots of that batch's
+//! period. If a period has no batch yet, it waits, and nothing moves meanwhile.
 
 use retrace_card::{StepDirection, StepTiming};
 
@@ -10,42 +10,42 @@ use crate::period::{Period, SLOT_HZ};
 use crate::pins::axes_word;
 use crate::step_mailbox::{StepBatch, StepMailbox, StepShape};
 
-/// The steppers of all axes, and where in the period they are.
+/// Steppers of all axes, and the position within the period.
 pub struct Steps {
     steppers: [StepDirection; AXES],
-    /// Axes whose step is high, and those that go backward, one bit each.
+    /// Axes whose step is high, and those that move backward, one bit each.
     high: u32,
     backward: u32,
-    /// How steps are made.
+    /// Step timing.
     shape: StepShape,
     period: Period,
     timer_hz: u32,
-    /// Slots left of the period; 0: the next one is due.
+    /// Remaining slots of the period; 0: the next period is due.
     left: u32,
-    /// Pulses forward less pulses backward of each axis: counted at the output.
+    /// Pulses forward minus pulses backward of each axis: counted at the output.
     counted: [i32; AXES],
-    /// Orders whose pulses did not fit their period and were not made: a defect.
+    /// Batches whose pulses did not fit their period and were not emitted: a defect.
     refused: u32,
 }
 
-/// What a slot asks of the hardware.
+/// Action that a slot requires of the hardware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slot {
-    /// What is stored to the bit set/reset register of the axes' port.
+    /// Value for the bit set/reset register of the axes' port.
     pub word: u32,
-    /// A period began, whose slots are as many ticks of the timer long.
+    /// Timer ticks per slot of a period that began with this slot.
     pub began: Option<u32>,
 }
 
 impl Steps {
-    /// Before anybody has said how steps are to be made: a period of 1 ms.
+    /// Step timing before the first settings: a period of 1 ms.
     pub const SHAPE: StepShape = StepShape { period_us: 1000, pulse_ns: 2000, setup_ns: 5000, inverted: 0 };
     const TIMING: StepTiming = match timing(Self::SHAPE) {
         Some(timing) => timing,
         None => unreachable!(),
     };
 
-    /// Nothing to do, for a timer of so many ticks a second.
+    /// Creates an idle state for a timer of `timer_hz` ticks per second.
     #[must_use]
     pub const fn new(timer_hz: u32) -> Self {
         Self {
@@ -61,13 +61,13 @@ impl Steps {
         }
     }
 
-    /// Goes one slot on. `None` where no order is there: the outputs stay as they are, which is all steps low.
+    /// Advances by one slot. Returns `None` if no batch is available: the outputs are unchanged, with all steps low.
     #[inline]
-    pub fn slot(&mut self, orders: &StepMailbox<AXES>) -> Option<Slot> {
+    pub fn next_slot(&mut self, orders: &StepMailbox<AXES>) -> Option<Slot> {
         let mut began = None;
         if self.left == 0 {
             let order = orders.take()?;
-            self.begin(&order);
+            self.begin_period(&order);
             began = Some(self.period.ticks_per_slot);
         }
         self.left -= 1;
@@ -80,32 +80,33 @@ impl Steps {
         let rising = high & !self.high;
         (self.high, self.backward) = (high, backward);
         if rising != 0 {
-            self.count(rising);
+            self.count_pulses(rising);
         }
         Some(Slot { word: axes_word(high, backward, u32::from(self.shape.inverted)), began })
     }
 
-    fn count(&mut self, rising: u32) {
+    fn count_pulses(&mut self, rising: u32) {
         for (axis, count) in self.counted.iter_mut().enumerate().filter(|(axis, _)| rising >> axis & 1 == 1) {
             *count = if self.backward >> axis & 1 == 1 { count.wrapping_sub(1) } else { count.wrapping_add(1) };
         }
     }
 
-    fn begin(&mut self, order: &StepBatch<AXES>) {
+    fn begin_period(&mut self, order: &StepBatch<AXES>) {
         if order.shape != self.shape {
-            self.take_shape(order.shape);
+            self.set_shape(order.shape);
         }
         for (stepper, &increment) in self.steppers.iter_mut().zip(&order.increments) {
-            if stepper.begin(increment).is_err() {
+            if stepper.begin_period(increment).is_err() {
                 self.refused = self.refused.wrapping_add(1);
             }
         }
         self.left = self.period.slots;
     }
 
-    /// Makes steps in another way. The direction outputs go forward with it, so the order that brings a new shape is to have no pulses.
-    fn take_shape(&mut self, shape: StepShape) {
-        // what the card has agreed to always has one
+    /// Sets a new step timing. The direction outputs become forward with it, so the batch with a new shape must have no
+    /// pulses.
+    fn set_shape(&mut self, shape: StepShape) {
+        // settings accepted by the card always have one
         if let Some(timing) = timing(shape) {
             self.steppers = [const { StepDirection::new(Self::TIMING) }; AXES].map(|_| StepDirection::new(timing));
             self.period = Period::new(shape.period_us, self.timer_hz);
@@ -113,26 +114,26 @@ impl Steps {
         self.shape = shape;
     }
 
-    /// Is a period under way?
+    /// Whether a period is in progress.
     #[must_use]
     pub const fn in_period(&self) -> bool {
         self.left > 0
     }
 
-    /// Net pulses of each axis since the start, as the outputs showed them; they wrap around.
+    /// Returns the net pulses of each axis since the start, as emitted at the outputs; they wrap around.
     #[must_use]
     pub const fn counted(&self) -> &[i32; AXES] {
         &self.counted
     }
 
-    /// Orders whose pulses did not fit their period: a defect.
+    /// Returns the number of batches whose pulses did not fit their period: a defect.
     #[must_use]
     pub const fn refused(&self) -> u32 {
         self.refused
     }
 }
 
-/// The same times in slots.
+/// Returns the step timing in slots.
 const fn timing(shape: StepShape) -> Option<StepTiming> {
     StepTiming::of_clock(SLOT_HZ, shape.period_us, shape.pulse_ns, shape.setup_ns)
 }
@@ -184,11 +185,11 @@ mod tests {
             for (periods, pulse_ns, setup_ns, inverted, increments) in runs {
                 let shape = StepShape { period_us: 1000 + periods * 500, pulse_ns, setup_ns, inverted };
                 for increments in [[0; AXES]].into_iter().chain(increments) {
-                    prop_assert_eq!(steps.slot(&mailbox), None);
+                    prop_assert_eq!(steps.next_slot(&mailbox), None);
                     prop_assert!(mailbox.put(&StepBatch { increments, shape }), "free");
                     let slots = shape.period_us / 10;
                     for n in 0..slots {
-                        let slot = steps.slot(&mailbox).expect("a period is under way");
+                        let slot = steps.next_slot(&mailbox).expect("a period is under way");
                         prop_assert_eq!(slot.began, (n == 0).then_some(840));
                         drives.see(slot.word, inverted);
                     }

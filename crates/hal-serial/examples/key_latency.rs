@@ -58,7 +58,7 @@ fn main() {
     std::thread::scope(|scope| {
         scope.spawn(|| serve(pty, begun, &slower, &ended));
         let port = SerialPort::open(&address).expect("the pseudo-terminal");
-        let mut card = Box::new(LinkedCard::<AXES, _>::find(port, 7, LinkTimeouts::default()).expect("a card"));
+        let mut card = Box::new(LinkedCard::<AXES, _>::connect(port, 7, LinkTimeouts::default()).expect("a card"));
         card.open(CardSettings::new(0, PathStart::at(0), 1000, limits)).expect("it opens");
         let (ended, pressed) = (&ended, &pressed);
         scope.spawn(move || {
@@ -88,7 +88,7 @@ fn main() {
                 pressed.store(0, Ordering::Relaxed);
                 card.send(HostCommand::rate(ONE)).expect("a rate");
             }
-            let status = *card.period().expect("the card");
+            let status = *card.run_period().expect("the card");
             let seen = slower.load(Ordering::Relaxed);
             if held != 0 && seen > 1 && status.at_rest {
                 latencies.push(seen.saturating_sub(held));

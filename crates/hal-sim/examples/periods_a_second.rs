@@ -28,7 +28,7 @@ fn main() {
                         card.send(HostCommand::Ahead { place, record: Record { increments, ..Record::default() } })
                             .expect("room");
                     }
-                    card.period().expect("no fault");
+                    card.run_period().expect("no fault");
                 }
                 best = best.min(began.elapsed().as_secs_f64());
             }

@@ -158,10 +158,10 @@ impl<const A: usize> CardSimulator<A> {
     fn period(&mut self) {
         let inputs = self.machine.inputs(self.now_us(), self.pins.positions());
         let before = self.card.status().counts;
-        let status = *self.card.period(inputs);
-        if let Some(terms) = self.card.terms() {
-            self.compared.set_backlash(&terms.settings().backlash_pulses, &before, self.pins.positions());
-            self.faults.overfull_periods += u64::from(!self.pins.emit(terms.timing(), self.card.card().pulses()));
+        let status = *self.card.run_period(inputs);
+        if let Some(settings) = self.card.settings() {
+            self.compared.set_backlash(&settings.settings().backlash_pulses, &before, self.pins.positions());
+            self.faults.overfull_periods += u64::from(!self.pins.emit(settings.timing(), self.card.card().pulses()));
         }
         self.faults.count_mismatches += u64::from(!self.compared.counts_match(&before, &status, self.pins.positions()));
         self.machine.outputs(self.now_us(), &status.outputs);
@@ -174,7 +174,8 @@ impl<const A: usize> CardSimulator<A> {
         {
             self.trace = None;
         }
-        self.due_ns += self.card.terms().map_or(IDLE_PERIOD_NS, |terms| u64::from(terms.settings().period_us) * 1000);
+        self.due_ns +=
+            self.card.settings().map_or(IDLE_PERIOD_NS, |settings| u64::from(settings.settings().period_us) * 1000);
     }
 
     /// Fetches from the card what its UART can send now.

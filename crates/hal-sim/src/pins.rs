@@ -48,7 +48,7 @@ impl<const A: usize> Pins<A> {
         self.edges.clear();
         let mut fits = true;
         for (axis, (output, &increment)) in (0u8..).zip(outputs.iter_mut().zip(increments)) {
-            fits &= output.begin(increment).is_ok();
+            fits &= output.begin_period(increment).is_ok();
             self.edges.extend(output.edges().map(|(tick, edge)| PinEdge { tick, axis, edge }));
         }
         for edge in &self.edges {

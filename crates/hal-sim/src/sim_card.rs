@@ -133,7 +133,7 @@ impl<const A: usize> SimCard<A> {
     ) -> Result<Self, CommandRefusal> {
         let identity = CardIdentity { tick_hz: FINE_HZ, max_pulses_hz: u32::MAX, ..identity::<A>(0, 0) };
         let settings = CardSettings { epoch: 1, pulse_ns: 0, direction_setup_ns: 0, ..settings };
-        let mut card = Box::new(Card::new(identity).ok_or(CommandRefusal::Unfit)?);
+        let mut card = Box::new(Card::new(identity).ok_or(CommandRefusal::Unsupported)?);
         card.open(&settings)?;
         let mut compared = CountChecker::new([0; A]);
         compared.set_backlash(&settings.backlash_pulses, &[0; A], &[0; A]);
@@ -153,7 +153,7 @@ impl<const A: usize> SimCard<A> {
     /// The plant is at these positions too. To be called before anything has moved.
     #[must_use]
     pub fn with_position(mut self, counts: [i64; A], outputs: &Outputs) -> Self {
-        self.card.stand_at(counts, outputs);
+        self.card.restore_state(counts, outputs);
         self.compared = CountChecker::new(counts);
         self.compared.set_backlash(&self.settings.backlash_pulses, &counts, &[0; A]);
         self.initial_counts = counts;
@@ -173,7 +173,7 @@ impl<const A: usize> SimCard<A> {
 
     /// Traces the last period, which began at `now_us`.
     fn trace_period(&mut self, now_us: u64) {
-        let (Some(traced), Some(terms)) = (&mut self.traced, self.card.terms()) else { return };
+        let (Some(traced), Some(terms)) = (&mut self.traced, self.card.settings()) else { return };
         // More pulses than fit are a fault of the card, which ends the run by itself.
         let _ = traced.pins.emit(terms.timing(), self.card.pulses());
         let edges = traced.pins.edges();
@@ -214,7 +214,7 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         self.card.accept(word)
     }
 
-    fn period(&mut self) -> Result<&CardStatus<A>, SimCardError> {
+    fn run_period(&mut self) -> Result<&CardStatus<A>, SimCardError> {
         let before = self.card.status();
         let (number, counts) = (before.period + 1, before.counts);
         let stood_under_alarm = before.alarm.is_some() && before.at_rest;
@@ -222,7 +222,7 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         let now_us = number * u64::from(self.settings.period_us);
         let inputs = self.inputs(now_us);
         self.card.heard();
-        self.card.period(inputs);
+        self.card.run_period(inputs);
         let (status, pulses) = (self.card.status(), self.card.pulses());
         if !self.counters.emit(pulses) {
             return Err(SimCardError::TooManyPulses { period: number });
@@ -239,7 +239,7 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         }
     }
 
-    fn begin(&mut self, start: PathStart) -> Result<(), SimCardError> {
+    fn begin_path(&mut self, start: PathStart) -> Result<(), SimCardError> {
         self.card.open(&CardSettings { start, ..self.settings }).map_err(SimCardError::EpochRefused)
     }
 
@@ -269,12 +269,12 @@ mod tests {
         }
         card.send(HostCommand::rate(ONE)).expect("a rate");
         for _ in 0..100 {
-            card.period().expect("no fault");
+            card.run_period().expect("no fault");
         }
         assert_eq!(card.status().counts, [700, -4950]);
         card.send(HostCommand::rate(-ONE / 3)).expect("a rate");
         for _ in 0..310 {
-            card.period().expect("no fault");
+            card.run_period().expect("no fault");
         }
         assert_eq!(card.status().counts, [0, 0]);
         assert_eq!(card.counters().pulses(), &[1400, 9900]);
@@ -285,7 +285,7 @@ mod tests {
         let begin = std::time::Instant::now();
         let mut card = SimCard::<1>::new(0, limits(), Clock::wall(1000)).expect("fits");
         for _ in 0..20 {
-            card.period().expect("no fault");
+            card.run_period().expect("no fault");
         }
         assert!(begin.elapsed() >= std::time::Duration::from_millis(20));
     }

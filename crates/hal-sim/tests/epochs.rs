@@ -59,7 +59,7 @@ fn feed(card: &mut impl MotionCard<3>) {
     if gate < RECORDS && !is_before(gate, card.status().reached) {
         let mut instruction = Instruction { number: next, place: gate, periods: 3, count: 1, ..Instruction::default() };
         instruction.changes[0] = OutputChange { channel: channel::SPEED, value: next as i32 };
-        if card.status().high == gate && card.arrived() == gate {
+        if card.status().high == gate && card.acknowledged_high() == gate {
             // A card in this process refuses an instruction that it already holds; over a serial line it must not be
             // sent twice.
             let _ = card.send(HostCommand::Instruction(instruction));
@@ -103,21 +103,21 @@ impl<C: MotionCard<3>> MotionCard<3> for OncePerEpoch<C> {
         self.card.send(word)
     }
 
-    fn period(&mut self) -> Result<&retrace_link::CardStatus<3>, C::Fault> {
-        self.card.period()
+    fn run_period(&mut self) -> Result<&retrace_link::CardStatus<3>, C::Fault> {
+        self.card.run_period()
     }
 
-    fn begin(&mut self, start: PathStart) -> Result<(), C::Fault> {
+    fn begin_path(&mut self, start: PathStart) -> Result<(), C::Fault> {
         self.told = 0;
-        self.card.begin(start)
+        self.card.begin_path(start)
     }
 
     fn status(&self) -> &retrace_link::CardStatus<3> {
         self.card.status()
     }
 
-    fn arrived(&self) -> u32 {
-        self.card.arrived()
+    fn acknowledged_high(&self) -> u32 {
+        self.card.acknowledged_high()
     }
 }
 
@@ -126,7 +126,7 @@ fn run<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C, target: Travel, p
     card.send(HostCommand::rate(target)).expect("a rate");
     for _ in 0..periods {
         feed(card);
-        let status = *card.period().expect("no fault");
+        let status = *card.run_period().expect("no fault");
         assert_eq!(status.counts, position(status.place), "at {:?}", status.place);
         if target > 0 && status.at_rest && status.place == Place::start_of(RECORDS) {
             return;
@@ -145,10 +145,10 @@ fn begin_anew<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C) {
     // A rate that is lost is repeated 12 ms later, and may be lost again: on the worst of these lines about two frames
     // in three are.
     while stood < 200 {
-        stood = if card.period().expect("no fault").at_rest { stood + 1 } else { 0 };
+        stood = if card.run_period().expect("no fault").at_rest { stood + 1 } else { 0 };
     }
     let was = *card.status();
-    card.begin(start_of(was.place, was.reached, was.executed)).expect("it stands");
+    card.begin_path(start_of(was.place, was.reached, was.executed)).expect("it stands");
     let now = card.status();
     assert_eq!((now.place, now.reached, now.counts), (was.place, was.reached, was.counts));
     assert!(now.period >= was.period && now.executed >= was.executed && now.executed <= was.executed + 1);
@@ -204,7 +204,7 @@ fn a_path_that_is_begun_anew_over_a_line_goes_on_exactly() {
     for (seed, chance) in [(1, 0.0), (2, 2e-4), (3, 1e-3)] {
         let (up, down) = (line(chance, seed), line(chance, seed + 100));
         let (rig, log) = watched(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() });
-        let mut wired = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+        let mut wired = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
         wired.open(settings()).expect("it takes the settings");
         let mut card = OncePerEpoch { card: wired, told: 0 };
         for (rate, periods) in legs(seed) {
@@ -225,8 +225,8 @@ fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> OncePerEpoch<LinkedCard<3
     // sooner than the watchdog, and later
     let until = rig.now_us() + u64::from(nonce % 4) * 200_000;
     rig.run(until);
-    let mut wired = LinkedCard::find(InProcess::new(rig), nonce, LinkTimeouts::default()).expect("a card answers");
-    wired.settle(nonce + 1000).expect("it stands");
+    let mut wired = LinkedCard::connect(InProcess::new(rig), nonce, LinkTimeouts::default()).expect("a card answers");
+    wired.wait_at_rest(nonce + 1000).expect("it stands");
     let stood = *wired.port().simulator().status();
     assert_eq!((stood.alarm, stood.at_rest), (Some(Alarm::HostSilent), true));
     let said: Greeting<3> = *wired.greeting().expect("it was found by it");
@@ -236,7 +236,7 @@ fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> OncePerEpoch<LinkedCard<3
     wired.open(CardSettings { start, ..settings() }).expect("it takes the settings");
     assert_eq!(wired.status().alarm, Some(Alarm::HostSilent));
     wired.send(HostCommand::ClearAlarm).expect("taken");
-    while wired.period().expect("no fault before it is known what became of it").alarm.is_some() {}
+    while wired.run_period().expect("no fault before it is known what became of it").alarm.is_some() {}
     OncePerEpoch { card: wired, told: 0 }
 }
 
@@ -249,7 +249,7 @@ fn a_host_that_was_killed_takes_its_job_up_again() {
         let chance = [0.0, 2e-4][seed as usize % 2];
         let (up, down) = (line(chance, seed), line(chance, seed + 100));
         let (rig, log) = watched(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() });
-        let mut wired = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+        let mut wired = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
         wired.open(settings()).expect("it takes the settings");
         let mut card = OncePerEpoch { card: wired, told: 0 };
         for (number, (rate, periods)) in (0u32..).zip(legs(seed).into_iter().take(6)) {
@@ -273,15 +273,15 @@ fn what_is_executed_meanwhile_is_executed() {
     let down = SerialChannelSettings { latency_us: 30_000, ..SerialChannelSettings::default() };
     let rig =
         CardSimulator::<3>::new(&CardSimulatorSettings { down, ..CardSimulatorSettings::default() }).expect("a card");
-    let mut card = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+    let mut card = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     card.open(settings()).expect("it takes the settings");
     let mut instruction = Instruction { number: 1, periods: 20, count: 1, ..Instruction::default() };
     instruction.changes[0] = OutputChange { channel: channel::SPEED, value: 7 };
     card.send(HostCommand::Instruction(instruction)).expect("taken");
     card.send(HostCommand::rate(ONE)).expect("a rate");
-    while card.period().expect("no fault").outputs[usize::from(channel::SPEED)] == 0 {}
+    while card.run_period().expect("no fault").outputs[usize::from(channel::SPEED)] == 0 {}
     assert_eq!((card.status().executed, card.port().simulator().status().executed), (0, 1));
-    card.begin(PathStart { executed: 40, ..PathStart::at(9) }).expect("it stands");
+    card.begin_path(PathStart { executed: 40, ..PathStart::at(9) }).expect("it stands");
     assert_eq!((card.status().executed, card.port().simulator().status().executed), (41, 41));
 }
 
@@ -291,14 +291,14 @@ fn an_alarm_that_cannot_be_cleared_is_a_fault_again() {
     let rig = CardSimulator::<3>::new(&CardSimulatorSettings::default()).expect("a card");
     let mut settings = settings();
     settings.inputs[usize::from(wiring::EMERGENCY_STOP)].used_for = InputUse::EmergencyStop;
-    let mut card = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+    let mut card = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     card.open(settings).expect("it takes the settings");
     let stop = LinkedCardError::Host(LinkError::Alarm(Alarm::EmergencyStop));
     card.port_mut().simulator_mut().machine().set_input(wiring::EMERGENCY_STOP, true);
-    let until_fault = |card: &mut LinkedCard<3, InProcess<3>>| (0..2000).find_map(|_| card.period().err());
+    let until_fault = |card: &mut LinkedCard<3, InProcess<3>>| (0..2000).find_map(|_| card.run_period().err());
     assert_eq!(until_fault(&mut card), Some(stop));
     card.send(HostCommand::ClearAlarm).expect("taken");
-    assert!(card.period().is_ok(), "nothing is known yet");
+    assert!(card.run_period().is_ok(), "nothing is known yet");
     assert_eq!(until_fault(&mut card), Some(stop));
     card.port_mut().simulator_mut().machine().set_input(wiring::EMERGENCY_STOP, false);
     assert_eq!(until_fault(&mut card), Some(stop), "the chain is closed, and the alarm latched");
@@ -321,7 +321,7 @@ fn with_switches() -> SimCard<3> {
 
 fn until<const A: usize>(card: &mut SimCard<A>, done: impl Fn(&retrace_link::CardStatus<A>) -> bool) {
     for _ in 0..20_000 {
-        if done(card.period().expect("no fault")) {
+        if done(card.run_period().expect("no fault")) {
             return;
         }
     }
@@ -344,21 +344,21 @@ fn the_card_in_this_process_homes_stops_and_is_turned_as_a_served_one() {
     until(&mut card, |status| status.at_rest);
     let apart = card.status().counts[1] - card.counters().positions()[1];
     assert_eq!(apart, 50_000 + 2999, "the switch opens at −2999");
-    card.begin(PathStart::at(5)).expect("it stands");
+    card.begin_path(PathStart::at(5)).expect("it stands");
     card.send(HostCommand::Ahead { place: 5, record: record(1) }).expect("the path is begun anew");
     // the wheel
     card.machine().turn_wheel(-7);
-    assert_eq!(card.period().expect("no fault").wheel, -7);
+    assert_eq!(card.run_period().expect("no fault").wheel, -7);
     // a door in motion
     card.machine().set_input(wiring::DOOR, true);
     card.send(HostCommand::rate(ONE)).expect("a rate");
     until(&mut card, |status| status.alarm.is_some());
-    assert_eq!(card.period().expect_err("it stands"), SimCardError::Alarm(Alarm::DoorOpen));
+    assert_eq!(card.run_period().expect_err("it stands"), SimCardError::Alarm(Alarm::DoorOpen));
     assert_eq!(card.send(HostCommand::ClearAlarm), Err(CommandRefusal::Alarm), "the door is open");
     card.machine().set_input(wiring::DOOR, false);
-    card.period().expect_err("it is still latched");
+    card.run_period().expect_err("it is still latched");
     card.send(HostCommand::ClearAlarm).expect("the door is shut");
-    assert_eq!(card.period().expect("no fault").alarm, None);
+    assert_eq!(card.run_period().expect("no fault").alarm, None);
 }
 
 #[test]
@@ -367,7 +367,7 @@ fn a_card_that_kept_its_position_stands_there_with_all_that_hangs_on_it() {
     outputs[3] = 1;
     let mut card = with_switches().with_position([3990, -50, 7], &outputs);
     assert_eq!((card.status().counts, card.status().outputs[3]), ([3990, -50, 7], 1));
-    card.begin(start_of(Place { record: 110, fraction: 1 << 30 }, 120, 2)).expect("it stands");
+    card.begin_path(start_of(Place { record: 110, fraction: 1 << 30 }, 120, 2)).expect("it stands");
     for place in 110..150 {
         card.send(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
@@ -385,7 +385,7 @@ fn play_is_taken_up_beside_the_counts() {
     let rig = CardSimulator::<3>::new(&CardSimulatorSettings::default()).expect("a card");
     let mut settings = settings();
     settings.backlash_pulses = [37, 0, 400];
-    let mut wired = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+    let mut wired = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     wired.open(settings).expect("it takes the settings");
     let mut card = OncePerEpoch { card: wired, told: 0 };
     let mut taken = Vec::new();
@@ -430,7 +430,7 @@ fn an_axis_with_play_is_homed_exactly() {
             // the switch is actuated by the driven part, which the drive pushes down at first
             let closed = driven <= -1000;
             card.machine().set_input(wiring::HOME, closed);
-            let at_rest = card.period().expect("no fault").at_rest;
+            let at_rest = card.run_period().expect("no fault").at_rest;
             let motor = card.counters().positions()[0];
             driven = driven.clamp(motor - i64::from(play), motor);
             if closed && driven > -1000 {
@@ -453,7 +453,7 @@ fn a_path_is_not_begun_where_the_machine_has_moved_on() {
     let down = SerialChannelSettings { latency_us: 30_000, ..SerialChannelSettings::default() };
     let rig =
         CardSimulator::<3>::new(&CardSimulatorSettings { down, ..CardSimulatorSettings::default() }).expect("a card");
-    let mut card = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+    let mut card = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     card.open(settings()).expect("it takes the settings");
     for place in 0..EVERY {
         card.send(HostCommand::Ahead { place, record: record(place) }).expect("room");
@@ -462,7 +462,7 @@ fn a_path_is_not_begun_where_the_machine_has_moved_on() {
     let was = *card.status();
     assert_eq!((was.place, was.at_rest), (Place::start_of(0), true), "as far as the host knows");
     let epoch = card.port().simulator().status().period;
-    let fault = card.begin(PathStart::at(0)).expect_err("it has moved on");
+    let fault = card.begin_path(PathStart::at(0)).expect_err("it has moved on");
     assert_eq!(fault, LinkedCardError::Host(LinkError::Moved));
     assert_eq!((fault.number(), fault.remedy()), ("E3021", "resume the job; check the line if it happens again"));
     let rig = card.port().simulator();
@@ -471,7 +471,7 @@ fn a_path_is_not_begun_where_the_machine_has_moved_on() {
     assert!(rig.status().period > epoch && rig.pins().positions() == &rig.status().counts);
     // After the report of its position it can be begun.
     while card.status().place != Place::start_of(EVERY) {
-        card.period().expect("no fault");
+        card.run_period().expect("no fault");
     }
-    card.begin(PathStart::at(EVERY)).expect("it stands there");
+    card.begin_path(PathStart::at(EVERY)).expect("it stands there");
 }

@@ -66,7 +66,7 @@ fn rig(boot: u32) -> CardSimulator<3> {
 fn find(rig: CardSimulator<3>, nonce: u32) -> (Host, Arc<Mutex<Recording>>) {
     let tape = Arc::new(Mutex::new(Recording::default()));
     let port = Recorder { inner: InProcess::new(rig), tape: Arc::clone(&tape) };
-    (Host::find(port, nonce, LinkTimeouts::default()).expect("a card answers"), tape)
+    (Host::connect(port, nonce, LinkTimeouts::default()).expect("a card answers"), tape)
 }
 
 fn open(host: &mut Host) {
@@ -88,7 +88,7 @@ fn run(host: &mut Host) {
                 break;
             }
         }
-        host.period().expect("no fault");
+        host.run_period().expect("no fault");
     }
 }
 
@@ -100,7 +100,7 @@ fn session(boot: u32) -> (CardSimulator<3>, Recording) {
     open(&mut host);
     run(&mut host);
     host.send(HostCommand::ManualOutput(OutputChange { channel: 3, value: 0 })).expect("room");
-    while host.period().expect("no fault").outputs[3] != 0 {}
+    while host.run_period().expect("no fault").outputs[3] != 0 {}
     host.close().expect("it stands");
     let rig = host.into_port().inner.into_simulator();
     assert_eq!((rig.pins().positions(), rig.status().outputs[3]), (&END, 0));
@@ -152,7 +152,7 @@ fn a_replayed_opening_is_no_sign_of_life() {
     open(&mut host);
     host.send(HostCommand::rate(ONE)).expect("a rate");
     for _ in 0..50 {
-        host.period().expect("no fault");
+        host.run_period().expect("no fault");
     }
     let sent = tape.lock().expect("whole").sent.clone();
     let opening = sent.split_inclusive(|&byte| byte == 0).find(|frame| frame.len() > 60).expect("an opening");
@@ -178,7 +178,7 @@ fn replayed_greetings_and_reports_change_nothing_of_a_running_job() {
             let place = host.status().high;
             let record = Record { increments: [round, -3, 1], line: place, ..Record::default() };
             let _ = host.send(HostCommand::Ahead { place, record });
-            host.period().expect("a recording ends nothing");
+            host.run_period().expect("a recording ends nothing");
         }
     }
     run(&mut host);

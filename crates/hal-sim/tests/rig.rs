@@ -21,7 +21,7 @@ fn settings() -> CardSettings<3> {
 
 fn host(rig: &CardSimulatorSettings, settings: CardSettings<3>) -> Host {
     let rig = CardSimulator::new(rig).expect("a card");
-    let mut host = Host::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+    let mut host = Host::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     host.open(settings).expect("it takes the settings");
     host
 }
@@ -59,7 +59,7 @@ fn run(host: &mut Host, target: Travel, to: u32, length: u32) -> CardStatus<3> {
                 break;
             }
         }
-        let status = *host.period().expect("no fault");
+        let status = *host.run_period().expect("no fault");
         if status.at_rest && status.place == retrace_core::Place::start_of(to) {
             return status;
         }
@@ -144,7 +144,7 @@ fn switch_and_run(process: Process) -> (CardStatus<3>, u64) {
         if high < 50 && host.status().executed == 1 {
             host.send(HostCommand::Ahead { place: high, record: record(high, 50) }).expect("room");
         }
-        match host.period() {
+        match host.run_period() {
             Ok(status) if status.place.record == 50 && status.at_rest => break,
             Ok(_) => {}
             Err(_) => break,
@@ -179,7 +179,7 @@ fn a_limit_switch_stops_the_motion_on_the_path() {
         if high < 300 {
             host.send(HostCommand::Ahead { place: high, record: record(high, 300) }).expect("room");
         }
-        if host.period().is_err() {
+        if host.run_period().is_err() {
             break;
         }
     }
@@ -211,12 +211,12 @@ fn homing_sets_the_count_where_the_switch_is() {
         count: 50_000,
     };
     host.send(HostCommand::Home(order)).expect("taken");
-    let mut status = *host.period().expect("no fault");
+    let mut status = *host.run_period().expect("no fault");
     for _ in 0..20_000 {
         if status.at_rest && status.counts[1] != 0 {
             break;
         }
-        status = *host.period().expect("no fault");
+        status = *host.run_period().expect("no fault");
     }
     let rig = host.port().simulator();
     assert_eq!((rig.status().alarm, rig.status().at_rest), (None, true));
@@ -239,7 +239,7 @@ fn the_wheel_is_told_to_the_count() {
             host.port_mut().simulator_mut().machine().turn_wheel(counts);
             turned += i64::from(counts);
         }
-        told += i64::from(host.period().expect("no fault").wheel);
+        told += i64::from(host.run_period().expect("no fault").wheel);
     }
     assert!(turned != 0 && told == turned, "{told} of {turned}");
 }
@@ -252,10 +252,10 @@ fn a_silent_host_is_an_alarm() {
     while host.status().high < 2000 {
         let high = host.status().high;
         if host.send(HostCommand::Ahead { place: high, record: record(high, 2000) }).is_err() {
-            host.period().expect("no fault");
+            host.run_period().expect("no fault");
         }
     }
-    while host.period().expect("no fault").place.record < 100 {}
+    while host.run_period().expect("no fault").place.record < 100 {}
     let rig = host.port_mut().simulator_mut();
     rig.run(rig.now_us() + 600_000);
     let status = *rig.status();
@@ -336,7 +336,7 @@ fn the_steps_in_which_time_passes_change_nothing() {
         let written = Arc::new(Mutex::new(Vec::new()));
         let port = InProcess::new(CardSimulator::new(&settings_of_rig).expect("a card"));
         let tap = RecordingPort { port, written: Arc::clone(&written) };
-        let mut host = LinkedCard::find(tap, 7, LinkTimeouts::default()).expect("a card answers");
+        let mut host = LinkedCard::connect(tap, 7, LinkTimeouts::default()).expect("a card answers");
         host.open(settings()).expect("it takes the settings");
         host.send(HostCommand::rate(ONE)).expect("a rate");
         while !(host.status().place.record == 150 && host.status().at_rest) {
@@ -344,7 +344,7 @@ fn the_steps_in_which_time_passes_change_nothing() {
             if high < 150 {
                 let _ = host.send(HostCommand::Ahead { place: high, record: record(high, 150) });
             }
-            host.period().expect("no fault");
+            host.run_period().expect("no fault");
         }
         let written = written.lock().expect("whole").clone();
         let whole = replay(&settings_of_rig, &written, 1_000_000);

@@ -65,7 +65,7 @@ fn traced() -> (String, [u64; 2]) {
     let file = Shared::default();
     let mut rig = CardSimulator::<2>::new(&CardSimulatorSettings::default()).expect("a card");
     rig.trace(Box::new(file.clone()), &["x".to_owned(), "y".to_owned()]).expect("memory");
-    let mut host = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+    let mut host = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     host.open(CardSettings::new(0, PathStart::at(0), 1000, limits())).expect("it takes the settings");
     for place in 0..60u32 {
         let flags = if place == 59 { Flags::REST } else { Flags::NONE };
@@ -74,7 +74,7 @@ fn traced() -> (String, [u64; 2]) {
     }
     for (target, end) in [(ONE, 60), (-ONE, 0)] {
         host.send(HostCommand::rate(target)).expect("a rate");
-        while host.period().is_ok_and(|status| status.place.record != end || !status.at_rest) {}
+        while host.run_period().is_ok_and(|status| status.place.record != end || !status.at_rest) {}
         host.send(HostCommand::ManualOutput(OutputChange { channel: channel::SPINDLE, value: -1 })).expect("a channel");
     }
     let rig = host.port().simulator();
@@ -135,7 +135,7 @@ fn torch(stops: impl Fn(&mut LinkedCard<2, InProcess<2>>)) -> HashMap<String, Ve
     let file = Shared::default();
     let mut rig = CardSimulator::<2>::new(&CardSimulatorSettings::default()).expect("a card");
     rig.trace(Box::new(file.clone()), &["x".to_owned(), "y".to_owned()]).expect("memory");
-    let mut host = LinkedCard::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+    let mut host = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     let mut settings = CardSettings::new(0, PathStart::at(0), 1000, limits());
     settings.watchdog_periods = 100;
     let torch = CuttingChannel { channel: channel::SPINDLE, fires: true, ..CuttingChannel::default() };
@@ -147,7 +147,7 @@ fn torch(stops: impl Fn(&mut LinkedCard<2, InProcess<2>>)) -> HashMap<String, Ve
     instruction.changes[0] = OutputChange { channel: channel::SPINDLE, value: 1 };
     host.send(HostCommand::rate(ONE)).expect("a rate");
     host.send(HostCommand::Instruction(instruction)).expect("room");
-    while host.period().is_ok_and(|status| status.place.record < 200) {
+    while host.run_period().is_ok_and(|status| status.place.record < 200) {
         while host.status().executed == 1 && host.status().high < 1000 {
             let place = host.status().high;
             let record = Record { increments: [5, 0], line: place, ..Record::default() };
@@ -176,9 +176,9 @@ fn lit(changes: &HashMap<String, Vec<(u64, String)>>) -> (u64, u64, u64) {
 fn a_hold_puts_the_torch_out_at_the_pins_as_soon_as_the_machine_rests() {
     let changes = torch(|host| {
         host.send(HostCommand::rate(0)).expect("a rate");
-        while host.period().is_ok_and(|status| !status.at_rest) {}
+        while host.run_period().is_ok_and(|status| !status.at_rest) {}
         for _ in 0..20 {
-            host.period().expect("no fault");
+            host.run_period().expect("no fault");
         }
     });
     let (on, off, last_step) = lit(&changes);

@@ -1,4 +1,4 @@
-//! Alarms of a card: what stopped the machine, and stays latched until it is cleared.
+//! Alarms of a card: causes that stopped the machine and stay latched until they are cleared.
 //!
 //! Invariant: every alarm has one number in `docs/errors.md`, one code on the wire, a cause and a remedy.
 
@@ -6,24 +6,24 @@ use core::fmt;
 
 use crate::CardFailure;
 
-/// What stopped the machine. It stays latched on the card until [`crate::Word::ClearAlarm`], and no rate moves the machine while
-/// it is.
+/// Cause that stopped the machine. It stays latched on the card until [`crate::HostCommand::ClearAlarm`], and no rate
+/// moves the machine until then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Alarm {
-    /// No whole frame of the host came for as long as [`crate::Settings::watchdog_periods`] says.
+    /// No complete frame from the host arrived for [`crate::CardSettings::watchdog_periods`].
     HostSilent,
     /// The emergency-stop chain is open.
     EmergencyStop,
     /// A door that must be shut is open.
     DoorOpen,
-    /// A limit switch has tripped.
+    /// A limit switch is tripped.
     LimitSwitch {
         /// The axis, from 0.
         axis: u8,
         /// At the upper end of its travel?
         upper: bool,
     },
-    /// An instruction did not come to its end in its time.
+    /// An instruction did not complete within its time.
     TimedOut {
         /// The instruction's number.
         instruction: u32,
@@ -33,7 +33,7 @@ pub enum Alarm {
         /// The instruction's number.
         instruction: u32,
     },
-    /// More pulses were asked for in a control period than can be emitted.
+    /// More pulses were requested in a control period than can be emitted.
     TooManyPulses {
         /// The axis, from 0.
         axis: u8,
@@ -48,7 +48,7 @@ pub enum Alarm {
 }
 
 impl Alarm {
-    /// Code and detail, for the wire.
+    /// Returns code and detail, as sent on the wire.
     #[must_use]
     pub const fn to_wire(self) -> (u8, u32) {
         match self {
@@ -64,7 +64,7 @@ impl Alarm {
         }
     }
 
-    /// From code and detail; `None` for a code that there is not.
+    /// Returns the alarm for a code and detail; `None` for an unknown code.
     #[must_use]
     pub const fn from_wire(code: u8, detail: u32) -> Option<Self> {
         Some(match code {
@@ -105,7 +105,7 @@ impl CardFailure for Alarm {
             Self::EmergencyStop => "make the machine safe, close the chain, clear the alarm, then home the machine",
             Self::DoorOpen => "close the door, clear the alarm, then resume",
             Self::LimitSwitch { .. } => "clear the alarm, jog away from the switch, then home the machine",
-            Self::TimedOut { .. } | Self::Failed { .. } => "see to what was switched, clear the alarm, then resume",
+            Self::TimedOut { .. } | Self::Failed { .. } => "check the switched device, clear the alarm, then resume",
             Self::TooManyPulses { .. } => {
                 "lower pulses_per_mm or max_velocity_mm_per_s, or lengthen the control period"
             }
@@ -115,10 +115,12 @@ impl CardFailure for Alarm {
     }
 }
 
+impl core::error::Error for Alarm {}
+
 impl fmt::Display for Alarm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::HostSilent => write!(f, "the card heard nothing from the host and stopped on the path"),
+            Self::HostSilent => write!(f, "the card received nothing from the host and stopped on the path"),
             Self::EmergencyStop => write!(f, "the emergency-stop chain is open"),
             Self::DoorOpen => write!(f, "a door is open"),
             Self::LimitSwitch { axis, upper } => {
@@ -127,7 +129,7 @@ impl fmt::Display for Alarm {
             Self::TimedOut { instruction } => write!(f, "switching instruction {instruction} did not end in its time"),
             Self::Failed { instruction } => write!(f, "switching instruction {instruction} failed"),
             Self::TooManyPulses { axis } => {
-                write!(f, "axis number {} was to make more pulses in a control period than the card can", axis + 1)
+                write!(f, "axis number {} needs more pulses in a control period than the card can emit", axis + 1)
             }
             Self::HomingFailed { axis } => write!(f, "homing of axis number {} found no switch", axis + 1),
             Self::Defect => write!(f, "the card missed a record that it needed"),

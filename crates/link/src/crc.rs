@@ -1,24 +1,25 @@
-//! CRC-32C, the check of a frame: the remainder of the bytes, read as a polynomial, divided by Castagnoli's.
+//! CRC-32C, the check of a frame: the remainder of the bytes, read as a polynomial, divided by Castagnoli's generator.
 //!
-//! The generator is that of Castagnoli, Bräuer and Herrmann (IEEE Transactions on Communications 41(6), 1993), which iSCSI
-//! uses too (RFC 3720). Bits are taken lowest first, as a serial line sends them, so that a burst on the line is a burst to the
-//! check. Of the generator follows, at the length of a frame (`frames_distance` in `verification` reckons all three anew):
-//!  * it has the factor x + 1, so that every error of an odd number of bits is seen;
-//!  * every error of up to 5 bits is seen, up to 5243 bits of data (Koopman, *32-bit cyclic redundancy codes for Internet
-//!    applications*, DSN 2002); the longest frame has 2040;
-//!  * every burst of up to 32 bits is seen, at any length.
+//! The generator is that of Castagnoli, Bräuer and Herrmann (IEEE Transactions on Communications 41(6), 1993), which
+//! iSCSI uses too (RFC 3720). Bits are taken lowest first, as a serial line sends them, so that a burst on the line is
+//! a burst in the check. From the generator follows, at the length of a frame (`frames_distance` in `verification`
+//! recalculates all three):
+//!  * it has the factor x + 1, so that every error of an odd number of bits is detected;
+//!  * every error of up to 5 bits is detected, up to 5243 bits of data (Koopman, *32-bit cyclic redundancy codes for
+//!    Internet applications*, DSN 2002); the longest frame has 2040;
+//!  * every burst of up to 32 bits is detected, at any length.
 //!
-//! Invariant: the register is linear: `update(a, x) ^ update(b, y) == update(a ^ b, x ^ y)`. An error is therefore seen or
-//! not whatever the bytes are that it strikes.
+//! Invariant: the register is linear: `update(a, x) ^ update(b, y) == update(a ^ b, x ^ y)`. Whether an error is
+//! detected therefore does not depend on the bytes that it hits.
 
-/// The generator 0x1EDC6F41, its bits in reverse, without that of x³².
+/// The generator 0x1EDC6F41 with its bits reversed, without the coefficient of x³².
 const GENERATOR: u32 = 0x82F6_3B78;
 
-/// The register before the first byte. Not zero, so that leading zero bytes count.
+/// Value of the register before the first byte. It is not zero, so that leading zero bytes count.
 pub const START: u32 = u32::MAX;
 
-/// The register after one byte more. Bit by bit, without a table, which keeps proofs small: by count some 30 instructions, 2 % of
-/// a 168 MHz card's time on a full line of 1 Mbit/s.
+/// Returns the register after one more byte. It works bit by bit without a table, which keeps proofs small: about 30
+/// instructions by count, 2 % of the time of a 168 MHz card on a saturated line of 1 Mbit/s.
 #[must_use]
 pub const fn update(register: u32, byte: u8) -> u32 {
     let mut register = register ^ byte as u32;
@@ -30,7 +31,7 @@ pub const fn update(register: u32, byte: u8) -> u32 {
     register
 }
 
-/// The check value of the bytes that led to this register: its complement, so that trailing zero bytes count.
+/// Returns the check value of the bytes that led to this register: its complement, so that trailing zero bytes count.
 #[must_use]
 pub const fn finish(register: u32) -> u32 {
     !register

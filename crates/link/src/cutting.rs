@@ -1,6 +1,8 @@
-//! Cutting outputs: what the card is told of the channels that light a torch, open a jet or enable a beam, and what it reports of them.
+//! Cutting outputs: the settings of the channels that light a torch, open a jet or enable a beam, and what the card
+//! reports about them.
 //!
-//! Invariant: the settings alone say which channel fires; the card applies its permit to them whatever the words ask for.
+//! Invariant: the settings alone define which channel fires; the card applies its permit to these channels whatever the
+//! commands request.
 
 use crate::{InputWait, MAX_CHANGES, OutputChange};
 
@@ -12,12 +14,15 @@ pub const MAX_CUTTING_CHANNELS: usize = 8;
 pub struct CuttingChannel {
     /// Output channel, below [`crate::channel::COUNT`].
     pub channel: u8,
-    /// Lights the torch, opens the jet or enables the beam: subject to the card's permit. False for an auxiliary channel (arm, assist,
-    /// abrasive), which only [`CuttingSettings::inhibit`] keeps off.
+    /// Whether the channel lights the torch, opens the jet or enables the beam: it is then subject to the card's
+    /// permit. False for an auxiliary channel (arm, assist, abrasive), which only [`CuttingSettings::inhibit`] keeps
+    /// off.
     pub fires: bool,
-    /// Grace, in control periods: how long the machine may stand with the channel on. 0 for a torch or a beam.
+    /// Grace time, in control periods: how long the machine may be at rest with the channel on. 0 for a torch or a
+    /// beam.
     pub standing_periods: u16,
-    /// Stays on, and may be lit, while the path runs backward: a jet with `retrace_cut = true`.
+    /// Whether the channel stays on, and may be switched on, while the path runs backward: a jet with `retrace_cut =
+    /// true`.
     pub lit_in_reverse: bool,
 }
 
@@ -28,50 +33,51 @@ pub struct CuttingSettings {
     pub channels: [CuttingChannel; MAX_CUTTING_CHANNELS],
     /// Number of valid `channels`, at most [`MAX_CUTTING_CHANNELS`].
     pub count: u8,
-    /// Control periods that the machine may stand while a rate above 0 is asked for, before standing is counted; also the longest pause
-    /// between two repeated instructions.
+    /// Control periods at rest that are not counted while a rate above 0 is requested; also the longest pause between
+    /// two repeated instructions.
     pub handover_periods: u16,
     /// Dry run: every channel of the list stays 0.
     pub inhibit: bool,
 }
 
 impl CuttingSettings {
-    /// The valid channels.
+    /// Returns the valid channels.
     #[must_use]
     pub fn channels(&self) -> &[CuttingChannel] {
         &self.channels[..usize::from(self.count).min(MAX_CUTTING_CHANNELS)]
     }
 }
 
-/// Switching that was complete before and is executed again, at rest, wherever the cursor stands and whatever rate is asked for.
+/// Completed switching that is executed again, at rest, at any place and with any requested rate.
 ///
-/// Standing is not counted while it is executed.
+/// Time at rest is not counted while it is executed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RepeatedInstruction {
-    /// Its number: 1 for the first one of an epoch, and on from there.
+    /// Number: 1 for the first one of an epoch, then consecutive.
     pub number: u32,
-    /// What it switches; the first `count` are valid.
+    /// Output changes; the first `count` are valid.
     pub changes: [OutputChange; MAX_CHANGES],
     /// Number of valid `changes`.
     pub count: u8,
     /// Shortest duration, in control periods.
     pub periods: u32,
-    /// Input that it waits for besides.
+    /// Input that is awaited in addition.
     pub until: Option<InputWait>,
 }
 
 impl RepeatedInstruction {
-    /// The valid changes.
+    /// Returns the valid changes.
     #[must_use]
     pub fn changes(&self) -> &[OutputChange] {
         &self.changes[..usize::from(self.count).min(MAX_CHANGES)]
     }
 }
 
-/// Why the card switched a cutting output off.
+/// Reason why the card switched a cutting output off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CutterOffCause {
-    /// The machine stood for longer than the grace. The card blocks motion until [`crate::Word::Restart`].
+    /// The machine was at rest for longer than the grace time. The card blocks motion until
+    /// [`crate::HostCommand::Restart`].
     Standing,
     /// The path is about to run backward.
     Reverse,
@@ -79,7 +85,7 @@ pub enum CutterOffCause {
     Inhibited,
     /// An alarm is latched.
     Alarm,
-    /// The host was silent for as long as the watchdog allows.
+    /// No frame from the host arrived for as long as the watchdog allows.
     HostSilent,
     /// The epoch was closed.
     EpochClosed,
@@ -88,13 +94,13 @@ pub enum CutterOffCause {
 }
 
 impl CutterOffCause {
-    /// Code on the wire.
+    /// Returns the code on the wire.
     #[must_use]
     pub const fn to_wire(self) -> u8 {
         self as u8
     }
 
-    /// From the code on the wire; `None` for an unknown one.
+    /// Returns the cause for a code on the wire; `None` for an unknown one.
     #[must_use]
     pub const fn from_wire(code: u8) -> Option<Self> {
         Some(match code {
@@ -110,11 +116,11 @@ impl CutterOffCause {
     }
 }
 
-/// Cutting outputs that were on, and that the card switched off in a control period because the permit was missing.
+/// Cutting outputs that were on and that the card switched off in a control period because the permit was missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CutterOff {
-    /// The channels, one bit for each index in [`CuttingSettings::channels`].
+    /// Channels, one bit for each index in [`CuttingSettings::channels`].
     pub channels: u8,
-    /// Why; the first cause where several apply in one period.
+    /// Cause; the first one if several apply in one period.
     pub cause: CutterOffCause,
 }

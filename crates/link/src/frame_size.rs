@@ -1,36 +1,36 @@
-//! How long frames are made: on a line that loses many, short ones get through more often.
+//! Adaptive frame size: on a line that loses many frames, short ones get through more often.
 //!
-//! Invariant: between the least and the most payload.
+//! Invariant: the size is between the minimum and the maximum payload.
 
-/// What words and reports are gathered to at most; an opening may be longer.
+/// Maximum payload of commands and reports; an opening may be longer.
 const MOST: usize = 200;
-/// A head, and an entry or two.
+/// Minimum payload: a header, and an entry or two.
 const LEAST: usize = 40;
-/// By how much a frame may be longer after one that arrived.
+/// Increment of the size after a frame that arrived.
 const GROWTH: usize = 8;
 
-/// The longest payload that is worth sending.
+/// Payload size that is currently worth sending.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FrameSize(usize);
 
 impl FrameSize {
-    /// As long as there is.
+    /// Starts with the maximum size.
     pub(crate) const fn new() -> Self {
         Self(MOST)
     }
 
-    /// Bytes of payload.
-    pub(crate) const fn most(self) -> usize {
+    /// Returns the current maximum payload, in bytes.
+    pub(crate) const fn max_payload(self) -> usize {
         self.0
     }
 
-    /// A frame had to be sent again.
-    pub(crate) fn lost(&mut self) {
+    /// Records that a frame had to be retransmitted.
+    pub(crate) fn record_loss(&mut self) {
         self.0 = (self.0 / 2).max(LEAST);
     }
 
-    /// What was sent is confirmed.
-    pub(crate) fn arrived(&mut self) {
+    /// Records that a frame was acknowledged.
+    pub(crate) fn record_arrival(&mut self) {
         self.0 = (self.0 + GROWTH).min(MOST);
     }
 }

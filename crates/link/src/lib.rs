@@ -1,10 +1,18 @@
-//! What host and card say to each other, as typed messages (GMC-2), and the trait behind which every card stands.
+//! The messages between host and card (GMC-2), and the trait [`MotionCard`] that every card implements.
 //!
-//! A card in the same process receives the messages as they are. A card on a serial line receives them as bytes ([`wire`]) in frames
-//! with a checksum ([`frame`]), between two ends that repeat what was lost ([`Host`], [`CardEnd`]).
+//! A card in the same process receives the messages as they are. A card on a serial line receives them as bytes
+//! ([`wire`]) in frames with a checksum ([`frame`]), between two endpoints that retransmit what was lost
+//! ([`HostEndpoint`], [`CardEndpoint`]).
 //!
-//! Invariant: the wire carries records in path order, each under its place number, never negated and never scaled. The
-//! rate is a real-time word of its own.
+//! ```text
+//!  controller                                                            card
+//!  MotionCard ── LinkedCard ── HostEndpoint ══ BytePort ══ CardEndpoint ── CardCore
+//!             HostCommand ──►               frames                ──► accept
+//!             CardStatus  ◄──               frames                ◄── status
+//! ```
+//!
+//! Invariant: the wire carries records in path order, each with its record number, never negated and never scaled. The
+//! rate is a real-time command of its own.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -39,43 +47,44 @@ pub use session::{next_epoch, session_key};
 pub use settings::{CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, PathStart};
 pub use wire::Greeting;
 
-/// What the controller sees of a card, simulated or real.
+/// Interface of the controller to a card, simulated or real.
 pub trait MotionCard<const A: usize> {
-    /// What holds the line or the machine up for good.
+    /// Error that ends the run on the card.
     type Fault: CardFailure;
 
-    /// How many records the card can hold.
+    /// Returns the number of records that the card can hold.
     fn window(&self) -> u32;
 
-    /// Hands one word over.
+    /// Sends one command.
     ///
     /// # Errors
-    /// [`Refusal`] says why the card did not take it; nothing has changed then.
+    /// Returns the reason why the card rejected it; nothing has changed then.
     fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal>;
 
-    /// Lets one control period pass and reports it. A card in virtual time computes it, one in wall time waits for it.
+    /// Runs one control period and returns its status. A card in virtual time computes it, a card in wall time waits
+    /// for it.
     ///
     /// # Errors
-    /// A fault is final: the card stands, and no word of this run will move it again. Only an alarm can be cleared: after
-    /// [`Word::ClearAlarm`] periods pass as ever, until it is known that the alarm stays.
-    fn period(&mut self) -> Result<&CardStatus<A>, Self::Fault>;
+    /// An error is final: the card is at rest, and no command of this run will move it again. Only an alarm can be
+    /// cleared: after [`HostCommand::ClearAlarm`] periods continue until it is known that the alarm remains.
+    fn run_period(&mut self) -> Result<&CardStatus<A>, Self::Fault>;
 
-    /// Begins a path anew where the machine stands: an epoch. What the card holds of the old path is forgotten, counts and outputs stay,
-    /// and so does an alarm. The machine has to stand.
+    /// Begins a new path at the current position: an epoch. The card drops the records of the old path; counts, outputs
+    /// and a latched alarm remain. The machine must be at rest.
     ///
-    /// An instruction in hand is given up. Where the card completes one before it hears of the epoch, its number counts as executed too:
-    /// the status says which one is the last.
+    /// A pending instruction is cancelled. If the card completes one before the message of the epoch arrives, its
+    /// number also counts as executed: the status has the number of the last one.
     ///
     /// # Errors
-    /// A fault is final, as in [`MotionCard::period`].
-    fn begin(&mut self, start: PathStart) -> Result<(), Self::Fault>;
+    /// An error is final, as in [`MotionCard::run_period`].
+    fn begin_path(&mut self, start: PathStart) -> Result<(), Self::Fault>;
 
-    /// The report of the last period again.
+    /// Returns the status of the last period.
     fn status(&self) -> &CardStatus<A>;
 
-    /// The place behind the last record that the card is known to hold. A card at the end of a line has been told of more than that by
-    /// its status, whose window is the one that is on its way.
-    fn arrived(&self) -> u32 {
+    /// Returns the place after the last record that the card is known to hold. For a card on a serial line, the window
+    /// in the status is larger: it includes the records that are in transit.
+    fn acknowledged_high(&self) -> u32 {
         self.status().high
     }
 }
@@ -91,19 +100,19 @@ impl<const A: usize, C: MotionCard<A>> MotionCard<A> for &mut C {
         C::send(self, word)
     }
 
-    fn period(&mut self) -> Result<&CardStatus<A>, Self::Fault> {
-        C::period(self)
+    fn run_period(&mut self) -> Result<&CardStatus<A>, Self::Fault> {
+        C::run_period(self)
     }
 
-    fn begin(&mut self, start: PathStart) -> Result<(), Self::Fault> {
-        C::begin(self, start)
+    fn begin_path(&mut self, start: PathStart) -> Result<(), Self::Fault> {
+        C::begin_path(self, start)
     }
 
     fn status(&self) -> &CardStatus<A> {
         C::status(self)
     }
 
-    fn arrived(&self) -> u32 {
-        C::arrived(self)
+    fn acknowledged_high(&self) -> u32 {
+        C::acknowledged_high(self)
     }
 }

@@ -1,18 +1,18 @@
 //! The messages between host and card.
 //!
-//! Invariant: every message has a fixed size; nothing in it is a float.
+//! Invariant: every message has a fixed size; none contains a float.
 
 use retrace_core::{Place, RateTarget, Record, Travel};
 
 use crate::{Alarm, CutterOff, PathStart, RepeatedInstruction};
 
-/// Output channels of a card and what they carry.
+/// Output channels of a card and their meaning.
 pub mod channel {
     /// Channels 0 … 63 are digital outputs, value 0 or 1 (M62–M65 P number).
     pub const DIGITAL: usize = 64;
     /// Spindle: 1 clockwise (M3), −1 counterclockwise (M4), 0 stopped (M5).
     pub const SPINDLE: u8 = 64;
-    /// Spindle speed in thousandths of a revolution a minute (S).
+    /// Spindle speed in thousandths of a revolution per minute (S).
     pub const SPEED: u8 = 65;
     /// Mist coolant (M7), 0 or 1.
     pub const MIST: u8 = 66;
@@ -20,228 +20,248 @@ pub mod channel {
     pub const FLOOD: u8 = 67;
     /// Number of the tool in the spindle (M6).
     pub const TOOL: u8 = 68;
-    /// How many channels there are.
+    /// Number of channels.
     pub const COUNT: usize = 69;
 }
 
 /// The values of all output channels.
 pub type Outputs = [i32; channel::COUNT];
 
-/// One output channel takes a value.
+/// Change of one output channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OutputChange {
-    /// The channel, below [`channel::COUNT`].
+    /// Channel, below [`channel::COUNT`].
     pub channel: u8,
-    /// Its new value.
+    /// New value.
     pub value: i32,
 }
 
-/// A synchronous switching action: executed in passing at the start of a record (GMC, *Two classes*; REV-14).
+/// Synchronous switching action: executed without a stop at the start of a record (GMC, *Two classes*; REV-14).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutputAction {
-    /// The record at whose start it is executed.
+    /// Record at whose start it is executed.
     pub place: u32,
     /// The output channel.
     pub channel: u8,
-    /// Its value before, which reverse run restores where actions are replayed.
+    /// Value before the action, which reverse run restores if actions are replayed.
     pub before: i32,
-    /// Its value after.
+    /// Value after the action.
     pub after: i32,
 }
 
-/// Most changes that one instruction can make.
+/// Maximum number of changes of one instruction.
 pub const MAX_CHANGES: usize = 4;
 
-/// What an instruction waits for before it is complete.
+/// Input that an instruction waits for before it is complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputWait {
     /// Number of the input.
     pub input: u8,
-    /// Is it to become active, or inactive?
+    /// Whether the input must become active (true) or inactive.
     pub active: bool,
-    /// After so many periods it has failed; 0: it may take for ever.
+    /// Timeout in periods; 0: no timeout.
     pub timeout_periods: u32,
 }
 
-/// An exclusive switching instruction (GMC-3): executed while the motion stands.
+/// Exclusive switching instruction (GMC-3): executed while the motion is at rest.
 ///
-/// The card keeps it until the cursor rests on its place and the rate asked for is above zero, so that a hold or a reverse run that
-/// overtakes it defers it (GMC, *Two classes*).
+/// The card stores it until the cursor is at rest on its place and the requested rate is above zero, so that a hold or
+/// a reverse run before that defers it (GMC, *Two classes*).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Instruction {
-    /// Its number; instructions are executed, and reported executed, in this order.
+    /// Number; instructions are executed, and reported as executed, in this order.
     pub number: u32,
-    /// The place that it stands at: before this record.
+    /// Place of the instruction: before this record.
     pub place: u32,
-    /// What it switches, the first `count` of them.
+    /// Output changes; the first `count` are valid.
     pub changes: [OutputChange; MAX_CHANGES],
-    /// How many of `changes` hold.
+    /// Number of valid `changes`.
     pub count: u8,
-    /// Control periods that it takes at least: the dwell of G4, the time the spindle needs.
+    /// Minimum duration in control periods: the dwell of G4, the time the spindle needs.
     pub periods: u32,
-    /// What it waits for besides.
+    /// Input that is awaited in addition.
     pub until: Option<InputWait>,
-    /// Standing with a cutting output on is not counted while it is executed: a pierce, a dwell, a pause at a contour's end.
+    /// Whether time at rest with a cutting output on is not counted during the instruction: a pierce, a dwell, a pause
+    /// at a contour's end.
     pub keeps_cutter: bool,
 }
 
-/// Brings an axis to its home switch, while the motion stands and nothing is on the window.
+/// Moves an axis to its home switch, while the machine is at rest and the window is empty.
 ///
-/// Fast toward the switch, to rest, slowly off it; where it opens the count is set. The path then begins anew there.
+/// The axis moves fast toward the switch, comes to rest, and moves slowly off it; the count is set where the switch
+/// opens. A new path then begins there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HomingCommand {
     /// The axis, from 0.
     pub axis: u8,
-    /// Is the switch at the upper end?
+    /// Whether the switch is at the upper end.
     pub upper: bool,
-    /// Speed toward the switch, in pulses a period, in units of 2⁻³² pulses.
+    /// Speed toward the switch, in units of 2⁻³² pulses per period.
     pub search_speed: i64,
-    /// Speed off it, likewise.
+    /// Speed off the switch, in the same unit.
     pub latch_speed: i64,
-    /// Change of speed a period, likewise.
+    /// Change of speed per period, in units of 2⁻³² pulses per period².
     pub acceleration: i64,
-    /// The farthest way to the switch, in pulses.
+    /// Maximum distance to the switch, in pulses.
     pub max_travel: u32,
-    /// The axis' count where the switch opens.
+    /// Count of the axis where the switch opens.
     pub count: i64,
 }
 
 impl Instruction {
-    /// The changes that hold.
+    /// Returns the valid changes.
     #[must_use]
     pub fn changes(&self) -> &[OutputChange] {
         &self.changes[..usize::from(self.count).min(MAX_CHANGES)]
     }
 }
 
-/// Host to card.
+/// Command from host to card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HostCommand<const A: usize> {
-    /// The next record ahead of the window.
+    /// Adds the next record ahead of the window.
     Ahead {
-        /// Its place number: where the window ends now.
+        /// Record number: where the window ends now.
         place: u32,
         /// The record.
         record: Record<A>,
     },
-    /// The next record behind the window.
+    /// Adds the next record behind the window.
     Behind {
-        /// Its place number: one before where the window begins now.
+        /// Record number: one before where the window begins now.
         place: u32,
         /// The record.
         record: Record<A>,
-        /// Is the path at rest before it?
+        /// Whether the path is at rest before it.
         rests: bool,
     },
-    /// Forget the records from this place on; only what the cursor cannot come to any more.
+    /// Drops the records from this place on; only records that the cursor cannot reach any more.
     Trim {
-        /// The new end of the window.
+        /// New end of the window.
         high: u32,
     },
-    /// Forget the records before this place; only what lies behind the cursor. History ends here.
+    /// Drops the records before this place; only records behind the cursor. History ends here.
     Forget {
-        /// The new beginning of the window.
+        /// New beginning of the window.
         low: u32,
     },
-    /// An output action on the window's way. It must be there before its record is.
+    /// Adds an output action on the path of the window. It must arrive before its record.
     Action(OutputAction),
-    /// The rates the cursor is to run at, along feed motion and along rapid motion: a real-time word.
+    /// Sets the target rates of the cursor, along feed motion and along rapid motion: a real-time command.
     Rate(RateTarget),
-    /// Whether retracing replays the output actions it passes (REV-14).
+    /// Sets whether retracing replays the output actions it passes (REV-14).
     Replay {
-        /// Replay them.
+        /// Whether to replay them.
         on: bool,
     },
-    /// An exclusive instruction.
+    /// Adds an exclusive instruction.
     Instruction(Instruction),
-    /// Switch an output by hand, at once.
+    /// Switches an output manually, at once.
     ManualOutput(OutputChange),
-    /// Clears what is latched, if its cause is gone.
+    /// Clears the latched alarm, if its cause is gone.
     ClearAlarm,
-    /// Bring an axis to its home switch.
+    /// Homes an axis.
     Home(HomingCommand),
-    /// Blocks motion: the rate asked for counts as 0 and no instruction begins, until the repeated instruction of this number is complete.
-    /// Where it is complete already, the block is released at once.
+    /// Blocks motion: the requested rate counts as 0 and no instruction begins until the repeated instruction of this
+    /// number is complete. If it is already complete, the block is released at once.
     Restart {
         /// Number of the last repeated instruction of the restart.
         last: u32,
     },
-    /// Executes switching again that was complete before. Only at rest, and not while an alarm is latched.
+    /// Executes completed switching again. Only at rest, and not while an alarm is latched.
     Repeat(RepeatedInstruction),
 }
 
 impl<const A: usize> HostCommand<A> {
-    /// The rate that the cursor is to run at along all motion, in records a period: +1 as recorded, 0 standing, −1 backward; as [`Travel`].
+    /// Returns a command for the same rate along all motion, in records per period: +1 as recorded, 0 at rest, −1
+    /// backward.
     #[must_use]
     pub const fn rate(target: Travel) -> Self {
         Self::Rate(RateTarget::both(target))
     }
 }
 
-/// Why a card did not take a word.
+/// Reason why a card rejected a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CommandRefusal {
-    /// No room now: again after some periods.
+    /// No space now: retry after some periods.
     Full,
-    /// The place number is not the next one at that end of the window.
+    /// The record number is not the next one at that end of the window.
     OutOfOrder,
-    /// The motion does not stand, or the cursor could not stop any more.
+    /// The machine is in motion, or the cursor could not stop in time.
     InMotion,
-    /// Another instruction is still being executed, or the number is not the next.
+    /// Another instruction is still being executed, or the number is not the next one.
     Busy,
     /// The card has no such channel.
     NoSuchChannel,
-    /// An alarm is latched, or its cause is still there.
+    /// An alarm is latched, or its cause is still present.
     Alarm,
-    /// The settings or the order are not such that this card can work by them.
-    Unfit,
+    /// The settings or the command are not supported by this card.
+    Unsupported,
 }
 
-/// Card to host: what the last control period did, and where everything stands.
+impl core::fmt::Display for CommandRefusal {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Full => "the card has no space for the command now",
+            Self::OutOfOrder => "the record number is not the next one of the window",
+            Self::InMotion => "the machine is in motion",
+            Self::Busy => "the card still executes another instruction",
+            Self::NoSuchChannel => "the card has no such output channel",
+            Self::Alarm => "an alarm is latched",
+            Self::Unsupported => "the card does not support the settings or the command",
+        })
+    }
+}
+
+impl core::error::Error for CommandRefusal {}
+
+/// Status from card to host: the effect of the last control period, and the current state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CardStatus<const A: usize> {
-    /// Control periods since the card was started; this one's number.
+    /// Control periods since the card was started: the number of this one.
     pub period: u64,
-    /// Where the cursor stands.
+    /// Place of the cursor.
     pub place: Place,
-    /// The furthest place ever executed, as a record boundary.
+    /// Furthest place ever executed, as a record boundary.
     pub reached: u32,
     /// First record held.
     pub low: u32,
-    /// Place behind the last record held.
+    /// Place after the last record held.
     pub high: u32,
-    /// Distance that the cursor moved in the period: the rate that was run.
+    /// Distance that the cursor moved in the period: the actual rate.
     pub rate: Travel,
-    /// Does the cursor stand, with nothing left to run?
+    /// Whether the cursor is at rest, with no distance remaining.
     pub at_rest: bool,
-    /// Was the rate held down by the end of the window, which was no planned stop?
+    /// Whether the rate was limited by the end of the window, which was not a planned stop.
     pub starved: bool,
-    /// Line of the record that the cursor was in.
+    /// Program line of the record in which the cursor was.
     pub line: u32,
     /// Net pulses of each axis in the period.
     pub increments: [i32; A],
-    /// Net pulses of each axis since the card was started: counted at the pulse output.
+    /// Net pulses of each axis since the card was started, counted at the pulse output.
     pub counts: [i64; A],
-    /// Number of the last exclusive instruction that is complete; where an epoch begins, as its start says.
+    /// Number of the last completed exclusive instruction; when an epoch begins, the number in its start.
     pub executed: u32,
-    /// The outputs as they are.
+    /// Current output values.
     pub outputs: Outputs,
-    /// Which inputs are active, one bit each.
+    /// Active inputs, one bit each.
     pub inputs: u16,
-    /// Counts that a handwheel on the card turned by in the period.
+    /// Counts by which a handwheel on the card turned in the period.
     pub wheel: i16,
-    /// What is latched.
+    /// Latched alarm.
     pub alarm: Option<Alarm>,
-    /// Motion is blocked until [`Word::Restart`] releases it: a restart is under way, or the grace ran out with a cutting output on.
+    /// Whether motion is blocked until [`HostCommand::Restart`] releases it: a restart is in progress, or the grace
+    /// time ended with a cutting output on.
     pub blocked: bool,
-    /// Number of the last repeated instruction that is complete; 0 where an epoch begins.
+    /// Number of the last completed repeated instruction; 0 when an epoch begins.
     pub repeated: u32,
     /// Cutting outputs that the card switched off in the period.
     pub cutter_off: Option<CutterOff>,
 }
 
 impl<const A: usize> CardStatus<A> {
-    /// A card at rest where an epoch begins, all counts and outputs zero.
+    /// Returns the status of a card at rest at the start of an epoch, with all counts and outputs zero.
     #[must_use]
     pub const fn at_rest(start: PathStart) -> Self {
         let record = start.place.record;

@@ -1,12 +1,12 @@
-//! What stands at either end of the line: the card's works, and the host's port.
+//! The interfaces at both ends of the serial line: the card's core, and the host's port.
 //!
-//! Invariant: neither knows the protocol; they take words and bytes.
+//! Invariant: neither depends on the protocol; they handle commands and bytes.
 
 use retrace_core::Place;
 
 use crate::{CardIdentity, CardSettings, CardStatus, CommandRefusal, HostCommand, crc};
 
-/// A check of place and counts, by which host and card see that they agree on where the machine stands.
+/// Returns a check value of place and counts, by which host and card verify that they agree on the position.
 #[must_use]
 pub fn state_crc(place: Place, counts: &[i64], axes: u8) -> u32 {
     let place = [place.record.to_le_bytes(), place.fraction.to_le_bytes()];
@@ -15,70 +15,72 @@ pub fn state_crc(place: Place, counts: &[i64], axes: u8) -> u32 {
     crc::finish(counts.fold(start, crc::update))
 }
 
-/// The card's works, as its end of the line sees them.
+/// Core of a card, as its endpoint uses it.
 pub trait CardCore<const A: usize> {
-    /// Who the card is.
+    /// Returns the identity of the card.
     fn identity(&self) -> &CardIdentity;
 
-    /// Begins an epoch: the window is empty, at the counts as they are, and these settings hold. Only while the machine stands.
+    /// Begins an epoch: the window is empty, the counts are unchanged, and these settings apply. Only while the machine
+    /// is at rest.
     ///
     /// # Errors
-    /// [`Refusal`]; nothing has changed then.
+    /// Returns the reason for the rejection; nothing has changed then.
     fn open(&mut self, settings: &CardSettings<A>) -> Result<(), CommandRefusal>;
 
-    /// Ends the epoch; only while the machine stands.
+    /// Ends the epoch; only while the machine is at rest.
     ///
     /// # Errors
-    /// [`Refusal::InMotion`]
+    /// [`CommandRefusal::InMotion`]
     fn close(&mut self) -> Result<(), CommandRefusal>;
 
-    /// A whole frame of the open epoch came: the host is there.
-    fn host_is_alive(&mut self);
+    /// Records that a complete frame of the open epoch has arrived, so the host is alive. Resets the watchdog.
+    fn record_host_frame(&mut self);
 
-    /// Takes a word.
+    /// Accepts a command.
     ///
     /// # Errors
-    /// [`Refusal`]; nothing has changed then.
+    /// Returns the reason for the rejection; nothing has changed then.
     fn accept(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal>;
 
-    /// The last period's report.
+    /// Returns the status of the last period.
     fn status(&self) -> &CardStatus<A>;
 }
 
-/// The host's port to a line of bytes, which may lose, change and delay them.
+/// Port of the host to a line of bytes, which may lose, change and delay them.
 pub trait BytePort {
-    /// How the line can be gone.
+    /// Error when the line is gone.
     type Fault: CardFailure;
 
-    /// Microseconds since some moment, never going back.
+    /// Returns microseconds since an arbitrary moment, monotonic.
     fn now_us(&self) -> u64;
 
-    /// How many bytes may be written now, so that no more than some 4 ms of them wait in the operating system.
+    /// Returns how many bytes may be written now, so that no more than about 4 ms of them wait in the operating system.
     fn writable_bytes(&mut self) -> usize;
 
-    /// Writes bytes, at most [`Port::room`] of them; how many were taken.
+    /// Writes bytes, at most [`BytePort::writable_bytes`] of them, and returns how many were accepted.
     ///
     /// # Errors
     /// The line is gone.
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Fault>;
 
-    /// Reads what has come, or waits for it up to `wait_us` microseconds; 0 where nothing came.
+    /// Reads received bytes, or waits for them up to `wait_us` microseconds; returns 0 if nothing arrived.
     ///
     /// # Errors
     /// The line is gone.
     fn read(&mut self, bytes: &mut [u8], wait_us: u32) -> Result<usize, Self::Fault>;
 
-    /// Tries once to get a line back that is gone, and says whether it is there again. Takes some time where it is not.
+    /// Tries once to reopen a line that is gone, and returns whether it is available again. May block for some time if
+    /// it is not.
     fn revive(&mut self) -> bool {
         false
     }
 }
 
-/// What ends a run on a card for good.
+/// Error that ends a run on a card.
 pub trait CardFailure: core::fmt::Display {
-    /// Its number in the table of errors.
+    /// Returns its number in the table of errors.
     fn number(&self) -> &'static str;
 
-    /// What to do.
+    /// Returns the remedy.
     fn remedy(&self) -> &'static str;
 }

@@ -1,33 +1,34 @@
-//! What the card's window is, or will be, as far as the host can tell; and the records that are in it or were.
+//! The host's prediction of the card's window, and the records that are in it or were recently.
 //!
-//! Invariant: the records of the last cells on either side of the window's ends are those that were sent, so that a report that is late is
-//! still understood.
+//! Invariant: the cells near the window's ends hold the records that were sent, so that a late report can still be
+//! evaluated.
 
 use retrace_core::place::is_before;
 use retrace_core::{Place, Record};
 
 use crate::{CommandRefusal, HostCommand};
 
-/// Records that the cursor may have run since it was last heard of, as a rule. Where it is more, the card refuses, and that is seen.
+/// Records that the cursor may normally have passed since the last report. If it has passed more, the card rejects the
+/// command, and the report shows that.
 const MARGIN: u32 = 40;
 
-/// The window that is foreseen, and `N` cells of records (a power of two, at least twice the window).
+/// The predicted window, and `N` cells of records (a power of two, at least twice the window).
 #[derive(Clone, Debug)]
 pub(crate) struct PredictedWindow<const A: usize, const N: usize> {
     cells: [Record<A>; N],
     low: u32,
     high: u32,
     window: u32,
-    /// Records that the cursor may still run from where it is known to be.
+    /// Records that the cursor may still pass after its reported place.
     lead: u32,
 }
 
 impl<const A: usize, const N: usize> PredictedWindow<A, N> {
     const CHECKED: () = assert!(N.is_power_of_two());
 
-    /// An empty window of a card that can hold `window` records.
+    /// Creates an empty window of a card that can hold `window` records.
     ///
-    /// `lead`: records that the cursor runs at most until it rests.
+    /// `lead`: maximum number of records that the cursor passes before it is at rest.
     pub(crate) fn new(place: u32, window: u32, lead: u32) -> Self {
         let () = Self::CHECKED;
         let window = window.clamp(4, N as u32 / 2);
@@ -46,21 +47,22 @@ impl<const A: usize, const N: usize> PredictedWindow<A, N> {
         self.window
     }
 
-    /// The record of a number that is, or lately was, in the window.
+    /// Returns the record of a number that is, or recently was, in the window.
     pub(crate) fn record(&self, place: u32) -> Option<&Record<A>> {
         let near = self.high.wrapping_sub(place).wrapping_add(self.window / 2) <= N as u32;
         near.then(|| &self.cells[place as usize & (N - 1)])
     }
 
-    /// The card reported this window.
-    pub(crate) fn set(&mut self, low: u32, high: u32) {
+    /// Sets the window that the card reported.
+    pub(crate) fn set_reported(&mut self, low: u32, high: u32) {
         (self.low, self.high) = (low, high);
     }
 
-    /// What a word will do. `cursor` is where the cursor was last heard of; `runs`: it may have moved since.
+    /// Predicts the effect of a command. `cursor` is the last reported place; `runs` means that the cursor may have
+    /// moved since.
     ///
     /// # Errors
-    /// As the card would refuse it.
+    /// Returns the reason for which the card would reject it.
     pub(crate) fn predict(&mut self, word: &HostCommand<A>, cursor: Place, runs: bool) -> Result<(), CommandRefusal> {
         let margin = if runs { self.lead } else { 0 };
         match *word {

@@ -1,7 +1,7 @@
-//! A card at the other end of a line, as the controller sees it: the host's end of the protocol, and a port.
+//! A card on a serial line, as the controller uses it: the host's endpoint and a port.
 //!
-//! Invariant: bytes pass only in here, between two control periods of the controller; a controller that hangs falls silent, and the card
-//! stops by itself.
+//! Invariant: bytes are exchanged only in here, between two control periods of the controller. If the controller hangs,
+//! it sends nothing, and the card stops by itself.
 
 use core::fmt;
 
@@ -10,12 +10,12 @@ use crate::{
     MotionCard, PathStart,
 };
 
-/// How long to wait, in microseconds.
+/// Timeouts, in microseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LinkTimeouts {
     /// For the first answer of a card.
     pub answer_us: u64,
-    /// For a sign of life later on. A cable that is out for less than this may be plugged in again.
+    /// For frames from the card after that. A cable that is unplugged for less than this may be plugged in again.
     pub silence_us: u64,
 }
 
@@ -25,12 +25,12 @@ impl Default for LinkTimeouts {
     }
 }
 
-/// What ends a run over a line for good.
+/// Error that ends a run over a serial line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkedCardError<F> {
-    /// The port itself.
+    /// Error of the port.
     Port(F),
-    /// What was said over it, or not.
+    /// Error of the protocol.
     Host(LinkError),
 }
 
@@ -50,6 +50,14 @@ impl<F: CardFailure> CardFailure for LinkedCardError<F> {
     }
 }
 
+impl<F: fmt::Debug + fmt::Display> core::error::Error for LinkedCardError<F> {}
+
+impl<F> From<LinkError> for LinkedCardError<F> {
+    fn from(error: LinkError) -> Self {
+        Self::Host(error)
+    }
+}
+
 impl<F: fmt::Display> fmt::Display for LinkedCardError<F> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -59,60 +67,64 @@ impl<F: fmt::Display> fmt::Display for LinkedCardError<F> {
     }
 }
 
-/// A card at the other end of a line.
+/// A card on a serial line.
 #[derive(Debug)]
 pub struct LinkedCard<const A: usize, P: BytePort> {
     port: P,
     host: HostEndpoint<A>,
-    patience: LinkTimeouts,
-    /// The line is gone, for all that is known; it may come back.
+    timeouts: LinkTimeouts,
+    /// Error of the port while the line is gone; it may come back.
     lost: Option<P::Fault>,
-    /// Number of the last question.
+    /// Nonce of the last greeting request.
     nonce: u32,
-    /// What the open epoch goes by.
+    /// Settings of the open epoch.
     settings: Option<CardSettings<A>>,
 }
 
-/// So long a card is told to stop by a host that gives up.
-const LET_GO_US: u64 = 40_000;
+/// Time for which a host that gives up sends a stop to the card.
+const CLOSING_US: u64 = 40_000;
 
-/// The longest that one look at the port waits.
+/// Maximum time that one read of the port waits.
 const WAIT_US: u32 = 1_000;
 
 impl<const A: usize, P: BytePort> LinkedCard<A, P> {
-    /// Asks at the other end of `port` who is there, until it answers. `nonce`: any number, best one that was not used lately.
+    /// Requests a greeting from the card at the other end of `port` until it answers. `nonce` is any number, preferably
+    /// one that was not used recently.
     ///
     /// # Errors
-    /// Nobody answers, or the port is gone.
-    pub fn find(port: P, nonce: u32, patience: LinkTimeouts) -> Result<Self, LinkedCardError<P::Fault>> {
-        let mut found = Self { port, host: HostEndpoint::new(nonce), patience, lost: None, nonce, settings: None };
-        found.until(|host| host.greeting().is_some())?;
+    /// No card answers, or the port is gone.
+    pub fn connect(port: P, nonce: u32, patience: LinkTimeouts) -> Result<Self, LinkedCardError<P::Fault>> {
+        let mut found =
+            Self { port, host: HostEndpoint::new(nonce), timeouts: patience, lost: None, nonce, settings: None };
+        found.pump_until(|host| host.greeting().is_some())?;
         Ok(found)
     }
 
-    /// Who answered, and where the machine stood then.
+    /// Returns the greeting: the identity of the card, and the machine's position at that time.
     #[must_use]
     pub fn greeting(&self) -> Option<&Greeting<A>> {
         self.host.greeting()
     }
 
-    /// Asks again who is there and where the machine stands.
+    /// Requests a new greeting, with the current position of the machine.
     ///
     /// # Errors
-    /// As [`Wired::find`].
+    /// As [`LinkedCard::connect`].
     pub fn request_greeting(&mut self, nonce: u32) -> Result<(), LinkedCardError<P::Fault>> {
         self.nonce = nonce;
-        self.host.ask(nonce);
-        self.until(|host| host.greeting().is_some())
+        self.host.request_greeting(nonce);
+        self.pump_until(|host| host.greeting().is_some())
     }
 
-    /// Asks until the machine stands and no other host can move it: a card that its host left brakes first, and then its watchdog
-    /// latches the alarm. From then on what the card says of itself stays as it is.
+    /// Requests greetings until the machine is at rest and no other host can move it. A card without its host first
+    /// brakes, and then its watchdog latches the alarm. From then on its reported state does not change.
     ///
     /// # Errors
-    /// As [`Wired::find`]; also where it does not come to that in that time: another host is there.
-    pub fn settle(&mut self, nonce: u32) -> Result<(), LinkedCardError<P::Fault>> {
-        self.request_greeting_until(nonce, |said| said.at_rest && (said.epoch == 0 || said.alarm.is_some()))
+    /// As [`LinkedCard::connect`]; also if that state is not reached in time, because another host is connected.
+    pub fn wait_at_rest(&mut self, nonce: u32) -> Result<(), LinkedCardError<P::Fault>> {
+        self.request_greeting_until(nonce, |greeting| {
+            greeting.at_rest && (greeting.epoch == 0 || greeting.alarm.is_some())
+        })
     }
 
     fn request_greeting_until(
@@ -123,8 +135,8 @@ impl<const A: usize, P: BytePort> LinkedCard<A, P> {
         let begun = self.port.now_us();
         let mut question = nonce;
         while !self.host.greeting().is_some_and(&done) {
-            if self.port.now_us().saturating_sub(begun) > self.patience.answer_us {
-                return Err(LinkedCardError::Host(LinkError::Unfit));
+            if self.port.now_us().saturating_sub(begun) > self.timeouts.answer_us {
+                return Err(LinkedCardError::Host(LinkError::SettingsRejected));
             }
             question = question.wrapping_add(1);
             self.request_greeting(question)?;
@@ -132,18 +144,18 @@ impl<const A: usize, P: BytePort> LinkedCard<A, P> {
         Ok(())
     }
 
-    /// Begins an epoch with these settings, as the card was last asked where it stands, and waits for its first report.
+    /// Begins an epoch with these settings at the last reported position, and waits for its first report.
     ///
     /// # Errors
-    /// The card does not take the settings, falls silent, or the port is gone. An alarm that is latched is none yet.
+    /// The card rejects the settings, stops answering, or the port is gone. A latched alarm is not an error yet.
     pub fn open(&mut self, settings: CardSettings<A>) -> Result<(), LinkedCardError<P::Fault>> {
         self.host.open(settings);
         self.settings = Some(settings);
-        self.until(HostEndpoint::is_open)?;
-        // its outputs and its alarm come with the first period
+        self.pump_until(HostEndpoint::is_open)?;
+        // its outputs and its alarm are reported with the first period
         let begun = self.port.now_us();
         while !self.host.next_period() {
-            if self.port.now_us().saturating_sub(begun) > self.patience.answer_us {
+            if self.port.now_us().saturating_sub(begun) > self.timeouts.answer_us {
                 return Err(self.timeout_error());
             }
             self.pump(WAIT_US);
@@ -151,46 +163,47 @@ impl<const A: usize, P: BytePort> LinkedCard<A, P> {
         Ok(())
     }
 
-    /// Ends the epoch; the card then needs no host any more. It has to stand.
+    /// Ends the epoch; the card then needs no host any more. It must be at rest.
     ///
     /// # Errors
-    /// The card falls silent, or the port is gone.
+    /// The card stops answering, or the port is gone.
     pub fn close(&mut self) -> Result<(), LinkedCardError<P::Fault>> {
         self.host.close();
-        self.until(HostEndpoint::is_closed)
+        self.pump_until(HostEndpoint::is_closed)
     }
 
-    /// The host's end.
+    /// Returns the host's endpoint.
     #[must_use]
     pub fn host(&self) -> &HostEndpoint<A> {
         &self.host
     }
 
-    /// The port.
+    /// Returns the port.
     #[must_use]
     pub fn port(&self) -> &P {
         &self.port
     }
 
-    /// The port, without the host's end.
+    /// Returns the port and drops the host's endpoint.
     #[must_use]
     pub fn into_port(self) -> P {
         self.port
     }
 
-    /// The port, to be meddled with.
+    /// Returns the port for modification, for tests.
     pub fn port_mut(&mut self) -> &mut P {
         &mut self.port
     }
 
-    fn until(&mut self, done: impl Fn(&HostEndpoint<A>) -> bool) -> Result<(), LinkedCardError<P::Fault>> {
+    fn pump_until(&mut self, done: impl Fn(&HostEndpoint<A>) -> bool) -> Result<(), LinkedCardError<P::Fault>> {
         let begun = self.port.now_us();
         while !done(&self.host) {
-            if self.port.now_us().saturating_sub(begun) > self.patience.answer_us {
+            if self.port.now_us().saturating_sub(begun) > self.timeouts.answer_us {
                 return Err(self.timeout_error());
             }
             self.pump(WAIT_US);
-            if let Some(fault @ (LinkError::Protocol(_) | LinkError::Unfit | LinkError::Restarted)) = self.host.fault()
+            if let Some(fault @ (LinkError::Protocol(_) | LinkError::SettingsRejected | LinkError::Restarted)) =
+                self.host.fault()
             {
                 return Err(LinkedCardError::Host(fault));
             }
@@ -198,11 +211,11 @@ impl<const A: usize, P: BytePort> LinkedCard<A, P> {
         Ok(())
     }
 
-    /// Tells the card to stop, as far as the line goes; the card does it anyway when it hears no more.
+    /// Sends a stop to the card, if the line still works; without frames the card stops anyway.
     fn flush_closing(&mut self) {
         let _ = self.host.send(HostCommand::rate(0));
         let begun = self.port.now_us();
-        while self.port.now_us().saturating_sub(begun) < LET_GO_US {
+        while self.port.now_us().saturating_sub(begun) < CLOSING_US {
             self.pump(WAIT_US);
         }
     }
@@ -211,8 +224,8 @@ impl<const A: usize, P: BytePort> LinkedCard<A, P> {
         self.lost.take().map_or(LinkedCardError::Host(LinkError::Silent), LinkedCardError::Port)
     }
 
-    /// Puts on the line what is due, and takes off it what has come. A line that is gone may come back: a cable that is plugged in
-    /// again. Until then the card is silent, and for so long it is waited for.
+    /// Sends what is due and receives what has arrived. A line that is gone may come back, for example a cable that is
+    /// plugged in again. Until then the card counts as silent, and its timeout runs.
     fn pump(&mut self, wait_us: u32) {
         match self.exchange(wait_us) {
             Ok(()) => self.lost = None,
@@ -233,7 +246,7 @@ impl<const A: usize, P: BytePort> LinkedCard<A, P> {
         while given > 0 {
             let taken = self.port.write(&bytes[from..from + given])?;
             if taken == 0 {
-                // What the port does not take is lost like any byte on the line, and comes again.
+                // Bytes that the port does not accept are lost like any byte on the line, and are retransmitted.
                 break;
             }
             (from, given) = (from + taken, given - taken);
@@ -255,15 +268,15 @@ impl<const A: usize, P: BytePort> MotionCard<A> for LinkedCard<A, P> {
         self.host.send(word)
     }
 
-    fn period(&mut self) -> Result<&CardStatus<A>, Self::Fault> {
-        // The line is served also where periods wait to be given out.
+    fn run_period(&mut self) -> Result<&CardStatus<A>, Self::Fault> {
+        // The line is also served while received periods are waiting.
         self.pump(0);
         while !self.host.next_period() {
             if let Some(fault) = self.host.fault() {
                 self.flush_closing();
                 return Err(LinkedCardError::Host(fault));
             }
-            if self.host.silent_us() > self.patience.silence_us {
+            if self.host.silent_us() > self.timeouts.silence_us {
                 return Err(self.timeout_error());
             }
             self.pump(WAIT_US);
@@ -271,22 +284,23 @@ impl<const A: usize, P: BytePort> MotionCard<A> for LinkedCard<A, P> {
         Ok(self.host.status())
     }
 
-    fn begin(&mut self, start: PathStart) -> Result<(), Self::Fault> {
-        let Some(settings) = self.settings else { return Err(LinkedCardError::Host(LinkError::Unfit)) };
+    fn begin_path(&mut self, start: PathStart) -> Result<(), Self::Fault> {
+        let Some(settings) = self.settings else { return Err(LinkedCardError::Host(LinkError::SettingsRejected)) };
         if let Some(fault) = self.host.fault().filter(|fault| !matches!(fault, LinkError::Alarm(_))) {
             return Err(LinkedCardError::Host(fault));
         }
         let known = self.host.status().executed;
-        // Homing sets counts that no report tells: the card is asked where it stands, once it has all that was said to it.
-        self.until(HostEndpoint::is_acknowledged)?;
+        // Homing sets counts that no report contains: a new greeting is requested after the card has received every
+        // command.
+        self.pump_until(HostEndpoint::is_acknowledged)?;
         self.request_greeting(self.nonce.wrapping_add(1))?;
-        self.request_greeting_until(self.nonce, |said| said.at_rest)?;
-        // A rate that was late let it move on after the report that the caller goes by: its start is of another place.
+        self.request_greeting_until(self.nonce, |greeting| greeting.at_rest)?;
+        // A late rate command moved the machine after the report that the caller used: its start is at another place.
         if !self.host.is_where_reported() {
             return Err(LinkedCardError::Host(LinkError::Moved));
         }
-        // What was executed meanwhile is executed.
-        let meanwhile = self.host.greeting().map_or(0, |said| said.executed.wrapping_sub(known));
+        // Instructions that were executed meanwhile count as executed.
+        let meanwhile = self.host.greeting().map_or(0, |greeting| greeting.executed.wrapping_sub(known));
         let start = PathStart { executed: start.executed.wrapping_add(meanwhile), ..start };
         self.open(CardSettings { start, ..settings })
     }
@@ -295,7 +309,7 @@ impl<const A: usize, P: BytePort> MotionCard<A> for LinkedCard<A, P> {
         self.host.status()
     }
 
-    fn arrived(&self) -> u32 {
-        self.host.arrived()
+    fn acknowledged_high(&self) -> u32 {
+        self.host.acknowledged_high()
     }
 }

@@ -1,9 +1,9 @@
-//! What binds the frames of an epoch to their opening: its number, and a key that is mixed into the check of each of them.
+//! Binding of an epoch's frames to its opening: the epoch number, and a key that is mixed into the check of each frame.
 //!
-//! Invariant: both ends calculate the key from what the opening says; a frame of another epoch, of another opening or of another start
-//! of the card has another key, but by chance (one in 2³¹), and its epoch differs besides.
+//! Invariant: both endpoints calculate the key from the opening. A frame of another epoch, of another opening or of
+//! another start of the card has another key, except by chance (one in 2³¹), and its epoch differs as well.
 
-/// Number of the epoch that may be opened next; 0 is not an epoch.
+/// Returns the number of the epoch that may be opened next; 0 is not an epoch.
 #[must_use]
 pub const fn next_epoch(last: u16) -> u16 {
     match last.wrapping_add(1) {
@@ -12,13 +12,15 @@ pub const fn next_epoch(last: u16) -> u16 {
     }
 }
 
-/// Key of an epoch's frames: of the card's boot number, the opening's nonce and the epoch's number. It is odd, hence never 0.
+/// Returns the key of an epoch's frames, from the card's boot number, the opening's nonce and the epoch's number. It is
+/// odd, hence never 0.
 #[must_use]
 pub const fn session_key(boot: u32, nonce: u32, epoch: u16) -> u32 {
     mix(mix(mix(boot) ^ nonce) ^ epoch as u32) | 1
 }
 
-/// A bijection that spreads small differences over all bits: the 32-bit finalizer of MurmurHash3 (Appleby, 2011; public domain).
+/// A bijection that spreads small differences over all bits: the 32-bit finalizer of MurmurHash3 (Appleby, 2011; public
+/// domain).
 const fn mix(word: u32) -> u32 {
     let word = (word ^ word >> 16).wrapping_mul(0x85eb_ca6b);
     let word = (word ^ word >> 13).wrapping_mul(0xc2b2_ae35);

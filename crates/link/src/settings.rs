@@ -1,7 +1,7 @@
-//! What host and card tell each other before anything moves: who the card is, and how it is to work.
+//! Identity and settings, exchanged before anything moves.
 //!
-//! Invariant: settings take effect only while the machine stands; each opening has an epoch of its own, and what belongs to another
-//! epoch counts for nothing.
+//! Invariant: settings take effect only while the machine is at rest. Each opening has an epoch of its own, and frames
+//! of another epoch are ignored.
 
 use retrace_core::Place;
 use retrace_core::limits::RateLimits;
@@ -9,23 +9,23 @@ use retrace_core::place::is_before;
 
 use crate::{CuttingSettings, OutputChange};
 
-/// Most inputs that a card reads.
+/// Maximum number of inputs of a card.
 pub const MAX_INPUTS: usize = 16;
-/// Most outputs that a fault switches.
+/// Maximum number of outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
-/// Version of the protocol that this crate speaks.
+/// Version of the protocol that this crate implements.
 pub const PROTOCOL: u8 = 4;
 
-/// Who a card is, and what it can do.
+/// Identity and capabilities of a card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CardIdentity {
     /// Version of the protocol.
     pub protocol: u8,
-    /// Its name, ASCII, padded with zeros.
+    /// Name, ASCII, padded with zeros.
     pub name: [u8; 16],
-    /// Its serial number; 0 where it has none.
+    /// Serial number; 0 if it has none.
     pub serial: u32,
-    /// Drawn anew at every start, so that a card that was restarted is not taken for the one it was.
+    /// Boot number, drawn at every start, so that a restarted card is recognised as such.
     pub boot: u32,
     /// Axes.
     pub axes: u8,
@@ -33,31 +33,31 @@ pub struct CardIdentity {
     pub outputs: u8,
     /// Inputs, at most [`MAX_INPUTS`].
     pub inputs: u8,
-    /// Records that it holds.
+    /// Number of records that it holds.
     pub window: u32,
-    /// Longest average of its rate law, in periods.
+    /// Maximum average of its rate law, in periods.
     pub memory: u16,
-    /// Ticks a second of its clock.
+    /// Clock frequency, in ticks per second.
     pub tick_hz: u32,
     /// Shortest control period in microseconds.
     pub min_period_us: u32,
     /// Longest control period in microseconds.
     pub max_period_us: u32,
-    /// Most pulses that an axis can make in a second.
+    /// Maximum pulse frequency of an axis, in pulses per second.
     pub max_pulses_hz: u32,
 }
 
-/// What an input means.
+/// Meaning of an input.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum InputUse {
-    /// Nothing; it is only reported.
+    /// No meaning; the level is only reported.
     #[default]
     Plain,
     /// Limit switch of an axis, at the upper end of its travel or the lower.
     Limit {
         /// The axis, from 0.
         axis: u8,
-        /// At the upper end?
+        /// Whether it is at the upper end of the travel.
         upper: bool,
     },
     /// Home switch of an axis.
@@ -65,88 +65,92 @@ pub enum InputUse {
         /// The axis, from 0.
         axis: u8,
     },
-    /// A door that must be shut while there is motion.
+    /// A door that must be closed while there is motion.
     Door,
-    /// The emergency-stop chain, which is wired to cut power by itself; the card is only told.
+    /// The emergency-stop chain, which is wired to cut the power by itself; the card only reads it.
     EmergencyStop,
     /// A probe.
     Probe,
 }
 
-/// How an input is read.
+/// Settings of an input.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InputSetting {
-    /// What it means.
+    /// Meaning of the input.
     pub used_for: InputUse,
-    /// Is it active while its level is low (a normally closed contact to ground that opens: no; a closing contact: yes)?
+    /// Whether it is active while its level is low (a normally closed contact to ground that opens: no; a closing
+    /// contact: yes).
     pub active_low: bool,
 }
 
-/// Where an epoch begins: the place that the machine stands at on the path that is to be played, and what was done of that path before.
+/// Start of an epoch: the place of the machine on the path to be played, and what was already executed of that path.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PathStart {
-    /// Where the cursor stands; the counts stay as they are. Inside of a record the cursor stands until that record is there.
+    /// Place of the cursor; the counts are unchanged. Inside a record, the cursor is at rest until that record has
+    /// arrived.
     pub place: Place,
-    /// Is the path at rest there, as at a planned stop? Then it is left at full rate, else with a ramp. Never inside of a record.
+    /// Whether the path is at rest there, as at a planned stop. It is then left at full rate, else with a ramp. Never
+    /// true inside a record.
     pub rests: bool,
     /// The furthest place ever executed, as a record boundary; not before `place`.
     pub reached: u32,
-    /// Number of the last exclusive instruction that is complete; the next one has the number behind it.
+    /// Number of the last completed exclusive instruction; the next one has the number after it.
     pub executed: u32,
 }
 
 impl PathStart {
-    /// A path that begins with this record, nothing done of it.
+    /// Returns the start of a path that begins with this record, with nothing executed.
     #[must_use]
     pub const fn at(record: u32) -> Self {
         Self { place: Place::start_of(record), rests: true, reached: record, executed: 0 }
     }
 
-    /// Does it fit together: is `reached` not behind the place, and the path in motion inside of a record?
+    /// Whether the start is consistent: `reached` is not behind the place, and the path is in motion inside a record.
     #[must_use]
     pub const fn is_valid(&self) -> bool {
         !is_before(self.reached, self.place.boundary_ahead()) && (self.place.fraction == 0 || !self.rests)
     }
 }
 
-/// How a card is to work.
+/// Settings of a card for one epoch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CardSettings<const A: usize> {
     /// Number of this opening, not 0.
     pub epoch: u16,
-    /// Where the path is taken up; the counts stay as they are.
+    /// Start on the path; the counts are unchanged.
     pub start: PathStart,
-    /// How many of the axes are used, 1 … `A`.
+    /// Number of axes used, 1 … `A`.
     pub axes: u8,
     /// Control period in microseconds.
     pub period_us: u32,
-    /// What the rate law is told of the machine.
+    /// Limits for the rate law.
     pub limits: RateLimits<A>,
-    /// A report after so many periods at the latest, at least 1.
+    /// Maximum number of periods between two reports, at least 1.
     pub report_periods: u8,
-    /// Periods without a whole frame of the host after which the card stops by itself.
+    /// Periods without a complete frame from the host after which the card stops by itself.
     pub watchdog_periods: u16,
-    /// Least length of a step pulse, in nanoseconds.
+    /// Minimum length of a step pulse, in nanoseconds.
     pub pulse_ns: u16,
-    /// Time that the direction must stand before the first step, in nanoseconds.
+    /// Time that the direction must be stable before the first step, in nanoseconds.
     pub direction_setup_ns: u16,
-    /// Axes whose direction output is the other way round, one bit each.
+    /// Axes whose direction output is inverted, one bit each.
     pub direction_inverted: u16,
-    /// Play of each axis between its drive and what that moves, in pulses, taken up beside the counts wherever the axis turns.
+    /// Backlash of each axis, in pulses, compensated in addition to the counts where the axis reverses.
     pub backlash_pulses: [u16; A],
-    /// What the inputs mean.
+    /// Settings of the inputs.
     pub inputs: [InputSetting; MAX_INPUTS],
-    /// What a fault switches, the first `safe_count` of them.
+    /// Output changes that a fault makes; the first `safe_count` are valid.
     pub safe: [OutputChange; MAX_SAFE],
-    /// How many of `safe` hold.
+    /// Number of valid `safe` entries.
     pub safe_count: u8,
-    /// The cutting outputs.
+    /// Cutting outputs.
     pub cutting: CuttingSettings,
 }
 
 impl<const A: usize> CardSettings<A> {
-    /// All axes, T in microseconds, the path from `start` on, reports every eighth period, a watchdog of 250 ms, no play, no inputs, all
-    /// outputs left as they are at a fault, and no cutting outputs.
+    /// Returns settings for all axes with the given control period in microseconds and the path from `start` on.
+    /// Defaults: reports every eighth period, a watchdog of 250 ms, no backlash, no inputs, all outputs unchanged on a
+    /// fault, and no cutting outputs.
     #[must_use]
     pub fn new(epoch: u16, start: PathStart, period_us: u32, limits: RateLimits<A>) -> Self {
         Self {
@@ -168,7 +172,7 @@ impl<const A: usize> CardSettings<A> {
         }
     }
 
-    /// The changes that a fault makes.
+    /// Returns the changes that a fault makes.
     #[must_use]
     pub fn safe(&self) -> &[OutputChange] {
         &self.safe[..usize::from(self.safe_count).min(MAX_SAFE)]

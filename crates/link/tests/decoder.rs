@@ -67,7 +67,7 @@ fn no_frame_is_taken_that_was_not_sent() {
             damage(&mut dice, &mut wire);
         }
         for &byte in wire.iter().chain(&[0]) {
-            match decoder.take(byte) {
+            match decoder.push(byte) {
                 Some(Ok(found)) if case % 2 == 1 && found == &payload[..length] => taken += 1,
                 Some(Ok(_)) => taken_false += 1,
                 Some(Err(_)) => refused += 1,
@@ -88,15 +88,15 @@ fn after_any_noise_the_next_frame_is_found() {
     let mut decoder = FrameDecoder::<MAX_PAYLOAD>::new();
     for _ in 0..cases.min(1_000_000) {
         for _ in 0..dice.below(40) {
-            let _ = decoder.take(dice.next() as u8);
+            let _ = decoder.push(dice.next() as u8);
         }
-        let _ = decoder.take(0);
+        let _ = decoder.push(0);
         let mut room = [0; MAX_WIRE];
         let payload = [dice.next() as u8, 0, dice.next() as u8];
         let frame = encode(&payload, &mut room).expect("it fits");
         let mut found = None;
         for &byte in frame {
-            if let Some(said) = decoder.take(byte) {
+            if let Some(said) = decoder.push(byte) {
                 found = Some(said.map(<[u8]>::to_vec));
             }
         }

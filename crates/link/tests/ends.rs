@@ -91,7 +91,7 @@ impl CardCore<3> for Works {
         self.open = false;
         Ok(())
     }
-    fn host_is_alive(&mut self) {}
+    fn record_host_frame(&mut self) {}
     fn accept(&mut self, word: HostCommand<3>) -> Result<(), CommandRefusal> {
         let status = &mut self.status;
         let full = status.high.wrapping_sub(status.low) == WINDOW;
@@ -187,7 +187,7 @@ impl Bench {
         }
         if self.now_us % 1000 < 100 {
             self.works.period();
-            self.end.period(&self.works.status);
+            self.end.push_period(&self.works.status);
         }
         let count = self.end.transmit(&self.works, &mut bytes);
         for byte in &bytes[..count] {
@@ -360,7 +360,7 @@ fn counts_that_are_not_those_of_the_path_are_noticed() {
         bench.step();
         while bench.host.next_period() {}
     }
-    assert_eq!(bench.host.fault(), Some(LinkError::Disagrees));
+    assert_eq!(bench.host.fault(), Some(LinkError::StateMismatch));
 }
 
 /// What the card has taken and could not confirm comes again, and is not taken again.
@@ -379,7 +379,7 @@ fn a_word_that_comes_twice_is_taken_once() {
     }
     bench.until(|b| b.host.status().outputs[3] == 3);
     assert_eq!(bench.works.by_hand, [1, 2, 3]);
-    assert!(bench.host.line().retransmitted > 0, "words were sent again");
+    assert!(bench.host.line_counts().retransmitted > 0, "words were sent again");
 }
 
 #[test]
@@ -399,7 +399,7 @@ fn a_card_that_was_restarted_is_noticed() {
 fn a_record_at_constant_speed_costs_little() {
     let mut bench = Bench::new(5, 0, 0);
     bench.run_to(ONE, 1000, 0, 1200);
-    let line = bench.host.line();
+    let line = bench.host.line_counts();
     let cost = (line.written + line.read) as f64 / bench.works.log.len() as f64;
     assert!(cost < 12.0, "{cost} bytes a period, {line:?}");
     assert_eq!((line.damaged, line.retransmitted), (0, 0));

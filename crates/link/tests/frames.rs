@@ -14,13 +14,13 @@ fn frame(payload: &[u8]) -> Vec<u8> {
 
 fn decoded(bytes: &[u8]) -> Vec<Result<Vec<u8>, FrameDamage>> {
     let mut decoder = FrameDecoder::<MAX_PAYLOAD>::new();
-    bytes.iter().filter_map(|&byte| decoder.take(byte).map(|found| found.map(<[u8]>::to_vec))).collect()
+    bytes.iter().filter_map(|&byte| decoder.push(byte).map(|found| found.map(<[u8]>::to_vec))).collect()
 }
 
 /// How many frames are accepted.
 fn accepted(bytes: &[u8]) -> usize {
     let mut decoder = FrameDecoder::<MAX_PAYLOAD>::new();
-    bytes.iter().filter(|&&byte| matches!(decoder.take(byte), Some(Ok(_)))).count()
+    bytes.iter().filter(|&&byte| matches!(decoder.push(byte), Some(Ok(_)))).count()
 }
 
 /// SplitMix64 (Steele, Lea, Flood 2014): the same numbers every time.
@@ -97,8 +97,8 @@ fn the_longest_payloads_of_the_format_come_back() {
         let mut decoder = FrameDecoder::<LONGEST>::new();
         let frame = encode(&payload, &mut wire).unwrap();
         let (_, others) = frame.split_last().unwrap();
-        assert!(others.iter().all(|&byte| byte != 0 && decoder.take(byte).is_none()));
-        assert_eq!(decoder.take(0), Some(Ok(&payload[..])));
+        assert!(others.iter().all(|&byte| byte != 0 && decoder.push(byte).is_none()));
+        assert_eq!(decoder.push(0), Some(Ok(&payload[..])));
     }
 }
 

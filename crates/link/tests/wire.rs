@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Flags, Place, RapidCap, Record};
 use retrace_link::frame::MAX_PAYLOAD;
-use retrace_link::wire::{ByteReader, ByteWriter, Greeting, Opening, ReportEntry, Run, read_word, write_word};
+use retrace_link::wire::{ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, read_word, write_word};
 use retrace_link::{
     Alarm, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, HomingCommand,
     HostCommand, InputSetting, InputUse, InputWait, Instruction, MAX_CHANGES, MAX_CUTTING_CHANNELS, OutputAction,
@@ -79,7 +79,7 @@ fn entry() -> impl Strategy<Value = ReportEntry> {
     let alarm = (0u8..12, any::<u32>()).prop_map(|(code, detail)| Alarm::from_wire(code, detail & 0x1FF));
     prop_oneof![
         (travel, 1u32..u32::MAX, any::<bool>(), any::<bool>())
-            .prop_map(|(travel, count, short, at_rest)| ReportEntry::Ran { travel, count, short, at_rest }),
+            .prop_map(|(distance, count, starved, at_rest)| ReportEntry::Ran { distance, count, starved, at_rest }),
         change().prop_map(ReportEntry::Output),
         any::<u32>().prop_map(ReportEntry::Executed),
         alarm.prop_map(ReportEntry::Alarm),
@@ -110,12 +110,12 @@ proptest! {
             }
         }
         let mut bytes = [0; 1000];
-        let (mut writer, mut run) = (ByteWriter::new(&mut bytes), Run::new(4));
+        let (mut writer, mut run) = (ByteWriter::new(&mut bytes), RecordRun::new(4));
         for word in &words {
             prop_assert_eq!(write_word(&mut writer, &mut run, word), Some(()));
         }
         let length = writer.len();
-        let (mut reader, mut run) = (ByteReader::new(&bytes[..length]), Run::new(4));
+        let (mut reader, mut run) = (ByteReader::new(&bytes[..length]), RecordRun::new(4));
         for word in &words {
             prop_assert_eq!(read_word(&mut reader, &mut run), Some(*word));
         }
@@ -141,10 +141,10 @@ proptest! {
     #[test]
     fn a_word_without_room_leaves_no_trace(words in prop::collection::vec(word(), 1..12), room in 0usize..120) {
         let mut bytes = [0; 120];
-        let (mut writer, mut run) = (ByteWriter::new(&mut bytes[..room]), Run::new(4));
+        let (mut writer, mut run) = (ByteWriter::new(&mut bytes[..room]), RecordRun::new(4));
         let written: Vec<&HostCommand<4>> = words.iter().filter(|word| write_word(&mut writer, &mut run, word).is_some()).collect();
         let length = writer.len();
-        let (mut reader, mut run) = (ByteReader::new(&bytes[..length]), Run::new(4));
+        let (mut reader, mut run) = (ByteReader::new(&bytes[..length]), RecordRun::new(4));
         for word in written {
             prop_assert_eq!(read_word(&mut reader, &mut run), Some(*word));
         }
@@ -153,7 +153,7 @@ proptest! {
 
     #[test]
     fn any_bytes_are_messages_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
-        let (mut reader, mut run) = (ByteReader::new(&bytes), Run::<4>::new(4));
+        let (mut reader, mut run) = (ByteReader::new(&bytes), RecordRun::<4>::new(4));
         while read_word(&mut reader, &mut run).is_some() {}
         let mut reader = ByteReader::new(&bytes);
         while ReportEntry::read(&mut reader).is_some() {}

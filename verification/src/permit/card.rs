@@ -172,7 +172,7 @@ impl Observer {
             self.card.heard();
             self.silent = 0;
         }
-        self.card.period(InputLevels { levels, ..InputLevels::default() });
+        self.card.run_period(InputLevels { levels, ..InputLevels::default() });
         self.silent += 1;
         let now = self.status();
         let (was, is) = (before.outputs[usize::from(TORCH)] != 0, now.outputs[usize::from(TORCH)] != 0);

@@ -164,7 +164,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
 
     /// Passes one control period at rest.
     fn idle_period(&mut self) {
-        if let Err(fault) = self.card.period() {
+        if let Err(fault) = self.card.run_period() {
             let error = CardError::of(&fault);
             // A latched alarm is reported below, and can be cleared.
             if self.card.status().alarm.is_none() && !self.failed {
@@ -341,7 +341,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Ok(program) => program,
             Err(why) => return self.show_refusal(&why),
         };
-        if let Err(fault) = self.card.begin(PathStart::at(0)) {
+        if let Err(fault) = self.card.begin_path(PathStart::at(0)) {
             return self.emit(EventKind::Alarm(CardError::of(&fault)));
         }
         let mut result = JobResult::default();

@@ -100,7 +100,7 @@ impl ManualMove {
                 });
             } else {
                 let start = PathStart { executed: self.executed, ..PathStart::at(self.begins) };
-                card.begin(start)?;
+                card.begin_path(start)?;
                 self.off_path = true;
                 self.state = ManualMoveState::OnTheWay { rate_sent: false };
             }
@@ -173,6 +173,6 @@ impl ManualMove {
     fn may_move<const A: usize, C: MotionCard<A>>(&self, hand: &mut JogPlanner<'_, A>, card: &C) -> bool {
         let (wanted, end) = (self.begins.wrapping_add(self.enough), hand.ring.write());
         let wanted = if is_before(end, wanted) { end } else { wanted };
-        !is_before(card.arrived(), wanted)
+        !is_before(card.acknowledged_high(), wanted)
     }
 }

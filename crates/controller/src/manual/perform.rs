@@ -150,7 +150,7 @@ fn block<const A: usize, C: MotionCard<A>>(
 /// Begins a new path at the machine's position.
 fn anew<const A: usize, C: MotionCard<A>>(card: &mut C) -> Result<(), C::Fault> {
     let CardStatus { place, executed, .. } = *card.status();
-    card.begin(PathStart { executed, ..PathStart::at(place.boundary_ahead()) })
+    card.begin_path(PathStart { executed, ..PathStart::at(place.boundary_ahead()) })
 }
 
 /// A task in progress on a card.
@@ -281,7 +281,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         // A rejection by the card shows below.
         let _ = self.card.send(HostCommand::ClearAlarm);
         for _ in 0..HEARD {
-            if self.card.period().is_ok_and(|status| status.alarm.is_none()) {
+            if self.card.run_period().is_ok_and(|status| status.alarm.is_none()) {
                 return Ok(ManualTaskDone::Whole { cut_short: false });
             }
         }
@@ -310,7 +310,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                     .tell(EventKind::CommandRejected(CommandError::NotNow("an axis is moved by hand: stop it first"))),
             }
         }
-        let status = *self.card.period().map_err(|fault| ManualTaskError::Trouble(CardError::of(&fault)))?;
+        let status = *self.card.run_period().map_err(|fault| ManualTaskError::Trouble(CardError::of(&fault)))?;
         self.telemetry.send_output_changes(&status.outputs);
         self.telemetry.send(Telemetry::Period(PeriodRecord {
             off_path: true,

@@ -457,7 +457,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         let line = self.dnc_line();
         if let Some(start) = self.dnc.path_start.take() {
-            self.card.begin(start).map_err(|fault| CardError::of(&fault))?;
+            self.card.begin_path(start).map_err(|fault| CardError::of(&fault))?;
             let _ = self.card.send(HostCommand::Replay { on: self.replays_outputs });
         }
         self.target = None;
@@ -494,7 +494,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     pub(super) fn run_paused_period(&mut self) -> Result<Option<Outcome>, CardError> {
         self.apply_commands();
         self.advance_restart();
-        let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
+        let status = *self.card.run_period().map_err(|fault| CardError::of(&fault))?;
         if let Some(off) = status.cutter_off {
             self.cutter_went_off(off);
         }

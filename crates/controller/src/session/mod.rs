@@ -252,7 +252,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.bar_beyond_limits(prepared.counts()[axis], prepared.start().place);
         }
         let begun = self.go_to_breakpoint(prepared.counts()).and_then(|ended| match ended {
-            None => self.card.begin(*prepared.start()).map(|()| None).map_err(|fault| CardError::of(&fault)),
+            None => self.card.begin_path(*prepared.start()).map(|()| None).map_err(|fault| CardError::of(&fault)),
             ended => Ok(ended),
         });
         match begun {
@@ -299,7 +299,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             return Ok(Some(outcome));
         }
         self.set_rate(demand);
-        let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
+        let status = *self.card.run_period().map_err(|fault| CardError::of(&fault))?;
         self.account_period(&status);
         Ok(self.alarm(&status))
     }
@@ -458,7 +458,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.watch_streamer(status, mode);
         // Before a stop, and before the end, the look-ahead runs out as planned.
         if mode == Mode::Run && status.rate == ONE && self.streamer.continues_without_stop() {
-            self.stats.buffered(self.card.arrived().wrapping_sub(status.place.record));
+            self.stats.buffered(self.card.acknowledged_high().wrapping_sub(status.place.record));
         }
         self.emit_period(status);
         self.still_periods = if status.rate == 0 && executing.is_none() { self.still_periods + 1 } else { 0 };

@@ -193,7 +193,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if !self.off_at_end.iter().any(|channel| is_on(&outputs, channel)) {
                 return;
             }
-            let Ok(status) = self.card.period() else { return };
+            let Ok(status) = self.card.run_period() else { return };
             let status = *status;
             outputs = status.outputs;
             if self.dnc.is_off_path() {

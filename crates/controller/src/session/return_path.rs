@@ -25,7 +25,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let Some(mut hand) = self.dnc.take_jog_planner() else { return Err(not_planned()) };
         // A card that was only queried for its position is opened by this.
         let begins = PathStart { executed, ..PathStart::at(hand.ring.write()) };
-        self.card.begin(begins).map_err(|fault| CardError::of(&fault))?;
+        self.card.begin_path(begins).map_err(|fault| CardError::of(&fault))?;
         self.emit_return_step(DncStep::Approaching);
         let request = JogRequest::Approach { from, to };
         let mut trip =
@@ -69,7 +69,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Runs a control period that belongs to no program.
     fn run_return_period(&mut self) -> Result<Option<Outcome>, CardError> {
-        let status = *self.card.period().map_err(|fault| CardError::of(&fault))?;
+        let status = *self.card.run_period().map_err(|fault| CardError::of(&fault))?;
         self.stats.pause();
         self.telemetry.send_output_changes(&status.outputs);
         let period = PeriodRecord {

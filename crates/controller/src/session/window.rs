@@ -93,7 +93,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let wanted = status.place.record.wrapping_add(self.look_ahead_records);
         let wanted = if is_before(status.high, wanted) { status.high } else { wanted };
-        is_before(self.card.arrived(), wanted)
+        is_before(self.card.acknowledged_high(), wanted)
             || self.run_mode.wall_time && !self.streamer.has_lookahead(status, self.look_ahead_records)
     }
 

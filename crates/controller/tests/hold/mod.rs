@@ -157,7 +157,7 @@ impl Played {
 
     fn period(&mut self) {
         self.feed();
-        let status = *self.card.period().expect("no fault");
+        let status = *self.card.run_period().expect("no fault");
         self.judge.push(&status.increments, status.rate);
         self.log.push((status.place, status.rate, status.increments));
     }

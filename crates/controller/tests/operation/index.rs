@@ -41,11 +41,11 @@ impl<C: MotionCard<AXES>> MotionCard<AXES> for Strict<C> {
         }
         self.0.send(word)
     }
-    fn period(&mut self) -> Result<&CardStatus<AXES>, Self::Fault> {
-        self.0.period()
+    fn run_period(&mut self) -> Result<&CardStatus<AXES>, Self::Fault> {
+        self.0.run_period()
     }
-    fn begin(&mut self, start: PathStart) -> Result<(), Self::Fault> {
-        self.0.begin(start)
+    fn begin_path(&mut self, start: PathStart) -> Result<(), Self::Fault> {
+        self.0.begin_path(start)
     }
     fn status(&self) -> &CardStatus<AXES> {
         self.0.status()

@@ -76,17 +76,17 @@ impl MotionCard<AXES> for Turned {
         Ok(())
     }
 
-    fn period(&mut self) -> Result<&CardStatus<AXES>, SimCardError> {
+    fn run_period(&mut self) -> Result<&CardStatus<AXES>, SimCardError> {
         self.log.push(self.asked);
         let moment = self.moments.pop_front().unwrap_or_default();
         self.card.machine().turn_wheel(moment.encoder);
         self.say(moment);
-        self.told += i64::from(self.card.period()?.wheel);
+        self.told += i64::from(self.card.run_period()?.wheel);
         Ok(self.card.status())
     }
 
-    fn begin(&mut self, start: PathStart) -> Result<(), SimCardError> {
-        self.card.begin(start)
+    fn begin_path(&mut self, start: PathStart) -> Result<(), SimCardError> {
+        self.card.begin_path(start)
     }
 
     fn status(&self) -> &CardStatus<AXES> {

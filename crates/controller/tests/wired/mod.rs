@@ -279,7 +279,7 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     pulled.sort_by_key(|&(at_us, _)| std::cmp::Reverse(at_us));
     let taps = trial.tapped.then(Default::default);
     let cable = Cable { port: InProcess::new(rig), pulled, taps };
-    let mut card = Box::new(LinkedCard::find(cable, 7, LinkTimeouts::default()).map_err(|fault| fault.to_string())?);
+    let mut card = Box::new(LinkedCard::connect(cable, 7, LinkTimeouts::default()).map_err(|fault| fault.to_string())?);
     card.open(trial.machine.card_settings(PathStart::at(0))).map_err(|fault| fault.to_string())?;
     let mut watch = Watch { periods: 0, events: Vec::new() };
     let script = operator::parse(trial.script, "script").expect("a script");
@@ -292,7 +292,7 @@ pub fn run(trial: Trial<'_>) -> Result<Done, String> {
     if outcome == Outcome::Completed {
         card.close().map_err(|fault| format!("not closed: {fault}"))?;
     }
-    let (status, line) = (*card.status(), card.host().line());
+    let (status, line) = (*card.status(), card.host().line_counts());
     let mut cable = card.into_port();
     // Whatever became of the host: the card has time to come to rest by itself.
     let now_us = cable.port.simulator().now_us();

@@ -1,8 +1,9 @@
 //! The clock tree (RM0090 and RM0368, *Reset and clock control*).
 //!
-//! Invariant: every wait is bounded; whatever does not get ready, the chip runs at the rates below or, without any PLL, does not leave here.
+//! Invariant: every wait is bounded; if a clock does not become ready, the chip runs at the rates below or, without any
+//! PLL, halts here.
 
-/// Rates that follow from the chip, in Hz.
+/// Clock rates of the chip, in Hz.
 pub(crate) struct Rates {
     /// The processor and the system timer.
     pub(crate) core: u32,
@@ -21,12 +22,13 @@ pub(crate) const RATES: Rates = Rates { core: 84_000_000, serial: 84_000_000, st
 /// 100 MHz; APB1 at half of it, APB2 undivided.
 #[cfg(feature = "f411")]
 pub(crate) const RATES: Rates = Rates { core: 100_000_000, serial: 100_000_000, step_timer: 100_000_000 };
-/// QEMU's netduinoplus2 has no clock tree: the processor is said to run at 168 MHz, the timers at 1 GHz, and no baud rate matters.
+/// QEMU's netduinoplus2 has no clock tree: the processor is assumed to run at 168 MHz, the timers at 1 GHz, and no baud
+/// rate matters.
 #[cfg(feature = "qemu")]
 pub(crate) const RATES: Rates = Rates { core: 168_000_000, serial: 84_000_000, step_timer: 1_000_000_000 };
 
 const _: () = {
-    // the chosen rates divide without a rest, so that slots and baud rate are exact
+    // the chosen rates divide without remainder, so that slots and baud rate are exact
     assert!(RATES.step_timer % retrace_firmware::period::SLOT_HZ == 0);
     assert!(RATES.serial % super::serial::BAUD == 0 && RATES.serial / super::serial::BAUD >= 16);
     assert!(RATES.core >= 84_000_000);
@@ -58,7 +60,8 @@ mod tree {
     };
     /// Megahertz of the internal oscillator.
     const INTERNAL_MHZ: u8 = 16;
-    /// Longest wait for something to get ready, in turns of a loop: at 16 MHz some 100 ms, far longer than a crystal needs.
+    /// Maximum wait for a clock to become ready, in iterations of a loop: at 16 MHz about 100 ms, far longer than a
+    /// crystal needs.
     const PATIENCE: u32 = 400_000;
 
     fn wait_for(ready: impl Fn() -> bool) -> bool {
@@ -71,8 +74,9 @@ mod tree {
     #[cfg(feature = "f411")]
     const PLL_MHZ: u16 = 200;
 
-    /// Runs the chip at its rate, from the crystal or else from the internal oscillator; false where a crystal was expected and did not
-    /// start. Where not even the PLL locks, the serial line would have the wrong rate: the chip halts.
+    /// Sets the chip's clock rate, from the crystal or else from the internal oscillator. Returns false if a crystal
+    /// was expected and did not start. If not even the PLL locks, the serial line would have the wrong rate: the chip
+    /// halts.
     pub(crate) fn start() -> bool {
         let crystal = CRYSTAL_MHZ.filter(|_| {
             rcc().cr().modify(|_, w| w.hseon().on());
@@ -102,7 +106,7 @@ mod tree {
     /// Wait states for 2.7 … 3.6 V (RM0090, table 10; RM0368, table 6; RM0383, table 5), with prefetch and caches.
     fn prepare_core() {
         rcc().apb1enr().modify(|_, w| w.pwren().enabled());
-        // the F405 and the F401 wake up in the scale that they need
+        // the F405 and the F401 start in the scale that they need
         #[cfg(feature = "f411")]
         pwr().cr().modify(|_, w| w.vos().scale1());
         #[cfg(not(feature = "f411"))]

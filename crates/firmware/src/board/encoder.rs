@@ -1,6 +1,6 @@
 //! The handwheel's encoder: TIM4 counts both edges of both channels by itself (RM0090, 18.3.12; RM0368, 13.3.12).
 //!
-//! Invariant: the count runs on around its 16 bits; nobody writes it.
+//! Invariant: the count wraps at 16 bits; no code writes it.
 
 use super::registers::{rcc, tim4};
 
@@ -14,7 +14,7 @@ pub(super) fn start() {
     tim4().cr1().write(|w| w.cen().enabled());
 }
 
-/// The count, four for a period of the encoder's signal.
+/// Returns the count, four per period of the encoder's signal.
 pub(crate) fn encoder() -> u16 {
     tim4().cnt().read().cnt().bits()
 }

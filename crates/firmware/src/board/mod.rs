@@ -1,7 +1,7 @@
-//! The hardware: one file a peripheral. Compiled for the microcontroller alone.
+//! The hardware: one file per peripheral. Compiled for the microcontroller only.
 //!
-//! Invariant: each register is written by one context only, the main loop or one interrupt, after [`start`]; the port registers that both
-//! write (bit set/reset) are written, never read and changed.
+//! Invariant: each register is written by one context only, the main loop or one interrupt, after [`start`]; the port
+//! registers that both write (bit set/reset) are written, never read and changed.
 
 mod clock;
 mod encoder;
@@ -23,7 +23,8 @@ pub(crate) use stm32f4::stm32f405 as chip;
 #[cfg(feature = "f411")]
 pub(crate) use stm32f4::stm32f411 as chip;
 
-/// Brings the clocks, the ports and the timers up; false where the crystal did not start and the internal oscillator is used instead.
+/// Starts the clocks, the ports and the timers. Returns false if the crystal did not start and the internal oscillator
+/// is used instead.
 pub(crate) fn start() -> bool {
     let crystal = clock::start();
     ports::start();

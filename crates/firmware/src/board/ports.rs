@@ -15,7 +15,7 @@ use super::registers::{port_a, port_b, port_c, rcc, set_port_a, set_port_b};
 const SERIAL_FUNCTION: u8 = 7;
 const ENCODER_FUNCTION: u8 = 2;
 
-/// Sets all pins up.
+/// Configures all pins.
 pub(super) fn start() {
     rcc().ahb1enr().modify(|_, w| w.gpioaen().enabled().gpioben().enabled().gpiocen().enabled());
     for axis in 0..AXES as u8 {
@@ -57,7 +57,7 @@ pub(super) fn start() {
     }
 }
 
-/// Levels of the inputs, one bit each. QEMU's ports read as zero.
+/// Returns the levels of the inputs, one bit each. QEMU's ports read as zero.
 pub(crate) fn input_levels() -> u16 {
     let (a, b, c) = (port_a().idr().read().bits(), port_b().idr().read().bits(), port_c().idr().read().bits());
     retrace_firmware::pins::input_levels(a, b, c)

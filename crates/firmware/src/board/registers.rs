@@ -1,7 +1,7 @@
-//! The only unsafe code of the firmware: reaching the peripherals' registers from the main loop and from interrupts.
+//! The only unsafe code of the firmware: access to the peripherals' registers from the main loop and from interrupts.
 //!
-//! Invariant: it hands out shared references to register blocks, whose own methods read and write them volatile and check the width of
-//! every field; what has no such method is a single store or load here.
+//! Invariant: it returns shared references to register blocks, whose own methods read and write them volatile and check
+//! the width of every field; registers without such a method are accessed by a single store or load here.
 #![allow(unsafe_code)]
 
 use cortex_m::peripheral::{NVIC, SYST};
@@ -13,8 +13,9 @@ macro_rules! blocks {
     ($($(#[$doc:meta])* $name:ident: $peripheral:ident, $block:ty;)*) => {$(
         $(#[$doc])*
         pub(crate) fn $name() -> &'static $block {
-            // SAFETY: the address is that of the peripheral on this microcontroller, aligned, and there for ever; the block is only ever
-            // shared, and its cells are volatile. That two contexts do not change one register is the board's invariant.
+            // SAFETY: the address is that of the peripheral on this microcontroller, aligned, and permanently valid;
+            // the block is only ever shared, and its cells are volatile. That two contexts do not change one register
+            // is the board's invariant.
             unsafe { &*chip::$peripheral::ptr() }
         }
     )*};
@@ -46,7 +47,8 @@ blocks! {
 
 /// Switches pins of port A by its bit set/reset register.
 pub(crate) fn set_port_a(word: u32) {
-    // SAFETY: every value of this register is valid (RM0090, 8.4.7); a store to it changes nothing but the levels named in it.
+    // SAFETY: every value of this register is valid (RM0090, 8.4.7); a store to it changes nothing but the levels named
+    // in it.
     port_a().bsrr().write(|w| unsafe { w.bits(word) });
 }
 
@@ -63,19 +65,19 @@ pub(crate) fn set_pll_factors(m: u8, n: u16) {
     rcc().pllcfgr().modify(|_, w| unsafe { w.pllm().bits(m).plln().bits(n) });
 }
 
-/// Lets an interrupt through.
+/// Unmasks an interrupt.
 pub(crate) fn unmask(interrupt: chip::Interrupt) {
-    // SAFETY: no critical section rests on this interrupt being masked: what it shares is atomic.
+    // SAFETY: no critical section depends on this interrupt being masked: the data it shares is atomic.
     unsafe { NVIC::unmask(interrupt) };
 }
 
-/// Gives an interrupt a priority, 0 the most urgent, in the upper bits that the chip has.
+/// Sets the priority of an interrupt, 0 the most urgent, in the upper bits that the chip implements.
 pub(crate) fn set_priority(interrupt: chip::Interrupt, level: u8) {
-    // SAFETY: as for `unmask`; called before the interrupt is let through.
+    // SAFETY: as for `unmask`; called before the interrupt is unmasked.
     unsafe { (*NVIC::PTR).ipr[interrupt as usize].write(level << (8 - chip::NVIC_PRIO_BITS)) };
 }
 
-/// The system timer.
+/// Returns the system timer.
 pub(crate) fn system_timer() -> &'static cortex_m::peripheral::syst::RegisterBlock {
     // SAFETY: as for the register blocks above.
     unsafe { &*SYST::PTR }
@@ -91,7 +93,7 @@ pub(crate) fn start_system_timer() {
     }
 }
 
-/// The chip's unique number, 96 bits (RM0090, 39.1; RM0368, 24.1). QEMU has none.
+/// Returns the chip's unique number, 96 bits (RM0090, 39.1; RM0368, 24.1). QEMU has none.
 pub(crate) fn unique_number() -> [u32; 3] {
     #[cfg(feature = "qemu")]
     return [0; 3];
@@ -102,13 +104,13 @@ pub(crate) fn unique_number() -> [u32; 3] {
     }
 }
 
-/// What the processor calls on a fault: nothing can be trusted any more.
+/// Handler of processor faults: the state is not reliable any more, so the firmware halts.
 #[cortex_m_rt::exception]
 unsafe fn HardFault(_frame: &cortex_m_rt::ExceptionFrame) -> ! {
     crate::halt()
 }
 
-/// What the processor calls on an interrupt that nobody asked for.
+/// Handler of unexpected interrupts.
 #[cortex_m_rt::exception]
 unsafe fn DefaultHandler(_interrupt: i16) {
     crate::halt()

@@ -1,6 +1,7 @@
 //! The serial line: USART1 on PA9 and PA10, 8N1 (RM0090, 30; RM0368, 19).
 //!
-//! Invariant: nothing here waits. A byte that comes while the ring is full is dropped and counted; the frames' checksums notice it.
+//! Invariant: nothing here waits. A byte that arrives while the ring is full is dropped and counted; the frames'
+//! checksums detect it.
 
 use core::sync::atomic::Ordering::Relaxed;
 
@@ -10,14 +11,14 @@ use super::chip::{self, interrupt};
 use super::registers::{rcc, set_priority, unmask, usart1};
 use crate::diagnostics::DIAGNOSTICS;
 
-/// Bits a second.
+/// Baud rate, in bits per second.
 pub(crate) const BAUD: u32 = 1_000_000;
-/// Bytes that wait for the main loop: 10 ms at 1 Mbaud.
+/// Receive buffer, in bytes: 10 ms at 1 Mbaud.
 const ROOM: usize = 1024;
 
 static RECEIVED: ByteRing<ROOM> = ByteRing::new();
 
-/// Sets the line up; its pins are set by the ports.
+/// Starts the serial line; its pins are configured by the ports.
 pub(super) fn start() {
     rcc().apb2enr().modify(|_, w| w.usart1en().enabled());
     // oversampling by 16: the register is the divider in sixteenths, so their product with 16 is the plain ratio
@@ -28,27 +29,27 @@ pub(super) fn start() {
     unmask(chip::Interrupt::USART1);
 }
 
-/// The next byte that came.
+/// Returns the next received byte.
 pub(crate) fn receive() -> Option<u8> {
     RECEIVED.pop()
 }
 
-/// Has no byte come that was not fetched?
+/// Whether no received byte is waiting.
 pub(crate) fn is_silent() -> bool {
     RECEIVED.is_empty()
 }
 
-/// Is there room for a byte in the transmitter?
+/// Whether the transmitter can accept a byte.
 pub(crate) fn can_send() -> bool {
     usart1().sr().read().txe().bit()
 }
 
-/// Hands a byte to the transmitter, which has room for one where [`can_send`] says so.
+/// Passes a byte to the transmitter, which can accept one if [`can_send`] returns true.
 pub(crate) fn send(byte: u8) {
     usart1().dr().write(|w| w.dr().set(u16::from(byte)));
 }
 
-/// A byte has come, or one was overrun. Reading status and then data clears both.
+/// Handles a received byte or an overrun. Reading status and then data clears both.
 #[chip::interrupt]
 fn USART1() {
     let status = usart1().sr().read();

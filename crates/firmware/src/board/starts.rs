@@ -1,10 +1,11 @@
-//! A count of starts that outlives a reset, and a power cut where a battery is fitted (RM0090, 26.3.14 *RTC backup registers*).
+//! Count of starts that survives a reset, and a power cut if a battery is fitted (RM0090, 26.3.14 *RTC backup
+//! registers*).
 //!
-//! Invariant: the chip starts whether or not the count could be kept.
+//! Invariant: the chip starts whether or not the count could be stored.
 
 use super::registers::{pwr, rcc, rtc};
 
-/// One more start: how many there were since the backup domain last lost its supply. QEMU always says 0.
+/// Counts a start and returns the number of starts since the backup domain last lost its supply. QEMU always returns 0.
 pub(crate) fn count_start() -> u32 {
     rcc().apb1enr().modify(|_, w| w.pwren().enabled());
     pwr().cr().modify(|_, w| w.dbp().set_bit());

@@ -1,8 +1,8 @@
-//! The step clock: TIM5 interrupts once a slot (RM0090, 18; RM0368, 13).
+//! The step clock: TIM5 interrupts once per slot (RM0090, 18; RM0368, 13).
 //!
-//! Invariant: the interrupt is the only one that writes the axes' pins, with one store a slot; it never waits. In QEMU, where a host
-//! cannot keep a clock of 100 kHz, it comes once a control period and runs all slots of the period at once: the same code, the same counts,
-//! and no pulse shape.
+//! Invariant: the interrupt is the only context that writes the axes' pins, with one store per slot; it never waits. In
+//! QEMU, where a host cannot keep a clock of 100 kHz, it comes once per control period and runs all slots of the period
+//! at once: the same code, the same counts, and no pulse shape.
 
 use core::sync::atomic::Ordering::Relaxed;
 
@@ -17,15 +17,15 @@ use super::registers::{rcc, set_port_a, set_priority, tim5, unmask};
 use super::stopwatch;
 use crate::diagnostics::DIAGNOSTICS;
 
-/// Ticks of the timer a second.
+/// Timer ticks per second.
 const TIMER_HZ: u32 = RATES.step_timer;
-/// Are all slots of a period run at its beginning?
+/// Whether all slots of a period are run at its beginning.
 const AT_ONCE: bool = cfg!(feature = "qemu");
 
-/// What the main loop orders for the next control period.
+/// Step batch of the main loop for the next control period.
 pub(crate) static ORDERS: StepMailbox<AXES> = StepMailbox::new();
 
-/// Starts the slots; nothing moves before there is an order.
+/// Starts the slots; nothing moves before there is a batch.
 pub(super) fn start() {
     rcc().apb1enr().modify(|_, w| w.tim5en().enabled());
     tim5().arr().write(|w| w.arr().set(TIMER_HZ / SLOT_HZ - 1));
@@ -35,22 +35,22 @@ pub(super) fn start() {
     unmask(chip::Interrupt::TIM5);
 }
 
-/// A slot begins.
+/// Handles the beginning of a slot.
 #[chip::interrupt]
 fn TIM5() {
     static mut STEPS: Steps = Steps::new(TIMER_HZ);
     static mut RUNNING: bool = false;
     let entered = stopwatch::now();
     tim5().sr().write(|w| w.uif().clear_bit());
-    match STEPS.slot(&ORDERS) {
+    match STEPS.next_slot(&ORDERS) {
         Some(mut slot) => {
             if let Some(ticks) = slot.began {
                 let mut slots = 1;
                 while AT_ONCE && STEPS.in_period() {
                     slots += 1;
-                    slot = STEPS.slot(&ORDERS).unwrap_or(slot);
+                    slot = STEPS.next_slot(&ORDERS).unwrap_or(slot);
                 }
-                // without preload: the count has only just begun anew, so the new end lies ahead of it
+                // without preload: the count has only just restarted, so the new end is ahead of it
                 tim5().arr().write(|w| w.arr().set((ticks * slots).saturating_sub(1)));
                 DIAGNOSTICS.publish(STEPS);
                 *RUNNING = true;
@@ -58,12 +58,12 @@ fn TIM5() {
             set_port_a(slot.word);
         }
         None => {
-            // the main loop did not get ready in time: this period begins a slot later
+            // the main loop was not ready in time: this period begins a slot later
             if *RUNNING {
                 *RUNNING = false;
                 DIAGNOSTICS.late_periods.fetch_add(1, Relaxed);
             }
         }
     }
-    DIAGNOSTICS.interrupted(stopwatch::since(entered));
+    DIAGNOSTICS.record_interrupt(stopwatch::since(entered));
 }

@@ -1,31 +1,31 @@
-//! What ends a run on a card for good, as the host's end of the line tells it.
+//! Errors that end a run on a card, as the host's endpoint detects them.
 //!
-//! Invariant: every fault has one number in `docs/errors.md`, a cause and a remedy.
+//! Invariant: every error has one number in `docs/errors.md`, a cause and a remedy.
 
 use core::fmt;
 
 use crate::{Alarm, CardFailure, PROTOCOL};
 
-/// What ends a run on a card for good.
+/// Error that ends a run on a card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkError {
-    /// The card latched an alarm and stands.
+    /// The card latched an alarm and is at rest.
     Alarm(Alarm),
-    /// Nothing was heard from the card for too long.
+    /// No frame arrived from the card for too long.
     Silent,
     /// The card was restarted, or serves another host: this epoch is no longer open.
     Restarted,
-    /// The card's echo of place and counts is not what the records between come to.
-    Disagrees,
-    /// The card had more to report than it could keep.
+    /// The card's check of place and counts does not match the records in between.
+    StateMismatch,
+    /// The card had more to report than it could store.
     ReportLost,
-    /// The card refused an instruction.
+    /// The card rejected an instruction.
     Refused(u32),
-    /// The card speaks another version of the protocol.
+    /// The card uses another version of the protocol.
     Protocol(u8),
-    /// The card refused the settings.
-    Unfit,
-    /// The card has moved on since the report by which a new path was to begin.
+    /// The card rejected the settings.
+    SettingsRejected,
+    /// The card has moved since the report from which a new path was to begin.
     Moved,
 }
 
@@ -35,11 +35,11 @@ impl CardFailure for LinkError {
             Self::Alarm(alarm) => alarm.number(),
             Self::Silent => "E3002",
             Self::Restarted => "E3003",
-            Self::Disagrees => "E3004",
+            Self::StateMismatch => "E3004",
             Self::ReportLost => "E3005",
             Self::Refused(_) => "E3006",
             Self::Protocol(_) => "E3007",
-            Self::Unfit => "E3008",
+            Self::SettingsRejected => "E3008",
             Self::Moved => "E3021",
         }
     }
@@ -48,36 +48,38 @@ impl CardFailure for LinkError {
         match self {
             Self::Alarm(alarm) => alarm.remedy(),
             Self::Silent => {
-                "check cable and power; the card stops by itself, and says where it stands when asked again"
+                "check cable and power; the card stops by itself and reports its position when it is connected again"
             }
-            Self::Restarted | Self::Disagrees => "home the machine before it is moved again",
+            Self::Restarted | Self::StateMismatch => "home the machine before it is moved again",
             Self::ReportLost => {
-                "check the cable and the computer's load; `retrace resume` goes on where the card says that it stands"
+                "check the cable and the computer's load; `retrace resume` continues at the position that the card reports"
             }
-            Self::Refused(_) => "see what the card's alarm says, and run the program again; please report this",
-            Self::Protocol(_) => "put the card's firmware and this program on versions that belong together",
+            Self::Refused(_) => "check the card's alarm, and run the program again; please report this",
+            Self::Protocol(_) => "install matching versions of the card's firmware and this program",
             Self::Moved => "resume the job; check the line if it happens again",
-            Self::Unfit => {
-                "wait until the machine stands; compare the machine file with what `retrace card identify` says"
+            Self::SettingsRejected => {
+                "wait until the machine is at rest; compare the machine file with the output of `retrace card identify`"
             }
         }
     }
 }
 
+impl core::error::Error for LinkError {}
+
 impl fmt::Display for LinkError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Alarm(alarm) => alarm.fmt(f),
-            Self::Silent => write!(f, "nothing is heard from the card"),
+            Self::Silent => write!(f, "the card does not answer"),
             Self::Restarted => write!(f, "the card was restarted, or another host has taken it over"),
-            Self::Disagrees => write!(f, "the card's counts are not those of the path that was sent"),
-            Self::ReportLost => write!(f, "the card could not keep all that it had to report while the line was down"),
-            Self::Refused(number) => write!(f, "the card refused switching instruction {number}"),
+            Self::StateMismatch => write!(f, "the card's counts are not those of the path that was sent"),
+            Self::ReportLost => write!(f, "the card could not store all its reports while the line was down"),
+            Self::Refused(number) => write!(f, "the card rejected switching instruction {number}"),
             Self::Protocol(version) => {
-                write!(f, "the card speaks version {version} of the protocol, this program version {PROTOCOL}")
+                write!(f, "the card uses protocol version {version}, this program version {PROTOCOL}")
             }
-            Self::Moved => write!(f, "the machine moved on while a new path was to begin where it stood"),
-            Self::Unfit => write!(f, "the card cannot work by these settings, or is in motion"),
+            Self::Moved => write!(f, "the machine moved while a new path was to begin at its position"),
+            Self::SettingsRejected => write!(f, "the card does not support these settings, or is in motion"),
         }
     }
 }

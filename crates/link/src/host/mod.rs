@@ -1,11 +1,12 @@
-//! The host's end of the line: words in, frames out; reports in, control periods out. It knows no clock and no port.
+//! The host's endpoint: commands in, frames out; reports in, control periods out. It has no clock and no port of its
+//! own.
 //!
-//! What a word will do to the card's window is foreseen with the card's own rule; where the card decided otherwise its report says so,
-//! and what is foreseen is reckoned anew from there. So credit needs no messages of its own: it is the window that the card
-//! reports, at both ends, and the words on their way to it.
+//! The effect of a command on the card's window is predicted with the card's own rule. If the card decides otherwise,
+//! its report shows that, and the prediction restarts from the reported window. Credit therefore needs no messages of
+//! its own: it is the window that the card reports, known at both ends, and the commands in transit.
 //!
-//! Invariant: the status that is given out is what the card reported, period by period, none left out; increments and counts are
-//! those of the records between the places, and their echo from the card is compared.
+//! Invariant: the published status is what the card reported, period by period, without omission. Increments and counts
+//! are those of the records between the places, and are compared with the card's check.
 
 mod fault;
 mod period_reports;
@@ -26,54 +27,55 @@ use crate::{
     Alarm, CardSettings, CardStatus, CommandRefusal, HostCommand, PathStart, channel, next_epoch, session_key,
 };
 
-/// Words on their way, at most. So many records are in hand of the line and not of the card's window.
+/// Maximum number of commands in transit. They occupy the line, not the card's window.
 const WORDS: usize = 128;
-/// Records that are kept of the path: twice the largest window that is made use of.
+/// Number of recent records retained: twice the largest window that is used.
 const CELLS: usize = 8192;
-/// Entries that were reported and not given out yet.
+/// Maximum number of reported entries that are not published yet.
 const ENTRIES: usize = 1024;
 
-/// Where the conversation has come to.
+/// State of the connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    Asking,
+    Identifying,
     Opening,
     Open,
     Closing,
     Closed,
 }
 
-/// What is being put on the line.
+/// Kind of the staged frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum StagedFrame {
     Other,
-    /// Words from this offset in the queue on.
+    /// Commands from this offset in the queue on.
     Stream(u16),
 }
 
-/// An order to clear the alarm, on its way: until its outcome is known the alarm is not a fault.
+/// Progress of a command to clear the alarm: until its outcome is known, the alarm is not an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum AlarmClearing {
-    /// The word has this number.
-    Asked(u16),
-    /// The card took it; what became of it stands before the next control period that is reported, of this number at the least.
-    Taken(u16),
+    /// Sent, with this command number.
+    Requested(u16),
+    /// The card received it; the outcome is reported before the next control period, which has at least this entry
+    /// number.
+    Accepted(u16),
 }
 
-/// Counters of the line.
+/// Returns the counters of the serial line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LineCounts {
     /// Bytes written.
     pub written: u64,
     /// Bytes read.
     pub read: u64,
-    /// Frames that were damaged on their way here.
+    /// Damaged frames received.
     pub damaged: u64,
-    /// Times that words were sent again.
+    /// Retransmissions of commands.
     pub retransmitted: u64,
 }
 
-/// The host's end, for up to `A` axes.
+/// The host's endpoint, for up to `A` axes.
 #[derive(Clone, Debug)]
 pub struct HostEndpoint<const A: usize> {
     phase: Phase,
@@ -84,42 +86,42 @@ pub struct HostEndpoint<const A: usize> {
     /// Nonce and key of the last opening.
     opening: u32,
     key: u32,
-    /// Number of the last question that was asked because the card was silent, and whether it is open.
+    /// Nonce of the last greeting request made because the card was silent, and whether its answer is outstanding.
     probe: u32,
     probing: bool,
     settings: Option<CardSettings<A>>,
     decoder: FrameDecoder<MAX_PAYLOAD>,
     queue: [HostCommand<A>; WORDS],
-    /// Number of the oldest word that is not confirmed.
+    /// Number of the oldest command that is not acknowledged.
     base: u16,
     count: u16,
-    /// How many of these are sent.
+    /// Number of these that are sent.
     sent: u16,
-    mirror: PredictedWindow<A, CELLS>,
-    /// The end of the window that the card reported.
-    held: u32,
+    predicted: PredictedWindow<A, CELLS>,
+    /// End of the window that the card reported.
+    reported_high: u32,
     target: RateTarget,
-    /// The rate that was sent last.
-    told: Travel,
-    now_number: u16,
-    now_seen: u16,
+    /// Rate that was sent last.
+    sent_rate: Travel,
+    rate_seq: u16,
+    acked_rate_seq: u16,
     entries: [ReportEntry; ENTRIES],
-    taken: u16,
+    first_waiting: u16,
     waiting: u16,
-    /// The last period noted was given out.
-    given: bool,
-    /// Number of the next entry.
+    /// Whether the last applied period was published.
+    period_emitted: bool,
+    /// Number of the next expected entry.
     next_entry: u16,
-    /// The place that the last entry leads to.
-    newest: Place,
+    /// Place after the last entry.
+    newest_place: Place,
     status: CardStatus<A>,
     /// The card's check of place and counts after the last entry.
-    echo: Option<u32>,
-    /// A report came that does not follow the last one.
-    missing: bool,
-    /// The card moves by itself, off the path, until the next opening: homing.
+    reported_crc: Option<u32>,
+    /// Whether a report arrived that does not follow the last one.
+    report_missing: bool,
+    /// Whether the card moves by itself, off the path, until the next opening: homing.
     off_path: bool,
-    /// Openings that were answered and not followed.
+    /// Number of openings that were answered without an open epoch.
     refusals: u8,
     fault: Option<LinkError>,
     alarm: Option<Alarm>,
@@ -129,31 +131,31 @@ pub struct HostEndpoint<const A: usize> {
     frames: FrameSize,
     stage: [u8; MAX_WIRE + 1],
     staged: (usize, usize),
-    kind: StagedFrame,
+    staged_kind: StagedFrame,
 }
 
-/// When what happened last, in microseconds of the port's clock.
+/// Times of the last events, in microseconds of the port's clock.
 #[derive(Clone, Copy, Debug, Default)]
 struct HostTimes {
     now: u64,
-    asked: u64,
+    hello: u64,
     rate: u64,
     /// Number of the rate that was sent last.
     number: u16,
     frame: u64,
-    heard: u64,
+    received: u64,
     progress: u64,
     queued: u64,
     gap: u64,
-    missed: u64,
+    nak: u64,
 }
 
 impl<const A: usize> HostEndpoint<A> {
-    /// An end that asks who is there; `nonce` tells its question from older ones.
+    /// Creates an endpoint that requests a greeting; `nonce` distinguishes its request from older ones.
     #[must_use]
     pub fn new(nonce: u32) -> Self {
         Self {
-            phase: Phase::Asking,
+            phase: Phase::Identifying,
             nonce: nonce.max(1),
             greeting: None,
             boot: 0,
@@ -167,21 +169,21 @@ impl<const A: usize> HostEndpoint<A> {
             base: 0,
             count: 0,
             sent: 0,
-            mirror: PredictedWindow::new(0, 4, 0),
-            held: 0,
+            predicted: PredictedWindow::new(0, 4, 0),
+            reported_high: 0,
             target: RateTarget::ZERO,
-            told: 0,
-            now_number: 0,
-            now_seen: 0,
+            sent_rate: 0,
+            rate_seq: 0,
+            acked_rate_seq: 0,
             entries: [ReportEntry::Inputs(0); ENTRIES],
-            taken: 0,
+            first_waiting: 0,
             waiting: 0,
-            given: false,
+            period_emitted: false,
             next_entry: 0,
-            newest: Place::start_of(0),
+            newest_place: Place::start_of(0),
             status: CardStatus::at_rest(PathStart::at(0)),
-            echo: None,
-            missing: false,
+            reported_crc: None,
+            report_missing: false,
             off_path: false,
             refusals: 0,
             fault: None,
@@ -191,24 +193,24 @@ impl<const A: usize> HostEndpoint<A> {
             counts: LineCounts::default(),
             frames: FrameSize::new(),
             stage: [0; MAX_WIRE + 1],
-            // who opens a line in use sends a zero first
+            // a sender on a line in use sends a zero first
             staged: (0, 1),
-            kind: StagedFrame::Other,
+            staged_kind: StagedFrame::Other,
         }
     }
 
-    /// Who answered, and where the machine stood then.
+    /// Returns the greeting: the identity of the card, and the machine's position at that time.
     #[must_use]
     pub fn greeting(&self) -> Option<&Greeting<A>> {
         self.greeting.as_ref()
     }
 
-    /// Asks anew who is there and where the machine stands.
-    pub fn ask(&mut self, nonce: u32) {
+    /// Requests a new greeting, with the current position of the machine.
+    pub fn request_greeting(&mut self, nonce: u32) {
         (self.nonce, self.greeting) = (nonce.max(1), None);
-        self.times.asked = 0;
+        self.times.hello = 0;
         if self.phase == Phase::Closed {
-            self.phase = Phase::Asking;
+            self.phase = Phase::Identifying;
         }
     }
 
@@ -216,23 +218,24 @@ impl<const A: usize> HostEndpoint<A> {
     pub fn open(&mut self, mut settings: CardSettings<A>) {
         let Some(greeting) = &self.greeting else { return };
         settings.epoch = next_epoch(greeting.last_epoch);
-        // another number than that of the question, so that its answer is not taken for the opening's
+        // another nonce than that of the request, so that its answer is not taken for the opening's
         (self.boot, self.opening, self.probing) = (greeting.identity.boot, !self.nonce, false);
         self.key = session_key(self.boot, self.opening, settings.epoch);
         self.decoder.set_key(self.key);
         let window = greeting.identity.window.min(CELLS as u32 / 2);
         let (counts, start) = (greeting.counts, settings.start);
-        self.mirror = PredictedWindow::new(start.place.record, window, stopping(&settings.limits));
+        self.predicted = PredictedWindow::new(start.place.record, window, stopping_records(&settings.limits));
         (self.base, self.count, self.sent) = (0, 0, 0);
-        (self.target, self.told, self.now_number, self.now_seen, self.times.number) = (RateTarget::ZERO, 0, 0, 0, 0);
-        (self.taken, self.waiting, self.next_entry) = (0, 0, 0);
-        (self.newest, self.held) = (start.place, start.place.record);
-        // Periods are counted on, whatever epoch they belong to.
+        (self.target, self.sent_rate, self.rate_seq, self.acked_rate_seq, self.times.number) =
+            (RateTarget::ZERO, 0, 0, 0, 0);
+        (self.first_waiting, self.waiting, self.next_entry) = (0, 0, 0);
+        (self.newest_place, self.reported_high) = (start.place, start.place.record);
+        // The period number continues across epochs.
         self.status = CardStatus { counts, period: self.status.period, ..CardStatus::at_rest(start) };
-        (self.echo, self.off_path, self.refusals, self.fault, self.alarm) = (None, false, 0, None, None);
+        (self.reported_crc, self.off_path, self.refusals, self.fault, self.alarm) = (None, false, 0, None, None);
         self.clearing = None;
-        self.times.asked = 0;
-        self.times.heard = self.times.now;
+        self.times.hello = 0;
+        self.times.received = self.times.now;
         self.settings = Some(settings);
         self.phase = Phase::Opening;
     }
@@ -241,36 +244,37 @@ impl<const A: usize> HostEndpoint<A> {
     pub fn close(&mut self) {
         if matches!(self.phase, Phase::Open | Phase::Opening) {
             self.phase = Phase::Closing;
-            self.times.asked = 0;
+            self.times.hello = 0;
         }
     }
 
-    /// Is the epoch open, and the first report there?
+    /// Whether the epoch is open and the first report has arrived.
     #[must_use]
     pub fn is_open(&self) -> bool {
         self.phase == Phase::Open && self.next_entry != 0
     }
 
-    /// Does the card's answer say that it stands where the last period given out left it? Homing leaves the path, so that it says nothing.
+    /// Whether the card's greeting has the position of the last published period. Homing leaves the path, so it is not
+    /// compared then.
     #[must_use]
     pub fn is_where_reported(&self) -> bool {
         self.off_path || self.greeting.as_ref().is_none_or(|said| said.place == self.status.place)
     }
 
-    /// Has the card confirmed that the epoch is over?
+    /// Whether the card has confirmed the end of the epoch.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.phase == Phase::Closed
     }
 
-    /// Has the card taken every word and the rate?
+    /// Whether the card has acknowledged every command and the rate.
     #[must_use]
     pub fn is_acknowledged(&self) -> bool {
-        self.count == 0 && self.now_seen == self.now_number
+        self.count == 0 && self.acked_rate_seq == self.rate_seq
     }
 
-    /// What ended the run, once every period before it was given out. An alarm that is to be cleared is none before the card has
-    /// said that it stays.
+    /// Returns the error that ended the run, once every period before it was published. An alarm that is being cleared
+    /// is not an error until the card has reported that it remains.
     #[must_use]
     pub fn fault(&self) -> Option<LinkError> {
         match (self.fault, self.alarm) {
@@ -282,48 +286,49 @@ impl<const A: usize> HostEndpoint<A> {
         }
     }
 
-    /// Counters of the line.
+    /// Returns the counters of the serial line.
     #[must_use]
-    pub fn line(&self) -> LineCounts {
+    pub fn line_counts(&self) -> LineCounts {
         self.counts
     }
 
-    /// The status of the last period given out; its window is the one that is foreseen.
+    /// Returns the status of the last published period; its window is the predicted one.
     #[must_use]
     pub fn status(&self) -> &CardStatus<A> {
         &self.status
     }
 
-    /// The place behind the last record that the card reported to hold.
+    /// Returns the place after the last record that the card reported to hold.
     #[must_use]
-    pub fn arrived(&self) -> u32 {
-        self.held
+    pub fn acknowledged_high(&self) -> u32 {
+        self.reported_high
     }
 
-    /// Records that the card can hold.
+    /// Returns the number of records that the card can hold.
     #[must_use]
     pub fn window(&self) -> u32 {
-        self.mirror.window()
+        self.predicted.window()
     }
 
-    /// Microseconds since the card was heard of, at the time of the last call.
+    /// Returns the microseconds since the last frame from the card, at the time of the last call.
     #[must_use]
     pub fn silent_us(&self) -> u64 {
-        self.times.now.saturating_sub(self.times.heard)
+        self.times.now.saturating_sub(self.times.received)
     }
 
-    /// Takes a word for the card.
+    /// Queues a command for the card.
     ///
     /// # Errors
-    /// [`Refusal`] as the card would say, by what is known of it; [`Refusal::Full`] also while the line has enough in hand.
+    /// Returns the predicted rejection of the card; also [`CommandRefusal::Full`] while enough commands are in transit.
     pub fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
         match word {
             HostCommand::Rate(target) => {
-                // It also stops a homing axis, which no rate has set in motion: there it is sent again as often as it is asked for.
-                let stops_homing = target == RateTarget::ZERO && self.off_path && self.now_seen == self.now_number;
+                // A rate of zero also stops a homing axis, which no rate has started: it is therefore sent each time it
+                // is requested.
+                let stops_homing = target == RateTarget::ZERO && self.off_path && self.acked_rate_seq == self.rate_seq;
                 if target != self.target || stops_homing {
                     self.target = target;
-                    self.now_number = self.now_number.wrapping_add(1);
+                    self.rate_seq = self.rate_seq.wrapping_add(1);
                 }
                 return Ok(());
             }
@@ -340,7 +345,7 @@ impl<const A: usize> HostEndpoint<A> {
             }
             _ => {}
         }
-        // A few places are kept for what is not a record, so that it never has to wait behind records.
+        // A few queue slots are reserved for other commands, so that they never wait behind records.
         let room = if matches!(word, HostCommand::Ahead { .. } | HostCommand::Behind { .. } | HostCommand::Action(_)) {
             16
         } else {
@@ -349,33 +354,36 @@ impl<const A: usize> HostEndpoint<A> {
         if usize::from(self.count) + room >= WORDS {
             return Err(CommandRefusal::Full);
         }
-        self.mirror.predict(&word, self.newest, self.may_run())?;
+        self.predicted.predict(&word, self.newest_place, self.may_have_moved())?;
         self.off_path |= matches!(word, HostCommand::Home(_));
         if self.count == self.sent {
             self.times.queued = self.times.now;
         }
         let number = self.base.wrapping_add(self.count);
         if matches!(word, HostCommand::ClearAlarm) {
-            self.clearing = Some(AlarmClearing::Asked(number));
+            self.clearing = Some(AlarmClearing::Requested(number));
         }
         self.queue[usize::from(number) % WORDS] = word;
         self.count += 1;
-        self.show_window();
+        self.update_status_window();
         Ok(())
     }
 
-    /// May the cursor be elsewhere than where it was last reported?
-    fn may_run(&self) -> bool {
-        self.target != RateTarget::ZERO || !self.status.at_rest || self.now_seen != self.now_number || self.waiting != 0
+    /// Whether the cursor may have moved since its last reported place.
+    fn may_have_moved(&self) -> bool {
+        self.target != RateTarget::ZERO
+            || !self.status.at_rest
+            || self.acked_rate_seq != self.rate_seq
+            || self.waiting != 0
     }
 
-    fn show_window(&mut self) {
-        (self.status.low, self.status.high) = (self.mirror.low(), self.mirror.high());
+    fn update_status_window(&mut self) {
+        (self.status.low, self.status.high) = (self.predicted.low(), self.predicted.high());
     }
 }
 
-/// Records that the cursor runs at most from where it is told to stop, at rate one.
-fn stopping<const A: usize>(limits: &RateLimits<A>) -> u32 {
+/// Returns the maximum number of records that the cursor passes after a stop command, at rate one.
+fn stopping_records<const A: usize>(limits: &RateLimits<A>) -> u32 {
     let ramp = Braking::<32>::new(limits).map_or(0, |braking| (braking.length(ONE) >> 32) as u32);
     ramp + u32::from(limits.average()) / 2 + 4
 }

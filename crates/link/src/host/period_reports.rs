@@ -1,6 +1,7 @@
-//! Reported entries become control periods, one after the other.
+//! Converts reported entries to control periods, one after the other.
 //!
-//! Invariant: increments and counts are those of the records between the places; where the card's echo says otherwise, that is a fault.
+//! Invariant: increments and counts are those of the records between the places; a mismatch with the card's check is an
+//! error.
 
 use retrace_core::Travel;
 use retrace_core::place::is_before;
@@ -11,36 +12,37 @@ use crate::state_crc;
 use crate::wire::ReportEntry;
 
 impl<const A: usize> HostEndpoint<A> {
-    /// Gives out the next control period that the card reported: [`Host::status`] is that of its end. False where there is none yet.
+    /// Advances to the next control period that the card reported: [`HostEndpoint::status`] is then the status at its
+    /// end. Returns false if none is available yet.
     pub fn next_period(&mut self) -> bool {
-        if self.waiting > 0 && core::mem::take(&mut self.given) {
+        if self.waiting > 0 && core::mem::take(&mut self.period_emitted) {
             (self.status.wheel, self.status.cutter_off) = (0, None);
         }
         while self.waiting > 0 && self.fault.is_none() {
-            let at = usize::from(self.taken) % ENTRIES;
+            let at = usize::from(self.first_waiting) % ENTRIES;
             let entry = self.entries[at];
-            if let ReportEntry::Ran { travel, count, short, at_rest } = entry {
+            if let ReportEntry::Ran { distance: travel, count, starved: short, at_rest } = entry {
                 if count > 1 {
-                    self.entries[at] = ReportEntry::Ran { travel, count: count - 1, short, at_rest };
+                    self.entries[at] = ReportEntry::Ran { distance: travel, count: count - 1, starved: short, at_rest };
                 } else {
                     self.drop_entry();
                 }
                 self.run_period(travel, short, at_rest);
-                self.given = true;
+                self.period_emitted = true;
                 return true;
             }
             self.drop_entry();
-            self.note(entry);
+            self.apply_entry(entry);
         }
         false
     }
 
     fn drop_entry(&mut self) {
-        self.taken = self.taken.wrapping_add(1);
+        self.first_waiting = self.first_waiting.wrapping_add(1);
         self.waiting -= 1;
     }
 
-    fn note(&mut self, entry: ReportEntry) {
+    fn apply_entry(&mut self, entry: ReportEntry) {
         match entry {
             ReportEntry::Output(change) => {
                 if let Some(output) = self.status.outputs.get_mut(usize::from(change.channel)) {
@@ -58,7 +60,7 @@ impl<const A: usize> HostEndpoint<A> {
             ReportEntry::Repeated(number) => self.status.repeated = number,
             ReportEntry::Blocked(blocked) => self.status.blocked = blocked,
             ReportEntry::Refused(number) | ReportEntry::RepeatRefused(number) => {
-                // While an alarm is latched that is what is to be told.
+                // While an alarm is latched, that is what must be reported.
                 if self.alarm.is_none() {
                     self.fault = Some(LinkError::Refused(number));
                 }
@@ -70,8 +72,8 @@ impl<const A: usize> HostEndpoint<A> {
     fn run_period(&mut self, travel: Travel, short: bool, at_rest: bool) {
         let from = self.status.place;
         let to = from.moved(travel);
-        let Some(increments) = emission(from, to, |place| self.mirror.record(place)) else {
-            self.fault = Some(LinkError::Disagrees);
+        let Some(increments) = emission(from, to, |place| self.predicted.record(place)) else {
+            self.fault = Some(LinkError::StateMismatch);
             return;
         };
         let status = &mut self.status;
@@ -83,18 +85,18 @@ impl<const A: usize> HostEndpoint<A> {
             *count += increment;
         }
         let under = if travel < 0 { to.record } else { to.boundary_ahead().wrapping_sub(1) };
-        if let Some(record) = self.mirror.record(under) {
+        if let Some(record) = self.predicted.record(under) {
             status.line = record.line;
         }
         if is_before(status.reached, to.boundary_ahead()) {
             status.reached = to.boundary_ahead();
         }
         if self.waiting == 0
-            && let (Some(told), Some(settings)) = (self.echo.take(), &self.settings)
+            && let (Some(told), Some(settings)) = (self.reported_crc.take(), &self.settings)
             && !self.off_path
             && told != state_crc(status.place, &status.counts, settings.axes)
         {
-            self.fault = Some(LinkError::Disagrees);
+            self.fault = Some(LinkError::StateMismatch);
         }
     }
 }

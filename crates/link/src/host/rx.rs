@@ -1,25 +1,25 @@
-//! What comes from the card: greetings and reports.
+//! Received frames: greetings and reports.
 //!
-//! Invariant: an entry is taken once, in its order; what cannot be read to its end leaves what was read before it.
+//! Invariant: an entry is processed once, in its order; a parse error leaves everything before it valid.
 
 use super::{AlarmClearing, ENTRIES, HostEndpoint, LinkError, Phase, StagedFrame, WORDS};
 use crate::frame::MAX_PAYLOAD;
 use crate::wire::{ByteReader, Greeting, ReportEntry, kind};
 
-/// After a gap that the card tells of words are sent again, at most so often.
+/// Minimum time between two retransmissions of commands after a gap that the card reports.
 const GAP_US: u64 = 12_000;
 
-/// A card that has answered so many openings without opening will not.
+/// Number of answers without an open epoch after which the card counts as refusing.
 const REFUSALS: u8 = 3;
 
 impl<const A: usize> HostEndpoint<A> {
-    /// Takes bytes off the line.
+    /// Processes bytes from the line.
     pub fn receive(&mut self, bytes: &[u8], now_us: u64) {
         self.times.now = now_us;
         self.counts.read += bytes.len() as u64;
         for &byte in bytes {
             let mut copy = [0; MAX_PAYLOAD];
-            let length = match self.decoder.take(byte) {
+            let length = match self.decoder.push(byte) {
                 None => continue,
                 Some(Err(_)) => {
                     self.counts.damaged += 1;
@@ -30,28 +30,29 @@ impl<const A: usize> HostEndpoint<A> {
                     payload.len()
                 }
             };
-            // What cannot be read to its end is left; it comes again.
+            // The rest of a payload after a parse error is ignored; it is retransmitted.
             let has_key = self.decoder.has_key();
-            let _ = self.payload(ByteReader::new(&copy[..length]), has_key);
+            let _ = self.handle_payload(ByteReader::new(&copy[..length]), has_key);
         }
     }
 
-    fn payload(&mut self, mut reader: ByteReader<'_>, has_key: bool) -> Option<()> {
+    fn handle_payload(&mut self, mut reader: ByteReader<'_>, has_key: bool) -> Option<()> {
         match (reader.u8()?, has_key) {
             (kind::WELCOME, false) => match Greeting::read(&mut reader)? {
-                Ok(greeting) => self.greeted(&greeting),
-                // Of a card that was asked who it is: in an epoch it has said so already.
-                Err(version) if self.phase == Phase::Asking => self.fault = Some(LinkError::Protocol(version)),
+                Ok(greeting) => self.handle_greeting(&greeting),
+                // Only from a card whose identity was requested: in an epoch its version is known.
+                Err(version) if self.phase == Phase::Identifying => self.fault = Some(LinkError::Protocol(version)),
                 Err(_) => {}
             },
-            (kind::REPORT, true) => self.reported(reader)?,
+            (kind::REPORT, true) => self.handle_report(reader)?,
             _ => {}
         }
         Some(())
     }
 
-    /// A greeting counts where it answers what was asked last, and once: any other is late or a recording.
-    fn greeted(&mut self, greeting: &Greeting<A>) {
+    /// Handles a greeting. It counts once, and only as the answer to the last request: any other is late or a
+    /// recording.
+    fn handle_greeting(&mut self, greeting: &Greeting<A>) {
         let answers = self.greeting.is_none() && greeting.nonce == self.nonce;
         let answers_probe = self.probing && greeting.nonce == self.probe;
         let answers_opening = self.settings.is_some() && greeting.nonce == self.opening;
@@ -60,7 +61,7 @@ impl<const A: usize> HostEndpoint<A> {
         }
         self.probing &= !answers_probe;
         if answers || answers_probe || answers_opening && self.phase != Phase::Open {
-            self.times.heard = self.times.now;
+            self.times.received = self.times.now;
         }
         let Some(settings) = &self.settings else { return };
         let same = greeting.identity.boot == self.boot;
@@ -71,7 +72,7 @@ impl<const A: usize> HostEndpoint<A> {
                 // Answered, at rest, and not opened.
                 self.refusals += 1;
                 if self.refusals >= REFUSALS {
-                    self.fault = Some(LinkError::Unfit);
+                    self.fault = Some(LinkError::SettingsRejected);
                 }
             }
             Phase::Open if (answers || answers_probe) && (!same || greeting.epoch != settings.epoch) => {
@@ -82,7 +83,7 @@ impl<const A: usize> HostEndpoint<A> {
         }
     }
 
-    fn reported(&mut self, mut reader: ByteReader<'_>) -> Option<()> {
+    fn handle_report(&mut self, mut reader: ByteReader<'_>) -> Option<()> {
         let (epoch, next_word, now_seen) = (reader.u16()?, reader.u16()?, reader.u16()?);
         if self.settings.as_ref().is_none_or(|settings| settings.epoch != epoch) {
             return None;
@@ -92,28 +93,28 @@ impl<const A: usize> HostEndpoint<A> {
         }
         let (flags, low, length) = (reader.u8()?, reader.u32()?, reader.count32()?);
         let first = reader.u16()?;
-        (self.times.heard, self.probing) = (self.times.now, false);
-        self.entries_of(&mut reader, first, flags & 2 != 0)?;
+        (self.times.received, self.probing) = (self.times.now, false);
+        self.push_entries(&mut reader, first, flags & 2 != 0)?;
         if flags & 4 != 0 {
             self.fault.get_or_insert(LinkError::ReportLost);
         }
-        self.follow_clearing(next_word, flags & 2 != 0);
-        self.confirm(next_word, low, low.wrapping_add(length));
-        if now_seen.wrapping_sub(self.now_seen) as i16 > 0 {
-            self.now_seen = now_seen;
+        self.update_clearing(next_word, flags & 2 != 0);
+        self.acknowledge_commands(next_word, low, low.wrapping_add(length));
+        if now_seen.wrapping_sub(self.acked_rate_seq) as i16 > 0 {
+            self.acked_rate_seq = now_seen;
         }
         if flags & 1 != 0 && self.sent > 0 && self.times.now - self.times.gap >= GAP_US {
             self.times.gap = self.times.now;
-            self.again();
+            self.retransmit();
         }
         Some(())
     }
 
-    /// Takes the entries that are new. Those of a number that is not due yet were preceded by a report that was lost.
-    fn entries_of(&mut self, reader: &mut ByteReader<'_>, first: u16, all: bool) -> Option<()> {
+    /// Adds the new entries. Entries beyond the next number follow a report that was lost.
+    fn push_entries(&mut self, reader: &mut ByteReader<'_>, first: u16, all: bool) -> Option<()> {
         let mut number = first;
         if (number.wrapping_sub(self.next_entry) as i16) > 0 {
-            self.missing = true;
+            self.report_missing = true;
             return Some(());
         }
         let tail = if all { 4 } else { 0 };
@@ -123,67 +124,68 @@ impl<const A: usize> HostEndpoint<A> {
                 if usize::from(self.waiting) == ENTRIES {
                     return Some(());
                 }
-                if let ReportEntry::Ran { travel, count, .. } = entry {
-                    self.newest = self.newest.moved(travel.saturating_mul(i64::from(count)));
+                if let ReportEntry::Ran { distance: travel, count, .. } = entry {
+                    self.newest_place = self.newest_place.moved(travel.saturating_mul(i64::from(count)));
                 }
-                self.entries[usize::from(self.taken.wrapping_add(self.waiting)) % ENTRIES] = entry;
+                self.entries[usize::from(self.first_waiting.wrapping_add(self.waiting)) % ENTRIES] = entry;
                 self.waiting += 1;
                 self.next_entry = self.next_entry.wrapping_add(1);
             }
             number = number.wrapping_add(1);
         }
         if all && number == self.next_entry {
-            self.echo = Some(reader.u32()?);
+            self.reported_crc = Some(reader.u32()?);
         } else if number == self.next_entry {
-            // more is to come: what was told before is not the newest any more
-            self.echo = None;
+            // more entries follow: the check received before does not belong to the newest state any more
+            self.reported_crc = None;
         }
         Some(())
     }
 
-    /// Has the card taken an order to clear the alarm, and told what came of it? `all`: the report had every entry.
-    fn follow_clearing(&mut self, next_word: u16, all: bool) {
+    /// Updates the progress of an alarm-clearing command. `all` means that the report had every entry.
+    fn update_clearing(&mut self, next_word: u16, all: bool) {
         match self.clearing {
-            Some(AlarmClearing::Asked(number)) if all && (next_word.wrapping_sub(number) as i16) > 0 => {
-                self.clearing = Some(AlarmClearing::Taken(self.next_entry));
+            Some(AlarmClearing::Requested(number)) if all && (next_word.wrapping_sub(number) as i16) > 0 => {
+                self.clearing = Some(AlarmClearing::Accepted(self.next_entry));
             }
-            // Every period that was told of since is one that came after the word.
-            Some(AlarmClearing::Taken(number)) if self.next_entry != number => self.clearing = None,
+            // Every period reported since then came after the command.
+            Some(AlarmClearing::Accepted(number)) if self.next_entry != number => self.clearing = None,
             _ => {}
         }
     }
 
-    /// The card took all words before `next_word`; its window was `low … high` then.
-    fn confirm(&mut self, next_word: u16, low: u32, high: u32) {
+    /// Handles the acknowledgement that the card received all commands before `next_word`; its window was `low … high`
+    /// then.
+    fn acknowledge_commands(&mut self, next_word: u16, low: u32, high: u32) {
         let taken = next_word.wrapping_sub(self.base);
         if taken > self.count {
             return;
         }
         if taken > 0 {
-            self.frames.arrived();
+            self.frames.record_arrival();
             self.times.progress = self.times.now;
             self.base = next_word;
             self.count -= taken;
             self.sent = self.sent.saturating_sub(taken);
-            if let StagedFrame::Stream(offset) = self.kind {
-                self.kind = StagedFrame::Stream(offset.saturating_sub(taken));
+            if let StagedFrame::Stream(offset) = self.staged_kind {
+                self.staged_kind = StagedFrame::Stream(offset.saturating_sub(taken));
             }
         }
-        self.mirror.set(low, high);
-        self.held = high;
+        self.predicted.set_reported(low, high);
+        self.reported_high = high;
         for k in 0..self.count {
             let word = self.queue[usize::from(self.base.wrapping_add(k)) % WORDS];
-            // What was foreseen to be taken is so still; what the card refuses all the same shows in a later report.
-            let _ = self.mirror.predict(&word, self.newest, false);
+            // Commands predicted as accepted still are; what the card rejects anyway shows in a later report.
+            let _ = self.predicted.predict(&word, self.newest_place, false);
         }
-        self.show_window();
+        self.update_status_window();
     }
 
-    pub(super) fn again(&mut self) {
+    pub(super) fn retransmit(&mut self) {
         if self.sent > 0 {
             self.counts.retransmitted += 1;
             self.sent = 0;
-            self.frames.lost();
+            self.frames.record_loss();
         }
         self.times.progress = self.times.now;
     }

@@ -1,40 +1,42 @@
-//! What goes to the card, and when: the rate before everything, words in frames of some length, a sign of life at least.
+//! Transmitted frames and their timing: the rate first, then commands in frames of adaptive length, and keep-alive
+//! frames.
 //!
-//! Invariant: a frame is on the line whole, or ended by a zero byte before its end, so that the card never takes two for one.
+//! Invariant: a frame is sent completely, or is ended early by a zero byte, so that the card never takes two frames for
+//! one.
 
 use super::{HostEndpoint, Phase, StagedFrame, WORDS};
 use crate::HostCommand;
 use crate::frame::{MAX_PAYLOAD, MAX_WIRE, encode_with_key};
-use crate::wire::{ByteWriter, Opening, Run, kind, write_word};
+use crate::wire::{ByteWriter, Opening, RecordRun, kind, write_word};
 
-/// Records are sent when there are so many, or when one has waited for [`GATHER_US`].
+/// Number of records that are sent at once; fewer are sent when one has waited for [`GATHER_US`].
 const GATHER: usize = 8;
 const GATHER_US: u64 = 12_000;
-/// A question or an opening is repeated after so long.
+/// Interval at which a greeting request or an opening is repeated.
 const ASK_US: u64 = 20_000;
-/// A rate that is not confirmed is repeated after so long.
+/// Interval at which an unacknowledged rate is repeated.
 const REPEAT_US: u64 = 12_000;
-/// Two rates are at least so far apart, but for one that stops or turns.
+/// Minimum time between two rates, except for one that stops or reverses.
 const RATES_US: u64 = 3_000;
-/// The host is heard of at least so often.
+/// Maximum time between two frames of the host.
 const HEARTBEAT_US: u64 = 16_000;
-/// A card that was silent for so long is asked whether it was restarted.
+/// Silence of the card after which a greeting is requested, to detect a restart.
 const PROBE_US: u64 = 100_000;
-/// Words that are not confirmed are sent again after so long.
+/// Interval at which unacknowledged commands are retransmitted.
 const AGAIN_US: u64 = 60_000;
-/// A report that is missing is asked for at most so often.
+/// Minimum time between two requests for a missing report.
 const MISSED_US: u64 = 8_000;
-/// Bytes of a frame that carries a rate, about.
+/// Approximate bytes of a frame with a rate.
 const RATE_FRAME: usize = 22;
 
 impl<const A: usize> HostEndpoint<A> {
-    /// Bytes for the line, as many as are due and fit.
+    /// Writes bytes for the line to `out`, as many as are due and fit, and returns their number.
     pub fn transmit(&mut self, now_us: u64, out: &mut [u8]) -> usize {
         self.times.now = now_us;
-        self.overtake();
+        self.preempt_frame();
         let mut given = 0;
         while given < out.len() {
-            if self.staged.0 == self.staged.1 && !self.compose() {
+            if self.staged.0 == self.staged.1 && !self.stage_next_frame() {
                 break;
             }
             let (at, end) = self.staged;
@@ -47,14 +49,15 @@ impl<const A: usize> HostEndpoint<A> {
         given
     }
 
-    /// A rate that stops or turns cuts short a long frame that is on its way: a zero byte, and the rate. The frame comes again.
-    fn overtake(&mut self) {
+    /// Cuts short a long frame that is being sent, in favour of a rate that stops or reverses: a zero byte, then the
+    /// rate. The frame is sent again later.
+    fn preempt_frame(&mut self) {
         let (at, end) = self.staged;
-        let StagedFrame::Stream(offset) = self.kind else { return };
+        let StagedFrame::Stream(offset) = self.staged_kind else { return };
         if self.phase == Phase::Open && at < end && self.rate_due() && (at == 0 || end - at > 2 * RATE_FRAME) {
             self.sent = self.sent.min(offset);
-            self.kind = StagedFrame::Other;
-            self.compose_now(kind::RATE);
+            self.staged_kind = StagedFrame::Other;
+            self.compose_rate(kind::RATE);
             if at > 0 {
                 self.stage.copy_within(..self.staged.1, 1);
                 self.stage[0] = 0;
@@ -63,14 +66,14 @@ impl<const A: usize> HostEndpoint<A> {
         }
     }
 
-    /// Is there a rate that the card has not confirmed, and is it time to send it?
+    /// Whether the card has not acknowledged the rate and it is time to send it.
     fn rate_due(&self) -> bool {
-        if self.now_seen == self.now_number {
+        if self.acked_rate_seq == self.rate_seq {
             return false;
         }
-        let again = self.times.number == self.now_number;
+        let again = self.times.number == self.rate_seq;
         let target = self.target.faster();
-        let stops = target == 0 || target.signum() != self.told.signum();
+        let stops = target == 0 || target.signum() != self.sent_rate.signum();
         let apart = match (again, stops) {
             (true, _) => REPEAT_US,
             (false, true) => 0,
@@ -79,15 +82,15 @@ impl<const A: usize> HostEndpoint<A> {
         self.times.now.saturating_sub(self.times.rate) >= apart
     }
 
-    /// Stages the next frame that is due. False where none is.
-    fn compose(&mut self) -> bool {
+    /// Stages the next frame that is due. Returns false if none is.
+    fn stage_next_frame(&mut self) -> bool {
         self.staged = (0, 0);
-        self.kind = StagedFrame::Other;
+        self.staged_kind = StagedFrame::Other;
         let now = self.times.now;
-        let asks = now.saturating_sub(self.times.asked) >= ASK_US || self.times.asked == 0;
+        let asks = now.saturating_sub(self.times.hello) >= ASK_US || self.times.hello == 0;
         match self.phase {
-            Phase::Asking | Phase::Opening | Phase::Closing if asks => {
-                self.times.asked = now.max(1);
+            Phase::Identifying | Phase::Opening | Phase::Closing if asks => {
+                self.times.hello = now.max(1);
                 self.compose_other()
             }
             Phase::Open => self.compose_open(),
@@ -98,42 +101,42 @@ impl<const A: usize> HostEndpoint<A> {
     fn compose_open(&mut self) -> bool {
         let now = self.times.now;
         if self.sent > 0 && now.saturating_sub(self.times.progress) >= AGAIN_US {
-            self.again();
+            self.retransmit();
         }
-        if now.saturating_sub(self.times.heard) >= PROBE_US && now.saturating_sub(self.times.asked) >= ASK_US {
+        if now.saturating_sub(self.times.received) >= PROBE_US && now.saturating_sub(self.times.hello) >= ASK_US {
             if !self.probing {
                 (self.probe, self.probing) = (self.probe.wrapping_add(1), true);
             }
-            self.times.asked = now.max(1);
-            return self.compose_question(self.probe);
+            self.times.hello = now.max(1);
+            return self.compose_hello(self.probe);
         }
-        let asked = self.greeting.is_none() && now.saturating_sub(self.times.asked) >= ASK_US;
+        let asked = self.greeting.is_none() && now.saturating_sub(self.times.hello) >= ASK_US;
         if asked {
-            self.times.asked = now.max(1);
+            self.times.hello = now.max(1);
             return self.compose_other();
         }
-        if self.missing && now.saturating_sub(self.times.missed) >= MISSED_US {
-            (self.missing, self.times.missed) = (false, now);
-            return self.compose_now(kind::NAK);
+        if self.report_missing && now.saturating_sub(self.times.nak) >= MISSED_US {
+            (self.report_missing, self.times.nak) = (false, now);
+            return self.compose_rate(kind::NAK);
         }
         if self.rate_due() {
-            return self.compose_now(kind::RATE);
+            return self.compose_rate(kind::RATE);
         }
         let unsent = usize::from(self.count - self.sent);
         let waited = now.saturating_sub(self.times.queued) >= GATHER_US;
-        if unsent > 0 && (unsent >= GATHER || waited || self.has_order()) {
+        if unsent > 0 && (unsent >= GATHER || waited || self.has_unsent_command()) {
             return self.compose_stream();
         }
-        now.saturating_sub(self.times.frame) >= HEARTBEAT_US && self.compose_now(kind::RATE)
+        now.saturating_sub(self.times.frame) >= HEARTBEAT_US && self.compose_rate(kind::RATE)
     }
 
-    /// Is there a word to be sent that is not a record?
-    fn has_order(&self) -> bool {
+    /// Whether there is an unsent command that is not a record.
+    fn has_unsent_command(&self) -> bool {
         let word = |k: u16| &self.queue[usize::from(self.base.wrapping_add(k)) % WORDS];
         (self.sent..self.count).any(|k| !matches!(word(k), HostCommand::Ahead { .. } | HostCommand::Behind { .. }))
     }
 
-    fn compose_now(&mut self, kind: u8) -> bool {
+    fn compose_rate(&mut self, kind: u8) -> bool {
         let mut payload = [0; 32];
         let mut writer = ByteWriter::new(&mut payload);
         let Some(settings) = &self.settings else { return false };
@@ -141,14 +144,14 @@ impl<const A: usize> HostEndpoint<A> {
             writer.u8(kind)?;
             writer.u16(settings.epoch)?;
             writer.u16(self.next_entry)?;
-            writer.u16(self.now_number)?;
+            writer.u16(self.rate_seq)?;
             writer.signed(self.target.feed)?;
             writer.signed(self.target.rapid)
         })();
         let length = writer.len();
         self.times.rate = self.times.now;
-        self.times.number = self.now_number;
-        self.told = self.target.faster();
+        self.times.number = self.rate_seq;
+        self.sent_rate = self.target.faster();
         written.is_some() && self.stage(&payload[..length], self.key)
     }
 
@@ -157,7 +160,7 @@ impl<const A: usize> HostEndpoint<A> {
         let mut writer = ByteWriter::new(&mut payload);
         let Some(settings) = &self.settings else { return false };
         let offset = self.sent;
-        let mut run = Run::new(settings.axes);
+        let mut run = RecordRun::new(settings.axes);
         let head = (|| {
             writer.u8(kind::STREAM)?;
             writer.u16(settings.epoch)?;
@@ -170,7 +173,7 @@ impl<const A: usize> HostEndpoint<A> {
                 break;
             }
             self.sent += 1;
-            if writer.len() >= self.frames.most() {
+            if writer.len() >= self.frames.max_payload() {
                 break;
             }
         }
@@ -180,7 +183,7 @@ impl<const A: usize> HostEndpoint<A> {
         }
         self.times.queued = self.times.now;
         let staged = self.sent > offset && self.stage(&payload[..length], self.key);
-        self.kind = StagedFrame::Stream(offset);
+        self.staged_kind = StagedFrame::Stream(offset);
         staged
     }
 
@@ -205,12 +208,12 @@ impl<const A: usize> HostEndpoint<A> {
         let key = if self.phase == Phase::Closing { self.key } else { 0 };
         match written {
             Some(()) => self.stage(&payload[..length], key),
-            None => self.compose_question(self.nonce),
+            None => self.compose_hello(self.nonce),
         }
     }
 
-    /// Who is there?
-    fn compose_question(&mut self, nonce: u32) -> bool {
+    /// Stages a greeting request.
+    fn compose_hello(&mut self, nonce: u32) -> bool {
         let mut payload = [0; 5];
         payload[0] = kind::HELLO;
         payload[1..].copy_from_slice(&nonce.to_le_bytes());

@@ -1,8 +1,8 @@
 //! Numbers in a payload, low byte first; long ones in as many groups of seven bits as they need.
 //!
-//! Invariant: a writer that has no room, and a reader that has come to the end, say so and change nothing.
+//! Invariant: a writer without space, and a reader at the end, return `None` and change nothing.
 
-/// Writes into a payload.
+/// Writer into a payload.
 #[derive(Debug)]
 pub struct ByteWriter<'b> {
     bytes: &'b mut [u8],
@@ -16,31 +16,31 @@ impl<'b> ByteWriter<'b> {
         Self { bytes, at: 0 }
     }
 
-    /// How many bytes are written.
+    /// Returns the number of bytes written.
     #[must_use]
     pub fn len(&self) -> usize {
         self.at
     }
 
-    /// Is nothing written yet?
+    /// Whether nothing is written yet.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.at == 0
     }
 
-    /// Back to a length that it had.
-    pub fn back_to(&mut self, length: usize) {
+    /// Truncates the written bytes to an earlier length.
+    pub fn truncate(&mut self, length: usize) {
         self.at = self.at.min(length);
     }
 
-    /// Overwrites a byte that is written.
-    pub fn put_at(&mut self, at: usize, byte: u8) {
+    /// Overwrites a byte that is already written.
+    pub fn overwrite(&mut self, at: usize, byte: u8) {
         if at < self.at {
             self.bytes[at] = byte;
         }
     }
 
-    /// Some bytes. `None` where there is no room.
+    /// Writes bytes. Returns `None` if there is no space.
     pub fn slice(&mut self, bytes: &[u8]) -> Option<()> {
         self.bytes.get_mut(self.at..self.at + bytes.len())?.copy_from_slice(bytes);
         self.at += bytes.len();
@@ -62,7 +62,7 @@ impl<'b> ByteWriter<'b> {
         self.slice(&value.to_le_bytes())
     }
 
-    /// One byte for every seven bits.
+    /// Writes an unsigned number, one byte for every seven bits.
     pub fn count(&mut self, mut value: u64) -> Option<()> {
         let mut group = [0; 10];
         let mut length = 0;
@@ -76,13 +76,13 @@ impl<'b> ByteWriter<'b> {
         }
     }
 
-    /// A signed number: its sign in the lowest bit, so that small ones stay short.
+    /// Writes a signed number with its sign in the lowest bit, so that small ones stay short.
     pub fn signed(&mut self, value: i64) -> Option<()> {
         self.count((value << 1 ^ value >> 63) as u64)
     }
 }
 
-/// Reads a payload.
+/// Reader of a payload.
 #[derive(Clone, Copy, Debug)]
 pub struct ByteReader<'b> {
     bytes: &'b [u8],
@@ -95,19 +95,19 @@ impl<'b> ByteReader<'b> {
         Self { bytes }
     }
 
-    /// Is everything read?
+    /// Whether everything is read.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.bytes.is_empty()
     }
 
-    /// How many bytes are left.
+    /// Returns the number of remaining bytes.
     #[must_use]
     pub const fn remaining(&self) -> usize {
         self.bytes.len()
     }
 
-    /// So many bytes. `None` where there are fewer.
+    /// Reads `length` bytes. Returns `None` if there are fewer.
     pub fn slice(&mut self, length: usize) -> Option<&'b [u8]> {
         let (first, rest) = self.bytes.split_at_checked(length)?;
         self.bytes = rest;
@@ -133,7 +133,7 @@ impl<'b> ByteReader<'b> {
         Some(u32::from_le_bytes(self.array()?))
     }
 
-    /// As [`Writer::count`]; `None` also for one of more than 64 bits.
+    /// Reads a number written by [`ByteWriter::count`]; `None` also for one of more than 64 bits.
     pub fn count(&mut self) -> Option<u64> {
         let mut value = 0;
         for group in 0..10 {
@@ -150,18 +150,18 @@ impl<'b> ByteReader<'b> {
         None
     }
 
-    /// A count that fits 32 bits.
+    /// Reads a count that fits 32 bits.
     pub fn count32(&mut self) -> Option<u32> {
         u32::try_from(self.count()?).ok()
     }
 
-    /// As [`Writer::signed`].
+    /// Reads a number written by [`ByteWriter::signed`].
     pub fn signed(&mut self) -> Option<i64> {
         let value = self.count()?;
         Some((value >> 1) as i64 ^ -((value & 1) as i64))
     }
 
-    /// A signed number that fits 32 bits.
+    /// Reads a signed number that fits 32 bits.
     pub fn signed32(&mut self) -> Option<i32> {
         i32::try_from(self.signed()?).ok()
     }

@@ -1,50 +1,50 @@
-//! What a card did, as entries of its reports, in the order in which it happened.
+//! Entries of a card's reports, in the order in which the events happened.
 //!
 //! ```text
-//! kind in three bits; of periods: t t s r n   t t: they ran 0, +1, −1, or a rate that follows; s: short; r: at rest after;
+//! kind in three bits; of periods: t t s r n   t t: they ran 0, +1, −1, or a rate that follows; s: starved; r: at rest after;
 //!                                             n: more than one; how many follows
 //! ```
 //!
-//! Invariant: an entry stands for itself. What happened in a period stands before the entry of that period.
+//! Invariant: an entry is self-contained. Events of a period precede the entry of that period.
 
 use retrace_core::{ONE, Travel};
 
 use super::{ByteReader, ByteWriter};
 use crate::{Alarm, CutterOff, CutterOffCause, OutputChange};
 
-/// One thing that a card did.
+/// One reported event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReportEntry {
     /// Control periods, all alike.
     Ran {
         /// Distance that the cursor moved in each.
-        travel: Travel,
-        /// How many.
+        distance: Travel,
+        /// Number of periods.
         count: u32,
-        /// Was the rate held down by the end of the window?
-        short: bool,
-        /// Did the cursor stand after it?
+        /// Whether the rate was limited by the end of the window.
+        starved: bool,
+        /// Whether the cursor was at rest afterwards.
         at_rest: bool,
     },
-    /// An output took a value.
+    /// An output changed.
     Output(OutputChange),
     /// The instruction of this number is complete.
     Executed(u32),
-    /// What is latched now.
+    /// The latched alarm changed.
     Alarm(Option<Alarm>),
     /// The active inputs.
     Inputs(u16),
     /// Counts of the handwheel in the period.
     Wheel(i16),
-    /// The instruction of this number was refused: it will never be executed.
+    /// The instruction of this number was rejected: it will never be executed.
     Refused(u32),
     /// Cutting outputs that the permit switched off.
     CutterOff(CutterOff),
     /// The repeated instruction of this number is complete.
     Repeated(u32),
-    /// Motion is blocked until a restart is complete, or not any more.
+    /// Whether motion is blocked until a restart is complete.
     Blocked(bool),
-    /// The repeated instruction of this number was refused: it will never be executed.
+    /// The repeated instruction of this number was rejected: it will never be executed.
     RepeatRefused(u32),
 }
 
@@ -55,7 +55,7 @@ const ALARM: u8 = 3;
 const INPUTS: u8 = 4;
 const WHEEL: u8 = 5;
 const REFUSED: u8 = 6;
-/// The next byte says what: 00–1F are of cutting.
+/// The next byte is the kind: 00–1F are for cutting.
 const EXTENDED: u8 = 7;
 
 mod extended {
@@ -70,19 +70,19 @@ const AT_REST: u8 = 1 << 6;
 const MANY: u8 = 1 << 7;
 
 impl ReportEntry {
-    /// Writes the entry. `None`, and nothing written, where there is no room.
+    /// Writes the entry. Returns `None` and writes nothing if there is no space.
     pub fn write(&self, writer: &mut ByteWriter<'_>) -> Option<()> {
         let length = writer.len();
         let written = self.write_parts(writer);
         if written.is_none() {
-            writer.back_to(length);
+            writer.truncate(length);
         }
         written
     }
 
     fn write_parts(&self, writer: &mut ByteWriter<'_>) -> Option<()> {
         match *self {
-            Self::Ran { travel, count, short, at_rest } => {
+            Self::Ran { distance: travel, count, starved: short, at_rest } => {
                 let how = match travel {
                     0 => 0,
                     ONE => 1,
@@ -136,7 +136,7 @@ impl ReportEntry {
         }
     }
 
-    /// Reads an entry; `None` where the bytes are none.
+    /// Reads an entry; `None` if the bytes are not an entry.
     pub fn read(reader: &mut ByteReader<'_>) -> Option<Self> {
         let tag = reader.u8()?;
         Some(match tag & 7 {
@@ -150,9 +150,9 @@ impl ReportEntry {
                 let count = if tag & MANY != 0 { reader.count32()? } else { 1 };
                 let within = travel.unsigned_abs() <= MAX_TRAVEL && count > 0;
                 return within.then_some(Self::Ran {
-                    travel,
+                    distance: travel,
                     count,
-                    short: tag & SHORT != 0,
+                    starved: tag & SHORT != 0,
                     at_rest: tag & AT_REST != 0,
                 });
             }
@@ -181,7 +181,7 @@ impl ReportEntry {
 }
 
 const BACK: Travel = -ONE;
-/// No cursor goes farther in a period: eight records, and a little for rounding.
+/// Maximum distance of a cursor in a period: eight records, and a little for rounding.
 const MAX_TRAVEL: u64 = 9 << 32;
 
 pub(super) fn write_alarm(writer: &mut ByteWriter<'_>, alarm: Option<Alarm>) -> Option<()> {

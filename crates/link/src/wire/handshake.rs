@@ -1,6 +1,7 @@
-//! Who is there, where the machine stands, and how the card is to work.
+//! The handshake: identity and position of the card, and the settings of an epoch.
 //!
-//! Invariant: a greeting of another version of the protocol is still read as far as its version, so that it can be told.
+//! Invariant: a greeting of another protocol version is still read as far as its version, so that the version can be
+//! reported.
 
 use retrace_core::Place;
 use retrace_core::limits::{PulseLimits, RateLimits};
@@ -13,20 +14,20 @@ use crate::{
     MAX_SAFE, PathStart,
 };
 
-/// A card's answer to who is there.
+/// Greeting: a card's answer to a greeting request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Greeting<const A: usize> {
-    /// The number that the question had.
+    /// Nonce of the request.
     pub nonce: u32,
-    /// Who the card is.
+    /// Identity of the card.
     pub identity: CardIdentity,
-    /// The epoch that is open, or 0.
+    /// Open epoch, or 0.
     pub epoch: u16,
-    /// The last one that was opened.
+    /// Last epoch that was opened.
     pub last_epoch: u16,
-    /// Where the cursor stands.
+    /// Place of the cursor.
     pub place: Place,
-    /// Does it stand?
+    /// Whether it is at rest.
     pub at_rest: bool,
     /// The furthest place of the last epoch that was executed, as a record boundary.
     pub reached: u32,
@@ -34,12 +35,12 @@ pub struct Greeting<const A: usize> {
     pub executed: u32,
     /// Net pulses of each axis; those beyond the card's axes are zero.
     pub counts: [i64; A],
-    /// What is latched.
+    /// Latched alarm.
     pub alarm: Option<Alarm>,
 }
 
 impl<const A: usize> Greeting<A> {
-    /// Writes it behind its kind.
+    /// Writes the message after its kind.
     pub fn write(&self, writer: &mut ByteWriter<'_>) -> Option<()> {
         let of = &self.identity;
         writer.u8(of.protocol)?;
@@ -63,7 +64,7 @@ impl<const A: usize> Greeting<A> {
         self.counts.iter().take(usize::from(of.axes)).try_for_each(|&count| writer.signed(count))
     }
 
-    /// Reads it behind its kind. `Err` is another version of the protocol; `None` no greeting.
+    /// Reads a greeting after its kind. Returns `Err` for another version of the protocol and `None` for invalid bytes.
     pub fn read(reader: &mut ByteReader<'_>) -> Option<Result<Self, u8>> {
         let protocol = reader.u8()?;
         if protocol != crate::PROTOCOL {
@@ -104,12 +105,12 @@ impl<const A: usize> Greeting<A> {
     }
 }
 
-/// The settings of an epoch, as they are written.
+/// Settings of an epoch, as they are sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Opening<const A: usize>(pub CardSettings<A>);
 
 impl<const A: usize> Opening<A> {
-    /// Writes it behind its kind.
+    /// Writes the message after its kind.
     pub fn write(&self, writer: &mut ByteWriter<'_>) -> Option<()> {
         let of = &self.0;
         writer.u16(of.epoch)?;
@@ -147,7 +148,7 @@ impl<const A: usize> Opening<A> {
         write_cutting(writer, &of.cutting)
     }
 
-    /// Reads it behind its kind.
+    /// Reads the message after its kind.
     pub fn read(reader: &mut ByteReader<'_>) -> Option<Self> {
         let (epoch, start) = (reader.u16()?, read_start(reader)?);
         let (axes, period_us) = (reader.u8()?, reader.count32()?);
@@ -189,9 +190,9 @@ impl<const A: usize> Opening<A> {
     }
 }
 
-/// Set beside the number of channels: dry run.
+/// Flag in the number of channels: dry run.
 const INHIBIT: u8 = 0x80;
-/// Set beside a cutting channel's number: it fires.
+/// Flag in a cutting channel's number: it fires.
 const FIRES: u8 = 0x80;
 
 fn write_cutting(writer: &mut ByteWriter<'_>, cutting: &CuttingSettings) -> Option<()> {
@@ -238,7 +239,7 @@ fn read_start(reader: &mut ByteReader<'_>) -> Option<PathStart> {
     Some(PathStart { place, reached: reader.u32()?, executed: reader.u32()?, rests: reader.u8()? != 0 })
 }
 
-/// The limits of so many axes; those that are not told are as the first.
+/// Reads the limits of `told` axes; the others get the limits of the first.
 fn read_limits<const A: usize>(reader: &mut ByteReader<'_>, told: usize) -> Option<RateLimits<A>> {
     let (average, share) = (reader.u16()?, reader.u16()?);
     let mut axes = [PulseLimits::default(); A];

@@ -1,9 +1,9 @@
-//! The words of the stream (host to card).
+//! The commands of the stream (host to card).
 //!
-//! Invariant: a word that does not fit leaves writer and run as they were.
+//! Invariant: a command that does not fit leaves writer and record run unchanged.
 
 use super::record::RECORD;
-use super::{ByteReader, ByteWriter, Run};
+use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
     HomingCommand, HostCommand, InputWait, Instruction, MAX_CHANGES, OutputAction, OutputChange, RepeatedInstruction,
 };
@@ -23,18 +23,22 @@ mod tag {
     pub(super) const REPEAT: u8 = 0x21;
 }
 
-/// Writes a word behind the others of a payload. `None` where there is no room, or for a rate, which has a frame of its own.
-pub fn write_word<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut Run<A>, word: &HostCommand<A>) -> Option<()> {
+/// Appends a command to a payload. Returns `None` if there is no space, or for a rate, which has a frame of its own.
+pub fn write_word<const A: usize>(
+    writer: &mut ByteWriter<'_>,
+    run: &mut RecordRun<A>,
+    word: &HostCommand<A>,
+) -> Option<()> {
     let (length, was) = (writer.len(), *run);
     let written = write(writer, run, word);
     if written.is_none() {
-        writer.back_to(length);
+        writer.truncate(length);
         *run = was;
     }
     written
 }
 
-fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut Run<A>, word: &HostCommand<A>) -> Option<()> {
+fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, word: &HostCommand<A>) -> Option<()> {
     match word {
         HostCommand::Ahead { place, record } => {
             place_of(writer, run, *place, false)?;
@@ -89,7 +93,12 @@ fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut Run<A>, word: &H
     }
 }
 
-fn place_of<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut Run<A>, place: u32, behind: bool) -> Option<()> {
+fn place_of<const A: usize>(
+    writer: &mut ByteWriter<'_>,
+    run: &mut RecordRun<A>,
+    place: u32,
+    behind: bool,
+) -> Option<()> {
     if run.needs_place(place, behind) {
         writer.u8(if behind { tag::PLACE_BEHIND } else { tag::PLACE_AHEAD })?;
         writer.u32(place)?;
@@ -98,8 +107,9 @@ fn place_of<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut Run<A>, place
     Some(())
 }
 
-/// Reads the next word of a payload. `None` where the bytes are none: the rest of the payload is not to be trusted then.
-pub fn read_word<const A: usize>(reader: &mut ByteReader<'_>, run: &mut Run<A>) -> Option<HostCommand<A>> {
+/// Reads the next command of a payload. Returns `None` if the bytes are invalid: the rest of the payload is then
+/// unusable.
+pub fn read_word<const A: usize>(reader: &mut ByteReader<'_>, run: &mut RecordRun<A>) -> Option<HostCommand<A>> {
     loop {
         return Some(match reader.u8()? {
             record if record & RECORD != 0 => return run.read(reader, record),
@@ -150,9 +160,9 @@ fn write_instruction(writer: &mut ByteWriter<'_>, instruction: &Instruction) -> 
     write_switching(writer, periods, instruction.changes(), until, keeps_cutter)
 }
 
-/// Set in the count of changes: an input follows them.
+/// Flag in the count of changes: an input follows them.
 const AWAITS: u8 = 0x80;
-/// Set in the count of changes: standing is not counted.
+/// Flag in the count of changes: time at rest is not counted.
 const KEEPS_CUTTER: u8 = 0x40;
 
 fn write_switching(
@@ -196,7 +206,7 @@ fn read_changes(reader: &mut ByteReader<'_>, count: u8) -> Option<[OutputChange;
     Some(changes)
 }
 
-/// The input that is waited for, where the count of changes says that there is one. `None` where the bytes are cut short.
+/// Reads the awaited input, if the count of changes has its flag. Returns `None` if the bytes are cut short.
 #[allow(clippy::option_option)]
 fn read_until(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<InputWait>> {
     if counts & AWAITS == 0 {

@@ -1,7 +1,7 @@
-//! Messages as bytes: what stands in the payload of a frame (`docs/protocol.md` tells each one in words and tables).
+//! Messages as bytes: the payloads of frames (`docs/protocol.md` describes each one in text and tables).
 //!
-//! Invariant: what is written is read back as it was; any bytes are read as messages or refused, never a panic. Each payload stands for
-//! itself: nothing in it depends on another one, so that a lost one leaves no trace in the next.
+//! Invariant: what is written is read back unchanged; any bytes are read as messages or rejected, never with a panic.
+//! Each payload is self-contained: nothing in it depends on another one, so that a lost one has no effect on the next.
 
 mod bytes;
 mod entry;
@@ -13,24 +13,24 @@ pub use bytes::{ByteReader, ByteWriter};
 pub use entry::ReportEntry;
 pub use handshake::{Greeting, Opening};
 pub use message::{read_word, write_word};
-pub use record::Run;
+pub use record::RecordRun;
 
-/// First byte of a payload: what it is.
+/// First byte of a payload: its kind.
 pub mod kind {
-    /// Host: who is there, and where does the machine stand?
+    /// Host: greeting request.
     pub const HELLO: u8 = 0x01;
-    /// Host: begin an epoch with these settings.
+    /// Host: opens an epoch with these settings.
     pub const OPEN: u8 = 0x02;
-    /// Host: words in their order.
+    /// Host: commands in their order.
     pub const STREAM: u8 = 0x03;
-    /// Host: the rate, now; and a sign of life.
+    /// Host: the current rate, which is also the keep-alive.
     pub const RATE: u8 = 0x04;
-    /// Host: the same, and a report is missing: entries are to come again from the one that is named.
+    /// Host: the rate, and a request to retransmit entries from the given number on.
     pub const NAK: u8 = 0x06;
-    /// Host: the epoch is over.
+    /// Host: ends the epoch.
     pub const CLOSE: u8 = 0x05;
-    /// Card: who it is and where the machine stands.
+    /// Card: greeting, with identity and position.
     pub const WELCOME: u8 = 0x81;
-    /// Card: what it did since, and what it holds.
+    /// Card: report of events since the last one, and of the window.
     pub const REPORT: u8 = 0x82;
 }

@@ -1,20 +1,20 @@
-//! Records, each told by what differs from the one before it on the path.
+//! Records, each encoded as the difference from the previous one on the path.
 //!
 //! ```text
 //! 1 b s s l f c r    b: behind (else ahead)      s s: size of the differences of the increments: none, 4, 8, 16 bits each
 //!                    l: the line differs; signed  f: flags follow   c: the cap differs; it follows   r: rests before it (behind)
 //! ```
-//! then the increments' differences (of 4 bits: two a byte, the first axis low), line, flags, cap. Constant speed costs one byte
-//! a record; acceleration that of its differences, which at usual limits fit four bits.
+//! then the increments' differences (of 4 bits: two per byte, the first axis low), line, flags, cap. Constant speed
+//! costs one byte per record; acceleration that of its differences, which at usual limits fit four bits.
 //!
-//! Invariant: a run begins in each payload anew, with a place of its own and differences from nothing.
+//! Invariant: a run begins in each payload with a record number of its own and differences from zero.
 
 use retrace_core::{Flags, RapidCap, Record};
 
 use super::{ByteReader, ByteWriter};
 use crate::HostCommand;
 
-/// Set in the first byte of a record, and of nothing else.
+/// Flag in the first byte of a record, and of nothing else.
 pub(super) const RECORD: u8 = 0x80;
 const BEHIND: u8 = 0x40;
 const LINE: u8 = 0x08;
@@ -22,50 +22,50 @@ const FLAGS: u8 = 0x04;
 const CAP: u8 = 0x02;
 const RESTS: u8 = 0x01;
 
-/// Where a run of records in a payload has come to.
+/// State of a run of records in a payload.
 #[derive(Clone, Copy, Debug)]
-pub struct Run<const A: usize> {
-    /// Axes that are told; the others stand.
+pub struct RecordRun<const A: usize> {
+    /// Number of encoded axes; the others are zero.
     axes: usize,
-    last: Option<Last<A>>,
+    last: Option<PreviousRecord<A>>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Last<const A: usize> {
+struct PreviousRecord<const A: usize> {
     place: u32,
     record: Record<A>,
 }
 
-impl<const A: usize> Run<A> {
-    /// At the beginning of a payload; `axes`: how many are told.
+impl<const A: usize> RecordRun<A> {
+    /// Creates the state at the beginning of a payload; `axes` is the number of encoded axes.
     #[must_use]
     pub fn new(axes: u8) -> Self {
         Self { axes: usize::from(axes).min(A), last: None }
     }
 
-    /// Does a record at this place need to be told where it is?
+    /// Whether a record at this place needs an explicit record number.
     #[must_use]
     pub fn needs_place(&self, place: u32, behind: bool) -> bool {
         self.next_place(behind) != Some(place)
     }
 
-    /// From here on the records are at `place`.
+    /// Sets the record number at which the records continue.
     pub fn set_place(&mut self, place: u32, behind: bool) {
         let before = if behind { place.wrapping_add(1) } else { place.wrapping_sub(1) };
-        self.last = Some(Last { place: before, record: Record::default() });
+        self.last = Some(PreviousRecord { place: before, record: Record::default() });
     }
 
     fn next_place(&self, behind: bool) -> Option<u32> {
         self.last.map(|last| if behind { last.place.wrapping_sub(1) } else { last.place.wrapping_add(1) })
     }
 
-    /// Writes a record that follows the last one. `None` where there is no room.
+    /// Writes a record that follows the last one. Returns `None` if there is no space.
     pub fn write(&mut self, writer: &mut ByteWriter<'_>, record: &Record<A>, behind: bool, rests: bool) -> Option<()> {
         let place = self.next_place(behind)?;
         let last = self.last?.record;
         let mut differences = [0i16; A];
         for (difference, (now, before)) in differences.iter_mut().zip(record.increments.iter().zip(last.increments)) {
-            // wraps back where it is read
+            // wraps back when it is read
             *difference = now.wrapping_sub(before);
         }
         let differences = &differences[..self.axes];
@@ -90,7 +90,7 @@ impl<const A: usize> Run<A> {
         if record.cap != last.cap {
             writer.u8(record.cap.get())?;
         }
-        self.last = Some(Last { place, record: *record });
+        self.last = Some(PreviousRecord { place, record: *record });
         Some(())
     }
 
@@ -115,13 +115,13 @@ impl<const A: usize> Run<A> {
         if tag & CAP != 0 {
             record.cap = RapidCap::sixteenths(reader.u8()?);
         }
-        self.last = Some(Last { place, record });
+        self.last = Some(PreviousRecord { place, record });
         let rests = tag & RESTS != 0;
         Some(if behind { HostCommand::Behind { place, record, rests } } else { HostCommand::Ahead { place, record } })
     }
 }
 
-/// 0: all zero; 1: they fit 4 bits each; 2: 8; 3: 16.
+/// Returns the size code of the differences. 0: all zero; 1: they fit 4 bits each; 2: 8; 3: 16.
 fn size_of_differences(differences: &[i16]) -> u8 {
     let most = differences.iter().map(|&d| if d < 0 { !d } else { d }).max().unwrap_or(0);
     match most {
