@@ -105,7 +105,7 @@ fn a_run_can_be_repeated() {
         rig.observe(Box::new(move |now| {
             into.lock().expect("whole").push((now.at_us, now.status.place, *now.positions))
         }));
-        let mut host = Host::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+        let mut host = Host::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
         host.open(settings()).expect("it takes the settings");
         run(&mut host, ONE, 400, 400);
         let (tallies, now) =
