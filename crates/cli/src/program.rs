@@ -448,7 +448,7 @@ impl Program {
     /// Checks the whole program and prints nothing.
     ///
     /// # Errors
-    /// Its diagnostics, where it has errors.
+    /// The program has errors; the text has its diagnostics.
     pub fn check_silently(&self, machine: &MachineConfig) -> Result<(), String> {
         self.check_silently_by(machine, self.decoder())
     }
@@ -456,7 +456,7 @@ impl Program {
     /// Checks the whole program at a terminal, with a progress bar; see [`Self::check_silently`].
     ///
     /// # Errors
-    /// Its diagnostics, where it has errors.
+    /// The program has errors; the text has its diagnostics.
     pub fn check_silently_with_progress(&self, machine: &MachineConfig) -> Result<(), String> {
         self.check_silently_by(machine, self.shown_decoder())
     }

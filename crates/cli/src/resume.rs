@@ -36,7 +36,7 @@ use crate::resume_summary::{self, ConfirmResume, ResumeSummary};
 use crate::sim_wiring::simulated;
 use crate::{files, run};
 
-/// So many marks are held against the plan, and all that lie beyond the breakpoint.
+/// Number of marks that are compared with the plan, besides all marks beyond the breakpoint.
 const MAX_COMPARED_MARKS: u64 = 1 << 16;
 
 /// Runs the command. Returns its exit code.

@@ -70,7 +70,7 @@ pub struct Jobs {
     pub jobs: JobsFolder,
 }
 
-/// What `retrace jobs` does.
+/// Actions of `retrace jobs`.
 #[derive(Debug, Subcommand)]
 pub enum JobsAction {
     /// Print all details of a job: progress, last position, outputs.
