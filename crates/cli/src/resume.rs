@@ -255,7 +255,7 @@ impl ResumeStep<'_> {
         let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
         let wall_time = self.args.realtime || self.args.tui;
         let card = simulated::<A>(&self.machine, run::clock(&self.machine, wall_time))?
-            .standing_at(counts(&self.record.last_position.counts), &outputs);
+            .with_position(counts(&self.record.last_position.counts), &outputs);
         let start = self.record.last_position.start;
         self.run_job(program, script, (card, Homing::simulated()), start, JobCard::Sim, wall_time).map(|(code, _)| code)
     }
