@@ -241,7 +241,7 @@ mod tests {
 
     #[test]
     fn every_misspelt_key_has_its_own_line_and_the_rest_is_checked_too() {
-        let text = "nam = \"mill\"\nhistory_hours = 99\n[crad]\nwatchdog_ms = 3\n[wheel]\nmean_over_m = 3\ncounts_per_s_at_rate_1 = \"x\"\n";
+        let text = "nam = \"mill\"\nhistory_hours = 99\n[crad]\nwatchdog_ms = 3\n[wheel]\nmean_over_m = 3\nfull_rate_counts_per_s = \"x\"\n";
         let found = errors(text);
         let parts = [
             "line 1, column 1: unknown field `nam`",

@@ -247,7 +247,7 @@ mod tests {
         assert!(with("search_mm_per_s = 30", "search_mm_per_s = 101").cause.contains("home.search_mm_per_s"));
         assert!(with("latch_mm_per_s = 1.5", "latch_mm_per_s = 31").cause.contains("home.latch_mm_per_s"));
         assert!(with("use = \"upper-limit\"", "use = \"lower-limit\"").cause.contains("no input is its switch"));
-        assert_eq!(with("search_mm_per_s", "fast_mm_pers").remedy, "did you mean `search_mm_per_s`?");
+        assert_eq!(with("search_mm_per_s", "search_mm_pers").remedy, "did you mean `search_mm_per_s`?");
         let jog = with("travel_mm = [0, 300]", "travel_mm = [0, 300]\njog_mm_per_s = 200");
         assert!(jog.cause.contains("axis x: jog_mm_per_s"), "{}", jog.cause);
     }
