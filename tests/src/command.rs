@@ -14,14 +14,14 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Longest duration of a command.
-const PATIENCE: Duration = Duration::from_secs(60);
+const COMMAND_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// The exit code of a Rust program that panicked.
 const PANICKED: i32 = 101;
 
 /// Result of a command.
 #[derive(Clone, Debug)]
-pub struct Said {
+pub struct CommandOutput {
     /// Its exit code; `None` where a signal ended it.
     pub code: Option<i32>,
     /// Its standard output.
@@ -107,7 +107,7 @@ impl Bench {
     /// # Panics
     /// Where it cannot be run.
     #[must_use]
-    pub fn begun(&self, arguments: &[&str], input: Stdio, said: &str) -> Child {
+    pub fn start(&self, arguments: &[&str], input: Stdio, said: &str) -> Child {
         let mut command = Command::new(binary());
         command.args(arguments).current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
         command.env("XDG_CONFIG_HOME", self.path("config")).env("XDG_CACHE_HOME", self.path("cache"));
@@ -120,7 +120,7 @@ impl Bench {
     /// # Panics
     /// Where it cannot be run, or takes longer than a minute.
     #[must_use]
-    pub fn retrace<I>(&self, arguments: I) -> Said
+    pub fn retrace<I>(&self, arguments: I) -> CommandOutput
     where
         I: IntoIterator<Item: AsRef<OsStr>>,
     {
@@ -132,7 +132,7 @@ impl Bench {
     /// # Panics
     /// Where it cannot be run, or takes longer than a minute.
     #[must_use]
-    pub fn retrace_reading<I>(&self, arguments: I, input: &[u8]) -> Said
+    pub fn retrace_reading<I>(&self, arguments: I, input: &[u8]) -> CommandOutput
     where
         I: IntoIterator<Item: AsRef<OsStr>>,
     {
@@ -143,7 +143,7 @@ impl Bench {
         command.env("XDG_CONFIG_HOME", self.path("config")).env("XDG_CACHE_HOME", self.path("cache"));
         let code = finished(&mut command, &input_path, &out, &err).expect("the retrace command runs");
         let text = |path: &Path| String::from_utf8_lossy(&fs::read(path).unwrap_or_default()).into_owned();
-        let said = Said { code, out: text(&out), err: text(&err) };
+        let said = CommandOutput { code, out: text(&out), err: text(&err) };
         // A diagnostic may show a line of the program with these words; it does not begin with them.
         let has_panicked = said.err.lines().any(|line| line.starts_with("thread '") && line.contains("panicked at"));
         assert!(!has_panicked && said.code != Some(PANICKED), "the command panicked:\n{}", said.err);
@@ -183,7 +183,7 @@ fn assert_documented(arguments: &[OsString], out: &str) {
 /// # Panics
 /// Where it cannot be run.
 #[must_use]
-pub fn read_one_line_of(arguments: &[&str]) -> Said {
+pub fn read_one_line_of(arguments: &[&str]) -> CommandOutput {
     let mut command = Command::new(binary());
     command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = command.spawn().expect("the retrace command runs");
@@ -193,7 +193,7 @@ pub fn read_one_line_of(arguments: &[&str]) -> Said {
         let _ = BufReader::new(pipe).read_line(&mut out);
     }
     let output = child.wait_with_output().expect("the retrace command ends");
-    Said { code: output.status.code(), out, err: String::from_utf8_lossy(&output.stderr).into_owned() }
+    CommandOutput { code: output.status.code(), out, err: String::from_utf8_lossy(&output.stderr).into_owned() }
 }
 
 impl Default for Bench {
@@ -210,7 +210,7 @@ fn finished(command: &mut Command, input: &Path, out: &Path, err: &Path) -> io::
         if let Some(status) = child.try_wait()? {
             return Ok(status.code());
         }
-        if started.elapsed() > PATIENCE {
+        if started.elapsed() > COMMAND_TIMEOUT {
             child.kill()?;
             child.wait()?;
             return Err(io::Error::other("the command did not end in time"));

@@ -33,7 +33,7 @@ const CHANGES: usize = 80;
 
 /// Result of the observation.
 #[derive(Clone, Debug, Default)]
-pub struct Seen {
+pub struct ObservedPins {
     /// Violations, with their times.
     pub violations: Vec<String>,
     /// Number of ignitions.
@@ -52,7 +52,7 @@ pub struct Seen {
 
 /// A trace being observed.
 #[derive(Debug)]
-pub struct Observation(JoinHandle<Seen>);
+pub struct Observation(JoinHandle<ObservedPins>);
 
 impl Observation {
     /// Result; waits until the card has ended.
@@ -60,7 +60,7 @@ impl Observation {
     /// # Panics
     /// Where the trace cannot be read.
     #[must_use]
-    pub fn ended(self) -> Seen {
+    pub fn ended(self) -> ObservedPins {
         self.0.join().expect("the trace is read")
     }
 }
@@ -77,7 +77,7 @@ pub fn observe(path: PathBuf, rules: Rules) -> Observation {
         let mut trace = BufReader::with_capacity(1 << 16, File::open(&path).expect("the pipe"));
         let (mut observer, mut line) = (Observer::new(rules), String::new());
         while trace.read_line(&mut line).is_ok_and(|count| count > 0) {
-            observer.take(line.trim_end());
+            observer.parse_line(line.trim_end());
             line.clear();
         }
         observer.end()
@@ -124,7 +124,7 @@ pub struct Observer {
     changes: VecDeque<String>,
     /// Whether the last of them was the rate.
     ramp: bool,
-    seen: Seen,
+    seen: ObservedPins,
 }
 
 impl Observer {
@@ -149,12 +149,12 @@ impl Observer {
             moved_ms: 0.0,
             changes: VecDeque::new(),
             ramp: false,
-            seen: Seen::default(),
+            seen: ObservedPins::default(),
         }
     }
 
     /// Parses a line of the trace.
-    pub fn take(&mut self, line: &str) {
+    pub fn parse_line(&mut self, line: &str) {
         if let Some(declared) = line.strip_prefix("$var ") {
             let words: Vec<&str> = declared.split(' ').collect();
             if let [_, _, code, name, "$end"] = words[..] {
@@ -170,7 +170,7 @@ impl Observer {
                 self.signals.insert(code.to_owned(), signal);
             }
         } else if let Some(time) = line.strip_prefix('#') {
-            self.judge();
+            self.check_state();
             self.now_ms = time.parse::<f64>().unwrap_or(0.0) / 1e6;
         } else {
             let (value, code) = match line.split_once(' ') {
@@ -208,7 +208,7 @@ impl Observer {
             Signal::Line => self.line = number(),
             Signal::Place => {
                 if self.on {
-                    self.stood();
+                    self.check_standstill();
                 }
                 self.furthest = self.furthest.max(self.place);
                 (self.place, self.moved_ms) = (real(), self.now_ms);
@@ -223,7 +223,7 @@ impl Observer {
                     self.seen.ignitions += 1;
                     (self.ignited_ms, self.last_ms, self.moved_ms) = (Some(self.now_ms), self.now_ms, self.now_ms);
                 } else if !on && self.on {
-                    self.stood();
+                    self.check_standstill();
                     (self.ignited_ms, self.off_ms, self.rested) = (None, self.now_ms, self.rate == 0.0);
                 }
                 self.on = on;
@@ -241,7 +241,7 @@ impl Observer {
     }
 
     /// Checks that the cutter was not on for too long at the same place, or without a step, until now.
-    fn stood(&mut self) {
+    fn check_standstill(&mut self) {
         let Some(most) = self.rules.standing_ms else { return };
         let most = most + PERIODS_MS + if self.ignited_ms.is_some() { self.rules.ready_ms[1] } else { 0.0 };
         let (at_place, without_step) = (self.now_ms - self.moved_ms, self.now_ms - self.last_ms);
@@ -253,7 +253,7 @@ impl Observer {
     }
 
     /// Checks the state when all changes of a time are applied.
-    fn judge(&mut self) {
+    fn check_state(&mut self) {
         if !std::mem::take(&mut self.stepped) {
             return;
         }
@@ -270,7 +270,7 @@ impl Observer {
             return;
         }
         self.seen.steps_on += 1;
-        self.stood();
+        self.check_standstill();
         if let Some(at) = self.ignited_ms.take()
             && self.now_ms - at < self.rules.ready_ms[0]
         {
@@ -291,10 +291,10 @@ impl Observer {
 
     /// Ends the trace.
     #[must_use]
-    pub fn end(mut self) -> Seen {
-        self.judge();
+    pub fn end(mut self) -> ObservedPins {
+        self.check_state();
         if self.on {
-            self.stood();
+            self.check_standstill();
         }
         self.seen.on_at_end = self.on;
         self.seen
@@ -306,16 +306,16 @@ mod tests {
     use super::*;
 
     /// Line 2 is a cut; the torch is ready after 10 ms and may be at rest for 5.
-    fn seen(changes: &[(u64, &str)]) -> Seen {
+    fn seen(changes: &[(u64, &str)]) -> ObservedPins {
         let rules =
             Rules { fire: "spindle".into(), cut_lines: vec![2], ready_ms: [10.0, 30.0], standing_ms: Some(5.0) };
         let mut observer = Observer::new(rules);
         let declared = "$var wire 1 s step $end\n$var real 64 r rate $end\n$var integer 32 l line $end\n\
             $var real 64 p place $end\n$var integer 8 a alarm $end\n$var integer 32 f spindle $end";
-        declared.lines().for_each(|line| observer.take(line));
+        declared.lines().for_each(|line| observer.parse_line(line));
         for (ms, change) in changes {
-            observer.take(&format!("#{}", ms * 1_000_000));
-            change.split(';').for_each(|change| observer.take(change));
+            observer.parse_line(&format!("#{}", ms * 1_000_000));
+            change.split(';').for_each(|change| observer.parse_line(change));
         }
         observer.end()
     }

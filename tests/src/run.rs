@@ -1,6 +1,6 @@
 //! A `retrace run` with its complete output.
 
-use crate::command::{Bench, Said};
+use crate::command::{Bench, CommandOutput};
 use crate::limits::{Audit, Axis, audit};
 use crate::records::Records;
 use serde_json::Value;
@@ -11,7 +11,7 @@ use std::path::Path;
 #[derive(Debug)]
 pub struct Run {
     /// Output of the command.
-    pub said: Said,
+    pub output: CommandOutput,
     /// Its events, without the report.
     pub events: Vec<Value>,
     /// Its report.
@@ -43,7 +43,7 @@ impl Run {
         Self::parse(said, &text)
     }
 
-    fn said(bench: &Bench, program: &Path, more: &[&str], input: &[u8]) -> Said {
+    fn said(bench: &Bench, program: &Path, more: &[&str], input: &[u8]) -> CommandOutput {
         let records = bench.path("records.csv");
         let mut arguments = vec!["run".as_ref(), program.as_os_str(), "--json".as_ref()];
         arguments.extend(["--records".as_ref(), records.as_os_str()]);
@@ -51,16 +51,16 @@ impl Run {
         bench.retrace_reading(arguments, input)
     }
 
-    fn parse(said: Said, records: &str) -> Self {
-        let mut events: Vec<Value> = said
+    fn parse(output: CommandOutput, records: &str) -> Self {
+        let mut events: Vec<Value> = output
             .out
             .lines()
-            .map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line:?}\n{}", said.err)))
+            .map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line:?}\n{}", output.err)))
             .collect();
         let report = events.pop().filter(|last| last["event"] == "report");
-        let report = report.unwrap_or_else(|| panic!("the last line is a report\n{}\n{}", said.out, said.err));
+        let report = report.unwrap_or_else(|| panic!("the last line is a report\n{}\n{}", output.out, output.err));
         let records = Records::parse(records).expect("well-formed records");
-        Self { said, events, report, records }
+        Self { output, events, report, records }
     }
 
     /// The pulse counts of the card, axis by axis.
@@ -119,7 +119,7 @@ impl Run {
     /// Where a part of it does not hold.
     pub fn assert_exact_and_legal(&self) {
         let report = &self.report;
-        assert_eq!((self.said.code, report["outcome"].as_str()), (Some(0), Some("completed")), "{}", self.said.err);
+        assert_eq!((self.output.code, report["outcome"].as_str()), (Some(0), Some("completed")), "{}", self.output.err);
         assert_eq!(report["exit_code"], 0);
         assert_eq!(self.counts(), self.commanded(), "position and command differ: {report}");
         self.assert_consistent();

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 /// Faults of a sender: where it cuts a connection, how it stalls.
 #[derive(Clone, Debug, Default)]
-pub struct Trouble {
+pub struct SenderFaults {
     /// Number of bytes after which the connection is cut: the first connection after the first number, and so on.
     pub cuts: Vec<usize>,
     /// Whether the sender is absent for a while after a cut.
@@ -22,9 +22,9 @@ pub struct Trouble {
 
 /// Pseudo-random numbers that depend on a seed (xorshift).
 #[derive(Clone, Debug)]
-pub struct Chance(u64);
+pub struct TestRandom(u64);
 
-impl Chance {
+impl TestRandom {
     /// Numbers that depend on the seed alone.
     #[must_use]
     pub fn new(seed: u64) -> Self {
@@ -43,11 +43,12 @@ impl Chance {
     }
 }
 
-impl Trouble {
+impl SenderFaults {
     /// Up to `count` cuts and stalls of up to `ms` ms each, anywhere in a program of `length` bytes.
     #[must_use]
-    pub fn anywhere(chance: &mut Chance, length: usize, cuts: usize, stalls: usize, max_ms: usize) -> Self {
-        let stall = |chance: &mut Chance| (chance.below(length), Duration::from_millis(chance.below(max_ms) as u64));
+    pub fn anywhere(chance: &mut TestRandom, length: usize, cuts: usize, stalls: usize, max_ms: usize) -> Self {
+        let stall =
+            |chance: &mut TestRandom| (chance.below(length), Duration::from_millis(chance.below(max_ms) as u64));
         Self {
             cuts: (0..cuts).map(|_| chance.below(length)).collect(),
             goes_away: true,
@@ -61,15 +62,15 @@ impl Trouble {
 /// # Panics
 /// Where the system has no port.
 #[must_use]
-pub fn send(text: Arc<Vec<u8>>, trouble: Trouble) -> String {
+pub fn send(text: Arc<Vec<u8>>, trouble: SenderFaults) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("bound");
     thread::spawn(move || serve(listener, address, &text, trouble));
     format!("tcp://{address}")
 }
 
-fn serve(mut listener: TcpListener, address: SocketAddr, text: &[u8], trouble: Trouble) {
-    let Trouble { cuts, goes_away, mut stalls } = trouble;
+fn serve(mut listener: TcpListener, address: SocketAddr, text: &[u8], trouble: SenderFaults) {
+    let SenderFaults { cuts, goes_away, mut stalls } = trouble;
     stalls.sort_by_key(|&(at, _)| std::cmp::Reverse(at));
     let whole = [text.len()];
     for &end in cuts.iter().chain(&whole) {

@@ -7,18 +7,18 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 
 use serde_json::Value;
 
-use crate::command::{Bench, Said, binary};
+use crate::command::{Bench, CommandOutput, binary};
 
 /// A card being served.
 #[derive(Debug)]
-pub struct Served {
+pub struct ServedCard {
     child: Child,
     out: BufReader<ChildStdout>,
     /// The pseudo-terminal that hosts open.
     pub port: String,
 }
 
-impl Served {
+impl ServedCard {
     /// Serves a card with these additional arguments.
     ///
     /// # Panics
@@ -41,7 +41,7 @@ impl Served {
     /// # Panics
     /// Where no card answers.
     #[must_use]
-    pub fn who(&self, bench: &Bench) -> Value {
+    pub fn identify(&self, bench: &Bench) -> Value {
         let said = bench.retrace(["card", "identify", &self.port, "--json"]);
         assert_eq!(said.code, Some(0), "{}", said.err);
         serde_json::from_str(&said.out).expect("one JSON object")
@@ -49,13 +49,13 @@ impl Served {
 
     /// Runs a program on it, with a watchdog that tolerates a computer under load: the watchdog is tested elsewhere.
     #[must_use]
-    pub fn run(&self, bench: &Bench, program: &str) -> Said {
+    pub fn run(&self, bench: &Bench, program: &str) -> CommandOutput {
         self.run_with(bench, program, &[])
     }
 
     /// Runs a program on it with further arguments.
     #[must_use]
-    pub fn run_with(&self, bench: &Bench, program: &str, arguments: &[&str]) -> Said {
+    pub fn run_with(&self, bench: &Bench, program: &str, arguments: &[&str]) -> CommandOutput {
         bench.file("patient.toml", "[card]\nwatchdog_ms = 2000\n");
         let usual = ["run", program, "--card", &self.port, "--machine", "patient.toml", "--json"];
         bench.retrace(usual.iter().chain(arguments))
@@ -65,7 +65,7 @@ impl Served {
     ///
     /// # Panics
     /// Where it has ended.
-    pub fn by_hand(&mut self, line: &str) {
+    pub fn operate(&mut self, line: &str) {
         let input = self.child.stdin.as_mut().expect("a pipe");
         writeln!(input, "{line}").expect("it listens");
     }
@@ -75,7 +75,7 @@ impl Served {
     /// # Panics
     /// Where that is not JSON.
     #[must_use]
-    pub fn told(mut self) -> Value {
+    pub fn end(mut self) -> Value {
         drop(self.child.stdin.take());
         let mut text = String::new();
         self.out.read_to_string(&mut text).expect("text");
@@ -83,7 +83,7 @@ impl Served {
     }
 }
 
-impl Drop for Served {
+impl Drop for ServedCard {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();

@@ -16,7 +16,7 @@ use vt100::Parser;
 use crate::command::binary;
 
 /// Longest time until a text appears.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TEXT_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A terminal with the command in it.
 pub struct Terminal {
@@ -122,22 +122,22 @@ impl Terminal {
     ///
     /// # Panics
     /// Where they do not appear.
-    pub fn until(&self, words: &str) -> String {
-        self.until_that(words, |text| text.contains(words))
+    pub fn wait_for_text(&self, words: &str) -> String {
+        self.wait_until(words, |text| text.contains(words))
     }
 
     /// Waits until the text on it satisfies `is_so`.
     ///
     /// # Panics
     /// Where it does not.
-    pub fn until_that(&self, what: &str, is_so: impl Fn(&str) -> bool) -> String {
+    pub fn wait_until(&self, what: &str, is_so: impl Fn(&str) -> bool) -> String {
         let started = Instant::now();
         loop {
             let text = self.text();
             if is_so(&text) {
                 return text;
             }
-            assert!(started.elapsed() < PATIENCE, "`{what}` did not come:\n{text}");
+            assert!(started.elapsed() < TEXT_TIMEOUT, "`{what}` did not come:\n{text}");
             sleep(Duration::from_millis(10));
         }
     }
@@ -156,9 +156,9 @@ impl Terminal {
     ///
     /// # Panics
     /// Where it does not end.
-    pub fn ended(&mut self) -> Option<i32> {
+    pub fn wait_for_end(&mut self) -> Option<i32> {
         let started = Instant::now();
-        while started.elapsed() < PATIENCE {
+        while started.elapsed() < TEXT_TIMEOUT {
             if let Some(status) = self.child.try_wait().expect("a child") {
                 return status.code();
             }

@@ -48,14 +48,14 @@ fn read(path: &Path) -> Switched {
     let mut trace = BufReader::with_capacity(1 << 16, File::open(path).expect("the pipe"));
     let (mut names, mut switched, mut line) = (HashMap::new(), Switched::default(), Vec::new());
     while trace.read_until(b'\n', &mut line).is_ok_and(|count| count > 0) {
-        take(line.trim_ascii_end(), &mut names, &mut switched);
+        parse_line(line.trim_ascii_end(), &mut names, &mut switched);
         line.clear();
     }
     switched
 }
 
 /// Parses a line: a declaration, or a change of a value.
-fn take(line: &[u8], names: &mut HashMap<Vec<u8>, String>, switched: &mut Switched) {
+fn parse_line(line: &[u8], names: &mut HashMap<Vec<u8>, String>, switched: &mut Switched) {
     match line {
         [b'$', ..] => {
             let words: Vec<&str> = std::str::from_utf8(line).unwrap_or_default().split(' ').collect();
@@ -95,7 +95,7 @@ mod tests {
         let (mut names, mut switched) = (HashMap::new(), Switched::default());
         let text = "$scope module x $end\n$var wire 1 ! step $end\n$var integer 32 \" executed $end\n$var wire 1 # out7 $end\n\
             $var integer 32 $ line $end\n#0\n0!\n0#\nb0 \"\n#5\n1!\nb11 $\nb10 \"\n1#\n0#\n";
-        text.lines().for_each(|line| take(line.as_bytes(), &mut names, &mut switched));
+        text.lines().for_each(|line| parse_line(line.as_bytes(), &mut names, &mut switched));
         let outputs = [("out7", true), ("out7", false)].map(|(name, on)| (name.to_owned(), on)).to_vec();
         assert_eq!(switched, Switched { executed: vec![0, 2], outputs });
     }

@@ -1,20 +1,20 @@
-//! Programs that nobody wrote: whatever valid blocks stand in a row, the end is exact and no limit is broken.
+//! Generated programs: for any sequence of valid blocks, the end is exact and no limit is exceeded.
 
 use proptest::prelude::*;
 use retrace_tests::command::Bench;
 use retrace_tests::run::Run;
 use std::fmt::Write;
 
-/// One block, before it is known where it begins.
+/// One block, before its start is known.
 #[derive(Clone, Debug)]
 enum Block {
     /// A straight move in mm, by a rapid or at a feed in mm/min.
     Line { to: [f64; 3], feed: Option<u32> },
-    /// An arc in XY, its radius so much more than the least.
+    /// An arc in XY, its radius above the smallest one by `excess`.
     Arc { to: [f64; 2], excess: f64, is_clockwise: bool, is_long: bool, feed: u32 },
-    /// A circle or helix about a centre beside the tool.
+    /// A circle or helix about a centre off the tool.
     Circle { centre: [f64; 2], climb: f64, is_clockwise: bool, feed: u32 },
-    /// Something that is no motion.
+    /// A block without motion.
     Other(&'static str),
 }
 
@@ -38,7 +38,7 @@ fn blocks() -> impl Strategy<Value = Block> {
     ]
 }
 
-/// The program's text; every move is relative, so that no arc's radii can disagree.
+/// Text of the program; every move is relative, so that no arc's radii can disagree.
 fn written(blocks: &[Block]) -> String {
     let mut text = String::from("G21 G91 G17 G91.1\n");
     for block in blocks {
@@ -66,7 +66,7 @@ proptest! {
     #![proptest_config(ProptestConfig {
         cases: retrace_tests::command::cases(24),
         max_shrink_iters: 60,
-        // Nothing is written into the tree.
+        // No file is written into the source tree.
         failure_persistence: None,
         ..ProptestConfig::default()
     })]

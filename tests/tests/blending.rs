@@ -1,10 +1,10 @@
-//! Blending as programs and machine files ask for it: G64 P Q, and the source's glide.
+//! Blending as requested by programs and machine files: G64 P Q, and the source's glide.
 
 use retrace_tests::command::Bench;
 use retrace_tests::run::Run;
 use std::fmt::Write;
 
-/// Chords around a circle of 20 mm, then a zigzag with corners; and the points that it goes through.
+/// Chords around a circle of 20 mm, then a zigzag with corners; and the points that it passes.
 fn program(path_control: &str) -> (String, Vec<[f64; 2]>) {
     let around = (0..=180).map(|k| (f64::from(k) * 0.02).sin_cos()).map(|(sin, cos)| [20.0 * cos - 20.0, 20.0 * sin]);
     let zigzag = (1..=8).map(|k| [-20.0 - 3.0 * f64::from(k), if k % 2 == 0 { -2.0 } else { 4.0 }]);
@@ -46,7 +46,7 @@ fn run(path_control: &str, machine: &str) -> (Run, f64) {
     (run, farthest)
 }
 
-/// Whatever Q is, what is emitted stays within P of the program; Q decides how far off the merged lines may be.
+/// For any Q, the emitted positions are within P of the program; Q limits the distance of the merged lines.
 #[test]
 fn the_path_stays_within_p_whatever_q_is() {
     let records: Vec<_> = ["G64 P0.1", "G64 P0.1 Q0", "G64 P0.1 Q0.02", "G64 P0.1 Q0.5"]

@@ -1,8 +1,8 @@
-//! `retrace check` tells before a run what the run will come to.
+//! `retrace check` predicts the outcome of a run.
 
 use retrace_tests::command::Bench;
 use retrace_tests::programs::examples;
-use retrace_tests::served::Served;
+use retrace_tests::served::ServedCard;
 use retrace_tests::terminal::Terminal;
 use serde_json::Value;
 
@@ -77,7 +77,7 @@ fn extents_room_tools_ranges_and_barriers_are_told_in_both_forms() {
 fn lengths_pierces_time_per_tool_and_feeds_beyond_the_machine_are_told() {
     let bench = Bench::new();
     bench.file("m.toml", "cutting_outputs = [3]\n");
-    // 10 mm of rapid, 30 mm and a half circle of 10 mm radius of feed; the output goes on twice
+    // 10 mm of rapid, 30 mm and a half circle of 10 mm radius of feed; the output is switched on twice
     let program = "G21 G90\nT1 M6\nG0 X10\nM64 P3\nG1 X30 F600\nG3 X10 I-10 J0 F9000\nM65 P3\nT2 M6\nM64 P3\nM64 P3\nG1 X20\nM65 P3\nM2\n";
     bench.file("p.ngc", program);
     let said = bench.retrace(["check", "p.ngc", "--machine", "m.toml", "--json"]);
@@ -153,7 +153,7 @@ fn a_production_loop_is_a_warning_of_check_and_a_fault_in_a_loop_comes_first() {
     assert!(said.code == Some(0) && said.err.contains("W1004"), "{}", said.err);
     assert!(said.err.contains("checking stopped here after 20000 blocks"), "{}", said.err);
     assert!(!said.err.contains("W1001"), "{}", said.err);
-    // Its own two million blocks are not gone through where a line is wrong.
+    // Its own two million blocks are not executed where a line is wrong.
     bench.file("f.ngc", "O1 while [1]\nG0 X1\nG0 X0\nG0 Y1 Y2\nO1 endwhile\nM2\n");
     let said = bench.retrace(["check", "f.ngc"]);
     assert!(said.code == Some(1) && said.err.contains("E1407") && !said.err.contains("W1004"), "{}", said.err);
@@ -229,8 +229,8 @@ fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
     assert!(lines[1].starts_with("warning[W2116]: m.toml: axis y needs up to 260000 pulses"), "{}", said.err);
     assert!(lines[2].starts_with("warning[W2116]: m.toml: axis z needs up to 3000000 pulses"), "{}", said.err);
     assert_eq!(lines[3], "m.toml: 3 warnings");
-    // The same against a card: what its clock and its pulses leave, and its own bound.
-    let served = Served::with(&[]);
+    // The same against a card: the limits of its clock and pulses, and its own bound.
+    let served = ServedCard::with(&[]);
     let said = bench.retrace(["machine", "check", "m.toml", "--card", &served.port]);
     assert_eq!(said.code, Some(2), "{}", said.err);
     let errors: Vec<&str> = said.err.lines().filter(|line| line.starts_with("error[E3008]: m.toml, ")).collect();
@@ -249,15 +249,15 @@ fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
     assert_ne!(run.code, Some(0), "{}", run.err);
 }
 
-/// At a terminal a check that takes long shows how far it is; Ctrl-C ends it at once.
+/// At a terminal a check that takes long shows its progress; Ctrl-C ends it at once.
 #[test]
 fn a_long_check_shows_its_lines_and_can_be_interrupted() {
     let bench = Bench::new();
     let program = "#1=0\nWHILE [#1 LT 1] DO1\nG0 X1\nG0 X0\nEND1\nM2\n";
     let program = bench.file("endless.ngc", program).to_string_lossy().into_owned();
     let mut terminal = Terminal::running(&["check", &program, "--max-loop-blocks", "2000000000"], 100, 20);
-    terminal.until("blocks in loops and calls");
-    terminal.until("of 6");
+    terminal.wait_for_text("blocks in loops and calls");
+    terminal.wait_for_text("of 6");
     terminal.keys("\u{3}");
-    assert_ne!(terminal.ended(), Some(0));
+    assert_ne!(terminal.wait_for_end(), Some(0));
 }

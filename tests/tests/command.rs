@@ -76,7 +76,7 @@ fn canon_equals_rs274_where_that_is_installed() {
     for program in examples() {
         let text = std::fs::read_to_string(&program).expect("an example");
         if text.contains("CYCLE") {
-            // The peer knows no cycles of this kind.
+            // The peer does not have cycles of this kind.
             continue;
         }
         let output = std::process::Command::new("rs274")
@@ -143,7 +143,7 @@ fn a_profile_is_drawn_of_a_range_of_program_lines() {
         let said = bench.retrace([&["plot", "p.ngc", "--profile", "-o", "p.svg"][..], more].concat());
         (said, std::fs::read_to_string(bench.path("p.svg")).unwrap_or_default())
     };
-    // The summary begins with how long the stretch is.
+    // The summary begins with the duration.
     let seconds = |svg: &str| -> f64 {
         let (before, _) = svg.split_once(" s in periods of").expect("a summary");
         before
@@ -158,7 +158,7 @@ fn a_profile_is_drawn_of_a_range_of_program_lines() {
     assert!(middle.contains("p.ngc, lines 3 to 4"), "the title names the range");
     let parts = [draw(&["--to", "2"]).1, middle, draw(&["--from", "5"]).1].map(|svg| seconds(&svg));
     assert!(parts.iter().all(|&part| part > 0.2 && part < all), "{parts:?} of {all}");
-    // They are all of the motion, but for the dwell of a second; a passage between two lines belongs to both of them.
+    // They are all of the motion, except the dwell of a second; a blend between two lines belongs to both of them.
     assert!((parts.iter().sum::<f64>() + 1.0 - all).abs() < 0.05, "{parts:?} of {all}");
     std::fs::remove_file(bench.path("p.svg")).expect("a drawing");
     for (wrong, part) in [

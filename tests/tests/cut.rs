@@ -1,5 +1,5 @@
-//! The journal of a job that was left in a blend, in a loop, while going back and while arriving as a stream, cut at every write and at
-//! every byte of its last records: what is left is taken up and comes to the exact end, or it is refused with the reason.
+//! The journal of a job that ended in a blend, in a loop, while going back and while streaming, cut at every write and
+//! at every byte of its last records: the rest is resumed and reaches the exact end, or it is refused with the reason.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -8,21 +8,21 @@ use std::path::{Path, PathBuf};
 use retrace_tests::command::{Bench, cases};
 use serde_json::Value;
 
-/// Blends, a loop in a subprogram, codes with a duration and in passing.
+/// Blends, a loop in a subprogram, codes with a duration and synchronous ones.
 const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.5\nM3 S1000\nG1 X10\nM62 P10\nX12 Y5\nX5 Y9\nM63 P10\nO100 sub\nO101 repeat [3]\nG91\nM62 P12\nG1 X3 Y1\n\
     X-3 Y2 Z-0.5\nM63 P12\nX1\nG90\nO101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X6 Y-4\nG3 X12 Y2 I0 J6\nM9\nG1 X0 Y0 Z0\nX11.111 Y7.007 Z-3.3\nM5\nM2\n";
-/// Where it ends, in pulses.
+/// Its end, in pulses.
 const END: [i64; 3] = [11_111, 7_007, -3_300];
 
-/// A job that was left, and its journal.
-struct Left {
+/// A job that did not reach its end, and its journal.
+struct InterruptedJob {
     bench: Bench,
     folder: PathBuf,
     journal: Vec<u8>,
 }
 
-/// Runs the program until the operator stops it; the journal must say that of where.
-fn left(program: &str, operator: &str, stood: &str) -> Left {
+/// Runs the program until the operator stops it; the journal must record where.
+fn interrupted_job(program: &str, operator: &str, stood: &str) -> InterruptedJob {
     let bench = Bench::new();
     bench.file("part.ngc", PROGRAM);
     bench.file("stop.op", operator);
@@ -36,11 +36,11 @@ fn left(program: &str, operator: &str, stood: &str) -> Left {
     let text = String::from_utf8_lossy(&journal).into_owned();
     let last = text.lines().rev().find(|line| line.contains("{\"position\":")).expect("a place");
     assert!(last.contains(stood), "{stood}: {last}");
-    Left { bench, folder, journal }
+    InterruptedJob { bench, folder, journal }
 }
 
-/// The lengths that the journal is cut to: the end of every line, every byte of the last two before the one that says how the job ended,
-/// which a job that was killed does not have, and some of that one. As many of them as are wanted, evenly.
+/// Lengths to which the journal is cut: the end of every line, every byte of the last two before the one with the
+/// outcome of the job, which a killed job does not have, and some of that one. `wanted` of them, evenly distributed.
 fn cuts(journal: &[u8], wanted: usize) -> Vec<usize> {
     let ends: Vec<usize> = (0..journal.len()).filter(|&at| journal[at] == b'\n').map(|at| at + 1).collect();
     let last = ends.len() - 1;
@@ -53,9 +53,9 @@ fn cuts(journal: &[u8], wanted: usize) -> Vec<usize> {
     all.into_iter().rev().step_by(every).collect()
 }
 
-impl Left {
-    /// Takes up what is left of the job after its journal was cut to this length: what came of it.
-    fn taken_up(&self, length: usize) -> String {
+impl InterruptedJob {
+    /// Resumes the job after its journal was cut to this length; returns the result.
+    fn resume_after_cut(&self, length: usize) -> String {
         let jobs = self.bench.path("cut");
         let _ = fs::remove_dir_all(&jobs);
         copy(&self.folder, &jobs.join(self.folder.file_name().expect("a name")), &self.journal[..length]);
@@ -77,7 +77,7 @@ impl Left {
         let number = ["E2204", "E2209"].into_iter().find(|number| said.err.contains(number));
         let number = number.unwrap_or_else(|| panic!("{told}"));
         assert!(said.code == Some(2) && said.err.contains("help:"), "{told}");
-        // only what never began has nothing to take up
+        // only a job that never began cannot be resumed
         let begins = self.journal.iter().position(|&byte| byte == b'\n').map_or(0, |at| at + 1);
         assert!(length < begins, "{told}");
         format!("refused with {number}")
@@ -87,7 +87,7 @@ impl Left {
     fn cut_everywhere(&self, name: &str) {
         let mut counted: BTreeMap<String, u32> = BTreeMap::new();
         for length in cuts(&self.journal, cases(6) as usize) {
-            *counted.entry(self.taken_up(length)).or_default() += 1;
+            *counted.entry(self.resume_after_cut(length)).or_default() += 1;
         }
         println!("{name}: {} bytes, {counted:?}", self.journal.len());
         assert!(counted.contains_key("completed") || counted.contains_key("completed, sent again"), "{counted:?}");
@@ -98,7 +98,7 @@ fn copy(from: &Path, to: &Path, journal: &[u8]) {
     fs::create_dir_all(to).expect("a folder");
     for file in fs::read_dir(from).expect("a job's folder") {
         let file = file.expect("a file");
-        // what the job left at its end was not there yet
+        // the output at the end of the job did not exist yet
         if file.file_name() != "report.json" {
             fs::copy(file.path(), to.join(file.file_name())).expect("a copy");
         }
@@ -108,30 +108,30 @@ fn copy(from: &Path, to: &Path, journal: &[u8]) {
 
 #[test]
 fn left_in_a_blend() {
-    left("part.ngc", "at 0.47s stop\n", "\"line\":7").cut_everywhere("blend");
+    interrupted_job("part.ngc", "at 0.47s stop\n", "\"line\":7").cut_everywhere("blend");
 }
 
 #[test]
 fn left_in_the_loop_of_a_subprogram() {
-    left("part.ngc", "at 1.2s stop\n", "\"line\":1").cut_everywhere("loop");
+    interrupted_job("part.ngc", "at 1.2s stop\n", "\"line\":1").cut_everywhere("loop");
 }
 
 #[test]
 fn left_while_going_back() {
-    left("part.ngc", "at 1s hold\nafter 0.2s reverse 100%\nafter 0.3s stop\n", "\"mode\":\"reverse\"")
+    interrupted_job("part.ngc", "at 1s hold\nafter 0.2s reverse 100%\nafter 0.3s stop\n", "\"mode\":\"reverse\"")
         .cut_everywhere("going back");
 }
 
 #[test]
 fn left_while_it_arrived() {
-    left("-", "at 1.2s stop\n", "\"line\":1").cut_everywhere("stream");
+    interrupted_job("-", "at 1.2s stop\n", "\"line\":1").cut_everywhere("stream");
 }
 
 #[test]
 fn a_job_that_never_began_is_refused() {
-    let left = left("part.ngc", "at 0.47s stop\n", "");
+    let left = interrupted_job("part.ngc", "at 0.47s stop\n", "");
     let begins = left.journal.iter().position(|&byte| byte == b'\n').expect("a line");
     for length in [0, 1, begins / 2, begins] {
-        assert!(left.taken_up(length).starts_with("refused"), "{length}");
+        assert!(left.resume_after_cut(length).starts_with("refused"), "{length}");
     }
 }

@@ -1,14 +1,14 @@
-//! What the cutter does at every stop and restart, at the pins of the card.
+//! The cutter at every stop and restart, at the pins of the card.
 //!
-//! Invariant: the outputs are judged by the trace of the card alone.
+//! Invariant: the outputs are checked by the trace of the card alone.
 
 use retrace_tests::command::Bench;
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
-use retrace_tests::served::Served;
+use retrace_tests::served::ServedCard;
 use serde_json::json;
 
-/// A small machine with a cutter on output `fire` (`spindle` for M3's) of this kind, and more of its file.
+/// A small machine with a cutter of this kind on output `fire` (`spindle` for M3's), and further text of its file.
 fn machine(cutter: &str, more: &str) -> String {
     let axis = |name: &str| {
         format!(
@@ -42,7 +42,7 @@ fn run(machine: &str, program: &str, script: &str, more: &[&str]) -> (Run, Vec<S
     (run, samples(&vcd))
 }
 
-/// For how long, at the most, an output was on without a break while the machine stood, in ms, and the program line of it.
+/// Longest time, in ms, that an output was on without a break while the machine was at rest, and its program line.
 fn max_standing_ms(samples: &[Sample], output: &str) -> (u64, u64) {
     let (mut longest, mut since, mut line) = (0, None, 0);
     for sample in samples {
@@ -114,7 +114,7 @@ fn a_hold_puts_out_a_torch_at_once_a_jet_after_its_grace_and_lets_a_spindle_turn
     jet.assert_exact_and_legal();
     let (standing, line) = max_standing_ms(&pins, "out3");
     assert!((499..=502).contains(&standing) && line == 5, "{standing} ms at line {line}");
-    // a hold that is shorter than the grace goes on without a restart
+    // a hold that is shorter than the grace resumes without a restart
     let short = "at line 5 override 100%\nafter 0.3s hold\nafter 0.4s resume\n";
     let (jet, _) = run(&machine(JET, ""), JET_PROGRAM, short, &[]);
     jet.assert_exact_and_legal();
@@ -157,7 +157,7 @@ fn every_other_stop_puts_the_torch_out_as_well() {
 fn a_script_that_waits_for_a_line_that_cannot_come_ends_the_job() {
     let program = TORCH_PROGRAM.replace("G1 X70", "G1 X40\nM0\nG1 X70");
     let (run, pins) = run(&machine(TORCH, ""), &program, "at line 6 recover\n", &[]);
-    assert_eq!((run.said.code, &run.report["outcome"]), (Some(4), &json!("stopped")));
+    assert_eq!((run.output.code, &run.report["outcome"]), (Some(4), &json!("stopped")));
     assert_off_at_the_end(&pins, "spindle");
 }
 
@@ -202,7 +202,7 @@ fn outputs_that_were_switched_by_hand_are_asked_about_at_every_restart() {
         let after = first_motion_ms(&pins, time_ms(asked) + 1);
         assert!(after >= restored, "it moved at {after} ms, before {restored} ms");
     }
-    // nobody answers: it does not go on
+    // without a confirmation it does not resume
     let (unanswered, pins) = run(&spindle, &program, &held.replace("after 1s agree\n", ""), &[]);
     assert_eq!(unanswered.report["outcome"], "stopped");
     let asked = time_ms(unanswered.of_kind("outputs_differ").next().expect("it asks"));
@@ -223,7 +223,7 @@ fn an_output_that_is_switched_back_while_its_instruction_runs_is_asked_about() {
 #[test]
 fn a_stop_while_the_cutter_is_started_again_leaves_no_motion_behind() {
     let script = "at line 5 override 100%\nafter 0.3s hold\nafter 2s recover\nafter 0.1s stop\n";
-    let (bench, card) = (Bench::new(), Served::with(&[]));
+    let (bench, card) = (Bench::new(), ServedCard::with(&[]));
     bench.file("part.ngc", JET_PROGRAM);
     bench.file("m.toml", machine(JET, ""));
     bench.file("s.op", script);
@@ -233,7 +233,7 @@ fn a_stop_while_the_cutter_is_started_again_leaves_no_motion_behind() {
     let report: serde_json::Value = serde_json::from_str(stopped.out.lines().last().expect("a report")).expect("JSON");
     // the pierce of 300 ms ends after the job has
     std::thread::sleep(std::time::Duration::from_millis(1000));
-    let told = card.told();
+    let told = card.end();
     assert_eq!(told["counts"][0], report["position_counts"]["x"], "it moved on behind the end: {told}");
 }
 
@@ -246,7 +246,7 @@ fn a_start_in_the_middle_brings_the_tool_up_first_and_lights_a_torch_at_the_cut(
     let (plasma, pins) = run(&machine(TORCH, ""), TORCH_PROGRAM, "", &["--start-line", "8"]);
     assert_eq!(plasma.report["outcome"], "completed");
     let on = pins.iter().find(|sample| sample.is_on("spindle")).expect("it is lit").at_us / 1000;
-    // the way to X100 has been made by then, and the pierce is waited for
+    // X100 has been reached by then, and the pierce is waited for
     let before: Vec<&Sample> = pins.iter().filter(|sample| sample.at_us / 1000 <= on && sample.rate != 0.0).collect();
     assert!(before.len() > 500, "it moves there dark");
     assert!(first_motion_ms(&pins, on) >= on + 400);
@@ -268,7 +268,7 @@ fn reverse_run_puts_the_cutter_out_and_the_end_of_it_lights_it_again() {
 
 #[test]
 fn replayed_outputs_go_back_and_forth_with_m64_and_never_light_the_cutter() {
-    // output 5 belongs to no cutter; the way back goes over everything
+    // output 5 belongs to no cutter; the way back covers everything
     let program =
         "G21 G90 F3000\nG1 X10\nM64 P5\nG1 X20\nM64 P3\nG1 X40\nM65 P3\nG1 X60\nM65 P5\nG1 X80\nG1 X100\nM2\n";
     let script = "at line 11 reverse 100%\nafter 4s leave\n";
@@ -444,14 +444,14 @@ fn a_spindle_that_is_switched_off_by_hand_in_the_cut_holds_the_program() {
     assert!(last_us - off_us < 300_000, "it feeds for {} us with the spindle off", last_us - off_us);
 }
 
-/// A block of a stream that would leave the soft limits ends the program in the cut: the jet goes off where it stands.
+/// A block of a stream that would leave the soft limits ends the program in the cut: the jet goes off at once.
 #[test]
 fn a_stream_that_is_refused_in_the_cut_leaves_the_cutter_off() {
     let bench = Bench::new();
     let (machine, vcd) = (bench.file("m.toml", machine(JET, "")).display().to_string(), bench.path("pins.vcd"));
     let program = b"G21 G90 F1800\nG0 X10\nM64 P3\nG1 X30\nG1 X9999\nM65 P3\nM2\n";
     let run = Run::of_input(&bench, program, &["--machine", &machine, "--vcd", &vcd.display().to_string()]);
-    assert!(run.said.code == Some(1) && run.said.err.contains("E4304"), "{}", run.said.err);
+    assert!(run.output.code == Some(1) && run.output.err.contains("E4304"), "{}", run.output.err);
     let samples = samples(&vcd);
     assert_off_at_the_end(&samples, "out3");
     let (standing, line) = max_standing_ms(&samples, "out3");
@@ -459,14 +459,14 @@ fn a_stream_that_is_refused_in_the_cut_leaves_the_cutter_off() {
     assert!(samples.iter().any(|sample| sample.line == 4 && sample.is_on("out3")));
 }
 
-/// From the pause to the kerf the jet is off, while a length is entered and on the way back by it.
+/// From the pause to the kerf the jet is off, while a length is entered and during the return with it.
 #[test]
 fn a_tool_length_in_a_pause_lights_nothing_before_the_kerf() {
     let script = "at line 5 override 100%\nafter 0.5s pause\nafter 1s jog z 5\nafter 0s tool length by 1.5\nafter 1s online\n\
         after 0s cycle start\nafter 3s recover\n";
     let (run, samples) = run(&machine(JET, ""), JET_PROGRAM, script, &[]);
-    assert_eq!(run.said.code, Some(0), "{}\n{}", run.said.err, run.said.out);
-    let at = |kind: &str| time_ms(run.of_kind(kind).next().unwrap_or_else(|| panic!("{kind}: {}", run.said.out)));
+    assert_eq!(run.output.code, Some(0), "{}\n{}", run.output.err, run.output.out);
+    let at = |kind: &str| time_ms(run.of_kind(kind).next().unwrap_or_else(|| panic!("{kind}: {}", run.output.out)));
     assert!(at("tool_length") > at("jogged") && at("arrived") > at("approaching"));
     let between = |sample: &&Sample| (at("jogged")..at("arrived")).contains(&(sample.at_us / 1000));
     assert!(samples.iter().filter(between).all(|sample| !sample.is_on("out3")));

@@ -1,13 +1,14 @@
-//! A program is paused, the tool taken away and brought back: the job ends where it would have ended, and no wrong step is taken.
+//! A program is paused, the tool moved away and back: the job reaches its regular end, and no step out of order is
+//! accepted.
 
 use retrace_tests::command::Bench;
 use retrace_tests::run::Run;
 
-/// A pocket's edge with the spindle on, arcs and corners, and output switching on the way.
+/// Edge of a pocket with the spindle on, arcs and corners, and outputs switched in motion.
 const EDGE: &str = "G21 G90 G17 G64 P0.05\nG0 Z5\nT1 M6\nS12000 M3\nG0 X10 Y10\nG1 Z-2 F600\nG1 X40 F1500\nG3 X50 Y20 J10 I0\n\
     G1 Y40\nM62 P3\nG1 X10\nG1 Y10\nM63 P3\nG0 Z5\nM5\nM2\n";
 
-/// The interface's own sequence.
+/// The sequence of the interface.
 const SEQUENCE: &str =
     "after 0s spindle stop\nafter 1s jog z 10\nafter 1s spindle start\nafter 1s online\nafter 0s cycle start\n";
 
@@ -28,10 +29,10 @@ fn refusals(run: &Run) -> Vec<String> {
 #[test]
 fn paused_anywhere_the_job_ends_at_the_counts_of_a_run_without_a_pause() {
     let plain = run(EDGE, "");
-    assert_eq!(plain.said.code, Some(0), "{}", plain.said.err);
+    assert_eq!(plain.output.code, Some(0), "{}", plain.output.err);
     for line in [2, 5, 6, 7, 8, 9, 11, 12] {
         let paused = run(EDGE, &format!("at line {line} pause\n{SEQUENCE}"));
-        assert_eq!(paused.said.code, Some(0), "line {line}: {}\n{}", paused.said.err, paused.said.out);
+        assert_eq!(paused.output.code, Some(0), "line {line}: {}\n{}", paused.output.err, paused.output.out);
         assert_eq!(paused.counts(), plain.counts(), "line {line}");
         assert_eq!(refusals(&paused).len(), if line < 5 { 2 } else { 0 }, "line {line}: {:?}", refusals(&paused));
         for kind in ["paused", "jogged", "online", "approaching", "arrived"] {
@@ -63,15 +64,27 @@ fn paused_while_retracing_and_at_a_program_stop_it_goes_on_where_it_was() {
     let plain = run(EDGE, "");
     let script = format!("at line 9 reverse 60%\nafter 1s pause\n{SEQUENCE}after 4s leave\n");
     let back = run(EDGE, &script);
-    assert_eq!((back.said.code, back.counts()), (Some(0), plain.counts()), "{}\n{}", back.said.err, back.said.out);
+    assert_eq!(
+        (back.output.code, back.counts()),
+        (Some(0), plain.counts()),
+        "{}\n{}",
+        back.output.err,
+        back.output.out
+    );
     assert!((count(&back, "arrived"), refusals(&back).len()) == (1, 0), "{:?}", refusals(&back));
     assert!(back.number("retrace_s") > 2.0, "{}", back.report);
 
     let stops = EDGE.replace("G1 Y40\n", "G1 Y40\nM0\n");
     let script = format!("at 6s pause\n{SEQUENCE}after 4s resume\n");
     let stop = run(&stops, &script);
-    assert_eq!((stop.said.code, stop.counts()), (Some(0), plain.counts()), "{}\n{}", stop.said.err, stop.said.out);
-    assert_eq!((count(&stop, "program_stop"), count(&stop, "arrived")), (1, 1), "{}", stop.said.out);
+    assert_eq!(
+        (stop.output.code, stop.counts()),
+        (Some(0), plain.counts()),
+        "{}\n{}",
+        stop.output.err,
+        stop.output.out
+    );
+    assert_eq!((count(&stop, "program_stop"), count(&stop, "arrived")), (1, 1), "{}", stop.output.out);
 }
 
 #[test]
@@ -81,12 +94,12 @@ fn a_pause_on_the_way_back_stops_the_axes_and_keeps_the_breakpoint() {
         after 0s cycle start\nafter 0.4s spindle stop\nafter 0s pause\nafter 1s cycle start\nafter 0s spindle stop\nafter 0s spindle start\n\
         after 0s online\nafter 0s cycle start\n";
     let run = run(EDGE, script);
-    assert_eq!((run.said.code, run.counts()), (Some(0), plain.counts()), "{}\n{}", run.said.err, run.said.out);
+    assert_eq!((run.output.code, run.counts()), (Some(0), plain.counts()), "{}\n{}", run.output.err, run.output.out);
     assert_eq!(
         (count(&run, "paused"), count(&run, "approaching"), count(&run, "arrived")),
         (2, 2, 1),
         "{}",
-        run.said.out
+        run.output.out
     );
     let refusals = refusals(&run);
     assert!(
@@ -103,7 +116,7 @@ fn a_jog_is_cut_short_at_the_soft_limit_and_said() {
         (jogged.len(), &jogged[0]["cut_short"], &jogged[0]["mm"]),
         (1, &true.into(), &2002.0.into()),
         "{}",
-        run.said.out
+        run.output.out
     );
     let why = refusals(&run);
     assert!(why[0].contains("axis Z would go beyond") && why[1].contains("no axis A"), "{why:?}");
@@ -115,7 +128,7 @@ fn another_program_in_the_place_of_the_first_is_refused() {
     let bench = Bench::new();
     let program = bench.file("edge.ngc", EDGE);
     let script = bench.file("dnc.op", format!("at line 7 pause\nafter 7s hold\n{SEQUENCE}after 2s stop\n"));
-    // It is replaced while it is paused: in wall time that is long.
+    // It is replaced during the pause, which is long in wall time.
     let replace = std::thread::spawn({
         let program = program.clone();
         move || {
@@ -125,6 +138,11 @@ fn another_program_in_the_place_of_the_first_is_refused() {
     });
     let run = Run::of(&bench, &program, &["--realtime", "--no-tui", "--operator", &script.to_string_lossy()]);
     replace.join().expect("replaced");
-    assert!(refusals(&run).iter().any(|why| why.contains("another program")), "{:?}\n{}", refusals(&run), run.said.out);
-    assert_eq!((run.said.code, count(&run, "arrived")), (Some(4), 0), "{}", run.said.err);
+    assert!(
+        refusals(&run).iter().any(|why| why.contains("another program")),
+        "{:?}\n{}",
+        refusals(&run),
+        run.output.out
+    );
+    assert_eq!((run.output.code, count(&run, "arrived")), (Some(4), 0), "{}", run.output.err);
 }

@@ -1,4 +1,5 @@
-//! Drip feed from a socket that stalls, is cut and comes again: bounded memory, exact counts, and a stop on the path when it dries up.
+//! Drip feed from a socket that stalls, is cut and reconnected: bounded memory, exact counts, and a stop on the path
+//! when no data arrive.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -9,10 +10,10 @@ use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, binary, cases};
 use retrace_tests::run::Run;
-use retrace_tests::sender::{Chance, Trouble, send};
+use retrace_tests::sender::{SenderFaults, TestRandom, send};
 use serde_json::Value;
 
-/// How long a run may take; one of a million lines in the tests' own profile on a busy machine.
+/// Longest duration of a run; one of a million lines in the tests' own profile on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(900);
 
 /// The most memory that a run may have taken, in MiB (DNC campaign): 27.5 of them are half an hour's history.
@@ -23,7 +24,8 @@ fn seed() -> u64 {
     std::env::var("RETRACE_FIRST_SEED").ok().and_then(|text| text.parse().ok()).unwrap_or(1)
 }
 
-/// A program of so many lines, most of them 0.2 mm long at 100 mm/s, on a curve, with switching, dwells and corners now and then.
+/// A program of `lines` lines, most of them 0.2 mm long at 100 mm/s, on a curve, with some switching, dwells and
+/// corners.
 fn long_program(lines: u32) -> Vec<u8> {
     let mut text = String::from("%\nG21 G90 G17 G64 P0.01\nS9000 M3\nF6000\nG0 X100 Y0\n");
     for k in 1..lines {
@@ -40,7 +42,7 @@ fn long_program(lines: u32) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Runs the command to its end: its report, and what was told of pauses on the way.
+/// Runs the command to its end; returns its report, and the reported pauses.
 fn run(bench: &Bench, program: &str, more: &[&str]) -> (Value, Vec<Value>) {
     let (out, err) = (bench.path("out.jsonl"), bench.path("err.txt"));
     let file = |path: &Path| std::fs::File::create(path).expect("a file of the test");
@@ -73,15 +75,16 @@ fn run(bench: &Bench, program: &str, more: &[&str]) -> (Value, Vec<Value>) {
     (report, told.filter(of_pauses).collect())
 }
 
-/// The same as a file and from a bad sender, with these arguments: ends at the same counts, in bounded memory.
+/// Runs the program as a file and from a bad sender, with these arguments: it ends at the same counts, in bounded
+/// memory.
 fn as_file_and_from_a_sender(bench: &Bench, lines: u32, arguments: &[&str]) -> Vec<Value> {
     let text = long_program(lines);
     let file = bench.file("long.ngc", &text);
     let (whole, _) = run(bench, &file.to_string_lossy(), &[]);
-    let mut chance = Chance::new(seed());
+    let mut chance = TestRandom::new(seed());
     let cuts = 3 + (lines / 50_000) as usize;
-    let mut trouble = Trouble::anywhere(&mut chance, text.len(), cuts, 4 * cuts, 250);
-    // behind the first line, which is how a program's last one looks
+    let mut trouble = SenderFaults::anywhere(&mut chance, text.len(), cuts, 4 * cuts, 250);
+    // behind the first line, which has the form of a program's last one
     trouble.cuts.insert(0, 2);
     let (sent, told) = run(bench, &send(Arc::new(text), trouble), arguments);
     for same in ["position_counts", "commanded_mm", "blocks", "canonical"] {
@@ -105,8 +108,8 @@ fn from_a_socket_that_stalls_and_is_cut_it_ends_as_from_a_file_in_bounded_memory
 #[test]
 fn paused_at_any_moment_it_is_taken_up_where_it_was_left_and_ends_at_the_same_counts() {
     let (bench, lines) = (Bench::new(), cases(20_000));
-    let mut chance = Chance::new(seed() ^ 0xD0C);
-    // two milliseconds a line
+    let mut chance = TestRandom::new(seed() ^ 0xD0C);
+    // two milliseconds per line
     let pauses = 4 + lines as usize / 20_000;
     let gap_ms = lines as usize * 3 / 2 / pauses;
     let mut script = String::new();
@@ -133,7 +136,7 @@ fn paused_at_any_moment_it_is_taken_up_where_it_was_left_and_ends_at_the_same_co
     }
 }
 
-/// Where a run's axes stood behind each record: of one at rate 1.
+/// Positions of the axes behind each record, in a run at rate 1.
 fn positions(run: &Run) -> Vec<[i64; 3]> {
     let mut at = [0; 3];
     let mut positions = vec![at];
@@ -155,8 +158,8 @@ fn when_the_feed_dries_up_the_machine_stops_on_the_path_and_goes_on_when_it_come
     }
     text.push_str("M2\n");
     let at = |line: &str| text.find(line).expect("a line of it");
-    // nothing for longer than what has come lasts, in the midst of a line and between two; then it is cut
-    let trouble = Trouble {
+    // no data for longer than the received part lasts, within a line and between two; then it is cut
+    let trouble = SenderFaults {
         cuts: vec![at("G1 X105.0") + 4],
         goes_away: true,
         stalls: vec![(at("G1 X60.0") + 4, Duration::from_secs(3)), (at("G1 X90.0"), Duration::from_millis(2500))],

@@ -1,10 +1,10 @@
-//! `retrace canon -`: a program that comes down standard input is decoded as it comes, in memory that does not grow with it.
+//! `retrace canon -`: a program on standard input is decoded as it arrives, in memory that does not grow with it.
 
 use retrace_tests::command::binary;
 use std::io::Write;
 use std::process::{Command, Stdio};
 
-/// Greatest resident memory, MiB, that the command has had once `bytes` have been fed to it, and the lines that were printed; the
+/// Largest resident memory, MiB, of the command once `bytes` have been fed to it, and the number of lines printed; the
 /// kernel's account is read while the command still waits for more.
 fn fed(bytes: usize) -> (Option<f64>, usize) {
     let mut command = Command::new(binary());

@@ -1,10 +1,10 @@
-//! Override above 100 %: planned from the first place on that the ring has no room for, below it at once.
+//! Override above 100 %: planned from the first place that the ring has no space for; below it, in force at once.
 
 use retrace_tests::command::{Bench, root};
 use retrace_tests::records::RATE_ONE;
 use retrace_tests::run::Run;
 
-/// A line of 300 mm at 10 mm/s, and a way back over a corner in blending.
+/// A line of 300 mm at 10 mm/s, and a return over a corner in blending.
 const LINE: &str = "G21 G90 G64 P0.02\nF600\nG1 X300\nY20\nX250 Y25\nM2\n";
 
 /// Runs `program` under `script`.
@@ -37,7 +37,7 @@ fn a_raised_override_acts_within_half_a_second_and_a_lowered_one_at_once() {
         (5.6, 15.0),
         (7.9, 15.0),
         (8.6, 20.0),
-        // The rate takes a tenth of a second; what it does is planned in its stead after half a second of what was planned.
+        // The rate takes a tenth of a second; the planned override replaces it after half a second of planned motion.
         (10.36, 12.0),
         (11.3, 12.0),
         (12.36, 6.0),
@@ -49,7 +49,8 @@ fn a_raised_override_acts_within_half_a_second_and_a_lowered_one_at_once() {
     }
     let planned: Vec<_> =
         run.of_kind("override_planned").map(|e| (e["percent"].as_f64(), e["period"].as_u64())).collect();
-    // Exactly the look-ahead, at rate 1; below it the place comes later, and the rate does meanwhile what is asked for.
+    // Exactly the look-ahead, at rate 1; below it the place is reached later, and the rate provides the request
+    // meanwhile.
     let expected = [(150.0, 5500), (200.0, 8500), (120.0, 10_834), (100.0, 13_000), (200.0, 14_600)];
     for ((percent, period), (wanted, latest)) in planned.iter().zip(expected) {
         assert_eq!(*percent, Some(wanted), "{planned:?}");
@@ -63,7 +64,7 @@ fn a_raised_override_acts_within_half_a_second_and_a_lowered_one_at_once() {
     );
 }
 
-/// However fast the planner is, the same records come out.
+/// For any speed of the planner, the records are equal.
 #[test]
 fn a_run_with_overrides_can_be_repeated_to_the_pulse() {
     let program = std::fs::read_to_string(root().join("examples/03-arcs.ngc")).expect("an example");

@@ -1,9 +1,9 @@
 //! `retrace home`, `jog` and `mdi`: a machine is set up from the shell, one task after the other.
 
-use retrace_tests::command::{Bench, Said};
+use retrace_tests::command::{Bench, CommandOutput};
 use serde_json::Value;
 
-fn counts(said: &Said) -> Vec<i64> {
+fn counts(said: &CommandOutput) -> Vec<i64> {
     let last = said.out.lines().last().unwrap_or_default();
     let report: Value = serde_json::from_str(last).unwrap_or_else(|_| panic!("no report: {}\n{}", said.out, said.err));
     ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64().expect("a count")).to_vec()
@@ -66,11 +66,11 @@ fn an_axis_without_a_switch_is_not_homed() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_served_card_is_homed_jogged_and_moved_by_a_block_and_keeps_its_position() {
-    use retrace_tests::served::Served;
+    use retrace_tests::served::ServedCard;
     let bench = Bench::new();
     let path = bench.file("mill.toml", format!("{HOMED}[card]\nwatchdog_ms = 2000\n"));
     let path = path.to_string_lossy().into_owned();
-    let served = Served::with(&["--machine", &path]);
+    let served = ServedCard::with(&["--machine", &path]);
     let said = |arguments: &[&str]| {
         let usual = ["--card", served.port.as_str(), "--machine", &path, "--json"];
         let said = bench.retrace(arguments.iter().chain(&usual));
@@ -78,7 +78,7 @@ fn a_served_card_is_homed_jogged_and_moved_by_a_block_and_keeps_its_position() {
         counts(&said)
     };
     let homed = said(&["home"]);
-    // The switch opens at its count; the axis rests a little beyond.
+    // The switch opens at its count; the axis comes to rest a little beyond.
     assert!((homed[0] - -2_500).abs() < 1_000 && (homed[2] - 20_000).abs() < 1_000 && homed[1] == 0, "{homed:?}");
     let jogged = said(&["jog", "x", "7.25"]);
     assert_eq!(jogged, [homed[0] + 7_250, 0, homed[2]]);
@@ -87,7 +87,7 @@ fn a_served_card_is_homed_jogged_and_moved_by_a_block_and_keeps_its_position() {
     assert_eq!(said(&["jog", "z", "-3"]), [10_000, 4_000, homed[2] - 3_000]);
 }
 
-/// The same, which has to be homed: all of its axes can be.
+/// The machine that has to be homed: all of its axes can be.
 fn unhomed() -> String {
     let y = "name = \"y\"\n";
     let at = HOMED.find(y).expect("axis y");
@@ -103,27 +103,27 @@ fn unhomed() -> String {
 #[cfg(target_os = "linux")]
 #[test]
 fn no_program_moves_a_machine_before_it_was_homed_since_its_card_was_switched_on() {
-    use retrace_tests::served::Served;
+    use retrace_tests::served::ServedCard;
     let bench = Bench::new();
     let path = bench.file("mill.toml", unhomed()).to_string_lossy().into_owned();
     bench.file("part.ngc", "G0 X5 Y5\nM2\n");
-    let said = |served: &Served, arguments: &[&str], file: &str| {
+    let said = |served: &ServedCard, arguments: &[&str], file: &str| {
         bench.retrace(arguments.iter().chain(&["--card", served.port.as_str(), "--machine", file, "--json"]))
     };
-    let refused = |served: &Served, arguments: &[&str], axes: &str| {
+    let refused = |served: &ServedCard, arguments: &[&str], axes: &str| {
         let said = said(served, arguments, &path);
         assert_eq!(said.code, Some(2), "{arguments:?}: {}\n{}", said.out, said.err);
         assert!(said.err.contains("E2162") && said.err.contains(axes), "{arguments:?}: {}", said.err);
         assert!(said.err.contains(&format!("retrace home --card {}", served.port)), "{}", said.err);
     };
-    let done = |served: &Served, arguments: &[&str], file: &str| {
+    let done = |served: &ServedCard, arguments: &[&str], file: &str| {
         let said = said(served, arguments, file);
         assert_eq!(said.code, Some(0), "{arguments:?}: {}\n{}", said.out, said.err);
     };
-    let served = Served::with(&["--machine", &path]);
+    let served = ServedCard::with(&["--machine", &path]);
     refused(&served, &["run", "part.ngc"], "axes Z, X, Y were");
     refused(&served, &["mdi", "G0 X1"], "axes Z, X, Y were");
-    // What moves nothing, and what moves by hand, is done all the same.
+    // Blocks without motion, and manual motion, are executed nevertheless.
     done(&served, &["mdi", "G10 L2 P1 X1"], &path);
     done(&served, &["jog", "x", "1"], &path);
     done(&served, &["home", "X"], &path);
@@ -133,7 +133,7 @@ fn no_program_moves_a_machine_before_it_was_homed_since_its_card_was_switched_on
     done(&served, &["mdi", "G0 X1"], &path);
     drop(served);
 
-    let again = Served::with(&["--machine", &path]);
+    let again = ServedCard::with(&["--machine", &path]);
     refused(&again, &["run", "part.ngc"], "axes Z, X, Y were");
     let allowing = bench.file("allowing.toml", format!("{}[manual]\nallow_unhomed = true\n", unhomed()));
     done(&again, &["run", "part.ngc"], &allowing.to_string_lossy());
@@ -151,14 +151,14 @@ fn a_written_machine_file_is_enough_to_home_and_to_run_on_the_simulated_card() {
         let home = bench.retrace(["home", "--machine", &file]);
         assert_eq!(home.code, Some(0), "{kind}: {}\n{}", home.out, home.err);
     }
-    // The torch is lit twice and put out: the arc comes each time, and goes.
+    // The torch is lit twice and switched off: the arc is established each time, and ends.
     bench.file("cut.ngc", "G0 X10 Y10 Z4\nM3 S1\nG1 X30 F3000\nM5\nG0 X40\nM3\nG1 X60\nM5\nM2\n");
     let run = bench.retrace(["run", "cut.ngc", "--machine", "plasma.toml", "--json"]);
     assert_eq!((run.code, counts(&run)), (Some(0), vec![9_600, 1_600, 2_560]), "{}\n{}", run.out, run.err);
     let plot = bench.retrace(["plot", "cut.ngc", "--machine", "plasma.toml", "--profile", "-o", "cut.svg"]);
     assert_eq!(plot.code, Some(0), "{}", plot.err);
 
-    // Where M5 waits until the same contact has opened, it does.
+    // Where M5 waits until the same contact has opened, it opens.
     let text = std::fs::read_to_string(bench.path("plasma.toml")).expect("written");
     let text = text.replace("[code.M5]\n", "[code.M5]\nwaits_for = { input = 5, active = false, timeout_ms = 500 }\n");
     bench.file("waits.toml", text);

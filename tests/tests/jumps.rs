@@ -1,9 +1,9 @@
 //! Subprograms, files, the branch table, cycles and user codes, through the command (PRE-1 … PRE-8).
 
-use retrace_tests::command::{Bench, Said};
+use retrace_tests::command::{Bench, CommandOutput};
 
 /// The lines of the canonical functions that move.
-fn moves(said: &Said) -> Vec<String> {
+fn moves(said: &CommandOutput) -> Vec<String> {
     assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
     let moves = said.out.lines().filter(|line| line.contains("STRAIGHT_") || line.contains("ARC_FEED"));
     moves.map(|line| line.get(13..).unwrap_or_default().to_owned()).collect()
@@ -161,7 +161,7 @@ fn a_run_logs_and_keeps_its_parameters_and_a_check_does_neither() {
     assert_eq!(std::fs::read_to_string(bench.path("out.txt")).expect("a log"), "forty is 12.500000\n");
     let kept = std::fs::read_to_string(bench.path("kept.var")).expect("parameters");
     assert!(kept.contains("40\t12.500000") && kept.contains("5161\t1.000000"), "{kept}");
-    // A program that does not come to its end leaves them as they were.
+    // A program that does not reach its end does not change them.
     bench.file("main.ngc", "G21\n#40 = 99\nG0 X1\nM2\n");
     bench.file("stop.op", "at 0s stop\n");
     let said = bench.retrace(["run", "main.ngc", "--params", "kept.var", "--operator", "stop.op"]);

@@ -1,5 +1,5 @@
-//! The host is killed at any moment of a job: taken up again, the job ends on the counts of a run without an interruption, with every
-//! instruction executed once, or it is refused with the reason. Never is there a silent difference.
+//! The host is killed at any moment of a job: resumed, the job ends on the counts of an uninterrupted run, with every
+//! instruction executed once, or it is refused with the reason. There is never a silent difference.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -9,29 +9,30 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use retrace_tests::command::{Bench, Said, cases};
-use retrace_tests::sender::Chance;
-use retrace_tests::served::Served;
+use retrace_tests::command::{Bench, CommandOutput, cases};
+use retrace_tests::sender::TestRandom;
+use retrace_tests::served::ServedCard;
 use retrace_tests::trace::{Switched, piped};
 use serde_json::Value;
 
-/// A straight run, blends, a loop in a subprogram, codes with a duration and in passing, a dwell, an arc.
+/// A straight run, blends, a loop in a subprogram, codes with a duration and synchronous ones, a dwell, an arc.
 const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.1\nM3 S1000\nG1 X20\nM62 P10\nX25 Y5\nX12 Y9\nM63 P10\nO100 sub\nO101 repeat [3]\nG91\nM62 P12\nG1 X3 Y1\n\
     M101\nX-3 Y2 Z-0.5\nM63 P12\nM102\nX1\nG90\nO101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X30 Y-4\nM64 P14\nG3 X36 Y2 I0 J6\nO100 call\n\
     M9\nM62 P11\nG1 X15 Y5 Z0\nX11.111 Y7.007 Z-3.3\nM65 P14\nM5\nM2\n";
-/// The time of codes, and a watchdog that forgives a computer under load.
+/// Duration of the codes, and a watchdog that tolerates a computer under load.
 const MACHINE: &str = "[card]\nwatchdog_ms = 2000\n[code.M3]\nduration_ms = 200\n[code.M8]\nduration_ms = 150\n[code.M101]\noutput = 20\n\
     class = \"synchronous\"\n[code.M102]\noutput = 20\noff = true\nduration_ms = 60\n";
-/// An operator who goes back and comes forward again, in a straight run and in the loop's second call.
+/// An operator who goes back and forward again, in a straight run and in the loop's second call.
 const OPERATOR: &str =
     "at 1s hold\nafter 0.2s reverse 100%\nafter 0.5s leave\nat 4s hold\nafter 0.1s reverse 60%\nafter 0.5s leave\n";
-/// Where the program ends, in pulses.
+/// End of the program, in pulses.
 const END: [i64; 3] = [11_111, 7_007, -3_300];
-/// So many times as fast as a clock the card's time passes: the host has the watchdog's 2 s in 0.4 s, and still keeps up.
+/// Factor of the card's time over wall time: the host has the watchdog's 2 s in 0.4 s, and still keeps up.
 const SPEED: &str = "5";
-/// So many hosts and cards at a time.
+/// Number of hosts and cards at a time.
 const AT_A_TIME: usize = 3;
-/// So often a job is taken up, at most, where it ends in an alarm: a computer under load may be silent for longer than the watchdog allows.
+/// Largest number of times that a job is resumed where it ends in an alarm: a computer under load may be silent for
+/// longer than the watchdog allows.
 const TRIES: u32 = 6;
 
 /// The seed of the campaign.
@@ -39,24 +40,24 @@ fn first_seed() -> u64 {
     std::env::var("RETRACE_FIRST_SEED").ok().and_then(|text| text.parse().ok()).unwrap_or(1)
 }
 
-/// How a job is begun.
+/// How a job is started.
 #[derive(Clone, Copy, Debug)]
 struct Kind {
     streamed: bool,
     operated: bool,
 }
 
-/// So many commands were killed while they ran.
+/// Number of commands that were killed while they ran.
 static KILLS: AtomicU32 = AtomicU32::new(0);
 
 /// A card, and a folder for the jobs on it.
-struct Place {
+struct JobPlace {
     bench: Bench,
-    card: Served,
+    card: ServedCard,
     reading: retrace_tests::trace::Reading,
 }
 
-impl Place {
+impl JobPlace {
     fn new() -> Self {
         let bench = Bench::new();
         bench.file("part.ngc", PROGRAM);
@@ -64,7 +65,7 @@ impl Place {
         bench.file("back.op", OPERATOR);
         let trace = bench.path("trace.vcd");
         let reading = piped(trace.clone());
-        let card = Served::with(&["--speed", SPEED, "--vcd", &trace.to_string_lossy()]);
+        let card = ServedCard::with(&["--speed", SPEED, "--vcd", &trace.to_string_lossy()]);
         Self { bench, card, reading }
     }
 
@@ -77,12 +78,12 @@ impl Place {
         run
     }
 
-    /// Begins the command and kills it after this time.
+    /// Starts the command and kills it after this time.
     fn killed(&self, arguments: &[&str], kind: Kind, after: Duration) {
         let input = || File::open(self.bench.path("part.ngc")).expect("the program");
         let input = if kind.streamed { input().into() } else { Stdio::null() };
         let begun = Instant::now();
-        let mut child = self.bench.begun(arguments, input, "killed.txt");
+        let mut child = self.bench.start(arguments, input, "killed.txt");
         thread::sleep(after.saturating_sub(begun.elapsed()));
         let had_ended = child.try_wait().expect("a child").is_some();
         KILLS.fetch_add(u32::from(!had_ended), Ordering::Relaxed);
@@ -90,8 +91,8 @@ impl Place {
         child.wait().expect("it ends");
     }
 
-    /// Cuts bytes off the last line of the journal, as a power cut may leave it: so many.
-    fn tear(&self, chance: &mut Chance) -> Option<usize> {
+    /// Cuts bytes off the last line of the journal, as a power failure may; returns their number.
+    fn tear(&self, chance: &mut TestRandom) -> Option<usize> {
         let mut jobs = fs::read_dir(self.bench.path("state/retrace/jobs")).ok()?;
         let journal = jobs.next()?.ok()?.path().join("journal");
         let bytes = fs::read(&journal).ok()?;
@@ -103,33 +104,33 @@ impl Place {
         Some(off)
     }
 
-    /// Ends the card: the counts that it reports, those at its step wires, and what it switched.
+    /// Ends the card; returns the counts that it reports, those at its step wires, and its switching.
     fn ended(self) -> (Value, Switched) {
-        let told = self.card.told();
+        let told = self.card.end();
         assert_eq!((&told["counts"], &told["periods_apart"]), (&told["counted"], &0.into()), "{told}");
         (told["counts"].clone(), self.reading.ended())
     }
 }
 
-/// A run without an interruption: how long it takes, and what the card switched.
-struct Whole {
+/// An uninterrupted run: its duration, and the card's switching.
+struct UninterruptedRun {
     takes: Duration,
     switched: Switched,
 }
 
-fn whole(kind: Kind) -> Whole {
+fn whole(kind: Kind) -> UninterruptedRun {
     for _ in 0..TRIES {
-        let (place, begun) = (Place::new(), Instant::now());
+        let (place, begun) = (JobPlace::new(), Instant::now());
         let input = if kind.streamed { PROGRAM } else { "" };
         let said = place.bench.retrace_reading(place.run(kind), input.as_bytes());
         let takes = begun.elapsed();
         let (counts, switched) = place.ended();
         if said.code == Some(0) {
             assert_eq!(ends_at(&counts), END);
-            return Whole { takes, switched };
+            return UninterruptedRun { takes, switched };
         }
-        // The load of a moment, or somebody who still has the card open that had this port's name before; nothing else is a reason not to come
-        // to the end.
+        // The load of a moment, or another program that still has the card open that had this port's name before; any
+        // other reason is a failure.
         assert!(said.code == Some(3) || said.err.contains("E2144"), "{}\n{}", said.out, said.err);
     }
     panic!("no run came to its end")
@@ -139,23 +140,23 @@ fn ends_at(counts: &Value) -> [i64; 3] {
     [0, 1, 2].map(|axis| counts[axis].as_i64().expect("a count"))
 }
 
-/// The number of a refusal or an alarm in what was said.
-fn number(said: &Said) -> String {
+/// Number of a refusal or an alarm in the output.
+fn number(said: &CommandOutput) -> String {
     let text = format!("{}\n{}", said.err, said.out.lines().last().unwrap_or_default());
     let at = text.match_indices('E').map(|(at, _)| at + 1);
     let mut digits = at.filter_map(|at| text.get(at..at + 4)).filter(|four| four.bytes().all(|b| b.is_ascii_digit()));
     digits.next().map_or_else(|| format!("no number: {text}"), |four| format!("E{four}"))
 }
 
-/// One job, killed and taken up; what came of it. An answer in the error is a silent difference, or no answer at all.
-fn case(seed: u64, wholes: &[Whole; 2]) -> Result<String, String> {
-    let mut chance = Chance::new(seed);
+/// Runs one job, killed and resumed; returns its result. An error is a silent difference, or no answer at all.
+fn case(seed: u64, wholes: &[UninterruptedRun; 2]) -> Result<String, String> {
+    let mut chance = TestRandom::new(seed);
     let kind = Kind { streamed: chance.below(4) == 0, operated: chance.below(2) == 0 };
     let whole = &wholes[usize::from(kind.operated)];
     let mut moment = || whole.takes.mul_f64(chance.below(1 << 20) as f64 / f64::from(1 << 20));
     let (first, second) = (moment(), moment());
     let again = chance.below(3) == 0;
-    let place = Place::new();
+    let place = JobPlace::new();
     place.killed(&place.run(kind), kind, first);
     let torn = (chance.below(4) == 0).then(|| place.tear(&mut chance)).flatten();
     let file = Kind { streamed: false, operated: false };
@@ -172,7 +173,7 @@ fn case(seed: u64, wholes: &[Whole; 2]) -> Result<String, String> {
             (_, "E2208") if kind.streamed => {
                 said = place.bench.retrace(["resume", "--yes", "--json", "--program", "part.ngc"]);
             }
-            // whoever was killed keeps the folder for a moment
+            // a killed process holds the folder for a moment
             (_, "E2206") => said = place.bench.retrace(["resume", "--yes", "--json"]),
             _ => break,
         }
@@ -211,13 +212,13 @@ fn case(seed: u64, wholes: &[Whole; 2]) -> Result<String, String> {
     }
 }
 
-/// What the jobs so far came to.
+/// Results of the jobs so far.
 fn summary(jobs: u32, begun: Instant, counted: &Mutex<BTreeMap<String, u32>>) -> String {
     let (kills, counted) = (KILLS.load(Ordering::Relaxed), counted.lock().expect("no panic"));
     format!("{jobs} jobs, {kills} kills in {:.0} s: {counted:?}", begun.elapsed().as_secs_f64())
 }
 
-/// Is every instruction executed once, in order, up to the same one?
+/// Whether every instruction is executed once, in order, up to the same one.
 fn in_order(is: &Switched, whole: &Switched) -> bool {
     is.executed.is_sorted() && is.executed.last() == whole.executed.last()
 }

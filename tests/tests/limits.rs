@@ -1,10 +1,10 @@
-//! Both judges see a plan that is over the limits: the tests' own, and the command's.
+//! Both limit checks detect a plan that exceeds the limits: the tests' own, and the command's.
 
 use retrace_tests::command::{Bench, root};
 use retrace_tests::limits::{Axis, audit};
 use retrace_tests::run::Run;
 
-/// The example's records, judged against a machine that can do less than the one it was planned for.
+/// The example's records, checked against a machine that can do less than the one it was planned for.
 #[test]
 fn an_over_limit_plan_is_caught_by_every_limit() {
     let run = Run::of(&Bench::new(), &root().join("examples/03-arcs.ngc"), &[]);
@@ -21,7 +21,7 @@ fn an_over_limit_plan_is_caught_by_every_limit() {
     }
 }
 
-/// What is planned does use what the machine can do: a judge that sees nothing would be no judge.
+/// The plan uses what the machine can do; otherwise the check would show nothing.
 #[test]
 fn the_plan_comes_near_the_limits_and_keeps_the_reserve() {
     let bench = Bench::new();

@@ -7,10 +7,10 @@ use std::process::{Command, Stdio};
 use retrace_tests::command::{Bench, binary};
 use retrace_tests::run::Run;
 
-/// MiB that checking a large file may take: the built-in machine's history is not among them.
+/// MiB that checking a large file may use: the built-in machine's history is not included.
 const MAX_MIB: u64 = 48;
 
-/// Writes a program of so many MiB: short moves with long remarks, so that there is more text than work.
+/// Writes a program of `mib` MiB: short moves with long comments, so that there is more text than work.
 fn large(bench: &Bench, mib: u64) -> std::path::PathBuf {
     let path = bench.path("large.ngc");
     let mut file = BufWriter::new(File::create(&path).expect("a file"));
@@ -26,7 +26,7 @@ fn large(bench: &Bench, mib: u64) -> std::path::PathBuf {
     path
 }
 
-/// Runs the command and watches its memory: exit code, largest resident set in MiB.
+/// Runs the command and watches its memory; returns the exit code, and the largest resident set in MiB.
 fn peak_mib(bench: &Bench, arguments: &[&str]) -> (Option<i32>, u64, String) {
     let out = bench.path("out.txt");
     let mut command = Command::new(binary());
@@ -73,8 +73,8 @@ fn a_stream_that_exceeds_its_quota_stops_and_keeps_its_breakpoint() {
     let text = std::fs::read(large(&bench, 2)).expect("a file");
     let machine = bench.file("m.toml", "stream_quota_mib = 1\n");
     let run = Run::of_input(&bench, &text, &["--machine", &machine.to_string_lossy()]);
-    assert_eq!((run.said.code, run.report["outcome"].as_str()), (Some(1), Some("stopped")), "{}", run.said.err);
-    assert!(run.said.err.contains("E2313") && run.said.err.contains("retrace resume"), "{}", run.said.err);
+    assert_eq!((run.output.code, run.report["outcome"].as_str()), (Some(1), Some("stopped")), "{}", run.output.err);
+    assert!(run.output.err.contains("E2313") && run.output.err.contains("retrace resume"), "{}", run.output.err);
     assert_eq!(run.counts(), [1000, 0, 0]);
 }
 

@@ -1,5 +1,6 @@
-//! Random jobs on jet, plasma, laser and router machines, stopped, held, paused, killed, cut off and resumed: the cutter is off outside of
-//! a cut and its pierce, and no feed begins before it is ready. The pins are judged by an observer that knows the program alone.
+//! Random jobs on jet, plasma, laser and router machines, stopped, held, paused, killed, cut off and resumed: the
+//! cutter is off outside of a cut and its pierce, and no feed begins before it is ready. The pins are checked by an
+//! observer that has the program alone.
 
 use std::collections::BTreeMap;
 use std::process::Stdio;
@@ -9,35 +10,35 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, cases};
-use retrace_tests::cutter_observer::{Observation, Rules, Seen, observe};
-use retrace_tests::sender::Chance;
-use retrace_tests::served::Served;
+use retrace_tests::cutter_observer::{Observation, ObservedPins, Rules, observe};
+use retrace_tests::sender::TestRandom;
+use retrace_tests::served::ServedCard;
 
-/// So many times as fast as a clock the card's time passes.
+/// Factor of the card's time over wall time.
 const SPEED: f64 = 5.0;
-/// The watchdog of the jobs, in the card's time: it forgives a computer under load.
+/// Watchdog of the jobs, in the card's time: it tolerates a computer under load.
 const WATCHDOG_MS: f64 = 1500.0;
-/// So many hosts and cards at a time.
+/// Number of hosts and cards at a time.
 const AT_A_TIME: usize = 3;
-/// So long the card waits before it counts standing (`handover_ms`).
+/// Time in the card before it counts a standstill (`handover_ms`).
 const HANDOVER_MS: f64 = 100.0;
 
-/// The jobs that the suite runs: a jet that is killed, and those by which the campaign found a defect.
+/// Jobs that the suite runs: a jet that is killed, and those by which the campaign found a defect.
 const SUITE: [u64; 5] = [56, 27, 219, 492, 734];
 
-/// The jobs to be run: those of the suite, or as many as are asked for from a seed on.
+/// Jobs to be run: those of the suite, or the requested number from a seed on.
 fn seeds() -> Vec<u64> {
     let first = std::env::var("RETRACE_FIRST_SEED").ok().and_then(|text| text.parse().ok());
     first.map_or_else(|| SUITE.to_vec(), |first: u64| (first..).take(cases(SUITE.len() as u32) as usize).collect())
 }
 
-/// A kind of machine, with what its template says of the cutter.
+/// A kind of machine, with the cutter of its template.
 struct Kind {
     template: &'static str,
     on: &'static str,
     off: &'static str,
     fire: &'static str,
-    /// The duration of the instruction, at least; and at most, with the input that it waits for.
+    /// Shortest duration of the instruction; and longest, with the input that it waits for.
     ready_ms: [f64; 2],
     grace_ms: Option<f64>,
 }
@@ -57,9 +58,9 @@ const KINDS: [Kind; 4] = [
 ];
 
 /// A program, and the lines that it cuts.
-fn program(kind: &Kind, chance: &mut Chance) -> (String, Vec<u64>) {
+fn program(kind: &Kind, chance: &mut TestRandom) -> (String, Vec<u64>) {
     let (mut lines, mut cut) = (vec!["G21 G90 G94 F1800".to_owned(), "G64 P0.05".to_owned()], Vec::new());
-    let place = |chance: &mut Chance| (20 + chance.below(60), 20 + chance.below(60));
+    let place = |chance: &mut TestRandom| (20 + chance.below(60), 20 + chance.below(60));
     for _ in 0..2 + chance.below(2) {
         let (x, y) = place(chance);
         lines.push(format!("G0 X{x} Y{y}"));
@@ -78,8 +79,8 @@ fn program(kind: &Kind, chance: &mut Chance) -> (String, Vec<u64>) {
     (lines.join("\n"), cut)
 }
 
-/// What the operator does, and goes on again.
-fn script(chance: &mut Chance) -> String {
+/// Commands of the operator, who resumes in the end.
+fn script(chance: &mut TestRandom) -> String {
     let mut lines = Vec::new();
     for _ in 0..chance.below(4) {
         let (after, rest) = (1 + chance.below(40), 1 + chance.below(12));
@@ -100,13 +101,13 @@ fn script(chance: &mut Chance) -> String {
     if chance.below(4) == 0 {
         lines.push(format!("after {:.1}s stop", chance.below(60) as f64 / 10.0));
     } else {
-        // what waits for the operator goes on
+        // resumes what waits for the operator
         lines.extend((0..6).map(|_| "after 1.5s recover".to_owned()));
     }
     lines.join("\n") + "\n"
 }
 
-/// The template of a kind, for a machine that need not be homed and stands where the program may go.
+/// The template of a kind, for a machine that need not be homed and is where the program may go.
 fn machine(bench: &Bench, kind: &Kind) -> String {
     let said = bench.retrace(["machine", "new", kind.template]);
     assert_eq!(said.code, Some(0), "{}", said.err);
@@ -114,9 +115,9 @@ fn machine(bench: &Bench, kind: &Kind) -> String {
     said.out.replace("allow_unhomed = false", "allow_unhomed = true").replace("watchdog_ms = 250.0", &watchdog)
 }
 
-/// One job: what the hosts came to, and what the pins showed.
-fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
-    let mut chance = Chance::new(seed);
+/// One job: results of the hosts, and of the observation of the pins.
+fn case(seed: u64) -> Result<(Vec<String>, ObservedPins), String> {
+    let mut chance = TestRandom::new(seed);
     let kind = &KINDS[chance.below(KINDS.len())];
     let bench = Bench::new();
     let (text, cut_lines) = program(kind, &mut chance);
@@ -138,7 +139,7 @@ fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
     } else {
         String::new()
     };
-    let card = Served::with(&served.iter().map(String::as_str).collect::<Vec<_>>());
+    let card = ServedCard::with(&served.iter().map(String::as_str).collect::<Vec<_>>());
     let port = card.port.clone();
     let part = part.display().to_string();
     let run = ["run", &part, "--card", &port, "--machine", "machine.toml", "--operator", "do.op", "--json"];
@@ -149,7 +150,7 @@ fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
     let (ends, events): (Vec<String>, Vec<String>) = hosts.into_iter().unzip();
     // longer than the watchdog, and than any stop
     thread::sleep(Duration::from_secs_f64((WATCHDOG_MS + 1000.0) / 1000.0 / SPEED));
-    let told = card.told();
+    let told = card.end();
     let mut seen = observation.ended();
     if seen.on_at_end {
         seen.violations.push("on at the end".to_owned());
@@ -165,15 +166,15 @@ fn case(seed: u64) -> Result<(Vec<String>, Seen), String> {
     ))
 }
 
-/// Runs a host, killed at some moment or not: how it ended, and its events.
-fn hosted(bench: &Bench, arguments: &[&str], chance: &mut Chance) -> (String, String) {
+/// Runs a host, killed at some moment or not; returns how it ended, and its events.
+fn hosted(bench: &Bench, arguments: &[&str], chance: &mut TestRandom) -> (String, String) {
     let end = run_host(bench, arguments, chance);
     (end, std::fs::read_to_string(bench.path("said.txt")).unwrap_or_default())
 }
 
-fn run_host(bench: &Bench, arguments: &[&str], chance: &mut Chance) -> String {
+fn run_host(bench: &Bench, arguments: &[&str], chance: &mut TestRandom) -> String {
     let most = if chance.below(5) < 2 { chance.below(4000) as u64 } else { 9000 };
-    let mut child = bench.begun(arguments, Stdio::null(), "said.txt");
+    let mut child = bench.start(arguments, Stdio::null(), "said.txt");
     let until = Instant::now() + Duration::from_millis(most);
     loop {
         match child.try_wait().expect("a child") {

@@ -1,24 +1,24 @@
-//! Offsets and tool data outlive the command that set them, and a job is resumed with those that it began with.
+//! Offsets and tool data persist after the command that set them, and a job is resumed with those that it began with.
 #![cfg(unix)]
 
 use std::fs;
 use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 use std::path::PathBuf;
 
-use retrace_tests::command::{Bench, Said};
-use retrace_tests::served::Served;
+use retrace_tests::command::{Bench, CommandOutput};
+use retrace_tests::served::ServedCard;
 use retrace_tests::terminal::Terminal;
 use serde_json::Value;
 
 const MILL: &str = "[card]\nwatchdog_ms = 2000\n";
 const PART: &str = "G21 G90 G94 G54 G61 F3000\nG1 X10\nG1 X20\nG1 X20 Y5\nM2\n";
 
-fn report(said: &Said) -> Value {
+fn report(said: &CommandOutput) -> Value {
     let last = said.out.lines().last().unwrap_or_default();
     serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
 }
 
-fn counts(said: &Said) -> [i64; 3] {
+fn counts(said: &CommandOutput) -> [i64; 3] {
     let report = report(said);
     ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64().unwrap_or_else(|| panic!("counts in {report}")))
 }
@@ -38,19 +38,19 @@ fn bench() -> Bench {
 
 #[test]
 fn what_is_set_at_the_screen_is_there_after_quitting() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let state = bench.path("state").display().to_string();
     let [machine, part] = ["mill.toml", "part.ngc"].map(|name| bench.path(name).display().to_string());
     let screen = |keys: &[(&str, &str)]| {
         let arguments = ["run", &part, "--tui", "--card", &card.port, "--machine", &machine];
         let mut terminal = Terminal::with(&arguments, 100, 30, &[("XDG_STATE_HOME", &state)]);
-        terminal.until("READY");
+        terminal.wait_for_text("READY");
         for (keys, shown) in keys {
             terminal.keys(keys);
-            terminal.until(shown);
+            terminal.wait_for_text(shown);
         }
         terminal.keys("q");
-        terminal.ended();
+        terminal.wait_for_end();
     };
     screen(&[
         ("mG0 X5 Y2\r", "Y       2.000       2.000"),
@@ -58,7 +58,7 @@ fn what_is_set_at_the_screen_is_there_after_quitting() {
         ("mG92 Z-3\r", "Z       0.000      -3.000"),
         ("mT4 M6 G10 L1 P4 Z12.5\r", "T4"),
     ]);
-    // The next screen begins with it, and so does a run without one, which names the file.
+    // The next screen begins with it, and so does a run without one, which reports the file.
     screen(&[("mG0 X1\r", "X       6.000       1.000")]);
     bench.file("tool.ngc", "G21 G90 G94 G61 F3000\nT4 M6\nG43 H4\nG1 X10 Z10\nM2\n");
     let said = bench.retrace(["run", "tool.ngc", "--card", &card.port, "--machine", "mill.toml", "--json"]);
@@ -90,7 +90,7 @@ fn what_is_set_at_the_screen_is_there_after_quitting() {
 
 #[test]
 fn a_job_is_resumed_with_the_offsets_that_it_began_with_and_nothing_that_was_set_since_is_lost() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let on_card = ["--card", card.port.as_str(), "--machine", "mill.toml", "--json"];
     let by_hand = |block: &str| {
         let said = bench.retrace(["mdi", block].iter().chain(&on_card));
@@ -111,7 +111,7 @@ fn a_job_is_resumed_with_the_offsets_that_it_began_with_and_nothing_that_was_set
     assert_eq!((said.code, counts(&said)), (Some(0), [25_000, 5_000, 0]), "{}\n{}", said.out, said.err);
     let shown: Value = serde_json::from_str(said.out.lines().next().expect("a line")).expect("JSON");
     assert_eq!(shown["changed_tables"].as_array().map(Vec::len), Some(2), "{shown}");
-    // What was set since stays, and so does what the program has set.
+    // Later changes persist, and so does what the program has set.
     let file = fs::read_to_string(report(&said)["parameter_file"].as_str().expect("a file")).expect("there");
     for line in ["5221\t5.500000", "5223\t-1.000000", "5241\t77.000000"] {
         assert!(file.contains(line), "{line}: {file}");
@@ -120,21 +120,21 @@ fn a_job_is_resumed_with_the_offsets_that_it_began_with_and_nothing_that_was_set
 
 #[test]
 fn a_tool_that_was_changed_by_hand_is_the_jobs_tool_when_it_is_resumed() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let state = bench.path("state").display().to_string();
-    // G43 without H takes the tool in the spindle.
+    // G43 without H uses the tool in the spindle.
     bench.file("part.ngc", "G21 G90 G94 G61 F3000\nG43\nG1 X10\nG1 X20 F600\nG1 Z1\nM2\n");
     let [machine, part] = ["mill.toml", "part.ngc"].map(|name| bench.path(name).display().to_string());
     let arguments = ["run", &part, "--tui", "--card", &card.port, "--machine", &machine];
     let mut terminal = Terminal::with(&arguments, 100, 30, &[("XDG_STATE_HOME", &state)]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys("mT2 M6 G10 L1 P2 Z7\r");
-    terminal.until("T2");
+    terminal.wait_for_text("T2");
     terminal.keys("c");
-    terminal.until("RUNNING");
-    terminal.until_that("block 4", |text| text.contains("> 4 ") || text.contains(">  4 ") || text.contains(">4 "));
+    terminal.wait_for_text("RUNNING");
+    terminal.wait_until("block 4", |text| text.contains("> 4 ") || text.contains(">  4 ") || text.contains(">4 "));
     terminal.hang_up();
-    assert_eq!(terminal.ended(), Some(4));
+    assert_eq!(terminal.wait_for_end(), Some(4));
     let said = bench.retrace(["resume", "--yes", "--json"]);
     assert_eq!((said.code, counts(&said)), (Some(0), [20_000, 0, 8_000]), "{}\n{}", said.out, said.err);
 }

@@ -1,4 +1,4 @@
-//! The operator may do what he likes: the job ends where it would have ended, and no limit is broken on the way.
+//! For any commands of the operator, the job reaches its regular end, and no limit is exceeded on the way.
 
 use proptest::prelude::*;
 use retrace_tests::command::{Bench, root};
@@ -22,11 +22,12 @@ fn backing_up_changes_nothing_of_where_the_job_ends() {
     let run = backed_up();
     run.assert_exact_and_legal();
     assert_eq!(run.counts(), plain.counts());
-    // The first passage takes as long, but for the ramps: twice it is stopped on new ground and started again, and each of
-    // these four costs about half of the periods that the rate takes to change; and at 25 mm/s these are not a hundred.
+    // The first passage takes as long, except for the ramps: twice it is stopped on new ground and started again, and
+    // each of these four costs about half of the periods that the rate takes to change; at 25 mm/s these are not a
+    // hundred.
     let ramps_s = run.number("motion_s") - plain.number("motion_s");
     assert!((0.0..=4.0 * 0.085).contains(&ramps_s), "{ramps_s}");
-    // Of the second from hold to resume, these go by in braking.
+    // Time of the second from hold to resume that is spent braking.
     let held_s = run.number("held_s");
     assert!((0.89..=0.92).contains(&held_s) && run.number("retrace_s") > 8.0, "{}", run.report);
     assert!(run.number("reversals") >= 5.0, "{}", run.report);
@@ -57,7 +58,7 @@ fn a_hold_stops_on_the_path_and_a_stop_keeps_what_was_counted() {
     let bench = Bench::new();
     let script = bench.file("stop.op", "at 1s hold\nafter 2s resume\nafter 1s stop\n");
     let run = Run::of(&bench, &example("01-first-cut.ngc"), &["--operator", &script.to_string_lossy()]);
-    assert_eq!((run.said.code, run.report["outcome"].as_str()), (Some(4), Some("stopped")), "{}", run.said.err);
+    assert_eq!((run.output.code, run.report["outcome"].as_str()), (Some(4), Some("stopped")), "{}", run.output.err);
     run.assert_consistent();
     let standing = run.records.rows.iter().filter(|row| row.rate_nano == 0).count();
     assert!((1000..2000).contains(&standing), "2 s, less the braking, of standing: {standing}");
@@ -100,8 +101,8 @@ fn a_single_block_stops_at_its_end() {
     assert_eq!(lines, [3, 4, 5], "{:?}", run.events);
 }
 
-/// What an operator may do next, and when.
-fn deeds() -> impl Strategy<Value = String> {
+/// A possible next command of the operator, with its time.
+fn operator_commands() -> impl Strategy<Value = String> {
     let when = prop_oneof![
         (0_u32..1500).prop_map(|periods| format!("after {periods} periods")),
         (0.0..2.0_f64).prop_map(|seconds| format!("after {seconds:.3}s")),
@@ -148,17 +149,17 @@ proptest! {
     #![proptest_config(ProptestConfig {
         cases: retrace_tests::command::cases(24),
         max_shrink_iters: 40,
-        // Nothing is written into the tree.
+        // No file is written into the source tree.
         failure_persistence: None,
         ..ProptestConfig::default()
     })]
     #[test]
-    fn whatever_the_operator_does_the_job_ends_exactly(deeds in prop::collection::vec(deeds(), 1..14)) {
+    fn whatever_the_operator_does_the_job_ends_exactly(deeds in prop::collection::vec(operator_commands(), 1..14)) {
         let bench = Bench::new();
         let program = bench.file("mixed.ngc", MIXED);
         let machine = bench.file("machine.toml", "history_hours = 0.0005\n");
         let mut script = deeds.join("\n");
-        // However he left it, he lets it go on in the end: out of every mode, and block by block if need be.
+        // In the end the operator always resumes: out of every mode, and block by block if need be.
         script.push_str("\nafter 3s leave\nafter 3s resume\nafter 0s override 100%\nafter 30s leave\n");
         script.push_str(&"after 8s resume\n".repeat(20));
         let script = bench.file("script.op", script);

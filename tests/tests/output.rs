@@ -1,19 +1,23 @@
-//! Output that is lost is an error; a reader that has seen enough is not.
+//! Output that is lost is an error; a reader that stops reading is not.
 
 #![cfg(target_os = "linux")]
 
 use std::fs::File;
 use std::process::{Command, Stdio};
 
-use retrace_tests::command::{Bench, Said, binary, read_one_line_of};
+use retrace_tests::command::{Bench, CommandOutput, binary, read_one_line_of};
 
 /// Runs the command in a bench with its output lost.
-fn to_a_full_device(bench: &Bench, arguments: &[&str]) -> Said {
+fn to_a_full_device(bench: &Bench, arguments: &[&str]) -> CommandOutput {
     let mut command = Command::new(binary());
     command.args(arguments).current_dir(bench.path("")).env("XDG_STATE_HOME", bench.path("state"));
     command.stdin(Stdio::null()).stdout(File::options().write(true).open("/dev/full").expect("a device"));
     let output = command.stderr(Stdio::piped()).spawn().expect("it runs").wait_with_output().expect("it ends");
-    Said { code: output.status.code(), out: String::new(), err: String::from_utf8_lossy(&output.stderr).into_owned() }
+    CommandOutput {
+        code: output.status.code(),
+        out: String::new(),
+        err: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
 }
 
 fn bench() -> Bench {
@@ -63,7 +67,7 @@ fn a_job_whose_output_is_lost_is_finished_and_says_so() {
         assert_eq!((&report["outcome"], &report["exit_code"]), (&"completed".into(), &2.into()), "{report}");
         assert!(report["output_lost"].as_str().is_some_and(|what| what.contains("standard output")), "{report}");
     }
-    // every other exit code stays
+    // every other exit code is unchanged
     let said = to_a_full_device(&bench, &["run", "part.ngc", "--operator", "stop.op"]);
     assert_eq!(said.code, Some(4), "{}", said.err);
     let said = to_a_full_device(&bench, &["resume", "--yes"]);
@@ -92,7 +96,7 @@ fn no_empty_machine_file_is_left_or_taken() {
     assert!(said.code == Some(2) && said.err.contains("E2114"), "{}", said.err);
     let said = bench.retrace(["machine", "check", "empty.toml"]);
     assert!(said.code == Some(2) && said.err.contains("E2114"), "{}", said.err);
-    // a folder whose disk is full is not to be had; a file that may not grow is
+    // a folder whose disk is full cannot be simulated; a file that may not grow can
     let mut command = Command::new("sh");
     command.args(["-c", "ulimit -f 0; exec \"$0\" machine new -o new.toml"]).arg(binary()).current_dir(bench.path(""));
     let status = command.stderr(Stdio::null()).stdout(Stdio::null()).status().expect("it runs");

@@ -1,4 +1,4 @@
-//! Every program comes to its end exactly, within the limits, and as often as it is run.
+//! Every program reaches its end exactly, within the limits, and with the same result in every run.
 
 use retrace_tests::command::{Bench, root};
 use retrace_tests::programs::examples;
@@ -18,7 +18,7 @@ fn every_example_ends_exactly_and_within_the_limits() {
     }
 }
 
-/// What stands beside an example, under its name with another ending: its operator, its machine.
+/// Files next to an example, under its name with another ending: its operator, its machine.
 #[test]
 fn every_example_ends_where_it_would_have_on_its_own_machine_and_with_its_own_operator() {
     let mut operated = 0;
@@ -57,7 +57,7 @@ fn a_program_runs_the_same_every_time_and_from_standard_input() -> std::io::Resu
         let first = records(Run::of(&Bench::new(), &program, &[]));
         // Two lists of records are too long to be shown.
         assert!(first == records(Run::of(&Bench::new(), &program, &[])), "{}", program.display());
-        // What stands behind its call, or in another file, does not arrive in time.
+        // Text behind its call, or in another file, does not arrive in time.
         let text_of = String::from_utf8_lossy(&text);
         if !["call", "M98", "CYCLE95"].iter().any(|word| text_of.contains(word)) {
             assert!(first == records(Run::of_input(&Bench::new(), &text, &[])), "{}", program.display());
@@ -77,7 +77,7 @@ fn every_place_of_a_forward_run_is_visited_once_and_in_order() {
     assert!(run.records.rows.iter().all(|row| row.fraction == 0), "undisturbed, a period is a record");
 }
 
-/// Programs of others, which are not ours to hand on: `RETRACE_PROGRAMS` names a folder of them.
+/// Programs of others, which may not be published here: `RETRACE_PROGRAMS` names a folder of them.
 #[test]
 fn programs_of_others_end_exactly_and_within_the_limits() -> std::io::Result<()> {
     let Some(folder) = std::env::var_os("RETRACE_PROGRAMS") else {
@@ -92,7 +92,7 @@ fn programs_of_others_end_exactly_and_within_the_limits() -> std::io::Result<()>
         let bench = Bench::new();
         let said = bench.retrace(["check".as_ref(), program.as_os_str()]);
         if said.code == Some(1) {
-            // Refused by name before anything moves, which is owed where words are not understood yet.
+            // Refused with an error number before anything moves, which is required where words are not supported yet.
             assert!(said.err.contains("error[E1"), "{}: {}", program.display(), said.err);
             println!("{:<28} refused: {}", name(&program), said.err.lines().next().unwrap_or_default());
             continue;
@@ -113,8 +113,8 @@ fn name(program: &std::path::Path) -> String {
     program.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Programs as common CAM posts write them. Their goldens were read, and are what LinuxCNC's `rs274 -g` prints for them;
-/// `RETRACE_BLESS=1` writes them anew.
+/// Programs as common CAM posts write them. Their golden files were reviewed, and equal the output of LinuxCNC's `rs274
+/// -g` for them; `RETRACE_BLESS=1` rewrites them.
 #[test]
 fn programs_of_common_cam_posts_are_read_as_they_were_and_machined_exactly() {
     let folder = root().join("tests/posts");

@@ -1,4 +1,4 @@
-//! Real-time scheduling, where the system permits it, and what `retrace doctor` measures.
+//! Real-time scheduling, where the system permits it, and the measurements of `retrace doctor`.
 
 #![cfg(target_os = "linux")]
 
@@ -7,7 +7,7 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::Bench;
-use retrace_tests::served::Served;
+use retrace_tests::served::ServedCard;
 use serde_json::Value;
 
 fn doctor(bench: &Bench, more: &[&str]) -> Value {
@@ -18,7 +18,7 @@ fn doctor(bench: &Bench, more: &[&str]) -> Value {
 
 #[test]
 fn the_doctor_measures_the_computer_and_the_line() {
-    let (bench, card) = (Bench::new(), Served::with(&[]));
+    let (bench, card) = (Bench::new(), ServedCard::with(&[]));
     let alone = doctor(&bench, &[]);
     let wake_ups = &alone["wake_ups"];
     assert!(wake_ups["count"].as_u64().is_some_and(|count| (1..=500).contains(&count)), "{alone}");
@@ -50,10 +50,10 @@ fn threads(process: u32) -> Vec<(String, u32, u32)> {
 
 #[test]
 fn the_motion_thread_alone_is_scheduled_in_real_time() {
-    let (bench, card) = (Bench::new(), Served::with(&[]));
+    let (bench, card) = (Bench::new(), ServedCard::with(&[]));
     let is_permitted = doctor(&bench, &[])["real_time"] == true;
     bench.file("long.ngc", "G21 G90 F600\nG1 X30\nM2\n");
-    let mut child = bench.begun(&["run", "long.ngc", "--card", &card.port, "--json"], Stdio::null(), "out.txt");
+    let mut child = bench.start(&["run", "long.ngc", "--card", &card.port, "--json"], Stdio::null(), "out.txt");
     let begun = Instant::now();
     let seen = loop {
         let seen = threads(child.id());

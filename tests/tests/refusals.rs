@@ -1,9 +1,9 @@
 //! Bad input is refused before anything moves: what is wrong, where, what to do, and the exit code of the interface.
 
-use retrace_tests::command::{Bench, Said, root};
+use retrace_tests::command::{Bench, CommandOutput, root};
 
-/// A refusal that says all it has to: exit code, error number, a place, and help; and not a pulse was emitted.
-fn assert_refused(bench: &Bench, said: &Said, code: i32, words: &[&str]) {
+/// Checks a refusal: exit code, error number, a place, and help; and not a pulse was emitted.
+fn assert_refused(bench: &Bench, said: &CommandOutput, code: i32, words: &[&str]) {
     assert_eq!(said.code, Some(code), "{}\n{}", said.out, said.err);
     assert!(said.err.contains("error[E"), "no number: {}", said.err);
     assert!(said.err.contains("help"), "no help: {}", said.err);
@@ -17,7 +17,7 @@ fn assert_refused(bench: &Bench, said: &Said, code: i32, words: &[&str]) {
     );
 }
 
-fn run(bench: &Bench, program: &str, more: &[&str]) -> Said {
+fn run(bench: &Bench, program: &str, more: &[&str]) -> CommandOutput {
     let mut arguments = vec!["run", program, "--records", "records.csv"];
     arguments.extend(more);
     bench.retrace(arguments)

@@ -1,24 +1,24 @@
-//! A job that was interrupted is taken up again: the counts at its end are those of a run without an interruption, or it is refused with
-//! the reason.
+//! An interrupted job is resumed: the counts at its end are those of an uninterrupted run, or it is refused with the
+//! reason.
 
 use std::fs;
 use std::process::Stdio;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use retrace_tests::command::{Bench, Said};
+use retrace_tests::command::{Bench, CommandOutput};
 use retrace_tests::pins;
-use retrace_tests::served::Served;
+use retrace_tests::served::ServedCard;
 use serde_json::Value;
 
 /// Straight runs, blends, a loop in a subprogram, switching with a duration.
 const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.1\nM3 S1000\nG1 X20\nX25 Y5\nX5 Y9\nO100 sub\nO101 repeat [4]\nG91\nG1 X3 Y1\nX-3 Y2 Z-0.5\nG90\n\
     O101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X30 Y-4\nG3 X40 Y6 I0 J10\nO100 call\nM9\nG1 X0 Y0 Z0\nX11.111 Y7.007 Z-3.3\nM5\nM2\n";
-/// Where it ends, in pulses.
+/// Its end, in pulses.
 const END: [i64; 3] = [11_111, 7_007, -3_300];
 const PATIENT: &str = "[card]\nwatchdog_ms = 2000\n";
 
-fn report(said: &Said) -> Value {
+fn report(said: &CommandOutput) -> Value {
     let last = said.out.lines().last().unwrap_or_default();
     serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
 }
@@ -27,7 +27,7 @@ fn counts(report: &Value) -> [i64; 3] {
     ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64().unwrap_or_else(|| panic!("counts in {report}")))
 }
 
-fn assert_completed(said: &Said) {
+fn assert_completed(said: &CommandOutput) {
     assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
     let report = report(said);
     assert_eq!((report["outcome"].as_str(), counts(&report)), (Some("completed"), END));
@@ -35,7 +35,7 @@ fn assert_completed(said: &Said) {
 }
 
 #[track_caller]
-fn assert_refused(said: &Said, number: &str) {
+fn assert_refused(said: &CommandOutput, number: &str) {
     assert!(
         said.code.is_some_and(|code| code != 0) && said.err.contains(number),
         "{number}: {}\n{}",
@@ -47,7 +47,7 @@ fn assert_refused(said: &Said, number: &str) {
 
 /// Runs the program on the card and kills the host after so many control periods of motion are likely to have passed.
 fn killed(bench: &Bench, arguments: &[&str], input: Stdio, after: Duration) {
-    let mut child = bench.begun(arguments, input, "killed.txt");
+    let mut child = bench.start(arguments, input, "killed.txt");
     let begun = Instant::now();
     while !fs::read_to_string(bench.path("killed.txt")).unwrap_or_default().contains("started") {
         assert!(begun.elapsed() < Duration::from_secs(50), "it begins");
@@ -77,7 +77,7 @@ fn a_simulated_job_that_was_stopped_goes_on_any_number_of_times() {
         assert_eq!(said.code, Some(4), "{}\n{}", said.out, said.err);
         assert!(said.out.contains("\"event\":\"resume\""), "{}", said.out);
     }
-    // what can be gone back over reaches to the job's beginning
+    // the history for reverse run reaches to the job's beginning
     bench.file("back.op", "at 0.2s hold\nafter 0.5s reverse 100%\nafter 8s leave\n");
     let said = bench.retrace(["resume", "--yes", "--json", "--operator", "back.op"]);
     assert_completed(&said);
@@ -95,7 +95,7 @@ fn nobody_who_agrees_means_nothing_moves() {
     assert_eq!(said.code, Some(2));
     assert_refused(&said, "E2215");
     assert!(said.out.contains("history") && said.out.contains("line"), "{}", said.out);
-    // and the journal is as it was
+    // and the journal is unchanged
     assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
 }
 
@@ -112,7 +112,7 @@ fn a_changed_program_is_refused() {
 
 #[test]
 fn a_host_that_is_killed_leaves_a_job_that_goes_on_exactly() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "patient.toml", "--json"];
     // in the spindle's start, a straight run, a blend, the loop, the dwell
     for after in [30, 400, 700, 1200, 2300] {
@@ -123,7 +123,7 @@ fn a_host_that_is_killed_leaves_a_job_that_goes_on_exactly() {
 
 #[test]
 fn a_job_is_killed_again_while_it_goes_back() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     bench.file("back.op", "at 0.8s hold\nafter 0.2s reverse 50%\n");
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "patient.toml", "--json", "--operator", "back.op"];
     killed(&bench, &run, Stdio::null(), Duration::from_millis(1500));
@@ -133,13 +133,13 @@ fn a_job_is_killed_again_while_it_goes_back() {
 
 #[test]
 fn a_stream_is_taken_up_from_what_was_kept_of_it_and_sent_again_where_that_is_not_all() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let run = ["run", "-", "--card", &card.port, "--machine", "patient.toml", "--json"];
     let whole = fs::File::open(bench.path("part.ngc")).expect("a file");
     killed(&bench, &run, whole.into(), Duration::from_millis(700));
     assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
-    // half of it, and then nothing comes
-    let mut child = bench.begun(&run, Stdio::piped(), "half.txt");
+    // half of it, and then no more data
+    let mut child = bench.start(&run, Stdio::piped(), "half.txt");
     let mut pipe = child.stdin.take().expect("a pipe");
     std::io::Write::write_all(&mut pipe, &PROGRAM.as_bytes()[..PROGRAM.len() / 2]).expect("it is taken");
     sleep(Duration::from_millis(1500));
@@ -153,7 +153,7 @@ fn a_stream_is_taken_up_from_what_was_kept_of_it_and_sent_again_where_that_is_no
 
 #[test]
 fn another_card_is_refused_and_a_machine_that_was_moved_goes_back_to_the_breakpoint() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     bench.file("away.ngc", "G21 G91 F1000\nG1 X1\nM2\n");
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "patient.toml", "--json"];
     killed(&bench, &run, Stdio::null(), Duration::from_millis(700));
@@ -162,7 +162,7 @@ fn another_card_is_refused_and_a_machine_that_was_moved_goes_back_to_the_breakpo
     let id = jobs["jobs"][0]["id"].as_str().expect("a name").to_owned();
     assert_eq!(bench.retrace(["card", "clear", &card.port, "--machine", "patient.toml"]).code, Some(0));
     assert_eq!(card.run(&bench, "away.ngc").code, Some(0));
-    let other = Served::with(&[]);
+    let other = ServedCard::with(&[]);
     assert_refused(&bench.retrace(["resume", &id, "--yes", "--json", "--card", &other.port]), "E2213");
     let said = bench.retrace(["resume", &id]);
     assert!(said.code == Some(2) && said.out.contains("approach"), "{}\n{}", said.out, said.err);
@@ -173,7 +173,7 @@ fn another_card_is_refused_and_a_machine_that_was_moved_goes_back_to_the_breakpo
 /// A machine with a retract plane.
 const RETRACTS: &str = "retract_mm = 10\n[card]\nwatchdog_ms = 2000\n";
 
-/// The rows of a records file: increments of X, Y and Z.
+/// Rows of a records file: increments of X, Y and Z.
 fn rows(bench: &Bench) -> Vec<[i64; 3]> {
     let text = fs::read_to_string(bench.path("records.csv")).expect("records");
     let row = |line: &str| {
@@ -183,7 +183,8 @@ fn rows(bench: &Bench) -> Vec<[i64; 3]> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// While X or Y moves before the tool has come down to `down` for good, Z stands at `height`; all from these counts on.
+/// Checks that while X or Y moves before the tool has finally come down to `down`, Z is at `height`; all from these
+/// counts on.
 fn assert_safe_order(rows: &[[i64; 3]], from: [i64; 3], height: i64, start: [i64; 3]) {
     let (mut at, mut was_there) = (from, false);
     for row in rows {
@@ -201,7 +202,7 @@ fn assert_safe_order(rows: &[[i64; 3]], from: [i64; 3], height: i64, start: [i64
 
 #[test]
 fn a_tool_that_was_moved_away_in_a_pause_goes_back_in_the_safe_order() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     bench.file("mill.toml", RETRACTS);
     bench.file("away.op", "at line 6 pause\nafter 0.1s jog z 2\nafter 0s jog x 3\nafter 0s jog y -1\nafter 1s stop\n");
     let on_card = ["--card", &card.port, "--machine", "mill.toml", "--json", "--operator", "away.op"];
@@ -226,7 +227,7 @@ fn a_tool_that_was_moved_away_in_a_pause_goes_back_in_the_safe_order() {
 
 #[test]
 fn a_machine_that_was_jogged_after_its_host_was_killed_goes_back() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "patient.toml", "--json"];
     killed(&bench, &run, Stdio::null(), Duration::from_millis(1200));
     assert_eq!(bench.retrace(["card", "clear", &card.port, "--machine", "patient.toml"]).code, Some(0));
@@ -239,13 +240,13 @@ fn a_machine_that_was_jogged_after_its_host_was_killed_goes_back() {
 
 #[test]
 fn a_stop_on_the_way_back_keeps_the_breakpoint() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     bench.file("mill.toml", RETRACTS);
     bench.file("away.op", "at line 6 pause\nafter 0.1s jog z 40\nafter 1s stop\n");
     let on_card = ["--card", &card.port, "--machine", "mill.toml", "--json", "--operator", "away.op"];
     assert_eq!(bench.retrace(["run", "part.ngc"].iter().chain(&on_card)).code, Some(4));
-    // The host goes on the way back.
-    let mut child = bench.begun(&["resume", "--yes", "--json"], Stdio::null(), "killed.txt");
+    // The host continues the return.
+    let mut child = bench.start(&["resume", "--yes", "--json"], Stdio::null(), "killed.txt");
     while !fs::read_to_string(bench.path("killed.txt")).unwrap_or_default().contains("approach") {
         sleep(Duration::from_millis(1));
     }
@@ -259,11 +260,11 @@ fn a_stop_on_the_way_back_keeps_the_breakpoint() {
 fn after_a_restart_of_the_card_the_position_has_to_be_confirmed() {
     let bench = bench();
     bench.file("mill.toml", RETRACTS);
-    let card = Served::with(&[]);
+    let card = ServedCard::with(&[]);
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "mill.toml", "--json"];
     killed(&bench, &run, Stdio::null(), Duration::from_millis(1200));
     drop(card);
-    let card = Served::with(&[]);
+    let card = ServedCard::with(&[]);
     let resume = ["resume", "--yes", "--json", "--card", &card.port];
     let said = bench.retrace(resume);
     assert_refused(&said, "E2213");
@@ -311,18 +312,18 @@ fn after_a_restart_of_the_card_homing_is_enough_where_every_axis_has_a_switch() 
         .chain([switch(1, "x"), switch(2, "y"), switch(3, "z")])
         .collect::<String>();
     let path = bench.file("homed.toml", machine).display().to_string();
-    let home = |card: &Served| {
+    let home = |card: &ServedCard| {
         let said = bench.retrace(["home", "--card", &card.port, "--machine", &path]);
         assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
     };
-    let card = Served::with(&["--machine", &path]);
+    let card = ServedCard::with(&["--machine", &path]);
     home(&card);
     let to_zero = bench.retrace(["mdi", "G0 X0 Y0 Z0", "--card", &card.port, "--machine", &path]);
     assert_eq!(to_zero.code, Some(0), "{}", to_zero.err);
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", &path, "--json"];
     killed(&bench, &run, Stdio::null(), Duration::from_millis(1200));
     drop(card);
-    let card = Served::with(&["--machine", &path]);
+    let card = ServedCard::with(&["--machine", &path]);
     let resume = ["resume", "--yes", "--json", "--card", &card.port];
     let said = bench.retrace(resume);
     assert_refused(&said, "E2213");
@@ -331,17 +332,17 @@ fn after_a_restart_of_the_card_homing_is_enough_where_every_axis_has_a_switch() 
     assert_completed(&bench.retrace(resume));
 }
 
-/// The card loses its power in the cut and is switched on again: all outputs are off, nothing moves until the operator acts, and the job goes on only
-/// behind a position that he has confirmed, with the jet off on the way back.
+/// The card loses its power in the cut and is switched on again: all outputs are off, nothing moves until the operator
+/// acts, and the job resumes only after he has confirmed a position, with the jet off during the return.
 #[test]
 fn after_a_power_loss_in_the_cut_the_jet_stays_off_and_nothing_moves_by_itself() {
     let bench = Bench::new();
     bench.file("part.ngc", "G21 G90 F1200\nG0 X10\nM64 P3\nG1 X60\nM65 P3\nG0 X0\nM2\n");
     let jet = "[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 3\n";
     bench.file("jet.toml", format!("retract_mm = 10\n{jet}{PATIENT}"));
-    let card = Served::with(&[]);
+    let card = ServedCard::with(&[]);
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "jet.toml", "--json"];
-    let mut host = bench.begun(&run, Stdio::null(), "killed.txt");
+    let mut host = bench.start(&run, Stdio::null(), "killed.txt");
     let begun = Instant::now();
     // M64 is complete: it cuts.
     while !fs::read_to_string(bench.path("killed.txt")).unwrap_or_default().contains("\"switched\"") {
@@ -351,11 +352,11 @@ fn after_a_power_loss_in_the_cut_the_jet_stays_off_and_nothing_moves_by_itself()
     sleep(Duration::from_millis(800));
     drop(card);
     let vcd = bench.path("again.vcd");
-    let card = Served::with(&["--vcd", &vcd.display().to_string()]);
+    let card = ServedCard::with(&["--vcd", &vcd.display().to_string()]);
     let ended = host.wait().expect("it ends");
     assert_eq!(ended.code(), Some(3), "the line is lost: {:?}", fs::read_to_string(bench.path("killed.txt")));
     let stands = || {
-        let who = card.who(&bench);
+        let who = card.identify(&bench);
         assert_eq!((&who["at_rest"], &who["counts"][0], &who["place"]), (&true.into(), &0.into(), &0.into()), "{who}");
         assert_eq!(who["outputs_on"], Value::Array(Vec::new()), "{who}");
     };
@@ -366,13 +367,13 @@ fn after_a_power_loss_in_the_cut_the_jet_stays_off_and_nothing_moves_by_itself()
     stands();
     let said = bench.retrace(resume.iter().chain(&["--assume-position"]));
     assert_eq!((said.code, report(&said)["outcome"].as_str()), (Some(0), Some("completed")), "{}", said.err);
-    let _ = card.told();
+    let _ = card.end();
     let samples = pins::samples(&vcd);
     let first_motion = samples.iter().find(|sample| sample.rate != 0.0).expect("it moves at last").at_us;
     assert!(first_motion > 1_500_000, "nothing moves before it is resumed: {first_motion} µs");
     let lit: Vec<_> = samples.iter().filter(|sample| sample.is_on("out3")).collect();
     let breakpoint = lit.first().expect("it is lit").place;
-    // It is lit at the breakpoint, behind the way back, and from there on only along the cut.
+    // It is lit at the breakpoint, after the return, and from there on only along the cut.
     let cuts = |sample: &pins::Sample| sample.place == breakpoint || (4..=5).contains(&sample.line);
     assert!(lit.iter().all(|sample| sample.at_us > first_motion && sample.place >= breakpoint && cuts(sample)));
     let cut: Vec<_> = lit.iter().filter(|sample| sample.rate > 0.0).collect();

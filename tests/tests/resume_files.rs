@@ -1,9 +1,10 @@
-//! Everything that decoding has read belongs to a job (DNC-12): what was changed since is refused by name, or the job has a copy of its own.
+//! All files that decoding has read belong to a job (DNC-12): a changed one is refused by name, or the job has a copy
+//! of its own.
 
-use retrace_tests::command::{Bench, Said};
+use retrace_tests::command::{Bench, CommandOutput};
 use serde_json::Value;
 
-fn counts(said: &Said) -> [i64; 3] {
+fn counts(said: &CommandOutput) -> [i64; 3] {
     let last = said.out.lines().last().unwrap_or_default();
     let report: Value =
         serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err));
@@ -11,7 +12,7 @@ fn counts(said: &Said) -> [i64; 3] {
 }
 
 #[track_caller]
-fn assert_refused(said: &Said, name: &str) {
+fn assert_refused(said: &CommandOutput, name: &str) {
     assert!(
         said.code == Some(2) && said.err.contains("E2210") && said.err.contains(name),
         "{}\n{}",
@@ -36,7 +37,7 @@ fn a_cycle_that_was_changed_is_refused_by_name() {
     std::fs::remove_file(bench.path("cycles/CUT.SPF")).expect("a file");
     assert_refused(&bench.retrace(["resume", "--yes"]), "CUT.SPF");
     bench.file("cycles/CUT.SPF", CYCLE);
-    // One that would take the place of a shipped one.
+    // A file that would replace a built-in one.
     bench.file("cycles/CYCLE81.SPF", "PROC CYCLE81(REAL _A) SAVE\nG1 X=_A\nM17\n");
     assert_refused(&bench.retrace(["resume", "--yes"]), "CYCLE81.SPF");
     std::fs::remove_file(bench.path("cycles/CYCLE81.SPF")).expect("a file");
@@ -57,7 +58,7 @@ fn a_subprogram_that_was_changed_or_would_come_first_now_is_refused_by_name() {
     bench.file("subs/hole.ngc", SUB.replace("X20", "X21"));
     assert_refused(&bench.retrace(["resume", "--yes"]), "hole.ngc");
     bench.file("subs/hole.ngc", SUB);
-    // The program's own folder comes first.
+    // The program's own folder takes precedence.
     bench.file("hole.ngc", SUB.replace("X20", "X21"));
     assert_refused(&bench.retrace(["resume", "--yes"]), "hole.ngc");
     std::fs::remove_file(bench.path("hole.ngc")).expect("a file");

@@ -1,16 +1,16 @@
-//! The screen, as a person has it: keys in, cells out, through a pseudo-terminal, with a job behind it that really runs.
+//! The screen, as a person uses it: keys in, cells out, through a pseudo-terminal, with a real job behind it.
 //!
-//! What is read at the end are the card's own counts: they are those of a run that nobody looked at.
+//! The card's own counts are read at the end: they are those of a run without a screen.
 #![cfg(unix)]
 
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::Bench;
-use retrace_tests::served::Served;
+use retrace_tests::served::ServedCard;
 use retrace_tests::terminal::Terminal;
 
 const BRACKET: &str = "examples/02-back-up.ngc";
-/// Where the bracket ends.
+/// End position of the bracket.
 const BRACKET_COUNTS: &str = "X -10000  Y 0  Z 0";
 const LEFT: &str = "\x1b[D";
 const RIGHT: &str = "\x1b[C";
@@ -31,11 +31,11 @@ fn at(columns: u16, rows: u16, program: &str, more: &[&str]) -> Terminal {
 fn ready(bench: &Bench, text: &str) -> Terminal {
     let program = bench.file("program.ngc", text);
     let terminal = at(80, 24, &program.display().to_string(), &[]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal
 }
 
-/// The mm that stand before `mm back`.
+/// Number of mm before `mm back`.
 fn back_mm(text: &str) -> f64 {
     let before = text.split(" mm back").next().unwrap_or_default();
     before.rsplit(|c: char| !c.is_ascii_digit() && c != '.').next().and_then(|w| w.parse().ok()).unwrap_or(0.0)
@@ -48,20 +48,20 @@ fn active(text: &str) -> u32 {
 }
 
 fn until_block(terminal: &Terminal, line: u32) -> String {
-    terminal.until_that(&format!("block {line}"), |text| active(text) >= line)
+    terminal.wait_until(&format!("block {line}"), |text| active(text) >= line)
 }
 
-/// Waits until the job has ended so, and quits; what then stands on the terminal that was there before.
+/// Waits until the job has ended with this outcome, and quits; returns the text of the terminal's main screen.
 fn ends(terminal: &mut Terminal, outcome: &str, code: i32) -> String {
-    let end = terminal.until("ENDED");
+    let end = terminal.wait_for_text("ENDED");
     assert!(end.contains(outcome), "{end}");
     terminal.keys("q");
-    assert_eq!(terminal.ended(), Some(code));
-    terminal.until_that("the terminal as it was", |_| !terminal.is_full_screen());
-    terminal.until("limit violations 0")
+    assert_eq!(terminal.wait_for_end(), Some(code));
+    terminal.wait_until("the terminal as it was", |_| !terminal.is_full_screen());
+    terminal.wait_for_text("limit violations 0")
 }
 
-/// Turns the wheel until the machine has gone back so far.
+/// Turns the wheel until the machine has gone back by this distance.
 fn turn_back(terminal: &Terminal, key: &str, mm: f64) {
     let begun = Instant::now();
     while back_mm(&terminal.text()) < mm {
@@ -73,26 +73,26 @@ fn turn_back(terminal: &Terminal, key: &str, mm: f64) {
 
 fn run_hold_back_up_and_finish(columns: u16, rows: u16, resized: Option<(u16, u16)>) {
     let mut terminal = at(columns, rows, BRACKET, &[]);
-    let ready = terminal.until("of motion");
+    let ready = terminal.wait_for_text("of motion");
     assert!(ready.contains("READY") && terminal.is_full_screen() && terminal.is_coloured(), "{ready}");
     terminal.keys("c");
-    terminal.until("RUNNING");
+    terminal.wait_for_text("RUNNING");
     until_block(&terminal, 10);
     terminal.keys(" ");
-    let held = terminal.until("FEED HOLD");
+    let held = terminal.wait_for_text("FEED HOLD");
     assert!(held.contains("c cycle start · r reverse · w handwheel") && held.contains("left"), "{held}");
     if let Some((columns, rows)) = resized {
         terminal.resize(columns, rows);
-        terminal.until_that("a screen of that size", |text| {
+        terminal.wait_until("a screen of that size", |text| {
             text.lines().nth(usize::from(rows) - 1).is_some_and(|line| line.contains("? all keys"))
         });
     }
     terminal.keys("w");
-    terminal.until("HANDWHEEL");
+    terminal.wait_for_text("HANDWHEEL");
     turn_back(&terminal, LEFT, 20.0);
     terminal.keys(RIGHT);
     terminal.keys("l");
-    terminal.until("RUNNING");
+    terminal.wait_for_text("RUNNING");
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains(BRACKET_COUNTS), "{end}");
 }
@@ -115,22 +115,22 @@ fn and_on_a_terminal_that_changes_its_size() {
 #[test]
 fn it_says_what_it_needs_where_it_has_no_room() {
     let terminal = at(80, 24, BRACKET, &[]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.resize(60, 10);
-    terminal.until("needs 80 x 24");
+    terminal.wait_for_text("needs 80 x 24");
     terminal.resize(80, 24);
-    terminal.until("? all keys");
+    terminal.wait_for_text("? all keys");
 }
 
 #[test]
 fn without_colour_nothing_is_coloured_and_everything_is_said() {
     for (variable, value) in [("NO_COLOR", "1"), ("TERM", "vt220")] {
         let terminal = Terminal::with(&["run", BRACKET, "--tui"], 80, 24, &[(variable, value)]);
-        terminal.until("READY");
+        terminal.wait_for_text("READY");
         terminal.keys("c");
-        terminal.until("RUNNING");
+        terminal.wait_for_text("RUNNING");
         terminal.keys("r");
-        terminal.until("REVERSE");
+        terminal.wait_for_text("REVERSE");
         assert!(!terminal.is_coloured(), "{variable}={value}");
     }
 }
@@ -138,26 +138,26 @@ fn without_colour_nothing_is_coloured_and_everything_is_said() {
 #[test]
 fn reverse_forward_override_and_the_mouse_wheel() {
     let mut terminal = at(80, 24, BRACKET, &[]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys("c");
     until_block(&terminal, 8);
     terminal.keys("---");
-    terminal.until("override 70 %");
+    terminal.wait_for_text("override 70 %");
     terminal.keys("r");
-    terminal.until("REVERSE");
-    terminal.until_that("some mm back", |text| back_mm(text) > 5.0);
+    terminal.wait_for_text("REVERSE");
+    terminal.wait_until("some mm back", |text| back_mm(text) > 5.0);
     terminal.keys("f");
-    terminal.until("FORWARD");
-    // Behind the furthest place the program goes on (REV-7).
-    terminal.until("RUNNING");
+    terminal.wait_for_text("FORWARD");
+    // Behind the furthest place the program resumes (REV-7).
+    terminal.wait_for_text("RUNNING");
     // Only in handwheel mode the mouse wheel moves the machine.
     terminal.keys(WHEEL_DOWN);
     terminal.keys("w");
-    let stands = terminal.until("HANDWHEEL");
+    let stands = terminal.wait_for_text("HANDWHEEL");
     assert_eq!(back_mm(&stands), 0.0, "{stands}");
     turn_back(&terminal, WHEEL_DOWN, 20.0);
     terminal.keys("0l");
-    terminal.until("RUNNING");
+    terminal.wait_for_text("RUNNING");
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains(BRACKET_COUNTS), "{end}");
 }
@@ -168,25 +168,25 @@ fn back_by_so_many_mm_to_the_block_and_to_the_jet() {
     let program = bench.file("program.ngc", LINES).display().to_string();
     let machine = bench.file("jet.toml", "cutting_outputs = [0]\n").display().to_string();
     let mut terminal = at(80, 24, &program, &["--machine", &machine]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys("c");
     until_block(&terminal, 6);
     terminal.keys(" ");
-    terminal.until("FEED HOLD");
+    terminal.wait_for_text("FEED HOLD");
     terminal.keys("B");
-    terminal.until_that("the beginning of the block", |text| {
+    terminal.wait_until("the beginning of the block", |text| {
         text.contains("AT REST") && text.contains("Y      60.000") && text.contains("X      60.000")
     });
     terminal.keys("b7\r");
-    terminal.until_that("7 mm before it", |text| {
+    terminal.wait_until("7 mm before it", |text| {
         text.contains("AT REST") && (text.contains("Y      53.0") || text.contains("Y      52.9"))
     });
     terminal.keys("j");
-    terminal.until_that("where the jet came on", |text| {
+    terminal.wait_until("where the jet came on", |text| {
         text.contains("AT REST") && text.contains("Y       0.000") && text.contains("X      60.000")
     });
     terminal.keys("l");
-    terminal.until("RUNNING");
+    terminal.wait_for_text("RUNNING");
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
 }
@@ -198,14 +198,14 @@ fn outputs_that_were_switched_by_hand_are_asked_about_and_restored() {
     terminal.keys("c");
     until_block(&terminal, 6);
     terminal.keys("r");
-    terminal.until_that("some mm back", |text| back_mm(text) > 10.0);
+    terminal.wait_until("some mm back", |text| back_mm(text) > 10.0);
     terminal.keys("o0-\r");
-    terminal.until("outputs all off");
+    terminal.wait_for_text("outputs all off");
     terminal.keys("L");
-    let differ = terminal.until("OUTPUTS DIFFER");
+    let differ = terminal.wait_for_text("OUTPUTS DIFFER");
     assert!(differ.contains("output 0"), "{differ}");
     terminal.keys("y");
-    terminal.until("outputs ON: 0");
+    terminal.wait_for_text("outputs ON: 0");
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
 }
@@ -215,14 +215,14 @@ fn a_program_stop_and_single_block_wait_for_cycle_start() {
     let bench = Bench::new();
     let mut terminal = ready(&bench, "G21 G90 G17 G94 G61\nF6000\nG1 X5\nM0\nG1 Y5\nG1 X0\nG1 Y0\nM2\n");
     terminal.keys("c");
-    terminal.until("PROGRAM STOP");
+    terminal.wait_for_text("PROGRAM STOP");
     terminal.keys("s");
-    terminal.until("single block ON");
+    terminal.wait_for_text("single block ON");
     terminal.keys("c");
-    let end_of_block = terminal.until("SINGLE BLOCK");
+    let end_of_block = terminal.wait_for_text("SINGLE BLOCK");
     assert!(end_of_block.contains("Y       5.000") && end_of_block.contains("X       5.000"), "{end_of_block}");
     terminal.keys("c");
-    terminal.until_that("the end of the next block", |text| {
+    terminal.wait_until("the end of the next block", |text| {
         text.contains("SINGLE BLOCK") && text.contains("X       0.000")
     });
     terminal.keys("s");
@@ -236,65 +236,66 @@ fn a_job_is_stopped_and_begins_again_from_where_the_machine_stands() {
     let bench = Bench::new();
     let mut terminal = ready(&bench, "G21 G90 G17 G94\nF6000\nG1 X40\nG1 X0 Y3\nM2\n");
     terminal.keys("c");
-    terminal.until_that("some way", |text| text.contains("RUNNING") && active(text) == 3);
+    terminal.wait_until("some way", |text| text.contains("RUNNING") && active(text) == 3);
     terminal.keys("q");
-    terminal.until("stop the job?");
+    terminal.wait_for_text("stop the job?");
     terminal.keys("y");
-    let stopped = terminal.until("ENDED");
+    let stopped = terminal.wait_for_text("ENDED");
     assert!(stopped.contains("stopped by the operator"), "{stopped}");
     terminal.keys("u");
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys("c");
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains("X 0  Y 3000  Z 0"), "{end}");
 }
 
-/// The operator is gone with his terminal: the machine stops on its path, and the command says so.
+/// The operator's terminal is closed: the machine stops on its path, and the command reports so.
 #[test]
 fn a_terminal_that_is_closed_stops_the_job() {
     let bench = Bench::new();
-    let served = Served::with(&[]);
+    let served = ServedCard::with(&[]);
     let machine = bench.file("patient.toml", "[card]\nwatchdog_ms = 2000\n").display().to_string();
     let program = bench.file("long.ngc", "G21 G90\nG1 X1000 F1200\nM2\n").display().to_string();
     let mut terminal = at(80, 24, &program, &["--card", &served.port, "--machine", &machine]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys("c");
-    terminal.until_that("some way", |text| text.contains("RUNNING") && active(text) == 2);
+    terminal.wait_until("some way", |text| text.contains("RUNNING") && active(text) == 2);
     terminal.hang_up();
-    assert_eq!(terminal.ended(), Some(4));
-    let stands = served.who(&bench);
+    assert_eq!(terminal.wait_for_end(), Some(4));
+    let stands = served.identify(&bench);
     assert_eq!((&stands["at_rest"], &stands["alarm"]), (&true.into(), &serde_json::Value::Null));
-    let told = served.told();
+    let told = served.end();
     assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
 }
 
-/// An emergency stop on a served card: its cause and its remedy are shown, it is cleared, and the program is begun again.
+/// An emergency stop on a served card: its cause and its remedy are shown, it is cleared, and the program is begun
+/// again.
 #[test]
 fn an_alarm_is_shown_with_its_remedy_and_cleared() {
     let bench = Bench::new();
     let text = "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
     let machine = bench.file("machine.toml", text).display().to_string();
-    let mut served = Served::with(&["--machine", &machine]);
+    let mut served = ServedCard::with(&["--machine", &machine]);
     let program = bench.file("line.ngc", "G21 G90\nG1 X100 F6000\nG1 X0\nM2\n").display().to_string();
     let mut terminal = at(80, 24, &program, &["--card", &served.port, "--machine", &machine]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys("c");
-    terminal.until_that("some way", |text| text.contains("RUNNING") && active(text) == 2);
-    served.by_hand("press emergency-stop");
-    let alarm = terminal.until("E3012");
+    terminal.wait_until("some way", |text| text.contains("RUNNING") && active(text) == 2);
+    served.operate("press emergency-stop");
+    let alarm = terminal.wait_for_text("E3012");
     assert!(alarm.contains("emergency"), "{alarm}");
-    terminal.until_that("the end of the job", |text| text.contains(" run ") && !text.contains("left"));
+    terminal.wait_until("the end of the job", |text| text.contains(" run ") && !text.contains("left"));
     terminal.keys("a");
-    terminal.until("its cause is still present");
-    served.by_hand("release emergency-stop");
+    terminal.wait_for_text("its cause is still present");
+    served.operate("release emergency-stop");
     terminal.keys("a");
-    terminal.until("alarm cleared");
-    terminal.until("ENDED");
+    terminal.wait_for_text("alarm cleared");
+    terminal.wait_for_text("ENDED");
     terminal.keys("c");
-    terminal.until("RUNNING");
+    terminal.wait_for_text("RUNNING");
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
-    let told = served.told();
+    let told = served.end();
     assert_eq!((&told["counted"], &told["counts"][0]), (&told["counts"], &0.into()));
 }
 
@@ -308,7 +309,7 @@ fn what_cannot_be_on_a_screen_is_refused() {
     assert!(said.code == Some(2) && said.err.contains("--json"), "{}", said.err);
 }
 
-/// A script operates beside the keys, and what the card executed is written down.
+/// A script operates together with the keys, and the executed records are written.
 #[test]
 fn a_scripted_operator_and_keys_side_by_side() {
     let bench = Bench::new();
@@ -316,9 +317,9 @@ fn a_scripted_operator_and_keys_side_by_side() {
     let program = bench.file("lines.ngc", LINES).display().to_string();
     let records = bench.path("records.csv").display().to_string();
     let mut terminal = at(80, 24, &program, &["--operator", &script, "--records", &records]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys("c");
-    terminal.until("FEED HOLD");
+    terminal.wait_for_text("FEED HOLD");
     terminal.keys("c");
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
@@ -326,7 +327,7 @@ fn a_scripted_operator_and_keys_side_by_side() {
     assert!(rows.lines().count() > 4000, "{}", rows.lines().count());
 }
 
-/// Set up by hand: a jog, a block, the work zero; then a dry run, which goes from there and switches nothing.
+/// Set up manually: a jog, a block, the work zero; then a dry run, which starts there and switches nothing.
 #[test]
 fn a_machine_is_set_up_by_hand_and_the_program_goes_from_its_work_zero() {
     let bench = Bench::new();
@@ -334,23 +335,23 @@ fn a_machine_is_set_up_by_hand_and_the_program_goes_from_its_work_zero() {
     let program = bench.file("program.ngc", text).display().to_string();
     let machine = bench.file("jet.toml", JET).display().to_string();
     let mut terminal = at(80, 24, &program, &["--machine", &machine]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys(RIGHT);
-    terminal.until("X       1.000       1.000");
+    terminal.wait_for_text("X       1.000       1.000");
     terminal.keys("t");
-    terminal.until("jog step 10 mm");
+    terminal.wait_for_text("jog step 10 mm");
     terminal.keys("\x1b[A");
-    terminal.until("Y      10.000      10.000");
+    terminal.wait_for_text("Y      10.000      10.000");
     terminal.keys("mG0 X5 Y2\r");
-    terminal.until("Y       2.000       2.000");
+    terminal.wait_for_text("Y       2.000       2.000");
     terminal.keys("mG0 X9999\r");
-    terminal.until("E4304");
+    terminal.wait_for_text("E4304");
     terminal.keys("z\r");
-    terminal.until("X       5.000       0.000");
+    terminal.wait_for_text("X       5.000       0.000");
     terminal.keys("d");
-    terminal.until("DRY RUN: the cutter stays off");
+    terminal.wait_for_text("DRY RUN: the cutter stays off");
     terminal.keys("c");
-    terminal.until_that("the end, with the cutter off all the time", |text| {
+    terminal.wait_until("the end, with the cutter off all the time", |text| {
         assert!(!text.contains("jet ON") && text.starts_with(" DRY "), "{text}");
         text.contains("ENDED")
     });
@@ -358,7 +359,7 @@ fn a_machine_is_set_up_by_hand_and_the_program_goes_from_its_work_zero() {
     assert!(end.contains("X 6000  Y 2000  Z 0"), "{end}");
 }
 
-/// A paused program: the steps are shown, each leads to the next, and the job goes on at the very place.
+/// A paused program: the steps are shown, each leads to the next, and the job resumes at the exact place.
 #[test]
 fn a_program_is_paused_the_tool_moved_away_and_the_job_goes_on() {
     let bench = Bench::new();
@@ -366,18 +367,18 @@ fn a_program_is_paused_the_tool_moved_away_and_the_job_goes_on() {
     terminal.keys("c");
     until_block(&terminal, 4);
     terminal.keys("p");
-    let paused = terminal.until("PAUSED: steps to resume");
+    let paused = terminal.wait_for_text("PAUSED: steps to resume");
     assert!(paused.contains("stop the spindle"), "{paused}");
     terminal.keys("S");
-    terminal.until("spindle stopped");
+    terminal.wait_for_text("spindle stopped");
     terminal.keys("\x1b[5~");
-    terminal.until("Z       1.000");
+    terminal.wait_for_text("Z       1.000");
     terminal.keys("S");
-    terminal.until("spindle cw");
+    terminal.wait_for_text("spindle cw");
     terminal.keys("n");
-    terminal.until("step 5 of 5");
+    terminal.wait_for_text("step 5 of 5");
     terminal.keys("c");
-    terminal.until("RUNNING");
+    terminal.wait_for_text("RUNNING");
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains("X 0  Y 0  Z 0"), "{end}");
 }
@@ -388,17 +389,17 @@ fn it_opens_without_a_program_and_loads_one() {
     let bench = Bench::new();
     let program = bench.file("only-one.ngc", "G21 G90 G17 G94\nF6000\nG1 X3\nM2\n").display().to_string();
     let mut terminal = Terminal::running(&["run", "--tui"], 80, 24);
-    terminal.until("NO PROGRAM");
+    terminal.wait_for_text("NO PROGRAM");
     terminal.keys("c");
-    terminal.until("no program is loaded");
+    terminal.wait_for_text("no program is loaded");
     terminal.keys("O/nowhere/part.ngc\r");
-    terminal.until("E2101");
+    terminal.wait_for_text("E2101");
     terminal.keys("O");
     terminal.keys(program.trim_end_matches("one.ngc"));
     terminal.keys("\t");
-    terminal.until("only-one.ngc_");
+    terminal.wait_for_text("only-one.ngc_");
     terminal.keys("\r");
-    terminal.until("only-one.ngc is ready");
+    terminal.wait_for_text("only-one.ngc is ready");
     terminal.keys("c");
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains("X 3000  Y 0  Z 0"), "{end}");
@@ -413,84 +414,85 @@ fn a_program_beyond_the_limits_is_checked_again_when_the_work_zero_moves() {
     let program = bench.file("far.ngc", "G21 G90 G17 G94\nF6000\nG1 X1\nG1 X2001\nG1 X3\nM2\n");
     let program = program.display().to_string();
     let mut terminal = at(80, 24, &program, &[]);
-    let refused = terminal.until("NOT READY");
+    let refused = terminal.wait_for_text("NOT READY");
     assert!(refused.contains("E4304: axis X would go to 2001.000 mm"), "{refused}");
     terminal.keys("c");
-    terminal.until("PROGRAM REFUSED");
+    terminal.wait_for_text("PROGRAM REFUSED");
     terminal.keys("a");
-    terminal.until("NOT READY");
+    terminal.wait_for_text("NOT READY");
     terminal.keys("mG0 X-10\r");
-    terminal.until("X     -10.000     -10.000");
+    terminal.wait_for_text("X     -10.000     -10.000");
     assert!(terminal.text().contains("NOT READY"));
     terminal.keys("z\r");
-    terminal.until("far.ngc is ready");
+    terminal.wait_for_text("far.ngc is ready");
     // It was checked only: what it would do there takes too long.
     terminal.keys("q");
-    assert_eq!(terminal.ended(), Some(4));
+    assert_eq!(terminal.wait_for_end(), Some(4));
     let mut terminal = at(80, 24, &program, &[]);
-    terminal.until("NOT READY");
+    terminal.wait_for_text("NOT READY");
     terminal.keys("q");
-    assert_eq!(terminal.ended(), Some(1));
+    assert_eq!(terminal.wait_for_end(), Some(1));
 }
 
-/// At the end of the program the part is still clamped: what was cut can be gone back over until the job is released.
+/// At the end of the program the part is still clamped: the cut can be retraced until the job is released.
 #[test]
 fn reverse_run_is_possible_at_the_end_of_the_program_until_the_job_is_released() {
     let bench = Bench::new();
     let mut terminal = ready(&bench, "G21 G90 G17 G94\nF3000\nG1 X30\nM2\n");
     terminal.keys("c");
-    let ended = terminal.until("ENDED");
+    let ended = terminal.wait_for_text("ENDED");
     let clock = |text: &str| text.lines().next().and_then(|line| line.rsplit("  ").next().map(str::to_owned));
     std::thread::sleep(Duration::from_millis(1200));
     assert_eq!(clock(&ended), clock(&terminal.text()), "the clock stops");
     terminal.keys("b12\r");
-    terminal.until_that("12 mm back", |text| text.contains("AT REST") && text.contains("12.0 mm back"));
+    terminal.wait_until("12 mm back", |text| text.contains("AT REST") && text.contains("12.0 mm back"));
     terminal.keys("l");
-    terminal.until("ENDED");
+    terminal.wait_for_text("ENDED");
     // Released: the job is over, and the machine can be set up.
     terminal.keys("u");
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys("r");
-    terminal.until("works while");
+    terminal.wait_for_text("works while");
     terminal.keys(RIGHT);
-    terminal.until("X      31.000");
+    terminal.wait_for_text("X      31.000");
     terminal.keys("q");
-    assert_eq!(terminal.ended(), Some(0));
+    assert_eq!(terminal.wait_for_end(), Some(0));
 }
 
-/// A job that was stopped is resumed at the screen: what will be done is shown and agreed to, and every key works from there on.
+/// A job that was stopped is resumed at the screen: the resume is shown and confirmed, and every key works from there
+/// on.
 #[test]
 fn a_job_is_resumed_at_the_screen_with_all_its_keys() {
     let bench = Bench::new();
     let program = bench.file("program.ngc", "G21 G90 G17 G94 G61\nF2400\nG1 X60\nG1 X0 Y3\nM2\n").display().to_string();
     let journal = bench.path("jobs").display().to_string();
     let mut terminal = at(80, 24, &program, &["--journal", &journal]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys("c");
-    terminal.until_that("some way", |text| text.contains("RUNNING") && active(text) == 3);
+    terminal.wait_until("some way", |text| text.contains("RUNNING") && active(text) == 3);
     std::thread::sleep(Duration::from_millis(500));
     terminal.keys("q");
-    terminal.until("stop the job?");
+    terminal.wait_for_text("stop the job?");
     terminal.keys("y");
-    terminal.until("ENDED");
+    terminal.wait_for_text("ENDED");
     terminal.keys("q");
-    assert_eq!(terminal.ended(), Some(4));
+    assert_eq!(terminal.wait_for_end(), Some(4));
     let resumed = || Terminal::running(&["resume", "--tui", "--journal", &journal], 80, 24);
     let mut terminal = resumed();
-    let asked = terminal.until("y confirm");
+    let asked = terminal.wait_for_text("y confirm");
     assert!(asked.contains("G1 X60") && asked.contains("mm into the block") && asked.contains("history"), "{asked}");
     terminal.keys("n");
-    assert_eq!(terminal.ended(), Some(2));
-    terminal.until("E2215");
+    assert_eq!(terminal.wait_for_end(), Some(2));
+    terminal.wait_for_text("E2215");
     let mut terminal = resumed();
-    terminal.until("y confirm");
+    terminal.wait_for_text("y confirm");
     terminal.keys("y");
-    terminal.until("RUNNING");
+    terminal.wait_for_text("RUNNING");
     terminal.keys("r");
-    // Back over what was cut before the interruption, to its beginning.
+    // Back over the part that was cut before the interruption, to its beginning.
     terminal
-        .until_that("the beginning", |text| text.contains("REVERSE") && text.contains("at the start of the history"));
-    terminal.until("X       0.000");
+        .wait_until("the beginning", |text| text.contains("REVERSE") && text.contains("at the start of the history"));
+    terminal.wait_for_text("X       0.000");
     terminal.keys("l");
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains("X 0  Y 3000  Z 0"), "{end}");
@@ -501,57 +503,58 @@ fn a_job_is_resumed_at_the_screen_with_all_its_keys() {
 fn the_planned_path_moves_with_the_work_zero() {
     let bench = Bench::new();
     let terminal = ready(&bench, "G21 G90 G17 G94\nF6000\nG1 X10\nG1 X0\nM2\n");
-    terminal.until("path X Y · 10 × 0 mm");
+    terminal.wait_for_text("path X Y · 10 × 0 mm");
     terminal.keys("mG0 X50 Y20\r");
-    terminal.until("path X Y · 50 × 0 mm");
+    terminal.wait_for_text("path X Y · 50 × 0 mm");
     terminal.keys("z\r");
-    terminal.until("path X Y · 10 × 0 mm");
+    terminal.wait_for_text("path X Y · 10 × 0 mm");
 }
 
-/// Feed, modal line and tool are those of the block under the tool, also where the machine has gone back; a rapid move has no feed to show.
+/// Feed, modal line and tool are those of the block under the tool, also where the machine has gone back; a rapid move
+/// has no feed to show.
 #[test]
 fn what_is_shown_is_that_of_the_block_under_the_tool() {
     let bench = Bench::new();
     let mut terminal = ready(&bench, "G21 G90 G17 G94 G61\nG1 F1800 X30\nG0 X100\nG1 F900 G55 X110\nG1 X120\nM2\n");
     terminal.keys("c");
-    terminal.until("of F1800");
-    terminal.until_that("a rapid move", |text| text.contains("mm/min rapid") && active(text) == 3);
-    let ahead = terminal.until("of F900");
+    terminal.wait_for_text("of F1800");
+    terminal.wait_until("a rapid move", |text| text.contains("mm/min rapid") && active(text) == 3);
+    let ahead = terminal.wait_for_text("of F900");
     assert!(ahead.contains("G55"), "{ahead}");
     terminal.keys("r");
-    let behind = terminal.until_that("the first feed", |text| text.contains("of F1800") && active(text) == 2);
+    let behind = terminal.wait_until("the first feed", |text| text.contains("of F1800") && active(text) == 2);
     assert!(behind.contains("G54") && behind.contains("REVERSE"), "{behind}");
     terminal.keys("l");
     ends(&mut terminal, "completed", 0);
 }
 
-/// The cutter has a name, a state, and a key that switches it off at once; it starts again only when that is agreed to.
+/// The cutter has a name, a state, and a key that switches it off at once; it starts again only after a confirmation.
 #[test]
 fn the_cutter_is_switched_off_by_a_key_and_started_again_when_that_is_agreed_to() {
     let bench = Bench::new();
     let program = bench.file("lines.ngc", LINES).display().to_string();
     let machine = bench.file("jet.toml", JET).display().to_string();
     let mut terminal = at(80, 24, &program, &["--machine", &machine]);
-    terminal.until("READY");
-    terminal.until("jet off");
+    terminal.wait_for_text("READY");
+    terminal.wait_for_text("jet off");
     terminal.keys("oclamp+\r");
-    terminal.until("outputs ON: clamp");
+    terminal.wait_for_text("outputs ON: clamp");
     terminal.keys("c");
-    terminal.until("jet ON · program here ON");
+    terminal.wait_for_text("jet ON · program here ON");
     until_block(&terminal, 6);
     terminal.keys("x");
-    terminal.until("jet off · program here ON");
-    terminal.until("FEED HOLD");
+    terminal.wait_for_text("jet off · program here ON");
+    terminal.wait_for_text("FEED HOLD");
     terminal.keys("c");
-    let differ = terminal.until("OUTPUTS DIFFER");
+    let differ = terminal.wait_for_text("OUTPUTS DIFFER");
     assert!(differ.contains("jet") && differ.contains("y: switch"), "{differ}");
     terminal.keys("y");
-    terminal.until("jet ON · program here ON");
-    terminal.until("RUNNING");
+    terminal.wait_for_text("jet ON · program here ON");
+    terminal.wait_for_text("RUNNING");
     ends(&mut terminal, "completed", 0);
 }
 
-/// A tool change by hand names the tool; M1 stops where its switch is on.
+/// A manual tool change shows the tool; M1 stops where its switch is on.
 #[test]
 fn a_tool_change_and_an_optional_stop_wait_for_the_operator() {
     let bench = Bench::new();
@@ -559,25 +562,26 @@ fn a_tool_change_and_an_optional_stop_wait_for_the_operator() {
     let machine = bench.file("hand.toml", "tool_change = \"manual\"\n").display().to_string();
     let tools = bench.file("tool.tbl", "T3 P3 Z0 D6 ;6 mm end mill\n").display().to_string();
     let mut terminal = at(80, 24, &program, &["--machine", &machine, "--tools", &tools]);
-    terminal.until("READY");
+    terminal.wait_for_text("READY");
     terminal.keys("M");
-    terminal.until("M1 stops");
+    terminal.wait_for_text("M1 stops");
     terminal.keys("c");
-    let change = terminal.until("TOOL CHANGE");
+    let change = terminal.wait_for_text("TOOL CHANGE");
     assert!(change.contains("insert tool T3: 6 mm end mill"), "{change}");
     terminal.keys("c");
-    let stop = terminal.until("PROGRAM STOP");
+    let stop = terminal.wait_for_text("PROGRAM STOP");
     assert!(stop.contains("X       5.000"), "{stop}");
     terminal.keys("c");
     ends(&mut terminal, "completed", 0);
 }
 
-/// A machine that was jogged away since the job was left goes back by itself, at the screen as without it: the way back is shown and agreed to. So it is
-/// where the job was stopped, and where its host was killed and the card says a place that is none of the job's any more.
+/// A machine that was jogged away since the job ended returns by itself, at the screen as without it: the way back is
+/// shown and confirmed. So it is where the job was stopped, and where its host was killed and the card reports a place
+/// that no longer belongs to the job.
 #[test]
 fn a_job_is_resumed_at_the_screen_where_the_machine_was_jogged_away() {
     for is_killed in [false, true] {
-        let (bench, card) = (Bench::new(), Served::with(&[]));
+        let (bench, card) = (Bench::new(), ServedCard::with(&[]));
         bench.file("program.ngc", "G21 G90 G17 G94 G61\nF2400\nG1 X60\nG1 X0 Y3\nM2\n");
         bench.file("mill.toml", "retract_mm = 10\n[card]\nwatchdog_ms = 2000\n");
         bench.file("stop.op", "at 1s stop\n");
@@ -585,7 +589,7 @@ fn a_job_is_resumed_at_the_screen_where_the_machine_was_jogged_away() {
         let on_card = ["--card", &card.port, "--machine", &machine];
         let run = ["run", "program.ngc", "--journal", "jobs", "--json"];
         if is_killed {
-            let mut host = bench.begun(&[&run[..], &on_card].concat(), std::process::Stdio::null(), "killed.txt");
+            let mut host = bench.start(&[&run[..], &on_card].concat(), std::process::Stdio::null(), "killed.txt");
             std::thread::sleep(Duration::from_millis(2500));
             host.kill().expect("it is killed");
             host.wait().expect("it ends");
@@ -601,10 +605,10 @@ fn a_job_is_resumed_at_the_screen_where_the_machine_was_jogged_away() {
         }
         let journal = bench.path("jobs").display().to_string();
         let mut terminal = Terminal::running(&["resume", "--tui", "--journal", &journal], 100, 40);
-        let asked = terminal.until("y confirm");
+        let asked = terminal.wait_for_text("y confirm");
         assert!(asked.contains("approach"), "{asked}");
         terminal.keys("y");
-        terminal.until("RUNNING");
+        terminal.wait_for_text("RUNNING");
         let end = ends(&mut terminal, "completed", 0);
         assert!(end.contains("X 0  Y 3000  Z 0"), "{end}");
     }

@@ -1,4 +1,4 @@
-//! Programs over RS-232, FIFOs and devices: what arrives well is executed, what does not stops before its line.
+//! Programs over RS-232, FIFOs and devices: correct data are executed, damage stops the job before its line.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -8,19 +8,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use retrace_tests::command::{Bench, Said, binary};
+use retrace_tests::command::{Bench, CommandOutput, binary};
 use serde_json::Value;
 use serialport::{SerialPort, TTYPort};
 
-/// A line between a sender and the command: a pseudo-terminal pair.
-struct Line {
+/// A serial line between a sender and the command: a pseudo-terminal pair.
+struct PtyLine {
     sender: TTYPort,
-    /// Kept open, so that the other end stays.
+    /// Held open, so that the other end persists.
     _receiver: TTYPort,
     path: String,
 }
 
-impl Line {
+impl PtyLine {
     fn new() -> Self {
         let (sender, receiver) = TTYPort::pair().expect("a pseudo-terminal");
         let path = receiver.name().expect("a name");
@@ -28,11 +28,11 @@ impl Line {
     }
 }
 
-/// What a sender did.
+/// Result of a sender.
 #[derive(Debug, Default)]
 struct Sent {
     pauses: u32,
-    /// Bytes that were sent although the other end had asked for a pause.
+    /// Number of bytes that were sent although the other end had requested a pause.
     overran: usize,
 }
 
@@ -86,7 +86,7 @@ fn program(lines: u32) -> String {
     text + "M30\n"
 }
 
-fn counts(said: &Said) -> (Value, [Option<i64>; 3]) {
+fn counts(said: &CommandOutput) -> (Value, [Option<i64>; 3]) {
     let last = said.out.lines().last().unwrap_or_default();
     let report: Value =
         serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err));
@@ -96,7 +96,7 @@ fn counts(said: &Said) -> (Value, [Option<i64>; 3]) {
 
 #[test]
 fn a_sender_that_overruns_by_4_kib_loses_nothing() {
-    let (line, text, bench) = (Line::new(), program(2000), Bench::new());
+    let (line, text, bench) = (PtyLine::new(), program(2000), Bench::new());
     let normalized = bench.file("same.ngc", format!("%\n{text}%\n"));
     let whole = bench.retrace(["canon", &normalized.to_string_lossy()]);
     let sender = send(line.sender, tape(&text), 4096, Duration::from_millis(5));
@@ -106,7 +106,7 @@ fn a_sender_that_overruns_by_4_kib_loses_nothing() {
     let mut child = command.spawn().expect("the command runs");
     let mut out = String::new();
     let mut pipe = child.stdout.take().expect("its output");
-    // nobody takes what is decoded for a while: the line has to wait
+    // nothing reads the decoded data for a while: the line has to wait
     thread::sleep(Duration::from_secs(2));
     pipe.read_to_string(&mut out).expect("text");
     let output = child.wait_with_output().expect("it ends");
@@ -118,7 +118,7 @@ fn a_sender_that_overruns_by_4_kib_loses_nothing() {
 
 #[test]
 fn damage_stops_before_its_line_and_the_whole_program_goes_on() {
-    let (line, bench) = (Line::new(), Bench::new());
+    let (line, bench) = (PtyLine::new(), Bench::new());
     let text = "G21 G90 F3000\nG1 X5\nG1 X7 Y2\nG1 X9\nM30\n";
     let mut tape = tape(text);
     // a bit of the 7 in the fourth line, counted from the percent sign
@@ -139,7 +139,7 @@ fn damage_stops_before_its_line_and_the_whole_program_goes_on() {
 
 #[test]
 fn a_sender_that_does_not_begin_or_falls_silent_is_reported() {
-    let (line, bench) = (Line::new(), Bench::new());
+    let (line, bench) = (PtyLine::new(), Bench::new());
     let said = bench.retrace(["run", &format!("serial:{}?start_timeout_s=1", line.path), "--json"]);
     assert!(said.code == Some(1) && said.err.contains("E2303"), "{}", said.err);
     let sender = send(line.sender, with_silence(), 0, Duration::ZERO);
@@ -204,7 +204,7 @@ fn a_fifo_is_a_stream_and_shows_that_it_waits() {
 
 #[test]
 fn with_rts_and_cts_no_code_is_sent_over_the_line() {
-    let (line, bench) = (Line::new(), Bench::new());
+    let (line, bench) = (PtyLine::new(), Bench::new());
     let (mut sender, tape) = (line.sender, tape("G21 G90 F3000\nG1 X5\nM30\n"));
     let sent = thread::spawn(move || {
         thread::sleep(Duration::from_millis(500));

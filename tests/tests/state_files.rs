@@ -1,4 +1,4 @@
-//! What is kept between commands: who may read it, what is not followed, and how names are shown.
+//! Files that persist between commands: who may read them, which links are not followed, and how names are shown.
 #![cfg(unix)]
 
 use std::fs;
@@ -10,7 +10,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use retrace_tests::command::Bench;
-use retrace_tests::served::Served;
+use retrace_tests::served::ServedCard;
 use serde_json::Value;
 
 /// Modes of everything below a folder that are not 700 or 600.
@@ -28,7 +28,8 @@ fn open_to_others(folder: &Path, found: &mut Vec<String>) {
     }
 }
 
-/// One card at a time: a host whose line was lost opens the port of that name again, which is the next card's by then.
+/// One card at a time: a host whose line was lost opens the port of that name again, which may be the next card's by
+/// then.
 fn one_card() -> MutexGuard<'static, ()> {
     static ONE: Mutex<()> = Mutex::new(());
     ONE.lock().unwrap_or_else(PoisonError::into_inner)
@@ -37,7 +38,7 @@ fn one_card() -> MutexGuard<'static, ()> {
 #[test]
 fn state_files_are_private() {
     let _alone = one_card();
-    let (bench, card) = (Bench::new(), Served::with(&[]));
+    let (bench, card) = (Bench::new(), ServedCard::with(&[]));
     bench.file("mill.toml", "[card]\nwatchdog_ms = 2000\n");
     bench.file("part.ngc", "G21 G90 F3000\nG10 L2 P1 X1\nG1 X3\nM2\n");
     let said = bench.retrace(["run", "part.ngc", "--card", &card.port, "--machine", "mill.toml"]);
@@ -128,11 +129,11 @@ fn names_and_messages_steer_no_terminal() {
 #[test]
 fn after_a_lost_line_nothing_is_reported_that_was_not_measured() {
     let _alone = one_card();
-    let (bench, card) = (Bench::new(), Served::with(&[]));
+    let (bench, card) = (Bench::new(), ServedCard::with(&[]));
     bench.file("mill.toml", "[card]\nwatchdog_ms = 2000\n");
     bench.file("part.ngc", "G21 G90 F5000\nG1 X200\nG1 X0\nM2\n");
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "mill.toml", "--json"];
-    let mut child = bench.begun(&run, std::process::Stdio::null(), "said.txt");
+    let mut child = bench.start(&run, std::process::Stdio::null(), "said.txt");
     let text = || fs::read_to_string(bench.path("said.txt")).unwrap_or_default();
     while !text().contains("started") {
         sleep(Duration::from_millis(2));
@@ -154,17 +155,17 @@ fn who_shows_outputs_and_alarms() {
     let bench = Bench::new();
     bench.file("stop.toml", "[card]\nwatchdog_ms = 2000\n[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n");
     let machine = bench.path("stop.toml").display().to_string();
-    let mut card = Served::with(&["--machine", &machine]);
+    let mut card = ServedCard::with(&["--machine", &machine]);
     bench.file("on.ngc", "G21 G90 F3000\nM64 P5\nG1 X3\nM2\n");
     let run = ["run", "on.ngc", "--card", &card.port.clone(), "--machine", "stop.toml"];
-    let who = card.who(&bench);
+    let who = card.identify(&bench);
     assert_eq!((&who["outputs_on"], &who["alarm"]), (&serde_json::json!([]), &Value::Null), "{who}");
     assert_eq!(bench.retrace(run).code, Some(0));
     let said = bench.retrace(["card", "identify", &card.port, "--machine", "stop.toml"]);
     assert!(said.out.contains("outputs output 5 1") && said.out.contains("no alarm"), "{}", said.out);
-    let who = card.who(&bench);
+    let who = card.identify(&bench);
     assert_eq!(who["outputs_on"], serde_json::json!([{"channel": 5, "value": 1}]), "{who}");
-    card.by_hand("press emergency-stop");
+    card.operate("press emergency-stop");
     assert_eq!(bench.retrace(run).code, Some(3));
     let said = bench.retrace(["card", "identify", &card.port]);
     assert!(said.out.contains("alarm[E3012]") && said.out.contains("outputs"), "{}", said.out);

@@ -1,4 +1,5 @@
-//! Signals to a job without a screen: it is stopped on its path, reported, and can be resumed. And Enter at its terminal, which is cycle start.
+//! Signals to a job without a screen: it is stopped on its path, reported, and can be resumed. And Enter at its
+//! terminal, which is cycle start.
 #![cfg(unix)]
 
 use std::fs::{self, File};
@@ -7,7 +8,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use retrace_tests::command::{Bench, binary};
-use retrace_tests::served::Served;
+use retrace_tests::served::ServedCard;
 use retrace_tests::terminal::Terminal;
 use serde_json::Value;
 
@@ -15,7 +16,7 @@ const PROGRAM: &str = "G21 G90 F1200\nM3 S100\nG1 X20\nM8\nG1 X40\nG1 X0\nM2\n";
 /// M8 takes two seconds.
 const MILL: &str = "[card]\nwatchdog_ms = 2000\n[code.M8]\nclass = \"exclusive\"\nduration_ms = 2000\n";
 
-/// The command. A test that is run in the background inherits signals that are ignored, and an ignored signal stays ignored.
+/// The command. A test that runs in the background inherits ignored signals, and an ignored signal remains ignored.
 fn with_default_signals() -> Command {
     let mut command = Command::new("env");
     command.arg("--default-signal=INT,TERM,HUP").arg(binary());
@@ -101,7 +102,7 @@ fn assert_stopped((code, report): (Option<i32>, Value)) {
 
 #[test]
 fn ctrl_c_sigterm_and_sighup_stop_the_job_and_keep_its_breakpoint() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "mill.toml", "--no-tui", "--json"];
     let begun = Begun::of(&bench, &run);
     begun.until("out.txt", "\"switched\"");
@@ -109,11 +110,11 @@ fn ctrl_c_sigterm_and_sighup_stop_the_job_and_keep_its_breakpoint() {
     begun.signal("-INT");
     begun.until("err.txt", "stopping: braking on the path");
     assert_stopped(begun.ended());
-    let who = card.who(&bench);
+    let who = card.identify(&bench);
     assert_eq!((&who["at_rest"], &who["alarm"]), (&Value::from(true), &Value::Null), "{who}");
     for signal in ["-TERM", "-HUP"] {
         let begun = Begun::of(&bench, &["resume", "--yes", "--json"]);
-        begun.until("out.txt", "\"goes_on\"");
+        begun.until("out.txt", "\"run_resumed\"");
         sleep(Duration::from_millis(100));
         begun.signal(signal);
         assert_stopped(begun.ended());
@@ -124,7 +125,7 @@ fn ctrl_c_sigterm_and_sighup_stop_the_job_and_keep_its_breakpoint() {
 
 #[test]
 fn a_second_ctrl_c_is_answered_with_what_is_waited_for() {
-    let (bench, card) = (bench(), Served::with(&[]));
+    let (bench, card) = (bench(), ServedCard::with(&[]));
     let run = ["run", "part.ngc", "--card", &card.port, "--machine", "mill.toml", "--no-tui", "--json"];
     let begun = Begun::of(&bench, &run);
     begun.until("out.txt", "\"code\":\"M8\"");
@@ -158,7 +159,7 @@ fn a_run_in_virtual_time_that_waits_for_its_program_is_stopped_too() {
 
 const STOPS: &str = "G21 G90 F6000\nG1 X2\nM0\nG1 X4\nM1\nG1 X6\nT2 M6\nG1 X8\nM2\n";
 
-/// A folder with a program that stops at M0, M1 and M6, on a machine whose tools are changed by hand.
+/// A folder with a program that stops at M0, M1 and M6, on a machine with manual tool changes.
 fn stops() -> Bench {
     let bench = Bench::new();
     bench.file("stops.ngc", STOPS);
@@ -195,14 +196,14 @@ fn m0_m1_and_m6_wait_in_wall_time_and_enter_at_the_terminal_goes_on() {
         "M6 of line 7 waits: insert tool 2 (end mill); press Enter",
     ];
     for (answered, wait) in waits.into_iter().enumerate() {
-        terminal.until(wait);
+        terminal.wait_for_text(wait);
         sleep(Duration::from_millis(700));
         assert_eq!(terminal.text().matches("operator: cycle start").count(), answered, "{}", terminal.text());
         assert!(!terminal.text().contains("completed"), "it waits: {}", terminal.text());
         terminal.keys("\n");
     }
-    assert_eq!(terminal.ended(), Some(0), "{}", terminal.text());
-    // It stood at each of them, and nowhere else for so long.
+    assert_eq!(terminal.wait_for_end(), Some(0), "{}", terminal.text());
+    // It stopped at each of them, and nowhere else for so long.
     let records = fs::read_to_string(bench.path("records.csv")).expect("the records");
     let mut stood = std::collections::BTreeMap::<String, u32>::new();
     for row in records.lines().skip(1).map(|row| row.split(',').collect::<Vec<_>>()) {
@@ -217,11 +218,11 @@ fn m0_m1_and_m6_wait_in_wall_time_and_enter_at_the_terminal_goes_on() {
     off.extend(["--optional-stop", "off"]);
     let mut terminal = Terminal::running(&off, 180, 40);
     for wait in ["M0 of line 3 waits", "M6 of line 7 waits"] {
-        terminal.until(wait);
+        terminal.wait_for_text(wait);
         sleep(Duration::from_millis(200));
         terminal.keys("\n");
     }
-    assert_eq!(terminal.ended(), Some(0), "{}", terminal.text());
+    assert_eq!(terminal.wait_for_end(), Some(0), "{}", terminal.text());
     assert!(!terminal.text().contains("M1 of line"), "{}", terminal.text());
 }
 
@@ -231,17 +232,17 @@ fn without_a_terminal_a_program_stop_says_the_way_out_and_a_resumed_job_keeps_th
     let run = ["run", "stops.ngc", "--realtime", "--json", "--journal", "jobs", "--optional-stop", "off"];
     let begun = Begun::of(&bench, &run);
     begun.until("err.txt", "M0 of line 3 waits; no terminal to press Enter at: stop it with `kill ");
-    // Longer than anybody who has gone is waited for elsewhere.
+    // Longer than the timeout for an absent operator elsewhere.
     sleep(Duration::from_secs(12));
     assert!(!begun.text("out.txt").contains("\"report\""), "it still waits: {}", begun.text("out.txt"));
     begun.signal("-TERM");
     assert_stopped(begun.ended());
     let jobs = bench.path("jobs").display().to_string();
     let mut terminal = Terminal::running(&["resume", "--yes", "--realtime", "--journal", &jobs], 180, 40);
-    terminal.until("M0 of line 3 waits; press Enter");
+    terminal.wait_for_text("M0 of line 3 waits; press Enter");
     sleep(Duration::from_millis(200));
     terminal.keys("\n");
-    assert_eq!(terminal.ended(), Some(0), "{}", terminal.text());
+    assert_eq!(terminal.wait_for_end(), Some(0), "{}", terminal.text());
     assert!(!terminal.text().contains("M1 of line"), "M1 is passed, as before: {}", terminal.text());
 }
 
@@ -276,10 +277,10 @@ fn a_job_in_the_background_waits_without_being_stopped_by_its_terminal() {
         bench.path("jobs").display(),
     );
     let mut terminal = Terminal::shell(&line, 200, 40);
-    terminal.until("M0 of line 3 waits; this command runs in the background: bring it to the foreground (fg)");
+    terminal.wait_for_text("M0 of line 3 waits; this command runs in the background: bring it to the foreground (fg)");
     terminal.keys("\n");
-    terminal.until("code=4");
-    assert_eq!(terminal.ended(), Some(0));
+    terminal.wait_for_text("code=4");
+    assert_eq!(terminal.wait_for_end(), Some(0));
 }
 
 #[test]
@@ -295,8 +296,8 @@ fn ctrl_c_sigterm_and_sighup_stop_work_by_hand() {
     let axes = axis("x", "") + &axis("y", "") + &axis("z", "home = { switch = \"upper\" }\n");
     bench.file("mill.toml", format!("homed = true\n{axes}[card]\nwatchdog_ms = 2000\n{switch}"));
     let machine = bench.path("mill.toml").display().to_string();
-    let card = Served::with(&["--machine", &machine]);
-    let at = |axis: usize| card.who(&bench)["counts"][axis].as_i64().expect("a count");
+    let card = ServedCard::with(&["--machine", &machine]);
+    let at = |axis: usize| card.identify(&bench)["counts"][axis].as_i64().expect("a count");
     let works =
         [(&["jog", "x", "800"][..], "-INT", 0), (&["mdi", "G1 Y800 F3000"], "-TERM", 1), (&["home", "z"], "-HUP", 2)];
     for (work, signal, axis) in works {
@@ -307,7 +308,7 @@ fn ctrl_c_sigterm_and_sighup_stop_work_by_hand() {
         begun.until("err.txt", "stopping: braking on the path, cutting outputs go off");
         let (code, report) = begun.ended();
         assert_eq!((code, report["outcome"].as_str()), (Some(4), Some("stopped")), "{work:?}: {report}");
-        let who = card.who(&bench);
+        let who = card.identify(&bench);
         assert_eq!((&who["at_rest"], &who["alarm"]), (&Value::from(true), &Value::Null), "{who}");
         assert!((1..800_000).contains(&at(axis)), "{work:?} was on its way: {who}");
         assert_eq!(who["counts"][axis], report["position_counts"][["x", "y", "z"][axis]], "{who}");

@@ -1,4 +1,4 @@
-//! Planned stops cost what they were planned to cost: the card does not creep into them.
+//! Planned stops take the planned time: the card does not creep into them.
 
 use retrace_tests::command::Bench;
 use retrace_tests::programs::full_stops;
@@ -15,8 +15,8 @@ fn periods_of_motion(moves: u32, mm: f64) -> u64 {
 
 #[test]
 fn a_thousand_full_stops_take_exactly_the_planned_periods() {
-    // From rest to rest over 1 mm the jerk never rests: four phases of t with d = 2 J t³, J = 0.9 · 20 000 mm/s³ (the
-    // reserve keeps a tenth). Peak acceleration 545 mm/s² and speed 16.5 mm/s are below their limits. A run between two
+    // From rest to rest over 1 mm the jerk is never zero: four phases of t with d = 2 J t³, J = 0.9 · 20 000 mm/s³ (a
+    // tenth is reserved). Peak acceleration 545 mm/s² and speed 16.5 mm/s are below their limits. A run between two
     // stops takes whole periods (SMO-9).
     let phase_s = (1.0_f64 / (2.0 * 0.9 * 20_000.0)).cbrt();
     let planned = (4.0 * phase_s / 0.001).ceil() as u64;

@@ -1,12 +1,12 @@
-//! Programs that arrive: what is executed of a stream that is cut off, and how it continues.
+//! Streamed programs: what is executed of a stream that is cut off, and how it continues.
 
-use retrace_tests::command::{Bench, Said};
+use retrace_tests::command::{Bench, CommandOutput};
 use retrace_tests::run::Run;
 use serde_json::Value;
 
 const WHOLE: &str = "G21 G90 F3000\nM3 S1000\nG1 X5\nG0 Z10\nG1 X8\nM5\nM30\n";
 
-fn report(said: &Said) -> Value {
+fn report(said: &CommandOutput) -> Value {
     let last = said.out.lines().last().unwrap_or_default();
     serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
 }
@@ -29,20 +29,25 @@ fn nothing_is_executed_of_a_line_that_did_not_arrive_whole() {
             }
             let bench = Bench::new();
             let run = Run::of_input(&bench, sent.as_bytes(), &[]);
-            assert_eq!(run.said.code, Some(1), "{sent:?}: {}", run.said.err);
-            assert!(run.said.err.contains("E1006") && run.said.err.contains(&format!(":{line}:")), "{}", run.said.err);
+            assert_eq!(run.output.code, Some(1), "{sent:?}: {}", run.output.err);
+            assert!(
+                run.output.err.contains("E1006") && run.output.err.contains(&format!(":{line}:")),
+                "{}",
+                run.output.err
+            );
             assert_eq!(run.report["outcome"], "stopped", "{sent:?}");
             let [x, z] = [if line > 5 { 8_000 } else { 5_000 }, if line > 4 { 10_000 } else { 0 }];
             assert_eq!(run.counts(), [x, 0, z], "{sent:?}");
             let id = job(&bench);
-            assert!(run.said.err.contains(&format!("retrace resume {id} --program")), "{}", run.said.err);
+            assert!(run.output.err.contains(&format!("retrace resume {id} --program")), "{}", run.output.err);
             let kept = bench.retrace(["jobs", "show", &id]);
             assert!(kept.out.contains("incomplete"), "{sent:?}: {}", kept.out);
         }
     }
 }
 
-/// What arrives is looked at as it is executed: the line that would leave the soft limits, and nothing behind it, is not.
+/// A stream is checked as it is executed: the line that would leave the soft limits is not executed, nor anything
+/// behind it.
 #[test]
 fn a_stream_never_leaves_the_soft_limits() {
     let bench = Bench::new();
@@ -75,7 +80,7 @@ fn a_last_line_that_is_exactly_the_program_end_needs_no_line_feed() {
         assert_eq!(run.counts(), [8_000, 0, 10_000]);
     }
     let run = Run::of_input(&Bench::new(), WHOLE.replace("M30\n", "N7 M30").as_bytes(), &[]);
-    assert_eq!(run.said.code, Some(1), "{}", run.said.err);
+    assert_eq!(run.output.code, Some(1), "{}", run.output.err);
 }
 
 #[test]
@@ -83,7 +88,7 @@ fn a_stream_that_was_cut_off_continues_with_the_whole_program() {
     for sent in [WHOLE.find("0\nG1 X8").expect("in a line"), WHOLE.find("M5").expect("between lines")] {
         let bench = Bench::new();
         let run = Run::of_input(&bench, &WHOLE.as_bytes()[..sent], &[]);
-        assert_eq!(run.said.code, Some(1), "{}", run.said.err);
+        assert_eq!(run.output.code, Some(1), "{}", run.output.err);
         let said = bench.retrace(["resume", "--yes", "--json"]);
         assert_eq!(said.code, Some(2), "{}", said.err);
         assert!(said.err.contains("E2208") && said.err.contains("--program"), "{}", said.err);
@@ -101,7 +106,7 @@ fn a_stream_that_was_cut_off_continues_with_the_whole_program() {
     }
 }
 
-/// An address of this computer that is not its loopback address; none where it has no network.
+/// An address of this computer that is not its loopback address; `None` where it has no network.
 fn own_address() -> Option<String> {
     let socket = std::net::UdpSocket::bind("0.0.0.0:0").ok()?;
     // Nothing is sent: the system only chooses the address that it would send from.
@@ -123,7 +128,7 @@ fn a_sender_on_the_network_is_warned_about_and_one_on_this_computer_is_not() {
     let warning = "is on another computer: anyone who can send from there can move this machine";
     let here = bench.retrace(["run", &format!("tcp://{}:{port}", std::net::Ipv4Addr::LOCALHOST), "--json"]);
     assert!(here.code == Some(0) && !here.err.contains(warning), "{}", here.err);
-    // Where there is no network nobody can send from elsewhere.
+    // Where there is no network no other computer can send.
     let Some(address) = own_address() else { return };
     let there = bench.retrace(["run", &format!("tcp://{address}:{port}"), "--json"]);
     assert!(there.code == Some(0) && there.err.contains(warning), "{}", there.err);

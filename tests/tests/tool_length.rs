@@ -1,11 +1,12 @@
-//! A tool that is changed in a pause: the way back, the path and everything behind it go by the new length, until the program says otherwise.
+//! A tool that is changed in a pause: the return, the path and everything behind it use the new length, until the
+//! program sets another one.
 
 use std::fs;
 
 use retrace_tests::command::Bench;
 use retrace_tests::records::Records;
 use retrace_tests::run::Run;
-use retrace_tests::served::Served;
+use retrace_tests::served::ServedCard;
 use serde_json::Value;
 
 /// Two tools of 10 and 20 mm.
@@ -39,7 +40,7 @@ fn run(program: &str, script: &str) -> (Run, Records) {
     (run, records)
 }
 
-/// Where the machine stood at the end of each row, and the line of the row.
+/// Position of the machine at the end of each row, and the line of the row.
 fn places(records: &Records) -> Vec<(u64, [i64; 3])> {
     let mut at = [0; 3];
     let row = |row: &retrace_tests::records::Row| {
@@ -63,7 +64,7 @@ fn the_way_back_and_the_path_go_by_the_new_length_backward_too() {
     let script =
         pause("tool length 12.5") + "at line 8 override 100%\nafter 1s hold\nafter 1s reverse 100%\nafter 5s leave\n";
     let (run, records) = run(SQUARE, &script);
-    assert_eq!((run.said.code, refusals(&run)), (Some(0), vec![]), "{}\n{}", run.said.err, run.said.out);
+    assert_eq!((run.output.code, refusals(&run)), (Some(0), vec![]), "{}\n{}", run.output.err, run.output.out);
     let entered = run.of_kind("tool_length").next().expect("it is told");
     assert_eq!(
         (&entered["by_mm"], &entered["by_counts"], &entered["length_mm"]),
@@ -86,10 +87,10 @@ fn machine_coordinates_are_those_of_the_machine_and_another_offset_ends_the_leng
         "G53 G0 Z0\nG0 X0\nG0 X5 Z5\nG1 Z-1\nG53 G0 X1\nG1 Z-2\nG43 H1\nG18 G2 X3 Z-2 I1 K0\nT2 M6 G43 H2\nG0 X7\nG28 X0\nG0 Z5\nM5\nM2\n",
     );
     let (run, records) = run(&program, &pause("tool length 12.5"));
-    assert_eq!((run.said.code, refusals(&run)), (Some(0), vec![]), "{}\n{}", run.said.err, run.said.out);
+    assert_eq!((run.output.code, refusals(&run)), (Some(0), vec![]), "{}\n{}", run.output.err, run.output.out);
     let z = |line| end_of(&records, line)[2];
-    assert_eq!((z(9), z(10), z(11), z(12), z(13)), (10_500, 0, 0, 17_500, 11_500), "{}", run.said.out);
-    // an axis that is not moved stays, and the same offset again changes nothing
+    assert_eq!((z(9), z(10), z(11), z(12), z(13)), (10_500, 0, 0, 17_500, 11_500), "{}", run.output.out);
+    // an axis that is not moved does not change, and the same offset again changes nothing
     assert_eq!((z(14), z(15), z(17)), (11_500, 10_500, 10_500));
     let lowest = places(&records).iter().filter(|(line, _)| *line == 17).map(|(_, at)| at[2]).min();
     assert_eq!(lowest, Some(9_500), "an arc in the tool axis");
@@ -99,17 +100,18 @@ fn machine_coordinates_are_those_of_the_machine_and_another_offset_ends_the_leng
     assert_eq!((run.number("limit_violations"), &run.report["commanded_mm"]["z"]), (0.0, &25.0.into()));
 }
 
-/// Many programs call for the same tool and offset again before each operation: the tool in the spindle is still the new one.
+/// Many programs call the same tool and offset again before each operation: the tool in the spindle is still the new
+/// one.
 #[test]
 fn the_same_tool_and_offset_again_have_the_new_length() {
     let again = "G53 G0 Z0\nG49\nG0 X0\nT1 M6\nG43 H1\nG0 Z5\nG49\nG0 Z1\nG43 H1\nG0 Z3\nM5\nM2\n";
     let (run, records) = run(&SQUARE.replace("G0 Z5\nM5\nM2\n", again), &pause("tool length 12.5"));
-    assert_eq!((run.said.code, refusals(&run)), (Some(0), vec![]), "{}\n{}", run.said.err, run.said.out);
+    assert_eq!((run.output.code, refusals(&run)), (Some(0), vec![]), "{}\n{}", run.output.err, run.output.out);
     let z = |line| end_of(&records, line)[2];
     assert_eq!((z(10), z(12), z(15), z(17), z(19)), (0, 0, 17_500, 1_000, 15_500));
-    // straight away, too: the path rests where the offset changes
+    // on a straight line, too: the path is at rest where the offset changes
     let (run, _) = self::run(&SQUARE.replace("G0 Z5\nM5", "G49\nG43 H1\nG0 Z5\nM5"), &pause("tool length 12.5"));
-    assert_eq!((run.said.code, run.counts()[2]), (Some(0), 17_500), "{}", run.said.err);
+    assert_eq!((run.output.code, run.counts()[2]), (Some(0), 17_500), "{}", run.output.err);
 }
 
 #[test]
@@ -118,13 +120,13 @@ fn where_machine_coordinates_are_planned_already_it_is_refused() {
     let script = "at line 7 override 100%\nafter 4.7s pause\nafter 0s spindle stop\nafter 0s tool length 12.5\nafter 0s spindle start\n\
         after 0s online\nafter 0s cycle start\n";
     let (run, records) = run(&program, script);
-    assert_eq!(run.said.code, Some(0), "{}\n{}", run.said.err, run.said.out);
+    assert_eq!(run.output.code, Some(0), "{}\n{}", run.output.err, run.output.out);
     let why = refusals(&run);
     assert!(why.len() == 1 && why[0].contains("machine coordinates (G53, G28, G30)"), "{why:?}");
     assert_eq!((run.counts()[2], end_of(&records, 8)[2]), (15_000, 0));
     // behind them it can be entered
     let (run, _) = self::run(&program, &pause("tool length 12.5").replace("line 7", "line 9"));
-    assert_eq!((run.said.code, run.counts()[2], refusals(&run).len()), (Some(0), 17_500, 0), "{}", run.said.out);
+    assert_eq!((run.output.code, run.counts()[2], refusals(&run).len()), (Some(0), 17_500, 0), "{}", run.output.out);
 }
 
 /// Z ends at 20 mm.
@@ -138,40 +140,45 @@ fn no_move_leaves_the_soft_limits_by_it() {
     let low = |script: &str| run_on(SQUARE, script, true);
     // at once: the cut itself would
     let run = low(&pause("tool length 40").replace("jog z 30", "jog z 5"));
-    assert_eq!((run.said.code, run.counts()[2]), (Some(0), 15_000), "{}\n{}", run.said.err, run.said.out);
+    assert_eq!((run.output.code, run.counts()[2]), (Some(0), 15_000), "{}\n{}", run.output.err, run.output.out);
     assert!(refusals(&run)[0].contains("with this tool axis Z would go beyond its soft limit"), "{:?}", refusals(&run));
-    // all that is left is in the ring already: the way up would
+    // the rest is in the ring already: the way up would
     let script = pause("tool length 16").replace("jog z 30", "jog z 5").replace("after 1s pause", "after 4.85s pause");
     let run = run_on(&SQUARE.replace("G1 Y40\nG1 X10\n", ""), &script, true);
-    assert_eq!((run.said.code, run.counts()[2]), (Some(0), 15_000), "{}\n{}", run.said.err, run.said.out);
+    assert_eq!((run.output.code, run.counts()[2]), (Some(0), 15_000), "{}\n{}", run.output.err, run.output.out);
     assert!(refusals(&run)[0].contains("with this tool axis Z would go beyond its soft limit"), "{:?}", refusals(&run));
     // later: the way up behind the cut would, and ends the program before it
     let run = low(&pause("tool length 16").replace("jog z 30", "jog z 5"));
-    assert_eq!((run.said.code, refusals(&run).len()), (Some(1), 0), "{}\n{}", run.said.err, run.said.out);
-    assert!(run.said.err.contains("E4304") && run.said.err.contains("21.000 mm"), "{}", run.said.err);
+    assert_eq!((run.output.code, refusals(&run).len()), (Some(1), 0), "{}\n{}", run.output.err, run.output.out);
+    assert!(run.output.err.contains("E4304") && run.output.err.contains("21.000 mm"), "{}", run.output.err);
     assert_eq!(run.counts(), [10_000, 40_000, 14_000]);
     // behind it: the history ends where it would
     let script = pause("tool length 15.5").replace("jog z 30", "jog z 5")
         + "at line 8 override 100%\nafter 1s reverse 100%\nafter 60s leave\n";
     let run = low(&script);
-    assert!(run.said.out.contains("the soft limit with the new tool length"), "{}\n{}", run.said.err, run.said.out);
+    assert!(
+        run.output.out.contains("the soft limit with the new tool length"),
+        "{}\n{}",
+        run.output.err,
+        run.output.out
+    );
 }
 
 #[test]
 fn without_an_offset_only_a_difference_can_be_entered_and_the_spindle_stands_for_it() {
     let bare = SQUARE.replace(" G43 H1", "");
     let (run, _) = run(&bare, &pause("tool length 12.5"));
-    assert_eq!((run.said.code, run.counts()[2]), (Some(0), 5_000), "{}", run.said.err);
+    assert_eq!((run.output.code, run.counts()[2]), (Some(0), 5_000), "{}", run.output.err);
     assert!(refusals(&run)[0].contains("no tool length offset (G43) is in force"), "{:?}", refusals(&run));
     let (run, _) = self::run(&bare, &pause("tool length by -0.75"));
-    assert_eq!((run.said.code, run.counts()[2], refusals(&run).len()), (Some(0), 4_250, 0), "{}", run.said.err);
+    assert_eq!((run.output.code, run.counts()[2], refusals(&run).len()), (Some(0), 4_250, 0), "{}", run.output.err);
     // twice: they add up
     let twice = pause("tool length 12.5\nafter 0s tool length by 0.25\nafter 0s tool length 11");
     let (run, _) = self::run(SQUARE, &twice);
-    assert_eq!((run.said.code, run.counts()[2], refusals(&run).len()), (Some(0), 16_000, 0), "{}", run.said.err);
+    assert_eq!((run.output.code, run.counts()[2], refusals(&run).len()), (Some(0), 16_000, 0), "{}", run.output.err);
     let turning = pause("jog z 1").replace("spindle stop", "tool length 12.5\nafter 0s spindle stop");
     let (run, _) = self::run(SQUARE, &turning);
-    assert_eq!((run.said.code, run.counts()[2]), (Some(0), 15_000), "{}", run.said.err);
+    assert_eq!((run.output.code, run.counts()[2]), (Some(0), 15_000), "{}", run.output.err);
     assert!(refusals(&run)[0].contains("spindle stop comes first"), "{:?}", refusals(&run));
     let (run, _) = self::run(SQUARE, "at 2s tool length 12.5\n");
     assert!(refusals(&run)[0].contains("pause comes first"), "{:?}", refusals(&run));
@@ -179,7 +186,7 @@ fn without_an_offset_only_a_difference_can_be_entered_and_the_spindle_stands_for
 
 #[test]
 fn a_job_with_a_new_tool_length_is_resumed_with_it() {
-    let (bench, card) = (Bench::new(), Served::with(&[]));
+    let (bench, card) = (Bench::new(), ServedCard::with(&[]));
     bench.file("part.ngc", SQUARE.replace("F600", "F3000").replace("M5\n", "G53 G0 Z0\nG0 X11\nG0 Z4\nM5\n"));
     bench.file("tools.tbl", TOOLS);
     bench.file("machine.toml", "[card]\nwatchdog_ms = 2000\n");
@@ -201,7 +208,7 @@ fn a_job_with_a_new_tool_length_is_resumed_with_it() {
         assert!(stands.is_none() || z(&said.out) == stands, "{}", said.out);
         let shown = bench.retrace(["resume"]);
         assert!(shown.out.contains("new tool   length entered in a pause, +2.500 mm"), "{}\n{}", shown.out, shown.err);
-        // the tool table knows nothing of it
+        // the tool table does not contain it
         let from_line = bench.retrace(["resume", "--from-line", "3"]);
         assert!(from_line.code == Some(2) && from_line.err.contains("E2218"), "{}", from_line.err);
         let said = bench.retrace(["resume", "--yes", "--json", "--records", "records.csv"]);

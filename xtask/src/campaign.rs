@@ -1,7 +1,7 @@
 //! `cargo xtask campaign`: the random tests, in a size that the test suite has no time for.
 //!
-//! Invariant: a campaign is one of the tests of the suite with more cases and a seed of its own; what the suite runs of it is a
-//! slice.
+//! Invariant: a campaign is one of the tests of the suite with more cases and a seed of its own; the suite runs a slice
+//! of it.
 
 use std::path::Path;
 use std::process::Command;
@@ -10,19 +10,19 @@ use std::process::Command;
 pub(crate) struct Campaign {
     pub(crate) name: &'static str,
     pub(crate) purpose: &'static str,
-    /// The test that it is: package, file and name.
+    /// Its test: package, file and name.
     test: [&'static str; 3],
-    /// The environment variables that tell it how many cases to run, and the seed.
+    /// Environment variables with the number of cases, and the seed.
     asked: [&'static str; 2],
     /// Cases of a full run, and without `--full`.
     full: u32,
     slice: u32,
 }
 
-/// How the end-to-end tests are asked.
+/// Variables of the end-to-end tests.
 const END_TO_END: [&str; 2] = ["RETRACE_CASES", "PROPTEST_RNG_SEED"];
 
-/// How those are asked that draw each case from a seed of its own, one after the other.
+/// Variables of tests that draw each case from a seed of its own, one after the other.
 const BY_SEED: [&str; 2] = ["RETRACE_CASES", "RETRACE_FIRST_SEED"];
 
 /// Every campaign.
@@ -133,7 +133,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
 ];
 
-/// Runs a campaign and says whether it passed.
+/// Runs a campaign and returns whether it passed.
 pub(crate) fn run(root: &Path, campaign: &Campaign, full: bool, seed: u64) -> bool {
     let [package, file, test] = campaign.test;
     let cases = if full { campaign.full } else { campaign.slice };

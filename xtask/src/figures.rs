@@ -1,12 +1,13 @@
-//! `cargo xtask figures`: makes every picture of README and docs anew.
+//! `cargo xtask figures`: generates every picture of README and docs.
 //!
-//! Invariant: a picture that is not measured depends on this checkout alone, so that making it again changes nothing.
+//! Invariant: a picture that is not measured depends on this checkout alone, so that generating it again changes
+//! nothing.
 
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Where the pictures are.
+/// Folder of the pictures.
 pub(crate) const FOLDER: &str = "docs/figures";
 
 /// A picture.
@@ -16,13 +17,13 @@ pub(crate) struct Figure {
     made: Made,
 }
 
-/// What makes a picture.
+/// Generator of a picture.
 enum Made {
     /// `retrace plot` with these arguments.
     Plot(&'static [&'static str]),
     /// An example of a package prints it.
     Example { package: &'static str, example: &'static str },
-    /// A bench draws what it measured; it is left as it is here.
+    /// A bench draws its measurement; such a picture is not generated here.
     Bench(&'static str),
 }
 
@@ -43,7 +44,7 @@ pub(crate) const FIGURES: &[Figure] = &[
     Figure { file: "pre-scan.svg", made: Made::Bench("pre9") },
 ];
 
-/// Makes them, or those that are named, and says whether all could be made.
+/// Generates all pictures, or those that are named, and returns whether all succeeded.
 pub(crate) fn run(root: &Path, names: &[&str]) -> bool {
     let mut passed = true;
     for figure in FIGURES.iter().filter(|figure| names.is_empty() || names.contains(&figure.file)) {
@@ -65,7 +66,7 @@ pub(crate) fn run(root: &Path, names: &[&str]) -> bool {
 }
 
 impl Figure {
-    /// Makes it; what is to be said where it was left alone.
+    /// Generates the picture; returns a remark where it was left unchanged.
     fn make(&self, root: &Path, path: &str) -> Result<Option<String>, String> {
         match &self.made {
             Made::Plot(arguments) => retrace(root, &[&["plot"], *arguments, &["-o", path]].concat()),
@@ -83,7 +84,7 @@ fn retrace(root: &Path, arguments: &[&str]) -> Result<(), String> {
     printed(root, &[&["-p", "retrace-cli", "--bin", "retrace", "--"], arguments].concat()).map(|_| ())
 }
 
-/// What `cargo run` prints.
+/// Output of `cargo run`.
 fn printed(root: &Path, arguments: &[&str]) -> Result<Vec<u8>, String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new(cargo);

@@ -1,11 +1,12 @@
-//! `cargo xtask campaign fuzz`: hostile input for half an hour, as random cases of our own and, where it is installed, with cargo-fuzz.
+//! `cargo xtask campaign fuzz`: hostile input for half an hour, as random cases of our own and, where it is installed,
+//! with cargo-fuzz.
 //!
-//! Invariant: what is not there is said; the cases of our own need nothing but the tests.
+//! Invariant: a missing tool is reported; our own cases need nothing but the tests.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// What the campaign is for.
+/// Purpose of the campaign.
 pub(crate) const PURPOSE: &str = "no panic, no hang, no unbounded memory, whatever the program, table or cycle source";
 
 /// Seconds of our own cases: of a full campaign, and of the slice without `--full`.
@@ -15,7 +16,7 @@ const TARGET_SECONDS: u64 = 300;
 /// The targets.
 const TARGETS: [&str; 3] = ["program", "tables", "cycle"];
 
-/// Runs the campaign and says whether it passed.
+/// Runs the campaign and returns whether it passed.
 pub(crate) fn run(root: &Path, full: bool, seed: u64) -> bool {
     let seconds = OWN_SECONDS[usize::from(!full)];
     println!("campaign fuzz: {PURPOSE} ({seconds} s on two threads, seed {seed})");

@@ -1,6 +1,6 @@
 //! Developer tasks of retrace: `cargo xtask test` is what a change must pass, here and in continuous integration.
 //!
-//! Invariant: a task that cannot be done says so and fails; no step reports a success that it has not seen.
+//! Invariant: a task that cannot be executed says so and fails; no step reports a success that it has not observed.
 #![forbid(unsafe_code)]
 
 mod bench;

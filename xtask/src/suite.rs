@@ -1,6 +1,6 @@
-//! `cargo xtask test`: the steps that a change must pass, one after the other, and a table of how each ended.
+//! `cargo xtask test`: the steps that a change must pass, one after the other, and a table of their results.
 //!
-//! Invariant: a step passes only if its own process said so; one that fails does not hide those after it.
+//! Invariant: a step passes only if its own process reports success; one that fails does not hide those after it.
 
 use crate::{firmware, tidy, verify};
 use std::io::{BufRead, BufReader, Write};
@@ -9,14 +9,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// One step: what it is for, and how it is run.
+/// One step: its purpose, and its command.
 pub(crate) struct Step {
     pub(crate) name: &'static str,
     pub(crate) purpose: &'static str,
     run: fn(&Path) -> Outcome,
 }
 
-/// How a step ended.
+/// Result of a step.
 struct Outcome {
     passed: bool,
     remark: String,
@@ -42,7 +42,7 @@ pub(crate) const STEPS: &[Step] = &[
     Step { name: "rustdoc", purpose: "the documents build without a warning", run: rustdoc },
 ];
 
-/// Runs the steps named in `only`, or all of them, and says whether all passed.
+/// Runs the steps named in `only`, or all of them, and returns whether all passed.
 pub(crate) fn run(root: &Path, only: &[&str]) -> bool {
     let mut rows: Vec<(&str, Outcome, Duration)> = Vec::new();
     for step in STEPS.iter().filter(|step| only.is_empty() || only.contains(&step.name)) {
@@ -75,7 +75,7 @@ fn tests(root: &Path) -> Outcome {
     let mut command = cargo_command(root, &["test", "--workspace", "--tests", "--no-fail-fast"]);
     // the thread models are run and counted by the step `verify`
     command.args(["--exclude", "retrace-loom", "--exclude", "retrace-shuttle"]);
-    // Many end-to-end tests wait for machine time: two at a time for each processor.
+    // Many end-to-end tests wait for machine time: two at a time per processor.
     if std::env::var_os("RUST_TEST_THREADS").is_none() {
         let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
         command.env("RUST_TEST_THREADS", (2 * processors).to_string());
@@ -147,7 +147,7 @@ fn ended(command: &mut Command) -> Outcome {
     }
 }
 
-/// Runs a test command, hands its output on line by line, and adds up what its runners report.
+/// Runs a test command, prints its output line by line, and adds up the reports of its runners.
 fn count_tests(command: &mut Command) -> Outcome {
     let mut child = match command.stdout(Stdio::piped()).spawn() {
         Ok(child) => child,
@@ -171,7 +171,7 @@ fn count_tests(command: &mut Command) -> Outcome {
     }
 }
 
-/// What the closing lines of test runners add up to.
+/// Sum of the closing lines of test runners.
 #[derive(Default, Debug, PartialEq, Eq)]
 struct Count {
     passes: u64,

@@ -1,4 +1,4 @@
-//! The files of the checkout as the checks of `tidy` see them, and what they ask of Rust text.
+//! The files of the checkout for the checks of `tidy`, and functions on Rust text.
 //!
 //! Invariant: a tree holds every text file that git tracks or would track, under its path from the root with `/`.
 
@@ -52,12 +52,12 @@ impl Tree {
         self.files.get(path)?.as_deref()
     }
 
-    /// Is there such a file, of any kind?
+    /// Whether such a file exists, of any kind.
     pub(crate) fn has_file(&self, path: &str) -> bool {
         self.files.contains_key(path)
     }
 
-    /// Is there such a file (of any kind), or a folder that holds one?
+    /// Whether such a file (of any kind) exists, or a folder that contains one.
     pub(crate) fn has(&self, path: &str) -> bool {
         let folder = format!("{path}/");
         path.is_empty()
@@ -80,8 +80,8 @@ fn listed(root: &Path) -> Result<Vec<String>, String> {
     Ok(paths.split('\0').filter(|path| !path.is_empty()).map(str::to_owned).collect())
 }
 
-/// Makes `copy` hold the same files as the checkout. What is the same already is not written, so that builds in the copy go on
-/// from where they were.
+/// Makes `copy` contain the same files as the checkout. Files that are equal already are not written, so that builds in
+/// the copy are incremental.
 ///
 /// # Errors
 /// Where git or the file system refuses.
@@ -128,7 +128,7 @@ pub(crate) fn lines_before_tests(text: &str) -> usize {
     (0..lines.len()).find(|&at| opens_tests(at)).unwrap_or(lines.len())
 }
 
-/// Does this file hold nothing but tests?
+/// Whether this file contains only tests.
 pub(crate) fn is_test_file(path: &str) -> bool {
     path.ends_with("/tests.rs") || path.starts_with("tests/tests/") || path.contains("/src/tests/") || {
         path.starts_with("crates/") && path.contains("/tests/")
@@ -216,7 +216,7 @@ fn block_comment_length(rest: &[u8]) -> usize {
     rest.len()
 }
 
-/// May this byte stand inside a Rust word?
+/// Whether this byte may be part of a Rust word.
 pub(crate) fn is_word(byte: u8) -> bool {
     byte.is_ascii_alphanumeric() || byte == b'_' || byte >= 0x80
 }

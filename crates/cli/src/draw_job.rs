@@ -8,11 +8,13 @@ use std::path::Path;
 
 use retrace_controller::event::channel_name;
 use retrace_controller::jobs::{JobFolder, JobState, JobStore};
-use retrace_controller::journal::entry::{JournalEntry, JournalHoldReason, JournalMode, PositionEntry};
+use retrace_controller::journal::entry::{JournalEntry, PositionEntry};
 use retrace_controller::journal::job_record::JobRecord;
 use retrace_controller::journal::journal_reader::JournalEntries;
 use retrace_controller::machine::MachineConfig;
 use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::telemetry::HoldReason;
+use retrace_core::mode::Mode;
 use serde_json::Value;
 
 use crate::plot::{Activity, History, HistoryEvent, HistorySample, Priority, Stroke, StrokeKind, ToolPath};
@@ -218,18 +220,18 @@ impl MachineTime {
     }
 }
 
-fn activity(mode: JournalMode, standing: JournalHoldReason) -> Activity {
+fn activity(mode: Mode, standing: HoldReason) -> Activity {
     match (mode, standing) {
-        (JournalMode::Run, JournalHoldReason::None) => Activity::Run,
-        (JournalMode::Run, JournalHoldReason::Hold) => Activity::Hold,
-        (JournalMode::Run, JournalHoldReason::ProgramStop) => Activity::ProgramStop,
-        (JournalMode::Run, JournalHoldReason::SingleBlock) => Activity::SingleBlock,
-        (JournalMode::Run, JournalHoldReason::Paused) => Activity::Paused,
-        (JournalMode::Reverse, _) => Activity::Reverse,
-        (JournalMode::Forward, _) => Activity::Forward,
-        (JournalMode::Wheel, _) => Activity::Wheel,
-        (JournalMode::Rejoin, _) => Activity::Return,
-        (JournalMode::AwaitOutputs, _) => Activity::Settle,
+        (Mode::Run, HoldReason::None | HoldReason::Ended) => Activity::Run,
+        (Mode::Run, HoldReason::Hold) => Activity::Hold,
+        (Mode::Run, HoldReason::ProgramStop) => Activity::ProgramStop,
+        (Mode::Run, HoldReason::SingleBlock) => Activity::SingleBlock,
+        (Mode::Run, HoldReason::Paused) => Activity::Paused,
+        (Mode::Reverse, _) => Activity::Reverse,
+        (Mode::Forward, _) => Activity::Forward,
+        (Mode::Wheel, _) => Activity::Wheel,
+        (Mode::Rejoin, _) => Activity::Return,
+        (Mode::AwaitOutputs, _) => Activity::Settle,
     }
 }
 
@@ -298,7 +300,7 @@ mod tests {
         format!("{}/../../examples/{name}", env!("CARGO_MANIFEST_DIR"))
     }
 
-    /// Example 2, backed up over as its operator does, with a journal; it ends in this way, or nobody says how.
+    /// Runs example 2 with its operator's script and a journal, which ends this way, or without an end.
     fn backed_up(folder: &Path, ended: Option<JobEnding>) {
         let text = std::fs::read_to_string(example("02-back-up.toml")).expect("a machine file");
         let machine = MachineConfig::parse(&text, "02-back-up.toml").expect("a machine");
@@ -369,7 +371,7 @@ mod tests {
             assert!(words.contains(&expected), "{expected} is not in {words:?}");
         }
         assert!(history.events.is_sorted_by_key(|remark| remark.time_s));
-        // The bracket's 600 mm; what the marks leave out of arcs is next to nothing.
+        // The bracket's 600 mm; the arc error of the marks is negligible.
         let executed = history.path.strokes.first().expect("a path");
         let ends = [executed.points.first(), executed.points.last()].map(|point| point.copied());
         assert_eq!(ends, [Some([0.0; 3]), Some([-10.0, 0.0, 0.0])]);

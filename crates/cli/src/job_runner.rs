@@ -89,7 +89,7 @@ pub struct JobRunner<'a> {
     pub program: &'a Program,
     /// Source of a streamed program.
     pub input: Option<ProgramStream>,
-    /// Where it starts.
+    /// Start of the job.
     pub start: JobStart,
     /// Journal.
     pub journal: Option<JournaledJob>,
@@ -240,7 +240,7 @@ impl JobRunner<'_> {
     }
 }
 
-/// Where Enter can be pressed for a job of this program.
+/// Keyboard for a job of this program.
 fn keyboard(program: &Program) -> Keyboard {
     match program.stream_source() {
         Some(StreamSource::StandardInput) => Keyboard::Program,

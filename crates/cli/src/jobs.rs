@@ -6,12 +6,12 @@ use std::path::Path;
 
 use retrace_controller::event::{ChannelNames, channel_name};
 use retrace_controller::jobs::{JobFolder, JobState, JobStore, ListedJob};
-use retrace_controller::journal::entry::{
-    JobCard, JobHeader, JournalHoldReason, JournalMode, PositionEntry, ProgramSource,
-};
+use retrace_controller::journal::entry::{JobCard, JobHeader, PositionEntry, ProgramSource};
 use retrace_controller::journal::job_record::JobRecord;
 use retrace_controller::machine::MachineConfig;
 use retrace_controller::numbered_error::NumberedError;
+use retrace_controller::telemetry::HoldReason;
+use retrace_core::mode::Mode;
 use retrace_link::channel;
 use serde_json::{Value, json};
 
@@ -242,18 +242,18 @@ fn card_text(card: &JobCard) -> String {
     }
 }
 
-fn mode_text(mode: JournalMode, standing: JournalHoldReason) -> &'static str {
+fn mode_text(mode: Mode, standing: HoldReason) -> &'static str {
     match (mode, standing) {
-        (JournalMode::Run, JournalHoldReason::None) => "normal run",
-        (JournalMode::Run, JournalHoldReason::Hold) => "held",
-        (JournalMode::Run, JournalHoldReason::ProgramStop) => "at a program stop",
-        (JournalMode::Run, JournalHoldReason::SingleBlock) => "single block",
-        (JournalMode::Run, JournalHoldReason::Paused) => "paused",
-        (JournalMode::Reverse, _) => "reverse run",
-        (JournalMode::Forward, _) => "forward run",
-        (JournalMode::Wheel, _) => "handwheel",
-        (JournalMode::Rejoin, _) => "returning to the furthest place",
-        (JournalMode::AwaitOutputs, _) => "at the furthest place, outputs differ",
+        (Mode::Run, HoldReason::None | HoldReason::Ended) => "normal run",
+        (Mode::Run, HoldReason::Hold) => "held",
+        (Mode::Run, HoldReason::ProgramStop) => "at a program stop",
+        (Mode::Run, HoldReason::SingleBlock) => "single block",
+        (Mode::Run, HoldReason::Paused) => "paused",
+        (Mode::Reverse, _) => "reverse run",
+        (Mode::Forward, _) => "forward run",
+        (Mode::Wheel, _) => "handwheel",
+        (Mode::Rejoin, _) => "returning to the furthest place",
+        (Mode::AwaitOutputs, _) => "at the furthest place, outputs differ",
     }
 }
 
@@ -318,7 +318,7 @@ mod tests {
     use retrace_core::{Place, mode};
     use retrace_link::{CardStatus, OutputChange};
 
-    /// A job that ran on a card, was stopped while it went back, and was taken up again once.
+    /// Job that ran on a card, was stopped in reverse run, and was resumed once.
     fn stopped(jobs: &JobStore) -> JobFolder {
         let when = Timestamp::from_ms(1_795_308_387_000);
         let folder = jobs.create("part.ngc", when).expect("a folder");

@@ -94,7 +94,7 @@ pub struct JournaledJob {
 }
 
 impl JournaledJob {
-    /// Job that may be resumed; its journal is unchanged until [`JournaledJob::take_up`].
+    /// Job that may be resumed; its journal is unchanged until [`JournaledJob::resume_journal`].
     #[must_use]
     pub fn awaiting_resume(
         jobs: JobStore,

@@ -101,7 +101,7 @@ pub const MAX_AXES: usize = 9;
 /// no host.
 ///
 /// # Errors
-/// See [`MotionCard::open`].
+/// The card cannot be opened with these settings.
 pub fn read_status<const A: usize>(
     card: &mut SerialCard<A>,
     address: &str,

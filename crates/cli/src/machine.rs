@@ -281,7 +281,7 @@ mod tests {
     const KINDS: [MachineKind; 5] =
         [MachineKind::Waterjet, MachineKind::Plasma, MachineKind::Laser, MachineKind::Router, MachineKind::Lathe];
 
-    /// Each key that is shown in a comment is one that can be used.
+    /// Every key in a comment can be used.
     #[test]
     fn what_is_commented_out_can_be_put_in() {
         for kind in KINDS.map(Some).into_iter().chain([None]) {
@@ -292,7 +292,7 @@ mod tests {
                 all.push('\n');
             }
             if kind.is_none() {
-                // the one axis with a `home` needs the others to have one, or a machine that knows where it is: it does
+                // The axis with a `home` requires the others to have one, or `homed = true`, as here.
                 all += "[[card.input]]\nnumber = 9\nuse = \"home\"\naxis = \"x\"\n";
             }
             MachineConfig::parse(&all, "all").expect("valid");

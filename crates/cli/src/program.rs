@@ -286,7 +286,7 @@ impl Program {
     /// Opens the stream; `None` for a file.
     ///
     /// # Errors
-    /// As [`Arrives::open`].
+    /// See [`StreamSource::open`].
     pub fn open_stream(&self) -> Result<Option<ProgramStream>, NumberedError> {
         self.arrives.as_ref().map(|from| from.open(&self.opening)).transpose()
     }
@@ -448,15 +448,15 @@ impl Program {
     /// Checks the whole program and prints nothing.
     ///
     /// # Errors
-    /// Its diagnostics, where it has errors.
+    /// The program has errors; the text has its diagnostics.
     pub fn check_silently(&self, machine: &MachineConfig) -> Result<(), String> {
         self.check_silently_by(machine, self.decoder())
     }
 
-    /// Checks the whole program at a terminal, with a progress bar; see [`Self::faults`].
+    /// Checks the whole program at a terminal, with a progress bar; see [`Self::check_silently`].
     ///
     /// # Errors
-    /// Its diagnostics, where it has errors.
+    /// The program has errors; the text has its diagnostics.
     pub fn check_silently_with_progress(&self, machine: &MachineConfig) -> Result<(), String> {
         self.check_silently_by(machine, self.shown_decoder())
     }

@@ -36,7 +36,7 @@ use crate::resume_summary::{self, ConfirmResume, ResumeSummary};
 use crate::sim_wiring::simulated;
 use crate::{files, run};
 
-/// So many marks are held against the plan, and all that lie beyond the breakpoint.
+/// Number of marks that are compared with the plan, besides all marks beyond the breakpoint.
 const MAX_COMPARED_MARKS: u64 = 1 << 16;
 
 /// Runs the command. Returns its exit code.
@@ -255,7 +255,7 @@ impl ResumeStep<'_> {
         let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
         let wall_time = self.args.realtime || self.args.tui;
         let card = simulated::<A>(&self.machine, run::clock(&self.machine, wall_time))?
-            .standing_at(counts(&self.record.last_position.counts), &outputs);
+            .with_position(counts(&self.record.last_position.counts), &outputs);
         let start = self.record.last_position.start;
         self.run_job(program, script, (card, Homing::simulated()), start, JobCard::Sim, wall_time).map(|(code, _)| code)
     }

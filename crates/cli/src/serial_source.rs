@@ -360,15 +360,15 @@ impl<P: ProgramLine> Receiver<P> {
 mod tests {
     use super::*;
 
-    /// A line with RTS and CTS, and a sender that sends while RTS is on and none of its program is left over.
+    /// Line with RTS and CTS, and a sender that sends while RTS is on and its program lasts.
     #[derive(Default)]
     struct ModemLine {
         program: Vec<u8>,
         at: usize,
         is_requested: bool,
-        /// Every change of RTS, with the number of characters that had been sent by then.
+        /// Changes of RTS, with the number of characters that had been sent by then.
         changes: Vec<(bool, usize)>,
-        /// After so many looks the other end switches CTS on.
+        /// Number of polls after which the other end switches CTS on.
         clear_after: u32,
         codes: Vec<u8>,
     }
@@ -408,7 +408,7 @@ mod tests {
         }
     }
 
-    /// What arrives of a program over such a line, where the decoder takes nothing until the sender has been told to pause.
+    /// Text that arrives over such a line when the decoder reads nothing until the sender has been paused.
     fn received(handshake: &str, line: &Mutex<ModemLine>) -> Vec<u8> {
         let mut settings = SerialSettings::default();
         settings.set("handshake", handshake).expect("known");
@@ -423,7 +423,7 @@ mod tests {
                 assert!(begun.elapsed() < Duration::from_secs(20), "it is told to pause");
                 thread::sleep(Duration::from_millis(1));
             }
-            // Nothing is sent while it is.
+            // Nothing is sent while the sender is paused.
             let (paused_at, _) = (line.lock().expect("whole").at, thread::sleep(Duration::from_millis(50)));
             assert_eq!(line.lock().expect("whole").at, paused_at);
             loop {
@@ -466,7 +466,7 @@ mod tests {
         let come = received("both", &line);
         let line = line.into_inner().expect("whole");
         assert!(come == long_program(), "every line, once: {} bytes", come.len());
-        // CTS was looked at until it came on; then DC1, and DC3 at the pause and at the end.
+        // CTS was polled until it came on; then DC1, and DC3 at the pause and at the end.
         assert_eq!((line.clear_after, line.codes.first(), line.codes.last()), (0, Some(&DC1), Some(&DC3)));
         assert!(line.codes.contains(&DC3) && line.codes.iter().all(|code| matches!(*code, DC1 | DC3)));
     }

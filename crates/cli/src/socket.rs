@@ -269,7 +269,7 @@ mod tests {
     use std::io::Write;
     use std::net::TcpListener;
 
-    /// A sender that gives each connection the next of `parts`, then closes it.
+    /// Sender that gives each connection the next of `parts`, then closes it.
     fn sender(parts: Vec<Vec<u8>>) -> String {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let address = listener.local_addr().expect("bound").to_string();
@@ -343,7 +343,8 @@ mod tests {
         assert_eq!(Socket::open("127.0.0.1:1?patience=1").expect_err("unknown").number, "E2301");
     }
 
-    /// A sender whose computer has gone is noticed by probes: the first after 10 s of silence, then every 5 s, three of them.
+    /// A sender whose computer has gone is detected by probes: the first after 10 s of silence, then every 5 s, three
+    /// of them.
     #[cfg(unix)]
     #[test]
     fn a_connection_has_keepalive_probes() {

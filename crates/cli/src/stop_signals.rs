@@ -17,7 +17,7 @@ use retrace_controller::telemetry::Telemetry;
 /// Interval of the polls for a signal.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// What a job that is stopping still waits for.
+/// Progress of a stopping job.
 #[derive(Debug, Default)]
 struct Progress {
     line: u32,
@@ -36,7 +36,7 @@ impl Progress {
     }
 }
 
-/// What a signal stops.
+/// Scope of a stop by signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopPolicy {
     /// Job, whose breakpoint is saved.

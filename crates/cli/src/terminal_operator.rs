@@ -19,7 +19,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Command that Enter sends; `None` while the job waits for nothing.
 type Awaited = Arc<Mutex<Option<OperatorCommand>>>;
 
-/// Where Enter can be pressed.
+/// Keyboard of the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Keyboard {
     /// A terminal.
@@ -96,7 +96,7 @@ impl TerminalOperator {
         Some(format!("{what}; {}", self.resume_hint()))
     }
 
-    /// How to resume, and how to stop.
+    /// Instruction how to resume and how to stop.
     fn resume_hint(&self) -> String {
         let pid = std::process::id();
         let kept = if self.saves_breakpoint { "; `retrace resume` at a terminal resumes from here" } else { "" };

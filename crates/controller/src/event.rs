@@ -3,6 +3,7 @@
 //! Invariant: every event carries the period and the place at which it happened.
 
 use retrace_core::Place;
+use retrace_core::mode::Mode;
 use retrace_link::{Alarm, CardFailure, CutterOffCause};
 use serde_json::{Value, json};
 
@@ -126,7 +127,7 @@ pub enum EventKind {
     /// The job began.
     Started,
     /// The mode of operation changed; its name.
-    Mode(&'static str),
+    Mode(Mode),
     /// The operator did something.
     Operator(OperatorCommand),
     /// Another feed override is planned from here on: 100 % or more.
@@ -223,7 +224,7 @@ impl Event {
     pub fn to_json(&self) -> Value {
         let mut value = match &self.kind {
             EventKind::Started => json!({"event": "started"}),
-            EventKind::Mode(mode) => json!({"event": "mode", "mode": mode}),
+            EventKind::Mode(mode) => json!({"event": "mode", "mode": mode.name()}),
             EventKind::Operator(command) => json!({"event": "operator", "command": command.to_string()}),
             EventKind::OverridePlanned(percent) => json!({"event": "override_planned", "percent": percent}),
             EventKind::CommandRejected(reason) => json!({"event": "command_rejected", "reason": reason.to_string()}),
@@ -317,7 +318,7 @@ impl Event {
         let channel_name = |channel: u8| names.of(channel);
         match &self.kind {
             EventKind::Started => "started".into(),
-            EventKind::Mode(mode) => (*mode).to_string(),
+            EventKind::Mode(mode) => mode.name().into(),
             EventKind::Operator(command) => format!("operator: {command}"),
             EventKind::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),
             EventKind::CommandRejected(why) => format!("not done: {why}"),

@@ -14,6 +14,7 @@ use retrace_core::mode::Mode;
 use retrace_core::{Place, Travel};
 use retrace_gcode::ActiveCodes;
 use retrace_link::{CardStatus, OutputChange, Outputs, channel};
+use serde::{Deserialize, Serialize};
 
 use crate::event::Event;
 
@@ -27,7 +28,8 @@ const POLL_INTERVAL: Duration = Duration::from_millis(1);
 const POLL_INTERVAL_VIRTUAL: Duration = Duration::from_micros(300);
 
 /// Reason why the machine is at rest in normal run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum HoldReason {
     /// No hold by the operator: the machine runs, or waits for records or for an instruction.
     #[default]

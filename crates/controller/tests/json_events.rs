@@ -14,6 +14,7 @@ use retrace_controller::event::{CardError, ChannelNames, CutterOffReason, Differ
 use retrace_controller::journal::timestamp::Timestamp;
 use retrace_controller::operator::{CommandError, OperatorCommand};
 use retrace_core::Place;
+use retrace_core::mode::Mode;
 
 /// An example of each kind of event. The match has no other purpose than to fail to compile for a kind without an example.
 fn examples() -> Vec<EventKind> {
@@ -22,7 +23,7 @@ fn examples() -> Vec<EventKind> {
     let fault = CardError::Fault { number: "E3002", cause: "cause".into(), remedy: "remedy".into() };
     let examples = vec![
         EventKind::Started,
-        EventKind::Mode("run"),
+        EventKind::Mode(Mode::Run),
         EventKind::Operator(OperatorCommand::Hold),
         EventKind::OverridePlanned(120.0),
         EventKind::CommandRejected(CommandError::NothingBehind),

@@ -27,6 +27,24 @@ pub enum Mode {
     AwaitOutputs,
 }
 
+impl Mode {
+    /// Every mode.
+    pub const ALL: [Self; 6] = [Self::Run, Self::Reverse, Self::Forward, Self::Wheel, Self::Rejoin, Self::AwaitOutputs];
+
+    /// Name of the mode as an identifier: `run`, `reverse`, `forward`, `wheel`, `rejoin` or `await_outputs`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Run => "run",
+            Self::Reverse => "reverse",
+            Self::Forward => "forward",
+            Self::Wheel => "wheel",
+            Self::Rejoin => "rejoin",
+            Self::AwaitOutputs => "await_outputs",
+        }
+    }
+}
+
 /// Command of the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModeCommand {

@@ -152,7 +152,7 @@ impl<const A: usize> SimCard<A> {
     /// The card with its axes at these counts and its outputs at these values, like a card that retained its position.
     /// The plant is at these positions too. To be called before anything has moved.
     #[must_use]
-    pub fn standing_at(mut self, counts: [i64; A], outputs: &Outputs) -> Self {
+    pub fn with_position(mut self, counts: [i64; A], outputs: &Outputs) -> Self {
         self.card.restore_state(counts, outputs);
         self.compared = CountChecker::new(counts);
         self.compared.set_backlash(&self.settings.backlash_pulses, &counts, &[0; A]);

@@ -81,12 +81,12 @@ fn feed(card: &mut impl MotionCard<3>) {
 }
 
 /// A card over a serial line that remembers which instruction was sent, so that it is sent once per epoch.
-struct Once<C> {
+struct OncePerEpoch<C> {
     card: C,
     told: u32,
 }
 
-impl<C: MotionCard<3>> MotionCard<3> for Once<C> {
+impl<C: MotionCard<3>> MotionCard<3> for OncePerEpoch<C> {
     type Fault = C::Fault;
 
     fn window(&self) -> u32 {
@@ -206,7 +206,7 @@ fn a_path_that_is_begun_anew_over_a_line_goes_on_exactly() {
         let (rig, log) = watched(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() });
         let mut wired = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
         wired.open(settings()).expect("it takes the settings");
-        let mut card = Once { card: wired, told: 0 };
+        let mut card = OncePerEpoch { card: wired, told: 0 };
         for (rate, periods) in legs(seed) {
             run(&mut card, rate, periods);
             begin_anew(&mut card);
@@ -221,7 +221,7 @@ fn a_path_that_is_begun_anew_over_a_line_goes_on_exactly() {
 
 /// Steps of a host that is restarted: finds the card, waits until it is at rest, opens at its reported position, clears
 /// the alarm.
-fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> Once<LinkedCard<3, InProcess<3>>> {
+fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> OncePerEpoch<LinkedCard<3, InProcess<3>>> {
     // sooner than the watchdog, and later
     let until = rig.now_us() + u64::from(nonce % 4) * 200_000;
     rig.run(until);
@@ -237,7 +237,7 @@ fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> Once<LinkedCard<3, InProc
     assert_eq!(wired.status().alarm, Some(Alarm::HostSilent));
     wired.send(HostCommand::ClearAlarm).expect("taken");
     while wired.run_period().expect("no fault before it is known what became of it").alarm.is_some() {}
-    Once { card: wired, told: 0 }
+    OncePerEpoch { card: wired, told: 0 }
 }
 
 /// Killed at any moment, in motion forward and backward, at rest, in an instruction: the job ends with exact counts,
@@ -251,7 +251,7 @@ fn a_host_that_was_killed_takes_its_job_up_again() {
         let (rig, log) = watched(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() });
         let mut wired = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
         wired.open(settings()).expect("it takes the settings");
-        let mut card = Once { card: wired, told: 0 };
+        let mut card = OncePerEpoch { card: wired, told: 0 };
         for (number, (rate, periods)) in (0u32..).zip(legs(seed).into_iter().take(6)) {
             run(&mut card, rate, periods);
             // killed
@@ -365,7 +365,7 @@ fn the_card_in_this_process_homes_stops_and_is_turned_as_a_served_one() {
 fn a_card_that_kept_its_position_stands_there_with_all_that_hangs_on_it() {
     let mut outputs = [0; channel::COUNT];
     outputs[3] = 1;
-    let mut card = with_switches().standing_at([3990, -50, 7], &outputs);
+    let mut card = with_switches().with_position([3990, -50, 7], &outputs);
     assert_eq!((card.status().counts, card.status().outputs[3]), ([3990, -50, 7], 1));
     card.begin_path(start_of(Place { record: 110, fraction: 1 << 30 }, 120, 2)).expect("it stands");
     for place in 110..150 {
@@ -387,7 +387,7 @@ fn play_is_taken_up_beside_the_counts() {
     settings.backlash_pulses = [37, 0, 400];
     let mut wired = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     wired.open(settings).expect("it takes the settings");
-    let mut card = Once { card: wired, told: 0 };
+    let mut card = OncePerEpoch { card: wired, told: 0 };
     let mut taken = Vec::new();
     for (rate, periods) in legs(5) {
         run(&mut card, rate, periods);

@@ -13,7 +13,7 @@ use retrace_link::{
 
 /// Bytes that were sent over the line, and those that were received.
 #[derive(Clone, Debug, Default)]
-struct Tape {
+struct Recording {
     sent: Vec<u8>,
     heard: Vec<u8>,
     injected: Vec<u8>,
@@ -23,7 +23,7 @@ struct Tape {
 #[derive(Debug)]
 struct Recorder {
     inner: InProcess<3>,
-    tape: Arc<Mutex<Tape>>,
+    tape: Arc<Mutex<Recording>>,
 }
 
 impl BytePort for Recorder {
@@ -63,8 +63,8 @@ fn rig(boot: u32) -> CardSimulator<3> {
     CardSimulator::new(&CardSimulatorSettings { boot, ..CardSimulatorSettings::default() }).expect("a card")
 }
 
-fn find(rig: CardSimulator<3>, nonce: u32) -> (Host, Arc<Mutex<Tape>>) {
-    let tape = Arc::new(Mutex::new(Tape::default()));
+fn find(rig: CardSimulator<3>, nonce: u32) -> (Host, Arc<Mutex<Recording>>) {
+    let tape = Arc::new(Mutex::new(Recording::default()));
     let port = Recorder { inner: InProcess::new(rig), tape: Arc::clone(&tape) };
     (Host::connect(port, nonce, LinkTimeouts::default()).expect("a card answers"), tape)
 }
@@ -95,7 +95,7 @@ fn run(host: &mut Host) {
 const END: [i64; 3] = [2100, -900, 300];
 
 /// A whole session, and its recording. The output is off at its end.
-fn session(boot: u32) -> (CardSimulator<3>, Tape) {
+fn session(boot: u32) -> (CardSimulator<3>, Recording) {
     let (mut host, tape) = find(rig(boot), 7);
     open(&mut host);
     run(&mut host);

@@ -105,7 +105,7 @@ fn a_run_can_be_repeated() {
         rig.observe(Box::new(move |now| {
             into.lock().expect("whole").push((now.at_us, now.status.place, *now.positions))
         }));
-        let mut host = Host::find(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
+        let mut host = Host::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
         host.open(settings()).expect("it takes the settings");
         run(&mut host, ONE, 400, 400);
         let (tallies, now) =
@@ -270,12 +270,12 @@ fn a_silent_host_is_an_alarm() {
 type Written = Vec<(u64, Vec<u8>)>;
 
 /// A port that records what the host writes.
-struct Tap {
+struct RecordingPort {
     port: InProcess<3>,
     written: Arc<Mutex<Written>>,
 }
 
-impl BytePort for Tap {
+impl BytePort for RecordingPort {
     type Fault = <InProcess<3> as BytePort>::Fault;
 
     fn now_us(&self) -> u64 {
@@ -335,7 +335,7 @@ fn the_steps_in_which_time_passes_change_nothing() {
         let settings_of_rig = CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() };
         let written = Arc::new(Mutex::new(Vec::new()));
         let port = InProcess::new(CardSimulator::new(&settings_of_rig).expect("a card"));
-        let tap = Tap { port, written: Arc::clone(&written) };
+        let tap = RecordingPort { port, written: Arc::clone(&written) };
         let mut host = LinkedCard::connect(tap, 7, LinkTimeouts::default()).expect("a card answers");
         host.open(settings()).expect("it takes the settings");
         host.send(HostCommand::rate(ONE)).expect("a rate");

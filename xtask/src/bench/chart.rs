@@ -1,6 +1,6 @@
 //! A chart as SVG: panels side by side with lines in them, axes, and one legend.
 //!
-//! Invariant: every point lies within its panel; lines are told apart by their dashes and marks, not by colour alone.
+//! Invariant: every point is within its panel; lines differ in their dashes and marks, not in colour alone.
 
 use std::fmt::Write as _;
 
@@ -13,7 +13,7 @@ pub(super) struct Panel {
 /// Colours that differ in brightness too, and dashes.
 const STYLES: [(&str, &str); 4] = [("#b2182b", ""), ("#e08214", "7 3"), ("#2166ac", "2 3"), ("#1b1b1b", "")];
 
-/// Size of a panel's field, and the room around it.
+/// Size of a panel's field, and its margins.
 const WIDTH: f64 = 230.0;
 const HEIGHT: f64 = 220.0;
 const LEFT: f64 = 52.0;
@@ -80,7 +80,7 @@ fn draw_panel(svg: &mut String, panel: &Panel, left: f64, across: &str, up: &str
     }
 }
 
-/// A tick without what adding up has left behind its last digit.
+/// A tick without the rounding of the sum in its last digits.
 fn rounded(at: f64) -> f64 {
     (at * 1e6).round() / 1e6
 }

@@ -1,4 +1,4 @@
-//! Programs to be measured with, made up from fixed seeds.
+//! Programs for measurements, generated from fixed seeds.
 //!
 //! Invariant: the same call gives the same text, on any machine.
 
@@ -30,7 +30,7 @@ impl Numbers {
         (self.below(200_001) as f64 - 100_000.0) / 1000.0
     }
 
-    /// `true` for so many of 1 000.
+    /// `true` with a probability of `per_mille` in 1 000.
     pub(crate) fn chance(&mut self, per_mille: u64) -> bool {
         self.below(1000) < per_mille
     }
@@ -102,7 +102,7 @@ pub(crate) fn canned(lines: u64) -> String {
     text + "M2\n"
 }
 
-/// Where subprograms stand.
+/// Location of subprograms.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Subs {
     First,

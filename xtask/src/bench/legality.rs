@@ -1,6 +1,8 @@
-//! What is emitted, through holds, overrides and reversals, as the card's own judge sees it.
+//! Limits of the emitted records, through holds, overrides and reversals, as the limit monitor of the command reports
+//! them.
 //!
-//! Invariant: programs and operators follow from fixed seeds; the judge is that of `retrace run`, on emitted increments alone.
+//! Invariant: programs and operators follow from fixed seeds; the monitor is that of `retrace run`, on emitted
+//! increments alone.
 
 use super::generate::Numbers;
 use super::motion::Row;
@@ -9,7 +11,7 @@ use std::path::Path;
 
 const PROGRAMS: u64 = 6;
 
-/// The part of Q7 that is seen at the card.
+/// Rows of the part of Q7 that is measured at the card.
 pub(super) fn rows(binary: &Path, folder: &Path) -> Result<Vec<Row>, String> {
     let (mut broken, mut reversals, mut periods) = (0, 0, 0);
     for seed in 1..=PROGRAMS {
@@ -65,7 +67,7 @@ fn program(seed: u64) -> String {
     text + "M2\n"
 }
 
-/// Somebody who changes his mind every second.
+/// An operator who changes the command every second.
 fn operator(seed: u64) -> String {
     let mut numbers = Numbers::new(seed + 100);
     let mut text = String::new();

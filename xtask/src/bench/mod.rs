@@ -1,6 +1,6 @@
-//! `cargo xtask bench`: what the command takes, measured beside others and against its goals.
+//! `cargo xtask bench`: time and memory of the command, compared with other programs and with its goals.
 //!
-//! Invariant: a figure is the median of runs of this very call; what could not be run has no figure and says so.
+//! Invariant: a figure is the median of runs of this call; what could not be run has no figure and is reported.
 
 mod chart;
 mod generate;
@@ -41,7 +41,7 @@ pub(crate) const BENCHES: &[Bench] = &[
     },
 ];
 
-/// Runs a group and says whether all was measured; `full` takes the full sizes.
+/// Runs a group and returns whether all was measured; `full` takes the full sizes.
 pub(crate) fn run(root: &Path, bench: &Bench, full: bool) -> bool {
     match (bench.run)(root, full) {
         Ok(passed) => passed,
@@ -58,7 +58,7 @@ fn build_command(root: &Path) -> Result<PathBuf, String> {
     crate::suite::build(root, &arguments)
 }
 
-/// A folder for what is measured, beside the command.
+/// A folder for the measured files, next to the command.
 fn folder(binary: &Path, name: &str) -> Result<PathBuf, String> {
     let folder = binary.parent().unwrap_or(Path::new(".")).join("bench").join(name);
     std::fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;

@@ -1,13 +1,13 @@
-//! Motion: how near plans come to what is possible, beside LinuxCNC's planners, and what planning costs.
+//! Motion: distance of plans from the optimum, compared with LinuxCNC's planners, and the cost of planning.
 //!
-//! Invariant: every figure is of this very call, except LinuxCNC's times and the optima of corners, which say where they are from.
+//! Invariant: every figure is of this call, except LinuxCNC's times and the optima of corners, whose origin is given.
 
 use super::{build_command, circumstances, folder};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// A row of the table as the benches of the crates print it: name, what, figure, goal, verdict, note.
+/// A row of the table as the benches of the crates print it: name, quantity, figure, goal, verdict, note.
 pub(super) struct Row(pub(super) [String; 6]);
 
 impl Row {

@@ -1,16 +1,16 @@
-//! Whole programs beside LinuxCNC's two planners.
+//! Whole programs compared with LinuxCNC's two planners.
 //!
-//! Invariant: LinuxCNC's times are not measured here: they were taken once with its own planner code, off line, over the same
-//! files, and stand in a table.
+//! Invariant: LinuxCNC's times are not measured here: they were taken once with its own planner code, off line, over
+//! the same files, and are in a table.
 
 use super::motion::Row;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::Command;
 
-/// A program of LinuxCNC's own tests and examples, and the seconds of motion of LinuxCNC 2.10-pre's default planner, which limits no
-/// jerk, and of its jerk-limited one (PLANNER_TYPE 1): 100 mm/s along the path, each axis 100 mm/s, 1 000 mm/s², 20 000 mm/s³,
-/// 1 ms, feed as programmed, 0.05 mm where G64 names no P, no tool or spindle time.
+/// A program of LinuxCNC's own tests and examples, and the seconds of motion of LinuxCNC 2.10-pre's default planner,
+/// which limits no jerk, and of its jerk-limited one (PLANNER_TYPE 1): 100 mm/s along the path, each axis 100 mm/s, 1
+/// 000 mm/s², 20 000 mm/s³, 1 ms, feed as programmed, 0.05 mm where G64 names no P, no tool or spindle time.
 struct Peer {
     program: &'static str,
     trapezoid_s: f64,
@@ -34,7 +34,7 @@ const PEERS: &[Peer] = &[
 const CONDITIONS: &str = "reference times: LinuxCNC 2.10-pre, its planner code off line; 100 mm/s along the path, each axis 100 mm/s, \
                           1 000 mm/s², 20 000 mm/s³, 1 ms, G64 without P 0.05 mm; ours with the reserve of 10 %, LinuxCNC without any";
 
-/// Q5 and Q6, and what was emitted as a part of Q7.
+/// Rows of Q5 and Q6, and the emitted records as a part of Q7.
 pub(super) fn rows(
     binary: &Path,
     programs: &Path,
@@ -106,7 +106,7 @@ fn four_axes(folder: &Path) -> Result<String, String> {
     Ok(path.display().to_string())
 }
 
-/// Runs a program on the simulated card; its report.
+/// Runs a program on the simulated card; returns its report.
 pub(super) fn played(binary: &Path, program: &Path, options: &[&str]) -> Result<serde_json::Value, String> {
     println!("{}", program.file_name().unwrap_or_default().display());
     let output = Command::new(binary).arg("run").arg(program).arg("--json").args(options).output();

@@ -1,6 +1,7 @@
-//! What precompiled cycles and the pre-scan spare (PRE-9): the measurement of the example `pre9`, as a page with a table and a plot.
+//! Savings of precompiled cycles and the pre-scan (PRE-9): the measurement of the example `pre9`, as a page with a
+//! table and a plot.
 //!
-//! Invariant: page and plot show the same figures, those of this very call.
+//! Invariant: page and plot show the same figures, those of this call.
 
 use super::chart::{self, Panel};
 use super::circumstances;
@@ -8,14 +9,14 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// The measured programs: their names in the example, and what grows in them.
+/// The measured programs: their names in the example, and the quantity that grows in them.
 const SERIES: [(&str, &str); 3] =
     [("cycles", "lines that call a cycle"), ("jumps", "lines that call a subprogram"), ("both", "lines of each kind")];
 
-/// The ways, in the order of the example's columns.
+/// The variants, in the order of the example's columns.
 const WAYS: [&str; 4] = ["line by line", "precompiled cycles", "pre-scan", "both"];
 
-/// A measured program: its series, the share in percent, and milliseconds of each way.
+/// A measured program: its series, the share in per cent, and milliseconds of each variant.
 struct Row {
     series: String,
     share: u32,
@@ -53,7 +54,7 @@ fn row(line: &str) -> Option<Row> {
     Some(Row { series: (*series).into(), share: share.parse().ok()?, taken: taken.try_into().ok()? })
 }
 
-/// Whether what a way spares grows with the share, from the smallest share to the greatest.
+/// Whether the saving of a variant grows with the share, from the smallest share to the greatest.
 fn spared(rows: &[Row], series: &str, way: usize) -> bool {
     let mut of_series = rows.iter().filter(|row| row.series == series).map(|row| row.taken[0] - row.taken[way]);
     let first = of_series.next().unwrap_or(f64::NAN);

@@ -1,13 +1,14 @@
-//! Running a program and measuring what it takes: processor time and greatest memory.
+//! Runs a program and measures its processor time and its greatest memory.
 //!
-//! Invariant: what is measured is the child's own, from the kernel's account of it; a child that fails is not a measurement.
+//! Invariant: the figures are the child's own, from the kernel's account of it; a child that fails is not a
+//! measurement.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// What one run took.
+/// Result of one run.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Taken {
     /// Processor time, seconds.
@@ -33,12 +34,12 @@ impl Measured {
         command.spawn().map_err(|error| format!("{} cannot be run: {error}", self.program.display()))
     }
 
-    /// Runs it once.
+    /// Runs the command once.
     pub(crate) fn run(&self) -> Result<Taken, String> {
         self.watch(self.spawn(Stdio::null())?, Instant::now())
     }
 
-    /// Runs it once with what `feed` writes as its input.
+    /// Runs the command once with the output of `feed` as its input.
     pub(crate) fn run_fed(&self, feed: impl FnOnce(&mut dyn Write) + Send) -> Result<Taken, String> {
         let started = Instant::now();
         let mut child = self.spawn(Stdio::piped())?;
@@ -53,8 +54,8 @@ impl Measured {
         })
     }
 
-    /// Waits for the end, looking at the kernel's account on the way. The account of an ended child stays until it is asked how
-    /// it ended.
+    /// Waits for the end, reading the kernel's account at intervals. The account of an ended child remains until its
+    /// exit status is read.
     fn watch(&self, mut child: Child, started: Instant) -> Result<Taken, String> {
         let account = PathBuf::from(format!("/proc/{}", child.id()));
         let mut taken = Taken::default();
@@ -69,7 +70,7 @@ impl Measured {
                 break;
             }
             std::thread::sleep(pause);
-            // Looking costs processor time, of which there may be little.
+            // Reading costs processor time, of which there may be little.
             pause = (pause * 2).min(Duration::from_millis(4));
         }
         taken.wall_s = started.elapsed().as_secs_f64();

@@ -1,6 +1,7 @@
-//! Decoding programs: `retrace canon` beside `rs274 -g`, both printing to nowhere.
+//! Decoding programs: `retrace canon` compared with `rs274 -g`, both with their output discarded.
 //!
-//! Invariant: both are run in turn within one call, and of what each takes its own start, with a program of one line, is taken off.
+//! Invariant: both are run in turn within one call, and the start-up time of each, with a program of one line, is
+//! subtracted.
 
 use super::generate::{self, Subs};
 use super::process::{Measured, median};
@@ -8,7 +9,7 @@ use super::{build_command, circumstances, folder, stream};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// A program, and how much faster than the peer it has to be.
+/// A program, and the required factor over the peer.
 struct Case {
     name: &'static str,
     what: &'static str,
@@ -16,7 +17,7 @@ struct Case {
     goal: f64,
 }
 
-/// What a case came to: seconds of processor time.
+/// Result of a case: seconds of processor time.
 struct Row {
     case: Case,
     lines: usize,
@@ -45,7 +46,7 @@ pub(super) fn run(root: &Path, full: bool) -> Result<bool, String> {
     let path = root.join("docs/bench-programs.md");
     std::fs::write(&path, page).map_err(|error| format!("{}: {error}", path.display()))?;
     let seconds = |name: &str| rows.iter().find(|row| row.case.name == name).map_or(f64::NAN, |row| row.ours);
-    // Where subprograms stand must not matter; the tenth is what two runs of the same program differ by.
+    // The location of subprograms must not matter; a tenth is the difference of two runs of the same program.
     let is_even = seconds("half calls, behind M2") <= 1.1 * seconds("half calls, first");
     let missed = rows.iter().any(|row| row.peer.is_some_and(|peer| peer / row.ours < row.case.goal));
     Ok(!missed && is_even && streamed.is_within())
@@ -99,7 +100,7 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// A case on its way: its commands, and what their runs took.
+/// A running case: its commands, and the results of their runs.
 struct Running {
     case: Case,
     lines: usize,
@@ -109,7 +110,7 @@ struct Running {
     peer_times: Vec<f64>,
 }
 
-/// A peer that takes longer than this, seconds, is not asked in every round; its figure varies by little then.
+/// A peer that takes longer than this, seconds, is not run in every round; its figure varies by little then.
 const LONG: f64 = 5.0;
 
 impl Running {
@@ -124,7 +125,7 @@ impl Running {
     }
 }
 
-/// Each case with both programs in turn; a round is over all cases, so that load from elsewhere meets them alike.
+/// Each case with both programs in turn; a round is over all cases, so that other load affects them alike.
 fn compared(ours: &Path, peer: Option<&Path>, folder: &Path, rounds: usize) -> Result<Vec<Row>, String> {
     let running = |case: Case, file: &str, lines: usize| {
         let command = |program: &Path, option: &str| Measured {

@@ -1,12 +1,12 @@
-//! A program that comes down standard input without end: speed and memory.
+//! An endless program on standard input: speed and memory.
 //!
-//! Invariant: the bytes are made while they are read, so that the whole program is nowhere in memory.
+//! Invariant: the bytes are generated while they are read, so that the whole program is never in memory.
 
 use super::generate;
 use super::process::Measured;
 use std::path::Path;
 
-/// What feeding `retrace canon -` came to.
+/// Result of feeding `retrace canon -`.
 pub(super) struct Streamed {
     bytes: u64,
     lines: u64,
@@ -55,7 +55,7 @@ pub(super) fn measure(binary: &Path, folder: &Path, full: bool) -> Result<Stream
         folder: folder.to_path_buf(),
     };
     let taken = command.run_fed(|input| {
-        // A child that ends early is told of by how it ended.
+        // A child that ends early is reported by its exit status.
         let mut whole = (0..times).try_for_each(|_| input.write_all(text));
         whole = whole.and_then(|()| input.write_all(b"M2\n"));
         let _ = whole;

@@ -1,7 +1,7 @@
-//! Building the firmware: which compiler, which board.
+//! Building the firmware: compiler and board.
 //!
-//! Invariant: rustup's own target is used where it is installed; a compiler of its own, with `core` compiled from its source, only where
-//! it is not.
+//! Invariant: rustup's own target is used where it is installed; a separate compiler, with `core` compiled from its
+//! source, only where it is not.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -10,7 +10,7 @@ use crate::suite;
 use crate::verify::tools;
 
 const TARGET: &str = "thumbv7em-none-eabihf";
-/// How a compiler for the target is got.
+/// Installation of a compiler for the target.
 pub(super) const GET_COMPILER: &str = "rustup target add thumbv7em-none-eabihf (docs/firmware.md)";
 
 /// A microcontroller.
@@ -38,7 +38,7 @@ impl Board {
     /// The board of this name.
     ///
     /// # Errors
-    /// The names that there are.
+    /// The valid names.
     pub(super) fn named(name: &str) -> Result<Self, String> {
         Self::ALL
             .into_iter()
@@ -51,9 +51,9 @@ impl Board {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Build {
     pub(super) board: Board,
-    /// Megahertz of the crystal; none: the internal oscillator.
+    /// Megahertz of the crystal; `None`: the internal oscillator.
     pub(super) crystal: Option<u8>,
-    /// For QEMU?
+    /// Whether it is for QEMU.
     pub(super) emulated: bool,
 }
 
@@ -72,14 +72,14 @@ impl Build {
         features
     }
 
-    /// Builds it, and returns where the image (an ELF file) is.
+    /// Builds the image, and returns the path of its ELF file.
     ///
     /// # Errors
-    /// There is no compiler for it here, or it does not build.
+    /// No compiler for it is installed, or it does not build.
     pub(super) fn run(self, root: &Path) -> Result<PathBuf, String> {
         let compiler = Compiler::find()?;
         let features = self.features();
-        // one folder an image, so that none is taken for another
+        // one folder per image, so that they are not confused
         let folder = target_folder(root).join("firmware");
         let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
         command.current_dir(root.join("crates/firmware")).env("CARGO_TARGET_DIR", &folder);
@@ -93,7 +93,7 @@ impl Build {
     }
 }
 
-/// Where cargo builds for this checkout.
+/// Target folder of cargo for this checkout.
 pub(super) fn target_folder(root: &Path) -> PathBuf {
     let named = std::env::var_os("CARGO_TARGET_DIR").filter(|folder| !folder.is_empty());
     named.map_or_else(|| root.join("target"), |folder| root.join(folder))
@@ -127,10 +127,10 @@ impl Compiler {
     }
 }
 
-/// Is there a compiler?
+/// Checks that a compiler is installed.
 ///
 /// # Errors
-/// What is missing, and how it is got.
+/// The missing tool, and how to install it.
 pub(super) fn can_build() -> Result<(), String> {
     Compiler::find().map(|_| ())
 }

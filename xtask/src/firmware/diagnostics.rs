@@ -1,12 +1,12 @@
-//! What the firmware measures of itself, read out of its memory while it runs.
+//! Diagnostics of the firmware, read out of its memory while it runs.
 //!
-//! Invariant: the layout is that of `crates/firmware/src/diagnostics.rs`, which its mark says.
+//! Invariant: the layout is that of `crates/firmware/src/diagnostics.rs`, which its mark identifies.
 
 use super::elf::Image;
 use super::emulator::Emulator;
 use super::sections::RAM_BEGINS;
 
-/// Says that this is it, and in which layout.
+/// Mark that identifies the block and its layout.
 const MARK: u32 = 0x5254_0001;
 /// Words of it.
 const WORDS: usize = 12;
@@ -24,19 +24,19 @@ pub(super) struct Diagnostics {
     pub(super) periods: u32,
     /// Control periods that began late.
     pub(super) late_periods: u32,
-    /// Bytes that came and were not taken in.
+    /// Bytes that arrived and were not accepted.
     pub(super) lost_bytes: u32,
-    /// Orders whose pulses did not fit their period.
+    /// Step batches whose pulses did not fit their period.
     pub(super) refused: u32,
     /// Net pulses of each axis at the outputs.
     pub(super) counted: [i32; 4],
 }
 
 impl Diagnostics {
-    /// Reads them.
+    /// Reads the diagnostics.
     ///
     /// # Errors
-    /// They are not in the image, not begun yet, or QEMU does not answer.
+    /// They are not in the image, not initialised yet, or QEMU does not answer.
     pub(super) fn read(image: &Image, emulator: &mut Emulator) -> Result<Self, String> {
         let address = image.address_of("DIAGNOSTICS").ok_or("the image has no DIAGNOSTICS")?;
         let words = emulator.words(address, WORDS)?;
@@ -60,10 +60,10 @@ pub(super) fn instructions(cycles: u32) -> u64 {
     u64::from(cycles) * 1000 / STOPWATCH_MHZ
 }
 
-/// How deep the stack has been, in bytes: RAM that was never written is still zero in QEMU.
+/// Greatest depth of the stack, in bytes: RAM that was never written is still zero in QEMU.
 ///
 /// # Errors
-/// The image does not say where its stack begins, or QEMU does not answer.
+/// The image has no symbol for the begin of its stack, or QEMU does not answer.
 pub(super) fn stack_depth(image: &Image, emulator: &mut Emulator) -> Result<u32, String> {
     let top = image.address_of("_stack_start").ok_or("the image has no _stack_start")?;
     let in_ram = image.sections.iter().filter(|section| section.address >= RAM_BEGINS);

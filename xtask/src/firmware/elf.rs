@@ -1,4 +1,4 @@
-//! What an image says of itself: its sections and symbols (System V ABI, *Object files*; 32 bits, little-endian).
+//! Sections and symbols of an image (System V ABI, *Object files*; 32 bits, little-endian).
 //!
 //! Invariant: any bytes are read without a panic; what does not fit is an error.
 
@@ -8,7 +8,7 @@ pub(super) struct Section {
     pub(super) name: String,
     pub(super) address: u32,
     pub(super) size: u32,
-    /// Are its bytes in the image, or only room?
+    /// Whether its bytes are in the image; otherwise it only reserves memory.
     pub(super) has_bytes: bool,
 }
 
@@ -35,10 +35,10 @@ const HEADER: usize = 40;
 const SYMBOL: usize = 16;
 
 impl Image {
-    /// Reads an ELF file.
+    /// Parses an ELF file.
     ///
     /// # Errors
-    /// Why it is none, or is cut short.
+    /// The reason why it is not one, or is truncated.
     pub(super) fn read(bytes: &[u8]) -> Result<Self, String> {
         if bytes.get(..6) != Some(b"\x7fELF\x01\x01") {
             return Err("this is not an ELF file of 32 bits, little-endian".into());
@@ -46,7 +46,7 @@ impl Image {
         parse(bytes).ok_or_else(|| "the ELF file is cut short".to_owned())
     }
 
-    /// Address of the one symbol in whose name this part stands.
+    /// Address of the only symbol whose name contains this part.
     pub(super) fn address_of(&self, part: &str) -> Option<u32> {
         self.symbols.iter().find(|symbol| symbol.name.contains(part)).map(|symbol| symbol.address)
     }

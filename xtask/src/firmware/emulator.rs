@@ -1,4 +1,4 @@
-//! QEMU with the firmware in it: its line, and its monitor.
+//! QEMU with the firmware in it: its serial line, and its monitor.
 //!
 //! Invariant: QEMU ends with the value that started it; every wait is bounded.
 
@@ -10,13 +10,13 @@ use std::time::{Duration, Instant};
 
 use crate::verify::tools;
 
-/// How QEMU is got.
+/// Installation of QEMU.
 const GET_QEMU: &str = "qemu-system-arm from your distribution, on PATH (docs/firmware.md)";
 const PROMPT: &str = "(qemu) ";
 /// Longest wait for an answer of the monitor.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// A QEMU that runs.
+/// A running QEMU.
 pub(super) struct Emulator {
     child: Child,
     monitor: ChildStdin,
@@ -24,10 +24,10 @@ pub(super) struct Emulator {
     line: String,
 }
 
-/// Is QEMU here?
+/// Checks that QEMU is installed.
 ///
 /// # Errors
-/// That it is not, and how it is got.
+/// It is not; the text says how to install it.
 pub(super) fn can_emulate() -> Result<std::path::PathBuf, String> {
     tools::program("qemu-system-arm").ok_or_else(|| format!("no qemu-system-arm: {GET_QEMU}"))
 }
@@ -36,7 +36,7 @@ impl Emulator {
     /// Starts the image on QEMU's netduinoplus2, which has an STM32F405.
     ///
     /// # Errors
-    /// QEMU is not here, or does not start.
+    /// QEMU is not installed, or does not start.
     pub(super) fn start(image: &Path, options: &[&str]) -> Result<Self, String> {
         let mut command = Command::new(can_emulate()?);
         command.args(["-machine", "netduinoplus2", "-display", "none", "-serial", "pty", "-monitor", "stdio"]);
@@ -71,7 +71,7 @@ impl Emulator {
         &self.line
     }
 
-    /// Does it run?
+    /// Whether it is running.
     pub(super) fn runs(&mut self) -> bool {
         matches!(self.child.try_wait(), Ok(None))
     }
@@ -93,7 +93,7 @@ impl Emulator {
         self.wait(from, |said| said.split_once('\n').is_some_and(|(_, answer)| answer.ends_with(PROMPT)))
     }
 
-    /// Waits until what was said from there on is as wanted.
+    /// Waits until the output from position `from` on is as wanted.
     fn wait(&mut self, from: usize, wanted: impl Fn(&str) -> bool) -> Result<String, String> {
         let until = Instant::now() + PATIENCE;
         loop {

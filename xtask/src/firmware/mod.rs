@@ -1,6 +1,7 @@
-//! `cargo xtask firmware`: builds the firmware, holds its size, runs it in QEMU and tests it there.
+//! `cargo xtask firmware`: builds the firmware, checks its size, runs it in QEMU and tests it there.
 //!
-//! Invariant: what cannot be done here for want of a tool is said, by name; it counts as passed in `test` alone, which says what it did not run.
+//! Invariant: a check that cannot be run for want of a tool is reported by name; it counts as passed in `test` alone,
+//! which lists what it did not run.
 
 mod build;
 mod diagnostics;
@@ -15,24 +16,24 @@ use std::time::Duration;
 use build::{Board, Build};
 use emulator::Emulator;
 
-/// What is asked of the task.
+/// Command of the task.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Order {
     /// Build for these boards.
     Build(Vec<Build>),
-    /// Start QEMU and stay.
+    /// Start QEMU and wait.
     Emulate,
     /// Everything that can be tested here.
     Test,
-    /// Print and hold the sizes.
+    /// Print and check the sizes.
     Size(Vec<Build>),
 }
 
 impl Order {
-    /// Reads the words behind `firmware`.
+    /// Parses the words behind `firmware`.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// The word that is not valid.
     pub(crate) fn read(words: &[&str]) -> Result<Self, String> {
         let Some((&verb, options)) = words.split_first() else {
             return Err("`firmware` needs one of build, emulate, test, size".into());
@@ -62,7 +63,7 @@ impl Order {
     }
 }
 
-/// Does it, and says whether it went well.
+/// Executes the command, and returns whether it succeeded.
 pub(crate) fn run(root: &Path, order: &Order) -> bool {
     let done = match order {
         Order::Build(builds) => each(builds, |build| {
@@ -79,7 +80,7 @@ pub(crate) fn run(root: &Path, order: &Order) -> bool {
     })
 }
 
-/// What `test` found, as a step of the whole suite.
+/// Result of `test`, as a step of the whole suite.
 pub(crate) fn test(root: &Path) -> test::Verdict {
     test::run(root)
 }
@@ -92,7 +93,7 @@ fn each(builds: &[Build], mut task: impl FnMut(&Build) -> Result<bool, String>) 
     Ok(passed)
 }
 
-/// Starts QEMU, says where its line is, and stays until QEMU ends or this process is interrupted.
+/// Starts QEMU, prints the path of its serial line, and waits until QEMU ends or this process is interrupted.
 fn emulate(root: &Path) -> Result<(), String> {
     let image = Build::EMULATED.run(root)?;
     let mut emulator = Emulator::start(&image, &[])?;

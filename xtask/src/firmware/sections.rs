@@ -1,22 +1,22 @@
-//! How much of the microcontroller an image takes, and what it may take.
+//! Flash and RAM of the microcontroller that an image uses, and their budget.
 //!
-//! Invariant: what is printed is what is held to; above its budget an image does not pass.
+//! Invariant: the printed figures are those that are checked; above its budget an image does not pass.
 
 use std::path::Path;
 
 use super::build::Build;
 use super::elf::Image;
 
-/// Most bytes of flash.
+/// Largest number of bytes of flash.
 const FLASH: u32 = 64 * 1024;
-/// Most bytes of RAM, with the stack.
+/// Largest number of bytes of RAM, with the stack.
 const RAM: u32 = 48 * 1024;
-/// Bytes of RAM that are kept for the stack; `firmware test` measures that it is enough.
+/// Bytes of RAM that are reserved for the stack; `firmware test` measures that it is enough.
 pub(super) const STACK: u32 = 10 * 1024;
-/// Where RAM begins.
+/// Begin of RAM.
 pub(super) const RAM_BEGINS: u32 = 0x2000_0000;
 
-/// What an image takes, in bytes.
+/// Use of an image, in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Size {
     pub(super) flash: u32,

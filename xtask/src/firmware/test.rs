@@ -1,4 +1,4 @@
-//! `cargo xtask firmware test`: what can be tested of the firmware on this machine.
+//! `cargo xtask firmware test`: the tests of the firmware that this machine can run.
 //!
 //! Invariant: the verdict names each check that ran and each that did not, with the reason.
 
@@ -14,14 +14,14 @@ use super::sections;
 use crate::suite;
 use crate::verify::process;
 
-/// How the test ended.
+/// Result of the test.
 pub(crate) struct Verdict {
     pub(crate) passed: bool,
-    /// What ran and what did not, in a line.
+    /// One line with what ran and what did not.
     pub(crate) remark: String,
 }
 
-/// How one check ended.
+/// Result of one check.
 enum Ended {
     Passed,
     Failed(String),
@@ -87,18 +87,19 @@ fn sizes(root: &Path) -> Result<bool, String> {
     })
 }
 
-/// What an emulated job is, beside the program: the machine and the operator.
+/// Files of an emulated job: the program, the machine and the operator.
 const PROGRAM: &str = "crates/firmware/emulated.ngc";
 const MACHINE: &str = "crates/firmware/emulated.toml";
 const OPERATOR: &str = "crates/firmware/emulated.op";
 
-/// A job in QEMU, by the command, with time counted in instructions: a program with switching, a hold and a reverse run.
+/// A job in QEMU, by the command, with time counted in instructions: a program with switching, a hold and a reverse
+/// run.
 fn emulation(root: &Path) -> Result<bool, String> {
     let path = Build::EMULATED.run(root)?;
     let command = suite::build_command(root)?;
     let bytes = std::fs::read(&path).map_err(|error| format!("{}: {error}", path.display()))?;
     let image = Image::read(&bytes)?;
-    // a virtual nanosecond an instruction
+    // one virtual nanosecond per instruction
     let mut emulator = Emulator::start(&path, &["-icount", "shift=0"])?;
     let report = job(Command::new(command).current_dir(root).args(["run", PROGRAM, "--card", emulator.line()]))?;
     let found = Diagnostics::read(&image, &mut emulator)?;
@@ -128,7 +129,7 @@ fn emulation(root: &Path) -> Result<bool, String> {
 /// Slots of the emulated machine's control period of 5 ms.
 const SLOTS: u64 = 500;
 
-/// What the command reported of a job.
+/// Report of the command on a job.
 #[derive(Debug, PartialEq, Eq)]
 struct Report {
     outcome: String,

@@ -1,7 +1,7 @@
 //! `cargo xtask book`: the pages of the documentation as one book with a search, by mdBook.
 //!
-//! Pages link to files outside of `docs/`. The book is therefore built from a copy in `target/book/src`, in which every chapter and
-//! every linked file stands under its path from the root of the checkout.
+//! Pages link to files outside of `docs/`. The book is therefore built from a copy in `target/book/src`, in which every
+//! chapter and every linked file stands under its path from the root of the checkout.
 //!
 //! Invariant: a book with a link that leads nowhere is a failure.
 

@@ -1,7 +1,7 @@
 //! `cargo xtask package`: every crate that could be published packages, together with those that it needs.
 //!
-//! Cargo resolves unpublished crates against each other only if they may be published. The check therefore runs in a copy of the
-//! checkout in which `publish` is true.
+//! Cargo resolves unpublished crates against each other only if they may be published. The check therefore runs in a
+//! copy of the checkout in which `publish` is true.
 //!
 //! Invariant: nothing is published, and the checkout is left as it is.
 

@@ -11,21 +11,22 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-/// What a proof of this lane says, and what it does not.
+/// Meaning of a proof of this lane, and its limits.
 pub(crate) const MEANING: &str = "No panic, overflow or failed assertion in the LLVM-optimised wasm32 code, where usize has 32 bits, for every \
      value the harness asks about. rustc, LLVM, wasm2c and verification/cbmc/environment.c are trusted; undefined behaviour is not \
      looked for.";
 
-/// What one harness may take, in a full run and in a quick one.
+/// Time limit of a harness, in a full run and in a quick one.
 const LIMITS: [Duration; 2] = [Duration::from_secs(600), Duration::from_secs(60)];
-/// Stack of the wasm module in bytes. It lies first in memory, so that one that is too small is an access out of bounds, not a wrong
-/// answer. The cost of a proof follows the size of the modelled memory.
+/// Stack of the wasm module in bytes. It is first in memory, so that a stack that is too small causes an access out of
+/// bounds, not a wrong answer. The cost of a proof follows the size of the modelled memory.
 const STACK: &str = "stack-size=1024";
-/// Whatever has a constant trip count is unrolled, and all is inlined: what is then kept in locals needs no modelled memory, and a
+/// Loops with a constant trip count are unrolled, and all is inlined: values in locals need no modelled memory, and a
 /// proof is up to fifteen times smaller.
 const UNROLLED: [&str; 3] =
     ["llvm-args=-unroll-threshold=20000", "llvm-args=-unroll-full-max-count=64", "llvm-args=-inline-threshold=20000"];
-/// wasm2c copies bytes for every load and store; as a typed access the formula is much smaller. Alignment does not matter to CBMC.
+/// wasm2c copies bytes for every load and store; as a typed access the formula is much smaller. Alignment does not
+/// matter to CBMC.
 const TYPED: [(&str, &str); 2] = [
     ("wasm_rt_memcpy(&result, &mem->data[addr], sizeof(t1));", "result = *(t1 *)(mem->data + addr);"),
     ("wasm_rt_memcpy(&mem->data[addr], &wrapped, sizeof(t1));", "*(t1 *)(mem->data + addr) = wrapped;"),
@@ -145,7 +146,7 @@ fn heap_base(code: &str) -> Option<u64> {
     value.split('u').next()?.parse().ok()
 }
 
-/// How a proof ended.
+/// Result of a proof.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Proof {
     Proved,
@@ -158,7 +159,7 @@ pub(super) enum Proof {
     Error(String),
 }
 
-/// One harness.
+/// Proves one harness.
 pub(super) fn prove(tools: &CbmcTools, compiled: &Harnesses, harness: &str, unwind: u64, limit: Duration) -> Proof {
     let module = match module(tools, compiled, harness, unwind) {
         Ok(module) => module,
@@ -198,7 +199,7 @@ fn read_proof(ended: &Ended) -> Proof {
     }
 }
 
-/// What an assertion is called: `[name.1] line 24 the property holds: FAILURE`.
+/// Text of an assertion: `[name.1] line 24 the property holds: FAILURE`.
 fn assertion_of(line: &str) -> String {
     let text = line.trim_end_matches(": FAILURE");
     let words = text.split_once("] line ").and_then(|(_, rest)| rest.split_once(' '));
@@ -209,7 +210,7 @@ fn cbmc(tools: &CbmcTools, module: &Module, more: &[&str], log: &str, limit: Dur
     let mut command = Command::new(&tools.cbmc);
     command.current_dir(&module.folder).args(["environment.c", "-I"]).arg(&tools.include);
     command.args([format!("-DHARNESS={}", module.export), format!("-DMEMORY={}", module.memory)]);
-    // a loop's condition is asked once more than it turns
+    // a loop's condition is evaluated once more than it turns
     command.args(["--unwind", &(module.unwind + 1).to_string(), "--unwinding-assertions", "--object-bits", "14"]);
     if tools.cbmc_major >= 6 {
         command.arg("--no-standard-checks");
@@ -243,7 +244,7 @@ fn replay_line(
     format!("cargo xtask verify --replay {name}={numbers} ({agrees})")
 }
 
-/// What the harness was given in a trace, in order.
+/// Numbers given to the harness in a trace, in order.
 fn numbers(trace: &str) -> Vec<String> {
     let given = trace.lines().filter_map(|line| line.trim().strip_prefix("return_value_nondet_uint32="));
     given.map(|rest| rest.chars().take_while(char::is_ascii_digit).collect()).collect()

@@ -7,7 +7,7 @@ use super::outcome::{Engine, Outcome, Verdict};
 use super::process;
 use std::time::Duration;
 
-/// What all of Kani's harnesses together may take.
+/// Time limit of all of Kani's harnesses together.
 const LIMIT: Duration = Duration::from_secs(7200);
 
 /// Runs `cargo kani`, which the caller knows to be set up.
@@ -38,7 +38,7 @@ pub(super) fn run(job: &Job<'_>) {
     }
 }
 
-/// What Kani's terse output says of each harness.
+/// Results of the harnesses in Kani's terse output.
 fn results(output: &str) -> Vec<Outcome> {
     let mut found: Vec<Outcome> = Vec::new();
     let mut reasons: Vec<String> = Vec::new();

@@ -1,6 +1,7 @@
-//! The ledger: what a run showed, as JSON, and the comparison of the committed one with the code.
+//! The ledger: results of a run, as JSON, and the comparison of the committed one with the code.
 //!
-//! Invariant: the committed ledger is written by a full run alone; every other run only compares its rows with those of the code.
+//! Invariant: the committed ledger is written by a full run alone; every other run only compares its rows with those of
+//! the code.
 
 use super::outcome::{Engine, Outcome, Verdict};
 use super::rows::Row;
@@ -22,10 +23,10 @@ const REWRITE: &str = "cargo xtask verify";
 const FROM_CODE: [&str; 10] =
     ["name", "says", "requirement", "bound", "assumes", "suffices", "harnesses", "searches", "models", "mutants"];
 
-/// What the CBMC proofs of a quick run may take together, one after the other, in seconds by the committed ledger.
+/// Time limit of the CBMC proofs of a quick run together, one after the other, in seconds by the committed ledger.
 const CHEAP: f64 = 80.0;
 
-/// What a run showed.
+/// Results of a run.
 pub(super) fn of_run(
     job: &Job<'_>,
     outcomes: &[Outcome],
@@ -80,7 +81,7 @@ fn result_of(outcome: &Outcome) -> Value {
     })
 }
 
-/// What a row may be called after this run.
+/// Status of a row after this run.
 fn status(row: &Row, own: &[&Outcome]) -> String {
     if own.iter().any(|outcome| outcome.verdict == Verdict::Failed) {
         return "FAILED".to_owned();
@@ -116,7 +117,7 @@ fn status(row: &Row, own: &[&Outcome]) -> String {
     if parts.is_empty() { "NOT RUN".to_owned() } else { parts.join(", ") }
 }
 
-/// Writes the ledger of this run where it belongs, and says whether the committed one still is that of the code.
+/// Writes the ledger of this run, and returns whether the committed one still matches the code.
 pub(super) fn keep(job: &Job<'_>, all: &[Row], book: &Value, is_full: bool) -> bool {
     let folder = job.folder.clone();
     let [page_path, book_path] = if is_full {
@@ -205,7 +206,7 @@ fn cheapest(book: &Value) -> BTreeSet<String> {
     within.map(|(_, check)| check.to_owned()).collect()
 }
 
-/// The commit, and whether the checkout is more than that. The ledger itself does not count: writing it is what the run does.
+/// The commit, and whether the checkout differs from it. The ledger itself does not count: the run writes it.
 fn commit(root: &Path) -> String {
     let git = |arguments: &[&str]| {
         let output = Command::new("git").args(arguments).current_dir(root).output().ok()?;

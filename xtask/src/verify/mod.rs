@@ -1,6 +1,7 @@
-//! `cargo xtask verify`: every property of `verification/` by every engine that is here, and the ledger of what that showed.
+//! `cargo xtask verify`: every property of `verification/` by every installed engine, and the ledger of the results.
 //!
-//! Invariant: nothing is called proved that CBMC or Kani did not prove in this run; an engine that is missing is named first and last.
+//! Invariant: nothing is called proved that CBMC or Kani did not prove in this run; a missing engine is named first and
+//! last.
 
 mod cbmc;
 mod kani;
@@ -24,17 +25,17 @@ use rows::Row;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// What the engines work with.
+/// Context of the engines.
 struct Job<'a> {
     root: &'a Path,
-    /// Where everything made on the way is kept.
+    /// Folder of all intermediate files.
     folder: PathBuf,
     /// The native runner.
     runner: PathBuf,
-    /// The rows asked for.
+    /// The requested rows.
     rows: Vec<Row>,
     quick: bool,
-    /// Are these some of the rows only?
+    /// Whether these are only some of the rows.
     is_slice: bool,
     log: Log,
 }
@@ -43,17 +44,17 @@ struct Job<'a> {
 struct NotRun {
     engine: Engine,
     why: String,
-    /// How to get it; empty where it is here and was left out.
+    /// How to install it; empty where it is installed and was left out.
     how: &'static str,
 }
 
-/// What a run came to.
+/// Result of a run.
 pub(crate) struct Summary {
     pub(crate) passed: bool,
     pub(crate) remark: String,
 }
 
-/// Runs what the options ask for.
+/// Runs what the options request.
 ///
 /// # Errors
 /// Where a word of the options names nothing.
@@ -153,7 +154,7 @@ fn run_engines(job: &Job<'_>, all: &[Row], options: &Options) -> Summary {
     Summary { passed: failed == 0 && lacks.is_empty() && agrees, remark }
 }
 
-/// The engines that are asked for and not here, and those that are here and not asked for.
+/// Engines that are requested and not installed, and those that are installed and not requested.
 fn absent(root: &Path, options: &Options, cbmc: &Result<tools::CbmcTools, String>, kani: Option<&str>) -> Vec<NotRun> {
     Engine::ALL
         .into_iter()

@@ -1,6 +1,7 @@
 //! The mutants: one change at a time in a copy of the checkout, and the one check that must notice it.
 //!
-//! Invariant: a mutant counts as killed only where its check ran and failed; one that does not apply or does not compile is an error.
+//! Invariant: a mutant counts as killed only where its check ran and failed; one that does not apply or does not
+//! compile is an error.
 
 use super::Job;
 use super::cbmc::{self, Proof};
@@ -16,9 +17,9 @@ use std::process::Command;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// What a check may take on a mutant, which may go on for ever.
+/// Time limit of a check on a mutant, which may run for ever.
 const LIMIT: Duration = Duration::from_secs(60);
-/// The same for a thread model, and for CBMC.
+/// Time limit of a thread model, and of CBMC.
 const LONG_LIMIT: Duration = Duration::from_secs(300);
 
 /// A mutant, and which engine its killer belongs to.
@@ -122,7 +123,7 @@ fn trials<'a>(job: &'a Job<'_>) -> Vec<Trial<'a>> {
             };
             trials.push(Trial { mutant, killer });
         }
-        // those that are not tried must apply all the same
+        // those that are not tried must apply nevertheless
         for mutant in row.mutants.iter().filter(|_| few).skip(1) {
             if let Err(reason) = mutated(&job.root.join(&mutant.file), mutant) {
                 job.log.broken(Engine::Mutants, reason);
@@ -139,7 +140,7 @@ fn tell(job: &Job<'_>, engine: Engine, mutant: &Mutant, trial: impl FnOnce() -> 
     job.log.tell(Outcome { engine, check, verdict, words, seconds });
 }
 
-/// The file's text as it is, and with the mutant in it.
+/// The file's text unchanged, and with the mutant in it.
 fn mutated(path: &Path, mutant: &Mutant) -> Result<[String; 2], String> {
     let Mutant { name, file, find, put, .. } = mutant;
     let text = std::fs::read_to_string(path).map_err(|error| format!("{file}: {error}"))?;
@@ -160,7 +161,7 @@ impl Copy {
         Ok(copy)
     }
 
-    /// Does something while a mutant is in the copy.
+    /// Calls `work` while a mutant is in the copy.
     fn with<T>(&self, mutant: &Mutant, work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
         let path = self.root.join(&mutant.file);
         let [without, with] = mutated(&path, mutant)?;
@@ -171,7 +172,7 @@ impl Copy {
         done
     }
 
-    /// The check on the copy as it is must pass.
+    /// Checks that the copy passes without a mutant.
     fn passes(&self, job: &Job<'_>, trial: &Trial<'_>) -> Result<(), String> {
         match self.check(job, trial)? {
             (Verdict::Failed, _) => Ok(()),
@@ -179,7 +180,7 @@ impl Copy {
         }
     }
 
-    /// Runs the killer on what is in the copy: `Passed` where the killer fails, `Failed` where it passes.
+    /// Runs the killer on the content of the copy: `Passed` where the killer fails, `Failed` where it passes.
     fn check(&self, job: &Job<'_>, trial: &Trial<'_>) -> Result<(Verdict, String), String> {
         let killer = &trial.mutant.killer;
         let (ended, said) = match trial.killer {
@@ -200,7 +201,8 @@ impl Copy {
         judge(killer, &ended, said)
     }
 
-    /// Builds an engine's models, and runs those that a name means. What they depend on is shared with the checkout's own build.
+    /// Builds an engine's models, and runs those with this name. Their dependencies are shared with the checkout's own
+    /// build.
     fn model(&self, job: &Job<'_>, engine: Engine, test: &str) -> Result<Ended, String> {
         let package = threads::package(engine).1;
         let build = ["test", "--package", &package, "--tests", "--no-run", "--jobs", "1", "--message-format"];
@@ -222,9 +224,9 @@ impl Copy {
     }
 }
 
-/// Was the mutant noticed? `said` is whether the check failed, and in which words.
+/// Decides whether the mutant was noticed. `said` is whether the check failed, and its message.
 fn judge(killer: &str, ended: &Ended, said: Option<(bool, String)>) -> Result<(Verdict, String), String> {
-    // the numbers that replay it are of no use to whoever has not the mutant
+    // the numbers that replay it are of no use without the mutant
     let short = |words: &str| {
         let reason = words.split("; cargo xtask").next().unwrap_or_default();
         reason.split_whitespace().collect::<Vec<_>>().join(" ").chars().take(160).collect::<String>()

@@ -1,6 +1,6 @@
-//! The native engine: the runner of `verification/`, built and asked.
+//! The native engine: builds and calls the runner of `verification/`.
 //!
-//! Invariant: a check that the runner gives no answer for has failed.
+//! Invariant: a check without an answer from the runner has failed.
 
 use super::Job;
 use super::outcome::{Engine, Outcome, Verdict};
@@ -10,12 +10,12 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-/// Runs of a harness, enumerated, and as many drawn where that does not end.
+/// Number of runs of a harness, enumerated, and as many drawn where that does not end.
 const MOST: [&str; 2] = ["50000", "1000000"];
-/// What all native checks together may take.
+/// Time limit of all native checks together.
 const LIMIT: Duration = Duration::from_secs(3000);
 
-/// Builds the runner in this checkout or in a copy, and says where cargo put it.
+/// Builds the runner in this checkout or in a copy, and returns its path.
 ///
 /// # Errors
 /// Where it does not build.
@@ -34,7 +34,7 @@ pub(super) fn build(root: &Path, target: Option<&Path>, log: &Path) -> Result<Pa
 pub(super) fn run(job: &Job<'_>) {
     let checks: Vec<&str> = job.rows.iter().flat_map(|row| row.native_checks()).collect();
     let workers = process::workers();
-    // neighbours are alike; dealt out in turn, the processes take about the same time
+    // neighbours are similar; dealt out in turn, the processes take about the same time
     let shares: Vec<(usize, Vec<&str>)> = (0..workers)
         .map(|share| (share, checks.iter().skip(share).step_by(workers).copied().collect()))
         .filter(|(_, share): &(usize, Vec<&str>)| !share.is_empty())
@@ -72,14 +72,14 @@ fn tell(job: &Job<'_>, share: &[&str], ended: &Ended) {
     }
 }
 
-/// What the runner said, a line a check.
+/// Answers of the runner, one line per check.
 pub(super) fn answers(output: &str) -> Vec<Outcome> {
     output.lines().filter_map(|line| answer(&serde_json::from_str(line).ok()?)).collect()
 }
 
 fn answer(line: &Value) -> Option<Outcome> {
     let text = |key: &str| line.get(key)?.as_str();
-    // a claim in a message keeps the line breaks that it has in the code
+    // a claim in a message has the line breaks of the code
     let told = text("words")?.split_whitespace().collect::<Vec<_>>().join(" ");
     let check = text("check")?.to_owned();
     let (verdict, words) = match text("result")? {

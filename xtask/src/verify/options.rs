@@ -1,13 +1,13 @@
 //! The command line of `cargo xtask verify`.
 //!
-//! Invariant: a word that is not understood is refused; none is passed over.
+//! Invariant: a word that is not valid is refused; none is ignored.
 
 use super::outcome::Engine;
 
-/// What is to be done.
+/// Options of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Options {
-    /// What a test run has time for.
+    /// Whether only as much is run as a test run has time for.
     pub(crate) quick: bool,
     /// These engines only; empty: all.
     pub(crate) engines: Vec<Engine>,
@@ -15,7 +15,7 @@ pub(crate) struct Options {
     pub(crate) require: Vec<Engine>,
     /// These rows only; empty: all.
     pub(crate) rows: Vec<String>,
-    /// Name the rows and their checks, and leave.
+    /// Lists the rows and their checks, and ends.
     pub(crate) list: bool,
     /// A harness and the numbers to replay.
     pub(crate) replay: Option<(String, String)>,
@@ -27,10 +27,10 @@ impl Options {
         Self { quick: true, ..Self::default() }
     }
 
-    /// Reads the words after `verify`.
+    /// Parses the words after `verify`.
     ///
     /// # Errors
-    /// With what is wrong.
+    /// The word that is not valid.
     pub(crate) fn read(words: &[&str]) -> Result<Self, String> {
         let mut options = Self::default();
         let mut words = words.iter();
@@ -52,19 +52,20 @@ impl Options {
         Ok(options)
     }
 
-    /// Is this engine asked for?
+    /// Whether this engine is requested.
     pub(crate) fn wants(&self, engine: Engine) -> bool {
         self.engines.contains(&engine)
             || self.require.contains(&engine)
             || self.engines.is_empty() && self.usual(engine)
     }
 
-    /// The engines of a run that names none. CBMC builds and proves anew for every mutant, which takes longer than all the rest.
+    /// Engines of a run that names none. CBMC builds and proves again for every mutant, which takes longer than all the
+    /// rest.
     fn usual(&self, engine: Engine) -> bool {
         engine != Engine::CbmcMutants && !(self.quick && engine == Engine::Kani)
     }
 
-    /// Does this run cover everything, so that it may write the committed ledger?
+    /// Whether this run covers everything, so that it may write the committed ledger.
     pub(crate) fn is_full(&self) -> bool {
         !self.quick && self.engines.is_empty() && self.rows.is_empty()
     }

@@ -1,10 +1,10 @@
-//! What an engine has to say of one check, and who the engines are.
+//! Outcome of one check by one engine, and the list of engines.
 //!
-//! Invariant: only CBMC and Kani can say `Proved`.
+//! Invariant: only CBMC and Kani can report `Proved`.
 
 use std::sync::Mutex;
 
-/// Who checks.
+/// An engine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Engine {
     Native,
@@ -53,14 +53,14 @@ impl Engine {
     }
 }
 
-/// How a check ended.
+/// Result of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
     /// CBMC or Kani proved it in this run.
     Proved,
     /// It ran and found nothing; a mutant was killed.
     Passed,
-    /// It did not get to an end in the time given; in a quick run that is not a failure.
+    /// It did not end in the time limit; in a quick run that is not a failure.
     Open,
     /// It found something, or could not be run at all.
     Failed,
@@ -96,12 +96,12 @@ fn shortened(words: &str) -> String {
     if is_whole { line.to_owned() } else { line.chars().take(ENOUGH).collect::<String>() + " …" }
 }
 
-/// What has been seen so far; told as it comes.
+/// Outcomes so far, printed as they arrive.
 #[derive(Default)]
 pub(crate) struct Log(Mutex<Vec<Outcome>>);
 
 impl Log {
-    /// Prints an outcome and keeps it.
+    /// Prints an outcome and stores it.
     pub(crate) fn tell(&self, outcome: Outcome) {
         let Outcome { engine, check, words, seconds, .. } = &outcome;
         println!("{:<12} {check:<28} {}  ({seconds:.1} s)", engine.name(), shortened(words));
@@ -110,13 +110,13 @@ impl Log {
         }
     }
 
-    /// An engine that could not do its work.
+    /// Reports an engine that could not run.
     pub(crate) fn broken(&self, engine: Engine, reason: impl Into<String>) {
         let words = format!("ERROR: {}", reason.into());
         self.tell(Outcome { engine, check: String::new(), verdict: Verdict::Failed, words, seconds: 0.0 });
     }
 
-    /// Everything seen so far.
+    /// All outcomes so far.
     pub(crate) fn outcomes(&self) -> Vec<Outcome> {
         self.0.lock().map(|outcomes| outcomes.clone()).unwrap_or_default()
     }

@@ -1,6 +1,6 @@
 //! The ledger as a page to read.
 //!
-//! Invariant: the page says what the JSON says and nothing else, so that either can be held against the other.
+//! Invariant: the page has the content of the JSON and nothing else, so that the two can be compared.
 
 use serde_json::Value;
 use std::fmt::Write;

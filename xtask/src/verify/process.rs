@@ -1,6 +1,6 @@
-//! Other programs, run with a time limit and their output kept; several at a time.
+//! Runs other programs with a time limit and stores their output; several at a time.
 //!
-//! Invariant: a program that is told to end has ended when its run is over; none is left behind.
+//! Invariant: a program that is terminated has ended when its run is over; none is left running.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 /// A run that is over.
 #[derive(Debug)]
 pub(crate) struct Ended {
-    /// `None`: it took longer than it was given.
+    /// `None`: it exceeded its time limit.
     pub(crate) status: Option<ExitStatus>,
     pub(crate) output: String,
     pub(crate) errors: String,
@@ -27,7 +27,7 @@ impl Ended {
         self.status.and_then(|status| status.code()) == Some(code)
     }
 
-    /// The last lines of what it said, for a message.
+    /// The last lines of its output, for a message.
     pub(crate) fn last_words(&self) -> String {
         let said = if self.errors.trim().is_empty() { &self.output } else { &self.errors };
         let lines: Vec<&str> = said.lines().filter(|line| !line.trim().is_empty()).collect();
@@ -38,7 +38,7 @@ impl Ended {
 /// Runs a command to its end, or for `limit` at most; its output goes to files named after `log`.
 ///
 /// # Errors
-/// Where it cannot be started, or its output cannot be kept.
+/// Where it cannot be started, or its output cannot be stored.
 pub(crate) fn run(command: &mut Command, limit: Duration, log: &Path) -> Result<Ended, String> {
     let name = command_name(command);
     let paths = [log.with_extension("out"), log.with_extension("err")];
@@ -63,10 +63,10 @@ pub(crate) fn run(command: &mut Command, limit: Duration, log: &Path) -> Result<
     Ok(Ended { status, output, errors, seconds })
 }
 
-/// Runs a command that must succeed, and returns what it printed.
+/// Runs a command that must succeed, and returns its output.
 ///
 /// # Errors
-/// With its last words, where it does not.
+/// The last lines of its output, where it does not.
 pub(crate) fn done(command: &mut Command, limit: Duration, log: &Path) -> Result<String, String> {
     let ended = run(command, limit, log)?;
     match ended.status {
@@ -92,7 +92,7 @@ fn text(path: &Path) -> String {
     std::fs::read(path).map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).unwrap_or_default()
 }
 
-/// Does `work` with every item, `workers` at a time.
+/// Calls `work` with every item, `workers` at a time.
 pub(crate) fn each<T: Sync>(items: &[T], workers: usize, work: impl Fn(&T) + Sync) {
     let next = Mutex::new(items.iter());
     std::thread::scope(|scope| {
@@ -110,7 +110,8 @@ pub(crate) fn each<T: Sync>(items: &[T], workers: usize, work: impl Fn(&T) + Syn
     });
 }
 
-/// How many programs are run at a time: two, or one on a machine with one core. The figures in the ledger are those of two.
+/// How many programs are run at a time: two, or one on a machine with one core. The figures in the ledger are those of
+/// two.
 pub(crate) fn workers() -> usize {
     std::thread::available_parallelism().map_or(1, |cores| cores.get().min(2))
 }

@@ -1,6 +1,6 @@
 //! The rows of the ledger as the native runner lists them.
 //!
-//! Invariant: what is known of a row comes from the code of `verification/`; nothing here knows a property by name.
+//! Invariant: every field of a row comes from the code of `verification/`; no property is named here.
 
 use serde_json::Value;
 
@@ -12,7 +12,7 @@ pub(crate) struct Row {
     pub(crate) searches: Vec<String>,
     pub(crate) models: Vec<Model>,
     pub(crate) mutants: Vec<Mutant>,
-    /// Every field as the runner told it.
+    /// Every field from the runner.
     pub(crate) fields: Value,
 }
 
@@ -44,10 +44,10 @@ pub(crate) struct Mutant {
 }
 
 impl Row {
-    /// Every row of the runner's list.
+    /// Parses every row of the runner's list.
     ///
     /// # Errors
-    /// Where a line is not what a row must be.
+    /// Where a line is not a valid row.
     pub(crate) fn list(lines: &str) -> Result<Vec<Self>, String> {
         lines
             .lines()
@@ -91,14 +91,14 @@ impl Row {
         self.harnesses.iter().map(|harness| harness.name.as_str()).chain(self.searches.iter().map(String::as_str))
     }
 
-    /// Where a check or mutant stands in the row.
+    /// Position of a check or mutant in the row.
     pub(crate) fn place(&self, check: &str) -> Option<usize> {
         let models = self.models.iter().map(|model| model.test.as_str());
         let mutants = self.mutants.iter().map(|mutant| mutant.name.as_str());
         self.native_checks().chain(models).chain(mutants).position(|name| name == check)
     }
 
-    /// Does this check or mutant belong to the row?
+    /// Whether this check or mutant belongs to the row.
     pub(crate) fn owns(&self, check: &str) -> bool {
         self.place(check).is_some()
     }

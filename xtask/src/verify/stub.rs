@@ -1,4 +1,4 @@
-//! The Kani harnesses against a stub of the `kani` crate, so that they cannot rot where Kani is not there.
+//! The Kani harnesses against a stub of the `kani` crate, so that they stay compilable where Kani is not installed.
 //!
 //! Invariant: it passes only where exactly the harnesses of Kani's list are proofs, and each of them compiles and runs.
 
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 const LIMIT: Duration = Duration::from_secs(300);
 /// Drawn inputs of each proof.
 const TIMES: &str = "200";
-/// What Kani is known to choke on, or to take ages over.
+/// Code that Kani is known to fail on, or to take far too long over.
 const CHOKES: &[&str] =
     &["format", "Vec", "vec", "String", "f32", "f64", "assert_eq", "assert_ne", "println", "HashMap", "HashSet"];
 
@@ -101,7 +101,7 @@ fn calls(listed: &[&Harness]) -> String {
     format!("fn main() {{\n    std::panic::set_hook(Box::new(|_| {{}}));\n{calls}}}\n")
 }
 
-/// Runs the proofs, and says how many of them met their assumptions.
+/// Runs the proofs, and returns how many of them met their assumptions.
 fn try_all(driver: &Path, job: &Job<'_>, listed: &[&Harness]) -> Result<usize, String> {
     let said = process::done(&mut Command::new(driver), LIMIT, &job.folder.join("stub/run"))?;
     let told: Vec<Vec<&str>> = said.lines().map(|line| line.split('\t').collect()).collect();
@@ -116,7 +116,7 @@ fn try_all(driver: &Path, job: &Job<'_>, listed: &[&Harness]) -> Result<usize, S
     Ok(met)
 }
 
-/// What stands in the harnesses' files that Kani chokes on. What is compiled natively alone does not count.
+/// Code in the harnesses' files that Kani fails on. Code that is only compiled natively does not count.
 fn chokes(tree: &Tree) -> Vec<String> {
     let mut found = Vec::new();
     for (path, text) in

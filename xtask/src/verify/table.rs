@@ -1,4 +1,4 @@
-//! What is shown at the beginning and at the end of a run.
+//! Text printed at the beginning and at the end of a run.
 //!
 //! Invariant: an engine that did not run has `NOT RUN` in its column, never a pass.
 
@@ -35,7 +35,7 @@ pub(super) fn list(rows: &[Row]) {
     }
 }
 
-/// The table at the end, what failed, and again what did not run.
+/// The table at the end, the failures, and again what did not run.
 pub(super) fn result(rows: &[Row], outcomes: &[Outcome], absent: &[NotRun]) {
     let heads = COLUMNS.map(Engine::name);
     println!(
@@ -58,7 +58,7 @@ pub(super) fn result(rows: &[Row], outcomes: &[Outcome], absent: &[NotRun]) {
     not_run(absent);
 }
 
-/// How many checks a row has for an engine.
+/// Number of checks of a row for an engine.
 pub(super) fn size(row: &Row, engine: Engine) -> usize {
     match engine {
         Engine::Native => row.native_checks().count(),
@@ -85,7 +85,7 @@ fn cell(row: &Row, engine: Engine, own: &[&Outcome], absent: &[NotRun]) -> Strin
     let run: Vec<&&Outcome> = own.iter().filter(|outcome| outcome.engine == engine).collect();
     let good = run.iter().filter(|outcome| matches!(outcome.verdict, Verdict::Proved | Verdict::Passed)).count();
     let failed = run.iter().any(|outcome| outcome.verdict == Verdict::Failed);
-    // of the mutants a quick run tries some
+    // a quick run tries some of the mutants
     let of = if matches!(engine, Engine::Mutants | Engine::CbmcMutants) { run.len() } else { of };
     format!("{good}/{of}{}", if failed { " FAIL" } else { "" })
 }

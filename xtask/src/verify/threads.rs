@@ -1,6 +1,6 @@
 //! The thread models under loom and shuttle: the tests of `retrace-loom` and `retrace-shuttle`.
 //!
-//! Invariant: a model that did not say how many executions it saw, or saw no more than one, has failed.
+//! Invariant: a model that did not report its number of executions, or had no more than one, has failed.
 
 use super::Job;
 use super::outcome::{Engine, Outcome, Verdict};
@@ -15,7 +15,7 @@ pub(super) fn package(engine: Engine) -> (String, String) {
     (format!("verification/{}", engine.name()), format!("retrace-{}", engine.name()))
 }
 
-/// Are there models for this engine?
+/// Whether there are models for this engine.
 pub(super) fn is_there(root: &Path, engine: Engine) -> bool {
     root.join(package(engine).0).join("Cargo.toml").is_file()
 }
@@ -31,7 +31,7 @@ pub(super) fn run(job: &Job<'_>, engine: Engine) {
     let mut command = process::cargo(job.root, &["test", "--package", &package, "--tests", "--no-fail-fast", "--"]);
     command.arg("--show-output");
     if job.is_slice {
-        // a part of a path is enough here; what else it lets through is left out below
+        // a part of a path is enough here; what else it matches is left out below
         command.args(&tests);
     }
     if !job.quick {
@@ -42,7 +42,7 @@ pub(super) fn run(job: &Job<'_>, engine: Engine) {
         Err(reason) => return job.log.broken(engine, reason),
     };
     let lines = ended.output.lines();
-    // whoever counts tests counts these too
+    // programs that count tests count these too
     lines.filter(|line| line.starts_with("test result: ")).for_each(|line| println!("{line}"));
     let seen = results(&ended.output, engine);
     for test in &tests {
@@ -61,7 +61,7 @@ pub(super) fn run(job: &Job<'_>, engine: Engine) {
     }
 }
 
-/// A row names a test by its path, by the end of it, or by the module that it and others stand in.
+/// Whether a row's name means this test: by its path, by the end of it, or by its module.
 pub(super) fn is_meant(path: &str, test: &str) -> bool {
     path == test || path.ends_with(&format!("::{test}")) || path.starts_with(&format!("{test}::"))
 }
@@ -78,7 +78,7 @@ fn together(engine: Engine, test: &str, found: &[&Outcome]) -> Option<Outcome> {
     Some(Outcome { engine, check: test.to_owned(), verdict: worst.verdict, words, seconds })
 }
 
-/// What the test runner's output says of each test that reports executions, and of each that failed.
+/// Results in the test runner's output: of each test that reports executions, and of each that failed.
 fn results(output: &str, engine: Engine) -> Vec<Outcome> {
     let mut found = Vec::new();
     for line in output.lines() {
@@ -103,21 +103,21 @@ fn results(output: &str, engine: Engine) -> Vec<Outcome> {
     found
 }
 
-/// Of a run of some tests: did one fail, and what it said.
+/// Whether one of several tests failed, and its message.
 pub(super) fn one_result(output: &str, engine: Engine) -> Option<(bool, String)> {
     let seen = results(output, engine);
     let outcome = seen.iter().find(|outcome| outcome.verdict == Verdict::Failed).or(seen.first())?;
     Some((outcome.verdict == Verdict::Failed, outcome.words.clone()))
 }
 
-/// The panic's words: the line behind the one that says where.
+/// Message of a panic: the line behind the one with its location.
 fn why<'a>(said: &[&'a str]) -> &'a str {
     let panicked = said.iter().position(|line| line.contains(" panicked at "));
     let words = said.iter().skip(panicked.map_or(0, |at| at + 1)).find(|line| !line.trim().is_empty());
     words.copied().unwrap_or_default()
 }
 
-/// What a test printed.
+/// Output of a test.
 fn section<'a>(output: &'a str, test: &str) -> Vec<&'a str> {
     let head = format!("---- {test} stdout ----");
     let body = output.lines().skip_while(|line| *line != head).skip(1);

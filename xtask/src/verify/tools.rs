@@ -1,6 +1,6 @@
 //! Finding the optional engines on this machine.
 //!
-//! Invariant: looking for an engine starts nothing that could download one.
+//! Invariant: the search for an engine starts nothing that could download one.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -12,7 +12,7 @@ pub(crate) struct CbmcTools {
     pub(crate) wasm2c: PathBuf,
     /// A rustc that can compile for wasm32.
     pub(crate) rustc: PathBuf,
-    /// Where `core` for wasm32 is, if that rustc has none of its own.
+    /// Path of `core` for wasm32, if that rustc has none of its own.
     pub(crate) wasm_core: Option<PathBuf>,
     /// The folder of wasm-rt.h.
     pub(crate) include: PathBuf,
@@ -20,16 +20,16 @@ pub(crate) struct CbmcTools {
     pub(crate) linker: PathBuf,
     /// Names and versions, for the ledger.
     pub(crate) versions: Vec<(String, String)>,
-    /// Before CBMC 6 there is no option that leaves its C checks out, and none is on by itself.
+    /// Major version of CBMC. Before 6 there is no option that leaves its C checks out, and none is on by itself.
     pub(crate) cbmc_major: u32,
 }
 
 const WASM: &str = "wasm32-unknown-unknown";
 
-/// How the tools of the CBMC lane are got.
+/// Installation of the tools of the CBMC lane.
 pub(crate) const GET_CBMC: &str = "rustup target add wasm32-unknown-unknown; then cbmc (6.x) and wabt (1.0.32) from your distribution, on PATH \
      (docs/verification.md, Engines)";
-/// How Kani is got.
+/// Installation of Kani.
 pub(crate) const GET_KANI: &str =
     "cargo install --locked kani-verifier && cargo kani setup (docs/verification.md, Engines)";
 
@@ -66,8 +66,8 @@ pub(crate) fn cbmc() -> Result<CbmcTools, String> {
     Ok(CbmcTools { cbmc, wasm2c, rustc, wasm_core, include, linker, versions, cbmc_major })
 }
 
-/// The version of Kani that is set up here. `cargo kani` itself is not called: where Kani is not set up, that starts a download and
-/// leaves an empty folder that then looks set up.
+/// The version of Kani that is set up here. `cargo kani` itself is not called: where Kani is not set up, that starts a
+/// download and leaves an empty folder that then looks set up.
 pub(crate) fn kani() -> Option<String> {
     let bundles = variable("KANI_HOME").or_else(|| Some(home()?.join(".kani")))?;
     let cargo_bin = variable("CARGO_HOME").or_else(|| Some(home()?.join(".cargo"))).map(|home| home.join("bin"));
@@ -113,7 +113,8 @@ fn wabt_include() -> Option<PathBuf> {
     [own, in_toolbox].into_iter().chain(usual).flatten().find(|folder| folder.join("wasm-rt.h").is_file())
 }
 
-/// A rustc for wasm32, and its `core` if that lies elsewhere: the one named, that of the toolchain, or that of the toolbox.
+/// A rustc for wasm32, and its `core` if that is elsewhere: the one named, that of the toolchain, or that of the
+/// toolbox.
 fn cross_rustc() -> Option<(PathBuf, Option<PathBuf>)> {
     let own_core = variable("RETRACE_WASM_CORE");
     if let Some(rustc) = variable("RETRACE_CROSS_RUSTC") {

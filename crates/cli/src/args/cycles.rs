@@ -14,7 +14,7 @@ pub struct Cycles {
     pub folders: CycleFolders,
 }
 
-/// What `retrace cycles` does.
+/// Actions of `retrace cycles`.
 #[derive(Debug, Subcommand)]
 pub enum CyclesAction {
     /// List them: name, kind, origin, up to date or compiled now, parameters.

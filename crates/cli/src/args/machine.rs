@@ -39,7 +39,8 @@ pub enum Machine {
     Check {
         /// The machine file.
         file: PathBuf,
-        /// Compare it with the card at this port, `PATH[@BAUD]`, too: step rates, control period, axes, inputs and outputs.
+        /// Compare it with the card at this port, `PATH[@BAUD]`, too: step rates, control period, axes, inputs and
+        /// outputs.
         #[arg(long, value_name = "PORT")]
         card: Option<String>,
         /// One JSON object on standard output: `errors` and `warnings`, each with `number`, `cause` and `remedy`.

@@ -46,7 +46,8 @@ pub struct Mdi {
     /// Tool table.
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,
-    /// Parameter file, read before the block and rewritten after it. With --machine or --card the default is the machine's own file in
+    /// Parameter file, read before the block and rewritten after it. With --machine or --card the default is the
+    /// machine's own file in
     /// the user's state folder.
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,

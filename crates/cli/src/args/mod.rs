@@ -48,7 +48,7 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Machine a program: on the simulated card unless --card says otherwise.
+    /// Run a program: on the simulated card unless --card names a port.
     #[command(
         after_help = "Examples:\n  retrace run examples/02-back-up.ngc --operator examples/02-back-up.op --records out.csv --json\n  \
         retrace run --tui --card /dev/ttyUSB0 --machine mill.toml"
@@ -93,7 +93,7 @@ pub enum Command {
     Size(Size),
     /// List, check and compile the cycles that programs can call.
     #[command(after_help = "Examples:\n  retrace cycles\n  retrace cycles show CYCLE81\n  \
-        retrace cycles check --cycles my-cycles\n\nExit codes: 0 well · 1 a cycle has errors · 2 wrong usage")]
+        retrace cycles check --cycles my-cycles\n\nExit codes: 0 no errors · 1 a cycle has errors · 2 wrong usage")]
     Cycles(Cycles),
     /// Write a commented machine file, check one.
     #[command(

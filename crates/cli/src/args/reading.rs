@@ -28,14 +28,16 @@ pub struct Reading {
     /// Tool table.
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,
-    /// Parameter file; a completed run rewrites it. With --machine or --card, `run` uses the machine's own file in the user's state
+    /// Parameter file; a completed run rewrites it. With --machine or --card, `run` uses the machine's own file in the
+    /// user's state
     /// folder by default.
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,
     /// LinuxCNC machine configuration: the entries that `rs274` reads, and its numbers as `#<_ini[section]name>`.
     #[arg(long, value_name = "FILE.ini")]
     pub ini: Option<PathBuf>,
-    /// Maximum number of blocks in loops and calls that the check before the run executes; the rest is not checked (W1004).
+    /// Maximum number of blocks in loops and calls that the check before the run executes; the rest is not checked
+    /// (W1004).
     #[arg(long, value_name = "N", default_value_t = MAX_CHECKED_LOOP_BLOCKS)]
     pub max_loop_blocks: u64,
     /// The machine's own tables in the state folder, for tables that no option names.

@@ -26,7 +26,8 @@ pub struct Resume {
     /// Start a new job at this program line instead, from the current position, with the modal state in force there.
     #[arg(long, value_name = "N")]
     pub from_line: Option<u32>,
-    /// The card was restarted and the machine has not moved: trust its counts where no home switch confirms them, and return from there
+    /// The card was restarted and the machine has not moved: trust its counts where no home switch confirms them, and
+    /// return from there
     /// to the last breakpoint in the journal.
     #[arg(long, conflicts_with = "from_line")]
     pub assume_position: bool,
@@ -39,7 +40,8 @@ pub struct Resume {
     /// Scripted operator.
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,
-    /// Whether M1 stops. By default as when the job was interrupted; otherwise it stops in wall time without --operator and without the
+    /// Whether M1 stops. By default as when the job was interrupted; otherwise it stops in wall time without --operator
+    /// and without the
     /// screen, where Enter is cycle start.
     #[arg(long, value_enum, value_name = "on|off")]
     pub optional_stop: Option<OnOff>,
@@ -68,7 +70,7 @@ pub struct Jobs {
     pub jobs: JobsFolder,
 }
 
-/// What `retrace jobs` does.
+/// Actions of `retrace jobs`.
 #[derive(Debug, Subcommand)]
 pub enum JobsAction {
     /// Print all details of a job: progress, last position, outputs.

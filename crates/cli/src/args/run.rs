@@ -28,7 +28,8 @@ pub struct Run {
     /// Scripted operator.
     #[arg(long, value_name = "FILE")]
     pub operator: Option<PathBuf>,
-    /// Whether M1 stops. By default it stops in wall time without --operator and without the screen; Enter is cycle start there.
+    /// Whether M1 stops. By default it stops in wall time without --operator and without the screen; Enter is cycle
+    /// start there.
     #[arg(long, value_enum, value_name = "on|off")]
     pub optional_stop: Option<OnOff>,
     /// Write what the card executed, one row per control period.

@@ -23,7 +23,8 @@ impl MachineFile {
 /// `--card`
 #[derive(Clone, Debug, Args)]
 pub struct CardPort {
-    /// `sim` is the simulated card in this process, which keeps no position; or a serial port such as `/dev/ttyUSB0@230400`.
+    /// `sim` is the simulated card in this process, which keeps no position; or a serial port such as
+    /// `/dev/ttyUSB0@230400`.
     #[arg(long, default_value = "sim", value_name = "CARD")]
     pub card: String,
 }

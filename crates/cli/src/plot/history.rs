@@ -98,7 +98,7 @@ pub struct HistoryEvent {
 pub struct History {
     /// Path that was executed, with its retraced sections; it has the name of the program.
     pub path: ToolPath,
-    /// How the job ended, in one line.
+    /// Result of the job, in one line.
     pub summary: String,
     /// Places over time.
     pub samples: Vec<HistorySample>,

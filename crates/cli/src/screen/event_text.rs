@@ -5,6 +5,7 @@
 use retrace_controller::dnc_events::DncStep;
 use retrace_controller::event::{Event, EventKind};
 use retrace_controller::operator::{OperatorCommand, percent};
+use retrace_core::mode::Mode;
 use retrace_link::channel;
 
 use super::diagnostic_text;
@@ -15,7 +16,7 @@ use super::model::ScreenModel;
 pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
     let text = match &event.kind {
         EventKind::Started => "program started".into(),
-        EventKind::Mode(mode) => match mode_text(mode) {
+        EventKind::Mode(mode) => match mode_text(*mode) {
             Some(words) => words.into(),
             None => return Vec::new(),
         },
@@ -62,14 +63,14 @@ pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
 }
 
 /// Text of a mode. The return to the furthest place and the wait there have none; the events that follow report them.
-fn mode_text(mode: &str) -> Option<&'static str> {
-    Some(match mode {
-        "run" => "normal run",
-        "reverse" => "reverse run",
-        "forward" => "forward run",
-        "wheel" => "handwheel",
-        _ => return None,
-    })
+fn mode_text(mode: Mode) -> Option<&'static str> {
+    match mode {
+        Mode::Run => Some("normal run"),
+        Mode::Reverse => Some("reverse run"),
+        Mode::Forward => Some("forward run"),
+        Mode::Wheel => Some("handwheel"),
+        Mode::Rejoin | Mode::AwaitOutputs => None,
+    }
 }
 
 fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {

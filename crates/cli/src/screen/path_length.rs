@@ -1,6 +1,6 @@
 //! Length of the path up to a place, stored in coarse steps: the length of the history in mm.
 //!
-//! Invariant: never more than [`MOST`] steps; lengths grow with their places.
+//! Invariant: never more than [`MAX_STEPS`] steps; lengths grow with their places.
 
 use std::collections::VecDeque;
 

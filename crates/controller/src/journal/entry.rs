@@ -4,6 +4,7 @@
 //! guessed.
 
 use retrace_core::Place;
+use retrace_core::mode::Mode;
 use retrace_link::PathStart;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -11,6 +12,7 @@ use serde_json::Value;
 use super::hash::FileHash;
 use super::timestamp::Timestamp;
 use crate::place_index;
+use crate::telemetry::HoldReason;
 
 /// Version of the format.
 pub const FORMAT: u32 = 2;
@@ -269,9 +271,10 @@ pub struct PositionEntry {
     /// Program line of the record under the cursor.
     pub line: u32,
     /// The mode of operation.
-    pub mode: JournalMode,
+    #[serde(with = "mode")]
+    pub mode: Mode,
     /// Reason why the machine was at rest in normal run.
-    pub hold_reason: JournalHoldReason,
+    pub hold_reason: HoldReason,
 }
 
 impl PositionEntry {
@@ -281,31 +284,6 @@ impl PositionEntry {
         // Whether the path rests there follows from the records; a ramp is right in any case.
         PathStart { place: self.place, rests: false, reached: self.reached, executed: self.executed }
     }
-}
-
-/// [`retrace_core::mode::Mode`] as it is written in the journal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[expect(missing_docs, reason = "they are those of the core")]
-pub enum JournalMode {
-    Run,
-    Reverse,
-    Forward,
-    Wheel,
-    Rejoin,
-    AwaitOutputs,
-}
-
-/// [`crate::telemetry::HoldReason`] as it is written in the journal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[expect(missing_docs, reason = "they are those of the stream")]
-pub enum JournalHoldReason {
-    None,
-    Hold,
-    ProgramStop,
-    SingleBlock,
-    Paused,
 }
 
 /// Length of a streamed program that has been saved.
@@ -403,6 +381,22 @@ mod mark {
     }
 }
 
+/// A mode of operation by its name.
+mod mode {
+    use retrace_core::mode::Mode;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(mode: &Mode, to: S) -> Result<S::Ok, S::Error> {
+        mode.name().serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Mode, D::Error> {
+        let name = String::deserialize(from)?;
+        let found = Mode::ALL.into_iter().find(|mode| mode.name() == name);
+        found.ok_or_else(|| serde::de::Error::custom(format!("no mode `{name}`")))
+    }
+}
+
 /// Serialization of a place as record and fraction.
 mod place {
     use retrace_core::Place;
@@ -487,20 +481,13 @@ pub(crate) mod tests {
     }
 
     fn ats() -> impl Strategy<Value = PositionEntry> {
-        let mode = prop::sample::select(vec![
-            JournalMode::Run,
-            JournalMode::Reverse,
-            JournalMode::Forward,
-            JournalMode::Wheel,
-            JournalMode::Rejoin,
-            JournalMode::AwaitOutputs,
-        ]);
+        let mode = prop::sample::select(Mode::ALL.to_vec());
         let standing = prop::sample::select(vec![
-            JournalHoldReason::None,
-            JournalHoldReason::Hold,
-            JournalHoldReason::ProgramStop,
-            JournalHoldReason::SingleBlock,
-            JournalHoldReason::Paused,
+            HoldReason::None,
+            HoldReason::Hold,
+            HoldReason::ProgramStop,
+            HoldReason::SingleBlock,
+            HoldReason::Paused,
         ]);
         let numbers = (any::<u64>(), any::<u32>(), any::<u32>(), any::<bool>(), any::<u32>());
         let outputs = prop::collection::vec(any::<(u8, i32)>(), 0..5);

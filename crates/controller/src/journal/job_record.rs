@@ -304,7 +304,7 @@ fn last_entries(path: &Path, length: u64) -> Result<Vec<JournalEntry>, JournalEr
 #[cfg(test)]
 mod tests {
     use super::super::entry::tests::job;
-    use super::super::entry::{JobCard, JobEnding, JournalHoldReason, JournalMode, LostEntries};
+    use super::super::entry::{JobCard, JobEnding, LostEntries};
     use super::super::journal_writer::{Durability, JournalWriter};
     use super::super::spool::SpoolWriter;
     use super::super::store::FileStore;
@@ -329,8 +329,8 @@ mod tests {
             counts: vec![i64::from(record), 2, 3],
             outputs: vec![(3, 1)],
             line: record,
-            mode: JournalMode::Run,
-            hold_reason: JournalHoldReason::Hold,
+            mode: retrace_core::mode::Mode::Run,
+            hold_reason: crate::telemetry::HoldReason::Hold,
         }))
     }
 

@@ -287,8 +287,10 @@ mod tests {
         entry(1, r#"{"novelty":{}}"#, &mut bytes);
         assert!(matches!(read(&bytes).2, Some(JournalError::Unknown { line: 2, .. })));
         let mut newer = Vec::new();
-        entry(0, r#"{"job":{"format":2,"whatever":1}}"#, &mut newer);
-        assert!(read(&newer).2.is_some_and(|flaw| flaw.to_string().contains("format 2")));
+        let job = format!("{{\"job\":{{\"format\":{},\"whatever\":1}}}}", FORMAT + 1);
+        entry(0, &job, &mut newer);
+        let flaw = read(&newer).2.expect("refused").to_string();
+        assert!(flaw.contains("a newer version") && flaw.contains(&format!("format {}", FORMAT + 1)), "{flaw}");
         let mut none = Vec::new();
         entry(0, r#"{"lost":{"entries":1}}"#, &mut none);
         assert!(matches!(read(&none).2, Some(JournalError::NoBeginning)));

@@ -4,15 +4,14 @@
 //! rest, with every change of the mode, of the hold reason and of the completed instructions, and at the end. Positions
 //! off the path are never recorded.
 
-use retrace_core::mode;
 use retrace_link::{Outputs, channel};
 
-use super::entry::{JournalEntry, JournalHoldReason, JournalMode, PositionEntry};
+use super::entry::{JournalEntry, PositionEntry};
 use super::journal_queue::JournalQueue;
 use super::journal_writer::JournalWriter;
 use super::timestamp::Timestamp;
 use crate::event::{ChannelNames, EventKind};
-use crate::telemetry::{self, PeriodRecord, Telemetry};
+use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
 
 /// The reporting thread's end of the journal. The last position is saved when it is dropped, which is before
 /// [`JournalWriter::end`].
@@ -91,8 +90,8 @@ impl<const A: usize> JournalRecorder<A> {
             counts: period.counts[..self.axes].to_vec(),
             outputs: outputs.map(|(number, &value)| (number as u8, value)).collect(),
             line: period.line,
-            mode: mode_of(period.mode),
-            hold_reason: hold_reason_of(period.hold_reason),
+            mode: period.mode,
+            hold_reason: stored_hold_reason(period.hold_reason),
         };
         self.queue.push_event(JournalEntry::Position(Box::new(at)));
     }
@@ -104,26 +103,9 @@ impl<const A: usize> Drop for JournalRecorder<A> {
     }
 }
 
-fn mode_of(mode: mode::Mode) -> JournalMode {
-    match mode {
-        mode::Mode::Run => JournalMode::Run,
-        mode::Mode::Reverse => JournalMode::Reverse,
-        mode::Mode::Forward => JournalMode::Forward,
-        mode::Mode::Wheel => JournalMode::Wheel,
-        mode::Mode::Rejoin => JournalMode::Rejoin,
-        mode::Mode::AwaitOutputs => JournalMode::AwaitOutputs,
-    }
-}
-
-fn hold_reason_of(standing: telemetry::HoldReason) -> JournalHoldReason {
-    match standing {
-        // Where a program has ended, nothing is pending that resuming would need.
-        telemetry::HoldReason::None | telemetry::HoldReason::Ended => JournalHoldReason::None,
-        telemetry::HoldReason::Hold => JournalHoldReason::Hold,
-        telemetry::HoldReason::ProgramStop => JournalHoldReason::ProgramStop,
-        telemetry::HoldReason::SingleBlock => JournalHoldReason::SingleBlock,
-        telemetry::HoldReason::Paused => JournalHoldReason::Paused,
-    }
+/// Reason of a hold as the journal stores it. Where a program has ended, nothing is pending that resuming would need.
+fn stored_hold_reason(reason: HoldReason) -> HoldReason {
+    if reason == HoldReason::Ended { HoldReason::None } else { reason }
 }
 
 /// Selects the periods to record.
@@ -201,8 +183,8 @@ mod tests {
             at_rest: false,
             starved: false,
             inputs: 0,
-            mode: mode::Mode::Run,
-            hold_reason: telemetry::HoldReason::None,
+            mode: retrace_core::mode::Mode::Run,
+            hold_reason: HoldReason::None,
             override_rate: retrace_core::ONE,
             rapid_override: retrace_core::ONE,
             off_path: false,
@@ -234,8 +216,8 @@ mod tests {
     #[test]
     fn with_every_change_of_what_is_going_on() {
         let periods = (1..=60).map(|n| PeriodRecord {
-            mode: if n >= 10 { mode::Mode::Reverse } else { mode::Mode::Run },
-            hold_reason: if n >= 20 { telemetry::HoldReason::Hold } else { telemetry::HoldReason::None },
+            mode: if n >= 10 { retrace_core::mode::Mode::Reverse } else { retrace_core::mode::Mode::Run },
+            hold_reason: if n >= 20 { HoldReason::Hold } else { HoldReason::None },
             executed: u32::from(n >= 30),
             ..period(n)
         });

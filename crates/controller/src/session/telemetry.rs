@@ -65,15 +65,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     pub(super) fn emit_mode(&mut self) {
-        let name = match self.mode_controller.mode() {
-            Mode::Run => "run",
-            Mode::Reverse => "reverse",
-            Mode::Forward => "forward",
-            Mode::Wheel => "wheel",
-            Mode::Rejoin => "rejoin",
-            Mode::AwaitOutputs => "await_outputs",
-        };
-        self.emit(EventKind::Mode(name));
+        self.emit(EventKind::Mode(self.mode_controller.mode()));
     }
 
     pub(super) fn emit(&mut self, kind: EventKind) {

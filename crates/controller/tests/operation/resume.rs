@@ -198,7 +198,7 @@ fn what_is_not_the_same_is_refused_with_the_reason() {
     let at = kept.resumption(&end.card);
     let outputs: Outputs = end.card.status().outputs;
     let unfound = |text: &str, at: &ResumePoint| {
-        let standing = card(&machine).standing_at([0; AXES], &outputs);
+        let standing = card(&machine).with_position([0; AXES], &outputs);
         match prepared(&machine, text, at.clone(), standing) {
             (None, Err(JobStartError::Unfound(why))) => why,
             other => panic!("{:?}", other.0),
@@ -223,7 +223,7 @@ fn what_is_not_the_same_is_refused_with_the_reason() {
     let nowhere = PathStart { reached: at.start.place.record.wrapping_sub(1), ..at.start };
     assert_eq!(unfound(LAPS, &ResumePoint { start: nowhere, ..unmarked.clone() }), ResumeError::NoSuchPlace);
     // The counts disagree: it is found, and does not go on by itself.
-    let elsewhere = card(&machine).standing_at([1, 0, 0, 0], &outputs);
+    let elsewhere = card(&machine).with_position([1, 0, 0, 0], &outputs);
     let (end, log, _) = part(&machine, LAPS, "", JobStart::At(Box::new(at)), elsewhere);
     assert_eq!((end.outcome, log.periods.len()), (Outcome::Stopped, 0));
 }

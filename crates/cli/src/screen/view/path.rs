@@ -1,6 +1,7 @@
-//! The tool path in true proportion: what is planned, what was cut, what is retraced, where the tool is, and the soft limits around it all.
+//! Tool path in true proportion: planned, executed and retraced motion, the tool, and the soft limits.
 //!
-//! Invariant: one mm is as long across as it is down; the whole path, or the whole table, is in view unless the drawing is enlarged.
+//! Invariant: a millimetre has the same length across and down; the whole path, or the whole table, is visible unless
+//! the drawing is enlarged.
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
@@ -12,10 +13,10 @@ use crate::screen::key_state::{Fit, Frame, View};
 use crate::screen::model::{ScreenModel, ScreenStage};
 use crate::screen::trail::TrailPoint;
 
-/// Dots that stay free along each edge.
+/// Number of dots left free along each edge.
 const MARGIN: f64 = 1.0;
 
-/// From space to the picture's plane, across and up, mm.
+/// Projects a point to the plane of the view, across and up, mm.
 fn seen(view: View, at: [f32; 3]) -> [f64; 2] {
     let [x, y, z] = at.map(f64::from);
     match view {
@@ -27,14 +28,14 @@ fn seen(view: View, at: [f32; 3]) -> [f64; 2] {
     }
 }
 
-/// From mm to dots.
+/// Scale from mm to dots.
 struct Scale {
     view: View,
-    /// What is seen in the middle of the pane, mm.
+    /// Point in the middle of the pane, mm.
     centre: [f64; 2],
-    /// Dots to the mm.
+    /// Dots per mm.
     factor: f64,
-    /// The middle of the pane, dots.
+    /// Middle of the pane, dots.
     middle: [f64; 2],
 }
 
@@ -48,7 +49,7 @@ impl Scale {
         }
         let fitted = [0, 1].map(|i| room[i] / span[i].max(1e-3)).into_iter().fold(f64::INFINITY, f64::min);
         let middle = size.map(|dots| (dots - 1.0) / 2.0);
-        // What the fitted pane shows is the measure that panning goes by.
+        // Panning is relative to the fitted view.
         let centre = [0, 1].map(|i| (least[i] + greatest[i]) / 2.0 + frame.pan[i] * room[i] / fitted);
         Some(Self { view, centre, factor: fitted * frame.zoom, middle })
     }
@@ -60,7 +61,7 @@ impl Scale {
     }
 }
 
-/// Least and greatest of what is seen of these, mm.
+/// Minimum and maximum of the projection of these points, mm.
 fn ends(view: View, corners: &[[f32; 3]]) -> Option<[[f64; 2]; 2]> {
     let mut ends: Option<[[f64; 2]; 2]> = None;
     for at in corners.iter().map(|&corner| seen(view, corner)) {
@@ -73,12 +74,12 @@ fn ends(view: View, corners: &[[f32; 3]]) -> Option<[[f64; 2]; 2]> {
     ends
 }
 
-/// The corners of the space between two points.
+/// Corners of the box between two points.
 fn corners_of([least, greatest]: [[f32; 3]; 2]) -> [[f32; 3]; 8] {
     std::array::from_fn(|n| [0, 1, 2].map(|i| [least, greatest][n >> i & 1][i]))
 }
 
-/// What the soft limits enclose, least and greatest, mm; an axis that there is not is 0.
+/// Volume inside the soft limits, minimum and maximum, mm; 0 for a missing axis.
 fn table(model: &ScreenModel) -> [[f32; 3]; 2] {
     let travel =
         |end: usize| model.facts.space().map(|axis| axis.map_or(0.0, |i| model.facts.axes[i].travel_mm[end] as f32));
