@@ -69,7 +69,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "order",
-        purpose: "no motion stands on the wrong side of an instruction, whatever the line delays; with the source's literal gates it does",
+        purpose: "no motion is executed on the wrong side of an instruction, for any delay of the line; with the source's literal gates it is",
         test: ["retrace-controller", "order", ""],
         asked: BY_SEED,
         full: 10_000,
@@ -85,7 +85,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "drip",
-        purpose: "so many lines from a socket that stalls, is cut and comes again: bounded memory, exact counts, pauses taken up exactly",
+        purpose: "a program from a socket that stalls, is cut and reconnects: bounded memory, exact counts, pauses resumed exactly",
         test: ["retrace-tests", "drip", ""],
         asked: BY_SEED,
         full: 1_000_000,
@@ -101,7 +101,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "kill",
-        purpose: "a host killed at any moment of a job: taken up again it ends exactly, every instruction once, or is refused with the reason",
+        purpose: "a host killed at any moment of a job: resumed, the job ends exactly, every instruction once, or is refused with the reason",
         test: ["retrace-tests", "kill", ""],
         asked: BY_SEED,
         full: 1000,
@@ -117,7 +117,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "cut",
-        purpose: "a journal cut at every write and every byte of its last records: the job is taken up and ends exactly",
+        purpose: "a journal cut at every write and every byte of its last records: the job is resumed and ends exactly",
         test: ["retrace-tests", "cut", ""],
         asked: BY_SEED,
         full: 1000,

@@ -53,7 +53,7 @@ pub(crate) fn run(root: &Path, names: &[&str]) -> bool {
         match figure.make(root, &path) {
             Ok(None) => {
                 let is_same = fs::read(root.join(&path)).is_ok_and(|now| now == before);
-                println!("{path:<36} {}", if is_same { "as it was" } else { "made anew" });
+                println!("{path:<36} {}", if is_same { "unchanged" } else { "rewritten" });
             }
             Ok(Some(remark)) => println!("{path:<36} {remark}"),
             Err(reason) => {

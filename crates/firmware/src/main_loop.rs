@@ -32,7 +32,7 @@ const FRESH: Card = match Card::without_records(boot::IDENTITY) {
 #[cortex_m_rt::entry]
 fn main() -> ! {
     static mut CARD: Card = FRESH;
-    static mut RECORDS: [Record<AXES>; WINDOW] = [Record::STILL; WINDOW];
+    static mut RECORDS: [Record<AXES>; WINDOW] = [Record::ZERO; WINDOW];
     CARD.lend_records(RECORDS);
     board::start();
     let starts = board::count_start();

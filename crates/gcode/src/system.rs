@@ -130,9 +130,7 @@ impl SystemParameter {
                 Some(MotionMode::ThreadingCycle) => 760.0,
                 Some(MotionMode::Cycle(cycle)) => cycle.tenths().into(),
                 Some(MotionMode::ControlPoint) => 52.0,
-                Some(MotionMode::Probe(Probing { away, must_trip: must_answer })) => {
-                    382.0 + 2.0 * truth(away) + truth(!must_answer)
-                }
+                Some(MotionMode::Probe(Probing { away, must_trip })) => 382.0 + 2.0 * truth(away) + truth(!must_trip),
                 Some(MotionMode::CubicSpline | MotionMode::QuadraticSpline | MotionMode::EndOfPoints) | None => 800.0,
             },
             P::Plane => match state.plane {

@@ -26,7 +26,7 @@ pub(crate) struct Bench {
 pub(crate) const BENCHES: &[Bench] = &[
     Bench {
         name: "programs",
-        purpose: "decoding beside rs274, over program length, and from standard input; writes docs/bench-programs.md",
+        purpose: "decoding compared with rs274, over program length, and from standard input; writes docs/bench-programs.md",
         run: programs::run,
     },
     Bench {
@@ -36,7 +36,7 @@ pub(crate) const BENCHES: &[Bench] = &[
     },
     Bench {
         name: "motion",
-        purpose: "plans beside optima, limits and LinuxCNC's planners, and the speed of planning; writes docs/bench-motion.md",
+        purpose: "plans compared with optima, limits and LinuxCNC's planners, and the speed of planning; writes docs/bench-motion.md",
         run: motion::run,
     },
 ];

@@ -120,7 +120,7 @@ fn emulation(root: &Path) -> Result<bool, String> {
         (report.reversals == 0, "nothing was run backward".to_owned()),
         (found.counted != report.counts, "the outputs' pulses are not those reported".to_owned()),
         (found.lost_bytes > 0 || found.refused > 0, "bytes were lost, or pulses did not fit".to_owned()),
-        (depth > sections::STACK, format!("{} bytes are kept for the stack", sections::STACK)),
+        (depth > sections::STACK, format!("{} bytes are reserved for the stack", sections::STACK)),
     ];
     let wrong: Vec<String> = told.into_iter().filter_map(|(is_so, what)| is_so.then_some(what)).collect();
     if wrong.is_empty() { Ok(true) } else { Err(wrong.join(", ")) }

@@ -158,10 +158,10 @@ fn read(root: &Path) -> Option<Value> {
 }
 
 fn compare(root: &Path, all: &[Row]) -> Vec<String> {
-    let Some(book) = read(root) else { return vec!["there is no ledger that can be read".to_owned()] };
+    let Some(book) = read(root) else { return vec!["the ledger cannot be read".to_owned()] };
     let mut differences = differences(&book, all);
     if fs::read_to_string(root.join(PAGE)).ok() != Some(page::render(&book)) {
-        differences.push(format!("{PAGE} does not say what {BOOK} says"));
+        differences.push(format!("{PAGE} differs from {BOOK}"));
     }
     differences
 }

@@ -149,7 +149,7 @@ fn mutated(path: &Path, mutant: &Mutant) -> Result<[String; 2], String> {
             let with = text.replacen(find, put, 1);
             Ok([text, with])
         }
-        many => Err(format!("mutant `{name}` does not apply: its text stands {many} times in {file}, not once")),
+        many => Err(format!("mutant `{name}` does not apply: its text occurs {many} times in {file}, not once")),
     }
 }
 

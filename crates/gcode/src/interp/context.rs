@@ -32,7 +32,7 @@ pub(crate) struct SavedState {
     spindle: SpindleRotation,
     spindle_speed: f64,
     constant_surface_speed: bool,
-    highest_spindle_speed: f64,
+    max_spindle_speed: f64,
     /// Side and radius of cutter compensation.
     compensation: Option<(Side, f64)>,
     mist: bool,
@@ -68,7 +68,7 @@ impl SavedState {
             spindle: state.spindle,
             spindle_speed: state.spindle_speed,
             constant_surface_speed: state.constant_surface_speed,
-            highest_spindle_speed: state.max_spindle_speed,
+            max_spindle_speed: state.max_spindle_speed,
             compensation: state.compensation.map(|compensation| (compensation.side, compensation.radius)),
             mist: state.mist,
             flood: state.flood,
@@ -135,12 +135,12 @@ impl SavedState {
         words.put(b'f', self.feed_rate);
         words.put(b's', self.spindle_speed);
         let mode = |surface: bool, highest: f64| (surface, if surface { highest } else { 0.0 });
-        let is_same_mode = mode(self.constant_surface_speed, self.highest_spindle_speed)
+        let is_same_mode = mode(self.constant_surface_speed, self.max_spindle_speed)
             == mode(state.constant_surface_speed, state.max_spindle_speed);
         if !is_same_mode {
             words.add_g(if self.constant_surface_speed { 96.0 } else { 97.0 }, <_>::default())?;
             if self.constant_surface_speed {
-                words.put(b'd', self.highest_spindle_speed);
+                words.put(b'd', self.max_spindle_speed);
             }
         }
         if self.spindle != state.spindle {

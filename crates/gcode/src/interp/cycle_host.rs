@@ -68,7 +68,7 @@ struct SavedModes {
     feed_rate: f64,
     spindle_speed: f64,
     constant_surface_speed: bool,
-    highest_spindle_speed: f64,
+    max_spindle_speed: f64,
     path_control: PathControl,
     naivecam_tolerance: f64,
     lathe_diameter: bool,
@@ -87,7 +87,7 @@ impl SavedModes {
             feed_rate: state.feed_rate,
             spindle_speed: state.spindle_speed,
             constant_surface_speed: state.constant_surface_speed,
-            highest_spindle_speed: state.max_spindle_speed,
+            max_spindle_speed: state.max_spindle_speed,
             path_control: state.path_control,
             naivecam_tolerance: state.naivecam_tolerance,
             lathe_diameter: state.lathe_diameter,
@@ -113,10 +113,10 @@ impl SavedModes {
             state.feed_rate = self.feed_rate;
             emit.call(Canon::SetFeedRate(self.feed_rate));
         }
-        let mode = (self.constant_surface_speed, self.highest_spindle_speed);
+        let mode = (self.constant_surface_speed, self.max_spindle_speed);
         if (state.constant_surface_speed, state.max_spindle_speed) != mode {
             (state.constant_surface_speed, state.max_spindle_speed) = mode;
-            emit.call(Canon::SetSpindleMode(self.highest_spindle_speed));
+            emit.call(Canon::SetSpindleMode(self.max_spindle_speed));
         }
         if state.spindle_speed != self.spindle_speed {
             state.spindle_speed = self.spindle_speed;
