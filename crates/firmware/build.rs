@@ -1,6 +1,7 @@
 //! The linker's memory map of the microcontroller that was chosen.
 //!
-//! Invariant: no map goes beyond the smallest part of its kind (RM0090 and RM0368, *Memory map*; the data sheets' ordering tables).
+//! Invariant: no map goes beyond the smallest part of its kind (RM0090 and RM0368, *Memory map*; the data sheets'
+//! ordering tables).
 
 use std::path::PathBuf;
 use std::{env, fs};

@@ -129,8 +129,8 @@ mod tests {
         #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
         /// Any increments: what came out added them lies between the sides and is a side where it rests. What is
-        /// driven, which has that backlash, is then where the path says; but not where the axis turned again before it had
-        /// come to the side, until it next has.
+        /// driven, which has that backlash, is then where the path says; but not where the axis turned again before it
+        /// had come to the side, until it next has.
         #[test]
         fn what_is_driven_is_where_the_path_says(
             whole in 0u16..300,

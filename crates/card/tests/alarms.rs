@@ -365,7 +365,8 @@ fn the_wheel_and_the_inputs_are_reported() {
     assert_eq!((card.status().inputs, card.status().wheel), (0, 10));
 }
 
-/// Homes a card whose switch closes at `at` pulses above where it stands, and returns the card and the position it moved to.
+/// Homes a card whose switch closes at `at` pulses above where it stands, and returns the card and the position it
+/// moved to.
 fn home(card: &mut TestCard, at: i64, farthest: u32, mut each: impl FnMut(&mut TestCard, u32)) -> i64 {
     let order = HomingCommand {
         axis: 0,

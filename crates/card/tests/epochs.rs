@@ -1,4 +1,5 @@
-//! Epochs that take up a path where the machine stands: whatever interrupts a job, and wherever, it is gone on with as if nothing had been.
+//! Epochs that take up a path where the machine stands: whatever interrupts a job, and wherever, it is gone on with as
+//! if nothing had been.
 //!
 //! Invariant: what is expected is reckoned from the path alone, without the card.
 
@@ -171,8 +172,9 @@ impl Host {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Interrupted anywhere, between two records and in one, on the way forward and backward, by a word and by silence: at every place the
-    /// counts are those of the path, every instruction and every action is carried out once, in its order.
+    /// Interrupted anywhere, between two records and in one, on the way forward and backward, by a word and by silence:
+    /// at every place the counts are those of the path, every instruction and every action is carried out once, in its
+    /// order.
     #[test]
     fn what_is_interrupted_goes_on_as_if_nothing_had_been(
         first in any::<u32>(),
@@ -231,7 +233,8 @@ fn a_start_that_contradicts_itself_is_refused() {
     card.accept(at(6, 8)).expect("the next, at the furthest place");
 }
 
-/// In the middle of a motion the path is left with a ramp, at a planned stop at full rate: also where an epoch begins there.
+/// In the middle of a motion the path is left with a ramp, at a planned stop at full rate: also where an epoch begins
+/// there.
 #[test]
 fn a_path_in_motion_is_not_left_at_full_rate() {
     let rate_after = |rests: bool| -> Travel {

@@ -1,7 +1,8 @@
 //! The order of motion and instructions in the card's own time line, under any delay (GMC, *Beyond the source*).
 //!
-//! Words and reports take their time, the rate overtakes everything else, and the operator holds and reverses whenever he likes: also
-//! while an instruction is on its way that the host sent on an older report. The host's gates are the core's own.
+//! Words and reports take their time, the rate overtakes everything else, and the operator holds and reverses whenever
+//! he likes: also while an instruction is on its way that the host sent on an older report. The host's gates are the
+//! core's own.
 //!
 //! Invariant: what is checked is taken from the card's reports as they are made, not as the host hears of them.
 
@@ -193,21 +194,24 @@ fn run(job: &Job) {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Every delay, every duration, every hold and reversal: nothing stands on the wrong side, and the job comes to its end.
+    /// Every delay, every duration, every hold and reversal: nothing stands on the wrong side, and the job comes to its
+    /// end.
     #[test]
     fn no_motion_stands_on_the_wrong_side(job in jobs()) {
         run(&job);
     }
 }
 
-/// The case that the instruction's place is for: on an old report of rest the host sends it, and a reverse run overtakes it.
+/// The case that the instruction's place is for: on an old report of rest the host sends it, and a reverse run
+/// overtakes it.
 #[test]
 fn a_reverse_run_that_overtakes_an_instruction_defers_it() {
     let rates = vec![(ONE, 24), (-ONE, 60), (0, 20)];
     run(&Job { start: 7, markers: vec![(16, 5, None)], delays: [8, 0, 4], early: false, rates });
 }
 
-/// An instruction that comes before the records in front of it is kept also while the cursor runs into a planned stop at full rate.
+/// An instruction that comes before the records in front of it is kept also while the cursor runs into a planned stop
+/// at full rate.
 #[test]
 fn an_instruction_beyond_the_window_does_not_shorten_the_road() {
     let rates = vec![(ONE, 17), (-ONE, 1), (ONE, 1)];

@@ -1,6 +1,8 @@
-//! The permit of the cutting outputs (CUT-3, CUT-4, CUT-6, CUT-8), as a card with a torch, a jet and its abrasive applies it.
+//! The permit of the cutting outputs (CUT-3, CUT-4, CUT-6, CUT-8), as a card with a torch, a jet and its abrasive
+//! applies it.
 //!
-//! Invariant: what is asserted of an output is what the card reports at the end of a period, which is what its pins show in the next.
+//! Invariant: what is asserted of an output is what the card reports at the end of a period, which is what its pins
+//! show in the next.
 
 mod common;
 

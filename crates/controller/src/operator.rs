@@ -341,7 +341,7 @@ fn usage_example(word: &str) -> &'static str {
 fn parse_back(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
     match words {
         ["to", "block"] => Ok(OperatorCommand::BackToBlock),
-        ["to", "jet"] => Ok(OperatorCommand::BackToPierce),
+        ["to", "pierce"] => Ok(OperatorCommand::BackToPierce),
         [mm, "mm"] => match parse_length(mm)? {
             mm if mm > 0.0 => Ok(OperatorCommand::BackBy(mm)),
             _ => wrong(format!("`back {mm} mm` goes nowhere"), "a length above 0, as in back 50 mm"),

@@ -1,7 +1,7 @@
 //! How fast records pass through the ring, between two threads and on one, beside rtrb in the same run.
 //!
-//! Records of 16 bytes, 4 096 cells each, the same loops around both. A last table has the two take turns, so that load from
-//! elsewhere meets both alike: it is the one to read where the machine is not idle.
+//! Records of 16 bytes, 4 096 cells each, the same loops around both. A last table has the two take turns, so that load
+//! from elsewhere meets both alike: it is the one to read where the machine is not idle.
 //!
 //! Invariant: what is timed is the passing of records alone; threads are started and rings made before the clock is.
 
@@ -21,8 +21,8 @@ const HALF: u32 = CELLS as u32 / 2;
 #[repr(align(64))]
 struct Samples([Record<4>; 64]);
 
-/// Made beforehand: a record put together field by field could not be read back in one piece before it has left the processor's
-/// store buffer, which would be most of what is timed.
+/// Made beforehand: a record put together field by field could not be read back in one piece before it has left the
+/// processor's store buffer, which would be most of what is timed.
 fn made_beforehand() -> Samples {
     black_box(Samples(core::array::from_fn(|n| Record {
         increments: [3, -2, 1, n as i16],

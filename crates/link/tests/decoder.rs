@@ -1,4 +1,5 @@
-//! The decoder, with frames of noise and with real ones that were damaged: no panic, and no false frame beyond the checksum's odds.
+//! The decoder, with frames of noise and with real ones that were damaged: no panic, and no false frame beyond the
+//! checksum's odds.
 
 mod dice;
 
@@ -45,8 +46,8 @@ fn damage(dice: &mut Dice, wire: &mut Vec<u8>) {
     }
 }
 
-/// Half of the frames are noise that only the check can refuse, half are real ones, broken. A frame that is taken and was not sent
-/// comes with a chance of 2⁻³² each: three in 10⁸ would be one in 20 million runs.
+/// Half of the frames are noise that only the check can refuse, half are real ones, broken. A frame that is taken and
+/// was not sent comes with a chance of 2⁻³² each: three in 10⁸ would be one in 20 million runs.
 #[test]
 fn no_frame_is_taken_that_was_not_sent() {
     let (cases, seed) = asked(200_000);

@@ -1,5 +1,5 @@
-//! Both ends of the line, with a line between them that fails, and works that only count: what the host gives out is what the card
-//! did, period by period, and every word is taken once.
+//! Both ends of the line, with a line between them that fails, and works that only count: what the host gives out is
+//! what the card did, period by period, and every word is taken once.
 
 mod dice;
 

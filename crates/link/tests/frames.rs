@@ -145,7 +145,8 @@ proptest! {
         prop_assert!(found.iter().all(|found| sent.iter().any(|(_, payload, _)| payload == found)), "{:?}", found);
     }
 
-    /// Nothing is accepted but what `encode` makes of its payload: no two ways to write one, and no byte that says nothing.
+    /// Nothing is accepted but what `encode` makes of its payload: no two ways to write one, and no byte that says
+    /// nothing.
     #[test]
     fn only_the_frame_of_a_payload_is_accepted(body in vec(prop_oneof![1..5u8, 1..=255u8], 1..40)) {
         let wire = framed(&body);
@@ -257,8 +258,8 @@ fn a_zero_made_or_destroyed_costs_two_frames_at_most_and_yields_none() {
     assert!(made > 20_000 && destroyed > 5_000, "{made} with a zero made, {destroyed} with one destroyed");
 }
 
-/// The limit of the guarantee: bytes after which the register is as new, a byte that one flip makes zero, and a frame. Whoever
-/// chooses payloads can bring this about, and noise by a chance in 2³²; hence payloads that number themselves.
+/// The limit of the guarantee: bytes after which the register is as new, a byte that one flip makes zero, and a frame.
+/// Whoever chooses payloads can bring this about, and noise by a chance in 2³²; hence payloads that number themselves.
 #[test]
 fn a_payload_can_be_made_up_whose_tail_is_a_frame() {
     let mut wire = frame(&[0x01, 0xB5, 0xA7, 0x3A, 0xD8, 0x01, 0x03, 0x03, 0x4E, 0x4F]);

@@ -1,7 +1,7 @@
 //! `cargo xtask dist`: archives of the command for computers without a Rust toolchain.
 //!
-//! Invariant: every target that was not built is named with the reason; an archive holds nothing of the computer that built it but
-//! the code.
+//! Invariant: every target that was not built is named with the reason; an archive holds nothing of the computer that
+//! built it but the code.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

@@ -31,7 +31,8 @@ pub(super) fn find(tree: &Tree) -> Vec<Finding> {
     findings
 }
 
-/// Every number that stands in quotes, or begins a quoted text and is followed by a colon, in the crates' code outside of tests, with the first place where it does.
+/// Every number that stands in quotes, or begins a quoted text and is followed by a colon, in the crates' code outside
+/// of tests, with the first place where it does.
 fn used_numbers(tree: &Tree) -> BTreeMap<String, (String, usize)> {
     let mut used = BTreeMap::new();
     for (path, text) in tree.rust() {

@@ -1,7 +1,7 @@
 //! Every file that a document names from the root of the checkout exists.
 //!
-//! A path is named in a code span that holds nothing else: `crates/core/src/ring.rs`. Where the text before it says *new file*, the
-//! reader is to create it.
+//! A path is named in a code span that holds nothing else: `crates/core/src/ring.rs`. Where the text before it says
+//! *new file*, the reader is to create it.
 
 use super::Finding;
 use crate::tree::Tree;

@@ -1,7 +1,8 @@
 //! The page of requirements is complete: every number has a row, and what a row names as its proof exists.
 //!
-//! A row is `| REV-1 | sentence | status | code | shown by |`. The status is `built`, `not built`, or `partly` followed by what is
-//! missing. `code` names files, `shown by` names tests as `file.rs::function` and rows of the proof ledger as links.
+//! A row is `| REV-1 | sentence | status | code | shown by |`. The status is `built`, `not built`, or `partly` followed
+//! by what is missing. `code` names files, `shown by` names tests as `file.rs::function` and rows of the proof ledger
+//! as links.
 
 use super::Finding;
 use crate::tree::{Tree, is_word};

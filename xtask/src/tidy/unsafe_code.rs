@@ -1,12 +1,14 @@
-//! Unsafe code stands in the record ring and where the firmware reaches a register, and the compiler is told so in every other crate.
+//! Unsafe code stands in the record ring and where the firmware reaches a register, and the compiler is told so in
+//! every other crate.
 
 use super::Finding;
 use crate::tree::{Tree, code_only, words};
 
-/// The files that may hold unsafe code: the ring, whose cells two threads share, and the one module of the firmware that turns addresses
-/// into registers, which no safe code can do; everything above it is safe.
+/// The files that may hold unsafe code: the ring, whose cells two threads share, and the one module of the firmware
+/// that turns addresses into registers, which no safe code can do; everything above it is safe.
 const ALLOWED: &[&str] = &["crates/core/src/ring.rs", "crates/firmware/src/board/registers.rs"];
-/// The files that may hold the keyword in declarations: the imports and exports of a wasm module, compiled for a proof alone.
+/// The files that may hold the keyword in declarations: the imports and exports of a wasm module, compiled for a proof
+/// alone.
 const DECLARE: &[&str] = &["verification/src/choice.rs", "verification/src/harness.rs"];
 /// The crates' roots that may not forbid it, because they compile one of them.
 const HOLDERS: &[&str] =

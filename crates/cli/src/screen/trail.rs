@@ -1,7 +1,7 @@
 //! Polyline with a bounded number of corners, however long it grows: the tool path as the screen draws it.
 //!
-//! Invariant: never more than [`MAX_CORNERS`] corners. The tolerance doubles whenever the corners run out, up to a value that
-//! is invisible; where that is not enough, the oldest corners are dropped.
+//! Invariant: never more than [`MAX_CORNERS`] corners. The tolerance doubles whenever the corners run out, up to a
+//! value that is invisible; where that is not enough, the oldest corners are dropped.
 
 /// Maximum number of corners.
 pub const MAX_CORNERS: usize = 4096;
