@@ -103,7 +103,9 @@ fn a_pause_on_the_way_back_stops_the_axes_and_keeps_the_breakpoint() {
     );
     let refusals = refusals(&run);
     assert!(
-        refusals.len() == 2 && refusals[0].contains("on the way") && refusals[1].contains("spindle stop"),
+        refusals.len() == 2
+            && refusals[0].contains("returning to the breakpoint")
+            && refusals[1].contains("spindle stop"),
         "{refusals:?}"
     );
 }

@@ -151,8 +151,8 @@ fn a_lathe_turns_a_step() {
 fn each_code_does_in_reverse_what_its_table_says() {
     let codes = "retrace_outputs = \"replayed\"\n\
         [code.M101]\noutput = 1\nin_reverse = \"undone\"\n\
-        [code.M102]\noutput = 2\nin_reverse = \"as is\"\n\
-        [code.M103]\noutput = 3\nclass = \"synchronous\"\nin_reverse = \"as is\"\n\
+        [code.M102]\noutput = 2\nin_reverse = \"unchanged\"\n\
+        [code.M103]\noutput = 3\nclass = \"synchronous\"\nin_reverse = \"unchanged\"\n\
         [code.M104]\noutput = 4\nclass = \"synchronous\"\n\
         [code.M105]\noutput = 5\nin_reverse = \"barrier\"\n";
     let program = "G64 G1 X10 F3000\nM105\nX20\nM101\nX30\nM102\nX40\nM103\nX50\nM104\nX60\nX100\nM2\n";

@@ -55,7 +55,7 @@ fn fits(root: &Value, schema: &Value, value: &Value, at: &str) -> Result<(), Str
         "null" => value.is_null(),
         _ => false,
     };
-    if !types.is_empty() && !types.iter().any(|name| has_type(name)) {
+    if !types.is_empty() && !types.iter().any(has_type) {
         return Err(format!("{at}: {value} is not of the type {types:?}"));
     }
     if schema.get("const").is_some_and(|only| only != value) {
@@ -64,10 +64,12 @@ fn fits(root: &Value, schema: &Value, value: &Value, at: &str) -> Result<(), Str
     if schema["enum"].as_array().is_some_and(|some| !some.contains(value)) {
         return Err(format!("{at}: {value} is not one of {}", schema["enum"]));
     }
-    if let (Some(number), minimum, maximum) = (value.as_f64(), &schema["minimum"], &schema["maximum"]) {
-        if minimum.as_f64().is_some_and(|least| number < least) || maximum.as_f64().is_some_and(|most| number > most) {
-            return Err(format!("{at}: {value} is out of {minimum} … {maximum}"));
-        }
+    let (minimum, maximum) = (&schema["minimum"], &schema["maximum"]);
+    let is_outside = |number: f64| {
+        minimum.as_f64().is_some_and(|least| number < least) || maximum.as_f64().is_some_and(|most| number > most)
+    };
+    if value.as_f64().is_some_and(is_outside) {
+        return Err(format!("{at}: {value} is out of {minimum} … {maximum}"));
     }
     if let Some(elements) = value.as_array() {
         elements.iter().try_for_each(|element| fits(root, &schema["items"], element, &format!("{at}[]")))?;

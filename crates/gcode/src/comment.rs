@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// A comment of a block.
 #[derive(Clone, Debug)]
 pub(crate) enum Comment {
-    Comment(Arc<str>),
+    Plain(Arc<str>),
     Message(Arc<str>),
     /// Shown to the operator while parameter 5599 is above 0.
     Debug(Arc<[CommentPart]>),
@@ -80,7 +80,7 @@ impl Comment {
             return Ok(Some(Comment::LogClose));
         }
         refuse_python(text, at)?;
-        Ok(Some(Comment::Comment(text.into())))
+        Ok(Some(Comment::Plain(text.into())))
     }
 
     /// Returns the canonical function of the comment, with the present values of its parameters.
@@ -89,7 +89,7 @@ impl Comment {
     /// ABORT is reported as an error.
     pub(crate) fn canon(&self, environment: &impl Environment, show_debug: bool) -> BlockResult<Option<Canon>> {
         Ok(Some(match self {
-            Comment::Comment(text) => Canon::Comment(Arc::clone(text)),
+            Comment::Plain(text) => Canon::Comment(Arc::clone(text)),
             Comment::Message(text) => Canon::Message(Arc::clone(text)),
             Comment::Debug(pieces) if show_debug => Canon::Message(expand(pieces, environment)),
             Comment::Debug(_) => return Ok(None),

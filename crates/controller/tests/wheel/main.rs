@@ -140,7 +140,7 @@ fn run(seed: u64) -> Case {
     let history_s = pick(&mut random, &[0.8, 2.0, 5.0, 60.0]);
     let Setting { counts_per_s, mean_ms } = setting;
     let text = format!(
-        "history_hours = {}\n[wheel]\ncounts_per_s_at_rate_1 = {counts_per_s}.0\nmean_over_ms = {mean_ms}.0\n",
+        "history_hours = {}\n[wheel]\nfull_rate_counts_per_s = {counts_per_s}.0\nfilter_ms = {mean_ms}.0\n",
         history_s / 3600.0
     );
     let machine = MachineConfig::parse(&text, "test").expect("valid");

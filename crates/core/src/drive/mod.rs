@@ -106,7 +106,7 @@ impl<const A: usize, const M: usize> Drive<A, M> {
         if sign == 0 {
             return self.cursor.dwell(at);
         }
-        let ahead = DirectedWindow { at, sign, window: window };
+        let ahead = DirectedWindow { at, sign, window };
         let requested = if target.signum() == sign { target.abs() } else { 0 };
         let requested = self.within_caps(requested, &ahead);
         let mut started_slower = false;
