@@ -180,7 +180,8 @@ fn events_call_outputs_by_the_names_that_the_machine_file_gives_them() {
     bench.file("p.op", "at line 5 hold\nafter 2s resume\nafter 1s agree\n");
     let run = ["run", "p.ngc", "--machine", "m.toml", "--operator", "p.op"];
     let text = bench.retrace(run);
-    for part in ["air := 1", "air := 0", "jet off: the machine stands", "outputs differ: jet is 0, program wants 1"] {
+    for part in ["air := 1", "air := 0", "jet off: the machine is at rest", "outputs differ: jet is 0, program wants 1"]
+    {
         assert!(text.out.contains(part), "{part} is not in\n{}", text.out);
     }
     assert!(!text.out.contains("output 1 ") && !text.out.contains("output 3 "), "{}", text.out);

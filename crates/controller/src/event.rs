@@ -327,7 +327,7 @@ impl Event {
         let channel_name = |channel: u8| names.name(channel);
         match &self.kind {
             EventKind::Started => "started".into(),
-            EventKind::Mode(mode) => mode.name().into(),
+            EventKind::Mode(mode) => mode_text(*mode).into(),
             EventKind::Operator(command) => format!("operator: {command}"),
             EventKind::OverridePlanned(percent) => format!("planned for an override of {percent} % from here on"),
             EventKind::CommandRejected(why) => format!("not done: {why}"),
@@ -376,6 +376,18 @@ impl Event {
                 format!("ALARM {number}: {cause}. {remedy}")
             }
         }
+    }
+}
+
+/// A mode of operation in an operator's words.
+const fn mode_text(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Run => "normal run",
+        Mode::Reverse => "reverse run",
+        Mode::Forward => "forward run",
+        Mode::Wheel => "handwheel",
+        Mode::Rejoin => "forward to the end of the history",
+        Mode::AwaitOutputs => "waiting until the outputs are confirmed",
     }
 }
 
