@@ -1,6 +1,6 @@
 //! Fine interpolation and sizes: exactly p pulses in S slots, and REV-4's arithmetic.
 //!
-//! Invariant: the accumulator of [`Pulses`] is compared with positions that are computed here by multiplication.
+//! Invariant: the accumulator of [`PulseSlots`] is compared with positions that are computed here by multiplication.
 
 use crate::choice::Choice;
 use crate::harness::{harnesses, holds};

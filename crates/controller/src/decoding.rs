@@ -75,7 +75,7 @@ impl BatchChannel {
         true
     }
 
-    /// Whether nothing more will be sent. To be called before [`BatchChannel::take`] finds nothing.
+    /// Whether nothing more will be sent. To be called before [`BatchChannel::take_batch`] finds nothing.
     pub(crate) fn has_ended(&self) -> bool {
         self.ended.load(Ordering::Acquire)
     }

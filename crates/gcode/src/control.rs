@@ -76,9 +76,9 @@ pub(crate) enum Keyword {
     ModalEnd,
     /// GOTO of a Fanuc macro: the number is the label, or the first value.
     GoTo,
-    /// IF [condition] GOTO: the values are the condition and the number.
+    /// IF \[condition\] GOTO: the values are the condition and the number.
     IfGoTo,
-    /// IF [condition] THEN, with assignments.
+    /// IF \[condition\] THEN, with assignments.
     IfThen,
 }
 

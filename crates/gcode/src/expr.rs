@@ -304,7 +304,7 @@ impl<'a, 'b> Compiler<'a, 'b> {
         }
     }
 
-    /// Compiles EXISTS\[#<name>\], which tests whether the parameter has a value. A numbered parameter has a value if
+    /// Compiles `EXISTS[#<name>]`, which tests whether the parameter has a value. A numbered parameter has a value if
     /// its number exists.
     fn exists(&mut self, start: usize) -> BlockResult<()> {
         let open = self.cursor.next_span();

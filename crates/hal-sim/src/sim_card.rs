@@ -125,7 +125,7 @@ impl<const A: usize> SimCard<A> {
     /// fine that pulses are as short as they have to be. Otherwise it works by the settings; their epoch is ignored.
     ///
     /// # Errors
-    /// As [`CardCore::open`](retrace_link::CardCore::open).
+    /// As [`CardCore::open`].
     pub fn with_machine(
         settings: CardSettings<A>,
         machine: &PlantSettings,
