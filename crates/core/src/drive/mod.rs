@@ -1,9 +1,9 @@
 //! The drive: how fast the cursor moves along the held records for a requested rate (REV, *Rate law*).
 //!
-//! The commanded rate follows the requested one with a slope that the records about to be crossed allow ([`bounds`],
-//! [`slope`]). It is lowered early enough before the end of the window, with slopes that are legal anywhere
-//! ([`braking`]), and blended into rate one so that the recorded motion is reproduced to the pulse ([`unity_blend`]).
-//! Independently of these, the cursor stays in the window ([`cursor`]).
+//! The commanded rate follows the requested one with a slope that the records about to be crossed allow (`bounds`,
+//! `slope`). It is lowered early enough before the end of the window, with slopes that are legal anywhere
+//! (`braking`), and blended into rate one so that the recorded motion is reproduced to the pulse (`unity_blend`).
+//! Independently of these, the cursor stays in the window (`cursor`).
 //!
 //! Invariant: the commanded rate changes by no more than the slope at it, except where the path is at rest. Its ramp
 //! fits into the window that is held, or a planned stop is ahead.
