@@ -185,7 +185,7 @@ pub const ROWS: &[Row] = &[Row {
             name: "an alarm does not put out",
             file: PERMIT,
             find: "if let Some(cause) = now.denied {",
-            put: "if let (Some(cause), false) = (now.denied, now.keeps) {",
+            put: "if let (Some(cause), false) = (now.denied, now.keeps_cutter) {",
             killer: "permit_one_channel",
         },
         Mutant {
@@ -220,7 +220,7 @@ pub const ROWS: &[Row] = &[Row {
             name: "a lit channel begins its grace anew",
             file: PERMIT,
             find: "let before = if was_lit { *timer } else { PermitTimer::default() };",
-            put: "let before = if was_lit && !conditions.awaits { *timer } else { PermitTimer::default() };",
+            put: "let before = if was_lit && !conditions.awaits_motion { *timer } else { PermitTimer::default() };",
             killer: "permit-outputs",
         },
         Mutant {
