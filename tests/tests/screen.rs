@@ -343,7 +343,10 @@ fn a_machine_is_set_up_by_hand_and_the_program_goes_from_its_work_zero() {
     terminal.keys("\x1b[A");
     terminal.wait_for_text("Y      10.000      10.000");
     terminal.keys("mG0 X5 Y2\r");
-    terminal.wait_for_text("Y       2.000       2.000");
+    // The position is shown a moment before the block is complete, and keys for the next one are taken only then.
+    terminal.wait_until("the end of the block", |text| {
+        text.starts_with(" READY") && text.contains("Y       2.000       2.000")
+    });
     terminal.keys("mG0 X9999\r");
     terminal.wait_for_text("E4304");
     terminal.keys("z\r");
