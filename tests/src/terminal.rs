@@ -68,10 +68,15 @@ impl Terminal {
         let (from, to) = (Arc::clone(&pty), Arc::clone(&cells));
         std::thread::spawn(move || {
             let mut bytes = [0; 4096];
+            let mut pending = Vec::new();
             // The terminal reports that it is closed when the command has ended.
             while let Ok(count @ 1..) = (&*from).read(&mut bytes) {
-                to.lock().unwrap_or_else(PoisonError::into_inner).process(&bytes[..count]);
+                pending.extend_from_slice(&bytes[..count]);
+                let whole = whole_updates(&pending);
+                to.lock().unwrap_or_else(PoisonError::into_inner).process(&pending[..whole]);
+                pending.drain(..whole);
             }
+            to.lock().unwrap_or_else(PoisonError::into_inner).process(&pending);
         });
         Self { child, pty, cells, _state: state }
     }
@@ -168,9 +173,40 @@ impl Terminal {
     }
 }
 
+/// Number of leading bytes that can be shown: all but a synchronized update whose end has not arrived. So a test never
+/// sees half a redraw.
+fn whole_updates(bytes: &[u8]) -> usize {
+    const BEGIN: &[u8] = b"\x1b[?2026h";
+    const END: &[u8] = b"\x1b[?2026l";
+    let last = |mark: &[u8]| bytes.windows(mark.len()).rposition(|window| window == mark);
+    match (last(BEGIN), last(END)) {
+        (Some(begin), None) => begin,
+        (Some(begin), Some(end)) if begin > end => begin,
+        // The beginning itself may have arrived in part.
+        _ => (1..BEGIN.len())
+            .find(|&count| bytes.ends_with(&BEGIN[..count]))
+            .map_or(bytes.len(), |count| bytes.len() - count),
+    }
+}
+
 impl Drop for Terminal {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_a_redraw_is_not_shown() {
+        assert_eq!(whole_updates(b"text"), 4);
+        assert_eq!(whole_updates(b"old\x1b[?2026hnew"), 3);
+        assert_eq!(whole_updates(b"\x1b[?2026hnew\x1b[?2026l"), 19);
+        assert_eq!(whole_updates(b"\x1b[?2026hnew\x1b[?2026l\x1b[?2026hhalf"), 19);
+        assert_eq!(whole_updates(b"old\x1b[?20"), 3);
+        assert_eq!(whole_updates(b"old\x1b[?25h"), 9);
     }
 }

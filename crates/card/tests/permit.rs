@@ -335,7 +335,7 @@ fn a_replayed_action_lights_a_jet_that_may_be_on_in_reverse_and_puts_others_out(
         assert_eq!(bench.value(TORCH), 0);
     }
     assert_eq!((seen, bench.status().place, bench.value(JET)), (1, Place::start_of(0), 0));
-    // forward again, the torch lit by hand on the way: the action at 20 puts it out
+    // forward again, the torch lit manually on the way: the action at 20 puts it out
     bench.rate(ONE);
     bench.periods(10);
     bench.send(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 1 }));

@@ -101,7 +101,7 @@ impl ModalContext {
 /// Errors with their source line.
 fn rendered(found: &[Diagnostic], text: &str) -> Vec<String> {
     let errors = found.iter().filter(|found| found.severity() == Severity::Error);
-    errors.map(|found| found.render("by hand", if found.file == 0 { text } else { "" })).collect()
+    errors.map(|found| found.render("MDI", if found.file == 0 { text } else { "" })).collect()
 }
 
 /// An MDI block, checked and ready to run as a program.

@@ -332,7 +332,7 @@ fn usage_example(word: &str) -> &'static str {
         "cutter" => "cutter off · cutter on",
         "optional" => "optional stop on · optional stop off",
         "rapid" => "rapid override 50%",
-        "recover" => "recover stands alone",
+        "recover" => "recover, without arguments",
         "pause" | "online" => "pause and online stand alone",
         _ => "reverse 100% · override 60% · wheel -120 for 2s · leave ask · output 3 on",
     }

@@ -359,7 +359,7 @@ mod tests {
     fn after(events: &[InterruptionEvent<2>]) -> Interruption<2> {
         let mut interruption = Interruption::reading();
         for event in events {
-            interruption.apply(*event).expect("a event in its order");
+            interruption.apply(*event).expect("an event in its order");
         }
         interruption
     }

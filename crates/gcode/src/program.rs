@@ -113,7 +113,7 @@ impl<R: BufRead> Program<R> {
     /// The text is not valid as an MDI block, or its pre-scan has found an error.
     pub fn mdi(text: &str, setup: Setup) -> Result<Program<R>, Vec<Diagnostic>> {
         check_mdi(text, &setup)?;
-        let prescan = Prescan::scan("by hand", text.into(), &setup);
+        let prescan = Prescan::scan("MDI", text.into(), &setup);
         if prescan.diagnostics().is_empty() {
             Ok(Program { is_mdi: true, ..Program::prescanned(Arc::new(prescan), setup) })
         } else {

@@ -47,7 +47,7 @@ fn by_hand(lines: &[&str], moved: impl Fn(usize, Pose) -> Pose) -> (ModalSnapsho
         });
         let setup = Setup { position: moved(index, position), ..setup() };
         let setup = carried.iter().fold(setup, |setup, carried| setup.continuing(carried));
-        let (left, steps) = carried_out(Program::mdi(line, setup).expect("a block by hand"));
+        let (left, steps) = carried_out(Program::mdi(line, setup).expect("an MDI block"));
         carried = Some(left);
         all.push(steps);
     }

@@ -202,7 +202,7 @@ fn draw_legend(picture: &mut DisplayList, history: &History, size: Size) {
     draw_start(picture, [x + 6.0, y]);
     x = label_beside(picture, [x + 20.0, y], "start".into(), style::INK);
     draw_end(picture, [x + 6.0, y]);
-    label_beside(picture, [x + 20.0, y], "stands".into(), style::INK);
+    label_beside(picture, [x + 20.0, y], "at rest".into(), style::INK);
 }
 
 #[cfg(test)]

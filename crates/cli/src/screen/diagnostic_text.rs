@@ -40,7 +40,7 @@ fn place_of(at: &str) -> Option<String> {
     let (_column, line, file) = (parts.next()?, parts.next()?, parts.next()?);
     let name = file.rsplit(['/', '\\']).next().unwrap_or(file);
     let is_line = line.bytes().all(|digit| digit.is_ascii_digit());
-    (is_line && name != "by hand").then(|| format!("{name} line {line}"))
+    (is_line && name != "MDI").then(|| format!("{name} line {line}"))
 }
 
 /// Whether the line is the source line, the mark below it, or the frame around them.
@@ -55,7 +55,7 @@ mod tests {
     #[test]
     fn a_diagnostic_is_a_line_without_frame_and_mark() {
         let rendered = "error[E4304]: axis X would go too far\n --> a:/b.ngc:3:4\n  |\n3 | G1 X9999\n  |    ^\n  |\n  = help: move it\n\
-            error[E1508]: no feed\n  --> by hand:12:1\n   |\n12 | G1 X1\n   | ^^\n   |\n   = help: F before it";
+            error[E1508]: no feed\n  --> MDI:12:1\n   |\n12 | G1 X1\n   | ^^\n   |\n   = help: F before it";
         let said = in_words(rendered);
         assert_eq!(said, ["E4304: axis X would go too far (b.ngc line 3) · move it", "E1508: no feed · F before it"]);
     }

@@ -36,7 +36,8 @@ use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{
     self, DisableMouseCapture, EnableMouseCapture, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers, MouseEventKind,
 };
-use ratatui::crossterm::execute;
+use ratatui::crossterm::terminal::{BeginSynchronizedUpdate, EndSynchronizedUpdate};
+use ratatui::crossterm::{execute, queue};
 use retrace_controller::manual::ManualTask;
 use retrace_controller::operator::OperatorCommand;
 
@@ -146,7 +147,10 @@ impl Screen {
                 let started = Instant::now();
                 let picture = lock_model(model).clone();
                 let now_ms = begun.elapsed().as_millis() as u64;
+                // A terminal that knows synchronized output shows a redraw whole; others ignore the two sequences.
+                queue!(io::stdout(), BeginSynchronizedUpdate)?;
                 terminal.draw(|frame| view::draw(frame.buffer_mut(), &picture, &self.key_state, self.theme, now_ms))?;
+                execute!(io::stdout(), EndSynchronizedUpdate)?;
                 record_redraw(model, started.elapsed());
                 shown = Some((started, picture.changes));
                 touched = false;

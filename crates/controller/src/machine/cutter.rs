@@ -152,7 +152,7 @@ fn unique(cutters: &[CutterConfig]) -> Result<(), NumberedError> {
     let mut used: Vec<(u8, &str)> = Vec::new();
     for (at, cutter) in cutters.iter().enumerate() {
         if cutters[..at].iter().any(|other| other.name == cutter.name) {
-            let what = format!("[[cutter]] {}: the name stands twice", cutter.name);
+            let what = format!("[[cutter]] {}: the name is used twice", cutter.name);
             return Err(NumberedError::new("E2112", what, "each cutter needs a name of its own"));
         }
         let fire = std::iter::once((cutter.fire, "fire"));

@@ -275,7 +275,7 @@ fn output_names(written: Vec<OutputSection>, cutters: &[CutterConfig]) -> Result
             return refuse("the output belongs to a cutter, which names it");
         }
         if cutters.iter().any(|cutter| cutter.name == name) || names.values().any(|other| *other == name) {
-            return refuse("the name stands twice");
+            return refuse("the name is used twice");
         }
         if names.insert(number, name).is_some() {
             return refuse("the output has two names");
