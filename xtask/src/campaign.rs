@@ -10,7 +10,7 @@ use std::process::Command;
 pub(crate) struct Campaign {
     pub(crate) name: &'static str,
     pub(crate) purpose: &'static str,
-    /// Its test: package, file and name.
+    /// Its test: package, test binary, and name.
     test: [&'static str; 3],
     /// Environment variables with the number of cases, and the seed.
     asked: [&'static str; 2],
@@ -30,7 +30,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "operator",
         purpose: "whatever an operator does, the job ends exactly and within the limits",
-        test: ["retrace-tests", "operator", "whatever_the_operator_does_the_job_ends_exactly"],
+        test: ["retrace-tests", "e2e", "operator::whatever_the_operator_does_the_job_ends_exactly"],
         asked: END_TO_END,
         full: 3000,
         slice: 24,
@@ -38,7 +38,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "program",
         purpose: "any program ends exactly and within the limits",
-        test: ["retrace-tests", "any_program", "any_program_ends_exactly_and_within_the_limits"],
+        test: ["retrace-tests", "e2e", "any_program::any_program_ends_exactly_and_within_the_limits"],
         asked: END_TO_END,
         full: 3000,
         slice: 24,
@@ -46,7 +46,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "differential",
         purpose: "random programs give the canonical functions of LinuxCNC's rs274, call by call",
-        test: ["retrace-gcode", "differential", "random_programs_give_the_canonical_functions_of_rs274"],
+        test: ["retrace-gcode", "testsuite", "differential::random_programs_give_the_canonical_functions_of_rs274"],
         asked: ["RETRACE_DIFFERENTIAL", "RETRACE_DIFFERENTIAL_FIRST"],
         full: 100_000,
         slice: 400,
@@ -54,7 +54,11 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "macros",
         purpose: "random programs of GOTO, IF and WHILE go from line to line as a small machine of the test's own does",
-        test: ["retrace-gcode", "macro_words", "random_programs_go_from_line_to_line_as_a_machine_of_their_own_does"],
+        test: [
+            "retrace-gcode",
+            "testsuite",
+            "macro_words::random_programs_go_from_line_to_line_as_a_machine_of_their_own_does",
+        ],
         asked: END_TO_END,
         full: 200_000,
         slice: 2000,
@@ -62,7 +66,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "line",
         purpose: "whatever the line does, a job ends exactly or in a latched alarm, on the path; and every single fault at every frame",
-        test: ["retrace-controller", "line", ""],
+        test: ["retrace-controller", "testsuite", "line::"],
         asked: BY_SEED,
         full: 1000,
         slice: 100,
@@ -70,7 +74,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "order",
         purpose: "no motion is executed on the wrong side of an instruction, for any delay of the line; with the source's literal gates it is",
-        test: ["retrace-controller", "order", ""],
+        test: ["retrace-controller", "testsuite", "order::"],
         asked: BY_SEED,
         full: 10_000,
         slice: 500,
@@ -78,7 +82,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "wheel",
         purpose: "whatever the handwheel is turned like, motion follows the mean of its counts between the ends of the history, within the limits",
-        test: ["retrace-controller", "wheel", ""],
+        test: ["retrace-controller", "testsuite", "wheel::"],
         asked: BY_SEED,
         full: 3000,
         slice: 200,
@@ -86,7 +90,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "drip",
         purpose: "a program from a socket that stalls, is cut and reconnects: bounded memory, exact counts, pauses resumed exactly",
-        test: ["retrace-tests", "drip", ""],
+        test: ["retrace-tests", "e2e", "drip::"],
         asked: BY_SEED,
         full: 1_000_000,
         slice: 100_000,
@@ -94,7 +98,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "dnc",
         purpose: "every sequence of up to so many words of a pause: what the order allows is done and ends exactly, all else is refused",
-        test: ["retrace-controller", "interruption", ""],
+        test: ["retrace-controller", "testsuite", "interruption::"],
         asked: ["RETRACE_WORDS", "RETRACE_FIRST_SEED"],
         full: 6,
         slice: 4,
@@ -102,7 +106,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "kill",
         purpose: "a host killed at any moment of a job: resumed, the job ends exactly, every instruction once, or is refused with the reason",
-        test: ["retrace-tests", "kill", ""],
+        test: ["retrace-tests", "e2e", "kill::"],
         asked: BY_SEED,
         full: 1000,
         slice: 30,
@@ -110,7 +114,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "off",
         purpose: "jobs on jet, plasma, laser and router, stopped, held, paused, killed, cut off and resumed: the cutter is off outside of a cut",
-        test: ["retrace-tests", "off", ""],
+        test: ["retrace-tests", "e2e", "off::"],
         asked: BY_SEED,
         full: 2000,
         slice: 30,
@@ -118,7 +122,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "cut",
         purpose: "a journal cut at every write and every byte of its last records: the job is resumed and ends exactly",
-        test: ["retrace-tests", "cut", ""],
+        test: ["retrace-tests", "e2e", "cut::"],
         asked: BY_SEED,
         full: 1000,
         slice: 20,
@@ -126,7 +130,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "decoder",
         purpose: "any bytes and any damaged frames: no panic, and no false frame beyond the checksum's odds",
-        test: ["retrace-link", "decoder", ""],
+        test: ["retrace-link", "testsuite", "decoder::"],
         asked: BY_SEED,
         full: 100_000_000,
         slice: 1_000_000,

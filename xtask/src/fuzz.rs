@@ -21,8 +21,8 @@ pub(crate) fn run(root: &Path, full: bool, seed: u64) -> bool {
     let seconds = OWN_SECONDS[usize::from(!full)];
     println!("campaign fuzz: {PURPOSE} ({seconds} s on two threads, seed {seed})");
     let mut own = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    own.args(["test", "--release", "--package", "retrace-gcode", "--test", "hostile"]);
-    own.args(["--", "--nocapture", "a_campaign_of_broken_programs"]);
+    own.args(["test", "--release", "--package", "retrace-gcode", "--test", "testsuite"]);
+    own.args(["--", "--nocapture", "hostile::a_campaign_of_broken_programs"]);
     own.env("RETRACE_FUZZ_SECONDS", seconds.to_string()).env("RETRACE_FUZZ_SEED", seed.to_string());
     let passed = succeeds(own.current_dir(root));
     if !full {

@@ -4,7 +4,7 @@
 //! Prints one line for each program: its name, the share of its lines in percent, and the milliseconds of each of the
 //! four decoding modes.
 
-#[path = "../tests/decoding/mod.rs"]
+#[path = "../tests/testsuite/decoding/mod.rs"]
 mod decoding;
 
 use decoding::{DECODING_MODES, decode, program};

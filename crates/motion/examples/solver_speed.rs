@@ -5,11 +5,11 @@
 //!
 //! `cargo run --release -p retrace-motion --example solver_speed [CASES]`
 
-#[path = "../tests/solver/cases.rs"]
+#[path = "../tests/testsuite/solver/cases.rs"]
 mod cases;
-#[path = "../tests/solver/outcome.rs"]
+#[path = "../tests/testsuite/solver/outcome.rs"]
 mod outcome;
-#[path = "../tests/solver/peer.rs"]
+#[path = "../tests/testsuite/solver/peer.rs"]
 mod peer;
 
 use cases::{Case, case};

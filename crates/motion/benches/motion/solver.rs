@@ -3,12 +3,12 @@
 //!
 //! Invariant: the solvers get the same cases in turns of a few hundred, so that other load affects all of them alike.
 
-#[path = "../../tests/solver/cases.rs"]
+#[path = "../../tests/testsuite/solver/cases.rs"]
 mod cases;
-#[path = "../../tests/solver/outcome.rs"]
+#[path = "../../tests/testsuite/solver/outcome.rs"]
 #[allow(dead_code)]
 mod outcome;
-#[path = "../../tests/solver/peer.rs"]
+#[path = "../../tests/testsuite/solver/peer.rs"]
 #[allow(dead_code)] // the test uses the rest
 mod peer;
 

@@ -1,0 +1,9 @@
+//! The integration tests of `retrace-card`, in one binary, which links once.
+
+mod alarms;
+mod any_words;
+mod common;
+mod epochs;
+mod order;
+mod permit;
+mod pulses;

@@ -1,0 +1,89 @@
+//! From records to pins: no period asks for more pulses than it can hold, however the records are played.
+//!
+//! Invariant: the records are as full as the card takes them, and the rates as high.
+
+use crate::common;
+
+use common::{identity, levels, settings};
+use proptest::prelude::*;
+use retrace_card::{Card, StepDirection};
+use retrace_core::{Flags, ONE, RapidCap, Record, Travel};
+use retrace_link::{Alarm, CardCore, CardSettings, CommandRefusal, HostCommand};
+
+/// A card with a longer window, so that high rates have room.
+type LongCard = Card<2, 256, 32>;
+
+/// Pulses of two axes, sixteenths of the cap, and whether the path is at rest behind.
+fn records() -> impl Strategy<Value = Vec<Record<2>>> {
+    let full = prop_oneof![4 => -21i16..=21, 1 => Just(21i16), 1 => Just(-21i16)];
+    let cap = prop_oneof![3 => Just(16u8), 1 => 16u8..=128];
+    let record = (full.clone(), full, cap, prop::bool::weighted(0.1)).prop_map(|(x, y, cap, rests)| {
+        let flags = if rests { Flags::REST } else { Flags::NONE };
+        Record { increments: [x, y], flags, cap: RapidCap::sixteenths(cap), ..Record::default() }
+    });
+    // stretches of one record, which the rate has time to follow
+    let stretch = (record, 1usize..40).prop_map(|(record, length)| vec![record; length]);
+    prop::collection::vec(stretch, 1..20).prop_map(|stretches| stretches.concat())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// What the card accepts it can emit.
+    #[test]
+    fn what_is_accepted_can_be_emitted(
+        records in records(),
+        words in prop::collection::vec((prop_oneof![Just(ONE), Just(8 * ONE), Just(-8 * ONE), -8 * ONE..8 * ONE], 1u32..60), 1..12),
+    ) {
+        let mut card = LongCard::new(identity()).expect("a memory");
+        // 100 ticks: (100 − 9) / 4 pulses
+        card.open(&CardSettings { period_us: 100, ..settings(1, 0) }).expect("fit");
+        let (timing, most) = card.settings().map(|terms| (terms.timing(), terms.max_increment())).expect("open");
+        prop_assert_eq!(most, 22);
+        let mut outputs = [StepDirection::new(timing), StepDirection::new(timing)];
+        let mut place = 0;
+        for mut record in records {
+            let product = |record: &Record<2>| {
+                let fastest = record.increments.map(i16::unsigned_abs).into_iter().max().unwrap_or(0);
+                u32::from(fastest) * u32::from(record.cap.get())
+            };
+            if product(&record) > 21 * 16 {
+                // as much as the bound leaves
+                let share = 21 * 16 / i16::from(record.cap.get());
+                record.increments = record.increments.map(|i| i.clamp(-share, share));
+            }
+            match card.accept(HostCommand::Ahead { place, record }) {
+                Ok(()) => place += 1,
+                refused => prop_assert_eq!(refused, Err(CommandRefusal::Full)),
+            }
+        }
+        let mut fullest = 0;
+        for (target, periods) in words {
+            card.accept(HostCommand::rate(target)).expect("a rate");
+            for _ in 0..periods {
+                card.heard();
+                let increments = card.run_period(levels(0)).increments;
+                for (output, increment) in outputs.iter_mut().zip(increments) {
+                    prop_assert_eq!(output.begin_period(increment), Ok(()));
+                    fullest = fullest.max(increment.unsigned_abs());
+                }
+            }
+        }
+        prop_assert!(fullest <= u32::from(most));
+        prop_assert_eq!(card.status().alarm, None);
+    }
+
+    /// What it does not accept it says.
+    #[test]
+    fn what_is_not_accepted_is_an_alarm(increment in any::<i16>(), cap in any::<u8>(), back in any::<bool>()) {
+        let mut card = LongCard::new(identity()).expect("a memory");
+        card.open(&settings(1, 0)).expect("fit");
+        let cap = RapidCap::sixteenths(cap);
+        let record = Record { increments: [0, increment], cap, ..Record::default() };
+        let place = if back { u32::MAX } else { 0 };
+        let word = if back { HostCommand::Behind { place, record, rests: true } } else { HostCommand::Ahead { place, record } };
+        let fits = Travel::from(increment).abs() * Travel::from(cap.get()) <= 246 * 16;
+        prop_assert_eq!(card.accept(word), if fits { Ok(()) } else { Err(CommandRefusal::Unsupported) });
+        prop_assert_eq!(card.status().alarm, (!fits).then_some(Alarm::TooManyPulses { axis: 1 }));
+    }
+}

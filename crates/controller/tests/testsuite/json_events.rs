@@ -1,0 +1,98 @@
+//! Every event is documented in `docs/json-events.md`, with each of its fields, and every documented event exists.
+//!
+//! Invariant: a new kind of event does not compile here until it has an example.
+
+use crate::json_page;
+
+use std::collections::BTreeSet;
+
+use json_page::JsonPage;
+use retrace_controller::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
+use retrace_controller::event::{CardError, ChannelNames, CutterOffReason, DifferingOutputs, Event, EventKind};
+use retrace_controller::journal::timestamp::Timestamp;
+use retrace_controller::operator::{CommandError, OperatorCommand};
+use retrace_core::Place;
+use retrace_core::mode::Mode;
+
+/// An example of each kind of event. The match has no other purpose than to fail to compile for a kind without an
+/// example.
+fn examples() -> Vec<EventKind> {
+    let counts = AxisCounts::new(&[1, -2, 3], 3);
+    let dnc = |step| EventKind::Dnc(DncEvent { step, flags: DncFlags::default() });
+    let fault = CardError::Fault { number: "E3002", cause: "cause".into(), remedy: "remedy".into() };
+    let examples = vec![
+        EventKind::Started,
+        EventKind::Mode(Mode::Run),
+        EventKind::Operator(OperatorCommand::Hold),
+        EventKind::OverridePlanned(120.0),
+        EventKind::CommandRejected(CommandError::NothingBehind),
+        EventKind::HistoryStartReached,
+        EventKind::RetraceBarrier("M3"),
+        EventKind::CutterBoundary,
+        EventKind::BackTargetReached,
+        EventKind::HistoryEndReached,
+        EventKind::OutputsDiffer(DifferingOutputs::first(&mut [(3, 0, 1), (64, 1, -1)].into_iter())),
+        EventKind::OutputsRestored,
+        EventKind::RestartSwitching("M3"),
+        EventKind::RestartSwitched("M3"),
+        EventKind::CutterOff { channel: 3, reason: CutterOffReason::Operator },
+        EventKind::CutterOn(3),
+        EventKind::RetraceSwitched(3, 1),
+        EventKind::RunResumed,
+        EventKind::ProgramEnd,
+        EventKind::Switching("M3"),
+        EventKind::Switched("M3"),
+        EventKind::OutputChanged(3, 1),
+        EventKind::ProgramStop("M0"),
+        EventKind::ToolChange(7),
+        EventKind::SingleBlock,
+        dnc(DncStep::Paused { counts, spindle: 1, speed: 1_500_000 }),
+        dnc(DncStep::SpindleStopped),
+        dnc(DncStep::SpindleStarted { spindle: -1, speed: 1 }),
+        dnc(DncStep::Jogged { axis: 'z', mm: 1.5, cut_short: true, off: counts }),
+        dnc(DncStep::ToolLength { axis: 'z', by_mm: 0.5, by_counts: 500, length_mm: Some(80.5) }),
+        dnc(DncStep::ToolLength { axis: 'z', by_mm: 0.5, by_counts: 500, length_mm: None }),
+        dnc(DncStep::Online),
+        dnc(DncStep::Approaching),
+        dnc(DncStep::Arrived),
+        EventKind::Message("text".into()),
+        EventKind::StreamStalled { source: "tcp://a:1".into(), since: Timestamp::from_ms(0) },
+        EventKind::StreamResumed { source: "tcp://a:1".into(), waited_s: 1.5 },
+        EventKind::Underrun,
+        EventKind::Alarm(fault),
+    ];
+    for example in &examples {
+        match example {
+            EventKind::Started | EventKind::Mode(_) | EventKind::Operator(_) | EventKind::OverridePlanned(_) => {}
+            EventKind::CommandRejected(_) | EventKind::HistoryStartReached | EventKind::RetraceBarrier(_) => {}
+            EventKind::CutterBoundary | EventKind::BackTargetReached | EventKind::HistoryEndReached => {}
+            EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
+            EventKind::RestartSwitched(_) | EventKind::CutterOff { .. } | EventKind::CutterOn(_) => {}
+            EventKind::RetraceSwitched(..) | EventKind::RunResumed | EventKind::ProgramEnd => {}
+            EventKind::Switching(_) | EventKind::Switched(_) | EventKind::OutputChanged(..) => {}
+            EventKind::ProgramStop(_) | EventKind::ToolChange(_) | EventKind::SingleBlock | EventKind::Message(_) => {}
+            EventKind::StreamStalled { .. } | EventKind::StreamResumed { .. } | EventKind::Underrun => {}
+            EventKind::Alarm(_) => {}
+            EventKind::Dnc(event) => match event.step {
+                DncStep::Paused { .. } | DncStep::SpindleStopped | DncStep::SpindleStarted { .. } => {}
+                DncStep::Jogged { .. } | DncStep::ToolLength { .. } | DncStep::Online => {}
+                DncStep::Approaching | DncStep::Arrived => {}
+            },
+        }
+    }
+    examples
+}
+
+#[test]
+fn the_page_lists_every_event_and_no_other() {
+    let (page, names) = (JsonPage::read(), ChannelNames::default());
+    let mut seen = BTreeSet::new();
+    for kind in examples() {
+        let event = Event { period: 7, time_s: 0.007, place: Place { record: 5, fraction: 1 << 31 }, line: 2, kind };
+        let json = event.to_json_naming(&names);
+        page.check_event(&json).unwrap_or_else(|error| panic!("docs/json-events.md: {error}"));
+        seen.insert(json["event"].as_str().expect("a name").to_owned());
+    }
+    let seen: BTreeSet<&str> = seen.iter().map(String::as_str).collect();
+    assert_eq!(seen, page.event_names());
+}

@@ -1,0 +1,25 @@
+//! The integration tests of `retrace-gcode`, in one binary, which links once.
+
+mod arriving;
+mod common;
+mod compensation;
+mod control;
+mod cycles;
+mod cycles_golden;
+mod decoding;
+mod decoding_modes;
+mod differential;
+mod fuzz;
+mod harm;
+mod hostile;
+mod killers;
+mod language;
+mod macro_words;
+mod mdi;
+mod offsets;
+mod outline;
+mod peer;
+mod program_location;
+mod stock_golden;
+mod turning;
+mod writer;

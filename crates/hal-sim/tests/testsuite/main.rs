@@ -1,0 +1,7 @@
+//! The integration tests of `retrace-hal-sim`, in one binary, which links once.
+
+mod epochs;
+mod line;
+mod replay;
+mod rig;
+mod trace;

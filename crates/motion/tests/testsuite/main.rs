@@ -1,0 +1,9 @@
+//! The integration tests of `retrace-motion`, in one binary, which links once.
+
+mod common;
+mod corners;
+mod feed_override;
+mod plan;
+mod solver;
+mod source_glide;
+mod whole_periods;
