@@ -10,8 +10,7 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::real_time;
 use retrace_hal_serial::Pty;
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, faults};

@@ -8,10 +8,9 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use retrace_controller::event::{ChannelNames, Event, EventKind};
+use retrace_config::{ChannelNames, MachineConfig, NumberedError, RetraceOutputs};
+use retrace_controller::event::{Event, EventKind};
 use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::machine::{MachineConfig, RetraceOutputs};
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
 use retrace_core::{ONE, Travel};
 

@@ -6,7 +6,7 @@
 
 use std::time::{Duration, Instant};
 
-use retrace_controller::machine::MachineConfig;
+use retrace_config::MachineConfig;
 use retrace_controller::real_time;
 use retrace_hal_serial::LatencyTimer;
 use retrace_link::PathStart;

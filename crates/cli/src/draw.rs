@@ -6,11 +6,10 @@
 
 use std::path::Path;
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::job::{self, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::motion_sink::MotionSink;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::place_index::JournalConfig;
 use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use retrace_controller::script::ScriptPlayer;

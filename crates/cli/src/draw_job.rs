@@ -6,13 +6,11 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use retrace_controller::event::channel_name;
+use retrace_config::{MachineConfig, NumberedError, channel_name};
 use retrace_controller::jobs::{JobFolder, JobState, JobStore};
 use retrace_controller::journal::entry::{JournalEntry, PositionEntry};
 use retrace_controller::journal::job_record::JobRecord;
 use retrace_controller::journal::journal_reader::JournalEntries;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::telemetry::HoldReason;
 use retrace_core::mode::Mode;
 use retrace_plot::{Activity, History, HistoryEvent, HistorySample, Priority, Stroke, StrokeKind, ToolPath};

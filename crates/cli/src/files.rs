@@ -6,9 +6,8 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::journal::hash::FileHash;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::operator::{self, ScriptInstruction};
 use retrace_gcode::Text;
 

@@ -3,10 +3,9 @@
 //! Invariant: an axis counts as homed only when its homing completed, on this card, since the card was switched on. The
 //! simulated card in this process exists for one command, and counts as homed.
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::homed_axes::{CardBoot, HomedAxes, required};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError};
-use retrace_controller::numbered_error::NumberedError;
 use retrace_link::CardIdentity;
 
 use crate::screen::model::AxisHoming as HomingNotes;

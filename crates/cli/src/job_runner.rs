@@ -7,12 +7,11 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::command_queue::{CommandReceiver, CommandSources};
 use retrace_controller::event::{Event, EventKind};
 use retrace_controller::job::{self, JobEnd, JobOptions, JobStart, JobStartError};
 use retrace_controller::journal::journal_recorder::JournalRecorder;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::operator::{self, ScriptInstruction};
 use retrace_controller::place_index::JournalConfig;
 use retrace_controller::real_time;

@@ -4,12 +4,10 @@
 
 use std::path::Path;
 
-use retrace_controller::event::{ChannelNames, channel_name};
+use retrace_config::{ChannelNames, MachineConfig, NumberedError, channel_name};
 use retrace_controller::jobs::{JobFolder, JobState, JobStore, ListedJob};
 use retrace_controller::journal::entry::{JobCard, JobHeader, PositionEntry, ProgramSource};
 use retrace_controller::journal::job_record::JobRecord;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::telemetry::HoldReason;
 use retrace_core::mode::Mode;
 use retrace_link::channel;

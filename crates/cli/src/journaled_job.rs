@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use retrace_controller::event::ChannelNames;
+use retrace_config::{ChannelNames, MachineConfig, NumberedError};
 use retrace_controller::jobs::{JobFolder, JobLock, JobStore};
 use retrace_controller::journal::entry::{
     self, CommandArguments, EndEntry, FORMAT, JobEnding, JobHeader, MachineFileCopy, PlannedOverride, ProgramSource,
@@ -17,8 +17,6 @@ use retrace_controller::journal::journal_recorder::JournalRecorder;
 use retrace_controller::journal::journal_writer::{Durability, JournalWriter};
 use retrace_controller::journal::spool::{SpoolProgress, SpoolWriter};
 use retrace_controller::journal::timestamp::Timestamp;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::place_index::JournalConfig;
 use retrace_controller::session::Outcome;
 use retrace_controller::state_file::{self, FileAccess};

@@ -6,6 +6,7 @@
 use std::cell::Cell;
 use std::path::PathBuf;
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::fingerprint;
 use retrace_controller::homed_axes::required;
 use retrace_controller::job::JobStart;
@@ -15,9 +16,7 @@ use retrace_controller::journal::job_record::JobRecord;
 use retrace_controller::journal::journal_writer::Durability;
 use retrace_controller::journal::spool::{SpoolProgress, SpoolReplay};
 use retrace_controller::journal::timestamp::Timestamp;
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::manual::jog_planner::MANUAL_PLACE_OFFSET;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::operator::{self, ScriptInstruction};
 use retrace_controller::resume::{ResumePlan, ResumePoint};
 use retrace_core::place::is_before;

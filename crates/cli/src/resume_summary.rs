@@ -6,9 +6,8 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::Path;
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::journal::job_record::JobRecord;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::resume::ResumePlan;
 use retrace_core::ONE;
 use retrace_core::place::is_before;

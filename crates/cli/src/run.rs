@@ -3,11 +3,10 @@
 //! Invariant: nothing moves before machine file, script and program have been read and checked, and the job's journal
 //! exists.
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::job::JobStart;
 use retrace_controller::journal::entry;
 use retrace_controller::journal::journal_writer::Durability;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::operator::ScriptInstruction;
 use retrace_hal_sim::Clock;
 use retrace_link::{CardStatus, MotionCard, PathStart};

@@ -5,7 +5,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::machine_file::within;
+use crate::machine_file::within;
 use crate::numbered_error::NumberedError;
 
 /// Axis letters, in the order of positions.
@@ -35,13 +35,13 @@ pub struct AxisConfig {
     jog_mm_per_s: Option<f64>,
     /// Homing over a switch.
     #[serde(default)]
-    pub(super) home: Option<HomeSection>,
+    pub(crate) home: Option<HomeSection>,
 }
 
 /// End of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum SwitchEnd {
+pub(crate) enum SwitchEnd {
     /// The lower end.
     Lower,
     /// The upper end.
@@ -51,7 +51,7 @@ pub(super) enum SwitchEnd {
 /// Homing of an axis: fast to the switch, to rest, slowly off it again.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct HomeSection {
+pub(crate) struct HomeSection {
     /// End of the axis where the switch is.
     switch: SwitchEnd,
     /// Machine position at which the switch opens, in mm; by default the soft limit of that end.
@@ -85,7 +85,7 @@ pub struct HomeConfig {
 
 impl AxisConfig {
     /// An axis with these limits, and defaults for everything else.
-    pub(super) const fn plain(name: char) -> Self {
+    pub(crate) const fn plain(name: char) -> Self {
         Self {
             name,
             pulses_per_mm: 1000.0,
@@ -100,7 +100,7 @@ impl AxisConfig {
     }
 
     /// The same axis without a home switch.
-    pub(super) fn without_home(&self) -> Self {
+    pub(crate) fn without_home(&self) -> Self {
         Self { home: None, ..self.clone() }
     }
 
@@ -126,7 +126,7 @@ impl AxisConfig {
     ///
     /// # Errors
     /// `E2112` for a value out of its range.
-    pub(super) fn homing(&self) -> Result<Option<HomeConfig>, NumberedError> {
+    pub(crate) fn homing(&self) -> Result<Option<HomeConfig>, NumberedError> {
         let Some(written) = &self.home else { return Ok(None) };
         let upper = written.switch == SwitchEnd::Upper;
         let [low, high] = self.travel_mm;
@@ -166,12 +166,12 @@ impl AxisConfig {
     }
 }
 
-pub(super) fn refuse(what: String) -> NumberedError {
+pub(crate) fn refuse(what: String) -> NumberedError {
     NumberedError::new("E2112", what, "see `retrace machine new` for a commented machine file")
 }
 
 /// Checks axes as written in the machine file, and sorts them.
-pub(super) fn checked(mut axes: Vec<AxisConfig>) -> Result<Vec<AxisConfig>, NumberedError> {
+pub(crate) fn checked(mut axes: Vec<AxisConfig>) -> Result<Vec<AxisConfig>, NumberedError> {
     if axes.is_empty() {
         return Err(refuse("the machine has no [[axis]]".into()));
     }

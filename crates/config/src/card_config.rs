@@ -7,7 +7,9 @@ use retrace_link::{CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, O
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::machine::{AxisConfig, MachineConfig, within};
+use crate::axis::AxisConfig;
+use crate::machine_config::MachineConfig;
+use crate::machine_file::within;
 use crate::numbered_error::NumberedError;
 
 /// Time in ms for which the machine may be at rest with a rate requested before the cutter counts as on at rest: on a
@@ -233,7 +235,7 @@ impl MachineConfig {
             direction_inverted: card.direction_inverted,
             inputs: card.inputs,
             safe_count: card.off_at_fault.len() as u8,
-            cutting: crate::machine::cutter::settings(
+            cutting: crate::cutter::settings(
                 &self.cutters,
                 HANDOVER_MS.min(f64::from(card.watchdog_periods) * self.period_s() * 1e3),
                 self.period_s() * 1e3,

@@ -7,7 +7,7 @@ use retrace_link::{CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, channe
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::machine_file::within;
+use crate::machine_file::within;
 use crate::numbered_error::NumberedError;
 
 /// Kind of a cutter.
@@ -45,7 +45,7 @@ impl CutterKind {
 /// A cutter, `[[cutter]]`.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct CutterSection {
+pub(crate) struct CutterSection {
     /// Name at the screen and in messages.
     name: String,
     /// Kind of the cutter.
@@ -116,7 +116,7 @@ impl CutterConfig {
 }
 
 /// The cutters of a machine file, and those of `cutting_outputs` that have no table.
-pub(super) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Result<Vec<CutterConfig>, NumberedError> {
+pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Result<Vec<CutterConfig>, NumberedError> {
     let mut cutters: Vec<CutterConfig> = Vec::new();
     for cutter in written {
         let refuse = |what: &str, remedy: &str| {
@@ -178,7 +178,7 @@ fn unique(cutters: &[CutterConfig]) -> Result<(), NumberedError> {
 }
 
 /// The fire channels of torches, jets and beams.
-pub(super) fn cutting_outputs(cutters: &[CutterConfig]) -> Vec<u8> {
+pub(crate) fn cutting_outputs(cutters: &[CutterConfig]) -> Vec<u8> {
     cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()).map(|cutter| cutter.fire).collect()
 }
 

@@ -13,7 +13,7 @@ const MAX_LINES: usize = 40;
 /// Changes of a machine file, one line per key: `axis x, max_velocity_mm_per_s: 100 in the job, 80 now`. A change of
 /// only comments and order gives one line that reports it.
 #[must_use]
-pub fn changes(job: &str, now: &str) -> Vec<String> {
+pub fn machine_changes(job: &str, now: &str) -> Vec<String> {
     let (Ok(was), Ok(is)) = (job.parse::<Table>(), now.parse::<Table>()) else {
         return vec!["it cannot be read any more: it is not a machine file".into()];
     };
@@ -81,7 +81,7 @@ mod tests {
         let job = "name = \"mill\"\n[card]\nwatchdog_ms = 20\n[[axis]]\nname = \"x\"\npulses_per_mm = 100\n[[axis]]\nname = \"y\"\ntravel_mm = [0, 5]\n";
         let now = job.replace("100", "200").replace("[0, 5]", "[0, 6]").replace("watchdog_ms", "window_ms");
         assert_eq!(
-            changes(job, &now),
+            machine_changes(job, &now),
             [
                 "axis x, pulses_per_mm: 100 in the job, 200 now",
                 "axis y, travel_mm: [0, 5] in the job, [0, 6] now",
@@ -89,7 +89,10 @@ mod tests {
                 "card, window_ms: not there in the job, 20 now",
             ]
         );
-        assert_eq!(changes(job, &format!("# mine\n{job}")), ["comments and layout alone: every value is as it was"]);
-        assert!(changes(job, "[[[").first().is_some_and(|line| line.contains("cannot be read")));
+        assert_eq!(
+            machine_changes(job, &format!("# mine\n{job}")),
+            ["comments and layout alone: every value is as it was"]
+        );
+        assert!(machine_changes(job, "[[[").first().is_some_and(|line| line.contains("cannot be read")));
     }
 }

@@ -4,13 +4,14 @@
 
 use std::collections::BTreeMap;
 
-use super::axis::AxisConfig;
-use super::machine_file::{MachineFile, WheelSettings};
-use super::manual_config::{HomingSection, ManualConfig, ManualSection, Written};
-use super::{MachineConfig, axis, cutter, output_names};
+use crate::axis::AxisConfig;
 use crate::card_config::CardSection;
+use crate::machine_config::{MachineConfig, output_names};
+use crate::machine_file::{MachineFile, WheelSettings};
+use crate::manual_config::{HomingSection, ManualConfig, ManualSection, Written};
 use crate::numbered_error::NumberedError;
 use crate::switching::SwitchingTable;
+use crate::{axis, cutter};
 
 /// Maximum number of lines that cannot be parsed and are skipped.
 const MAX_MISREAD_LINES: usize = 100;
@@ -74,7 +75,7 @@ fn readable_part(text: &str, name: &str, errors: &mut Vec<NumberedError>) -> Opt
             // More than a line was skipped: the errors before it have to be corrected first.
             return None;
         }
-        errors.push(super::machine_file::misread_in_a_line(&error, &rest, name));
+        errors.push(crate::machine_file::misread_in_a_line(&error, &rest, name));
         let at = error.span().map(|span| span.start).filter(|&at| !is_syntax && at < rest.len());
         rest = without_the_entry_at(&rest, at?)?;
     }

@@ -3,31 +3,20 @@
 //! Invariant: a [`MachineConfig`] that exists is valid: every number is in its range, the plan has its reserve, and the
 //! rate law fits the card.
 
-mod axis;
-pub(crate) mod cutter;
-mod machine_check;
-mod machine_file;
-mod manual_config;
-mod serial;
-
 use std::collections::BTreeMap;
 
 use retrace_core::limits::RateLimits;
 use retrace_motion::{Blending, MachineLimits};
 
-pub use self::axis::{AXIS_LETTERS, AxisConfig, HomeConfig};
-pub use self::cutter::{CutterConfig, CutterKind};
-pub use self::machine_check::MachineCheck;
-pub(crate) use self::machine_file::within;
-use self::machine_file::{MachineFile, OutputSection};
-pub use self::machine_file::{RetraceOutputs, ToolChange, WheelSettings, machine_file_schema};
-pub use self::manual_config::ManualConfig;
-use self::manual_config::Written;
-pub use self::serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
+use crate::axis::{self, AxisConfig};
 use crate::card_config::CardConfig;
+use crate::channel_names;
+use crate::cutter::{self, CutterConfig};
+use crate::machine_file::{MachineFile, OutputSection, RetraceOutputs, ToolChange};
+use crate::manual_config::{ManualConfig, Written};
 use crate::numbered_error::NumberedError;
-use crate::rate_limits::{self, StoppingTimes};
-use crate::session::IN_FLIGHT_RECORDS;
+use crate::rate_limits::{self, IN_FLIGHT_RECORDS, StoppingTimes};
+use crate::serial::SerialSettings;
 use crate::switching::SwitchingTable;
 
 /// Configuration of a machine, checked.
@@ -35,7 +24,7 @@ use crate::switching::SwitchingTable;
 pub struct MachineConfig {
     /// Name of the machine.
     pub name: String,
-    /// Axes, in the order of [`AXIS_LETTERS`].
+    /// Axes, in the order of [`AXIS_LETTERS`](crate::AXIS_LETTERS).
     pub axes: Vec<AxisConfig>,
     /// Control period *T* in microseconds.
     pub period_us: u32,
@@ -62,7 +51,7 @@ pub struct MachineConfig {
     /// Tool change: automatic or manual.
     pub tool_change: ToolChange,
     /// Names of outputs by channel, other than those of the cutters.
-    pub(crate) output_names: BTreeMap<u8, String>,
+    pub output_names: BTreeMap<u8, String>,
     /// Length of the handwheel's filter in periods.
     pub wheel_periods: u16,
     /// Handwheel counts in that time that give rate 1.
@@ -121,7 +110,7 @@ impl MachineConfig {
         Self::check(file).map_err(|r| NumberedError { cause: format!("{name}: {}", r.cause), ..r })
     }
 
-    fn check(file: MachineFile) -> Result<Self, NumberedError> {
+    pub(crate) fn check(file: MachineFile) -> Result<Self, NumberedError> {
         file.ranges().into_iter().collect::<Result<(), _>>()?;
         let axes = axis::checked(file.axis)?;
         let period_us = (file.control_period_ms * 1000.0).round() as u32;
@@ -187,7 +176,7 @@ impl MachineConfig {
     #[must_use]
     pub fn channel_name(&self, channel: u8) -> String {
         let named = || self.output_names.get(&channel).cloned();
-        cutter::name_of(&self.cutters, channel).or_else(named).unwrap_or_else(|| crate::event::channel_name(channel))
+        cutter::name_of(&self.cutters, channel).or_else(named).unwrap_or_else(|| channel_names::channel_name(channel))
     }
 
     /// The channel of this name; case is ignored.
@@ -210,13 +199,13 @@ impl MachineConfig {
 
     /// Channels of the cutters in the order of the card's settings.
     #[must_use]
-    pub(crate) fn cutting_channels(&self) -> Vec<u8> {
+    pub fn cutting_channels(&self) -> Vec<u8> {
         cutter::inhibited(&self.cutters)
     }
 
     /// Channels that the end of a job switches off: those of every cutter, and the spindle.
     #[must_use]
-    pub(crate) fn off_at_end(&self) -> Vec<u8> {
+    pub fn off_at_end(&self) -> Vec<u8> {
         let mut channels = cutter::inhibited(&self.cutters);
         if !channels.contains(&retrace_link::channel::SPINDLE) {
             channels.push(retrace_link::channel::SPINDLE);
@@ -260,7 +249,10 @@ impl MachineConfig {
 }
 
 /// Checks the names of outputs: each output once, each name once, and none that a cutter has.
-fn output_names(written: Vec<OutputSection>, cutters: &[CutterConfig]) -> Result<BTreeMap<u8, String>, NumberedError> {
+pub(crate) fn output_names(
+    written: Vec<OutputSection>,
+    cutters: &[CutterConfig],
+) -> Result<BTreeMap<u8, String>, NumberedError> {
     let mut names = BTreeMap::new();
     for OutputSection { number, name } in written {
         let refuse =

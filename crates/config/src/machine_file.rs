@@ -9,12 +9,12 @@ use retrace_motion::{Blending, GlideRatio, RatioOf};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::axis::AxisConfig;
-use super::cutter::CutterSection;
-use super::manual_config::{HomingSection, ManualSection};
-use super::serial::SerialSection;
+use crate::axis::AxisConfig;
 use crate::card_config::CardSection;
+use crate::cutter::CutterSection;
+use crate::manual_config::{HomingSection, ManualSection};
 use crate::numbered_error::{NumberedError, nearest};
+use crate::serial::SerialSection;
 use crate::switching::CodeSettings;
 
 /// Settings of the handwheel.
@@ -59,12 +59,12 @@ pub enum ToolChange {
 /// Name of an output, `[[output]]`.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct OutputSection {
+pub(crate) struct OutputSection {
     /// Number of the output.
     #[schemars(range(max = 63))]
-    pub(super) number: u8,
+    pub(crate) number: u8,
     /// Name at the screen and in messages.
-    pub(super) name: String,
+    pub(crate) name: String,
 }
 
 /// Method of blending corners between lines under G64 (SMO-2).
@@ -92,7 +92,7 @@ enum GlideRatioOf {
 /// Blending, `[blending]`.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct BlendingSettings {
+pub(crate) struct BlendingSettings {
     /// Method of blending.
     method: BlendingMethod,
     /// Ratio of the `source` method, above 0 and at most 1.
@@ -110,7 +110,7 @@ impl Default for BlendingSettings {
 
 impl BlendingSettings {
     /// The method, with its ratio checked even if it is not used.
-    pub(super) fn checked(self) -> Result<Blending, NumberedError> {
+    pub(crate) fn checked(self) -> Result<Blending, NumberedError> {
         let of = match self.ratio_of {
             GlideRatioOf::Length => RatioOf::Length,
             GlideRatioOf::Speed => RatioOf::Speed,
@@ -131,62 +131,62 @@ impl BlendingSettings {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 #[schemars(title = "Machine file of retrace")]
-pub(super) struct MachineFile {
+pub(crate) struct MachineFile {
     /// Name of the machine in reports.
-    pub(super) name: String,
+    pub(crate) name: String,
     /// Control period *T* in ms: the time of one record.
     #[schemars(range(min = 0.1, max = 20.0))]
-    pub(super) control_period_ms: f64,
+    pub(crate) control_period_ms: f64,
     /// Highest speed along the path in mm/s; rapid moves use it.
     #[schemars(range(min = 0.001, max = 100_000.0))]
-    pub(super) path_velocity_mm_per_s: f64,
+    pub(crate) path_velocity_mm_per_s: f64,
     /// Share of acceleration and jerk that the plan leaves, so that the rate can change at any time, in per cent.
     #[schemars(range(min = 1.0, max = 50.0))]
-    pub(super) override_reserve_percent: f64,
+    pub(crate) override_reserve_percent: f64,
     /// Tolerance of a G64 without P in mm.
     #[schemars(range(min = 0.0, max = 100.0))]
-    pub(super) blend_tolerance_mm: f64,
+    pub(crate) blend_tolerance_mm: f64,
     /// Duration of the motion that can be retraced, in hours.
     #[schemars(range(min = 0.0, max = 24.0))]
-    pub(super) history_hours: f64,
+    pub(crate) history_hours: f64,
     /// Duration of the motion that is planned ahead, in s.
     #[schemars(range(min = 0.05, max = 10.0))]
-    pub(super) look_ahead_s: f64,
+    pub(crate) look_ahead_s: f64,
     /// Maximum size of a streamed program that is stored, in MiB.
     #[schemars(range(min = 1.0, max = 1_048_576.0))]
-    pub(super) stream_quota_mib: f64,
+    pub(crate) stream_quota_mib: f64,
     /// Whether the position is known without homing; by default if no axis has a `home`.
-    pub(super) homed: Option<bool>,
+    pub(crate) homed: Option<bool>,
     /// Axis that takes the tool away from the work, upward; by default z.
-    pub(super) tool_axis: Option<char>,
+    pub(crate) tool_axis: Option<char>,
     /// Machine position of the tool axis in mm at which the other axes can move safely.
-    pub(super) retract_mm: Option<f64>,
+    pub(crate) retract_mm: Option<f64>,
     /// Outputs while retracing.
-    pub(super) retrace_outputs: RetraceOutputs,
+    pub(crate) retrace_outputs: RetraceOutputs,
     /// Outputs that cut and have no `[[cutter]]`: 64 is then a torch, any other output a jet.
-    pub(super) cutting_outputs: Vec<u8>,
+    pub(crate) cutting_outputs: Vec<u8>,
     /// Cutters: torch, jet, beam, marker, spindle.
-    pub(super) cutter: Vec<CutterSection>,
+    pub(crate) cutter: Vec<CutterSection>,
     /// Names of outputs.
-    pub(super) output: Vec<OutputSection>,
+    pub(crate) output: Vec<OutputSection>,
     /// Tool change at M6.
-    pub(super) tool_change: ToolChange,
+    pub(crate) tool_change: ToolChange,
     /// Axes, in any order.
-    pub(super) axis: Vec<AxisConfig>,
+    pub(crate) axis: Vec<AxisConfig>,
     /// Blending of corners.
-    pub(super) blending: BlendingSettings,
+    pub(crate) blending: BlendingSettings,
     /// Homing.
-    pub(super) homing: HomingSection,
+    pub(crate) homing: HomingSection,
     /// Manual operation.
-    pub(super) manual: ManualSection,
+    pub(crate) manual: ManualSection,
     /// The handwheel.
-    pub(super) wheel: WheelSettings,
+    pub(crate) wheel: WheelSettings,
     /// The motion card.
-    pub(super) card: CardSection,
+    pub(crate) card: CardSection,
     /// Programs over a serial line.
-    pub(super) serial: SerialSection,
+    pub(crate) serial: SerialSection,
     /// What the M, S and T codes switch, by code: `[code.M3]`.
-    pub(super) code: BTreeMap<String, CodeSettings>,
+    pub(crate) code: BTreeMap<String, CodeSettings>,
 }
 
 impl Default for MachineFile {
@@ -228,12 +228,12 @@ pub fn machine_file_schema() -> serde_json::Value {
 
 impl MachineFile {
     /// Parses the text of a file. `name` names it in messages.
-    pub(super) fn read(text: &str, name: &str) -> Result<Self, NumberedError> {
+    pub(crate) fn read(text: &str, name: &str) -> Result<Self, NumberedError> {
         toml::from_str(text).map_err(|error| misread(&error, name))
     }
 
     /// Checks that each number outside of lists is in its range: `E2112` where it is not.
-    pub(super) fn ranges(&self) -> [Result<(), NumberedError>; 9] {
+    pub(crate) fn ranges(&self) -> [Result<(), NumberedError>; 9] {
         let period_ms = self.control_period_ms;
         // A control period out of range has its own error.
         let has_period = (0.1..=20.0).contains(&period_ms);
@@ -267,7 +267,7 @@ fn misread(error: &toml::de::Error, name: &str) -> NumberedError {
 }
 
 /// The error in one line: where, what, and what may have been meant. `text` is the text that was parsed.
-pub(super) fn misread_in_a_line(error: &toml::de::Error, text: &str, name: &str) -> NumberedError {
+pub(crate) fn misread_in_a_line(error: &toml::de::Error, text: &str, name: &str) -> NumberedError {
     let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or_default();
     let line = before.matches('\n').count() + 1;
     let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;

@@ -7,16 +7,17 @@ use retrace_link::HomingCommand;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::axis::{AxisConfig, HomeConfig, refuse};
-use super::machine_file::within;
-use super::{AXIS_LETTERS, MachineConfig};
+use crate::axis::AXIS_LETTERS;
+use crate::axis::{AxisConfig, HomeConfig, refuse};
 use crate::card_config::CardConfig;
+use crate::machine_config::MachineConfig;
+use crate::machine_file::within;
 use crate::numbered_error::NumberedError;
 
 /// Homing, `[homing]`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct HomingSection {
+pub(crate) struct HomingSection {
     /// Order in which the axes are homed.
     order: Option<Vec<char>>,
 }
@@ -24,9 +25,9 @@ pub(super) struct HomingSection {
 /// Manual operation, `[manual]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct ManualSection {
+pub(crate) struct ManualSection {
     /// Whether a program may move a machine that has not been homed.
-    pub(super) allow_unhomed: bool,
+    pub(crate) allow_unhomed: bool,
 }
 
 /// Setup of a machine, checked.
@@ -47,16 +48,16 @@ pub struct ManualConfig {
 }
 
 /// The parts of a machine file that define the setup.
-pub(super) struct Written {
-    pub(super) homing: HomingSection,
-    pub(super) manual: ManualSection,
-    pub(super) homed: Option<bool>,
-    pub(super) tool_axis: Option<char>,
-    pub(super) retract_mm: Option<f64>,
+pub(crate) struct Written {
+    pub(crate) homing: HomingSection,
+    pub(crate) manual: ManualSection,
+    pub(crate) homed: Option<bool>,
+    pub(crate) tool_axis: Option<char>,
+    pub(crate) retract_mm: Option<f64>,
 }
 
 impl ManualConfig {
-    pub(super) fn checked(written: Written, axes: &[AxisConfig], card: &CardConfig) -> Result<Self, NumberedError> {
+    pub(crate) fn checked(written: Written, axes: &[AxisConfig], card: &CardConfig) -> Result<Self, NumberedError> {
         let homes = axes.iter().map(AxisConfig::homing).collect::<Result<Vec<_>, _>>()?;
         for (index, (axis, home)) in axes.iter().zip(&homes).enumerate() {
             if home.is_some_and(|home| !card.can_home(index, home.upper)) {

@@ -5,15 +5,19 @@
 use retrace_core::drive::Braking;
 use retrace_core::limits::{PulseLimits, RateLimits};
 
-use crate::machine::AxisConfig;
+use crate::axis::AxisConfig;
 
 /// Longest filter that a card's memory is expected to hold, in periods.
 const LONGEST: u16 = 1023;
 
+/// Records that may be in flight to the card, or that it has run since its last report, at the latency of a common
+/// link.
+pub const IN_FLIGHT_RECORDS: u32 = 120;
+
 /// The limits as a card receives them. Missing axes have those of the first. `None` where an axis is too slow for the
 /// units of [`PulseLimits`], or its acceleration takes too many periods to build up for a card's memory.
 #[must_use]
-pub fn rate_limits<const A: usize>(axes: &[AxisConfig], reserve: f64, period_s: f64) -> Option<RateLimits<A>> {
+pub(crate) fn rate_limits<const A: usize>(axes: &[AxisConfig], reserve: f64, period_s: f64) -> Option<RateLimits<A>> {
     let mut all = [axis_limits(axes.first()?, period_s)?; A];
     for (slot, axis) in all.iter_mut().zip(axes) {
         *slot = axis_limits(axis, period_s)?;
@@ -72,7 +76,7 @@ impl StoppingTimes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::MachineConfig;
+    use crate::machine_config::MachineConfig;
 
     #[test]
     fn the_built_in_machine_in_pulses_and_periods() {

@@ -5,7 +5,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::within;
+use crate::machine_file::within;
 use crate::numbered_error::{NumberedError, nearest};
 
 /// Parity of the characters.
@@ -133,7 +133,7 @@ impl Default for SerialSettings {
 /// Programs over a serial line, `[serial]`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct SerialSection {
+pub(crate) struct SerialSection {
     /// Bits per second.
     #[schemars(range(min = 110, max = 115_200))]
     baud: Option<u32>,
@@ -163,7 +163,7 @@ pub(super) struct SerialSection {
 
 impl SerialSection {
     /// The settings, with every key in its range.
-    pub(super) fn checked(self) -> Result<SerialSettings, NumberedError> {
+    pub(crate) fn checked(self) -> Result<SerialSettings, NumberedError> {
         let mut settings = SerialSettings::default();
         let end = match self.end {
             None => settings.end,

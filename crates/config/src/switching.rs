@@ -10,7 +10,7 @@ use retrace_link::{InputWait, MAX_INPUTS};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::machine::within;
+use crate::machine_file::within;
 use crate::numbered_error::{NumberedError, nearest};
 
 /// Class of an instruction: with or without a stop.
@@ -270,7 +270,7 @@ fn user_code(name: &'static str, code: &CodeSettings, period_us: u32) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::MachineConfig;
+    use crate::machine_config::MachineConfig;
 
     fn table(name: &str, class: CodeClass, duration_ms: f64) -> Result<SwitchingTable, NumberedError> {
         let settings = CodeSettings { class, duration_ms, ..CodeSettings::default() };

@@ -6,7 +6,7 @@
 use std::fs;
 use std::path::Path;
 
-use retrace_controller::machine::{MachineConfig, machine_file_schema};
+use retrace_config::{MachineConfig, machine_file_schema};
 use serde_json::Value;
 
 const SCHEMA: &str = "../../docs/machine-file.schema.json";
@@ -22,7 +22,7 @@ fn the_schema_in_the_docs_is_that_of_the_code() {
     assert!(
         found == text,
         "the code has another schema; to write it: {}",
-        "RETRACE_BLESS=1 cargo test -p retrace-controller --test testsuite machine_file_schema"
+        "RETRACE_BLESS=1 cargo test -p retrace-config --test machine_file_schema"
     );
 }
 

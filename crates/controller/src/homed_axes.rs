@@ -8,12 +8,11 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_link::CardIdentity;
 use serde::{Deserialize, Serialize};
 
 use crate::jobs::JobStore;
-use crate::machine::MachineConfig;
-use crate::numbered_error::NumberedError;
 use crate::state_file::{self, FileAccess};
 
 const NOTES: &str = "homed.json";

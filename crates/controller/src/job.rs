@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::thread;
 
+use retrace_config::MachineConfig;
 use retrace_core::Record;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::size::ring_cells;
@@ -25,7 +26,6 @@ use crate::canon_executor::CanonExecutor;
 use crate::command_queue::CommandSources;
 use crate::decoding::{self, BatchChannel};
 use crate::limit_check::LimitCheck;
-use crate::machine::MachineConfig;
 use crate::manual::jog_planner::{self, Identify};
 use crate::motion_sink::MotionSink;
 use crate::overrides::override_channel;

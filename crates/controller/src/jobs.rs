@@ -9,11 +9,12 @@ use std::io::{self, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use retrace_config::{NumberedError, nearest};
+
 use crate::journal::entry::JobEnding;
 use crate::journal::job_record::{JobRecord, JobSummary};
 use crate::journal::store::FileStore;
 use crate::journal::timestamp::Timestamp;
-use crate::numbered_error::{NumberedError, nearest};
 use crate::state_file;
 
 /// Maximum number of completed jobs that are retained.

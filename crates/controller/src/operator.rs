@@ -6,13 +6,12 @@
 
 use std::fmt;
 
+use retrace_config::{AXIS_LETTERS, NumberedError, nearest};
 use retrace_core::interruption;
 use retrace_core::mode::ModeError;
 use retrace_core::{ONE, Travel};
 use retrace_link::channel;
 
-use crate::machine::AXIS_LETTERS;
-use crate::numbered_error::{NumberedError, nearest};
 use crate::tool_length::{EnteredLength, ToolLengthError};
 
 /// Time at which an instruction is due.

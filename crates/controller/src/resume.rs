@@ -11,6 +11,7 @@ use std::fmt;
 use std::thread;
 use std::time::Duration;
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_core::place::is_before;
 use retrace_core::playback::partial_increment;
 use retrace_core::{ONE, Travel};
@@ -18,8 +19,6 @@ use retrace_gcode::ActiveCodes;
 use retrace_link::{CardStatus, Outputs, PathStart, channel};
 
 use crate::approach::approach;
-use crate::machine::MachineConfig;
-use crate::numbered_error::NumberedError;
 use crate::place_index::{MarkDifference, PlaceMark};
 use crate::record_streamer::{PassedItem, RecordStreamer};
 use crate::tool_length::LengthChange;

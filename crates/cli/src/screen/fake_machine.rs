@@ -4,10 +4,10 @@
 
 use std::sync::{Arc, Mutex};
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{DifferingOutputs, Event, EventKind};
 use retrace_controller::job::{self, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::manual::ManualTask;
 use retrace_controller::operator::{CommandError, OperatorCommand};
 use retrace_controller::place_index::JournalConfig;

@@ -5,9 +5,9 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use retrace_config::AXIS_LETTERS;
 use retrace_controller::dnc_events::{DncEvent, DncStep};
 use retrace_controller::event::{CutterOffReason, Event, EventKind};
-use retrace_controller::machine::AXIS_LETTERS;
 use retrace_controller::operator::OperatorCommand;
 use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
 use retrace_core::ONE;

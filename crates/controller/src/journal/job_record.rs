@@ -6,6 +6,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
+use retrace_config::NumberedError;
 use retrace_core::place::is_before;
 use retrace_link::PathStart;
 use serde_json::Value;
@@ -15,7 +16,6 @@ use super::entry::{
 };
 use super::journal_line;
 use super::journal_reader::{JournalEntries, JournalError, JournalTail};
-use crate::numbered_error::NumberedError;
 use crate::place_index::{DurablePlace, PlaceMark};
 use crate::tool_length::LengthChange;
 

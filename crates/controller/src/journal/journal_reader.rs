@@ -7,11 +7,11 @@ use std::fmt;
 use std::io::{self, BufRead, Read};
 use std::path::Path;
 
+use retrace_config::NumberedError;
 use serde_json::Value;
 
 use super::entry::{FORMAT, JournalEntry};
 use super::journal_line::{self, MAX_LINE};
-use crate::numbered_error::NumberedError;
 
 /// Reason why a journal cannot be used.
 #[derive(Debug)]

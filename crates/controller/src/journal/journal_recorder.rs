@@ -4,13 +4,14 @@
 //! rest, with every change of the mode, of the hold reason and of the completed instructions, and at the end. Positions
 //! off the path are never recorded.
 
+use retrace_config::ChannelNames;
 use retrace_link::{Outputs, channel};
 
 use super::entry::{JournalEntry, PositionEntry};
 use super::journal_queue::JournalQueue;
 use super::journal_writer::JournalWriter;
 use super::timestamp::Timestamp;
-use crate::event::{ChannelNames, EventKind};
+use crate::event::EventKind;
 use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
 
 /// The reporting thread's end of the journal. The last position is saved when it is dropped, which is before

@@ -9,6 +9,8 @@ use std::collections::VecDeque;
 use std::io;
 use std::thread::{self, JoinHandle};
 
+use retrace_config::NumberedError;
+
 use super::entry::{
     EndEntry, JobHeader, JournalEntry, PlannedOverride, PlannedRest, ResumeEntry, SpooledBytes, ToolLengthChange,
 };
@@ -18,7 +20,6 @@ use super::journal_queue::{JournalQueue, QueueState};
 use super::journal_reader::JournalTail;
 use super::spool::SpoolProgress;
 use super::store::JournalStore;
-use crate::numbered_error::NumberedError;
 use crate::place_index::{DurablePlace, IndexEntry, IndexWriter};
 use crate::tool_length::LengthChange;
 

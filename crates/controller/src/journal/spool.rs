@@ -9,8 +9,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
+use retrace_config::NumberedError;
+
 use super::entry::SpooledBytes;
-use crate::numbered_error::NumberedError;
 use crate::program_end::ProgramEndDetector;
 use crate::state_file;
 

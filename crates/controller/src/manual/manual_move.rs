@@ -14,7 +14,7 @@ use retrace_link::{HostCommand, MotionCard, PathStart};
 use super::jog_planner::{JogPlanner, JogRequest};
 
 /// Over a link, the card's report of being at rest may be this many periods old.
-pub(crate) const REPORT_LATENCY_PERIODS: u32 = crate::session::IN_FLIGHT_RECORDS;
+pub(crate) const REPORT_LATENCY_PERIODS: u32 = retrace_config::IN_FLIGHT_RECORDS;
 
 /// A manual move in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,6 +7,7 @@
 use std::sync::PoisonError;
 use std::thread;
 
+use retrace_config::{IN_FLIGHT_RECORDS, MachineConfig, NumberedError};
 use retrace_core::mode::Mode;
 use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
 
@@ -17,12 +18,10 @@ use crate::command_queue::CommandSources;
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, Event, EventKind};
 use crate::job::{self, JobOptions, JobStart};
-use crate::machine::MachineConfig;
 use crate::mdi::ModalContext;
-use crate::numbered_error::NumberedError;
 use crate::operator::{CommandError, OperatorCommand};
 use crate::place_index::JournalConfig;
-use crate::session::{IN_FLIGHT_RECORDS, Outcome, RunMode};
+use crate::session::{Outcome, RunMode};
 use crate::telemetry::{self, Observer, PeriodRecord, Telemetry, TelemetrySender};
 
 /// Periods within which a card has accepted a command and reported it.

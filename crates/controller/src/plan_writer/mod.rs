@@ -12,6 +12,7 @@ use std::sync::mpsc::{SyncSender, TrySendError};
 use std::thread;
 use std::time::Duration;
 
+use retrace_config::MachineConfig;
 use retrace_core::ring::Producer;
 use retrace_core::{Flags, ONE, Record};
 use retrace_gcode::ActiveCodes;
@@ -19,7 +20,6 @@ use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, FeedRate, MoveError, PathMode, Planner};
 
 use crate::limit_check::{LimitFinding, extremes};
-use crate::machine::MachineConfig;
 use crate::overrides::OverrideApplier;
 use crate::place_index::{IndexEntry, IndexWriter, MarkDifference, PlaceMark};
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};

@@ -5,11 +5,11 @@
 
 use std::collections::VecDeque;
 
+use retrace_config::MachineConfig;
 use retrace_core::place::is_before;
 
 use super::{Cancelled, PlanWriter};
 use crate::limit_check::passed_limit;
-use crate::machine::MachineConfig;
 use crate::place_index::IndexEntry;
 use crate::tool_length::{
     EnteredLength, LengthAnswer, LengthChange, LengthOffer, LengthOffers, LengthProposal, ToolLengthError,

@@ -7,6 +7,7 @@ use std::collections::VecDeque;
 use std::thread;
 use std::time::Duration;
 
+use retrace_config::MachineConfig;
 use retrace_core::interruption::{
     Breakpoint, Interruption, InterruptionAction, InterruptionEvent as Said, SpindleDirection, SpindleState,
 };
@@ -17,7 +18,6 @@ use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, PathStart,
 use super::{Outcome, Session};
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, EventKind};
-use crate::machine::MachineConfig;
 use crate::manual::jog_planner::{JogPlanner, JogRequest};
 use crate::manual::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::operator::{CommandError, OperatorCommand};
@@ -74,7 +74,7 @@ pub(super) struct DncPause<'r, const A: usize> {
 
 impl<'r, const A: usize> DncPause<'r, A> {
     pub(super) fn new(machine: &MachineConfig) -> Self {
-        let axis = |(index, axis): (usize, &crate::machine::AxisConfig)| PausedAxis {
+        let axis = |(index, axis): (usize, &retrace_config::AxisConfig)| PausedAxis {
             letter: axis.name,
             pulses_per_mm: axis.pulses_per_mm,
             soft_limits: axis.travel_mm.map(|mm| machine.counts_of(index, mm)),

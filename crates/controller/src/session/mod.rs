@@ -18,6 +18,7 @@ mod window;
 use std::thread;
 use std::time::Duration;
 
+use retrace_config::{IN_FLIGHT_RECORDS, MachineConfig, RetraceOutputs};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice};
 use retrace_core::wheel::Wheel;
 use retrace_core::{ONE, Place, RateTarget};
@@ -25,7 +26,6 @@ use retrace_link::{CardStatus, HostCommand, MotionCard, Outputs, channel};
 
 use crate::command_queue::CommandSources;
 use crate::event::{CardError, CutterOffReason, EventKind};
-use crate::machine::{MachineConfig, RetraceOutputs};
 use crate::operator::percent;
 use crate::overrides::OverrideRequester;
 use crate::plan_item::{ExclusiveKind, PlanEnd};
@@ -62,10 +62,6 @@ pub struct RunMode {
     /// Whether the motion thread is scheduled under SCHED_FIFO, where that is permitted.
     pub real_time: bool,
 }
-
-/// Records that may be in flight to the card, or that it has run since its last report, at the latency of a common
-/// link.
-pub const IN_FLIGHT_RECORDS: u32 = 120;
 
 /// Time at rest (s), with the operator's script at its end, after which the job ends because nobody will resume it.
 const NOBODY_THERE_S: f64 = 10.0;

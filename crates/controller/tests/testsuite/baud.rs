@@ -5,7 +5,7 @@ use crate::wired;
 
 use std::path::PathBuf;
 
-use retrace_controller::machine::MachineConfig;
+use retrace_config::MachineConfig;
 use retrace_controller::session::Outcome;
 use retrace_hal_sim::CardSimulatorSettings;
 use wired::{Done, Path, Trial, ended_well, good_line, run};

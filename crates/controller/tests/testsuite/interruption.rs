@@ -3,11 +3,11 @@
 //!
 //! `RETRACE_WORDS` sets the length of the sequences; six are the campaign `dnc`.
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::dnc_events::{DncEvent, DncStep};
 use retrace_controller::event::{Event, EventKind};
 use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator::{self, CommandError};
 use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;

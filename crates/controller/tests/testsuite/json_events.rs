@@ -7,8 +7,9 @@ use crate::json_page;
 use std::collections::BTreeSet;
 
 use json_page::JsonPage;
+use retrace_config::ChannelNames;
 use retrace_controller::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
-use retrace_controller::event::{CardError, ChannelNames, CutterOffReason, DifferingOutputs, Event, EventKind};
+use retrace_controller::event::{CardError, CutterOffReason, DifferingOutputs, Event, EventKind};
 use retrace_controller::journal::timestamp::Timestamp;
 use retrace_controller::operator::{CommandError, OperatorCommand};
 use retrace_core::Place;

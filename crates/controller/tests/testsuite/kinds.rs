@@ -3,10 +3,10 @@
 //!
 //! Invariant: expected values are written here manually, from the machine files and the programs.
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{Event, EventKind};
 use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobEnd, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::mdi::setup;
 use retrace_controller::operator;
 use retrace_controller::place_index::JournalConfig;

@@ -2,7 +2,7 @@
 
 use crate::wired;
 
-use retrace_controller::machine::MachineConfig;
+use retrace_config::MachineConfig;
 use retrace_controller::session::Outcome;
 use retrace_hal_sim::{
     CardSimulatorSettings, Chance, FaultRates, InFlightPolicy, LineFault, Random, SerialChannelSettings,

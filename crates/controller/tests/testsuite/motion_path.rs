@@ -3,10 +3,10 @@
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{DifferingOutputs, Event, EventKind};
 use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator;
 use retrace_controller::plan_item::{ExclusiveKind, PlanEnd, PlanSummary};
 use retrace_controller::plan_writer::{PlanWriter, SwitchInstruction};

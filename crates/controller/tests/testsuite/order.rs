@@ -3,7 +3,7 @@
 
 use crate::wired;
 
-use retrace_controller::machine::MachineConfig;
+use retrace_config::MachineConfig;
 use retrace_core::gate::Gates;
 use retrace_core::place::is_before;
 use retrace_core::{Flags, ONE, Place, Record};

@@ -4,7 +4,7 @@ use crate::hold;
 
 use hold::{FEED_MM_S, Played, circle, line, paths, records};
 use proptest::prelude::*;
-use retrace_controller::machine::MachineConfig;
+use retrace_config::MachineConfig;
 use retrace_core::{ONE, Travel};
 
 /// Length in mm of the shortest stop within acceleration and jerk: v(v/A + A/J)/2, where v is high enough to reach A.

@@ -1,8 +1,8 @@
 //! Planned paths, and a card that plays them under the limit monitor.
 
 use proptest::prelude::*;
+use retrace_config::MachineConfig;
 use retrace_controller::limit_monitor::{LimitMonitor, MonitorLimits};
-use retrace_controller::machine::MachineConfig;
 use retrace_core::{Flags, ONE, Place, Record, Travel};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{CardStatus, HostCommand, MotionCard};

@@ -2,10 +2,10 @@
 //!
 //! Invariant: time is virtual, so that a run is the same at any speed.
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{Event, EventKind};
 use retrace_controller::job::{self, JobEnd, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator;
 use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;

@@ -5,9 +5,9 @@
 
 use std::sync::{Arc, Mutex};
 
+use retrace_config::MachineConfig;
 use retrace_controller::event::EventKind;
 use retrace_controller::job::{self, JobEnd, JobStart, JobStartError};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::place_index::{IndexEntry, IndexWriter, JournalConfig, PlaceMark};
 use retrace_controller::resume::{ResumeError, ResumePlan, ResumePoint};
 use retrace_controller::session::Outcome;

@@ -11,10 +11,10 @@ mod hand;
 use std::collections::{HashMap, VecDeque};
 
 use hand::{Moment, Setting, moments};
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::{CommandSender, CommandSources, command_channel};
 use retrace_controller::event::EventKind;
 use retrace_controller::job::{self, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator::OperatorCommand;
 use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
@@ -280,7 +280,7 @@ impl Case {
     }
 }
 
-fn axis(axis: &retrace_controller::machine::AxisConfig) -> limits::Axis {
+fn axis(axis: &retrace_config::AxisConfig) -> limits::Axis {
     limits::Axis {
         pulses_per_mm: axis.pulses_per_mm,
         limits: [axis.max_velocity_mm_per_s, axis.max_acceleration_mm_per_s2, axis.max_jerk_mm_per_s3],

@@ -5,11 +5,11 @@
 
 use std::sync::{Arc, Mutex};
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{Event, EventKind};
 use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobOptions, JobStart};
 use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator;
 use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
