@@ -20,14 +20,14 @@ use retrace_core::mode::Mode;
 use retrace_hal_sim::Clock;
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
+use retrace_plot::{
+    AxisTrack, Derivatives, DisplayList, Profile, Size, Stroke, StrokeKind, ToolPath, View, draw_history, draw_path,
+    draw_profile,
+};
 
 use crate::args;
 use crate::console::unwritable;
 use crate::draw_job;
-use crate::plot::{
-    AxisTrack, Derivatives, DisplayList, Profile, Size, Stroke, StrokeKind, ToolPath, View, draw_history, draw_path,
-    draw_profile,
-};
 use crate::program::{CommandFailure, Program};
 use crate::sim_wiring::simulated;
 

@@ -15,9 +15,8 @@ use retrace_controller::machine::MachineConfig;
 use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::telemetry::HoldReason;
 use retrace_core::mode::Mode;
+use retrace_plot::{Activity, History, HistoryEvent, HistorySample, Priority, Stroke, StrokeKind, ToolPath};
 use serde_json::Value;
-
-use crate::plot::{Activity, History, HistoryEvent, HistorySample, Priority, Stroke, StrokeKind, ToolPath};
 
 /// History of this job, or of the newest one.
 ///

@@ -38,7 +38,6 @@ mod machine_tables;
 mod manual;
 mod manual_inputs;
 mod operate;
-mod plot;
 mod program;
 mod program_stream;
 mod resume;

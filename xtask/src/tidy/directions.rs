@@ -42,9 +42,10 @@ const ARROWS: &[Arrows] = &[
         in_tests: &["card", "hal-sim"],
         ..arrows("crates/controller/Cargo.toml", &["core", "gcode", "link", "motion"])
     },
+    arrows("crates/plot/Cargo.toml", &[]),
     arrows(
         "crates/cli/Cargo.toml",
-        &["controller", "core", "cycles", "gcode", "hal-serial", "hal-sim", "link", "motion"],
+        &["controller", "core", "cycles", "gcode", "hal-serial", "hal-sim", "link", "motion", "plot"],
     ),
     // The card on a microcontroller: outside of the workspace, since it is compiled for another machine.
     arrows("crates/firmware/Cargo.toml", &["card", "core", "link"]),

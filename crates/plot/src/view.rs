@@ -1,6 +1,6 @@
 //! View of a tool path.
 
-use super::tool_path::{Extents, ToolPath};
+use crate::tool_path::{Extents, ToolPath};
 
 /// View of a tool path; lengths are true along every visible axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,7 +33,7 @@ impl View {
     }
 
     /// Position of a point on the drawing in mm: to the right, and upward.
-    pub(super) fn project(self, [x, y, z]: [f64; 3]) -> [f64; 2] {
+    pub(crate) fn project(self, [x, y, z]: [f64; 3]) -> [f64; 2] {
         match self {
             Self::Xy => [x, y],
             Self::Xz => [x, z],
@@ -43,7 +43,7 @@ impl View {
     }
 
     /// Names of the axes to the right and upward, where the view has such axes.
-    pub(super) fn axes(self) -> Option<[&'static str; 2]> {
+    pub(crate) fn axes(self) -> Option<[&'static str; 2]> {
         match self {
             Self::Xy => Some(["X", "Y"]),
             Self::Xz => Some(["X", "Z"]),
@@ -53,7 +53,7 @@ impl View {
     }
 
     /// Name of the view.
-    pub(super) fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Xy => "plan XY",
             Self::Xz => "front XZ",
@@ -65,8 +65,8 @@ impl View {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tool_path::{Stroke, StrokeKind};
     use super::*;
+    use crate::tool_path::{Stroke, StrokeKind};
 
     #[test]
     fn the_view_is_the_plane_that_the_program_lies_in() {

@@ -2,30 +2,30 @@
 
 /// Linear scale: two values and their pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Scale {
-    pub(super) low: f64,
-    pub(super) high: f64,
-    pub(super) low_px: f32,
-    pub(super) high_px: f32,
+pub(crate) struct Scale {
+    pub(crate) low: f64,
+    pub(crate) high: f64,
+    pub(crate) low_px: f32,
+    pub(crate) high_px: f32,
 }
 
 impl Scale {
     /// Pixel of a value.
-    pub(super) fn px(&self, value: f64) -> f32 {
+    pub(crate) fn px(&self, value: f64) -> f32 {
         let share = (value - self.low) / (self.high - self.low);
         self.low_px + (self.high_px - self.low_px) * share as f32
     }
 
     /// Marks of this scale, no closer than `gap_px` pixels.
-    pub(super) fn ticks(&self, gap_px: f32) -> Ticks {
+    pub(crate) fn ticks(&self, gap_px: f32) -> Ticks {
         Ticks::within(self.low, self.high, f64::from((self.high_px - self.low_px).abs() / gap_px))
     }
 }
 
 /// Marks at multiples of 1, 2 or 5 times a power of ten.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Ticks {
-    pub(super) values: Vec<f64>,
+pub(crate) struct Ticks {
+    pub(crate) values: Vec<f64>,
     decimals: usize,
 }
 
@@ -34,7 +34,7 @@ const MAX_MARKS: f64 = 200.0;
 
 impl Ticks {
     /// Marks from `low` to `high`, at most `most` and one more.
-    pub(super) fn within(low: f64, high: f64, most: f64) -> Self {
+    pub(crate) fn within(low: f64, high: f64, most: f64) -> Self {
         let step = round_up((high - low) / most.clamp(1.0, MAX_MARKS));
         let first = (low / step - 1e-9).ceil();
         let last = (high / step + 1e-9).floor();
@@ -45,13 +45,13 @@ impl Ticks {
     }
 
     /// Number of a mark, with as many decimals as the step needs.
-    pub(super) fn label(&self, value: f64) -> String {
+    pub(crate) fn label(&self, value: f64) -> String {
         fixed(value, self.decimals)
     }
 }
 
 /// Formats a number with this many decimals, never −0.
-pub(super) fn fixed(value: f64, decimals: usize) -> String {
+pub(crate) fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     if text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.')) {
         text.replace('-', "")
@@ -61,13 +61,13 @@ pub(super) fn fixed(value: f64, decimals: usize) -> String {
 }
 
 /// Formats a number with at most this many decimals and without trailing zeros.
-pub(super) fn short(value: f64, decimals: usize) -> String {
+pub(crate) fn short(value: f64, decimals: usize) -> String {
     let text = fixed(value, decimals);
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 /// Smallest of 1, 2, 5 times a power of ten that is not smaller than `value`.
-pub(super) fn round_up(value: f64) -> f64 {
+pub(crate) fn round_up(value: f64) -> f64 {
     if !(value.is_finite() && value > 1e-12) {
         return 1e-12;
     }
@@ -80,7 +80,7 @@ pub(super) fn round_up(value: f64) -> f64 {
 }
 
 /// Number of decimals that multiples of a step need.
-pub(super) fn decimals(step: f64) -> usize {
+pub(crate) fn decimals(step: f64) -> usize {
     (-(step.log10() + 1e-9).floor()).clamp(0.0, 6.0) as usize
 }
 

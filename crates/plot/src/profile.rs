@@ -44,9 +44,9 @@ pub struct Profile {
 
 /// Curve over time: its first time, and a value per period.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Curve {
-    pub(super) start_s: f64,
-    pub(super) values: Vec<f64>,
+pub(crate) struct Curve {
+    pub(crate) start_s: f64,
+    pub(crate) values: Vec<f64>,
 }
 
 impl Curve {
@@ -61,12 +61,12 @@ impl Curve {
 
 impl Profile {
     /// Interval in seconds that is drawn.
-    pub(super) fn shown(&self) -> [f64; 2] {
+    pub(crate) fn shown(&self) -> [f64; 2] {
         self.shown_s.unwrap_or([0.0, self.duration_s()])
     }
 
     /// Drawn part of a curve.
-    pub(super) fn cut(&self, curve: Curve) -> Curve {
+    pub(crate) fn cut(&self, curve: Curve) -> Curve {
         match self.shown_s {
             Some(shown_s) => curve.within(shown_s, self.period_s),
             None => curve,
@@ -75,7 +75,7 @@ impl Profile {
 
     /// Derivative of one axis of order 1, 2 or 3, each value in the middle of its window; before the first position and
     /// after the last the axis is at rest.
-    pub(super) fn derivative(&self, axis: &AxisTrack, order: usize) -> Curve {
+    pub(crate) fn derivative(&self, axis: &AxisTrack, order: usize) -> Curve {
         let stride = self.stride_periods.max(1);
         let window = order * stride;
         let half = window / 2;
@@ -95,7 +95,7 @@ impl Profile {
     }
 
     /// Speed along the path, in mm/s.
-    pub(super) fn path_speed(&self) -> Curve {
+    pub(crate) fn path_speed(&self) -> Curve {
         let mut speed = Curve { start_s: 0.0, values: Vec::new() };
         for axis in &self.axes {
             let Curve { start_s, values } = self.derivative(axis, 1);
@@ -110,7 +110,7 @@ impl Profile {
     }
 
     /// Duration of the profile, in seconds.
-    pub(super) fn duration_s(&self) -> f64 {
+    pub(crate) fn duration_s(&self) -> f64 {
         let periods = self.axes.iter().map(|axis| axis.positions_mm.len()).max().unwrap_or(0);
         periods.saturating_sub(1) as f64 * self.period_s
     }

@@ -35,9 +35,9 @@ pub struct ToolPath {
 
 /// Minimum and maximum on each axis, in mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Extents {
-    pub(super) low: [f64; 3],
-    pub(super) high: [f64; 3],
+pub(crate) struct Extents {
+    pub(crate) low: [f64; 3],
+    pub(crate) high: [f64; 3],
 }
 
 impl Extents {
@@ -57,28 +57,28 @@ impl Extents {
 
 impl ToolPath {
     /// Strokes of one kind.
-    pub(super) fn of_kind(&self, kind: StrokeKind) -> impl Iterator<Item = &Stroke> {
+    pub(crate) fn of_kind(&self, kind: StrokeKind) -> impl Iterator<Item = &Stroke> {
         self.strokes.iter().filter(move |stroke| stroke.kind == kind)
     }
 
     /// Extents of everything.
-    pub(super) fn extents(&self) -> Option<Extents> {
+    pub(crate) fn extents(&self) -> Option<Extents> {
         Extents::of(self.strokes.iter().flat_map(|stroke| &stroke.points))
     }
 
     /// Extents of the program itself, without retraced motion, which is the machine's path with its blends.
-    pub(super) fn program_extents(&self) -> Option<Extents> {
+    pub(crate) fn program_extents(&self) -> Option<Extents> {
         let own = self.strokes.iter().filter(|stroke| stroke.kind != StrokeKind::Retraced);
         Extents::of(own.flat_map(|stroke| &stroke.points))
     }
 
     /// Extents of the machining strokes.
-    pub(super) fn feed_extents(&self) -> Option<Extents> {
+    pub(crate) fn feed_extents(&self) -> Option<Extents> {
         Extents::of(self.of_kind(StrokeKind::Feed).flat_map(|stroke| &stroke.points))
     }
 
     /// Length of all strokes of one kind, in mm.
-    pub(super) fn length_mm(&self, kind: StrokeKind) -> f64 {
+    pub(crate) fn length_mm(&self, kind: StrokeKind) -> f64 {
         self.of_kind(kind)
             .flat_map(|stroke| stroke.points.windows(2))
             .map(|pair| pair[0].iter().zip(pair[1]).map(|(from, to)| (to - from).powi(2)).sum::<f64>().sqrt())
@@ -87,7 +87,7 @@ impl ToolPath {
     }
 
     /// Start and end of the program's own motion.
-    pub(super) fn ends(&self) -> Option<[[f64; 3]; 2]> {
+    pub(crate) fn ends(&self) -> Option<[[f64; 3]; 2]> {
         let own = || {
             self.strokes
                 .iter()
@@ -100,7 +100,7 @@ impl ToolPath {
 }
 
 /// Whether this point can be drawn.
-pub(super) fn is_finite(point: &[f64; 3]) -> bool {
+pub(crate) fn is_finite(point: &[f64; 3]) -> bool {
     point.iter().all(|value| value.is_finite())
 }
 

@@ -1,12 +1,12 @@
 //! Drawing of a profile: velocity, acceleration and jerk over time, one panel above the other.
 
-use super::decimate;
-use super::draw_path::{draw_heading, label_beside};
-use super::font;
-use super::picture::{Anchor, DisplayList, Pen, Point, Size, Text};
-use super::profile::{Curve, Profile};
-use super::scale::{Scale, fixed, short};
-use super::style::{self, LABEL_SIZE, TICK_SIZE, text};
+use crate::decimate;
+use crate::draw_path::{draw_heading, label_beside};
+use crate::font;
+use crate::picture::{Anchor, DisplayList, Pen, Point, Size, Text};
+use crate::profile::{Curve, Profile};
+use crate::scale::{Scale, fixed, short};
+use crate::style::{self, LABEL_SIZE, TICK_SIZE, text};
 
 const LEFT: f32 = 92.0;
 const RIGHT: f32 = 26.0;
@@ -70,7 +70,7 @@ fn panels(profile: &Profile) -> [Panel; 3] {
             .map(|(index, axis)| (profile.cut(profile.derivative(axis, order)), axis_pen(index)))
             .collect()
     };
-    let limits = |of: fn(&super::Derivatives<f64>) -> f64| -> Vec<f64> {
+    let limits = |of: fn(&crate::Derivatives<f64>) -> f64| -> Vec<f64> {
         let mut limits: Vec<f64> = profile.axes.iter().map(|axis| of(&axis.limits)).collect();
         limits.retain(|limit| limit.is_finite() && *limit > 0.0);
         limits.sort_by(f64::total_cmp);
@@ -162,12 +162,12 @@ fn draw_legend(picture: &mut DisplayList, profile: &Profile, size: Size) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::picture::Item;
-    use super::super::profile::{AxisTrack, Derivatives};
     use super::*;
+    use crate::picture::Item;
+    use crate::profile::{AxisTrack, Derivatives};
 
     #[test]
-    fn limits_are_drawn_and_every_curve_stays_in_its_panel() -> Result<(), super::super::picture::SizeError> {
+    fn limits_are_drawn_and_every_curve_stays_in_its_panel() -> Result<(), crate::picture::SizeError> {
         let positions_mm = (0..3000).map(|period| 2.0 * (f64::from(period) * 0.015).sin()).collect();
         let limits = Derivatives { velocity: 100.0, acceleration: 1000.0, jerk: 20_000.0 };
         let axes = vec![AxisTrack { name: "X".to_owned(), positions_mm, limits }];
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_profile_is_a_sheet_without_curves() -> Result<(), super::super::picture::SizeError> {
+    fn an_empty_profile_is_a_sheet_without_curves() -> Result<(), crate::picture::SizeError> {
         let profile = Profile {
             title: String::new(),
             period_s: 0.001,

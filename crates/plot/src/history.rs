@@ -3,7 +3,7 @@
 //! Invariant: samples are in the order of their times. The labels may cover fewer events than happened, and state how
 //! many are missing.
 
-use super::tool_path::ToolPath;
+use crate::tool_path::ToolPath;
 
 /// Activity of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,7 +32,7 @@ pub enum Activity {
 
 impl Activity {
     /// Label in a word.
-    pub(super) fn word(self) -> &'static str {
+    pub(crate) fn word(self) -> &'static str {
         match self {
             Self::Run => "run",
             Self::Reverse => "reverse",
@@ -110,13 +110,13 @@ pub struct History {
 
 impl History {
     /// Duration of the job, in seconds of machine time.
-    pub(super) fn duration_s(&self) -> f64 {
+    pub(crate) fn duration_s(&self) -> f64 {
         let remarks = self.events.iter().map(|remark| remark.time_s);
         self.samples.iter().map(|moment| moment.time_s).chain(remarks).fold(0.0, f64::max)
     }
 
     /// Place at a time, in seconds of programmed motion.
-    pub(super) fn place_s(&self, time_s: f64) -> Option<f64> {
+    pub(crate) fn place_s(&self, time_s: f64) -> Option<f64> {
         let next = self.samples.partition_point(|moment| moment.time_s <= time_s);
         // Events before the first position are placed there.
         let before = self.samples.get(next.saturating_sub(1))?;
@@ -126,7 +126,7 @@ impl History {
     }
 
     /// Sections of time with the same activity: first and last time in seconds.
-    pub(super) fn stretches(&self) -> Vec<(Activity, [f64; 2])> {
+    pub(crate) fn stretches(&self) -> Vec<(Activity, [f64; 2])> {
         let mut stretches: Vec<(Activity, [f64; 2])> = Vec::new();
         for pair in self.samples.windows(2) {
             let [from, to] = [pair[0].time_s, pair[1].time_s];

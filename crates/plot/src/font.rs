@@ -7,7 +7,7 @@
 //! y = 14, a small letter at y = 11, and a descender at y = 0. A stroke that opens with `~` is a curve: its inner
 //! points are the corners of a quadratic B-spline.
 
-use super::picture::Point;
+use crate::picture::Point;
 
 /// Height of a capital letter, as a share of the size of the text.
 const CAPITAL_HEIGHT: f32 = 0.72;
@@ -133,7 +133,7 @@ const GLYPHS: &[Glyph] = &[
 ];
 
 /// Strokes of a text and its width, both in pixels; the text begins at the origin, its base line is y = 0.
-pub(super) fn strokes(words: &str, size: f32) -> (Vec<Vec<Point>>, f32) {
+pub(crate) fn strokes(words: &str, size: f32) -> (Vec<Vec<Point>>, f32) {
     let unit = size * CAPITAL_HEIGHT / CAPITAL_UNITS;
     let mut lines = Vec::new();
     let mut x = 0.0;
@@ -149,13 +149,13 @@ pub(super) fn strokes(words: &str, size: f32) -> (Vec<Vec<Point>>, f32) {
 }
 
 /// Width of a text in pixels.
-pub(super) fn width(words: &str, size: f32) -> f32 {
+pub(crate) fn width(words: &str, size: f32) -> f32 {
     let units: f32 = words.chars().map(|letter| f32::from(glyph(letter).1) + SPACING).sum();
     (units - SPACING).max(0.0) * size * CAPITAL_HEIGHT / CAPITAL_UNITS
 }
 
 /// Width in pixels of the line that a text of this size is drawn with.
-pub(super) fn pen_width(size: f32, is_bold: bool) -> f32 {
+pub(crate) fn pen_width(size: f32, is_bold: bool) -> f32 {
     size * if is_bold { 0.13 } else { 0.095 }
 }
 

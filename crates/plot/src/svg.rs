@@ -2,9 +2,9 @@
 //!
 //! Invariant: the document needs nothing outside itself; the same drawing gives the same text.
 
-use super::font;
-use super::picture::{Anchor, Colour, DisplayList, Item, Pen, Point, Text};
-use super::style::PAPER;
+use crate::font;
+use crate::picture::{Anchor, Colour, DisplayList, Item, Pen, Point, Text};
+use crate::style::PAPER;
 use std::fmt::Write;
 
 impl DisplayList {
@@ -46,7 +46,7 @@ impl DisplayList {
 }
 
 /// Strokes of a text at its position on the drawing.
-pub(super) fn placed(text: &Text) -> Vec<Vec<Point>> {
+pub(crate) fn placed(text: &Text) -> Vec<Vec<Point>> {
     let (mut lines, width) = font::strokes(&text.words, text.size);
     let shift = match text.anchor {
         Anchor::Left => 0.0,
@@ -134,12 +134,12 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::picture::Size;
-    use super::super::style;
     use super::*;
+    use crate::picture::Size;
+    use crate::style;
 
     #[test]
-    fn a_small_drawing_is_written_word_for_word() -> Result<(), super::super::picture::SizeError> {
+    fn a_small_drawing_is_written_word_for_word() -> Result<(), crate::picture::SizeError> {
         let mut picture = DisplayList::new(Size::pixels(480, 320)?, "a < b");
         picture.lines(vec![vec![[1.0, 2.5], [3.004, -4.0], [5.0, 6.126]], vec![[0.0, 0.0], [1.0, 0.0]]], style::RAPID);
         picture.area(&[[0.0, 0.0], [10.0, 0.0], [0.0, 10.0]], style::RETRACED_BAND);

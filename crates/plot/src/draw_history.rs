@@ -2,15 +2,15 @@
 //!
 //! Invariant: an event without space for its label still has a mark at its time.
 
-use super::draw_path::{ABOVE, LEFT, RIGHT, draw_end, draw_heading, draw_start, label_beside, shortened};
-use super::font;
-use super::history::{Activity, History, Priority};
-use super::picture::{Anchor, DisplayList, Pen, Point, Size, Text};
-use super::scale::{Scale, fixed};
-use super::sheet::{DrawingArea, Sheet};
-use super::style::{self, LABEL_SIZE, TICK_SIZE, text};
-use super::tool_path::StrokeKind;
-use super::view::View;
+use crate::draw_path::{ABOVE, LEFT, RIGHT, draw_end, draw_heading, draw_start, label_beside, shortened};
+use crate::font;
+use crate::history::{Activity, History, Priority};
+use crate::picture::{Anchor, DisplayList, Pen, Point, Size, Text};
+use crate::scale::{Scale, fixed};
+use crate::sheet::{DrawingArea, Sheet};
+use crate::style::{self, LABEL_SIZE, TICK_SIZE, text};
+use crate::tool_path::StrokeKind;
+use crate::view::View;
 
 /// Share of the path in the height between heading and legend.
 const SHARE_OF_PATH: f32 = 0.47;
@@ -207,10 +207,10 @@ fn draw_legend(picture: &mut DisplayList, history: &History, size: Size) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::history::{HistoryEvent, HistorySample};
-    use super::super::picture::Item;
-    use super::super::tool_path::{Stroke, ToolPath};
     use super::*;
+    use crate::history::{HistoryEvent, HistorySample};
+    use crate::picture::Item;
+    use crate::tool_path::{Stroke, ToolPath};
     use proptest::prelude::*;
 
     fn doing() -> impl Strategy<Value = Activity> {

@@ -1,9 +1,9 @@
 //! Writes a drawing as a PNG image; a pixel of the display list is scaled to the image.
 
-use super::font;
-use super::picture::{Colour, DisplayList, Item, Pen, Point};
-use super::style::PAPER;
-use super::svg::placed;
+use crate::font;
+use crate::picture::{Colour, DisplayList, Item, Pen, Point};
+use crate::style::PAPER;
+use crate::svg::placed;
 use thiserror::Error;
 use tiny_skia::{Color, FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Stroke, StrokeDash, Transform};
 
@@ -113,9 +113,9 @@ fn paint(ink: Colour) -> Paint<'static> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::picture::Size;
-    use super::super::style;
     use super::*;
+    use crate::picture::Size;
+    use crate::style;
 
     #[test]
     fn ink_is_where_it_was_put_and_paper_elsewhere() -> Result<(), Box<dyn std::error::Error>> {

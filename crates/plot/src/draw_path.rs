@@ -2,18 +2,18 @@
 //!
 //! Invariant: retraced strokes lie under the strokes that they repeat.
 
-use super::font;
-use super::picture::{Anchor, Colour, DisplayList, Pen, Point, Size, Text};
-use super::scale::{fixed, short};
-use super::sheet::{DrawingArea, Sheet};
-use super::style::{self, LABEL_SIZE, TITLE_SIZE, text};
-use super::tool_path::{StrokeKind, ToolPath};
-use super::view::View;
+use crate::font;
+use crate::picture::{Anchor, Colour, DisplayList, Pen, Point, Size, Text};
+use crate::scale::{fixed, short};
+use crate::sheet::{DrawingArea, Sheet};
+use crate::style::{self, LABEL_SIZE, TITLE_SIZE, text};
+use crate::tool_path::{StrokeKind, ToolPath};
+use crate::view::View;
 
 /// Space around the frame, in pixels: left, right, above, below.
-pub(super) const LEFT: f32 = 78.0;
-pub(super) const RIGHT: f32 = 26.0;
-pub(super) const ABOVE: f32 = 66.0;
+pub(crate) const LEFT: f32 = 78.0;
+pub(crate) const RIGHT: f32 = 26.0;
+pub(crate) const ABOVE: f32 = 66.0;
 const BELOW: f32 = 84.0;
 const MARK_PX: f32 = 6.0;
 
@@ -48,7 +48,7 @@ pub fn draw_path(path: &ToolPath, view: View, size: Size) -> DisplayList {
 }
 
 /// Draws the title, the view, and a summary line.
-pub(super) fn draw_heading(picture: &mut DisplayList, title: &str, view: &str, summary: &str) {
+pub(crate) fn draw_heading(picture: &mut DisplayList, title: &str, view: &str, summary: &str) {
     let right = picture.size.width() - RIGHT;
     picture.text(Text { colour: style::PALE_INK, ..text([right, 28.0], view, LABEL_SIZE, Anchor::Right) });
     let space = right - 16.0 - font::width(view, LABEL_SIZE) - RIGHT;
@@ -61,7 +61,7 @@ pub(super) fn draw_heading(picture: &mut DisplayList, title: &str, view: &str, s
 }
 
 /// Cuts a text to the available space.
-pub(super) fn shortened(words: &str, size: f32, space: f32) -> String {
+pub(crate) fn shortened(words: &str, size: f32, space: f32) -> String {
     if font::width(words, size) <= space {
         return words.to_owned();
     }
@@ -73,7 +73,7 @@ pub(super) fn shortened(words: &str, size: f32, space: f32) -> String {
     short
 }
 
-pub(super) fn draw_start(picture: &mut DisplayList, [x, y]: Point) {
+pub(crate) fn draw_start(picture: &mut DisplayList, [x, y]: Point) {
     let ring = |radius: f32| {
         (0..24).map(move |step| {
             let (sin, cos) = (step as f32 / 24.0 * std::f32::consts::TAU).sin_cos();
@@ -84,7 +84,7 @@ pub(super) fn draw_start(picture: &mut DisplayList, [x, y]: Point) {
     picture.area(&ring(MARK_PX * 0.4).collect::<Vec<_>>(), style::PAPER);
 }
 
-pub(super) fn draw_end(picture: &mut DisplayList, [x, y]: Point) {
+pub(crate) fn draw_end(picture: &mut DisplayList, [x, y]: Point) {
     let square = |half: f32| [[x - half, y - half], [x + half, y - half], [x + half, y + half], [x - half, y + half]];
     picture.area(&square(MARK_PX), style::END);
     picture.area(&square(MARK_PX * 0.35), style::PAPER);
@@ -121,7 +121,7 @@ fn draw_legend(picture: &mut DisplayList, path: &ToolPath, size: Size) -> f32 {
 }
 
 /// Draws a label of the legend. Returns where the next one may begin.
-pub(super) fn label_beside(picture: &mut DisplayList, [x, y]: Point, label: String, colour: Colour) -> f32 {
+pub(crate) fn label_beside(picture: &mut DisplayList, [x, y]: Point, label: String, colour: Colour) -> f32 {
     let end = x + font::width(&label, LABEL_SIZE) + 24.0;
     picture.text(Text { colour, ..text([x, y + 4.6], label, LABEL_SIZE, Anchor::Left) });
     end
@@ -129,10 +129,10 @@ pub(super) fn label_beside(picture: &mut DisplayList, [x, y]: Point, label: Stri
 
 #[cfg(test)]
 mod tests {
-    use super::super::picture::Item;
-    use super::super::scale::Scale;
-    use super::super::tool_path::Stroke;
     use super::*;
+    use crate::picture::Item;
+    use crate::scale::Scale;
+    use crate::tool_path::Stroke;
     use proptest::prelude::*;
 
     fn sized(width: u32, height: u32) -> Size {

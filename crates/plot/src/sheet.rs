@@ -2,13 +2,13 @@
 //!
 //! Invariant: a millimetre is as long across as it is upward.
 
-use super::decimate;
-use super::font;
-use super::picture::{Anchor, DisplayList, Pen, Point, Text};
-use super::scale::{Scale, Ticks, decimals, fixed, round_up};
-use super::style::{self, LABEL_SIZE, TICK_SIZE, text};
-use super::tool_path::{Extents, StrokeKind, ToolPath, is_finite};
-use super::view::View;
+use crate::decimate;
+use crate::font;
+use crate::picture::{Anchor, DisplayList, Pen, Point, Text};
+use crate::scale::{Scale, Ticks, decimals, fixed, round_up};
+use crate::style::{self, LABEL_SIZE, TICK_SIZE, text};
+use crate::tool_path::{Extents, StrokeKind, ToolPath, is_finite};
+use crate::view::View;
 
 /// Space between the path and the frame, as a share of the larger extent.
 const PADDING: f64 = 0.04;
@@ -22,23 +22,23 @@ const TICK_GAP_UP: f32 = 34.0;
 
 /// Part of the drawing available for a frame, in pixels; axis labels are around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct DrawingArea {
-    pub(super) left: f32,
-    pub(super) right: f32,
-    pub(super) top: f32,
-    pub(super) bottom: f32,
+pub(crate) struct DrawingArea {
+    pub(crate) left: f32,
+    pub(crate) right: f32,
+    pub(crate) top: f32,
+    pub(crate) bottom: f32,
 }
 
 /// Mapping of millimetres to the drawing.
-pub(super) struct Sheet {
+pub(crate) struct Sheet {
     view: View,
-    pub(super) across: Scale,
-    pub(super) up: Scale,
+    pub(crate) across: Scale,
+    pub(crate) up: Scale,
 }
 
 impl Sheet {
     /// Largest scale at which everything fits, the same in both directions.
-    pub(super) fn fitting(path: &ToolPath, view: View, extents: &Extents, room: DrawingArea) -> Self {
+    pub(crate) fn fitting(path: &ToolPath, view: View, extents: &Extents, room: DrawingArea) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut include = |point: [f64; 3]| {
             for (side, value) in view.project(point).into_iter().enumerate() {
@@ -79,12 +79,12 @@ impl Sheet {
     }
 
     /// Position of a machine point on the drawing.
-    pub(super) fn place(&self, point: [f64; 3]) -> Point {
+    pub(crate) fn place(&self, point: [f64; 3]) -> Point {
         let [right, up] = self.view.project(point);
         [self.across.px(right), self.up.px(up)]
     }
 
-    pub(super) fn draw_strokes(&self, picture: &mut DisplayList, path: &ToolPath, kind: StrokeKind, pen: Pen) {
+    pub(crate) fn draw_strokes(&self, picture: &mut DisplayList, path: &ToolPath, kind: StrokeKind, pen: Pen) {
         // Strokes that follow each other in the same place are one line, so that its dashes continue.
         let mut lines: Vec<Vec<Point>> = Vec::new();
         for stroke in path.of_kind(kind) {
@@ -100,7 +100,7 @@ impl Sheet {
     }
 
     /// Draws a frame with marks and a grid.
-    pub(super) fn draw_axes(&self, picture: &mut DisplayList, [name_across, name_up]: [&str; 2]) {
+    pub(crate) fn draw_axes(&self, picture: &mut DisplayList, [name_across, name_up]: [&str; 2]) {
         let (left, right) = (self.across.low_px, self.across.high_px);
         let (bottom, top) = (self.up.low_px, self.up.high_px);
         let ticks_across = self.across.ticks(TICK_GAP_ACROSS);
@@ -118,7 +118,7 @@ impl Sheet {
             picture.line([left, y], [left - 5.0, y], style::FRAME);
             picture.text(text([left - 9.0, y + 4.3], ticks_up.label(value), TICK_SIZE, Anchor::Right));
         }
-        picture.items.insert(0, super::picture::Item::Lines { lines: grid, pen: style::GRID });
+        picture.items.insert(0, crate::picture::Item::Lines { lines: grid, pen: style::GRID });
         picture
             .lines(vec![vec![[left, top], [right, top], [right, bottom], [left, bottom], [left, top]]], style::FRAME);
         let middle_across = (left + right) / 2.0;
@@ -130,7 +130,7 @@ impl Sheet {
     }
 
     /// Draws the box of the extents, marked along three of its edges.
-    pub(super) fn draw_box(&self, picture: &mut DisplayList, extents: &Extents) {
+    pub(crate) fn draw_box(&self, picture: &mut DisplayList, extents: &Extents) {
         let all = corners(extents).map(|corner| self.place(corner));
         // Corner numbers count X in bit 0, Y in bit 1, Z in bit 2.
         let edges = (0..8).flat_map(|from| [1, 2, 4].map(|bit| (from, from | bit))).filter(|(from, to)| from != to);
@@ -170,7 +170,7 @@ impl Sheet {
 
     /// Draws a bar of a round length up to `right`, next to a legend above `bottom` that ends at `legend_end`; above it
     /// where they would overlap.
-    pub(super) fn draw_scale_bar(&self, picture: &mut DisplayList, right: f32, bottom: f32, legend_end: f32) {
+    pub(crate) fn draw_scale_bar(&self, picture: &mut DisplayList, right: f32, bottom: f32, legend_end: f32) {
         let per_mm = f64::from(self.across.high_px - self.across.low_px) / (self.across.high - self.across.low);
         let length_mm = round_up(50.0 / per_mm);
         let label = format!("{} mm", fixed(length_mm, decimals(length_mm)));

@@ -35,13 +35,13 @@ impl Size {
     }
 
     /// Width and height of the finished drawing in pixels.
-    pub(super) fn in_pixels(self) -> [u32; 2] {
+    pub(crate) fn in_pixels(self) -> [u32; 2] {
         [self.width, self.height].map(u32::from)
     }
 
     /// Pixels of the finished drawing for one of its layout. A large drawing is a small one scaled up, so that letters
     /// are 9 pt high on a sheet of A4, whatever its size; unless it is too flat for that.
-    pub(super) fn scale(self) -> f32 {
+    pub(crate) fn scale(self) -> f32 {
         let [width, height] = [self.width, self.height].map(f32::from);
         (width / LAID_OUT[0]).min(height / LAID_OUT[1]).max(1.0)
     }
@@ -60,25 +60,25 @@ impl Size {
 }
 
 /// Point in pixels.
-pub(super) type Point = [f32; 2];
+pub(crate) type Point = [f32; 2];
 
 /// Colour: red, green, blue, opacity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Colour(pub(super) [u8; 4]);
+pub(crate) struct Colour(pub(crate) [u8; 4]);
 
 /// Style of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Pen {
-    pub(super) colour: Colour,
+pub(crate) struct Pen {
+    pub(crate) colour: Colour,
     /// Width in pixels.
-    pub(super) width: f32,
+    pub(crate) width: f32,
     /// Lengths in pixels of dash and gap.
-    pub(super) dash: Option<[f32; 2]>,
+    pub(crate) dash: Option<[f32; 2]>,
 }
 
 /// Point of a text that is at its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Anchor {
+pub(crate) enum Anchor {
     Left,
     Middle,
     Right,
@@ -86,21 +86,21 @@ pub(super) enum Anchor {
 
 /// Line of text, with its base line through `at`.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Text {
-    pub(super) at: Point,
-    pub(super) words: String,
+pub(crate) struct Text {
+    pub(crate) at: Point,
+    pub(crate) words: String,
     /// Size in pixels; a capital letter has 0.72 of that height.
-    pub(super) size: f32,
-    pub(super) anchor: Anchor,
-    pub(super) colour: Colour,
+    pub(crate) size: f32,
+    pub(crate) anchor: Anchor,
+    pub(crate) colour: Colour,
     /// Whether it runs upward instead of to the right.
-    pub(super) is_upward: bool,
-    pub(super) is_bold: bool,
+    pub(crate) is_upward: bool,
+    pub(crate) is_bold: bool,
 }
 
 /// Element of a drawing.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Item {
+pub(crate) enum Item {
     /// Lines with one pen; a translucent pen does not grow darker where they cross.
     Lines { lines: Vec<Vec<Point>>, pen: Pen },
     /// Filled polygon.
@@ -112,32 +112,32 @@ pub(super) enum Item {
 /// Finished drawing; [`DisplayList::to_svg`] and [`DisplayList::to_png`] write it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DisplayList {
-    pub(super) size: Size,
+    pub(crate) size: Size,
     /// Description of the drawing, for readers who do not see it.
-    pub(super) title: String,
-    pub(super) items: Vec<Item>,
+    pub(crate) title: String,
+    pub(crate) items: Vec<Item>,
 }
 
 impl DisplayList {
-    pub(super) fn new(size: Size, title: &str) -> Self {
+    pub(crate) fn new(size: Size, title: &str) -> Self {
         Self { size, title: title.to_owned(), items: Vec::new() }
     }
 
-    pub(super) fn lines(&mut self, lines: Vec<Vec<Point>>, pen: Pen) {
+    pub(crate) fn lines(&mut self, lines: Vec<Vec<Point>>, pen: Pen) {
         if !lines.is_empty() {
             self.items.push(Item::Lines { lines, pen });
         }
     }
 
-    pub(super) fn line(&mut self, from: Point, to: Point, pen: Pen) {
+    pub(crate) fn line(&mut self, from: Point, to: Point, pen: Pen) {
         self.lines(vec![vec![from, to]], pen);
     }
 
-    pub(super) fn area(&mut self, corners: &[Point], fill: Colour) {
+    pub(crate) fn area(&mut self, corners: &[Point], fill: Colour) {
         self.items.push(Item::Area { corners: corners.to_vec(), fill });
     }
 
-    pub(super) fn text(&mut self, text: Text) {
+    pub(crate) fn text(&mut self, text: Text) {
         self.items.push(Item::Text(text));
     }
 }
@@ -150,7 +150,7 @@ mod tests {
     fn letters_are_as_large_on_paper_whatever_the_size() {
         for (width, height) in [(800, 600), (1200, 900), (4800, 3600)] {
             let size = Size::pixels(width, height).expect("allowed");
-            let paper_mm = 210.0 * crate::plot::style::TICK_SIZE * size.scale() / width as f32;
+            let paper_mm = 210.0 * crate::style::TICK_SIZE * size.scale() / width as f32;
             // 9 pt are 3.175 mm; the size of a letter includes the space around it.
             assert!((3.1..3.2).contains(&paper_mm), "{width}: {paper_mm}");
         }

@@ -2,13 +2,13 @@
 //!
 //! Invariant: no point of the full line is farther than 0.3 pixels from the thinned one; ends always stay.
 
-use super::picture::Point;
+use crate::picture::Point;
 
 /// Maximum distance of a dropped point from the drawn line, and beyond its end, in pixels.
 const DEVIATION_PX: f32 = 0.15;
 
 /// Path in pixels without the points that a straight line between two others passes closely enough.
-pub(super) fn path(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
+pub(crate) fn path(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
     let mut points = points.into_iter();
     let Some(first) = points.next() else { return Vec::new() };
     let mut kept = vec![first];
@@ -77,7 +77,7 @@ impl Corridor {
 }
 
 /// Curve over growing x as it looks in columns of one pixel: the first, lowest, highest and last point of each.
-pub(super) fn curve(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
+pub(crate) fn curve(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
     let mut kept = Vec::new();
     let mut column: Option<Column> = None;
     for point in points {
