@@ -3,8 +3,8 @@
 //! Invariant: a campaign is one of the tests of the suite with more cases and a seed of its own; the suite runs a slice
 //! of it.
 
+use retrace_task_support::process;
 use std::path::Path;
-use std::process::Command;
 
 /// One campaign.
 pub(crate) struct Campaign {
@@ -142,11 +142,11 @@ pub(crate) fn run(root: &Path, campaign: &Campaign, full: bool, seed: u64) -> bo
     let [package, file, test] = campaign.test;
     let cases = if full { campaign.full } else { campaign.slice };
     println!("campaign {}: {} ({cases} cases, seed {seed})", campaign.name, campaign.purpose);
-    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.args(["test", "--release", "--package", package, "--test", file, "--", test, "--nocapture"]);
+    let arguments = ["test", "--release", "--package", package, "--test", file, "--", test, "--nocapture"];
+    let mut command = process::cargo(root, &arguments);
     let [count, first] = campaign.asked;
     command.env(count, cases.to_string()).env(first, seed.to_string()).env_remove("RETRACE_BIN");
-    match command.current_dir(root).status() {
+    match command.status() {
         Ok(status) => status.success(),
         Err(error) => {
             eprintln!("xtask: cargo could not be run: {error}");

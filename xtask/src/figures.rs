@@ -3,9 +3,10 @@
 //! Invariant: a picture that is not measured depends on this checkout alone, so that generating it again changes
 //! nothing.
 
+use retrace_task_support::process;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 /// Folder of the pictures.
 pub(crate) const FOLDER: &str = "docs/figures";
@@ -86,9 +87,8 @@ fn retrace(root: &Path, arguments: &[&str]) -> Result<(), String> {
 
 /// Output of `cargo run`.
 fn printed(root: &Path, arguments: &[&str]) -> Result<Vec<u8>, String> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut command = Command::new(cargo);
-    command.args(["run", "-q", "--release"]).args(arguments).current_dir(root).stdin(Stdio::null());
+    let mut command = process::cargo(root, &["run", "-q", "--release"]);
+    command.args(arguments).stdin(Stdio::null());
     let output = command.stderr(Stdio::inherit()).output().map_err(|error| format!("cargo cannot be run: {error}"))?;
     if output.status.success() { Ok(output.stdout) } else { Err(output.status.to_string()) }
 }

@@ -3,6 +3,7 @@
 //!
 //! Invariant: a missing tool is reported; our own cases need nothing but the tests.
 
+use retrace_task_support::process;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -20,11 +21,10 @@ const TARGETS: [&str; 3] = ["program", "tables", "cycle"];
 pub(crate) fn run(root: &Path, full: bool, seed: u64) -> bool {
     let seconds = OWN_SECONDS[usize::from(!full)];
     println!("campaign fuzz: {PURPOSE} ({seconds} s on two threads, seed {seed})");
-    let mut own = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    own.args(["test", "--release", "--package", "retrace-gcode", "--test", "testsuite"]);
+    let mut own = process::cargo(root, &["test", "--release", "--package", "retrace-gcode", "--test", "testsuite"]);
     own.args(["--", "--nocapture", "hostile::a_campaign_of_broken_programs"]);
     own.env("RETRACE_FUZZ_SECONDS", seconds.to_string()).env("RETRACE_FUZZ_SEED", seed.to_string());
-    let passed = succeeds(own.current_dir(root));
+    let passed = succeeds(&mut own);
     if !full {
         return passed;
     }

@@ -3,7 +3,6 @@
 //! Invariant: a task that cannot be executed says so and fails; no step reports a success that it has not observed.
 #![forbid(unsafe_code)]
 
-mod bench;
 mod campaign;
 mod figures;
 mod firmware;
@@ -11,9 +10,9 @@ mod fuzz;
 mod release;
 mod suite;
 mod tidy;
-mod tree;
-mod verify;
 
+use retrace_bench as bench;
+use retrace_verify as verify;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

@@ -2,7 +2,9 @@
 //!
 //! Invariant: a step passes only if its own process reports success; one that fails does not hide those after it.
 
-use crate::{firmware, tidy, verify};
+use crate::{firmware, tidy};
+use retrace_task_support::process;
+use retrace_verify as verify;
 use std::io::{BufRead, BufReader, Write};
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
@@ -72,7 +74,7 @@ fn tests(root: &Path) -> Outcome {
         Ok(binary) => binary,
         Err(remark) => return Outcome { passed: false, remark },
     };
-    let mut command = cargo_command(root, &["test", "--workspace", "--tests", "--no-fail-fast"]);
+    let mut command = process::cargo(root, &["test", "--workspace", "--tests", "--no-fail-fast"]);
     // the thread models are run and counted by the step `verify`
     command.args(["--exclude", "retrace-loom", "--exclude", "retrace-shuttle"]);
     // Many end-to-end tests wait for machine time: two at a time per processor.
@@ -96,47 +98,21 @@ fn firmware_step(root: &Path) -> Outcome {
 }
 
 fn doc_tests(root: &Path) -> Outcome {
-    count_tests(&mut cargo_command(root, &["test", "--workspace", "--doc", "--no-fail-fast"]))
+    count_tests(&mut process::cargo(root, &["test", "--workspace", "--doc", "--no-fail-fast"]))
 }
 
 fn rustdoc(root: &Path) -> Outcome {
-    ended(cargo_command(root, &["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))
+    ended(process::cargo(root, &["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))
 }
 
 /// Builds the `retrace` command in the tests' own profile, and returns where cargo put it.
 pub(crate) fn build_command(root: &Path) -> Result<PathBuf, String> {
-    build(root, &["build", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"])
-}
-
-/// Builds with cargo, and returns where it put the last executable.
-pub(crate) fn build(root: &Path, arguments: &[&str]) -> Result<PathBuf, String> {
-    build_with(&mut cargo_command(root, arguments))
-}
-
-/// Runs a build that reports in JSON, and returns where it put the last executable.
-pub(crate) fn build_with(command: &mut Command) -> Result<PathBuf, String> {
-    let output = command.stderr(Stdio::inherit()).output().map_err(|error| format!("cargo cannot be run: {error}"))?;
-    if !output.status.success() {
-        return Err("it does not build".to_owned());
-    }
-    let messages = String::from_utf8_lossy(&output.stdout);
-    executable(&messages).ok_or_else(|| "cargo did not say where it put the executable".to_owned())
-}
-
-/// The last executable that cargo's JSON messages name.
-fn executable(messages: &str) -> Option<PathBuf> {
-    let quoted = messages.lines().rev().find_map(|line| line.split_once("\"executable\":\"").map(|(_, rest)| rest))?;
-    Some(PathBuf::from(quoted.split('"').next()?.replace("\\\\", "\\")))
-}
-
-fn cargo_command(root: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.args(arguments).current_dir(root);
-    command
+    let arguments = ["build", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"];
+    process::build(&mut process::cargo(root, &arguments))
 }
 
 fn cargo(root: &Path, arguments: &[&str]) -> Outcome {
-    ended(&mut cargo_command(root, arguments))
+    ended(&mut process::cargo(root, arguments))
 }
 
 fn ended(command: &mut Command) -> Outcome {
@@ -206,14 +182,6 @@ mod tests {
         count.add("test tests::x ... ok");
         count.add("test result: FAILED. 1 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out; finished in 1.00s");
         assert_eq!(count, Count { passes: 13, failures: 2, ignored: 1 });
-    }
-
-    #[test]
-    fn the_command_is_where_cargo_says() {
-        let messages =
-            "{\"executable\":null}\n{\"executable\":\"x/target/debug/retrace\",\"fresh\":true}\n{\"success\":true}\n";
-        assert_eq!(executable(messages), Some(PathBuf::from("x/target/debug/retrace")));
-        assert_eq!(executable("{\"executable\":null}"), None);
     }
 
     #[test]

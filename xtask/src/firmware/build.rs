@@ -6,8 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::suite;
-use crate::verify::tools;
+use retrace_task_support::{process, tools};
 
 const TARGET: &str = "thumbv7em-none-eabihf";
 /// Installation of a compiler for the target.
@@ -81,12 +80,11 @@ impl Build {
         let features = self.features();
         // one folder per image, so that they are not confused
         let folder = target_folder(root).join("firmware");
-        let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-        command.current_dir(root.join("crates/firmware")).env("CARGO_TARGET_DIR", &folder);
-        command.args(["build", "--locked", "--release", "--target", TARGET, "--features", &features]);
-        command.args(["--message-format", "json-render-diagnostics"]);
+        let arguments = ["build", "--locked", "--release", "--target", TARGET, "--features", &features];
+        let mut command = process::cargo(&root.join("crates/firmware"), &arguments);
+        command.args(["--message-format", "json-render-diagnostics"]).env("CARGO_TARGET_DIR", &folder);
         compiler.prepare(&mut command);
-        let built = suite::build_with(&mut command).map_err(|reason| format!("firmware for {features}: {reason}"))?;
+        let built = process::build(&mut command).map_err(|reason| format!("firmware for {features}: {reason}"))?;
         let image = folder.join(format!("retrace-{}.elf", features.replace(',', "-")));
         std::fs::copy(&built, &image).map_err(|error| format!("{}: {error}", image.display()))?;
         Ok(image)

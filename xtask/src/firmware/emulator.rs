@@ -8,7 +8,7 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use crate::verify::tools;
+use retrace_task_support::tools;
 
 /// Installation of QEMU.
 const GET_QEMU: &str = "qemu-system-arm from your distribution, on PATH (docs/firmware.md)";

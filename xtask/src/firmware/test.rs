@@ -12,7 +12,7 @@ use super::elf::Image;
 use super::emulator::{self, Emulator};
 use super::sections;
 use crate::suite;
-use crate::verify::process;
+use retrace_task_support::process;
 
 /// Result of the test.
 pub(crate) struct Verdict {
@@ -74,8 +74,7 @@ pub(super) fn run(root: &Path) -> Verdict {
 
 /// Runs cargo in the firmware's workspace, for this machine.
 fn in_firmware(root: &Path, arguments: &[&str]) -> Result<bool, String> {
-    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.args(arguments).current_dir(root.join("crates/firmware"));
+    let mut command = process::cargo(&root.join("crates/firmware"), arguments);
     command.env("CARGO_TARGET_DIR", build::target_folder(root).join("firmware"));
     let status = command.status().map_err(|error| format!("cargo cannot be run: {error}"))?;
     Ok(status.success())

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::tidy::book_pages;
-use crate::tree::Tree;
+use retrace_task_support::tree::Tree;
 
 /// Pages of the book that mdBook makes from the others, or for itself.
 const NOT_CHECKED: [&str; 3] = ["404.html", "print.html", "toc.html"];

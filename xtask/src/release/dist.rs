@@ -9,6 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use retrace_task_support::process::{self, cargo};
 use serde_json::Value;
 
 use crate::suite;
@@ -82,8 +83,7 @@ fn is_installed(target: &str) -> Result<bool, String> {
 /// Builds the command for a target.
 fn binary(root: &Path, target: &str) -> Result<PathBuf, String> {
     println!("dist: building for {target}");
-    let mut command = super::cargo(root);
-    command.args(["build", "--release", "--locked", "--package", "retrace-cli", "--target", target]);
+    let mut command = cargo(root, &["build", "--release", "--locked", "--package", "retrace-cli", "--target", target]);
     command.args(["--message-format", "json-render-diagnostics"]);
     command.env("CARGO_PROFILE_RELEASE_STRIP", "debuginfo").env("RUSTFLAGS", path_flags(root));
     // rustc's own linker links for the other processor, too
@@ -92,7 +92,7 @@ fn binary(root: &Path, target: &str) -> Result<PathBuf, String> {
     {
         command.env(variable, "rust-lld");
     }
-    suite::build_with(&mut command)
+    process::build(&mut command)
 }
 
 /// Flags that keep paths of this computer out of the binary.
@@ -122,15 +122,14 @@ fn write_texts(root: &Path, texts: &Path) -> Result<(), String> {
 
 /// The licences of everything that is linked into the command, with their texts.
 fn third_party(root: &Path) -> Result<String, String> {
-    let mut tree = super::cargo(root);
-    tree.args(["tree", "--locked", "--package", "retrace-cli", "--edges", "normal", "--prefix", "none"]);
+    let mut tree =
+        cargo(root, &["tree", "--locked", "--package", "retrace-cli", "--edges", "normal", "--prefix", "none"]);
     let linked = output(tree.args(["--target", STATIC_TARGETS[0], "--format", "{p}"]))?;
     // `name v1.2.3 (proc-macro)`
     let linked: BTreeSet<(&str, &str)> = linked.lines().filter_map(|line| line.split_once(" v")).collect();
     let linked: BTreeSet<_> =
         linked.into_iter().map(|(name, version)| (name, version.split(' ').next().unwrap_or_default())).collect();
-    let mut metadata = super::cargo(root);
-    let metadata = output(metadata.args(["metadata", "--format-version", "1", "--locked"]))?;
+    let metadata = output(&mut cargo(root, &["metadata", "--format-version", "1", "--locked"]))?;
     let metadata: Value = serde_json::from_str(&metadata).map_err(|error| format!("cargo metadata: {error}"))?;
     let mut text = String::from(
         "Libraries in the binary `retrace`, and the macros that generated parts of it, with their licences. Each one is used unchanged; its source is at https://crates.io/crates/NAME/VERSION.\n",

@@ -4,6 +4,7 @@
 
 use std::path::Path;
 
+use retrace_task_support::process::cargo;
 use serde_json::Value;
 
 /// Checks the licences and says whether all are allowed.
@@ -30,8 +31,7 @@ fn check(root: &Path) -> Result<(), String> {
 
 /// The packages that a manifest's lock file names, each with its licence expression.
 fn packages(root: &Path, manifest: &str) -> Result<Vec<(String, String)>, String> {
-    let mut command = super::cargo(root);
-    command.args(["metadata", "--format-version", "1", "--locked", "--manifest-path", manifest]);
+    let mut command = cargo(root, &["metadata", "--format-version", "1", "--locked", "--manifest-path", manifest]);
     let output = command.output().map_err(|error| format!("cargo cannot be run: {error}"))?;
     if !output.status.success() {
         return Err(format!("cargo metadata: {}", String::from_utf8_lossy(&output.stderr).trim()));

@@ -7,7 +7,6 @@ pub(crate) mod dist;
 pub(crate) mod licences;
 pub(crate) mod package;
 
-use std::path::Path;
 use std::process::Command;
 
 /// Runs a command and says whether it succeeded; a command that cannot be run is reported.
@@ -19,13 +18,6 @@ fn succeeds(command: &mut Command) -> bool {
             false
         }
     }
-}
-
-/// Cargo at the root of the checkout.
-fn cargo(root: &Path) -> Command {
-    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.current_dir(root);
-    command
 }
 
 /// Reports the reason of a failure; true without one.

@@ -9,10 +9,19 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::tree;
+use retrace_task_support::{process::cargo, tree};
 
 /// Packages that are never published.
-const INTERNAL: [&str; 5] = ["xtask", "retrace-tests", "retrace-verification", "retrace-loom", "retrace-shuttle"];
+const INTERNAL: [&str; 8] = [
+    "xtask",
+    "retrace-task-support",
+    "retrace-bench",
+    "retrace-tests",
+    "retrace-verification",
+    "retrace-verify",
+    "retrace-loom",
+    "retrace-shuttle",
+];
 
 /// Packages everything and says whether that went well.
 pub(crate) fn run(root: &Path) -> bool {
@@ -20,8 +29,7 @@ pub(crate) fn run(root: &Path) -> bool {
 }
 
 fn package(root: &Path) -> Result<(), String> {
-    let mut metadata = super::cargo(root);
-    metadata.args(["metadata", "--format-version", "1", "--locked", "--no-deps"]);
+    let mut metadata = cargo(root, &["metadata", "--format-version", "1", "--locked", "--no-deps"]);
     let metadata = metadata.output().map_err(|error| format!("cargo cannot be run: {error}"))?;
     let metadata: Value =
         serde_json::from_slice(&metadata.stdout).map_err(|error| format!("cargo metadata: {error}"))?;
@@ -36,8 +44,7 @@ fn package(root: &Path) -> Result<(), String> {
     let text = std::fs::read_to_string(&manifest).map_err(|error| format!("Cargo.toml: {error}"))?;
     let open = text.replacen("\npublish = false\n", "\npublish = true\n", 1);
     std::fs::write(&manifest, open).map_err(|error| format!("{}: {error}", manifest.display()))?;
-    let mut command = super::cargo(&copy);
-    command.args(["package", "--workspace", "--no-verify", "--allow-dirty", "--locked"]);
+    let mut command = cargo(&copy, &["package", "--workspace", "--no-verify", "--allow-dirty", "--locked"]);
     command.args(INTERNAL.iter().flat_map(|name| ["--exclude", name]));
     // beside the copy: a copy holds nothing but the files of the checkout
     let target = root.join("target/packages");

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::Finding;
 use super::links::{resolved, targets};
-use crate::tree::Tree;
+use retrace_task_support::tree::Tree;
 
 /// The book's table of contents.
 pub(crate) const SUMMARY: &str = "docs/SUMMARY.md";

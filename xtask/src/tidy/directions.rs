@@ -3,7 +3,7 @@
 //! Invariant: a member of the workspace that has no row here is refused, so that the table stays whole.
 
 use super::Finding;
-use crate::tree::Tree;
+use retrace_task_support::tree::Tree;
 
 /// One crate, and the crates of this workspace that it may use.
 struct Arrows {
@@ -55,7 +55,10 @@ const ARROWS: &[Arrows] = &[
     arrows("verification/shuttle/Cargo.toml", &["core"]),
     // The end-to-end tests see the command alone, so that they judge it with nothing of its own.
     arrows("tests/Cargo.toml", &[]),
-    arrows("xtask/Cargo.toml", &[]),
+    arrows("bench/Cargo.toml", &["task-support"]),
+    arrows("verification/engines/Cargo.toml", &["task-support"]),
+    arrows("xtask/Cargo.toml", &["bench", "verify", "task-support"]),
+    arrows("xtask/support/Cargo.toml", &[]),
 ];
 
 const OURS: &str = "retrace-";

@@ -3,7 +3,7 @@
 //! Invariant: a number stands once in the table.
 
 use super::Finding;
-use crate::tree::{Tree, is_test_file, lines_before_tests};
+use retrace_task_support::tree::{Tree, is_test_file, lines_before_tests};
 use std::collections::BTreeMap;
 
 const TABLE: &str = "docs/errors.md";

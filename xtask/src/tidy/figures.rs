@@ -2,7 +2,7 @@
 
 use super::Finding;
 use crate::figures::{FIGURES, FOLDER};
-use crate::tree::Tree;
+use retrace_task_support::tree::Tree;
 
 pub(super) fn find(tree: &Tree) -> Vec<Finding> {
     let names: Vec<&str> = FIGURES.iter().map(|figure| figure.file).collect();

@@ -1,7 +1,7 @@
 //! Every relative link in Markdown leads to a file or folder of the tree.
 
 use super::Finding;
-use crate::tree::Tree;
+use retrace_task_support::tree::Tree;
 
 pub(super) fn find(tree: &Tree) -> Vec<Finding> {
     let mut findings = Vec::new();

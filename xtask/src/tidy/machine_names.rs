@@ -1,7 +1,7 @@
 //! No path or host of one machine is in the tree: a clone must mean the same everywhere.
 
 use super::Finding;
-use crate::tree::{Tree, is_word};
+use retrace_task_support::tree::{Tree, is_word};
 
 /// Folders of a machine, in parts, so that this file does not offend.
 const FOLDERS: &[&str] = &["work", "root", "tmp", "home", "Users"];

@@ -14,7 +14,7 @@ mod requirements;
 mod sizes;
 mod unsafe_code;
 
-use crate::tree::Tree;
+use retrace_task_support::tree::Tree;
 use std::path::Path;
 
 /// What a check has to say of one place.

@@ -1,7 +1,7 @@
 //! Every Rust file opens with `//!`: what its one job is.
 
 use super::Finding;
-use crate::tree::Tree;
+use retrace_task_support::tree::Tree;
 
 pub(super) fn find(tree: &Tree) -> Vec<Finding> {
     tree.rust()

@@ -4,10 +4,10 @@
 //! *new file*, the reader is to create it.
 
 use super::Finding;
-use crate::tree::Tree;
+use retrace_task_support::tree::Tree;
 
 /// The folders that such a path begins with.
-const FOLDERS: &[&str] = &["crates/", "dist/", "docs/", "examples/", "tests/", "verification/", "xtask/"];
+const FOLDERS: &[&str] = &["bench/", "crates/", "dist/", "docs/", "examples/", "tests/", "verification/", "xtask/"];
 
 pub(super) fn find(tree: &Tree) -> Vec<Finding> {
     let mut findings = Vec::new();

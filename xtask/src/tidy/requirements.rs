@@ -5,7 +5,7 @@
 //! as links.
 
 use super::Finding;
-use crate::tree::{Tree, is_word};
+use retrace_task_support::tree::{Tree, is_word};
 
 /// The page that lists every requirement.
 const PAGE: &str = "docs/requirements.md";
@@ -26,7 +26,7 @@ const SERIES: &[Series] = &[
     Series { name: "SHP", last: 37 },
 ];
 /// The folders that a path on the page begins with.
-const FOLDERS: &[&str] = &["crates/", "docs/", "examples/", "tests/", "verification/", "xtask/"];
+const FOLDERS: &[&str] = &["bench/", "crates/", "docs/", "examples/", "tests/", "verification/", "xtask/"];
 
 /// A series of requirements.
 #[derive(Clone, Copy)]

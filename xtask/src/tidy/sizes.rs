@@ -1,7 +1,7 @@
 //! A file stays short enough to be one noun; its unit tests are not counted.
 
 use super::Finding;
-use crate::tree::{Tree, is_test_file, lines_before_tests};
+use retrace_task_support::tree::{Tree, is_test_file, lines_before_tests};
 
 /// Lines from which a file is shown.
 const LONG: usize = 400;

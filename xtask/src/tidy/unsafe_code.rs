@@ -2,7 +2,7 @@
 //! every other crate.
 
 use super::Finding;
-use crate::tree::{Tree, code_only, words};
+use retrace_task_support::tree::{Tree, code_only, words};
 
 /// The files that may hold unsafe code: the ring, whose cells two threads share, and the one module of the firmware
 /// that turns addresses into registers, which no safe code can do; everything above it is safe.

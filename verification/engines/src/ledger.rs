@@ -27,7 +27,7 @@ const FROM_CODE: [&str; 10] =
 const CHEAP: f64 = 80.0;
 
 /// Results of a run.
-pub(super) fn of_run(
+pub(crate) fn of_run(
     job: &Job<'_>,
     outcomes: &[Outcome],
     absent: &[NotRun],
@@ -118,7 +118,7 @@ fn status(row: &Row, own: &[&Outcome]) -> String {
 }
 
 /// Writes the ledger of this run, and returns whether the committed one still matches the code.
-pub(super) fn keep(job: &Job<'_>, all: &[Row], book: &Value, is_full: bool) -> bool {
+pub(crate) fn keep(job: &Job<'_>, all: &[Row], book: &Value, is_full: bool) -> bool {
     let folder = job.folder.clone();
     let [page_path, book_path] = if is_full {
         [PAGE, BOOK].map(|path| job.root.join(path))
@@ -186,7 +186,7 @@ fn differences(book: &Value, all: &[Row]) -> Vec<String> {
 
 /// The harnesses that CBMC proves in a quick run: the cheapest by the committed ledger, as far as the time goes.
 /// `None` where there is no ledger.
-pub(super) fn cheap(root: &Path) -> Option<BTreeSet<String>> {
+pub(crate) fn cheap(root: &Path) -> Option<BTreeSet<String>> {
     read(root).map(|book| cheapest(&book))
 }
 
@@ -254,7 +254,7 @@ fn date(day: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verify::rows::tests::sample;
+    use crate::rows::tests::sample;
 
     fn outcome(engine: Engine, check: &str, verdict: Verdict) -> Outcome {
         Outcome { engine, check: check.into(), verdict, words: "w".into(), seconds: 1.25 }

@@ -6,11 +6,11 @@
 use super::Job;
 use super::cbmc::{self, Proof};
 use super::outcome::{Engine, Outcome, Verdict};
-use super::process::{self, Ended};
 use super::rows::Mutant;
 use super::tools::CbmcTools;
 use super::{native, threads};
-use crate::tree;
+use retrace_task_support::process::{self, Ended};
+use retrace_task_support::tree;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -42,7 +42,7 @@ struct Copy {
 }
 
 /// Runs the mutants of the rows against their killers; a quick run takes the first of each row.
-pub(super) fn run(job: &Job<'_>) {
+pub(crate) fn run(job: &Job<'_>) {
     let trials = trials(job);
     let (models, natives) = trials.into_iter().partition::<VecDeque<_>, _>(|trial| trial.killer != Killer::Native);
     let (models, natives) = (Mutex::new(models), Mutex::new(natives));
@@ -76,7 +76,7 @@ pub(super) fn run(job: &Job<'_>) {
 }
 
 /// Runs the mutants whose killer is a harness under CBMC, which must refute that harness.
-pub(super) fn run_cbmc(job: &Job<'_>, tools: &CbmcTools) {
+pub(crate) fn run_cbmc(job: &Job<'_>, tools: &CbmcTools) {
     let harnesses = job.rows.iter().flat_map(|row| &row.harnesses);
     let unwinds: Vec<(&str, u64)> = harnesses.map(|harness| (harness.name.as_str(), harness.unwind)).collect();
     let mutants = job.rows.iter().flat_map(|row| &row.mutants);

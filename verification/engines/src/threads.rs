@@ -4,24 +4,24 @@
 
 use super::Job;
 use super::outcome::{Engine, Outcome, Verdict};
-use super::process;
+use retrace_task_support::process;
 use std::path::Path;
 use std::time::Duration;
 
 const LIMIT: Duration = Duration::from_secs(3600);
 
 /// The folder and the package of an engine's models.
-pub(super) fn package(engine: Engine) -> (String, String) {
+pub(crate) fn package(engine: Engine) -> (String, String) {
     (format!("verification/{}", engine.name()), format!("retrace-{}", engine.name()))
 }
 
 /// Whether there are models for this engine.
-pub(super) fn is_there(root: &Path, engine: Engine) -> bool {
+pub(crate) fn is_there(root: &Path, engine: Engine) -> bool {
     root.join(package(engine).0).join("Cargo.toml").is_file()
 }
 
 /// Runs the models of one engine.
-pub(super) fn run(job: &Job<'_>, engine: Engine) {
+pub(crate) fn run(job: &Job<'_>, engine: Engine) {
     let models = job.rows.iter().flat_map(|row| &row.models).filter(|model| model.engine == engine.name());
     let tests: Vec<&str> = models.map(|model| model.test.as_str()).collect();
     if tests.is_empty() && job.is_slice {
@@ -62,7 +62,7 @@ pub(super) fn run(job: &Job<'_>, engine: Engine) {
 }
 
 /// Whether a row's name means this test: by its path, by the end of it, or by its module.
-pub(super) fn is_meant(path: &str, test: &str) -> bool {
+pub(crate) fn is_meant(path: &str, test: &str) -> bool {
     path == test || path.ends_with(&format!("::{test}")) || path.starts_with(&format!("{test}::"))
 }
 
@@ -104,7 +104,7 @@ fn results(output: &str, engine: Engine) -> Vec<Outcome> {
 }
 
 /// Whether one of several tests failed, and its message.
-pub(super) fn one_result(output: &str, engine: Engine) -> Option<(bool, String)> {
+pub(crate) fn one_result(output: &str, engine: Engine) -> Option<(bool, String)> {
     let seen = results(output, engine);
     let outcome = seen.iter().find(|outcome| outcome.verdict == Verdict::Failed).or(seen.first())?;
     Some((outcome.verdict == Verdict::Failed, outcome.words.clone()))

@@ -3,7 +3,7 @@
 //! Invariant: the bytes are generated while they are read, so that the whole program is never in memory.
 
 use super::generate;
-use super::process::Measured;
+use super::measured::Measured;
 use std::path::Path;
 
 /// Result of feeding `retrace canon -`.

@@ -8,7 +8,7 @@ use std::process::Command;
 
 /// Text files by path.
 #[derive(Default)]
-pub(crate) struct Tree {
+pub struct Tree {
     files: BTreeMap<String, Option<String>>,
 }
 
@@ -17,7 +17,7 @@ impl Tree {
     ///
     /// # Errors
     /// Where git cannot be run, or does not know this folder.
-    pub(crate) fn read(root: &Path) -> Result<Self, String> {
+    pub fn read(root: &Path) -> Result<Self, String> {
         let mut tree = Self::default();
         for path in listed(root)? {
             let Ok(bytes) = std::fs::read(root.join(&path)) else { continue };
@@ -27,38 +27,37 @@ impl Tree {
     }
 
     /// A tree of these files, for tests of the checks.
-    #[cfg(test)]
-    pub(crate) fn of(files: &[(&str, &str)]) -> Self {
+    pub fn of(files: &[(&str, &str)]) -> Self {
         Self { files: files.iter().map(|(path, text)| ((*path).to_owned(), Some((*text).to_owned()))).collect() }
     }
 
     /// Every text file: path and text.
-    pub(crate) fn texts(&self) -> impl Iterator<Item = (&str, &str)> {
+    pub fn texts(&self) -> impl Iterator<Item = (&str, &str)> {
         self.files.iter().filter_map(|(path, text)| Some((path.as_str(), text.as_deref()?)))
     }
 
     /// The path of every file, of any kind.
-    pub(crate) fn paths(&self) -> impl Iterator<Item = &str> {
+    pub fn paths(&self) -> impl Iterator<Item = &str> {
         self.files.keys().map(String::as_str)
     }
 
     /// Every Rust file: path and text.
-    pub(crate) fn rust(&self) -> impl Iterator<Item = (&str, &str)> {
+    pub fn rust(&self) -> impl Iterator<Item = (&str, &str)> {
         self.texts().filter(|(path, _)| path.ends_with(".rs"))
     }
 
     /// The text of one file.
-    pub(crate) fn text(&self, path: &str) -> Option<&str> {
+    pub fn text(&self, path: &str) -> Option<&str> {
         self.files.get(path)?.as_deref()
     }
 
     /// Whether such a file exists, of any kind.
-    pub(crate) fn has_file(&self, path: &str) -> bool {
+    pub fn has_file(&self, path: &str) -> bool {
         self.files.contains_key(path)
     }
 
     /// Whether such a file (of any kind) exists, or a folder that contains one.
-    pub(crate) fn has(&self, path: &str) -> bool {
+    pub fn has(&self, path: &str) -> bool {
         let folder = format!("{path}/");
         path.is_empty()
             || self.files.contains_key(path)
@@ -85,7 +84,7 @@ fn listed(root: &Path) -> Result<Vec<String>, String> {
 ///
 /// # Errors
 /// Where git or the file system refuses.
-pub(crate) fn mirror(root: &Path, copy: &Path) -> Result<(), String> {
+pub fn mirror(root: &Path, copy: &Path) -> Result<(), String> {
     let paths = listed(root)?;
     remove_others(copy, "", &paths)?;
     for path in &paths {
@@ -116,7 +115,7 @@ fn remove_others(copy: &Path, folder: &str, listed: &[String]) -> Result<(), Str
 }
 
 /// The lines before the unit tests: up to `#[cfg(test)]` on a module.
-pub(crate) fn lines_before_tests(text: &str) -> usize {
+pub fn lines_before_tests(text: &str) -> usize {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let opens_tests = |at: usize| {
         lines[at] == "#[cfg(test)]"
@@ -129,14 +128,14 @@ pub(crate) fn lines_before_tests(text: &str) -> usize {
 }
 
 /// Whether this file contains only tests.
-pub(crate) fn is_test_file(path: &str) -> bool {
+pub fn is_test_file(path: &str) -> bool {
     path.ends_with("/tests.rs") || path.starts_with("tests/tests/") || path.contains("/src/tests/") || {
         path.starts_with("crates/") && path.contains("/tests/")
     }
 }
 
 /// Rust text with comments, strings and characters blanked; line breaks and columns stay.
-pub(crate) fn code_only(text: &str) -> String {
+pub fn code_only(text: &str) -> String {
     let bytes = text.as_bytes();
     let mut code = bytes.to_vec();
     let mut at = 0;
@@ -217,12 +216,12 @@ fn block_comment_length(rest: &[u8]) -> usize {
 }
 
 /// Whether this byte may be part of a Rust word.
-pub(crate) fn is_word(byte: u8) -> bool {
+pub fn is_word(byte: u8) -> bool {
     byte.is_ascii_alphanumeric() || byte == b'_' || byte >= 0x80
 }
 
 /// The places at which `word` stands alone in `line`, not as a part of a longer word.
-pub(crate) fn words<'a>(line: &'a str, word: &'a str) -> impl Iterator<Item = usize> + 'a {
+pub fn words<'a>(line: &'a str, word: &'a str) -> impl Iterator<Item = usize> + 'a {
     line.match_indices(word).map(|(at, _)| at).filter(move |&at| {
         let bytes = line.as_bytes();
         (at == 0 || !is_word(bytes[at - 1])) && bytes.get(at + word.len()).is_none_or(|&byte| !is_word(byte))
@@ -252,7 +251,7 @@ mod tests {
     #[test]
     fn a_mirror_holds_the_same_files_and_no_others() {
         let here = std::env::current_dir().unwrap();
-        let root = here.parent().unwrap();
+        let root = here.ancestors().nth(2).unwrap();
         let copy = std::env::temp_dir().join(format!("retrace-xtask-mirror-{}", std::process::id()));
         std::fs::create_dir_all(copy.join("xtask")).unwrap();
         std::fs::write(copy.join("xtask/left-over.rs"), "x").unwrap();

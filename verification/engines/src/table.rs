@@ -11,7 +11,7 @@ const COLUMNS: [Engine; 7] =
     [Engine::Native, Engine::Cbmc, Engine::Kani, Engine::Loom, Engine::Shuttle, Engine::Mutants, Engine::CbmcMutants];
 
 /// Names the engines that do not run, and how to get them.
-pub(super) fn not_run(absent: &[NotRun]) {
+pub(crate) fn not_run(absent: &[NotRun]) {
     for NotRun { engine, why, how } in absent {
         let how = if how.is_empty() { String::new() } else { format!("; to get it: {how}") };
         println!("NOT RUN  {}: {why}{how}", engine.name());
@@ -19,7 +19,7 @@ pub(super) fn not_run(absent: &[NotRun]) {
 }
 
 /// The engines, the rows and their checks.
-pub(super) fn list(rows: &[Row]) {
+pub(crate) fn list(rows: &[Row]) {
     for engine in Engine::ALL {
         println!("engine {:<12} {}", engine.name(), engine.purpose());
     }
@@ -36,7 +36,7 @@ pub(super) fn list(rows: &[Row]) {
 }
 
 /// The table at the end, the failures, and again what did not run.
-pub(super) fn result(rows: &[Row], outcomes: &[Outcome], absent: &[NotRun]) {
+pub(crate) fn result(rows: &[Row], outcomes: &[Outcome], absent: &[NotRun]) {
     let heads = COLUMNS.map(Engine::name);
     println!(
         "\n{:<20} {:>8} {:>9} {:>8} {:>8} {:>8} {:>8} {:>13} {:>8}",
@@ -59,7 +59,7 @@ pub(super) fn result(rows: &[Row], outcomes: &[Outcome], absent: &[NotRun]) {
 }
 
 /// Number of checks of a row for an engine.
-pub(super) fn size(row: &Row, engine: Engine) -> usize {
+pub(crate) fn size(row: &Row, engine: Engine) -> usize {
     match engine {
         Engine::Native => row.native_checks().count(),
         Engine::Cbmc => row.harnesses.len(),
@@ -93,7 +93,7 @@ fn cell(row: &Row, engine: Engine, own: &[&Outcome], absent: &[NotRun]) -> Strin
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verify::rows::tests::sample;
+    use crate::rows::tests::sample;
 
     #[test]
     fn a_cell_counts_what_ran_and_says_what_did_not() {

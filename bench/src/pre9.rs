@@ -5,9 +5,10 @@
 
 use super::chart::{self, Panel};
 use super::circumstances;
+use retrace_task_support::process::cargo;
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 /// The measured programs: their names in the example, and the quantity that grows in them.
 const SERIES: [(&str, &str); 3] =
@@ -35,9 +36,8 @@ pub(super) fn run(root: &Path, _full: bool) -> Result<bool, String> {
 }
 
 fn measured(root: &Path) -> Result<Vec<Row>, String> {
-    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.args(["run", "--quiet", "--release", "--package", "retrace-gcode", "--example", "pre9"]);
-    let output = command.current_dir(root).stderr(Stdio::inherit()).output();
+    let arguments = ["run", "--quiet", "--release", "--package", "retrace-gcode", "--example", "pre9"];
+    let output = cargo(root, &arguments).stderr(Stdio::inherit()).output();
     let output = output.map_err(|error| format!("cargo cannot be run: {error}"))?;
     if !output.status.success() {
         return Err(format!("the example `pre9`: {}", output.status));
@@ -99,7 +99,7 @@ fn page(root: &Path, rows: &[Row]) -> String {
     }
     let at = |series: &str, share| rows.iter().find(|row| row.series == series && row.share == share);
     if let (Some(cycles), Some(jumps)) = (at("cycles", 50), at("jumps", 50)) {
-        let idle = super::process::median(
+        let idle = super::measured::median(
             rows.iter().filter(|row| row.share == 0).map(|row| row.taken[2] / row.taken[0]).collect(),
         );
         let _ = writeln!(

@@ -2,6 +2,7 @@
 //!
 //! Invariant: the search for an engine starts nothing that could download one.
 
+use retrace_task_support::tools::{home, linker, on_path, program, said, sysroot, toolbox, variable};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -89,23 +90,6 @@ pub(crate) fn rustc_version() -> String {
     said(Command::new("rustc").arg("--version")).unwrap_or_else(|| "unknown".into())
 }
 
-/// The folder of optional tools, if there is one.
-pub(crate) fn toolbox() -> Option<PathBuf> {
-    let cache = || variable("XDG_CACHE_HOME").or_else(|| Some(home()?.join(".cache")));
-    let folder = variable("RETRACE_TOOLBOX").or_else(|| Some(cache()?.join("retrace-toolbox")))?;
-    folder.is_dir().then_some(folder)
-}
-
-/// A program by its name, on PATH or in the toolbox.
-pub(crate) fn program(name: &str) -> Option<PathBuf> {
-    on_path(name).or_else(|| Some(toolbox()?.join("bin").join(name)).filter(|path| path.is_file()))
-}
-
-fn on_path(name: &str) -> Option<PathBuf> {
-    let path = std::env::var_os("PATH")?;
-    std::env::split_paths(&path).map(|folder| folder.join(name)).find(|file| file.is_file())
-}
-
 fn wabt_include() -> Option<PathBuf> {
     let own = variable("RETRACE_WABT_INCLUDE");
     let in_toolbox = toolbox().map(|folder| folder.join("wabt/usr/include"));
@@ -129,33 +113,6 @@ fn cross_rustc() -> Option<(PathBuf, Option<PathBuf>)> {
 
 fn toolbox_core() -> Option<PathBuf> {
     Some(toolbox()?.join("core").join(WASM)).filter(|folder| folder.is_dir())
-}
-
-/// rust-lld of the toolchain.
-pub(crate) fn linker() -> Option<PathBuf> {
-    let verbose = said(Command::new("rustc").arg("-vV"))?;
-    let host = verbose.lines().find_map(|line| line.strip_prefix("host: "))?;
-    let linker = sysroot()?.join("lib/rustlib").join(host).join("bin/rust-lld");
-    linker.is_file().then_some(linker)
-}
-
-/// The folder of the toolchain.
-pub(crate) fn sysroot() -> Option<PathBuf> {
-    said(Command::new("rustc").args(["--print", "sysroot"])).map(PathBuf::from)
-}
-
-fn said(command: &mut Command) -> Option<String> {
-    let output = command.output().ok().filter(|output| output.status.success())?;
-    Some(String::from_utf8_lossy(&output.stdout).trim().to_owned())
-}
-
-/// A variable of the environment that names a path, if it is set.
-pub(crate) fn variable(name: &str) -> Option<PathBuf> {
-    std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from)
-}
-
-fn home() -> Option<PathBuf> {
-    variable("HOME")
 }
 
 #[cfg(test)]

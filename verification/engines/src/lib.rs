@@ -2,6 +2,7 @@
 //!
 //! Invariant: nothing is called proved that CBMC or Kani did not prove in this run; a missing engine is named first and
 //! last.
+#![forbid(unsafe_code)]
 
 mod cbmc;
 mod kani;
@@ -11,16 +12,16 @@ mod native;
 mod options;
 mod outcome;
 mod page;
-pub(crate) mod process;
 mod rows;
 mod stub;
 mod table;
 mod threads;
-pub(crate) mod tools;
+mod tools;
 
-pub(crate) use options::Options;
+pub use options::Options;
 
 use outcome::{Engine, Log, Verdict};
+use retrace_task_support::process;
 use rows::Row;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -49,16 +50,18 @@ struct NotRun {
 }
 
 /// Result of a run.
-pub(crate) struct Summary {
-    pub(crate) passed: bool,
-    pub(crate) remark: String,
+pub struct Summary {
+    /// Whether nothing failed and no required engine was absent.
+    pub passed: bool,
+    /// One line for the table of results.
+    pub remark: String,
 }
 
 /// Runs what the options request.
 ///
 /// # Errors
 /// Where a word of the options names nothing.
-pub(crate) fn run(root: &Path, options: &Options) -> Result<Summary, String> {
+pub fn run(root: &Path, options: &Options) -> Result<Summary, String> {
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), PathBuf::from);
     let folder = root.join(target).join("verify");
     let broken = |reason: String| {

@@ -1,29 +1,33 @@
 //! `cargo xtask bench`: time and memory of the command, compared with other programs and with its goals.
 //!
 //! Invariant: a figure is the median of runs of this call; what could not be run has no figure and is reported.
+#![forbid(unsafe_code)]
 
 mod chart;
 mod generate;
 mod legality;
+mod measured;
 mod motion;
 mod peers;
 mod pre9;
-mod process;
 mod programs;
 mod stream;
 
+use retrace_task_support::process::{build, cargo};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// One group of measurements.
-pub(crate) struct Bench {
-    pub(crate) name: &'static str,
-    pub(crate) purpose: &'static str,
+pub struct Bench {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// What it measures and which page it writes.
+    pub purpose: &'static str,
     run: fn(&Path, bool) -> Result<bool, String>,
 }
 
 /// Every group.
-pub(crate) const BENCHES: &[Bench] = &[
+pub const BENCHES: &[Bench] = &[
     Bench {
         name: "programs",
         purpose: "decoding compared with rs274, over program length, and from standard input; writes docs/bench-programs.md",
@@ -42,7 +46,7 @@ pub(crate) const BENCHES: &[Bench] = &[
 ];
 
 /// Runs a group and returns whether all was measured; `full` takes the full sizes.
-pub(crate) fn run(root: &Path, bench: &Bench, full: bool) -> bool {
+pub fn run(root: &Path, bench: &Bench, full: bool) -> bool {
     match (bench.run)(root, full) {
         Ok(passed) => passed,
         Err(reason) => {
@@ -55,7 +59,7 @@ pub(crate) fn run(root: &Path, bench: &Bench, full: bool) -> bool {
 /// Builds the command with all optimisation, and returns where cargo put it.
 fn build_command(root: &Path) -> Result<PathBuf, String> {
     let arguments = ["build", "--release", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"];
-    crate::suite::build(root, &arguments)
+    build(&mut cargo(root, &arguments))
 }
 
 /// A folder for the measured files, next to the command.

@@ -6,7 +6,7 @@ use serde_json::Value;
 use std::fmt::Write;
 
 /// The page of a ledger.
-pub(super) fn render(book: &Value) -> String {
+pub(crate) fn render(book: &Value) -> String {
     let mut page = String::new();
     head(&mut page, book);
     let rows = book["rows"].as_array().map_or(&[][..], Vec::as_slice);

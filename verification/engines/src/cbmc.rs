@@ -4,8 +4,8 @@
 
 use super::Job;
 use super::outcome::{Engine, Outcome, Verdict};
-use super::process::{self, Ended};
 use super::tools::CbmcTools;
+use retrace_task_support::process::{self, Ended};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -33,7 +33,7 @@ const TYPED: [(&str, &str); 2] = [
 ];
 
 /// The harnesses, compiled.
-pub(super) struct Harnesses {
+pub(crate) struct Harnesses {
     folder: PathBuf,
 }
 
@@ -47,7 +47,7 @@ struct Module {
 }
 
 /// Proves every harness of the rows that `wanted` lets through, two at a time.
-pub(super) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> bool) {
+pub(crate) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> bool) {
     let compiled = match build(job.root, tools, &job.folder.join("cbmc")) {
         Ok(compiled) => compiled,
         Err(reason) => return job.log.broken(Engine::Cbmc, reason),
@@ -81,7 +81,7 @@ pub(super) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> boo
 ///
 /// # Errors
 /// Where the compiler does not succeed.
-pub(super) fn build(root: &Path, tools: &CbmcTools, folder: &Path) -> Result<Harnesses, String> {
+pub(crate) fn build(root: &Path, tools: &CbmcTools, folder: &Path) -> Result<Harnesses, String> {
     if folder.is_dir() {
         fs::remove_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     }
@@ -148,7 +148,7 @@ fn heap_base(code: &str) -> Option<u64> {
 
 /// Result of a proof.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Proof {
+pub(crate) enum Proof {
     Proved,
     /// An assertion fails, in its own words.
     Refuted(String),
@@ -160,7 +160,7 @@ pub(super) enum Proof {
 }
 
 /// Proves one harness.
-pub(super) fn prove(tools: &CbmcTools, compiled: &Harnesses, harness: &str, unwind: u64, limit: Duration) -> Proof {
+pub(crate) fn prove(tools: &CbmcTools, compiled: &Harnesses, harness: &str, unwind: u64, limit: Duration) -> Proof {
     let module = match module(tools, compiled, harness, unwind) {
         Ok(module) => module,
         Err(reason) => return Proof::Error(reason),

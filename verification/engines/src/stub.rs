@@ -4,9 +4,9 @@
 
 use super::Job;
 use super::outcome::{Engine, Outcome, Verdict};
-use super::process;
 use super::rows::{Harness, Row};
-use crate::tree::{Tree, code_only, words};
+use retrace_task_support::process;
+use retrace_task_support::tree::{Tree, code_only, words};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -20,7 +20,7 @@ const CHOKES: &[&str] =
     &["format", "Vec", "vec", "String", "f32", "f64", "assert_eq", "assert_ne", "println", "HashMap", "HashSet"];
 
 /// Compiles and runs the proofs.
-pub(super) fn run(job: &Job<'_>, all: &[Row]) {
+pub(crate) fn run(job: &Job<'_>, all: &[Row]) {
     let started = Instant::now();
     let tell = |verdict, words: String| {
         let (check, seconds) = ("kani-stub".to_owned(), started.elapsed().as_secs_f64());

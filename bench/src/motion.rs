@@ -3,9 +3,10 @@
 //! Invariant: every figure is of this call, except LinuxCNC's times and the optima of corners, whose origin is given.
 
 use super::{build_command, circumstances, folder};
+use retrace_task_support::process;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 /// A row of the table as the benches of the crates print it: name, quantity, figure, goal, verdict, note.
 pub(super) struct Row(pub(super) [String; 6]);
@@ -52,8 +53,7 @@ pub(super) fn run(root: &Path, full: bool) -> Result<bool, String> {
 /// The rows that a crate's bench prints.
 fn of_bench(root: &Path, package: &str, bench: &str, full: bool) -> Result<Vec<Row>, String> {
     println!("{package}: {bench}");
-    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.args(["bench", "--package", package, "--bench", bench, "--"]).current_dir(root);
+    let mut command = process::cargo(root, &["bench", "--package", package, "--bench", bench, "--"]);
     if full {
         command.arg("--full");
     }

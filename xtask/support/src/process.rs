@@ -10,25 +10,30 @@ use std::time::{Duration, Instant};
 
 /// A run that is over.
 #[derive(Debug)]
-pub(crate) struct Ended {
+pub struct Ended {
     /// `None`: it exceeded its time limit.
-    pub(crate) status: Option<ExitStatus>,
-    pub(crate) output: String,
-    pub(crate) errors: String,
-    pub(crate) seconds: f64,
+    pub status: Option<ExitStatus>,
+    /// Its standard output.
+    pub output: String,
+    /// Its standard error.
+    pub errors: String,
+    /// From start to end.
+    pub seconds: f64,
 }
 
 impl Ended {
-    pub(crate) fn passed(&self) -> bool {
+    /// Whether it ended by itself with exit code 0.
+    pub fn passed(&self) -> bool {
         self.status.is_some_and(|status| status.success())
     }
 
-    pub(crate) fn exited_with(&self, code: i32) -> bool {
+    /// Whether it ended by itself with this exit code.
+    pub fn exited_with(&self, code: i32) -> bool {
         self.status.and_then(|status| status.code()) == Some(code)
     }
 
     /// The last lines of its output, for a message.
-    pub(crate) fn last_words(&self) -> String {
+    pub fn last_words(&self) -> String {
         let said = if self.errors.trim().is_empty() { &self.output } else { &self.errors };
         let lines: Vec<&str> = said.lines().filter(|line| !line.trim().is_empty()).collect();
         lines[lines.len().saturating_sub(12)..].join("\n")
@@ -39,7 +44,7 @@ impl Ended {
 ///
 /// # Errors
 /// Where it cannot be started, or its output cannot be stored.
-pub(crate) fn run(command: &mut Command, limit: Duration, log: &Path) -> Result<Ended, String> {
+pub fn run(command: &mut Command, limit: Duration, log: &Path) -> Result<Ended, String> {
     let name = command_name(command);
     let paths = [log.with_extension("out"), log.with_extension("err")];
     let [out, err] = [&paths[0], &paths[1]].map(|path| create(path));
@@ -67,7 +72,7 @@ pub(crate) fn run(command: &mut Command, limit: Duration, log: &Path) -> Result<
 ///
 /// # Errors
 /// The last lines of its output, where it does not.
-pub(crate) fn done(command: &mut Command, limit: Duration, log: &Path) -> Result<String, String> {
+pub fn done(command: &mut Command, limit: Duration, log: &Path) -> Result<String, String> {
     let ended = run(command, limit, log)?;
     match ended.status {
         Some(status) if status.success() => Ok(ended.output),
@@ -93,7 +98,7 @@ fn text(path: &Path) -> String {
 }
 
 /// Calls `work` with every item, `workers` at a time.
-pub(crate) fn each<T: Sync>(items: &[T], workers: usize, work: impl Fn(&T) + Sync) {
+pub fn each<T: Sync>(items: &[T], workers: usize, work: impl Fn(&T) + Sync) {
     let next = Mutex::new(items.iter());
     std::thread::scope(|scope| {
         for _ in 0..workers {
@@ -112,19 +117,32 @@ pub(crate) fn each<T: Sync>(items: &[T], workers: usize, work: impl Fn(&T) + Syn
 
 /// How many programs are run at a time: two, or one on a machine with one core. The figures in the ledger are those of
 /// two.
-pub(crate) fn workers() -> usize {
+pub fn workers() -> usize {
     std::thread::available_parallelism().map_or(1, |cores| cores.get().min(2))
 }
 
-/// Cargo, at the root of this checkout or of a copy.
-pub(crate) fn cargo(root: &Path, arguments: &[&str]) -> Command {
+/// Cargo, the one that started this task, in a folder of this checkout or of a copy.
+pub fn cargo(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.args(arguments).current_dir(root);
+    command.args(arguments).current_dir(folder);
     command
 }
 
+/// Runs a build whose messages are JSON, and returns where cargo put the last executable.
+///
+/// # Errors
+/// Where cargo cannot be run, or the build fails or names no executable.
+pub fn build(command: &mut Command) -> Result<PathBuf, String> {
+    let output = command.stderr(Stdio::inherit()).output().map_err(|error| format!("cargo cannot be run: {error}"))?;
+    if !output.status.success() {
+        return Err("it does not build".to_owned());
+    }
+    let executable = executables(&String::from_utf8_lossy(&output.stdout)).pop();
+    executable.ok_or_else(|| "cargo did not say where it put the executable".to_owned())
+}
+
 /// The executables that cargo's JSON messages name, each once.
-pub(crate) fn executables(messages: &str) -> Vec<PathBuf> {
+pub fn executables(messages: &str) -> Vec<PathBuf> {
     let named = messages.lines().filter_map(|line| {
         let message: serde_json::Value = serde_json::from_str(line).ok()?;
         Some(PathBuf::from(message.get("executable")?.as_str()?))
@@ -148,6 +166,14 @@ mod tests {
         assert!(cut.is_ok_and(|ended| ended.status.is_none() && ended.seconds < 30.0));
         assert!(run(&mut Command::new("no-such-program-of-ours"), Duration::from_secs(1), &log("c")).is_err());
         assert!(done(Command::new("cargo").arg("no-such-task"), Duration::from_secs(60), &log("d")).is_err());
+    }
+
+    #[test]
+    fn the_command_is_where_cargo_says() {
+        let messages =
+            "{\"executable\":null}\n{\"executable\":\"x/target/debug/retrace\",\"fresh\":true}\n{\"success\":true}\n";
+        assert_eq!(executables(messages), [PathBuf::from("x/target/debug/retrace")]);
+        assert!(executables("{\"executable\":null}").is_empty());
     }
 
     #[test]

@@ -4,14 +4,14 @@
 
 use super::Job;
 use super::outcome::{Engine, Outcome, Verdict};
-use super::process;
+use retrace_task_support::process;
 use std::time::Duration;
 
 /// Time limit of all of Kani's harnesses together.
 const LIMIT: Duration = Duration::from_secs(7200);
 
 /// Runs `cargo kani`, which the caller knows to be set up.
-pub(super) fn run(job: &Job<'_>) {
+pub(crate) fn run(job: &Job<'_>) {
     let harnesses: Vec<&str> =
         job.rows.iter().flat_map(|row| &row.harnesses).filter(|h| h.kani).map(|h| h.name.as_str()).collect();
     if harnesses.is_empty() {

@@ -6,7 +6,7 @@ use super::outcome::Engine;
 
 /// Options of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Options {
+pub struct Options {
     /// Whether only as much is run as a test run has time for.
     pub(crate) quick: bool,
     /// These engines only; empty: all.
@@ -23,7 +23,7 @@ pub(crate) struct Options {
 
 impl Options {
     /// What a test run has time for.
-    pub(crate) fn quick() -> Self {
+    pub fn quick() -> Self {
         Self { quick: true, ..Self::default() }
     }
 
@@ -31,7 +31,7 @@ impl Options {
     ///
     /// # Errors
     /// The word that is not valid.
-    pub(crate) fn read(words: &[&str]) -> Result<Self, String> {
+    pub fn read(words: &[&str]) -> Result<Self, String> {
         let mut options = Self::default();
         let mut words = words.iter();
         while let Some(&word) = words.next() {

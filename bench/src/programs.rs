@@ -4,7 +4,7 @@
 //! subtracted.
 
 use super::generate::{self, Subs};
-use super::process::{Measured, median};
+use super::measured::{Measured, median};
 use super::{build_command, circumstances, folder, stream};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

@@ -4,7 +4,7 @@
 
 use super::Job;
 use super::outcome::{Engine, Outcome, Verdict};
-use super::process::{self, Ended};
+use retrace_task_support::process::{self, Ended};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -19,7 +19,7 @@ const LIMIT: Duration = Duration::from_secs(3000);
 ///
 /// # Errors
 /// Where it does not build.
-pub(super) fn build(root: &Path, target: Option<&Path>, log: &Path) -> Result<PathBuf, String> {
+pub(crate) fn build(root: &Path, target: Option<&Path>, log: &Path) -> Result<PathBuf, String> {
     let arguments =
         ["build", "--package", "retrace-verification", "--bins", "--message-format", "json-render-diagnostics"];
     let mut command = process::cargo(root, &arguments);
@@ -31,7 +31,7 @@ pub(super) fn build(root: &Path, target: Option<&Path>, log: &Path) -> Result<Pa
 }
 
 /// Runs every harness and search of the rows, two processes at a time.
-pub(super) fn run(job: &Job<'_>) {
+pub(crate) fn run(job: &Job<'_>) {
     let checks: Vec<&str> = job.rows.iter().flat_map(|row| row.native_checks()).collect();
     let workers = process::workers();
     // neighbours are similar; dealt out in turn, the processes take about the same time
@@ -49,7 +49,7 @@ pub(super) fn run(job: &Job<'_>) {
 }
 
 /// The runner's command for these checks.
-pub(super) fn ask(runner: &Path, checks: &[&str], quick: bool) -> Command {
+pub(crate) fn ask(runner: &Path, checks: &[&str], quick: bool) -> Command {
     let mut command = Command::new(runner);
     command.arg("check").args(checks).args(["--most", MOST[usize::from(!quick)]]);
     if !quick {
@@ -73,7 +73,7 @@ fn tell(job: &Job<'_>, share: &[&str], ended: &Ended) {
 }
 
 /// Answers of the runner, one line per check.
-pub(super) fn answers(output: &str) -> Vec<Outcome> {
+pub(crate) fn answers(output: &str) -> Vec<Outcome> {
     output.lines().filter_map(|line| answer(&serde_json::from_str(line).ok()?)).collect()
 }
 
