@@ -11,8 +11,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use retrace_config::{ChannelNames, MachineConfig, NumberedError, RetraceOutputs};
 use retrace_controller::event::{Event, EventKind};
 use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
+use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
 use retrace_core::{ONE, Travel};
+use retrace_journal::HoldReason;
 
 use crate::escape;
 use crate::screen::model_observer::ModelObserver;

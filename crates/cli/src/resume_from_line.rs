@@ -6,9 +6,7 @@ use std::path::{Path, PathBuf};
 
 use retrace_config::NumberedError;
 use retrace_config::machine_changes;
-use retrace_controller::journal::entry::{JobCard, JobHeader, ProgramSource};
-use retrace_controller::journal::hash::FileHash;
-use retrace_controller::journal::job_record::JobRecord;
+use retrace_journal::{FileHash, JobCard, JobHeader, JobRecord, ProgramSource};
 
 use crate::args::{self, CardPort, CycleFolders, MachineFile, Reading};
 use crate::program::CommandFailure;

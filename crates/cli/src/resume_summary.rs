@@ -7,11 +7,11 @@ use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::Path;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::journal::job_record::JobRecord;
 use retrace_controller::resume::ResumePlan;
 use retrace_core::ONE;
 use retrace_core::place::is_before;
 use retrace_gcode::Progress;
+use retrace_journal::JobRecord;
 use retrace_link::channel;
 use serde_json::{Value, json};
 

@@ -14,9 +14,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_config::{NumberedError, Parity, SerialSettings};
-use retrace_controller::program_end::ProgramEndDetector;
 use retrace_controller::read_ahead::SourceStatus;
 use retrace_controller::tape::{ReceivedByte, TapeReader};
+use retrace_gcode::ProgramEndDetector;
 use retrace_hal_serial::{Character, CharacterFormat, ParityBit, PortLost, ProgramPort};
 
 /// Prefix of the name of such a program.

@@ -16,7 +16,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_config::NumberedError;
-use retrace_controller::program_end::ProgramEndDetector;
+use retrace_gcode::ProgramEndDetector;
 
 /// Prefix of the name of such a program.
 const SCHEME: &str = "tcp://";

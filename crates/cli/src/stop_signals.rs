@@ -67,7 +67,7 @@ impl StopSignals {
             let (came, progress, over) = (Arc::clone(&came), Arc::clone(&progress), Arc::clone(&over));
             let watch = move || {
                 // it only waits: the motion thread alone is scheduled in real time
-                let _ = retrace_controller::real_time::leave();
+                let _ = retrace_real_time::leave();
                 watch_signals(kind, &came, &sender, &progress, &over);
             };
             thread::Builder::new().name("signals".into()).spawn(watch).ok()?

@@ -5,11 +5,11 @@
 use retrace_config::ChannelNames;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
+use retrace_journal::Timestamp;
 use retrace_link::{Alarm, CardFailure, CutterOffCause};
 use serde_json::{Value, json};
 
 use crate::dnc_events::DncEvent;
-use crate::journal::timestamp::Timestamp;
 use crate::operator::{CommandError, OperatorCommand};
 
 /// A cause that stops the machine for the rest of the run.

@@ -9,11 +9,11 @@
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_core::Flags;
 use retrace_gcode::{CanonStep, Program, Progress};
+use retrace_journal::FileHash;
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 use crate::job::{self, BlockDecoder, DecodedBlock};
-use crate::journal::hash::FileHash;
 use crate::mdi;
 use crate::motion_sink::MotionSink;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};

@@ -4,21 +4,20 @@
 //! rest, with every change of the mode, of the hold reason and of the completed instructions, and at the end. Positions
 //! off the path are never recorded.
 
-use retrace_config::ChannelNames;
+use retrace_config::{ChannelNames, NumberedError};
+use retrace_journal::{
+    HoldReason, JournalEntry, JournalEventWriter, JournalNotice, JournalWriter, PositionEntry, Timestamp,
+};
 use retrace_link::{Outputs, channel};
 
-use super::entry::{JournalEntry, PositionEntry};
-use super::journal_queue::JournalQueue;
-use super::journal_writer::JournalWriter;
-use super::timestamp::Timestamp;
-use crate::event::EventKind;
-use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
+use crate::event::{CardError, EventKind};
+use crate::telemetry::{PeriodRecord, Telemetry};
 
 /// The reporting thread's end of the journal. The last position is saved when it is dropped, which is before
 /// [`JournalWriter::end`].
 #[derive(Debug)]
 pub struct JournalRecorder<const A: usize> {
-    queue: JournalQueue,
+    journal: JournalEventWriter,
     axes: usize,
     sampler: PositionSampler<A>,
     outputs: Outputs,
@@ -33,7 +32,7 @@ impl<const A: usize> JournalRecorder<A> {
         let sampler =
             PositionSampler { second: periods(1000), tenth: periods(100), recorded: None, last: None, rest: None };
         Self {
-            queue: journal.queue(),
+            journal: journal.event_writer(),
             axes: axes.min(A),
             sampler,
             outputs: [0; channel::COUNT],
@@ -62,7 +61,7 @@ impl<const A: usize> JournalRecorder<A> {
                 }
             }
             Telemetry::Active(_) => {}
-            Telemetry::Event(event) => self.queue.push_event(JournalEntry::Event(event.to_json_naming(&self.names))),
+            Telemetry::Event(event) => self.journal.write(JournalEntry::Event(event.to_json_naming(&self.names))),
         }
     }
 
@@ -76,7 +75,12 @@ impl<const A: usize> JournalRecorder<A> {
     /// Next notice to the operator about the journal itself: `E3020` where it cannot be written.
     #[must_use]
     pub fn next_notice(&self) -> Option<EventKind> {
-        self.queue.next_notice()
+        self.journal.next_notice().map(|notice| match notice {
+            JournalNotice::Unwritable(NumberedError { number, cause, remedy }) => {
+                EventKind::Alarm(CardError::Fault { number, cause, remedy })
+            }
+            JournalNotice::Writable => EventKind::Message("the journal can be written again".into()),
+        })
     }
 
     fn record_position(&self, period: &PeriodRecord<A>) {
@@ -94,7 +98,7 @@ impl<const A: usize> JournalRecorder<A> {
             mode: period.mode,
             hold_reason: stored_hold_reason(period.hold_reason),
         };
-        self.queue.push_event(JournalEntry::Position(Box::new(at)));
+        self.journal.write(JournalEntry::Position(Box::new(at)));
     }
 }
 

@@ -14,9 +14,9 @@ use retrace_core::place::is_before;
 use retrace_core::ring::Consumer;
 use retrace_core::{Flags, Place, Record};
 use retrace_gcode::ActiveCodes;
+use retrace_journal::{DurablePlace, MarkDifference};
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputAction, Outputs};
 
-use crate::place_index::{DurablePlace, MarkDifference};
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
 use crate::restart::{OutputOrigins, RestartStep};
 

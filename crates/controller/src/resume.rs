@@ -16,12 +16,11 @@ use retrace_core::place::is_before;
 use retrace_core::playback::partial_increment;
 use retrace_core::{ONE, Travel};
 use retrace_gcode::ActiveCodes;
+use retrace_journal::{LengthChange, MarkDifference, PlaceMark};
 use retrace_link::{CardStatus, Outputs, PathStart, channel};
 
 use crate::approach::approach;
-use crate::place_index::{MarkDifference, PlaceMark};
 use crate::record_streamer::{PassedItem, RecordStreamer};
-use crate::tool_length::LengthChange;
 
 /// Place where a job was left, and the data to find it again.
 #[derive(Clone, Debug, PartialEq)]

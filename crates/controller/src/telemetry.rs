@@ -13,8 +13,8 @@ use std::time::Duration;
 use retrace_core::mode::Mode;
 use retrace_core::{Place, Travel};
 use retrace_gcode::ActiveCodes;
+use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, OutputChange, Outputs, channel};
-use serde::{Deserialize, Serialize};
 
 use crate::event::Event;
 
@@ -26,25 +26,6 @@ const CAPACITY_VIRTUAL: usize = 4096;
 /// polls are more frequent.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 const POLL_INTERVAL_VIRTUAL: Duration = Duration::from_micros(300);
-
-/// Reason why the machine is at rest in normal run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum HoldReason {
-    /// No hold by the operator: the machine runs, or waits for records or for an instruction.
-    #[default]
-    None,
-    /// Feed hold.
-    Hold,
-    /// A program stop (M0) waits for cycle start.
-    ProgramStop,
-    /// Single block waits for cycle start.
-    SingleBlock,
-    /// The program has ended and the operator has not released the job: reverse run is still possible.
-    Ended,
-    /// The program is paused at a breakpoint, until the axes are back there (DNC-1 … DNC-7). Events have the details.
-    Paused,
-}
 
 /// State and motion of one control period.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,7 +2,7 @@
 //!
 //! Invariant: one line is stored. A program is at its end only where nothing of that line can be missing (DNC-10).
 
-use retrace_gcode::is_program_end;
+use crate::lines::is_program_end;
 
 /// Bytes of a line that are stored; no line of a program is longer.
 const MAX_LINE: usize = 512;

@@ -9,10 +9,10 @@ use retrace_link::PathStart;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::hash::FileHash;
-use super::timestamp::Timestamp;
-use crate::place_index;
-use crate::telemetry::HoldReason;
+use crate::file_hash::FileHash;
+use crate::hold_reason::HoldReason;
+use crate::place_index::{self, LengthChange};
+use crate::timestamp::Timestamp;
 
 /// Version of the format.
 pub const FORMAT: u32 = 2;
@@ -30,7 +30,7 @@ pub enum JournalEntry {
     /// The program was cut off or rejected: the path rests behind this block.
     Rest(PlannedRest),
     /// A tool length was entered in a pause.
-    ToolLength(ToolLengthChange),
+    ToolLength(LengthChange),
     /// Position of the machine.
     Position(Box<PositionEntry>),
     /// An event, as `--json` prints it.
@@ -57,7 +57,7 @@ pub struct JobHeader {
     pub when: Timestamp,
     /// Version of retrace.
     pub retrace_version: String,
-    /// [`crate::fingerprint::of_planning`] of that version. A job is resumed only by a version with the same
+    /// Fingerprint of the planning of that version. A job is resumed only by a version with the same
     /// fingerprint.
     pub planner: u32,
     /// Name of the program, for people.
@@ -237,16 +237,6 @@ pub struct PlannedRest {
     pub block: u64,
 }
 
-/// A tool length that was entered in a pause: the path is moved along the tool axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ToolLengthChange {
-    /// Number of the block, from 1, behind which it applies.
-    pub block: u64,
-    /// Distance in pulses of the tool axis.
-    pub pulses: i64,
-}
-
 /// Position of the machine.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -366,13 +356,13 @@ mod mark {
         counts: Vec<i64>,
     }
 
-    pub(super) fn serialize<S: Serializer>(mark: &PlaceMark, to: S) -> Result<S::Ok, S::Error> {
+    pub(crate) fn serialize<S: Serializer>(mark: &PlaceMark, to: S) -> Result<S::Ok, S::Error> {
         let axes = mark.counts.iter().rposition(|&count| count != 0).map_or(0, |last| last + 1);
         let counts = mark.counts[..axes].to_vec();
         Written { place: mark.place, block: mark.block, line: mark.line, counts }.serialize(to)
     }
 
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<PlaceMark, D::Error> {
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<PlaceMark, D::Error> {
         let Written { place, block, line, counts: written } = Written::deserialize(from)?;
         let mut counts = [0; 9];
         let there = counts.get_mut(..written.len()).ok_or_else(|| serde::de::Error::custom("more than nine axes"))?;
@@ -386,11 +376,11 @@ mod mode {
     use retrace_core::mode::Mode;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    pub(super) fn serialize<S: Serializer>(mode: &Mode, to: S) -> Result<S::Ok, S::Error> {
+    pub(crate) fn serialize<S: Serializer>(mode: &Mode, to: S) -> Result<S::Ok, S::Error> {
         mode.name().serialize(to)
     }
 
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Mode, D::Error> {
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Mode, D::Error> {
         let name = String::deserialize(from)?;
         let found = Mode::ALL.into_iter().find(|mode| mode.name() == name);
         found.ok_or_else(|| serde::de::Error::custom(format!("no mode `{name}`")))
@@ -402,11 +392,11 @@ mod place {
     use retrace_core::Place;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    pub(super) fn serialize<S: Serializer>(place: &Place, to: S) -> Result<S::Ok, S::Error> {
+    pub(crate) fn serialize<S: Serializer>(place: &Place, to: S) -> Result<S::Ok, S::Error> {
         (place.record, place.fraction).serialize(to)
     }
 
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Place, D::Error> {
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Place, D::Error> {
         let (record, fraction) = Deserialize::deserialize(from)?;
         Ok(Place { record, fraction })
     }

@@ -12,7 +12,7 @@ use retrace_config::{MachineConfig, NumberedError};
 use retrace_link::CardIdentity;
 use serde::{Deserialize, Serialize};
 
-use crate::jobs::JobStore;
+use crate::job_store::JobStore;
 use crate::state_file::{self, FileAccess};
 
 const NOTES: &str = "homed.json";
@@ -94,7 +94,7 @@ impl HomedAxes {
     /// machine.
     #[must_use]
     pub fn unhomed(&self, card: &CardBoot, machine: &MachineConfig) -> Vec<char> {
-        let (notes, needed) = (self.read(), required(machine));
+        let (notes, needed) = (self.read(), axes_to_home(machine));
         let homed = notes.axes_of(card);
         needed
             .iter()
@@ -167,7 +167,7 @@ impl HomedAxes {
 
 /// Letters of the axes that have to be homed before a program moves the machine, in the order of homing.
 #[must_use]
-pub fn required(machine: &MachineConfig) -> &[char] {
+pub fn axes_to_home(machine: &MachineConfig) -> &[char] {
     if machine.setting_up.allow_unhomed { &[] } else { machine.needs_homing() }
 }
 

@@ -11,13 +11,11 @@ use retrace_core::place::is_before;
 use retrace_link::PathStart;
 use serde_json::Value;
 
-use super::entry::{
-    EndEntry, JobHeader, JournalEntry, PlannedOverride, PositionEntry, ResumeEntry, SpooledBytes, ToolLengthChange,
-};
-use super::journal_line;
-use super::journal_reader::{JournalEntries, JournalError, JournalTail};
+use crate::entry::{EndEntry, JobHeader, JournalEntry, PlannedOverride, PositionEntry, ResumeEntry, SpooledBytes};
+use crate::journal_line;
+use crate::journal_reader::{JournalEntries, JournalError, JournalTail};
+use crate::place_index::LengthChange;
 use crate::place_index::{DurablePlace, PlaceMark};
-use crate::tool_length::LengthChange;
 
 /// Bytes at the end of a long journal in which its last entries are searched.
 const SUMMARY_TAIL_BYTES: u64 = 64 << 10;
@@ -125,9 +123,7 @@ impl JobRecord {
                 self.overrides.retain(|(_, old)| is_before(old.place, new.place));
                 self.overrides.push((number, new));
             }
-            JournalEntry::ToolLength(ToolLengthChange { block, pulses }) => {
-                self.lengths.push(LengthChange { block, pulses })
-            }
+            JournalEntry::ToolLength(change) => self.lengths.push(change),
             JournalEntry::Rest(rest) => {
                 if self.rests.last() != Some(&rest.block) {
                     self.rests.push(rest.block);
@@ -303,14 +299,15 @@ fn last_entries(path: &Path, length: u64) -> Result<Vec<JournalEntry>, JournalEr
 
 #[cfg(test)]
 mod tests {
-    use super::super::entry::tests::job;
-    use super::super::entry::{JobCard, JobEnding, LostEntries};
-    use super::super::journal_writer::{Durability, JournalWriter};
-    use super::super::spool::SpoolWriter;
-    use super::super::store::FileStore;
-    use super::super::timestamp::Timestamp;
     use super::*;
+    use crate::entry::tests::job;
+    use crate::entry::{JobCard, JobEnding, LostEntries};
+    use crate::journal_queue::Durability;
+    use crate::journal_store::FileStore;
+    use crate::journal_writer::JournalWriter;
     use crate::place_index::{IndexEntry, IndexWriter};
+    use crate::spool::SpoolWriter;
+    use crate::timestamp::Timestamp;
     use retrace_core::Place;
     use serde_json::json;
 
@@ -330,7 +327,7 @@ mod tests {
             outputs: vec![(3, 1)],
             line: record,
             mode: retrace_core::mode::Mode::Run,
-            hold_reason: crate::telemetry::HoldReason::Hold,
+            hold_reason: crate::hold_reason::HoldReason::Hold,
         }))
     }
 

@@ -11,11 +11,11 @@ use std::time::Duration;
 
 use retrace_config::{NumberedError, nearest};
 
-use crate::journal::entry::JobEnding;
-use crate::journal::job_record::{JobRecord, JobSummary};
-use crate::journal::store::FileStore;
-use crate::journal::timestamp::Timestamp;
+use crate::entry::JobEnding;
+use crate::job_record::{JobRecord, JobSummary};
+use crate::journal_store::FileStore;
 use crate::state_file;
+use crate::timestamp::Timestamp;
 
 /// Maximum number of completed jobs that are retained.
 const MAX_COMPLETED: usize = 100;
@@ -405,9 +405,10 @@ fn is_id(name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::journal::entry::tests::job;
-    use crate::journal::entry::{EndEntry, JobCard};
-    use crate::journal::journal_writer::{Durability, JournalWriter};
+    use crate::entry::tests::job;
+    use crate::entry::{EndEntry, JobCard};
+    use crate::journal_queue::Durability;
+    use crate::journal_writer::JournalWriter;
     use serde_json::Value;
 
     fn folder() -> (tempfile::TempDir, JobStore) {
@@ -420,7 +421,7 @@ mod tests {
     fn ran(jobs: &JobStore, second: u64, ended: Option<JobEnding>) -> JobFolder {
         let when = Timestamp::from_ms(second * 1000);
         let folder = jobs.create("part.ngc", when).expect("a folder");
-        let job = crate::journal::entry::JobHeader { id: folder.id().into(), when, ..job("[machine]", JobCard::Sim) };
+        let job = crate::entry::JobHeader { id: folder.id().into(), when, ..job("[machine]", JobCard::Sim) };
         let store = folder.create_journal().expect("a file");
         let logbook = JournalWriter::begin(store, Durability::Written, job, None).expect("it works");
         match ended {
@@ -473,12 +474,12 @@ mod tests {
         assert_eq!(running.state(), JobState::Interrupted);
         // of a newer version
         bytes.truncate(bytes.iter().position(|&b| b == b'\n').expect("a line") + 1);
-        crate::journal::journal_line::append(&mut bytes, 1, true, b"{\"novelty\":1}");
+        crate::journal_line::append(&mut bytes, 1, true, b"{\"novelty\":1}");
         fs::write(damaged.journal(), bytes).expect("a file");
         assert!(matches!(damaged.state(), JobState::Unusable(refusal) if refusal.number == "E2205"));
         // of an older one, with the crc of its first line
         let mut older = Vec::new();
-        crate::journal::journal_line::append(&mut older, 0, true, b"{\"job\":{\"format\":1,\"id\":\"x\"}}");
+        crate::journal_line::append(&mut older, 0, true, b"{\"job\":{\"format\":1,\"id\":\"x\"}}");
         fs::write(damaged.journal(), older).expect("a file");
         let JobState::Unusable(refusal) = damaged.state() else { panic!("{:?}", damaged.state()) };
         assert!(refusal.number == "E2205" && refusal.cause.contains("an older version"), "{refusal:?}");

@@ -7,12 +7,13 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use super::entry::{JournalEntry, LostEntries};
-use crate::event::{CardError, EventKind};
+use retrace_config::NumberedError;
+
+use crate::entry::{JournalEntry, LostEntries};
 use crate::place_index::DurablePlace;
 
 /// Capacity of the queue where a thread can wait or entries can be lost.
-pub(super) const CAPACITY: usize = 4096;
+pub(crate) const CAPACITY: usize = 4096;
 /// Maximum number of entries in a batch.
 const MAX_BATCH: usize = 1024;
 /// Interval at which writing to a failed disk is tried again.
@@ -30,9 +31,18 @@ pub enum Durability {
     Written,
 }
 
+/// A notice to the operator about the journal itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum JournalNotice {
+    /// `E3020`: it cannot be written.
+    Unwritable(NumberedError),
+    /// It can be written again.
+    Writable,
+}
+
 /// A handle to the queue. It can be cloned.
 #[derive(Clone, Debug)]
-pub(super) struct JournalQueue(Arc<QueueShared>);
+pub(crate) struct JournalQueue(Arc<QueueShared>);
 
 #[derive(Debug)]
 struct QueueShared {
@@ -43,49 +53,49 @@ struct QueueShared {
 }
 
 #[derive(Debug, Default)]
-pub(super) struct QueueState {
-    pub(super) queue: VecDeque<JournalEntry>,
+pub(crate) struct QueueState {
+    pub(crate) queue: VecDeque<JournalEntry>,
     /// Number of entries that were taken off the queue and are not saved yet.
-    pub(super) unsaved: usize,
-    pub(super) lost: u64,
+    pub(crate) unsaved: usize,
+    pub(crate) lost: u64,
     /// No more entries will be pushed.
-    pub(super) closed: bool,
+    pub(crate) closed: bool,
     /// The writer has ended.
-    pub(super) writer_ended: bool,
+    pub(crate) writer_ended: bool,
     /// Error of the last attempt to write, until an attempt succeeds.
-    pub(super) write_error: Option<String>,
-    pub(super) notices: VecDeque<EventKind>,
+    pub(crate) write_error: Option<String>,
+    pub(crate) notices: VecDeque<JournalNotice>,
 }
 
 impl JournalQueue {
-    pub(super) fn new(care: Durability, durable: DurablePlace) -> Self {
+    pub(crate) fn new(care: Durability, durable: DurablePlace) -> Self {
         Self(Arc::new(QueueShared { state: Mutex::default(), changed: Condvar::new(), durable, durability: care }))
     }
 
-    pub(super) fn durability(&self) -> Durability {
+    pub(crate) fn durability(&self) -> Durability {
         self.0.durability
     }
 
-    pub(super) fn durable(&self) -> &DurablePlace {
+    pub(crate) fn durable(&self) -> &DurablePlace {
         &self.0.durable
     }
 
     /// Waits while `waits` returns true; [`JournalQueue::notify_changed`] makes it check again.
-    pub(super) fn wait_while(&self, waits: impl FnMut(&mut QueueState) -> bool) -> MutexGuard<'_, QueueState> {
+    pub(crate) fn wait_while(&self, waits: impl FnMut(&mut QueueState) -> bool) -> MutexGuard<'_, QueueState> {
         self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Wakes the threads that wait for a change of the state.
-    pub(super) fn notify_changed(&self) {
+    pub(crate) fn notify_changed(&self) {
         self.0.changed.notify_all();
     }
 
-    pub(super) fn state(&self) -> MutexGuard<'_, QueueState> {
+    pub(crate) fn state(&self) -> MutexGuard<'_, QueueState> {
         self.0.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Pushes an entry of the index.
-    pub(super) fn push_index_entry(&self, entry: JournalEntry) {
+    pub(crate) fn push_index_entry(&self, entry: JournalEntry) {
         let mut state = self.wait_for_space(self.state());
         if self.0.durability == Durability::Written && state.queue.len() >= CAPACITY {
             // This job cannot be resumed: a card that ends with the process cannot be found again.
@@ -98,7 +108,7 @@ impl JournalQueue {
     }
 
     /// Pushes an entry that the job can be resumed without.
-    pub(super) fn push_event(&self, entry: JournalEntry) {
+    pub(crate) fn push_event(&self, entry: JournalEntry) {
         let mut state = self.wait_for_space(self.state());
         if state.write_error.is_some()
             && let (JournalEntry::Position(_), Some(last @ JournalEntry::Position(_))) =
@@ -128,12 +138,12 @@ impl JournalQueue {
     }
 
     /// Next notice to the operator about the journal: an alarm where it cannot be written, a message when it can again.
-    pub(super) fn next_notice(&self) -> Option<EventKind> {
+    pub(crate) fn next_notice(&self) -> Option<JournalNotice> {
         self.state().notices.pop_front()
     }
 
     /// Takes the next batch, waiting for one. `None` at the end.
-    pub(super) fn take_batch(&self) -> Option<Vec<JournalEntry>> {
+    pub(crate) fn take_batch(&self) -> Option<Vec<JournalEntry>> {
         let waits = |state: &mut QueueState| state.queue.is_empty() && state.lost == 0 && !state.closed;
         let mut state = self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner);
         if self.0.durability == Durability::Written && !state.closed {
@@ -153,21 +163,21 @@ impl JournalQueue {
     }
 
     /// Records that the batch is saved, up to this place.
-    pub(super) fn batch_saved(&self, place: Option<u32>) {
+    pub(crate) fn batch_saved(&self, place: Option<u32>) {
         if let Some(place) = place {
             self.0.durable.advance(place);
         }
         let mut state = self.state();
         state.unsaved = 0;
         if state.write_error.take().is_some() {
-            state.notices.push_back(EventKind::Message("the journal can be written again".into()));
+            state.notices.push_back(JournalNotice::Writable);
         }
         drop(state);
         self.0.changed.notify_all();
     }
 
     /// Records that the batch could not be saved. Returns whether to try again.
-    pub(super) fn batch_failed(&self, why: String) -> bool {
+    pub(crate) fn batch_failed(&self, why: String) -> bool {
         let mut state = self.state();
         if state.write_error.is_none() {
             let remedy = match self.0.durability {
@@ -179,11 +189,7 @@ impl JournalQueue {
                 }
             };
             let cause = format!("the journal cannot be written: {why}");
-            state.notices.push_back(EventKind::Alarm(CardError::Fault {
-                number: "E3020",
-                cause,
-                remedy: remedy.into(),
-            }));
+            state.notices.push_back(JournalNotice::Unwritable(NumberedError::new("E3020", cause, remedy)));
         }
         state.write_error = Some(why);
         self.0.changed.notify_all();

@@ -10,8 +10,8 @@ use std::path::Path;
 use retrace_config::NumberedError;
 use serde_json::Value;
 
-use super::entry::{FORMAT, JournalEntry};
-use super::journal_line::{self, MAX_LINE};
+use crate::entry::{FORMAT, JournalEntry};
+use crate::journal_line::{self, MAX_LINE};
 
 /// Reason why a journal cannot be used.
 #[derive(Debug)]
@@ -184,9 +184,9 @@ impl<R: BufRead> Iterator for JournalEntries<R> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::entry::tests::{entries, job};
-    use super::super::entry::{JobCard, LostEntries};
     use super::*;
+    use crate::entry::tests::{entries, job};
+    use crate::entry::{JobCard, LostEntries};
     use proptest::prelude::*;
 
     /// A journal of these batches behind the first entry, and the end of each of its lines.

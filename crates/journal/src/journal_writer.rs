@@ -11,17 +11,13 @@ use std::thread::{self, JoinHandle};
 
 use retrace_config::NumberedError;
 
-use super::entry::{
-    EndEntry, JobHeader, JournalEntry, PlannedOverride, PlannedRest, ResumeEntry, SpooledBytes, ToolLengthChange,
-};
-use super::journal_line;
-pub use super::journal_queue::Durability;
-use super::journal_queue::{JournalQueue, QueueState};
-use super::journal_reader::JournalTail;
-use super::spool::SpoolProgress;
-use super::store::JournalStore;
+use crate::entry::{EndEntry, JobHeader, JournalEntry, PlannedOverride, PlannedRest, ResumeEntry, SpooledBytes};
+use crate::journal_line;
+use crate::journal_queue::{Durability, JournalNotice, JournalQueue, QueueState};
+use crate::journal_reader::JournalTail;
+use crate::journal_store::JournalStore;
 use crate::place_index::{DurablePlace, IndexEntry, IndexWriter};
-use crate::tool_length::LengthChange;
+use crate::spool::SpoolProgress;
 
 /// Writes the journal of a job. Dropped without [`JournalWriter::end`], it writes what it has, and the job counts as
 /// interrupted.
@@ -109,7 +105,7 @@ impl JournalWriter {
             .name("journal".into())
             .spawn(move || {
                 // A job that is resumed calls this from its motion thread.
-                let _ = crate::real_time::leave();
+                let _ = retrace_real_time::leave();
                 writer.run();
             })
             .map_err(|error| journal_error(&error.to_string()))?;
@@ -134,9 +130,10 @@ impl JournalWriter {
         (self.queue.durability() == Durability::Synced).then(|| self.queue.durable().clone())
     }
 
-    /// The queue, for the journal recorder.
-    pub(super) fn queue(&self) -> JournalQueue {
-        self.queue.clone()
+    /// The reporting thread's end, which receives events and positions.
+    #[must_use]
+    pub fn event_writer(&self) -> JournalEventWriter {
+        JournalEventWriter { queue: self.queue.clone() }
     }
 
     /// Waits until everything that was pushed is saved.
@@ -207,9 +204,7 @@ impl IndexWriter for JournalIndexWriter {
                     self.queue.push_index_entry(JournalEntry::Mark(mark));
                 }
             }
-            IndexEntry::Length(LengthChange { block, pulses }) => {
-                self.queue.push_index_entry(JournalEntry::ToolLength(ToolLengthChange { block, pulses }))
-            }
+            IndexEntry::Length(change) => self.queue.push_index_entry(JournalEntry::ToolLength(change)),
             IndexEntry::Rest { block } => self.queue.push_index_entry(JournalEntry::Rest(PlannedRest { block })),
             IndexEntry::Override { place, planned } => {
                 let noted = PlannedOverride { place, planned };
@@ -228,6 +223,26 @@ impl IndexWriter for JournalIndexWriter {
         let state = self.queue.state();
         self.queue.durability() == Durability::Written
             || state.queue.is_empty() && state.unsaved == 0 && state.write_error.is_none()
+    }
+}
+
+/// The reporting thread's end of the journal.
+#[derive(Debug)]
+pub struct JournalEventWriter {
+    queue: JournalQueue,
+}
+
+impl JournalEventWriter {
+    /// Writes an entry that the job can be resumed without: an event or a position.
+    pub fn write(&self, entry: JournalEntry) {
+        self.queue.push_event(entry);
+    }
+
+    /// Next notice to the operator about the journal itself: an alarm where it cannot be written, a message when it can
+    /// again.
+    #[must_use]
+    pub fn next_notice(&self) -> Option<JournalNotice> {
+        self.queue.next_notice()
     }
 }
 
@@ -330,14 +345,13 @@ impl<S: JournalStore> JournalFile<S> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::entry::tests::job;
-    use super::super::entry::{JobCard, JobEnding};
-    use super::super::journal_queue::CAPACITY;
-    use super::super::journal_reader::JournalEntries;
-    use super::super::timestamp::Timestamp;
     use super::*;
-    use crate::event::{CardError, EventKind};
+    use crate::entry::tests::job;
+    use crate::entry::{JobCard, JobEnding};
+    use crate::journal_queue::CAPACITY;
+    use crate::journal_reader::JournalEntries;
     use crate::place_index::PlaceMark;
+    use crate::timestamp::Timestamp;
     use retrace_core::Place;
     use serde_json::{Value, json};
     use std::sync::{Arc, Mutex, MutexGuard};
@@ -463,7 +477,7 @@ mod tests {
                 notes.write(IndexEntry::Override { place: 390, planned: 3 << 32 });
                 handed.push(JournalEntry::Override(PlannedOverride { place: 390, planned: 3 << 32 }));
             }
-            journal.queue().push_event(event(n));
+            journal.event_writer().write(event(n));
             handed.push(event(n));
             if n % 2 == 1 {
                 let _ = journal.wait_until_saved();
@@ -566,9 +580,8 @@ mod tests {
                     }
                 }
                 assert_eq!(durable.place(), 12);
-                let news: Vec<_> = std::iter::from_fn(|| journal.queue().next_notice()).collect();
-                let told =
-                    |number: &EventKind| matches!(number, EventKind::Alarm(CardError::Fault { number: "E3020", .. }));
+                let news: Vec<_> = std::iter::from_fn(|| journal.event_writer().next_notice()).collect();
+                let told = |notice: &JournalNotice| matches!(notice, JournalNotice::Unwritable(error) if error.number == "E3020");
                 let failed = disk.disk().calls > first;
                 assert_eq!(news.iter().filter(|h| told(h)).count() > 0, failed);
                 assert_eq!(news.len() % 2, 0, "every alarm is followed by the message that all is well: {news:?}");
@@ -653,7 +666,7 @@ mod tests {
             notes.write(IndexEntry::Mark(mark(0)));
             while journal.wait_until_saved().is_ok() {}
             for n in 0..2 * CAPACITY as u32 {
-                journal.queue().push_event(event(n));
+                journal.event_writer().write(event(n));
             }
             assert_eq!(journal.queue.state().queue.len(), CAPACITY, "what can be lost is lost");
             assert!(journal.queue.state().lost > 0);

@@ -12,8 +12,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use retrace_core::Travel;
 use retrace_core::place::is_before;
-
-use crate::tool_length::LengthChange;
+use serde::{Deserialize, Serialize};
 
 /// State of the program where the records up to a place were planned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,6 +35,16 @@ pub struct MarkDifference {
     pub was: PlaceMark,
     /// The mark as it is planned now.
     pub is: PlaceMark,
+}
+
+/// An entered length that applies from behind a block on, until the program changes its tool offset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LengthChange {
+    /// Number of the decoder's block, from 1, behind which it applies; 0 is the program's beginning.
+    pub block: u64,
+    /// Distance by which the path is moved along the tool axis, pulses.
+    pub pulses: i64,
 }
 
 /// An entry of the index.

@@ -10,9 +10,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use retrace_config::NumberedError;
+use retrace_gcode::ProgramEndDetector;
 
-use super::entry::SpooledBytes;
-use crate::program_end::ProgramEndDetector;
+use crate::entry::SpooledBytes;
 use crate::state_file;
 
 /// Length of the spool, and its file, for the journal writer.
@@ -34,13 +34,13 @@ struct SpoolMarks {
 
 impl SpoolProgress {
     /// Length that has been saved. Whatever was read before this call is included.
-    pub(super) fn spooled(&self) -> SpooledBytes {
+    pub(crate) fn spooled(&self) -> SpooledBytes {
         let ended = self.marks.ended.load(Ordering::Acquire);
         SpooledBytes { bytes: self.marks.bytes.load(Ordering::Acquire), ended }
     }
 
     /// Makes this length durable.
-    pub(super) fn sync(&mut self, spooled: SpooledBytes) -> io::Result<()> {
+    pub(crate) fn sync(&mut self, spooled: SpooledBytes) -> io::Result<()> {
         if let Some((kind, why)) = &self.sync_error {
             return Err(io::Error::new(*kind, why.clone()));
         }

@@ -1,7 +1,22 @@
-//! Real-time scheduling of the motion thread (SCHED_FIFO), and memory that stays resident.
+//! Real-time scheduling of a thread (SCHED_FIFO), and memory that stays resident, on Linux.
+//!
+//! A thread [`enter`]s real-time scheduling and [`leave`]s it. Threads that it spawns meanwhile inherit it, so each of
+//! these calls [`leave`] first, unless it is meant to have it. [`permitted`] reports the reason where it is refused.
 //!
 //! Invariant: without permission everything works as before. A thread that leaves real-time scheduling is scheduled as
 //! usual.
+//!
+//! # Examples
+//!
+//! ```
+//! let is_real_time = retrace_real_time::enter().is_ok();
+//! // … the motion …
+//! if is_real_time {
+//!     retrace_real_time::leave()?;
+//! }
+//! # Ok::<(), retrace_real_time::RealTimeDenied>(())
+//! ```
+#![forbid(unsafe_code)]
 
 use std::fmt;
 

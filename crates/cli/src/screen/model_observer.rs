@@ -9,11 +9,12 @@ use retrace_config::AXIS_LETTERS;
 use retrace_controller::dnc_events::{DncEvent, DncStep};
 use retrace_controller::event::{CutterOffReason, Event, EventKind};
 use retrace_controller::operator::OperatorCommand;
-use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
+use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
 use retrace_core::ONE;
 use retrace_core::mode::Mode;
 use retrace_core::place::is_before;
 use retrace_gcode::{FeedMode, MotionMode, Pose};
+use retrace_journal::HoldReason;
 use retrace_link::channel;
 
 use super::event_text;

@@ -9,6 +9,7 @@ use std::thread;
 
 use retrace_config::{IN_FLIGHT_RECORDS, MachineConfig, NumberedError};
 use retrace_core::mode::Mode;
+use retrace_journal::JournalConfig;
 use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
 
 use super::ManualTask;
@@ -20,7 +21,6 @@ use crate::event::{CardError, Event, EventKind};
 use crate::job::{self, JobOptions, JobStart};
 use crate::mdi::ModalContext;
 use crate::operator::{CommandError, OperatorCommand};
-use crate::place_index::JournalConfig;
 use crate::session::{Outcome, RunMode};
 use crate::telemetry::{self, Observer, PeriodRecord, Telemetry, TelemetrySender};
 

@@ -16,14 +16,14 @@ use retrace_config::MachineConfig;
 use retrace_core::ring::Producer;
 use retrace_core::{Flags, ONE, Record};
 use retrace_gcode::ActiveCodes;
+use retrace_journal::{IndexEntry, IndexWriter, LengthChange, MarkDifference, PlaceMark};
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, FeedRate, MoveError, PathMode, Planner};
 
 use crate::limit_check::{LimitFinding, extremes};
 use crate::overrides::OverrideApplier;
-use crate::place_index::{IndexEntry, IndexWriter, MarkDifference, PlaceMark};
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
-use crate::tool_length::{LengthChange, LengthOffers};
+use crate::tool_length::LengthOffers;
 use tool_lengths::{Lengths, Planned};
 
 /// The motion path has ended: planning is cancelled.

@@ -13,6 +13,7 @@ use retrace_core::interruption::{
 };
 use retrace_core::mode::{Mode, ModeOutput};
 use retrace_core::{Flags as RecordFlags, Place, RateTarget};
+use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, PathStart, channel};
 
 use super::{Outcome, Session};
@@ -21,7 +22,7 @@ use crate::event::{CardError, EventKind};
 use crate::manual::jog_planner::{JogPlanner, JogRequest};
 use crate::manual::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::operator::{CommandError, OperatorCommand};
-use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
+use crate::telemetry::{PeriodRecord, Telemetry};
 
 /// Maximum number of commands that wait for a manual move to end.
 const WORDS: usize = 64;

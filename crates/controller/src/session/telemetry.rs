@@ -3,11 +3,12 @@
 //! Invariant: nothing here allocates or formats; every event has the period and the place at which it happened.
 
 use retrace_core::mode::Mode;
+use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, MotionCard, channel};
 
 use super::Session;
 use crate::event::{DifferingOutputs, Event, EventKind};
-use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
+use crate::telemetry::{PeriodRecord, Telemetry};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn emit_period(&mut self, status: &CardStatus<A>) {

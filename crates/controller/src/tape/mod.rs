@@ -8,8 +8,7 @@ mod eia;
 use std::fmt;
 
 use retrace_config::{CharacterCode, Parity, SerialSettings};
-
-use crate::program_end::program_end_of;
+use retrace_gcode::program_end_of;
 
 /// Bytes within which the first end of block has to occur.
 const MAX_LEADER: usize = 1 << 16;

@@ -7,10 +7,11 @@ use std::sync::mpsc::{Sender, channel};
 use std::thread;
 use std::time::Duration;
 
-use retrace_controller::job::{self, JobStart};
-use retrace_controller::place_index::{DurablePlace, IndexEntry, IndexWriter, JournalConfig, PlaceMark};
+use retrace_controller::job;
+use retrace_controller::job::JobStart;
 use retrace_core::ONE;
 use retrace_core::place::is_before;
+use retrace_journal::{DurablePlace, IndexEntry, IndexWriter, JournalConfig, PlaceMark};
 use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
 
 use super::jobs::{AXES, Decoder, Log, boundary, card, complete, machine, options};

@@ -7,12 +7,13 @@ use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
 use retrace_controller::event::EventKind;
-use retrace_controller::job::{self, JobEnd, JobStart, JobStartError};
-use retrace_controller::place_index::{IndexEntry, IndexWriter, JournalConfig, PlaceMark};
+use retrace_controller::job;
+use retrace_controller::job::{JobEnd, JobStart, JobStartError};
 use retrace_controller::resume::{ResumeError, ResumePlan, ResumePoint};
 use retrace_controller::session::Outcome;
 use retrace_core::{ONE, Travel};
 use retrace_hal_sim::{Random, SimCard};
+use retrace_journal::{IndexEntry, IndexWriter, JournalConfig, PlaceMark};
 use retrace_link::{MotionCard, Outputs, PathStart, channel};
 
 use super::jobs::{AXES, Decoder, Log, card, complete, machine, options};

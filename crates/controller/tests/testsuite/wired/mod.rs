@@ -8,10 +8,10 @@ use std::sync::{Arc, Mutex};
 use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobOptions, JobStart};
+use retrace_controller::job;
+use retrace_controller::job::{BlockDecoder, DecodedBlock, JobOptions, JobStart};
 use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
 use retrace_controller::operator;
-use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Outcome, RunMode};
 use retrace_controller::telemetry::{Observer, Telemetry};
@@ -22,6 +22,7 @@ use retrace_hal_sim::{
     CardSimulator, CardSimulatorSettings, Clock, InFlightPolicy, InProcess, NoFault, Random, SerialChannelSettings,
     SimCard,
 };
+use retrace_journal::JournalConfig;
 use retrace_link::{BytePort, CardStatus, LineCounts, LinkTimeouts, LinkedCard, MotionCard, Outputs, PathStart};
 
 /// Axes of the card; the built-in machine uses three of them.
