@@ -196,7 +196,7 @@ fn details(record: &JobRecord) -> Vec<(&'static str, String)> {
 /// Position of the breakpoint in words.
 fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
     let start = record.last_position.start;
-    let fraction = f64::from(start.place.fraction) / 2_f64.powi(32);
+    let fraction = start.place.fraction_of_record();
     let mut place = format!("place {}", start.place.record);
     if start.place.fraction != 0 {
         place += &format!(" and {fraction:.3} of a period");

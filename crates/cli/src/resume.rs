@@ -371,7 +371,8 @@ impl ResumeStep<'_> {
                 marks.push(mark);
             }
         }
-        let overrides = self.record.overrides().iter().map(|of| (of.place, of.planned)).collect();
+        let overrides =
+            self.record.overrides().iter().map(|of| (of.place, retrace_core::Rate::from_units(of.planned))).collect();
         let outputs = outputs(&job.outputs);
         let rests = self.record.rests().to_vec();
         let lengths = self.record.lengths().to_vec();

@@ -2,7 +2,6 @@
 //!
 //! Invariant: where the machine has to be homed, every axis can be, and the order has each of them once.
 
-use retrace_core::ONE;
 use retrace_link::HomingCommand;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -171,9 +170,11 @@ impl MachineConfig {
     /// Command to the card that homes an axis, given as an index of `axes`. None where it has no switch.
     #[must_use]
     pub fn homing(&self, axis: usize) -> Option<HomingCommand> {
+        /// In the units of a homing speed.
+        const ONE_PULSE: f64 = 4_294_967_296.0;
         let home = (*self.setting_up.homes.get(axis)?)?;
         let (period_s, pulses_per_mm) = (self.period_s(), self.axes.get(axis)?.pulses_per_mm);
-        let fixed = |per_period: f64| ((per_period * pulses_per_mm * ONE as f64).round() as i64).max(1);
+        let fixed = |per_period: f64| ((per_period * pulses_per_mm * ONE_PULSE).round() as i64).max(1);
         Some(HomingCommand {
             axis: u8::try_from(axis).ok()?,
             upper: home.upper,
@@ -207,8 +208,8 @@ mod tests {
         let x = machine.homing(0).expect("it has a switch");
         assert_eq!((x.axis, x.upper, x.count, x.max_travel), (0, false, -1000, 132_000));
         // 30 mm/s are 12 000 pulses/s, 24 in 2 ms; 250 mm/s² are 100 000 pulses/s², 0.4 a period more each period
-        assert_eq!((x.search_speed, x.latch_speed), (24 * ONE, (1.2 * ONE as f64).round() as i64));
-        assert_eq!(x.acceleration, (0.4 * ONE as f64).round() as i64);
+        assert_eq!((x.search_speed, x.latch_speed), (24 << 32, (1.2 * 4_294_967_296.0_f64).round() as i64));
+        assert_eq!(x.acceleration, (0.4 * 4_294_967_296.0_f64).round() as i64);
         let z = machine.homing(1).expect("it has a switch");
         assert_eq!((z.axis, z.upper, z.count), (1, true, 0));
         assert!(machine.homing(2).is_none());

@@ -2,6 +2,7 @@
 //!
 //! Invariant: no limit is better than the machine file's, and the filter is the shortest with `n ≥ A/J` on every axis.
 
+use retrace_core::Rate;
 use retrace_core::drive::Braking;
 use retrace_core::limits::{PulseLimits, RateLimits};
 
@@ -60,7 +61,7 @@ impl StoppingTimes {
     pub fn from_limits<const A: usize>(limits: &RateLimits<A>) -> Option<Self> {
         let braking = Braking::<32>::new(limits)?;
         let average = u32::from(limits.average());
-        let braked = (braking.length(retrace_core::ONE) >> 32) as u32 + average / 2 + 4;
+        let braked = (braking.length(Rate::ONE).units() >> 32) as u32 + average / 2 + 4;
         // bounds cover blocks of eight records, two beyond what the cursor may reach
         let foresight_records = braked.max(average + 36);
         let ramp = limits.axes().iter().map(|axis| axis.velocity.div_ceil(axis.acceleration)).max().unwrap_or(0);

@@ -166,7 +166,7 @@ impl<const A: usize> PositionSampler<A> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_core::Place;
+    use retrace_core::{Place, Rate};
 
     fn often() -> PositionSampler<1> {
         PositionSampler { second: 1000, tenth: 100, recorded: None, last: None, rest: None }
@@ -180,7 +180,7 @@ mod tests {
             oldest: 0,
             planned: number as u32 + 500,
             window: [0, 0],
-            rate: retrace_core::ONE,
+            rate: Rate::ONE,
             line: 1,
             increments: [1],
             counts: [number as i64],
@@ -190,8 +190,8 @@ mod tests {
             inputs: 0,
             mode: retrace_core::mode::Mode::Run,
             hold_reason: HoldReason::None,
-            override_rate: retrace_core::ONE,
-            rapid_override: retrace_core::ONE,
+            override_rate: Rate::ONE,
+            rapid_override: Rate::ONE,
             off_path: false,
         }
     }

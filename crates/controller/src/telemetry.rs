@@ -11,7 +11,7 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_core::mode::Mode;
-use retrace_core::{Place, Travel};
+use retrace_core::{Place, Rate};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, OutputChange, Outputs, channel};
@@ -43,7 +43,7 @@ pub struct PeriodRecord<const A: usize> {
     /// The card's window: the first record it holds, and the place behind the last.
     pub window: [u32; 2],
     /// Distance that the cursor moved: the actual rate.
-    pub rate: Travel,
+    pub rate: Rate,
     /// Program line of the record under the cursor.
     pub line: u32,
     /// Net pulses of each axis in the period.
@@ -63,9 +63,9 @@ pub struct PeriodRecord<const A: usize> {
     /// Reason why the machine is at rest.
     pub hold_reason: HoldReason,
     /// Feed override that the operator requests.
-    pub override_rate: Travel,
+    pub override_rate: Rate,
     /// Rapid override, 0 … 1.
-    pub rapid_override: Travel,
+    pub rapid_override: Rate,
     /// Whether the machine is off the path: jogging, homing, or returning to a breakpoint. The places are then those of
     /// that move.
     pub off_path: bool,
@@ -92,8 +92,8 @@ impl<const A: usize> PeriodRecord<A> {
             inputs: status.inputs,
             mode: Mode::Run,
             hold_reason: HoldReason::None,
-            override_rate: retrace_core::ONE,
-            rapid_override: retrace_core::ONE,
+            override_rate: Rate::ONE,
+            rapid_override: Rate::ONE,
             off_path: false,
         }
     }

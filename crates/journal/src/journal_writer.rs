@@ -207,7 +207,7 @@ impl IndexWriter for JournalIndexWriter {
             IndexEntry::Length(change) => self.queue.push_index_entry(JournalEntry::ToolLength(change)),
             IndexEntry::Rest { block } => self.queue.push_index_entry(JournalEntry::Rest(PlannedRest { block })),
             IndexEntry::Override { place, planned } => {
-                let noted = PlannedOverride { place, planned };
+                let noted = PlannedOverride { place, planned: planned.units() };
                 if self.overrides.front() == Some(&noted) {
                     self.overrides.pop_front();
                     return;
@@ -352,7 +352,7 @@ mod tests {
     use crate::journal_reader::JournalEntries;
     use crate::place_index::PlaceMark;
     use crate::timestamp::Timestamp;
-    use retrace_core::Place;
+    use retrace_core::{Place, Rate};
     use serde_json::{Value, json};
     use std::sync::{Arc, Mutex, MutexGuard};
     use std::time::Duration;
@@ -474,7 +474,7 @@ mod tests {
                 handed.push(JournalEntry::Mark(mark(place)));
             }
             if n == 3 {
-                notes.write(IndexEntry::Override { place: 390, planned: 3 << 32 });
+                notes.write(IndexEntry::Override { place: 390, planned: Rate::ONE * 3 });
                 handed.push(JournalEntry::Override(PlannedOverride { place: 390, planned: 3 << 32 }));
             }
             journal.event_writer().write(event(n));
@@ -631,10 +631,10 @@ mod tests {
         let known = [PlannedOverride { place: 20, planned: 7 }];
         let mut notes = journal.index_writer(Some(30), &known);
         notes.write(IndexEntry::Mark(mark(10)));
-        notes.write(IndexEntry::Override { place: 20, planned: 7 });
+        notes.write(IndexEntry::Override { place: 20, planned: Rate::from_units(7) });
         notes.write(IndexEntry::Mark(mark(30)));
         notes.write(IndexEntry::Mark(mark(31)));
-        notes.write(IndexEntry::Override { place: 40, planned: 8 });
+        notes.write(IndexEntry::Override { place: 40, planned: Rate::from_units(8) });
         drop((notes, journal));
         let kept = entries_of(&disk.disk().bytes).expect("whole");
         assert_eq!(

@@ -10,7 +10,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use retrace_core::Travel;
+use retrace_core::Rate;
 use retrace_core::place::is_before;
 use serde::{Deserialize, Serialize};
 
@@ -52,12 +52,12 @@ pub struct LengthChange {
 pub enum IndexEntry {
     /// A mark.
     Mark(PlaceMark),
-    /// From the record at `place` on, the plan uses this override, [`retrace_core::ONE`] or more.
+    /// From the record at `place` on, the plan uses this override, [`Rate::ONE`] or more.
     Override {
         /// First record planned with it.
         place: u32,
         /// The factor, in units of 2⁻³².
-        planned: Travel,
+        planned: Rate,
     },
     /// The streamed program was cut off or rejected behind this block: the path rests there. Written before the records
     /// of that stop are released to the motion path; a plan of the whole program rests there again.

@@ -4,6 +4,7 @@
 //! Invariant: it begins and ends at rest. *Stop* or *hold* brings it to rest where it is, and the rest of it is
 //! discarded.
 
+use retrace_core::Rate;
 use std::sync::PoisonError;
 use std::thread;
 
@@ -218,7 +219,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         while stood < settled {
             self.run_period()?;
             if self.stopped {
-                let _ = self.card.send(HostCommand::rate(0));
+                let _ = self.card.send(HostCommand::rate(Rate::ZERO));
             }
             stood = if self.card.status().at_rest { stood + 1 } else { 0 };
         }

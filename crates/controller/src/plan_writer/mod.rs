@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use retrace_config::MachineConfig;
 use retrace_core::ring::Producer;
-use retrace_core::{Flags, ONE, Record};
+use retrace_core::{Flags, Record};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::{IndexEntry, IndexWriter, LengthChange, MarkDifference, PlaceMark};
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs};
@@ -466,7 +466,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             }
             if let Some(planned) = self.overrides.due_at(self.ring.write()) {
                 self.index.write(IndexEntry::Override { place: self.ring.write(), planned });
-                self.planner.set_feed_override(planned as f64 / ONE as f64);
+                self.planner.set_feed_override(f64::from(planned));
             }
             let Some(record) = self.planner.next_record() else { return Ok(()) };
             let serial = record.line;

@@ -12,7 +12,7 @@ use retrace_core::interruption::{
     Breakpoint, Interruption, InterruptionAction, InterruptionEvent as Said, SpindleDirection, SpindleState,
 };
 use retrace_core::mode::{Mode, ModeOutput};
-use retrace_core::{Flags as RecordFlags, Place, RateTarget};
+use retrace_core::{Flags as RecordFlags, Place, Rate, RateTarget};
 use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, PathStart, channel};
 
@@ -500,7 +500,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.cutter_went_off(off);
         }
         self.account_off_path_period(&status);
-        self.still_periods = if status.rate == 0 && !self.dnc.is_moving() { self.still_periods + 1 } else { 0 };
+        self.still_periods =
+            if status.rate == Rate::ZERO && !self.dnc.is_moving() { self.still_periods + 1 } else { 0 };
         if let Some(outcome) = self.alarm(&status) {
             return Ok(Some(outcome));
         }
