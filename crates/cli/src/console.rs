@@ -14,9 +14,9 @@ use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits
 use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
 use retrace_core::Rate;
 use retrace_journal::HoldReason;
+use retrace_tui::ModelObserver;
 
 use crate::escape;
-use crate::screen::model_observer::ModelObserver;
 
 /// Form of the output.
 pub enum ConsoleOptions {

@@ -7,8 +7,7 @@ use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError};
 use retrace_journal::{CardBoot, HomedAxes, axes_to_home};
 use retrace_link::CardIdentity;
-
-use crate::screen::model::AxisHoming as HomingNotes;
+use retrace_tui::AxisHoming as HomingNotes;
 
 /// A card with the homing state of its axes.
 #[derive(Clone, Debug)]

@@ -24,6 +24,7 @@ use retrace_core::Place;
 use retrace_gcode::{Parameters, ToolTable};
 use retrace_journal::JournalConfig;
 use retrace_link::MotionCard;
+use retrace_tui::ModelObserver;
 use serde_json::Value;
 
 use crate::console::{Console, ConsoleOptions};
@@ -32,7 +33,6 @@ use crate::files;
 use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableFiles;
 use crate::program::{CommandFailure, Program, ProgramStream, StreamSource};
-use crate::screen::model_observer::ModelObserver;
 use crate::stop_signals::{StopPolicy, StopSignals};
 use crate::terminal_operator::{Keyboard, TerminalOperator};
 use crate::wait_notice::WaitWatch;

@@ -45,7 +45,6 @@ mod resume_from_line;
 mod resume_summary;
 mod run;
 mod run_outputs;
-mod screen;
 mod serial_source;
 mod shell_files;
 mod sim_wiring;

@@ -5,7 +5,7 @@
 /// Converts each diagnostic of a rendered text to one line; any other text is kept, line by line. Not empty unless the
 /// text is.
 #[must_use]
-pub fn in_words(rendered: &str) -> Vec<String> {
+pub fn diagnostic_lines(rendered: &str) -> Vec<String> {
     let mut said: Vec<String> = Vec::new();
     for line in rendered.lines().map(str::trim_end).filter(|line| !line.trim().is_empty()) {
         let bare = line.trim_start();
@@ -56,19 +56,19 @@ mod tests {
     fn a_diagnostic_is_a_line_without_frame_and_mark() {
         let rendered = "error[E4304]: axis X would go too far\n --> a:/b.ngc:3:4\n  |\n3 | G1 X9999\n  |    ^\n  |\n  = help: move it\n\
             error[E1508]: no feed\n  --> MDI:12:1\n   |\n12 | G1 X1\n   | ^^\n   |\n   = help: F before it";
-        let said = in_words(rendered);
+        let said = diagnostic_lines(rendered);
         assert_eq!(said, ["E4304: axis X would go too far (b.ngc line 3) · move it", "E1508: no feed · F before it"]);
     }
 
     #[test]
     fn other_texts_stay_as_they_are() {
         assert_eq!(
-            in_words("E2101: there is no program a\n  help: check the name"),
+            diagnostic_lines("E2101: there is no program a\n  help: check the name"),
             ["E2101: there is no program a · check the name"]
         );
-        assert_eq!(in_words("\n\n"), Vec::<String>::new());
+        assert_eq!(diagnostic_lines("\n\n"), Vec::<String>::new());
         for text in ["|", "-->", "error[", "--> 1:2", "= help: x", "3 | x"] {
-            assert!(in_words(text).len() <= 1);
+            assert!(diagnostic_lines(text).len() <= 1);
         }
     }
 }

@@ -8,12 +8,12 @@ use retrace_controller::operator::{OperatorCommand, percent};
 use retrace_core::mode::Mode;
 use retrace_link::channel;
 
-use super::diagnostic_text;
-use super::model::ScreenModel;
+use crate::diagnostic_text;
+use crate::model::ScreenModel;
 
 /// Text lines of an event; empty where the event is of no interest to an operator.
 #[must_use]
-pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
+pub(crate) fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
     let text = match &event.kind {
         EventKind::Started => "program started".into(),
         EventKind::Mode(mode) => match mode_text(*mode) {
@@ -56,7 +56,7 @@ pub fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
             }
             _ => event.text(),
         },
-        EventKind::Alarm(_) => return diagnostic_text::in_words(&event.text()),
+        EventKind::Alarm(_) => return diagnostic_text::diagnostic_lines(&event.text()),
         _ => event.text(),
     };
     vec![text]
@@ -106,7 +106,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
 
 /// Instruction for a manual tool change.
 #[must_use]
-pub fn tool_change_text(model: &ScreenModel, tool: i32) -> String {
+pub(crate) fn tool_change_text(model: &ScreenModel, tool: i32) -> String {
     match (tool, model.facts.tool_names.get(&tool)) {
         (0, _) => "remove the tool".into(),
         (_, Some(name)) => format!("insert tool T{tool}: {name}"),

@@ -2,48 +2,67 @@
 //!
 //! Invariant: modes and the return path are those of the core; only rates and outputs are simulated here.
 
+use std::io::Cursor;
 use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{DifferingOutputs, Event, EventKind};
-use retrace_controller::job;
-use retrace_controller::job::{JobOptions, JobStart};
+use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobOptions, JobStart};
 use retrace_controller::manual::ManualTask;
+use retrace_controller::mdi;
 use retrace_controller::operator::{CommandError, OperatorCommand};
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::RunMode;
 use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts as ModeFacts};
 use retrace_core::{Distance, Place, Rate};
-use retrace_hal_sim::Clock;
+use retrace_gcode::{CanonStep, Program, Progress};
+use retrace_hal_sim::{Clock, PlantSettings, SimCard};
 use retrace_journal::{HoldReason, JournalConfig};
-use retrace_link::OutputChange;
+use retrace_link::{OutputChange, PathStart};
 
-use super::UiCommand;
-use super::model::{ScreenModel, ScreenStage};
-use super::model_observer::{ModelObserver, lock_model};
-use super::preview::Preview;
-use super::program_facts::{Planned, ProgramCheck, ProgramFacts};
-use crate::program::Program;
-use crate::sim_wiring::simulated;
+use crate::model::{ScreenModel, ScreenStage};
+use crate::model_observer::{ModelObserver, lock_model};
+use crate::preview::Preview;
+use crate::program_facts::{Planned, ProgramCheck, ProgramFacts};
+use crate::ui_command::UiCommand;
 
 /// Maximum change of the rate in a period.
 const SLOPE: Rate = Rate::from_units(Rate::ONE.units() / 150);
 
+/// Program text, decoded for the machine.
+struct Decoder(Program<Cursor<Vec<u8>>>);
+
+impl Decoder {
+    fn new(machine: &MachineConfig, text: &str) -> Self {
+        Self(Program::new(Cursor::new(text.as_bytes().to_vec()), mdi::setup(machine)))
+    }
+}
+
+impl BlockDecoder for Decoder {
+    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
+        match self.0.advance(steps) {
+            Progress::Line => DecodedBlock::Block,
+            Progress::End => DecodedBlock::End,
+            Progress::Refused => DecodedBlock::Refused("the program has errors".into()),
+        }
+    }
+}
+
 /// Facts of a program before it runs.
-pub fn facts(machine: &MachineConfig, program: &Program, text: &str, path: &FakePath) -> ProgramFacts {
+pub(crate) fn facts(machine: &MachineConfig, name: &str, text: &str, path: &FakePath) -> ProgramFacts {
     ProgramFacts {
         planned: Planned::Known(path.records.len() as f64 * machine.period_s()),
         check: ProgramCheck::Ready,
-        preview: Preview::of(machine, &mut program.decoder()),
-        ..ProgramFacts::of(machine, program.name(), text)
+        preview: Preview::of(machine, &mut Decoder::new(machine, text)),
+        ..ProgramFacts::of(machine, name, text)
     }
 }
 
 /// Records of a program, period by period.
 #[derive(Debug, Default)]
-pub struct FakePath {
+pub(crate) struct FakePath {
     /// Line and increments of each record.
     records: Vec<(u32, [i32; 9])>,
     /// Outputs that change before a record.
@@ -52,15 +71,16 @@ pub struct FakePath {
 
 impl FakePath {
     /// Runs the program once, at full speed.
-    pub fn of(machine: &MachineConfig, program: &Program) -> Self {
+    pub(crate) fn of(machine: &MachineConfig, text: &str) -> Self {
         let mut path = Self::default();
-        if let Ok(card) = simulated::<9>(machine, Clock::Virtual) {
+        let settings = machine.card_settings(PathStart::at(0));
+        if let Ok(card) = SimCard::<9>::with_machine(settings, &PlantSettings::default(), Clock::Virtual) {
             let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
             let run_mode = RunMode { wall_time: false, operator: false, real_time: false };
             let job_options =
                 JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
             // A program that cannot run leaves it empty.
-            let _ = job::run::<9, _>(machine, program.decoder(), job_options, card, &mut path);
+            let _ = job::run::<9, _>(machine, Decoder::new(machine, text), job_options, card, &mut path);
         }
         path
     }
@@ -79,7 +99,7 @@ impl Observer<9> for FakePath {
 }
 
 /// Fake machine.
-pub struct FakeMachine {
+pub(crate) struct FakeMachine {
     path: FakePath,
     model: Arc<Mutex<ScreenModel>>,
     live: ModelObserver,
@@ -97,7 +117,7 @@ pub struct FakeMachine {
 
 impl FakeMachine {
     /// Machine with these records, for this model.
-    pub fn new(path: FakePath, model: Arc<Mutex<ScreenModel>>, period_s: f64) -> Self {
+    pub(crate) fn new(path: FakePath, model: Arc<Mutex<ScreenModel>>, period_s: f64) -> Self {
         let live = ModelObserver::new(Arc::clone(&model));
         let outputs = vec![0; retrace_link::channel::COUNT];
         Self {
@@ -118,7 +138,7 @@ impl FakeMachine {
     }
 
     /// Executes a command of the operator.
-    pub fn handle_command(&mut self, command: &UiCommand) {
+    pub(crate) fn handle_command(&mut self, command: &UiCommand) {
         match command {
             UiCommand::Start => {
                 self.event(EventKind::Started);
@@ -218,7 +238,7 @@ impl FakeMachine {
     }
 
     /// Executes a control period.
-    pub fn step(&mut self) {
+    pub(crate) fn step(&mut self) {
         self.period += 1;
         let is_job = lock_model(&self.model).stage == ScreenStage::Job;
         let is_way_on = !matches!(self.operation.mode(), Mode::Run | Mode::Reverse | Mode::Wheel);

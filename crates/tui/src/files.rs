@@ -11,7 +11,7 @@ const MAX_ENTRIES: usize = 10_000;
 
 /// Path of a text; `~` is the home folder.
 #[must_use]
-pub fn expanded(text: &str) -> PathBuf {
+pub(crate) fn expanded(text: &str) -> PathBuf {
     let home = std::env::var_os("HOME").map(PathBuf::from);
     match (text.strip_prefix("~/"), home) {
         (Some(rest), Some(home)) => home.join(rest),
@@ -22,7 +22,7 @@ pub fn expanded(text: &str) -> PathBuf {
 /// Completes a file name as far as it is unique. Where that adds nothing, returns the candidates, or that there are
 /// none.
 #[must_use]
-pub fn complete(text: &mut String) -> Option<String> {
+pub(crate) fn complete(text: &mut String) -> Option<String> {
     let (folder, begun) = text.rsplit_once(MAIN_SEPARATOR).map_or(("", text.as_str()), |(folder, name)| (folder, name));
     let path = match folder {
         "" if text.starts_with(MAIN_SEPARATOR) => PathBuf::from("/"),

@@ -10,14 +10,14 @@ use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::channel;
 
-use super::UiCommand;
-use super::files;
-use super::keys::{self, Key, KeyAction, Situation};
-use super::model::{ScreenModel, ScreenStage};
+use crate::files;
+use crate::keys::{self, Key, KeyAction, Situation};
+use crate::model::{ScreenModel, ScreenStage};
+use crate::ui_command::UiCommand;
 
 /// Question of a prompt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PendingQuestion {
+pub(crate) enum PendingQuestion {
     /// Distance to go back, mm.
     BackBy,
     /// Number or name of an output.
@@ -36,7 +36,7 @@ pub enum PendingQuestion {
 
 /// Dialog over the screen.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum OpenDialog {
+pub(crate) enum OpenDialog {
     /// No dialog.
     #[default]
     Nothing,
@@ -52,7 +52,7 @@ pub enum OpenDialog {
 
 /// View of the drawing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum View {
+pub(crate) enum View {
     /// From above.
     #[default]
     Xy,
@@ -66,7 +66,7 @@ pub enum View {
 
 /// Region that the drawing shows at zoom 1 without pan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Fit {
+pub(crate) enum Fit {
     /// Path of the program, and the tool.
     #[default]
     Program,
@@ -76,7 +76,7 @@ pub enum Fit {
 
 /// Frame of the drawing.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Frame {
+pub(crate) struct Frame {
     /// Region that it is fitted to.
     pub fit: Fit,
     /// Zoom relative to the fitted drawing, 1 to [`MAX_ZOOM`].
@@ -86,7 +86,7 @@ pub struct Frame {
 }
 
 /// Maximum zoom.
-pub const MAX_ZOOM: f64 = 256.0;
+pub(crate) const MAX_ZOOM: f64 = 256.0;
 
 impl Default for Frame {
     fn default() -> Self {
@@ -111,7 +111,7 @@ impl Frame {
 }
 
 /// Jog steps, mm; the last one is a continuous jog.
-pub const STEPS_MM: [Option<f64>; 5] = [Some(0.01), Some(0.1), Some(1.0), Some(10.0), None];
+pub(crate) const STEPS_MM: [Option<f64>; 5] = [Some(0.01), Some(0.1), Some(1.0), Some(10.0), None];
 
 /// Rates that repeated presses of a key select, in per cent.
 const RATES: [i64; 4] = [100, 50, 25, 10];
@@ -132,7 +132,7 @@ const OVERRIDES: [f64; 2] = [0.0, 200.0];
 
 /// State of the keys: open dialog, view, jog settings.
 #[derive(Clone, Debug, Default)]
-pub struct KeyState {
+pub(crate) struct KeyState {
     /// Open dialog.
     pub open: OpenDialog,
     /// Whether the operator hid the alarm's box.
@@ -158,24 +158,24 @@ pub struct KeyState {
 impl KeyState {
     /// State with a jog step of 1 mm.
     #[must_use]
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { step: 2, ..Self::default() }
     }
 
     /// Notice about the last key, while it is recent.
     #[must_use]
-    pub fn notice(&self, now_ms: u64) -> Option<&str> {
+    pub(crate) fn notice(&self, now_ms: u64) -> Option<&str> {
         self.notice.as_ref().filter(|(_, until)| now_ms < *until).map(|(text, _)| text.as_str())
     }
 
     /// Shows a notice.
-    pub fn show_notice(&mut self, text: impl Into<String>, now_ms: u64) {
+    pub(crate) fn show_notice(&mut self, text: impl Into<String>, now_ms: u64) {
         self.notice = Some((text.into(), now_ms + NOTICE_MS));
     }
 
     /// Handles a notch of the mouse wheel: four counts in handwheel mode, nothing otherwise.
     #[must_use]
-    pub fn mouse_wheel(&mut self, forward: bool, model: &ScreenModel) -> Option<UiCommand> {
+    pub(crate) fn mouse_wheel(&mut self, forward: bool, model: &ScreenModel) -> Option<UiCommand> {
         let is_wheel = Situation::of(model) == Situation::Wheel && self.open == OpenDialog::Nothing;
         is_wheel.then_some(UiCommand::Turn(if forward { 4 } else { -4 }))
     }
@@ -183,7 +183,7 @@ impl KeyState {
     /// Open dialog, if it still applies: a question about a job closes with the job, one about the machine when a job
     /// starts.
     #[must_use]
-    pub fn open(&self, model: &ScreenModel) -> &OpenDialog {
+    pub(crate) fn open(&self, model: &ScreenModel) -> &OpenDialog {
         let is_job = model.stage == ScreenStage::Job;
         match &self.open {
             OpenDialog::Prompt(PendingQuestion::Program, ..) if is_job && !model.is_at_program_end() => {
@@ -201,7 +201,7 @@ impl KeyState {
 
     /// Handles a key.
     #[must_use]
-    pub fn key(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
+    pub(crate) fn key(&mut self, key: Key, now_ms: u64, model: &ScreenModel) -> Option<UiCommand> {
         match model.alarm {
             None => self.alarm_aside = false,
             // An alarm closes any open dialog.

@@ -5,11 +5,11 @@
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
 
-use super::model::{ScreenModel, ScreenStage};
+use crate::model::{ScreenModel, ScreenStage};
 
 /// A key as the screen receives it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Key {
+pub(crate) enum Key {
     /// A character.
     Char(char),
     /// Arrow up.
@@ -46,7 +46,7 @@ pub enum Key {
 
 /// Function of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum KeyAction {
+pub(crate) enum KeyAction {
     /// Cycle start; starts the program where none runs.
     CycleStart,
     /// Feed hold.
@@ -151,7 +151,7 @@ pub enum KeyAction {
 
 /// Situation of the operator; selects the keys that apply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Situation {
+pub(crate) enum Situation {
     /// No job runs.
     Setup = 1,
     /// Normal run, moving or at rest.
@@ -172,7 +172,7 @@ pub enum Situation {
 
 impl Situation {
     /// All situations.
-    pub const ALL: [Self; 8] = [
+    pub(crate) const ALL: [Self; 8] = [
         Self::Setup,
         Self::Run,
         Self::Retrace,
@@ -185,7 +185,7 @@ impl Situation {
 
     /// Situation that the model shows.
     #[must_use]
-    pub fn of(model: &ScreenModel) -> Self {
+    pub(crate) fn of(model: &ScreenModel) -> Self {
         match (&model.stage, model.mode) {
             (ScreenStage::Setup, _) => Self::Setup,
             (ScreenStage::Ended(_), _) => Self::Ended,
@@ -200,7 +200,7 @@ impl Situation {
 
     /// Situation in words, for the key list.
     #[must_use]
-    pub const fn text(self) -> &'static str {
+    pub(crate) const fn text(self) -> &'static str {
         match self {
             Self::Setup => "while no program runs",
             Self::Run => "while the program runs or is held",
@@ -216,7 +216,7 @@ impl Situation {
 
 /// Row of the key table.
 #[derive(Clone, Copy, Debug)]
-pub struct Row {
+pub(crate) struct Row {
     /// Keys, any of which works.
     pub keys: &'static [Key],
     /// Label of the keys.
@@ -264,7 +264,7 @@ const fn row(
 
 /// Key table.
 #[rustfmt::skip]
-pub const TABLE: &[Row] = &[
+pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('c')], "c", "start", "cycle start: start, or continue after a hold or stop", ALWAYS, KeyAction::CycleStart),
     row(&[Key::Char(' '), Key::Char('h')], "Space", "hold", "feed hold, at any time (h too); stops a jog", SETUP | JOB | RESUMING, KeyAction::Hold),
     row(&[Key::Char('r')], "r", "reverse", "reverse run; again: 50, 25, 10 %, 100 %", MOVING, KeyAction::Reverse),
@@ -319,20 +319,20 @@ pub const TABLE: &[Row] = &[
 
 /// Row of a key in a situation, if the key has a function there.
 #[must_use]
-pub fn row_of(key: Key, situation: Situation) -> Option<&'static Row> {
+pub(crate) fn row_of(key: Key, situation: Situation) -> Option<&'static Row> {
     TABLE.iter().find(|row| row.keys.contains(&key) && row.situations & situation as u8 != 0)
 }
 
 /// Row of a key that has no function here, and a situation in which it has one.
 #[must_use]
-pub fn row_elsewhere(key: Key) -> Option<(&'static Row, Situation)> {
+pub(crate) fn row_elsewhere(key: Key) -> Option<(&'static Row, Situation)> {
     let row = TABLE.iter().find(|row| row.keys.contains(&key))?;
     Situation::ALL.into_iter().find(|&s| row.situations & s as u8 != 0).map(|situation| (row, situation))
 }
 
 /// Row of a function.
 #[must_use]
-pub fn row_for(act: KeyAction) -> Option<&'static Row> {
+pub(crate) fn row_for(act: KeyAction) -> Option<&'static Row> {
     TABLE.iter().find(|row| row.action == act)
 }
 

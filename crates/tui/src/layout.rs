@@ -5,7 +5,7 @@
 use ratatui::layout::Rect;
 
 /// Minimum size.
-pub const MIN_SIZE: (u16, u16) = (80, 24);
+pub(crate) const MIN_SIZE: (u16, u16) = (80, 24);
 
 /// Rows of the motion pane, with its border.
 const MOTION_ROWS: u16 = 7;
@@ -14,7 +14,7 @@ const STATE_ROWS: u16 = 5;
 
 /// Areas of the panes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Panes {
+pub(crate) struct Panes {
     /// Status, program, time.
     pub head: Rect,
     /// Reason, and the keys that apply.
@@ -37,7 +37,7 @@ pub struct Panes {
 
 /// Lays out the panes; `None` below the minimum size.
 #[must_use]
-pub fn panes(width: u16, height: u16, axes: usize) -> Option<Panes> {
+pub(crate) fn panes(width: u16, height: u16, axes: usize) -> Option<Panes> {
     if width < MIN_SIZE.0 || height < MIN_SIZE.1 {
         return None;
     }

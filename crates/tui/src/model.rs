@@ -11,12 +11,12 @@ use retrace_core::place::is_before;
 use retrace_journal::HoldReason;
 use retrace_link::channel;
 
-use super::path_length::PathLengths;
-use super::program_facts::ProgramFacts;
-use super::trail::Trail;
+use crate::path_length::PathLengths;
+use crate::program_facts::ProgramFacts;
+use crate::trail::Trail;
 
 /// Maximum number of retained messages.
-pub const MESSAGES: usize = 200;
+pub(crate) const MESSAGES: usize = 200;
 
 /// Stage of the job.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

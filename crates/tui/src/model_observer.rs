@@ -17,11 +17,11 @@ use retrace_gcode::{FeedMode, MotionMode, Pose};
 use retrace_journal::HoldReason;
 use retrace_link::channel;
 
-use super::event_text;
-use super::model::{Active, AlarmShown, MotionKind, Pause, ScreenModel, ScreenStage};
-use super::path_length::PathLengths;
-use super::program_outputs::ProgramOutputs;
-use super::trail::{Trail, TrailPoint};
+use crate::event_text;
+use crate::model::{Active, AlarmShown, MotionKind, Pause, ScreenModel, ScreenStage};
+use crate::path_length::PathLengths;
+use crate::program_outputs::ProgramOutputs;
+use crate::trail::{Trail, TrailPoint};
 
 /// Number of periods over which the displayed speed is averaged.
 const FEED_PERIODS: f64 = 32.0;

@@ -8,7 +8,7 @@ use retrace_core::Place;
 use retrace_core::place::is_before;
 
 /// Maximum number of steps.
-pub const MAX_STEPS: usize = 4096;
+pub(crate) const MAX_STEPS: usize = 4096;
 
 /// Lengths at places.
 #[derive(Clone, Debug)]

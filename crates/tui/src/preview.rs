@@ -10,7 +10,7 @@ use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstructi
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
 
-use super::trail::{Trail, TrailPoint};
+use crate::trail::{Trail, TrailPoint};
 
 /// Maximum number of lines whose ends are stored.
 const MAX_ENDS: usize = 1_000_000;

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use retrace_config::{CutterConfig, MachineConfig, channel_name};
 use retrace_link::channel;
 
-use super::preview::Preview;
+use crate::preview::Preview;
 
 /// Axis as the screen shows it.
 #[derive(Clone, Copy, Debug, PartialEq)]

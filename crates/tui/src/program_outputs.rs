@@ -22,7 +22,7 @@ struct ProgramChange {
 
 /// Outputs of the program at the cursor.
 #[derive(Clone, Debug, Default)]
-pub struct ProgramOutputs {
+pub(crate) struct ProgramOutputs {
     changes: VecDeque<ProgramChange>,
     /// Number of changes behind the cursor.
     passed: usize,
@@ -35,29 +35,29 @@ pub struct ProgramOutputs {
 impl ProgramOutputs {
     /// Outputs at the start.
     #[must_use]
-    pub fn from(outputs: &BTreeMap<u8, i32>) -> Self {
+    pub(crate) fn from(outputs: &BTreeMap<u8, i32>) -> Self {
         Self { here: outputs.clone(), ..Self::default() }
     }
 
     /// An instruction of the program begins: changes until it is complete are the program's.
-    pub fn begin_instruction(&mut self) {
+    pub(crate) fn begin_instruction(&mut self) {
         (self.is_switching, self.is_complete) = (true, false);
     }
 
     /// The instruction is complete; changes in this period still belong to it.
-    pub fn complete_instruction(&mut self) {
+    pub(crate) fn complete_instruction(&mut self) {
         self.is_complete = true;
     }
 
     /// An output changed, for any reason, with the cursor at this record.
-    pub fn output_changed(&mut self, place: u32, channel: u8, value: i32) {
+    pub(crate) fn output_changed(&mut self, place: u32, channel: u8, value: i32) {
         if self.is_switching {
             self.push_change(place, channel, value);
         }
     }
 
     /// The program switched an output before this record, which is the furthest.
-    pub fn push_change(&mut self, place: u32, channel: u8, value: i32) {
+    pub(crate) fn push_change(&mut self, place: u32, channel: u8, value: i32) {
         let from = self.here.insert(channel, value).unwrap_or(0);
         if self.changes.len() >= MAX_CHANGES {
             self.changes.pop_front();
@@ -68,7 +68,7 @@ impl ProgramOutputs {
     }
 
     /// Ends a period with the cursor in this record. Returns the outputs there.
-    pub fn outputs_at(&mut self, place: u32) -> &BTreeMap<u8, i32> {
+    pub(crate) fn outputs_at(&mut self, place: u32) -> &BTreeMap<u8, i32> {
         if self.is_complete {
             (self.is_switching, self.is_complete) = (false, false);
         }

@@ -1,34 +1,8 @@
-//! Full-screen operation: the loop that connects keys, model and terminal.
-//!
-//! The screen is a pure function from the model ([`model::ScreenModel`]) to terminal cells ([`view`]), and a second one
-//! from keys to commands ([`key_state`]). The reporter's thread updates the model ([`model_observer`]); the motion path
-//! does not know the screen.
+//! The loop that connects keys, model and terminal.
 //!
 //! Invariant: the terminal is restored, however the loop ends.
 
-pub mod diagnostic_text;
-mod event_text;
-#[cfg(test)]
-mod fake_machine;
-mod files;
-mod key_state;
-mod keys;
-mod layout;
-pub mod model;
-pub mod model_observer;
-pub mod path_length;
-pub mod preview;
-pub mod program_facts;
-mod program_outputs;
-mod status_line;
-pub mod trail;
-mod view;
-
-#[cfg(test)]
-mod tests;
-
 use std::io;
-use std::path::PathBuf;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
@@ -38,14 +12,13 @@ use ratatui::crossterm::event::{
 };
 use ratatui::crossterm::terminal::{BeginSynchronizedUpdate, EndSynchronizedUpdate};
 use ratatui::crossterm::{execute, queue};
-use retrace_controller::manual::ManualTask;
-use retrace_controller::operator::OperatorCommand;
 
-use key_state::KeyState;
-use keys::Key;
-use model::ScreenModel;
-use model_observer::lock_model;
-use view::Theme;
+use crate::key_state::KeyState;
+use crate::keys::Key;
+use crate::model::ScreenModel;
+use crate::model_observer::lock_model;
+use crate::ui_command::UiCommand;
+use crate::view::{self, Theme};
 
 /// Interval of the polls for keys.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
@@ -55,35 +28,6 @@ const MIN_REDRAW_INTERVAL: Duration = Duration::from_millis(40);
 
 /// Maximum time between two redraws, so that a notice disappears.
 const MAX_REDRAW_INTERVAL: Duration = Duration::from_millis(500);
-
-/// Command of the operator at the screen.
-#[derive(Clone, Debug, PartialEq)]
-pub enum UiCommand {
-    /// Command to the running job.
-    Deed(OperatorCommand),
-    /// Manual task while no job runs. A continuous motion ends with [`OperatorCommand::Hold`].
-    Task(ManualTask),
-    /// The handwheel was turned by this number of counts.
-    Turn(i32),
-    /// Start the program.
-    Start,
-    /// Return to setup after a job.
-    SetUp,
-    /// Load another program from this file.
-    Load(PathBuf),
-    /// Switch every cutter off.
-    CutterOff,
-    /// Switch optional stop (M1) on or off.
-    OptionalStop(bool),
-    /// Answer to the open question.
-    Answer(bool),
-    /// Close the box of a refused program.
-    CloseRefusal,
-    /// Switch dry run on or off.
-    DryRun(bool),
-    /// Close the screen; no job runs.
-    Quit,
-}
 
 /// Screen loop.
 #[derive(Debug)]

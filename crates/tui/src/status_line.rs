@@ -6,15 +6,15 @@ use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
 
-use super::event_text::tool_change_text;
-use super::key_state::KeyState;
-use super::keys::KeyAction;
-use super::model::{Pause, ScreenModel, ScreenStage};
-use super::program_facts::ProgramCheck;
+use crate::event_text::tool_change_text;
+use crate::key_state::KeyState;
+use crate::keys::KeyAction;
+use crate::model::{Pause, ScreenModel, ScreenStage};
+use crate::program_facts::ProgramCheck;
 
 /// Severity of a status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum HintLevel {
+pub(crate) enum HintLevel {
     /// Normal operation.
     Normal,
     /// Waits for the operator.
@@ -25,7 +25,7 @@ pub enum HintLevel {
 
 /// Status of the machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct StatusHint {
+pub(crate) struct StatusHint {
     /// Status in a word or two.
     pub status: &'static str,
     /// Reason, in one line.
@@ -42,7 +42,7 @@ fn hint(grade: HintLevel, word: &'static str, why: impl Into<String>, actions: &
 
 /// Returns the status of the machine.
 #[must_use]
-pub fn of(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
+pub(crate) fn of(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
     if let Some(alarm) = &model.alarm {
         if alarm.is_refusal {
             return hint(
@@ -326,7 +326,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
 
 /// Steps of a pause (DNC-1 … DNC-6): text, action, and whether the step is done.
 #[must_use]
-pub fn steps(pause: Pause) -> Vec<(&'static str, KeyAction, bool)> {
+pub(crate) fn steps(pause: Pause) -> Vec<(&'static str, KeyAction, bool)> {
     let mut steps = Vec::new();
     if pause.spindle != 0 {
         steps.push(("stop the spindle", KeyAction::Spindle, pause.stopped));

@@ -4,7 +4,6 @@
 
 use std::sync::{Arc, Mutex};
 
-use clap::Parser;
 use proptest::prelude::*;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
@@ -15,16 +14,14 @@ use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
 
-use super::fake_machine::{self, FakeMachine, FakePath};
-use super::key_state::{KeyState, OpenDialog, PendingQuestion};
-use super::keys::{Key, TABLE};
-use super::model::{AlarmShown, AxisHoming, Pause, ScreenModel, ScreenStage};
-use super::model_observer::lock_model;
-use super::program_facts::{AxisFacts, Planned, ProgramFacts, Text};
-use super::trail::TrailPoint;
-use super::{UiCommand, layout, view};
-use crate::args::{Cli, Command};
-use crate::program::Program;
+use crate::fake_machine::{self, FakeMachine, FakePath};
+use crate::key_state::{KeyState, OpenDialog, PendingQuestion};
+use crate::keys::{Key, TABLE};
+use crate::model::{AlarmShown, AxisHoming, Pause, ScreenModel, ScreenStage};
+use crate::model_observer::lock_model;
+use crate::program_facts::{AxisFacts, Planned, ProgramFacts, Text};
+use crate::trail::TrailPoint;
+use crate::{UiCommand, layout, view};
 
 const PLAIN: view::Theme = view::Theme { colour: false };
 
@@ -39,14 +36,10 @@ struct ScreenFixture {
 impl ScreenFixture {
     fn new() -> Self {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/02-back-up.ngc");
-        let Command::Check(args) = Cli::parse_from(["retrace", "check", path]).command else {
-            unreachable!("that command was asked for")
-        };
-        let machine = crate::files::machine(None).expect("built in");
-        let program = Program::open(&args.reading, &machine).expect("a program");
-        let recorded = FakePath::of(&machine, &program);
+        let machine = MachineConfig::built_in().expect("built in");
         let text = std::fs::read_to_string(path).expect("a text");
-        let facts = fake_machine::facts(&machine, &program, &text, &recorded);
+        let recorded = FakePath::of(&machine, &text);
+        let facts = fake_machine::facts(&machine, path, &text, &recorded);
         let facts = ProgramFacts { program: Text::new("02-back-up.ngc", &text), ..facts };
         let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(facts))));
         let machine = FakeMachine::new(recorded, Arc::clone(&model), 0.001);
@@ -86,7 +79,7 @@ impl ScreenFixture {
     /// Compares the screen with its golden file.
     fn is_as(&self, name: &str, width: u16, height: u16) {
         let text = text(&self.screen(width, height));
-        let path = format!("{}/src/screen/goldens/{name}-{width}x{height}.txt", env!("CARGO_MANIFEST_DIR"));
+        let path = format!("{}/src/goldens/{name}-{width}x{height}.txt", env!("CARGO_MANIFEST_DIR"));
         if std::env::var_os("RETRACE_BLESS").is_some() {
             std::fs::write(&path, &text).expect("a golden picture");
         }

@@ -4,7 +4,7 @@
 //! value that is invisible; where that is not enough, the oldest corners are dropped.
 
 /// Maximum number of corners.
-pub const MAX_CORNERS: usize = 4096;
+pub(crate) const MAX_CORNERS: usize = 4096;
 
 /// Maximum number of points since the last corner that are checked against the line.
 const WAITING: usize = 24;

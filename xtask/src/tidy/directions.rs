@@ -46,6 +46,11 @@ const ARROWS: &[Arrows] = &[
         ..arrows("crates/controller/Cargo.toml", &["config", "core", "gcode", "journal", "link", "motion", "real-time"])
     },
     arrows("crates/plot/Cargo.toml", &[]),
+    // The screen knows no backend; its tests record a program on the simulated card.
+    Arrows {
+        in_tests: &["hal-sim"],
+        ..arrows("crates/tui/Cargo.toml", &["config", "controller", "core", "gcode", "journal", "link", "motion"])
+    },
     arrows(
         "crates/cli/Cargo.toml",
         &[
@@ -61,6 +66,7 @@ const ARROWS: &[Arrows] = &[
             "motion",
             "plot",
             "real-time",
+            "tui",
         ],
     ),
     // The card on a microcontroller: outside of the workspace, since it is compiled for another machine.

@@ -7,10 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use retrace_controller::command_queue::{CommandQueueFull, CommandReceiver, CommandSender, command_channel};
 use retrace_controller::operator::OperatorCommand;
-
-use crate::screen::UiCommand;
-use crate::screen::model::ScreenModel;
-use crate::screen::model_observer::lock_model;
+use retrace_tui::{ScreenModel, UiCommand, lock_model};
 
 /// Routes commands from the screen.
 #[derive(Debug)]

@@ -19,6 +19,10 @@ use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Outcome, RunMode};
 use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
 use retrace_link::{Alarm, MotionCard, OutputChange, PathStart};
+use retrace_tui::{
+    AlarmShown, ModelObserver, ProgramCheck, Question, ScreenModel, ScreenStage, UiCommand, diagnostic_lines,
+    lock_model,
+};
 
 use super::command_router::CommandRouter;
 use super::{ResumingJob, preview_thread};
@@ -29,11 +33,6 @@ use crate::machine_tables::TableKeeper;
 use crate::program::{CommandFailure, Program, ProgramStream};
 use crate::resume_summary::ResumeSummary;
 use crate::run::{JobResult, JobSpec, MachineAndCard, TuiOptions};
-use crate::screen::UiCommand;
-use crate::screen::diagnostic_text;
-use crate::screen::model::{AlarmShown, Question, ScreenModel, ScreenStage};
-use crate::screen::model_observer::{ModelObserver, lock_model};
-use crate::screen::program_facts::ProgramCheck;
 
 /// Number of periods between two updates of the screen at rest.
 const PUBLISH_PERIODS: u64 = 20;
@@ -258,7 +257,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                 self.add_message(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy))
             }
             Err(ManualTaskError::Block(lines)) => {
-                lines.iter().flat_map(|text| diagnostic_text::in_words(text)).for_each(|line| self.add_message(line));
+                lines.iter().flat_map(|text| diagnostic_lines(text)).for_each(|line| self.add_message(line));
             }
             Err(ManualTaskError::Card(_)) if *task == ManualTask::ClearAlarm => {
                 self.add_message("not cleared: its cause is still present")
@@ -467,7 +466,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
 
     /// Shows why a program is refused, one line per finding.
     fn show_refusal(&mut self, why: &str) {
-        let findings = diagnostic_text::in_words(why);
+        let findings = diagnostic_lines(why);
         let cause = findings.first().cloned().unwrap_or_default();
         findings.into_iter().for_each(|finding| self.add_message(finding));
         let remedy = "g shows all messages; correct the program or its work zero, then start it again (c)".to_owned();

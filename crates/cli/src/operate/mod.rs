@@ -19,6 +19,7 @@ use std::time::{Duration, Instant};
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::operator::{OperatorCommand, ScriptInstruction};
 use retrace_link::MotionCard;
+use retrace_tui::{Screen, ScreenModel, lock_model};
 
 use crate::args;
 use crate::console::unwritable;
@@ -26,9 +27,6 @@ use crate::homing_notes::Homing;
 use crate::program::{CommandFailure, Program};
 use crate::resume_summary::ConfirmResume;
 use crate::run::{MachineAndCard, TuiOptions};
-use crate::screen::Screen;
-use crate::screen::model::ScreenModel;
-use crate::screen::model_observer::lock_model;
 
 use command_router::CommandRouter;
 use machine_thread::MachineThread;
@@ -180,7 +178,7 @@ impl ScreenThread {
         let begun = Instant::now();
         while self.thread.as_ref().is_some_and(|thread| !thread.is_finished()) {
             if begun.elapsed() > CLOSE_TIMEOUT {
-                crate::screen::restore_terminal();
+                retrace_tui::restore_terminal();
                 return Ok(());
             }
             thread::sleep(POLL_INTERVAL);

@@ -11,13 +11,11 @@ use retrace_config::MachineConfig;
 use retrace_controller::job::{BlockDecoder, DecodedBlock};
 use retrace_controller::program_analysis;
 use retrace_gcode::{CanonStep, Setup};
+use retrace_tui::{
+    Planned, Preview, ProgramCheck, ProgramFacts, ScreenModel, ScreenStage, diagnostic_lines, lock_model,
+};
 
 use crate::program::{Decoder, Program};
-use crate::screen::diagnostic_text;
-use crate::screen::model::{ScreenModel, ScreenStage};
-use crate::screen::model_observer::lock_model;
-use crate::screen::preview::Preview;
-use crate::screen::program_facts::{Planned, ProgramCheck, ProgramFacts};
 
 /// Facts that are known at once.
 pub(super) fn facts(machine: &MachineConfig, program: &Program) -> ProgramFacts {
@@ -134,7 +132,7 @@ fn compute_preview<const A: usize>(model: &Arc<Mutex<ScreenModel>>, job: Preview
 fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, job: PreviewJob) {
     let PreviewJob { machine, program, setup, is_checked } = job;
     let refused = |why: String| {
-        let findings = diagnostic_text::in_words(&why);
+        let findings = diagnostic_lines(&why);
         let check = ProgramCheck::Refused(findings.clone());
         let is_known = lock_model(model).facts.check == check;
         publish(model, number, |facts| ProgramFacts { check, ..facts });

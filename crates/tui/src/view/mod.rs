@@ -14,16 +14,16 @@ use ratatui::layout::Rect;
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::widgets::{Block, Widget};
 
-use super::key_state::KeyState;
-use super::keys::{self, KeyAction};
-use super::layout::{self, MIN_SIZE};
-use super::model::{ScreenModel, ScreenStage};
-use super::program_facts::Planned;
-use super::status_line::{self, HintLevel, StatusHint};
+use crate::key_state::KeyState;
+use crate::keys::{self, KeyAction};
+use crate::layout::{self, MIN_SIZE};
+use crate::model::{ScreenModel, ScreenStage};
+use crate::program_facts::Planned;
+use crate::status_line::{self, HintLevel, StatusHint};
 
 /// Styles of the screen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Theme {
+pub(crate) struct Theme {
     /// Whether colour may be used.
     pub colour: bool,
 }
@@ -31,7 +31,7 @@ pub struct Theme {
 impl Theme {
     /// Theme from the environment: no colour where `NO_COLOR` is set or the terminal has none.
     #[must_use]
-    pub fn of_environment() -> Self {
+    pub(crate) fn of_environment() -> Self {
         let unwanted = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
         let has_none = std::env::var("TERM").is_ok_and(|term| term == "dumb" || term.starts_with("vt"));
         Self { colour: !unwanted && !has_none }
@@ -71,7 +71,7 @@ impl Theme {
 }
 
 /// Draws the screen.
-pub fn draw(out: &mut Buffer, model: &ScreenModel, key_state: &KeyState, theme: Theme, now_ms: u64) {
+pub(crate) fn draw(out: &mut Buffer, model: &ScreenModel, key_state: &KeyState, theme: Theme, now_ms: u64) {
     let area = out.area;
     let Some(panes) = layout::panes(area.width, area.height, model.facts.axes.len()) else {
         too_small(out, model, key_state);

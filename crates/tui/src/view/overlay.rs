@@ -9,10 +9,10 @@ use ratatui::widgets::{Clear, Widget};
 
 use super::listing::message_text;
 use super::{Theme, fold, pane, put_at, truncate};
-use crate::screen::key_state::{KeyState, OpenDialog, PendingQuestion};
-use crate::screen::keys::{KeyAction, Situation, TABLE, row_for};
-use crate::screen::model::{Pause, ScreenModel};
-use crate::screen::status_line::{self, HintLevel, StatusHint};
+use crate::key_state::{KeyState, OpenDialog, PendingQuestion};
+use crate::keys::{KeyAction, Situation, TABLE, row_for};
+use crate::model::{Pause, ScreenModel};
+use crate::status_line::{self, HintLevel, StatusHint};
 
 /// Draws the dialog that is open, if any.
 pub(super) fn draw(

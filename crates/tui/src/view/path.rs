@@ -9,9 +9,9 @@ use ratatui::style::{Modifier, Style};
 
 use super::canvas::Canvas;
 use super::{Theme, pane, put_at};
-use crate::screen::key_state::{Fit, Frame, View};
-use crate::screen::model::{ScreenModel, ScreenStage};
-use crate::screen::trail::TrailPoint;
+use crate::key_state::{Fit, Frame, View};
+use crate::model::{ScreenModel, ScreenStage};
+use crate::trail::TrailPoint;
 
 /// Number of dots left free along each edge.
 const MARGIN: f64 = 1.0;

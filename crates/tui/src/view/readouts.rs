@@ -8,9 +8,9 @@ use ratatui::style::{Modifier, Style};
 use retrace_link::channel;
 
 use super::{Theme, fold, pane, put_at, truncate};
-use crate::screen::key_state::{KeyState, STEPS_MM};
-use crate::screen::model::{AxisHoming, ScreenModel, ScreenStage};
-use crate::screen::program_facts::CutterFacts;
+use crate::key_state::{KeyState, STEPS_MM};
+use crate::model::{AxisHoming, ScreenModel, ScreenStage};
+use crate::program_facts::CutterFacts;
 
 /// Draws machine position, work position and distance to go of every axis.
 pub(super) fn position(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state: &KeyState, theme: Theme) {

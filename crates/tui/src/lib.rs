@@ -1,0 +1,64 @@
+//! The terminal screen of retrace: a job on one page, with keys for every command of the operator.
+//!
+//! ```text
+//!  telemetry ─> ModelObserver ─> ScreenModel ─> view ────> terminal
+//!                                     └───────> key_state <─ keys, mouse
+//!                                                   └─> UiCommand ─> the caller
+//! ```
+//!
+//! The screen is a pure function from the model ([`ScreenModel`]) to terminal cells, and a second one from keys to
+//! commands ([`UiCommand`]). The reporting thread updates the model ([`ModelObserver`]); the motion path does not know
+//! the screen. [`Screen::run`] is the loop that connects them.
+//!
+//! The crate opens no program, card or journal: what it shows of them is passed as [`ProgramFacts`] and telemetry.
+//!
+//! Invariant: every model can be drawn on a terminal of any size; the terminal is restored, however the loop ends.
+//!
+//! # Examples
+//!
+//! ```
+//! use std::sync::Arc;
+//! use retrace_config::MachineConfig;
+//! use retrace_tui::{ProgramFacts, ScreenModel, ScreenStage};
+//! let machine = MachineConfig::built_in()?;
+//! let model = ScreenModel::new(Arc::new(ProgramFacts::of(&machine, "part.ngc", "G0 X1\nM2\n")));
+//! assert_eq!(model.stage, ScreenStage::Setup);
+//! # Ok::<(), retrace_config::NumberedError>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod diagnostic_text;
+mod event_text;
+#[cfg(test)]
+mod fake_machine;
+mod files;
+mod key_state;
+mod keys;
+mod layout;
+mod model;
+mod model_observer;
+mod path_length;
+mod preview;
+mod program_facts;
+mod program_outputs;
+mod screen;
+mod status_line;
+mod trail;
+mod ui_command;
+mod view;
+
+#[cfg(test)]
+mod tests;
+
+pub use diagnostic_text::diagnostic_lines;
+pub use model::{
+    Active, AlarmShown, AxisHoming, Message, MotionKind, Pause, Question, Redraw, ScreenModel, ScreenStage,
+    TimeRemaining,
+};
+pub use model_observer::{ModelObserver, lock_model};
+pub use path_length::PathLengths;
+pub use preview::Preview;
+pub use program_facts::{AxisFacts, CutterFacts, Planned, ProgramCheck, ProgramFacts, Text};
+pub use screen::{Screen, restore_terminal};
+pub use trail::{Trail, TrailPoint};
+pub use ui_command::UiCommand;

@@ -1,0 +1,37 @@
+//! Commands of the operator at the screen.
+//!
+//! Invariant: whoever receives a command decides whether it is permitted; the screen asks only where keys need it.
+
+use std::path::PathBuf;
+
+use retrace_controller::manual::ManualTask;
+use retrace_controller::operator::OperatorCommand;
+
+/// Command of the operator at the screen.
+#[derive(Clone, Debug, PartialEq)]
+pub enum UiCommand {
+    /// Command to the running job.
+    Deed(OperatorCommand),
+    /// Manual task while no job runs. A continuous motion ends with [`OperatorCommand::Hold`].
+    Task(ManualTask),
+    /// The handwheel was turned by this number of counts.
+    Turn(i32),
+    /// Start the program.
+    Start,
+    /// Return to setup after a job.
+    SetUp,
+    /// Load another program from this file.
+    Load(PathBuf),
+    /// Switch every cutter off.
+    CutterOff,
+    /// Switch optional stop (M1) on or off.
+    OptionalStop(bool),
+    /// Answer to the open question.
+    Answer(bool),
+    /// Close the box of a refused program.
+    CloseRefusal,
+    /// Switch dry run on or off.
+    DryRun(bool),
+    /// Close the screen; no job runs.
+    Quit,
+}
