@@ -47,7 +47,7 @@ pub fn run(args: &args::Resume) -> Result<u8, CommandFailure> {
     let by_card = Cell::new(false);
     match attempt(args, ResumeBreakpoint::OfCard, &by_card) {
         // The card was moved since, so that its place is not on the path of the job: use the journal's counts.
-        Err(CommandFailure::Refused(refusal)) if by_card.get() && matches!(refusal.number, "E2214" | "E2216") => {
+        Err(CommandFailure::Input(refusal)) if by_card.get() && matches!(refusal.number, "E2214" | "E2216") => {
             attempt(args, ResumeBreakpoint::OfJournal, &by_card)
         }
         done => done,

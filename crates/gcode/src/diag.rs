@@ -4,6 +4,7 @@
 
 use crate::error_codes::ErrorCode;
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+use std::fmt;
 
 /// A range of bytes of one line. `end` is the first byte after it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -121,6 +122,14 @@ impl BlockError {
         BlockError::new(code, span, code.title())
     }
 }
+
+impl fmt::Display for BlockError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.code.number(), self.message)
+    }
+}
+
+impl std::error::Error for BlockError {}
 
 /// Result of reading or executing a block.
 pub(crate) type BlockResult<T> = Result<T, Box<BlockError>>;

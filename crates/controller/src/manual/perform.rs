@@ -8,7 +8,7 @@ use std::sync::PoisonError;
 use std::thread;
 
 use retrace_core::mode::Mode;
-use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
+use retrace_link::{Alarm, CardFailure, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
 
 use super::ManualTask;
 use super::jog_planner::{self, JogPlanner, JogRequest};
@@ -44,7 +44,7 @@ pub enum ManualTaskDone {
 #[derive(Clone, Debug, PartialEq)]
 pub enum ManualTaskError {
     /// It was not begun; the reason.
-    Refused(NumberedError),
+    Numbered(NumberedError),
     /// An MDI block has errors: rendered.
     Block(Vec<String>),
     /// An alarm, or a fault of the card.
@@ -54,7 +54,7 @@ pub enum ManualTaskError {
 impl std::fmt::Display for ManualTaskError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Refused(error) => write!(f, "{error}"),
+            Self::Numbered(error) => write!(f, "{error}"),
             Self::Block(errors) => f.write_str(&errors.join("\n")),
             Self::Card(error) => write!(f, "{error}"),
         }
@@ -65,7 +65,13 @@ impl std::error::Error for ManualTaskError {}
 
 impl From<NumberedError> for ManualTaskError {
     fn from(refusal: NumberedError) -> Self {
-        Self::Refused(refusal)
+        Self::Numbered(refusal)
+    }
+}
+
+impl<F: CardFailure> From<F> for ManualTaskError {
+    fn from(fault: F) -> Self {
+        Self::Card(fault.into())
     }
 }
 
@@ -132,8 +138,7 @@ fn perform_block<const A: usize, C: MotionCard<A>>(
     (operators, run_mode): (CommandSources, RunMode),
     observer: &mut dyn Observer<A>,
 ) -> Result<ManualTaskDone, ManualTaskError> {
-    let card_error = |fault: &C::Fault| ManualTaskError::Card(CardError::from_failure(fault));
-    begin_path(card).map_err(|fault| card_error(&fault))?;
+    begin_path(card)?;
     let machine = MachineConfig { history_records: 0, ..machine.clone() }.standing_at(&card.status().counts);
     let block = context.block(&machine, text).map_err(ManualTaskError::Block)?;
     let (block, left) = block.with_result();
@@ -149,10 +154,10 @@ fn perform_block<const A: usize, C: MotionCard<A>>(
             Ok(ManualTaskDone::Completed { cut_short: false })
         }
         Outcome::Stopped => {
-            begin_path(card).map_err(|fault| card_error(&fault))?;
+            begin_path(card)?;
             Ok(ManualTaskDone::Stopped)
         }
-        Outcome::Refused(text) => Err(ManualTaskError::Block(vec![text])),
+        Outcome::BlockError(text) => Err(ManualTaskError::Block(vec![text])),
         Outcome::Alarm(number, cause, remedy) => Err(ManualTaskError::Card(CardError::Fault { number, cause, remedy })),
     }
 }
@@ -261,9 +266,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
             self.run_mode.wall_time,
         );
         let ended = loop {
-            let ended = trip
-                .advance(&mut self.hand, self.card)
-                .map_err(|fault| ManualTaskError::Card(CardError::from_failure(&fault)))?;
+            let ended = trip.advance(&mut self.hand, self.card)?;
             if let Some(ended) = ended {
                 break ended;
             }
@@ -299,7 +302,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     }
 
     fn begin(&mut self) -> Result<(), ManualTaskError> {
-        begin_path(self.card).map_err(|fault| ManualTaskError::Card(CardError::from_failure(&fault)))
+        begin_path(self.card).map_err(ManualTaskError::from)
     }
 
     fn run_periods(&mut self, periods: u32) -> Result<ManualTaskDone, ManualTaskError> {
@@ -321,7 +324,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                 ))),
             }
         }
-        let status = *self.card.run_period().map_err(|fault| ManualTaskError::Card(CardError::from_failure(&fault)))?;
+        let status = *self.card.run_period()?;
         self.telemetry.send_output_changes(&status.outputs);
         self.telemetry.send(Telemetry::Period(PeriodRecord {
             off_path: true,
