@@ -4,6 +4,7 @@
 
 use crate::error_codes::ErrorCode;
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+pub use retrace_cycles::Severity;
 use std::fmt;
 
 /// A range of bytes of one line. `end` is the first byte after it.
@@ -19,15 +20,6 @@ impl Span {
     pub(crate) fn new(start: usize, end: usize) -> Span {
         Span { start: start as u32, end: end.max(start) as u32 }
     }
-}
-
-/// Severity of a diagnostic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Severity {
-    /// The block is not executed.
-    Error,
-    /// Legal, but suspicious.
-    Warning,
 }
 
 /// One error or warning in a program.
@@ -49,7 +41,7 @@ impl Diagnostic {
     /// Returns whether it is an error or a warning.
     #[must_use]
     pub fn severity(&self) -> Severity {
-        if self.code.number().starts_with('W') { Severity::Warning } else { Severity::Error }
+        self.code.severity()
     }
 
     /// Returns the number that users see, such as `E1101`.
