@@ -95,7 +95,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         let exit = ExitState { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
         let (mdi_context, machine) = (mdi::ModalContext::new(program.setup().clone()), machine.clone());
         let table_keeper = TableKeeper::new(&args.reading, program.setup());
-        let optional_stop = args.optional_stop.is_some_and(args::OnOff::is_on);
+        let optional_stop = args.operation.optional_stop.is_some_and(args::OnOff::is_on);
         lock_model(&router.model).optional_stop = optional_stop;
         Self {
             args,
