@@ -2,6 +2,8 @@
 //!
 //! Invariant: a property is a function of its choices alone, so that the numbers of a counterexample replay it
 //! anywhere.
+/// Rate one, and the length of a record, in units of 2⁻³².
+pub(crate) const ONE: i64 = retrace_core::Rate::ONE.units();
 
 /// A source of arbitrary values. In a proof every method stands for *all* its values at once; natively they are
 /// enumerated, drawn at random, or replayed.

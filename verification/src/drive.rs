@@ -5,7 +5,7 @@
 //! stop is between the cursor and its end. The rate that the drive requests is any number: slopes observe the limits,
 //! the cursor stays in the window.
 
-use crate::choice::Choice;
+use crate::choice::{Choice, ONE};
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
@@ -15,7 +15,7 @@ use retrace_core::drive::{Braking, Cursor, DirectedWindow, RecordWindow};
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::playback::emission;
 use retrace_core::rate::{FilterLengths, RateFilter};
-use retrace_core::{ONE, Place, RapidCap, Record, Travel};
+use retrace_core::{Distance, Place, RapidCap, Rate, Record};
 
 /// Largest number of boundaries of a modelled window.
 const BOUNDARIES: u32 = 6;
@@ -50,6 +50,11 @@ impl RecordWindow<1> for ShortWindow {
     }
 }
 
+/// Any rate from `least` grains up to one, a grain being 2ᴳᴿᴬᴵᴺ last bits.
+fn any_rate<const GRAIN: u32>(c: &mut impl Choice, least: i64) -> Rate {
+    Rate::from_units(c.between(least, ONE >> GRAIN) << GRAIN)
+}
+
 /// State of the cursor: a window, a place in it, the direction of motion, and the state of the rate filter.
 ///
 /// Rates and places are multiples of `GRAIN`: the last bit, or a sixteenth of a record.
@@ -57,7 +62,7 @@ struct Scene<const M: usize, const GRAIN: u32> {
     cursor: Cursor<M>,
     window: ShortWindow,
     at: Place,
-    sign: Travel,
+    sign: i64,
 }
 
 impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
@@ -68,7 +73,7 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
         let mut k = 0;
         while k < M {
             let target = c.between(0, ONE >> GRAIN) << GRAIN;
-            law.step(if sign < 0 { -target } else { target });
+            law.step(Rate::from_units(if sign < 0 { -target } else { target }));
             k += 1;
         }
         let window = ShortWindow { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
@@ -82,13 +87,13 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
 
     /// The cursor's invariant, written independently: distances in plain numbers from the beginning of the window.
     fn legal(&self, records: u32) -> bool {
-        let at = Place::start_of(self.window.low).distance_to(self.at);
-        let end = Travel::from(self.window.records) << 32;
-        let commanded = at + self.cursor.filter().lead();
+        let at = Place::start_of(self.window.low).distance_to(self.at).units();
+        let end = i64::from(self.window.records) << 32;
+        let commanded = at + self.cursor.filter().lead().units();
         let mut stop_ahead = false;
         let mut n = 0;
         while n <= records {
-            let stop = Travel::from(n) << 32;
+            let stop = i64::from(n) << 32;
             let ahead = if self.sign > 0 { at < stop && stop <= end } else { stop < at };
             stop_ahead |= ahead && n <= self.window.records && self.window.rests >> n & 1 == 1;
             n += 1;
@@ -101,11 +106,11 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
 /// holds again, and the rate is neither against the direction of motion nor beyond what was requested or remembered.
 fn stays_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
-    let requested = c.between(0, ONE >> GRAIN) << GRAIN;
-    let braked = c.between(0, ONE >> GRAIN) << GRAIN;
+    let requested = any_rate::<GRAIN>(c, 0);
+    let braked = any_rate::<GRAIN>(c, 0);
     let ahead_window = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.window };
     let step = scene.cursor.advance(requested, braked, &ahead_window);
-    let rate = scene.at.distance_to(step.to);
+    let rate = scene.at.distance_to(step.to).units();
     holds!(if scene.sign < 0 { rate <= 0 } else { rate >= 0 });
     holds!(-ONE - 1 <= rate && rate <= ONE + 1);
     scene.at = step.to;
@@ -121,9 +126,9 @@ fn starts_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, rec
     c.assume(record <= window.records && window.rests >> record & 1 == 1)?;
     let at = Place::start_of(window.low.wrapping_add(record));
     let mut cursor = Cursor::<M>::with_filter(RateFilter::new(FilterLengths::new(1, M as u16)?)?);
-    let (braked, asked) = (c.between(0, ONE >> GRAIN) << GRAIN, c.between(0, ONE >> GRAIN) << GRAIN);
+    let (braked, asked) = (any_rate::<GRAIN>(c, 0), any_rate::<GRAIN>(c, 0));
     let rate = cursor.start_from_rest(braked, asked, &DirectedWindow { at, sign, window: &window });
-    holds!(0 <= rate && rate <= ONE);
+    holds!(Rate::ZERO <= rate && rate <= Rate::ONE);
     holds!(Scene::<M, GRAIN> { cursor, window, at, sign }.legal(records));
     Some(())
 }
@@ -135,11 +140,15 @@ fn rests_on_the_end<const M: usize, const GRAIN: u32>(c: &mut impl Choice, recor
     let mut k = 0;
     while k < periods {
         let ahead_window = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.window };
-        scene.at = scene.cursor.advance(ONE, ONE, &ahead_window).to;
+        scene.at = scene.cursor.advance(Rate::ONE, Rate::ONE, &ahead_window).to;
         k += 1;
     }
     let end = if scene.sign > 0 { scene.window.high() } else { scene.window.low };
-    holds!(scene.at == Place::start_of(end) && scene.cursor.filter().at_rest() && scene.cursor.filter().lead() == 0);
+    holds!(
+        scene.at == Place::start_of(end)
+            && scene.cursor.filter().at_rest()
+            && scene.cursor.filter().lead() == Distance::ZERO
+    );
     Some(())
 }
 
@@ -149,8 +158,8 @@ fn rests_on_the_end<const M: usize, const GRAIN: u32>(c: &mut impl Choice, recor
 fn presses_on<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
     let mut scene = Scene::<M, GRAIN>::any(c, records)?;
     let before = scene.at.moved(scene.cursor.filter().lead());
-    let requested = c.between(1, ONE >> GRAIN) << GRAIN;
-    let braked = c.between(1, ONE >> GRAIN) << GRAIN;
+    let requested = any_rate::<GRAIN>(c, 1);
+    let braked = any_rate::<GRAIN>(c, 1);
     let ahead_window = DirectedWindow { at: scene.at, sign: scene.sign, window: &scene.window };
     let to = scene.cursor.advance(requested, braked, &ahead_window).to;
     let after = to.moved(scene.cursor.filter().lead());
@@ -161,8 +170,8 @@ fn presses_on<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u3
         (scene.at.distance_to(to), before.distance_to(after))
     };
     let at_rest = scene.cursor.filter().at_rest();
-    let on_a_stop = moved > 0 && at_rest && to.fraction == 0 && scene.window.rests_at(to.record);
-    holds!(after == end || gone_on > 0 || on_a_stop);
+    let on_a_stop = moved > Distance::ZERO && at_rest && to.fraction == 0 && scene.window.rests_at(to.record);
+    holds!(after == end || gone_on > Distance::ZERO || on_a_stop);
     Some(())
 }
 
@@ -177,10 +186,10 @@ fn braking(axis: PulseLimits, share: u16) -> Option<Braking<8>> {
 /// S(u) ≥ u⁻ + S(u⁻) for any rate u up to one, where u⁻ is u less the slope at it: a cursor that may continue at u and
 /// brake then may also continue at u⁻ and brake then. Both roundings are in the last bits.
 fn braking_covers_a_step_down(c: &mut impl Choice, braking: &Braking<8>) -> Option<()> {
-    let rate = c.between(0, ONE >> 16) << 16;
+    let rate = any_rate::<16>(c, 0);
     let slope = braking.slope(rate, 16);
-    let less = if slope < rate { rate - slope } else { 0 };
-    holds!(braking.length(rate) + 2 >= less + braking.length(less));
+    let less = if slope < rate { rate - slope } else { Rate::ZERO };
+    holds!(braking.length(rate) + Distance::from_units(2) >= less.over(1) + braking.length(less));
     Some(())
 }
 
@@ -192,14 +201,16 @@ fn braking_keeps_its_promise(size: Size) -> String {
     for share in [45_000, 60_000] {
         let limits = RateLimits::new(3, share, [SOFT]).expect("valid");
         let braking = Braking::<32>::new(&limits).expect("fast enough");
-        for rate in (0..=ONE).step_by(step as usize) {
+        for rate in (0..=ONE).step_by(step as usize).map(Rate::from_units) {
             for spare in (0..=ONE / 4).step_by(step as usize / 4).chain([1, 2, 3, ONE, 3 * ONE]) {
                 // remaining length after the period at this rate
-                let free = braking.length(rate) + spare;
-                let now = braking.max_rate_within(ONE, free);
-                assert!(0 <= now && now <= ONE && now + braking.length(now) <= free, "{now} of {free}");
-                assert!(now + 3 >= rate - braking.slope(rate, 16), "{now} after {rate}, {free} left");
-                assert!(now > 0 || free == 0);
+                let free = braking.length(rate) + Distance::from_units(spare);
+                let now = braking.max_rate_within(Rate::ONE, free);
+                let within = Rate::ZERO <= now && now <= Rate::ONE && now.over(1) + braking.length(now) <= free;
+                assert!(within, "{now:?} of {free:?}");
+                let least = rate - braking.slope(rate, 16) - Rate::from_units(3);
+                assert!(now >= least, "{now:?} after {rate:?}, {free:?} left");
+                assert!(now > Rate::ZERO || free == Distance::ZERO);
                 asked += 1;
             }
         }
@@ -209,7 +220,7 @@ fn braking_keeps_its_promise(size: Size) -> String {
 
 /// A planned stop costs no period, for any braking to it: a cursor at one with rate one requested, with the next one
 /// `records` further and any others between, is a record further after every period, and at rest there again.
-fn planned_stops_are_free<const SIGN: Travel>(c: &mut impl Choice, records: u32) -> Option<()> {
+fn planned_stops_are_free<const SIGN: i64>(c: &mut impl Choice, records: u32) -> Option<()> {
     let low = c.word();
     let window = ShortWindow { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
     let mut cursor = Cursor::<3>::with_filter(RateFilter::new(FilterLengths::new(1, 3)?)?);
@@ -219,9 +230,9 @@ fn planned_stops_are_free<const SIGN: Travel>(c: &mut impl Choice, records: u32)
         let next = at.wrapping_add(SIGN as u32);
         let ahead_window = DirectedWindow { at: Place::start_of(at), sign: SIGN, window: &window };
         if cursor.filter().at_rest() && window.rests_at(at) {
-            cursor.start_from_rest(c.between(0, ONE), ONE, &ahead_window);
+            cursor.start_from_rest(any_rate::<0>(c, 0), Rate::ONE, &ahead_window);
         }
-        let step = cursor.advance(ONE, c.between(0, ONE), &ahead_window);
+        let step = cursor.advance(Rate::ONE, any_rate::<0>(c, 0), &ahead_window);
         holds!(step.to == Place::start_of(next) && !step.starved);
         at = next;
         k += 1;
@@ -244,7 +255,7 @@ fn acceleration_is_bounded<const V: i64, const STEP: i64>(c: &mut impl Choice) -
     }
     let (first, r1, r2) = (c.upto(u32::MAX), c.between(0, ONE), c.between(0, ONE));
     let a = Place { record: 0, fraction: first };
-    let (b, d) = (a.moved(r1), a.moved(r1 + r2));
+    let (b, d) = (a.moved(Distance::from_units(r1)), a.moved(Distance::from_units(r1 + r2)));
     let pulses = |from, to| emission(from, to, |n| records.get(n as usize)).map(|[sum]| sum);
     let (Some(before), Some(after)) = (pulses(a, b), pulses(b, d)) else { panic!("a record is missing") };
     let change = if r1 < r2 { r2 - r1 } else { r1 - r2 };
@@ -288,17 +299,17 @@ fn slopes_leave_room(size: Size) -> String {
         let mut drive = Drive::<1, 64>::new(limits).expect("fits");
         let (mut at, mut track) = (Place::start_of(40), Vec::new());
         while track.len() < 3000 {
-            let target = [ONE, 0, ONE / 3, -ONE, -ONE / 2][draw.below(5) as usize];
+            let target = Rate::from_units([ONE, 0, ONE / 3, -ONE, -ONE / 2][draw.below(5) as usize]);
             for _ in 0..=draw.below(200) {
-                let rate = at.moved(drive.lead());
+                let commanded = at.moved(drive.lead());
                 at = drive.step(at, target, &window).to;
-                track.push((at, rate.distance_to(at.moved(drive.lead()))));
+                track.push((at, commanded.distance_to(at.moved(drive.lead())).units()));
             }
         }
         let average = usize::from(limits.average());
         for (i, change) in track.windows(2).map(|pair| pair[1].1 - pair[0].1).enumerate() {
             let fastest = track[i + 1..].iter().take(average).map(|(at, _)| window.speed(*at)).max().unwrap_or(0);
-            let (room, slope) = (16 * (3 << 32), least.slope(track[i].1.abs().min(ONE), 16));
+            let (room, slope) = (16 * (3 << 32), least.slope(Rate::from_units(track[i].1.abs().min(ONE)), 16).units());
             let leaves_room = change.abs() * (fastest - 1).max(0) <= room + room / 100;
             assert!(leaves_room || change.abs() <= slope + 3, "{change} at {fastest}/16 pulses, run {:?}", track[i]);
             judged += 1;
@@ -326,7 +337,7 @@ impl Wavy {
     }
 
     /// Pulses in the sixteen records around that place, from one multiple of eight to another.
-    fn speed(&self, at: Place) -> Travel {
+    fn speed(&self, at: Place) -> i64 {
         let first = (at.record as usize / 8 * 8).min(self.0.len() - 16);
         self.0[first..first + 16].iter().map(|&i| i64::from(i)).sum::<i64>().abs()
     }
@@ -371,43 +382,43 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the commanded place may run over the end",
                 file: CURSOR,
-                find: "requested.min(braking_limited).min(free.max(0))",
-                put: "requested.min(braking_limited).min(free.max(1))",
+                find: "requested.min(braking_limited).min(free.max(Distance::ZERO).per_period())",
+                put: "requested.min(braking_limited).min(free.max(Distance::from_units(1)).per_period())",
                 killer: "drive_road_1",
             },
             Mutant {
                 name: "a planned stop is passed at rate",
                 file: CURSOR,
-                find: "&& signed(ahead.sign, to.distance_to(rest)) <= 0",
-                put: "&& signed(ahead.sign, to.distance_to(rest)) < 0",
+                find: "&& signed(ahead.sign, to.distance_to(rest)) <= Distance::ZERO",
+                put: "&& signed(ahead.sign, to.distance_to(rest)) < Distance::ZERO",
                 killer: "drive_road_3",
             },
             Mutant {
                 name: "a commanded place beyond the end is forgotten when the rate is lowered",
                 file: CURSOR,
-                find: "if within < requested || free < 0 {",
+                find: "if within < requested || free < Distance::ZERO {",
                 put: "if within < requested {",
                 killer: "drive_road_3",
             },
             Mutant {
                 name: "the rate jumps further than the window is long",
                 file: CURSOR,
-                find: "let rate = if rate * periods <= ahead.distance_to_end()",
-                put: "let rate = if rate <= ahead.distance_to_end()",
+                find: "let rate = if rate.over(periods) <= ahead.distance_to_end()",
+                put: "let rate = if rate.over(1) <= ahead.distance_to_end()",
                 killer: "drive_starts_5",
             },
             Mutant {
                 name: "the stop behind the cursor counts",
                 file: "crates/core/src/drive/directed_window.rs",
-                find: "if signed(self.sign, self.at.distance_to(here)) <= 0 {",
-                put: "if signed(self.sign, self.at.distance_to(here)) < 0 {",
+                find: "if signed(self.sign, self.at.distance_to(here)) <= Distance::ZERO {",
+                put: "if signed(self.sign, self.at.distance_to(here)) < Distance::ZERO {",
                 killer: "drive_presses_3",
             },
             Mutant {
                 name: "the cursor stops a last bit early",
                 file: CURSOR,
                 find: "let free = ahead.distance_to_end() - self.filter.lead().abs();",
-                put: "let free = ahead.distance_to_end() - self.filter.lead().abs() - 1;",
+                put: "let free = ahead.distance_to_end() - self.filter.lead().abs() - Distance::from_units(1);",
                 killer: "drive_rests_1",
             },
         ],
@@ -434,14 +445,14 @@ pub const ROWS: &[Row] = &[
                 name: "the last two periods have no length",
                 file: BRAKING,
                 find: "if rate <= self.slopes[0] {",
-                put: "if rate <= 2 * self.slopes[0] {",
+                put: "if rate <= self.slopes[0] * 2 {",
                 killer: "braking_covers_soft",
             },
             Mutant {
                 name: "more is allowed than can be braked",
                 file: BRAKING,
-                find: "let over = free - 1 - self.lengths[k] - k as Travel * Self::INTERVAL;",
-                put: "let over = free + (1 << 24) - self.lengths[k] - k as Travel * Self::INTERVAL;",
+                find: "let over = free - Distance::from_units(1) - self.lengths[k] - start.over(1);",
+                put: "let over = free + Distance::from_units(1 << 24) - self.lengths[k] - start.over(1);",
                 killer: "braking-keeps",
             },
         ],
@@ -467,8 +478,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the survey ends at the commanded place",
                 file: "crates/core/src/drive/mod.rs",
-                find: "self.lead().abs() + (average + 1) / 2 * rate.max(self.cursor.filter().max_target())",
-                put: "self.lead().abs() + 0 * average * rate",
+                find: "self.lead().abs() + rate.max(self.cursor.filter().max_target()).over((average + 1) / 2)",
+                put: "self.lead().abs() + rate.over(0 * average)",
                 killer: "slopes-leave-room",
             },
         ],
@@ -487,7 +498,7 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "every stop is braked to",
                 file: CURSOR,
-                find: "let last_rest = if within < requested || free < 0 { ahead.last_planned_stop() } else { None };",
+                find: "let last_rest = if within < requested || free < Distance::ZERO { ahead.last_planned_stop() } else { None };",
                 put: "let last_rest = if ahead.sign == 0 { ahead.last_planned_stop() } else { None };",
                 killer: "drive_stops_forward",
             },
@@ -495,7 +506,7 @@ pub const ROWS: &[Row] = &[
                 name: "every start follows the law",
                 file: CURSOR,
                 find: "self.filter.set_steady(signed(ahead.sign, rate));",
-                put: "self.filter.set_steady(signed(ahead.sign, rate) * 0);",
+                put: "self.filter.set_steady(signed(ahead.sign, rate * 0));",
                 killer: "drive_stops_forward",
             },
         ],

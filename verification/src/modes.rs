@@ -3,21 +3,21 @@
 //!
 //! Invariant: a claim about an output holds after any sequence of commands.
 
-use crate::choice::Choice;
+use crate::choice::{Choice, ONE};
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts, OperatorNotice};
-use retrace_core::{ONE, Place, RateTarget};
+use retrace_core::{Place, Rate, RateTarget};
 
 fn any_order(c: &mut impl Choice) -> ModeCommand {
     match c.below(11) {
         0 => ModeCommand::Hold,
         1 => ModeCommand::Resume,
-        2 => ModeCommand::Override(c.between(-ONE, 9 * ONE)),
-        9 => ModeCommand::RapidOverride(c.between(-ONE, 9 * ONE)),
-        3 => ModeCommand::Reverse(c.between(-1, 9 * ONE)),
-        4 => ModeCommand::Forward(c.between(-1, 9 * ONE)),
+        2 => ModeCommand::Override(Rate::from_units(c.between(-ONE, 9 * ONE))),
+        9 => ModeCommand::RapidOverride(Rate::from_units(c.between(-ONE, 9 * ONE))),
+        3 => ModeCommand::Reverse(Rate::from_units(c.between(-1, 9 * ONE))),
+        4 => ModeCommand::Forward(Rate::from_units(c.between(-1, 9 * ONE))),
         5 => ModeCommand::Wheel,
         6 => ModeCommand::Leave { ask: c.flag() },
         7 => ModeCommand::Recover,
@@ -33,7 +33,7 @@ fn any_facts(c: &mut impl Choice) -> MotionFacts {
         1 => Place { record: reached.wrapping_sub(1), fraction: c.word() },
         _ => Place { record: c.word(), fraction: c.word() },
     };
-    let wheel = c.between(-ONE, ONE);
+    let wheel = Rate::from_units(c.between(-ONE, ONE));
     MotionFacts { place, at_rest: c.flag(), reached, oldest: c.word(), outputs_agree: c.flag(), wheel }
 }
 
@@ -92,14 +92,14 @@ fn demands_are_in_order<const ORDERS: usize>(c: &mut impl Choice) -> Option<()> 
         holds!(!operation.is_held() || demand.target == RateTarget::ZERO);
         let backward = matches!(operation.mode(), Mode::Reverse | Mode::Wheel);
         let RateTarget { feed, rapid } = demand.target;
-        holds!(feed >= 0 && rapid >= 0 || backward);
-        holds!(-8 * ONE <= feed && feed <= 8 * ONE);
+        holds!(feed >= Rate::ZERO && rapid >= Rate::ZERO || backward);
+        holds!(-Rate::MAX <= feed && feed <= Rate::MAX);
         // the overrides apply to program motion alone, and a feed override of zero stops all of it
         let overridden = matches!(operation.mode(), Mode::Run | Mode::Rejoin);
         holds!(!overridden || feed <= operation.override_rate() && rapid <= operation.rapid_override());
-        holds!(!overridden || operation.override_rate() != 0 || rapid == 0);
+        holds!(!overridden || operation.override_rate() != Rate::ZERO || rapid == Rate::ZERO);
         holds!(overridden || feed == rapid);
-        holds!(operation.override_rate() <= ONE && operation.rapid_override() <= ONE);
+        holds!(operation.override_rate() <= Rate::ONE && operation.rapid_override() <= Rate::ONE);
         k += 1;
     }
     Some(())
@@ -139,7 +139,7 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "a feed override of zero lets rapid motion run",
             file: MODE,
-            find: "Mode::Run | Mode::Rejoin if self.override_rate == 0 => RateTarget::ZERO,",
+            find: "Mode::Run | Mode::Rejoin if self.override_rate == Rate::ZERO => RateTarget::ZERO,",
             put: "",
             killer: "modes_3",
         },

@@ -233,8 +233,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "the path turns while the torch is lit",
             file: PLAYER,
-            find: "if turns || wanted == 0 { 0 }",
-            put: "if wanted == 0 { 0 }",
+            find: "if turns || wanted == Rate::ZERO {",
+            put: "if wanted == Rate::ZERO {",
             killer: "permit-card",
         },
         Mutant {

@@ -2,12 +2,12 @@
 //!
 //! Invariant: records and places are arbitrary; a walk is any three places, because more follow by induction.
 
-use crate::choice::Choice;
+use crate::choice::{Choice, ONE};
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
 use retrace_core::playback::{emission, partial_increment};
-use retrace_core::{ONE, Place, Record, Travel};
+use retrace_core::{Distance, Place, Record};
 
 /// `N` records of one axis, from place 0 or over the wrap.
 struct Stretch<const N: usize> {
@@ -29,9 +29,9 @@ impl<const N: usize> Stretch<N> {
         let (record, fraction) = (c.below(N as u32), c.below(16) << 28);
         let end = c.flag();
         Place::start_of(self.first).moved(if end {
-            (N as Travel) << 32
+            Distance::records(N as i64)
         } else {
-            Travel::from(record) << 32 | Travel::from(fraction)
+            Distance::from_units(i64::from(record) << 32 | i64::from(fraction))
         })
     }
 
@@ -47,6 +47,7 @@ fn places_add_up(c: &mut impl Choice) -> Option<()> {
     let most = (1i64 << 62) - 1;
     let (a, b) = (c.between(-most, most), c.between(-most, most));
     c.assume(-most <= a + b && a + b <= most)?;
+    let (a, b) = (Distance::from_units(a), Distance::from_units(b));
     let to = from.moved(a);
     holds!(from.distance_to(to) == a && to.moved(-a) == from);
     holds!(to.moved(b) == from.moved(a + b));
@@ -58,8 +59,8 @@ fn crosses_few_boundaries(c: &mut impl Choice) -> Option<()> {
     let from = Place { record: c.word(), fraction: c.word() };
     let cap = 1 + c.below(8);
     let step = c.between(-8 * ONE, 8 * ONE);
-    c.assume(step.abs() <= Travel::from(cap) << 32)?;
-    let to = from.moved(step);
+    c.assume(step.abs() <= i64::from(cap) << 32)?;
+    let to = from.moved(Distance::from_units(step));
     let ahead = to.boundary_ahead().wrapping_sub(from.boundary_ahead()) as i32;
     holds!(ahead.unsigned_abs() <= cap);
     holds!((to.record.wrapping_sub(from.record) as i32).unsigned_abs() <= cap);
@@ -161,7 +162,8 @@ fn max_history(size: crate::ledger::Size) -> String {
     let extreme: [Record<1>; 2] = [i16::MIN, i16::MAX].map(|n| Record { increments: [n], ..Record::default() });
     let records = if size.full { 1 << 30 } else { 1 << 24 };
     for (which, record) in extreme.iter().enumerate() {
-        let (from, to) = (Place::start_of(u32::MAX - 7), Place::start_of(u32::MAX - 7).moved(records << 32));
+        let (from, to) =
+            (Place::start_of(u32::MAX - 7), Place::start_of(u32::MAX - 7).moved(Distance::records(records)));
         let want = i128::from(record.increments[0]) * i128::from(records);
         let forward = emission(from, to, |_| Some(record)).expect("every record is there")[0];
         let backward = emission(to, from, |_| Some(&extreme[which])).expect("every record is there")[0];

@@ -4,13 +4,13 @@
 //! Invariant: every state of the filter that targets of one sign can lead to is reached by running it from rest over as
 //! many targets as it remembers, because its remainder is determined by what it remembers.
 
-use crate::choice::Choice;
+use crate::choice::{Choice, ONE};
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::rate::{FilterLengths, RateFilter};
 use retrace_core::wheel::Wheel;
-use retrace_core::{ONE, Travel};
+use retrace_core::{Distance, Rate};
 
 /// Longest memory that is modelled.
 const MEMORY: usize = 8;
@@ -21,22 +21,22 @@ fn any_law<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
     first: u16,
     second: u16,
-    top: Travel,
-) -> Option<(RateFilter<M>, [Travel; PERIODS])> {
+    top: i64,
+) -> Option<(RateFilter<M>, [i64; PERIODS])> {
     let mut law = RateFilter::new(FilterLengths::new(first, second)?)?;
     let mut targets = [0; PERIODS];
     let mut k = PERIODS;
     while k > 0 {
         k -= 1;
         targets[k] = c.between(0, top);
-        law.step(targets[k]);
+        law.step(Rate::from_units(targets[k]));
     }
     Some((law, targets))
 }
 
 /// Distance that the cursor has still to run for the remembered targets, the newest first, in units of 1/(N₁·N₂): each
 /// of them as far as its weights have not been run yet.
-fn pending<const PERIODS: usize>(targets: &[Travel; PERIODS], weights: &[Travel; 2 * MEMORY]) -> Travel {
+fn pending<const PERIODS: usize>(targets: &[i64; PERIODS], weights: &[i64; 2 * MEMORY]) -> i64 {
     let (mut sum, mut k) = (0, 0);
     while k < PERIODS {
         let (mut share, mut n) = (0, k + 1);
@@ -56,22 +56,22 @@ fn lead_is_what_is_pending<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
     first: u16,
     second: u16,
-    top: Travel,
+    top: i64,
 ) -> Option<()> {
     let (mut law, mut targets) = any_law::<M, PERIODS>(c, first, second, top)?;
-    let (weights, unit) = (weights(first as usize, second as usize), Travel::from(first) * Travel::from(second));
-    let over = unit * law.lead() - pending(&targets, &weights);
+    let (weights, unit) = (weights(first as usize, second as usize), i64::from(first) * i64::from(second));
+    let over = unit * law.lead().units() - pending(&targets, &weights);
     holds!(0 <= over && over < unit);
     let (lead, target) = (law.lead(), c.between(0, top));
-    let moved = law.step(target);
-    holds!(law.lead() == lead + target - moved && moved >= 0);
+    let moved = law.step(Rate::from_units(target));
+    holds!(law.lead() == lead + Rate::from_units(target).over(1) - moved && moved >= Distance::ZERO);
     let mut k = PERIODS - 1;
     while k > 0 {
         targets[k] = targets[k - 1];
         k -= 1;
     }
     targets[0] = target;
-    let over = unit * law.lead() - pending(&targets, &weights);
+    let over = unit * law.lead().units() - pending(&targets, &weights);
     holds!(0 <= over && over < unit);
     Some(())
 }
@@ -82,7 +82,7 @@ fn never_overshoots<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
     first: u16,
     second: u16,
-    top: Travel,
+    top: i64,
 ) -> Option<()> {
     let (mut law, targets) = any_law::<M, PERIODS>(c, first, second, top)?;
     let (low, high, target) = (c.between(0, top), c.between(0, top), c.between(0, top));
@@ -92,7 +92,7 @@ fn never_overshoots<const M: usize, const PERIODS: usize>(
         k += 1;
     }
     c.assume(within)?;
-    let moved = law.step(target);
+    let moved = law.step(Rate::from_units(target)).units();
     holds!(low <= moved + 1 && moved <= high + 1);
     Some(())
 }
@@ -103,20 +103,20 @@ fn comes_to_rest<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
     first: u16,
     second: u16,
-    top: Travel,
+    top: i64,
 ) -> Option<()> {
     let (mut law, _) = any_law::<M, PERIODS>(c, first, second, top)?;
-    let (lead, mut run, mut k) = (law.lead(), 0, 0);
+    let (lead, mut run, mut k) = (law.lead(), Distance::ZERO, 0);
     while k < PERIODS {
-        run += law.step(0);
+        run += law.step(Rate::ZERO);
         k += 1;
     }
-    holds!(run == lead && law.lead() == 0 && law.at_rest() && law.step(0) == 0);
+    holds!(run == lead && law.lead() == Distance::ZERO && law.at_rest() && law.step(Rate::ZERO) == Distance::ZERO);
     Some(())
 }
 
 /// Weights of the twice moving average, in units of 1/(N₁·N₂), the newest target first.
-const fn weights(first: usize, second: usize) -> [Travel; 2 * MEMORY] {
+const fn weights(first: usize, second: usize) -> [i64; 2 * MEMORY] {
     let mut weights = [0; 2 * MEMORY];
     let mut i = 0;
     while i < first {
@@ -132,7 +132,7 @@ const fn weights(first: usize, second: usize) -> [Travel; 2 * MEMORY] {
 
 /// Rate and change of the rate of a plain step from 0 to 1 in its `k`-th period, in units of 1/(2·N₁·N₂): the rate in
 /// the middle of the two periods, the change doubled.
-const fn plain_step(weights: &[Travel; 2 * MEMORY], k: usize) -> (Travel, Travel) {
+const fn plain_step(weights: &[i64; 2 * MEMORY], k: usize) -> (i64, i64) {
     let (mut sum, mut n) = (0, 0);
     while n < k {
         sum += weights[n];
@@ -147,14 +147,14 @@ fn change_is_bounded<const M: usize, const PERIODS: usize>(
     c: &mut impl Choice,
     first: u16,
     second: u16,
-    top: Travel,
+    top: i64,
 ) -> Option<()> {
     let (mut law, _) = any_law::<M, PERIODS>(c, first, second, top)?;
     // the period before is one more step, so that both rates come from whole memories
-    let before = law.step(c.between(0, top));
-    let after = law.step(c.between(0, top));
+    let before = law.step(Rate::from_units(c.between(0, top))).units();
+    let after = law.step(Rate::from_units(c.between(0, top))).units();
     let weights = weights(first as usize, second as usize);
-    let unit = Travel::from(first) * Travel::from(second);
+    let unit = i64::from(first) * i64::from(second);
     let mut k = 0;
     while k + 1 < PERIODS {
         let ((r0, d0), (r1, d1)) = (plain_step(&weights, k), plain_step(&weights, k + 1));
@@ -184,16 +184,16 @@ fn wheel_follows(c: &mut impl Choice) -> Option<()> {
     } else {
         sum
     };
-    holds!(wheel.rate() == held << 29);
+    holds!(wheel.rate() == Rate::from_units(held << 29));
     Some(())
 }
 
 /// Largest target in last bits, where the proof compares sums: the filter is linear, and its rounding is in the last
 /// bit.
-const LAST_BITS: Travel = 15;
+const LAST_BITS: i64 = 15;
 
 /// Highest rate.
-const TOP: Travel = 8 * ONE;
+const TOP: i64 = 8 * ONE;
 
 harnesses! {
     [without kani]
@@ -220,7 +220,7 @@ fn change_at_every_corner(_: Size) -> String {
             let steps: Vec<_> = (0..periods).map(|k| plain_step(&weights, k)).collect();
             for memory in 0u32..1 << (periods + 1) {
                 let at = |shift: usize| {
-                    (0..periods).filter(|n| memory >> (n + shift) & 1 == 1).map(|n| weights[n]).sum::<Travel>()
+                    (0..periods).filter(|n| memory >> (n + shift) & 1 == 1).map(|n| weights[n]).sum::<i64>()
                 };
                 let (after, before) = (at(0), at(1));
                 let (rate, change) = (after + before, 2 * (after - before).abs());
@@ -251,15 +251,15 @@ fn long_averages(size: Size) -> String {
             let target = draw.between(0, 8 * ONE);
             for _ in 0..=draw.upto(2 * u32::from(smoothing.periods())) {
                 commanded += i128::from(target);
-                let moved = law.step(target);
+                let moved = law.step(Rate::from_units(target)).units();
                 run += i128::from(moved);
-                assert!((0..=8 * ONE).contains(&moved) && i128::from(law.lead()) == commanded - run);
+                assert!((0..=8 * ONE).contains(&moved) && i128::from(law.lead().units()) == commanded - run);
             }
         }
         for _ in 0..smoothing.periods() {
-            run += i128::from(law.step(0));
+            run += i128::from(law.step(Rate::ZERO).units());
         }
-        assert!(run == commanded && law.at_rest() && law.lead() == 0);
+        assert!(run == commanded && law.at_rest() && law.lead() == Distance::ZERO);
     }
     format!("{runs} drawn runs with averages of up to {} periods", FilterLengths::MAX_PERIODS)
 }
@@ -299,8 +299,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the second average is one period too long",
                 file: RATE,
-                find: "Travel::from(self.lengths.first) * Travel::from(self.lengths.second);",
-                put: "Travel::from(self.lengths.first) * Travel::from(self.lengths.second + 1);",
+                find: "i64::from(self.lengths.first) * i64::from(self.lengths.second);",
+                put: "i64::from(self.lengths.first) * i64::from(self.lengths.second + 1);",
                 killer: "law_pending_2_2",
             },
             Mutant {
@@ -332,8 +332,8 @@ pub const ROWS: &[Row] = &[
         mutants: &[Mutant {
             name: "the first average does nothing",
             file: RATE,
-            find: "let sum = self.targets.push(target);",
-            put: "let sum = self.targets.push(target).min(0) + target * Travel::from(self.lengths.first);",
+            find: "let sum = self.targets.push(target.units());",
+            put: "let sum = self.targets.push(target.units()).min(0) + target.units() * i64::from(self.lengths.first);",
             killer: "law_change_2_2",
         }],
     },

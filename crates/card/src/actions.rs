@@ -4,7 +4,7 @@
 //! forward and, if actions are replayed, undone when the cursor passes it backward.
 
 use retrace_core::place::is_before;
-use retrace_core::{Place, Travel};
+use retrace_core::{Distance, Place};
 use retrace_link::{CommandRefusal, OutputAction};
 
 /// Table of at most `N` actions, in order of their places.
@@ -80,8 +80,8 @@ impl<const N: usize> ActionTable<N> {
 }
 
 /// Whether `x` is in 0 … `distance`, the end excluded.
-fn within(x: Travel, distance: Travel) -> bool {
-    (0..distance).contains(&x)
+fn within(x: Distance, distance: Distance) -> bool {
+    (Distance::ZERO..distance).contains(&x)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 //! Invariant: while an alarm is latched the motion brakes on the path and stays at rest, and the outputs that the
 //! settings define as safe have their safe values. After it was cleared nothing moves before a new command.
 
-use retrace_core::{RateTarget, Record};
+use retrace_core::{Rate, RateTarget, Record};
 use retrace_link::{
     Alarm, CardCore, CardIdentity, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HomingCommand,
     HostCommand, Outputs, PROTOCOL,
@@ -274,7 +274,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> CardCo
             return Err(CommandRefusal::InMotion);
         }
         // no motion is requested any more, whatever completes later
-        let _ = self.player.accept(HostCommand::rate(0));
+        let _ = self.player.accept(HostCommand::rate(Rate::ZERO));
         self.safety.start_watchdog(0);
         self.is_open = false;
         self.player.switch_cutters_off(CutterOffCause::EpochClosed);

@@ -8,8 +8,10 @@
 //! Invariant: the increments of a search sum to the axis' displacement, none of them exceeds the faster of the
 //! command's two speeds rounded up, and a search ends at rest.
 
-use retrace_core::ONE;
 use retrace_link::HomingCommand;
+
+/// One pulse per period, in the units of a speed.
+const PULSE: i64 = 1 << 32;
 
 /// Phase of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +57,7 @@ impl HomingSearch {
     /// per period, or its count is beyond 2⁴⁸, which no axis reaches.
     #[must_use]
     pub fn new(order: HomingCommand, most: u16) -> Option<Self> {
-        let limit = i64::from(most) * ONE;
+        let limit = i64::from(most) * PULSE;
         let legal = |speed: i64| 0 < speed && speed <= limit;
         let near = order.count.unsigned_abs() <= 1 << 48;
         let valid = near && legal(order.search_speed) && legal(order.latch_speed) && order.acceleration > 0;
@@ -90,8 +92,8 @@ impl HomingSearch {
         let most = self.command.acceleration;
         self.speed += (wanted - self.speed).clamp(-most, most);
         self.fraction += self.speed;
-        let pulses = self.fraction.div_euclid(ONE);
-        self.fraction = self.fraction.rem_euclid(ONE);
+        let pulses = self.fraction.div_euclid(PULSE);
+        self.fraction = self.fraction.rem_euclid(PULSE);
         self.moved += pulses;
         // At most `most` pulses per period, which is a 32-bit number.
         let increment = pulses as i32;
@@ -145,7 +147,7 @@ mod tests {
             let (increment, ending) = search.run_period(closed);
             position += i64::from(increment);
             let fastest = order.search_speed.max(order.latch_speed);
-            assert!(i64::from(increment.abs()) <= (fastest + ONE - 1) / ONE);
+            assert!(i64::from(increment.abs()) <= (fastest + PULSE - 1) / PULSE);
             assert!((search.speed - speed).abs() <= order.acceleration, "a jump of the speed");
             speed = search.speed;
             if let Some(ending) = ending {
@@ -170,13 +172,13 @@ mod tests {
 
     #[test]
     fn a_search_without_speed_is_refused() {
-        let good = order(true, ONE, ONE, ONE);
+        let good = order(true, PULSE, PULSE, PULSE);
         assert!(HomingSearch::new(good, 1).is_some());
         let bad = [
             HomingCommand { search_speed: 0, ..good },
             HomingCommand { latch_speed: -1, ..good },
             HomingCommand { acceleration: 0, ..good },
-            HomingCommand { search_speed: ONE + 1, ..good },
+            HomingCommand { search_speed: PULSE + 1, ..good },
         ];
         assert!(bad.iter().all(|&order| HomingSearch::new(order, 1).is_none()));
         let hostile = HomingCommand { search_speed: i64::MAX, acceleration: i64::MAX, ..good };
@@ -188,9 +190,9 @@ mod tests {
 
     #[test]
     fn a_switch_out_of_reach_is_not_found_and_a_switch_that_stays_closed_neither() {
-        let (position, ending, _) = run(order(true, 3 * ONE, ONE / 4, ONE / 8), 5000, None);
+        let (position, ending, _) = run(order(true, 3 * PULSE, PULSE / 4, PULSE / 8), 5000, None);
         assert!(ending == HomingEnd::NotFound && (2000..2050).contains(&position), "{position}");
-        let mut search = HomingSearch::new(order(false, 3 * ONE, ONE / 4, ONE / 8), 100).expect("valid");
+        let mut search = HomingSearch::new(order(false, 3 * PULSE, PULSE / 4, PULSE / 8), 100).expect("valid");
         let (mut position, mut ending) = (0, None);
         while ending.is_none() {
             let increment;
@@ -205,24 +207,24 @@ mod tests {
         /// edge of the switch, to within the way of one slow period.
         #[test]
         fn the_count_refers_to_the_edge(
-            upper in any::<bool>(), at in -300i64..1900, fast in 1..40 * ONE, slow in ONE / 50..3 * ONE, acceleration in ONE / 200..ONE,
+            upper in any::<bool>(), at in -300i64..1900, fast in 1..40 * PULSE, slow in PULSE / 50..3 * PULSE, acceleration in PULSE / 200..PULSE,
         ) {
             let order = order(upper, fast, slow, acceleration);
             // slow enough searches take for ever
-            prop_assume!(fast > ONE / 50);
+            prop_assume!(fast > PULSE / 50);
             let (position, ending, _) = run(order, at, None);
             let HomingEnd::Found(count) = ending else { panic!("{ending:?}") };
             let from_edge = if upper { position - at } else { position + at };
             let error = (count - order.count) - from_edge;
             // the switch opens on the first pulse on the far side of its edge, and is seen at the end of that period
             let far = if upper { error } else { -error };
-            prop_assert!((0..=slow / ONE + 2).contains(&far), "{far}");
+            prop_assert!((0..=slow / PULSE + 2).contains(&far), "{far}");
         }
 
         /// Stopped at any moment it comes to rest within its ramp.
         #[test]
-        fn a_stop_is_a_ramp(stop in 0u32..3000, fast in ONE / 10..40 * ONE, acceleration in ONE / 50..ONE) {
-            let order = order(true, fast, ONE / 2, acceleration);
+        fn a_stop_is_a_ramp(stop in 0u32..3000, fast in PULSE / 10..40 * PULSE, acceleration in PULSE / 50..PULSE) {
+            let order = order(true, fast, PULSE / 2, acceleration);
             let (_, ending, periods) = run(order, 1500, Some(stop));
             let ramp = (fast / acceleration + 2) as u32;
             prop_assert!(ending != HomingEnd::Stopped || (stop..=stop + ramp).contains(&periods));

@@ -8,7 +8,7 @@ use retrace_core::drive::{Drive, RecordWindow};
 use retrace_core::limits::RateLimits;
 use retrace_core::place::is_before;
 use retrace_core::playback::emission;
-use retrace_core::{Place, RapidCap, RateTarget, Record, Travel};
+use retrace_core::{Distance, Place, RapidCap, Rate, RateTarget, Record};
 use retrace_link::{
     Alarm, CardStatus, CommandRefusal, CutterOffCause, CuttingSettings, HostCommand, Instruction, OutputAction,
     OutputChange, Outputs, PathStart, RepeatedInstruction, channel,
@@ -144,7 +144,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         (self.target, self.replay, self.block) = (RateTarget::ZERO, false, MotionBlock::None);
         let status = &mut self.status;
         (status.place, status.reached) = (start.place, start.reached);
-        (status.rate, status.starved, status.line) = (0, false, 0);
+        (status.rate, status.starved, status.line) = (Rate::ZERO, false, 0);
         status.increments = [0; A];
         self.update_status();
         Ok(())
@@ -202,12 +202,12 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     pub(crate) fn is_about_to_act(&self) -> bool {
         let (place, window) = (self.status.place, self.record_window());
         let distance = match self.unblocked_target().signum() {
-            0 => 0,
-            _ if !self.has_record_under_cursor() => 0,
+            0 => Distance::ZERO,
+            _ if !self.has_record_under_cursor() => Distance::ZERO,
             1 => place.distance_to(Place::start_of(window.high())),
             _ => Place::start_of(window.low()).distance_to(place),
         };
-        !self.is_at_rest() || distance > 0 || self.is_due()
+        !self.is_at_rest() || distance > Distance::ZERO || self.is_due()
     }
 
     /// Whether the window is empty and no instruction is pending.
@@ -276,8 +276,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let at = Place::start_of(instruction.place);
         // Only a place in the window shortens it.
         let is_beyond = !is_before(instruction.place, self.window.high());
-        let can_brake = is_beyond || self.stopping_place().distance_to(at) >= 0;
-        let runs_into = self.status.place.distance_to(at) > 0 && self.planned_stop_at(instruction.place);
+        let can_brake = is_beyond || self.stopping_place().distance_to(at) >= Distance::ZERO;
+        let runs_into = self.status.place.distance_to(at) > Distance::ZERO && self.planned_stop_at(instruction.place);
         if !(can_brake || runs_into) {
             return Err(CommandRefusal::InMotion);
         }
@@ -292,7 +292,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let status = &self.status;
         let now = PermitConditions {
             denied,
-            backward: status.rate < 0 || status.at_rest && self.unblocked_target() < 0,
+            backward: status.rate < Rate::ZERO || status.at_rest && self.unblocked_target() < Rate::ZERO,
             moving: !status.at_rest,
             awaits_motion: self.awaits_motion(),
             keeps_cutter: self.switching.keeps_cutter(),
@@ -330,12 +330,12 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Whether motion is about to begin, or a restart is between two repeated instructions.
     fn awaits_motion(&self) -> bool {
-        self.unblocked_target() != 0 || matches!(self.block, MotionBlock::Restart { begun: true, .. })
+        self.unblocked_target() != Rate::ZERO || matches!(self.block, MotionBlock::Restart { begun: true, .. })
     }
 
     /// Returns the requested rate, the faster of feed and rapid motion; 0 while motion is blocked.
-    fn unblocked_target(&self) -> Travel {
-        if self.block == MotionBlock::None { self.target.faster() } else { 0 }
+    fn unblocked_target(&self) -> Rate {
+        if self.block == MotionBlock::None { self.target.faster() } else { Rate::ZERO }
     }
 
     fn planned_stop_at(&self, place: u32) -> bool {
@@ -348,7 +348,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let here = self.switching.waiting_place().is_some_and(|place| self.status.place == Place::start_of(place));
         here && self.drive.at_rest()
             && !self.taking_up_backlash
-            && self.unblocked_target() > 0
+            && self.unblocked_target() > Rate::ZERO
             && !self.switching.is_busy()
     }
 
@@ -367,12 +367,12 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Returns the furthest place ahead that the cursor is at or cannot avoid reaching.
     fn stopping_place(&self) -> Place {
-        self.status.place.moved(self.drive.stopping_distance().max(0))
+        self.status.place.moved(self.drive.stopping_distance().max(Distance::ZERO))
     }
 
     /// Returns the furthest place behind that the cursor is at or cannot avoid reaching.
     fn stopping_place_behind(&self) -> Place {
-        self.status.place.moved(self.drive.stopping_distance().min(0))
+        self.status.place.moved(self.drive.stopping_distance().min(Distance::ZERO))
     }
 
     fn record_window(&self) -> PlayedWindow<'_, CardWindow<A, W, S>> {
@@ -393,18 +393,23 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let instruction_begins = self.is_due();
         self.begin_due_instruction();
         let from = self.status.place;
-        let waits = self.unblocked_target() != 0 && !self.has_record_under_cursor();
+        let waits = self.unblocked_target() != Rate::ZERO && !self.has_record_under_cursor();
         // Also for an instruction without duration: the host sends the following records only after it is reported as
         // executed.
-        let wanted = if instruction_begins || self.switching.is_busy() || waits { 0 } else { self.unblocked_target() };
+        let wanted =
+            if instruction_begins || self.switching.is_busy() || waits { Rate::ZERO } else { self.unblocked_target() };
         // The path comes to rest, and cutting outputs are switched off, before it runs backward.
-        let turns = wanted < 0 && self.permit.is_lit_forward_only(self.outputs.values());
+        let turns = wanted < Rate::ZERO && self.permit.is_lit_forward_only(self.outputs.values());
         let keeps = self.switching.keeps_cutter();
         let ran = !self.drive.at_rest();
         let mut alarm = self.switching.run_period(active, failed);
         self.release_block();
         let window = PlayedWindow::new(&self.window, self.switching.barrier());
-        let target = if turns || wanted == 0 { 0 } else { self.drive.within_overrides(from, self.target, &window) };
+        let target = if turns || wanted == Rate::ZERO {
+            Rate::ZERO
+        } else {
+            self.drive.within_overrides(from, self.target, &window)
+        };
         let step = self.drive.step(from, target, &window);
         // The drive never leaves the window, so the records are held; if one were missing, the card would stop.
         let (to, increments) = match emission(from, step.to, |n| self.window.record(n)) {
@@ -419,10 +424,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         self.apply_actions(from, to);
         self.commit_period(to, increments, step.starved || waits);
         let rate = self.status.rate;
-        let backward = rate < 0 || rate == 0 && wanted < 0;
+        let backward = rate < Rate::ZERO || rate == Rate::ZERO && wanted < Rate::ZERO;
         self.conditions = PermitConditions {
             backward,
-            moving: ran || rate != 0,
+            moving: ran || rate != Rate::ZERO,
             awaits_motion: self.awaits_motion(),
             keeps_cutter: keeps,
             denied: None,
@@ -464,14 +469,14 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     fn commit_period(&mut self, to: Place, increments: [i32; A], starved: bool) {
         let status = &mut self.status;
         status.period += 1;
-        status.rate = status.place.distance_to(to);
+        status.rate = status.place.distance_to(to).per_period();
         status.place = to;
         status.starved = starved;
         status.increments = increments;
         for (count, &increment) in status.counts.iter_mut().zip(&increments) {
             *count += i64::from(increment);
         }
-        let under = if status.rate < 0 { to.record } else { to.boundary_ahead().wrapping_sub(1) };
+        let under = if status.rate < Rate::ZERO { to.record } else { to.boundary_ahead().wrapping_sub(1) };
         if let Some(record) = self.window.record(under) {
             status.line = record.line;
         }
@@ -486,7 +491,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// are replayed.
     fn apply_actions(&mut self, from: Place, to: Place) {
         let reached = self.status.reached;
-        if from.distance_to(to) > 0 {
+        if from.distance_to(to) > Distance::ZERO {
             for action in self.actions.passed_forward(from, to) {
                 let first_time = !is_before(action.place, reached);
                 if first_time {
@@ -577,8 +582,8 @@ impl<const A: usize, R: RecordWindow<A>> RecordWindow<A> for PlayedWindow<'_, R>
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use retrace_core::Flags;
     use retrace_core::limits::PulseLimits;
-    use retrace_core::{Flags, ONE};
     use retrace_link::{Instruction, OutputAction};
 
     fn player() -> Player<1, 64, 32> {
@@ -598,14 +603,14 @@ mod tests {
     fn runs_to_the_planned_stop_in_as_many_periods_as_there_are_records() {
         let mut player = player();
         fill(&mut player, (1..=20).map(|n| (n, if n == 20 { Flags::REST } else { Flags::NONE })));
-        player.accept(HostCommand::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         for n in 1..=20u32 {
             let status = player.run_period();
             assert_eq!((status.increments[0], status.line), (n as i32, n));
         }
         assert!(player.status().at_rest);
         assert_eq!(player.status().counts, [210]);
-        player.accept(HostCommand::rate(-ONE)).expect("a rate");
+        player.accept(HostCommand::rate(-Rate::ONE)).expect("a rate");
         for _ in 0..20 {
             player.run_period();
         }
@@ -619,7 +624,7 @@ mod tests {
     fn an_instruction_waits_for_the_motion_and_holds_it() {
         let mut player = player();
         fill(&mut player, [(5, Flags::NONE), (5, Flags::REST), (5, Flags::REST)]);
-        player.accept(HostCommand::rate(ONE / 2)).expect("a rate");
+        player.accept(HostCommand::rate(Rate::ONE / 2)).expect("a rate");
         player.run_period();
         let instruction = Instruction { number: 1, place: 2, periods: 3, ..Instruction::default() };
         // kept while the motion is under way (it was refused then, before instructions carried their place), and the
@@ -631,14 +636,14 @@ mod tests {
             let status = player.run_period();
             assert_eq!((status.executed, status.increments), (done, [0]));
         }
-        assert_eq!(player.run_period().rate, ONE / 2);
+        assert_eq!(player.run_period().rate, Rate::ONE / 2);
     }
 
     #[test]
     fn an_instruction_that_cannot_be_executed_in_order_is_refused() {
         let mut player = player();
         fill(&mut player, (0..60).map(|n| (5, if n == 55 { Flags::REST } else { Flags::NONE })));
-        player.accept(HostCommand::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         for _ in 0..10 {
             player.run_period();
         }
@@ -648,20 +653,20 @@ mod tests {
         let nearest = (10..55).find(|&place| player.accept(at(place)).is_ok()).expect("there is room");
         assert!((16..40).contains(&nearest), "{nearest}");
         assert_eq!(player.accept(at(nearest + 1)), Err(CommandRefusal::Busy));
-        player.accept(HostCommand::rate(-ONE)).expect("a rate");
+        player.accept(HostCommand::rate(-Rate::ONE)).expect("a rate");
         for _ in 0..90 {
             player.run_period();
         }
         assert_eq!((player.status().place, player.status().executed), (Place::start_of(0), 0));
-        player.accept(HostCommand::rate(0)).expect("a rate");
-        player.accept(HostCommand::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::rate(Rate::ZERO)).expect("a rate");
+        player.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         let mut executed_at = None;
         while player.status().executed == 0 {
             let status = player.run_period();
             executed_at = Some(status.place);
-            assert!(Place::start_of(nearest).distance_to(status.place) <= 0 || status.executed == 1);
+            assert!(Place::start_of(nearest).distance_to(status.place) <= Distance::ZERO || status.executed == 1);
         }
-        assert!(executed_at.is_some_and(|place| Place::start_of(nearest).distance_to(place) <= ONE));
+        assert!(executed_at.is_some_and(|place| Place::start_of(nearest).distance_to(place) <= Distance::RECORD));
     }
 
     #[test]
@@ -672,9 +677,9 @@ mod tests {
         for _ in 0..5 {
             assert_eq!(player.run_period().executed, 0);
         }
-        player.accept(HostCommand::rate(-ONE)).expect("a rate");
+        player.accept(HostCommand::rate(-Rate::ONE)).expect("a rate");
         assert_eq!(player.run_period().executed, 0);
-        player.accept(HostCommand::rate(1)).expect("a rate");
+        player.accept(HostCommand::rate(Rate::from_units(1))).expect("a rate");
         let status = player.run_period();
         assert_eq!((status.executed, status.starved), (1, false), "what follows is not late, it is not due yet");
         let second = Instruction { number: 2, ..Instruction::default() };
@@ -686,7 +691,7 @@ mod tests {
     fn a_restart_blocks_motion_until_its_last_repeat_is_complete() {
         let mut player = player();
         fill(&mut player, (0..40).map(|n| (4, if n == 39 { Flags::REST } else { Flags::NONE })));
-        player.accept(HostCommand::rate(ONE * 5 / 9)).expect("a rate");
+        player.accept(HostCommand::rate(Rate::ONE * 5 / 9)).expect("a rate");
         for _ in 0..20 {
             player.run_period();
         }
@@ -725,19 +730,19 @@ mod tests {
             Err(CommandRefusal::NoSuchChannel)
         );
         fill(&mut player, (0..4).map(|n| (1, if n == 3 { Flags::REST } else { Flags::NONE })));
-        player.accept(HostCommand::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         let outputs = |p: &mut Player<1, 64, 32>| -> Vec<i32> { (0..4).map(|_| p.run_period().outputs[3]).collect() };
         assert_eq!(outputs(&mut player), [0, 0, 1, 1]);
-        player.accept(HostCommand::rate(-ONE)).expect("a rate");
+        player.accept(HostCommand::rate(-Rate::ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [1, 1, 1, 1]);
         player.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 0 })).expect("a channel");
-        player.accept(HostCommand::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [0, 0, 0, 0]);
         player.accept(HostCommand::Replay { on: true }).expect("a switch");
         player.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("a channel");
-        player.accept(HostCommand::rate(-ONE)).expect("a rate");
+        player.accept(HostCommand::rate(-Rate::ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [1, 0, 0, 0]);
-        player.accept(HostCommand::rate(ONE)).expect("a rate");
+        player.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         assert_eq!(outputs(&mut player), [0, 0, 1, 1]);
     }
 
@@ -746,13 +751,13 @@ mod tests {
         #[test]
         fn counts_are_a_function_of_the_place(
             increments in prop::collection::vec(-30i16..30, 300),
-            words in prop::collection::vec((-2 * ONE..2 * ONE, 1u32..60), 1..40),
+            words in prop::collection::vec((-2i64 << 32..2 << 32, 1u32..60), 1..40),
         ) {
             let mut player = player();
             let mut sums = vec![0i64];
             for &i in &increments { sums.push(sums[sums.len() - 1] + i64::from(i)); }
             for (target, periods) in words {
-                player.accept(HostCommand::rate(target)).expect("a rate");
+                player.accept(HostCommand::rate(Rate::from_units(target))).expect("a rate");
                 for _ in 0..periods {
                     let status = *player.status();
                     let record = |n: u32| Record { increments: [increments[n as usize]], ..Record::default() };

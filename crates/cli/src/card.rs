@@ -3,12 +3,10 @@
 //! Invariant: identifying moves nothing. A card that works for a host is only greeted; an idle one is opened briefly to
 //! read its outputs, and its state is unchanged.
 
+use retrace_config::{ChannelNames, MachineConfig, NumberedError};
 use retrace_hal_serial::{FoundPort, LatencyTimer};
 use std::path::Path;
 
-use retrace_controller::event::ChannelNames;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_link::{CardFailure, CardIdentity, Greeting, HostCommand, MotionCard, PathStart};
 use serde_json::{Value, json};
 

@@ -10,9 +10,7 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::real_time;
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_hal_serial::Pty;
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, faults};
 use retrace_link::{Alarm, CardFailure, InputSetting, PathStart};
@@ -171,8 +169,8 @@ impl ServeCounters {
     ) -> Result<(), NumberedError> {
         // Real-time scheduling makes this thread as prompt as a card, where it is permitted. Threads started earlier
         // keep their scheduling.
-        let _ = real_time::lock_memory();
-        let _ = real_time::enter();
+        let _ = retrace_real_time::lock_memory();
+        let _ = retrace_real_time::enter();
         let mut bytes = [0; 4096];
         let mut flushed = Instant::now();
         while !end.poll_end(self.started, rig, inputs) {

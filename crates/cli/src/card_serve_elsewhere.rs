@@ -1,6 +1,6 @@
 //! `retrace card serve` on systems without pseudo-terminals.
 
-use retrace_controller::numbered_error::NumberedError;
+use retrace_config::NumberedError;
 
 use crate::args;
 

@@ -2,8 +2,7 @@
 //!
 //! Invariant: it rejects what `retrace run` would reject before motion, with the same messages.
 
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_gcode::{BranchDestination, Prescan};
 use serde_json::json;
 

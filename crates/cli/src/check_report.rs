@@ -4,7 +4,7 @@
 
 use std::fmt::Write as _;
 
-use retrace_controller::machine::MachineConfig;
+use retrace_config::MachineConfig;
 use retrace_controller::program_analysis::{ProgramAnalysis, TravelLeft, ValueRange, WorkExtents};
 use retrace_gcode::{Axis, Tool, system_name};
 use serde_json::{Map, Value, json};

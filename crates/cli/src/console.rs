@@ -8,12 +8,12 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use retrace_controller::event::{ChannelNames, Event, EventKind};
+use retrace_config::{ChannelNames, MachineConfig, NumberedError, RetraceOutputs};
+use retrace_controller::event::{Event, EventKind};
 use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::machine::{MachineConfig, RetraceOutputs};
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
-use retrace_core::{ONE, Travel};
+use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
+use retrace_core::Rate;
+use retrace_journal::HoldReason;
 
 use crate::escape;
 use crate::screen::model_observer::ModelObserver;
@@ -152,10 +152,10 @@ impl<'m, const A: usize> Console<'m, A> {
             .map(|(a, &i)| (f64::from(i) / a.pulses_per_mm).powi(2))
             .sum();
         let feed = step.sqrt() / self.machine.period_s() * 60.0;
-        let percent = |rate: Travel| rate as f64 / ONE as f64 * 100.0;
+        let percent = |rate: Rate| f64::from(rate) * 100.0;
         let (rate, over) = (percent(status.rate), percent(status.override_rate));
         let rapids = match status.rapid_override {
-            ONE => String::new(),
+            Rate::ONE => String::new(),
             rate => format!(", rapids {:.0} %", percent(rate)),
         };
         let held = status.hold_reason == HoldReason::Hold;
@@ -250,7 +250,7 @@ fn record_row<const A: usize>(
     axes: usize,
     switched: Option<&str>,
 ) -> std::io::Result<()> {
-    let rate = Rate(status.rate);
+    let rate = RateText(status.rate);
     write!(out, "{},{},{rate},{},{}", status.period, status.line, status.place.record, status.place.fraction)?;
     for increment in &status.increments[..axes] {
         write!(out, ",{increment}")?;
@@ -262,13 +262,13 @@ fn record_row<const A: usize>(
 }
 
 /// Rate with nine decimals, rounded half away from zero; never −0.
-struct Rate(i64);
+struct RateText(Rate);
 
-impl std::fmt::Display for Rate {
+impl std::fmt::Display for RateText {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         const NANO: u128 = 1_000_000_000;
-        let billionths = (u128::from(self.0.unsigned_abs()) * NANO + (1 << 31)) >> 32;
-        let sign = if self.0 < 0 && billionths > 0 { "-" } else { "" };
+        let billionths = (u128::from(self.0.units().unsigned_abs()) * NANO + (1 << 31)) >> 32;
+        let sign = if self.0 < Rate::ZERO && billionths > 0 { "-" } else { "" };
         write!(f, "{sign}{}.{:09}", billionths / NANO, billionths % NANO)
     }
 }
@@ -279,11 +279,11 @@ mod tests {
 
     #[test]
     fn rates_have_nine_decimals_and_no_negative_zero() {
-        let text = |rate: i64| Rate(rate).to_string();
-        assert_eq!(text(ONE), "1.000000000");
-        assert_eq!(text(-ONE / 2), "-0.500000000");
-        assert_eq!(text(-1), "0.000000000");
-        assert_eq!(text(8 * ONE - 1), "8.000000000");
-        assert_eq!(text(ONE / 3), "0.333333333");
+        let text = |rate: Rate| RateText(rate).to_string();
+        assert_eq!(text(Rate::ONE), "1.000000000");
+        assert_eq!(text(-Rate::ONE / 2), "-0.500000000");
+        assert_eq!(text(Rate::from_units(-1)), "0.000000000");
+        assert_eq!(text(Rate::MAX - Rate::from_units(1)), "8.000000000");
+        assert_eq!(text(Rate::ONE / 3), "0.333333333");
     }
 }

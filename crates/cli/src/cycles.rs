@@ -5,7 +5,7 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use retrace_controller::numbered_error::{NumberedError, nearest};
+use retrace_config::{NumberedError, nearest};
 use retrace_cycles::{Cycle, CycleLibrary, Folders, LibraryFinding, Origin, Severity, shipped_source};
 
 use crate::args::{self, CycleFolders, CyclesAction};

@@ -8,9 +8,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use retrace_controller::job::{BlockDecoder, DecodedBlock};
-use retrace_controller::journal::hash::FileHash;
 use retrace_controller::manual::jog_planner::Identify;
 use retrace_gcode::{ActiveCodes, Canon, CanonStep, Progress, Severity};
+use retrace_journal::FileHash;
 
 use crate::check_progress::CheckProgress;
 use crate::program::Source;

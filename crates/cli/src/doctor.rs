@@ -6,8 +6,7 @@
 
 use std::time::{Duration, Instant};
 
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::real_time;
+use retrace_config::MachineConfig;
 use retrace_hal_serial::LatencyTimer;
 use retrace_link::PathStart;
 use serde_json::{Value, json};
@@ -89,7 +88,7 @@ struct LineMeasurement {
 /// The machine file has errors, or the card fails.
 pub fn run(args: &args::Doctor) -> Result<(), CommandFailure> {
     let machine = files::machine(args.machine_file.path())?;
-    let permitted = real_time::permitted();
+    let permitted = retrace_real_time::permitted();
     let seconds = args.seconds.clamp(0.1, 86_400.0);
     let stolen = steal_ticks();
     let period = Duration::from_micros(u64::from(machine.period_us));
@@ -157,7 +156,7 @@ const LATE_LINE: &str = "the line is late although this computer wakes promptly:
 /// Sleeps from period to period, under SCHED_FIFO where that is permitted.
 fn wake_ups(period: Duration, length: Duration) -> WakeUps {
     // Without permission the latency is measured without it.
-    let _ = real_time::enter();
+    let _ = retrace_real_time::enter();
     let (begun, mut found) = (Instant::now(), WakeUps::default());
     let mut due = begun + period;
     while due.duration_since(begun) < length {
@@ -176,7 +175,7 @@ fn wake_ups(period: Duration, length: Duration) -> WakeUps {
 /// Measures the round trip to a card with repeated requests.
 fn line<const A: usize>(port: &str, seconds: f64) -> Result<LineMeasurement, CommandFailure> {
     let mut card = linked_card::find::<A>(port)?;
-    let _ = real_time::enter();
+    let _ = retrace_real_time::enter();
     let mut trips = Vec::new();
     let begun = Instant::now();
     while trips.len() < QUESTIONS || begun.elapsed().as_secs_f64() < seconds {
@@ -185,7 +184,7 @@ fn line<const A: usize>(port: &str, seconds: f64) -> Result<LineMeasurement, Com
         trips.push(asked.elapsed().as_micros() as u64);
         std::thread::sleep(PAUSE);
     }
-    let _ = real_time::leave();
+    let _ = retrace_real_time::leave();
     trips.sort_unstable();
     let latency = match card.port().latency() {
         LatencyTimer::None => "none".to_owned(),

@@ -6,18 +6,18 @@
 
 use std::path::Path;
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::command_queue::CommandSources;
-use retrace_controller::job::{self, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
+use retrace_controller::job;
+use retrace_controller::job::{JobOptions, JobStart};
 use retrace_controller::motion_sink::MotionSink;
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::place_index::JournalConfig;
 use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::RunMode;
 use retrace_controller::telemetry::{Observer, Telemetry};
 use retrace_core::mode::Mode;
 use retrace_hal_sim::Clock;
+use retrace_journal::JournalConfig;
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
 use retrace_plot::{

@@ -6,15 +6,11 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use retrace_controller::event::channel_name;
-use retrace_controller::jobs::{JobFolder, JobState, JobStore};
-use retrace_controller::journal::entry::{JournalEntry, PositionEntry};
-use retrace_controller::journal::job_record::JobRecord;
-use retrace_controller::journal::journal_reader::JournalEntries;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::telemetry::HoldReason;
+use retrace_config::{MachineConfig, NumberedError, channel_name};
 use retrace_core::mode::Mode;
+use retrace_journal::{
+    HoldReason, JobFolder, JobRecord, JobState, JobStore, JournalEntries, JournalEntry, PositionEntry,
+};
 use retrace_plot::{Activity, History, HistoryEvent, HistorySample, Priority, Stroke, StrokeKind, ToolPath};
 use serde_json::Value;
 
@@ -269,19 +265,17 @@ mod tests {
     use super::*;
     use clap::Parser;
     use retrace_controller::command_queue::CommandSources;
-    use retrace_controller::job::{self, JobOptions, JobStart};
-    use retrace_controller::journal::entry::{
-        CommandArguments, EndEntry, FORMAT, JobCard, JobEnding, JobHeader, MachineFileCopy, ProgramSource,
-    };
-    use retrace_controller::journal::hash::FileHash;
-    use retrace_controller::journal::journal_recorder::JournalRecorder;
-    use retrace_controller::journal::journal_writer::{Durability, JournalWriter};
-    use retrace_controller::journal::timestamp::Timestamp;
-    use retrace_controller::place_index::JournalConfig;
+    use retrace_controller::job;
+    use retrace_controller::job::{JobOptions, JobStart};
+    use retrace_controller::journal_recorder::JournalRecorder;
     use retrace_controller::script::ScriptPlayer;
     use retrace_controller::session::RunMode;
     use retrace_controller::telemetry::{Observer, Telemetry};
     use retrace_hal_sim::{Clock, SimCard};
+    use retrace_journal::{
+        CommandArguments, Durability, EndEntry, FORMAT, FileHash, JobCard, JobEnding, JobHeader, JournalConfig,
+        JournalWriter, MachineFileCopy, ProgramSource, Timestamp,
+    };
     use serde_json::json;
 
     use crate::args::{Cli, Command};

@@ -6,11 +6,11 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-use retrace_controller::journal::hash::FileHash;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::operator::{self, ScriptInstruction};
+use retrace_config::{MachineConfig, NumberedError};
+use retrace_controller::operator;
+use retrace_controller::operator::ScriptInstruction;
 use retrace_gcode::Text;
+use retrace_journal::FileHash;
 
 /// Whether a path is a FIFO or a character device, which is read as a stream.
 #[cfg(unix)]

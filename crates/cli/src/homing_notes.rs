@@ -3,10 +3,9 @@
 //! Invariant: an axis counts as homed only when its homing completed, on this card, since the card was switched on. The
 //! simulated card in this process exists for one command, and counts as homed.
 
-use retrace_controller::homed_axes::{CardBoot, HomedAxes, required};
-use retrace_controller::machine::MachineConfig;
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError};
-use retrace_controller::numbered_error::NumberedError;
+use retrace_journal::{CardBoot, HomedAxes, axes_to_home};
 use retrace_link::CardIdentity;
 
 use crate::screen::model::AxisHoming as HomingNotes;
@@ -47,7 +46,7 @@ impl Homing {
     /// # Errors
     /// `E2162` with the axes that are not homed; `E2201` where the state cannot be stored.
     pub fn check(&self, machine: &MachineConfig) -> Result<(), NumberedError> {
-        let Some(card) = self.card.as_ref().filter(|_| !required(machine).is_empty()) else { return Ok(()) };
+        let Some(card) = self.card.as_ref().filter(|_| !axes_to_home(machine).is_empty()) else { return Ok(()) };
         let unhomed = HomedAxes::open_default()?.unhomed(card, machine);
         if unhomed.is_empty() {
             return Ok(());
@@ -82,7 +81,7 @@ impl Homing {
     ) -> Result<ManualTaskDone, ManualTaskError> {
         let (ManualTask::Home(axis), Some(card)) = (task, &self.card) else { return perform() };
         let axes = axis.map_or_else(|| machine.homing_order().to_vec(), |axis| vec![axis.to_ascii_lowercase()]);
-        let asked_for = !required(machine).is_empty();
+        let asked_for = !axes_to_home(machine).is_empty();
         let noted = HomedAxes::open_default().and_then(|homed| homed.mark_unhomed(card, &axes).map(|()| homed));
         let homed = match noted {
             Ok(homed) => homed,

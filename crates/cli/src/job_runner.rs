@@ -7,15 +7,14 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::command_queue::{CommandReceiver, CommandSources};
 use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job::{self, JobEnd, JobOptions, JobStart, JobStartError};
-use retrace_controller::journal::journal_recorder::JournalRecorder;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::operator::{self, ScriptInstruction};
-use retrace_controller::place_index::JournalConfig;
-use retrace_controller::real_time;
+use retrace_controller::job;
+use retrace_controller::job::{JobEnd, JobOptions, JobStart, JobStartError};
+use retrace_controller::journal_recorder::JournalRecorder;
+use retrace_controller::operator;
+use retrace_controller::operator::ScriptInstruction;
 use retrace_controller::report::Report;
 use retrace_controller::resume::ResumePlan;
 use retrace_controller::script::ScriptPlayer;
@@ -23,6 +22,7 @@ use retrace_controller::session::{Outcome, RunMode};
 use retrace_controller::telemetry::{Observer, Telemetry};
 use retrace_core::Place;
 use retrace_gcode::{Parameters, ToolTable};
+use retrace_journal::JournalConfig;
 use retrace_link::MotionCard;
 use serde_json::Value;
 
@@ -265,11 +265,11 @@ fn with_optional_stop(
 /// permitted, it prints once per run how to permit it. Threads that this thread starts later are to leave real-time
 /// scheduling.
 pub fn prepare_real_time() {
-    match real_time::permitted() {
+    match retrace_real_time::permitted() {
         Ok(()) => {
             // Memory that cannot be locked is not worth another note.
-            let _ = real_time::lock_memory();
-            let _ = real_time::enter();
+            let _ = retrace_real_time::lock_memory();
+            let _ = retrace_real_time::enter();
         }
         Err(denied) => {
             eprintln!("note: {denied}: the motion thread may be late on a loaded computer\n  {}", crate::doctor::GRANT)

@@ -4,14 +4,11 @@
 
 use std::path::Path;
 
-use retrace_controller::event::{ChannelNames, channel_name};
-use retrace_controller::jobs::{JobFolder, JobState, JobStore, ListedJob};
-use retrace_controller::journal::entry::{JobCard, JobHeader, PositionEntry, ProgramSource};
-use retrace_controller::journal::job_record::JobRecord;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::telemetry::HoldReason;
+use retrace_config::{ChannelNames, MachineConfig, NumberedError, channel_name};
 use retrace_core::mode::Mode;
+use retrace_journal::{
+    HoldReason, JobCard, JobFolder, JobHeader, JobRecord, JobState, JobStore, ListedJob, PositionEntry, ProgramSource,
+};
 use retrace_link::channel;
 use serde_json::{Value, json};
 
@@ -199,7 +196,7 @@ fn details(record: &JobRecord) -> Vec<(&'static str, String)> {
 /// Position of the breakpoint in words.
 fn breakpoint(record: &JobRecord) -> Vec<(&'static str, String)> {
     let start = record.last_position.start;
-    let fraction = f64::from(start.place.fraction) / 2_f64.powi(32);
+    let fraction = start.place.fraction_of_record();
     let mut place = format!("place {}", start.place.record);
     if start.place.fraction != 0 {
         place += &format!(" and {fraction:.3} of a period");
@@ -306,16 +303,13 @@ fn record_json(record: &JobRecord, state: &JobState) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_controller::journal::entry::{
-        CommandArguments, EndEntry, FORMAT, JobEnding, MachineFileCopy, ResumeEntry, WiredCard,
-    };
-    use retrace_controller::journal::hash::FileHash;
-    use retrace_controller::journal::journal_recorder::JournalRecorder;
-    use retrace_controller::journal::journal_writer::{Durability, JournalWriter};
-    use retrace_controller::journal::timestamp::Timestamp;
-    use retrace_controller::place_index::DurablePlace;
+    use retrace_controller::journal_recorder::JournalRecorder;
     use retrace_controller::telemetry::{PeriodRecord, Telemetry};
     use retrace_core::{Place, mode};
+    use retrace_journal::{
+        CommandArguments, Durability, DurablePlace, EndEntry, FORMAT, FileHash, JobEnding, JournalWriter,
+        MachineFileCopy, ResumeEntry, Timestamp, WiredCard,
+    };
     use retrace_link::{CardStatus, OutputChange};
 
     /// Job that ran on a card, was stopped in reverse run, and was resumed once.

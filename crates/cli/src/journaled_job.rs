@@ -5,23 +5,15 @@
 
 use std::path::Path;
 
-use retrace_controller::event::ChannelNames;
-use retrace_controller::jobs::{JobFolder, JobLock, JobStore};
-use retrace_controller::journal::entry::{
-    self, CommandArguments, EndEntry, FORMAT, JobEnding, JobHeader, MachineFileCopy, PlannedOverride, ProgramSource,
-    ResumeEntry, WiredCard,
-};
-use retrace_controller::journal::hash::FileHash;
-use retrace_controller::journal::job_record::JobRecord;
-use retrace_controller::journal::journal_recorder::JournalRecorder;
-use retrace_controller::journal::journal_writer::{Durability, JournalWriter};
-use retrace_controller::journal::spool::{SpoolProgress, SpoolWriter};
-use retrace_controller::journal::timestamp::Timestamp;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::place_index::JournalConfig;
+use retrace_config::{ChannelNames, MachineConfig, NumberedError};
+use retrace_controller::journal_recorder::JournalRecorder;
 use retrace_controller::session::Outcome;
-use retrace_controller::state_file::{self, FileAccess};
+use retrace_journal::state_file::FileAccess;
+use retrace_journal::{
+    CommandArguments, Durability, EndEntry, FORMAT, FileHash, JobCard, JobEnding, JobFolder, JobHeader, JobLock,
+    JobRecord, JobStore, JournalConfig, JournalWriter, MachineFileCopy, PlannedOverride, ProgramSource, ResumeEntry,
+    SpoolProgress, SpoolWriter, Timestamp, WiredCard, state_file,
+};
 use retrace_link::{CardIdentity, CardStatus, Outputs};
 use serde_json::Value;
 
@@ -189,7 +181,7 @@ pub struct JobHeaderBuilder<'a> {
     /// Path and text of the machine file.
     pub machine_file: (Option<&'a Path>, String),
     /// Card.
-    pub card: entry::JobCard,
+    pub card: JobCard,
 }
 
 impl JobHeaderBuilder<'_> {
@@ -247,9 +239,9 @@ fn arguments(reading: &Reading, start_line: Option<u32>) -> CommandArguments {
 
 /// Linked card, as the journal names it.
 #[must_use]
-pub fn linked_card(address: &str, identity: &CardIdentity) -> entry::JobCard {
+pub fn linked_card(address: &str, identity: &CardIdentity) -> JobCard {
     let name = String::from_utf8_lossy(&identity.name).trim_end_matches('\0').to_owned();
-    entry::JobCard::Wired(WiredCard { address: address.into(), name, serial: identity.serial, boot: identity.boot })
+    JobCard::Wired(WiredCard { address: address.into(), name, serial: identity.serial, boot: identity.boot })
 }
 
 /// Outputs that are not 0, as (channel, value).

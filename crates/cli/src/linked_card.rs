@@ -4,8 +4,7 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_hal_serial::{Address, SerialPort};
 use retrace_link::{
     CardFailure, CardIdentity, CardSettings, CardStatus, HostCommand, InputUse, LinkError, LinkTimeouts, LinkedCard,

@@ -7,9 +7,9 @@ use std::fs::File;
 use std::io::{self, ErrorKind, Write as _};
 use std::path::Path;
 
-use retrace_controller::machine::{CutterConfig, MachineCheck, MachineConfig, machine_file_schema};
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::switching::{CodeClass, CodeSwitching, InReverse};
+use retrace_config::{
+    CodeClass, CodeSwitching, CutterConfig, InReverse, MachineCheck, MachineConfig, NumberedError, machine_file_schema,
+};
 use retrace_link::channel;
 use serde_json::json;
 

@@ -10,12 +10,10 @@ use std::fmt::Write as _;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use retrace_controller::jobs::{JobStore, plain_name};
-use retrace_controller::journal::entry::{CommandArguments, LatchedTables, MachineTables};
-use retrace_controller::journal::hash::FileHash;
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::state_file::{self, FileAccess};
+use retrace_config::NumberedError;
 use retrace_gcode::{Axis, ModalSnapshot, Parameters, Pose, Setup, StartTables, Tool, ToolTable};
+use retrace_journal::state_file::FileAccess;
+use retrace_journal::{CommandArguments, FileHash, JobStore, LatchedTables, MachineTables, plain_name, state_file};
 
 use crate::args::Reading;
 use crate::console::unwritable;

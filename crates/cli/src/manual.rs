@@ -3,11 +3,10 @@
 //! Invariant: nothing moves before machine file, tables and block have been read and checked; a parameter file is
 //! written only after a block was executed.
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::command_queue::CommandSources;
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError, perform};
 use retrace_controller::mdi::{self, ModalContext};
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::RunMode;
 use retrace_controller::telemetry::{Observer, Telemetry};

@@ -7,7 +7,7 @@ use std::fmt;
 use std::io::{self, ErrorKind, Write};
 use std::sync::{Mutex, PoisonError};
 
-use retrace_controller::numbered_error::NumberedError;
+use retrace_config::NumberedError;
 
 use crate::console::unwritable;
 

@@ -8,19 +8,19 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use retrace_controller::job::{self, CheckFinding};
-use retrace_controller::journal::entry::{FileRole, ReadFile};
-use retrace_controller::journal::hash::FileHash;
+use retrace_config::{MachineConfig, NumberedError, SerialSettings};
+use retrace_controller::job;
+use retrace_controller::job::CheckFinding;
 use retrace_controller::limit_check::LimitCheck;
-use retrace_controller::machine::{MachineConfig, SerialSettings};
 use retrace_controller::mdi;
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::program_analysis::{self, ProgramAnalysis};
+use retrace_controller::program_analysis;
+use retrace_controller::program_analysis::ProgramAnalysis;
 use retrace_controller::read_ahead::SourceStatus;
 use retrace_gcode::cycles::CycleLibrary;
 use retrace_gcode::{
     Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, StartTables, Tool, ToolTable,
 };
+use retrace_journal::{FileHash, FileRole, ReadFile};
 
 use retrace_motion::LimitError;
 use serde_json::Value;

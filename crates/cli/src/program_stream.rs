@@ -7,8 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use retrace_controller::machine::SerialSettings;
-use retrace_controller::numbered_error::NumberedError;
+use retrace_config::{NumberedError, SerialSettings};
 use retrace_controller::read_ahead::{ReadAhead, SourceStatus};
 
 use crate::files;

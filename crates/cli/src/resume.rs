@@ -6,21 +6,18 @@
 use std::cell::Cell;
 use std::path::PathBuf;
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::fingerprint;
-use retrace_controller::homed_axes::required;
 use retrace_controller::job::JobStart;
-use retrace_controller::jobs::{JobFolder, JobLock, JobState, JobStore, ListedJob};
-use retrace_controller::journal::entry::{self, FileRole, JobCard, JobHeader, ProgramSource, ReadFile, ResumeEntry};
-use retrace_controller::journal::job_record::JobRecord;
-use retrace_controller::journal::journal_writer::Durability;
-use retrace_controller::journal::spool::{SpoolProgress, SpoolReplay};
-use retrace_controller::journal::timestamp::Timestamp;
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::manual::jog_planner::MANUAL_PLACE_OFFSET;
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::operator::{self, ScriptInstruction};
+use retrace_controller::operator;
+use retrace_controller::operator::ScriptInstruction;
 use retrace_controller::resume::{ResumePlan, ResumePoint};
 use retrace_core::place::is_before;
+use retrace_journal::{
+    Durability, FileRole, JobCard, JobEnding, JobFolder, JobHeader, JobLock, JobRecord, JobState, JobStore, ListedJob,
+    ProgramSource, ReadFile, ResumeEntry, SpoolProgress, SpoolReplay, Timestamp, WiredCard, axes_to_home,
+};
 use retrace_link::{Greeting, MotionCard, Outputs, PathStart, channel};
 
 use crate::args::{self, OnOff};
@@ -85,7 +82,7 @@ fn attempt(args: &args::Resume, breakpoint: ResumeBreakpoint, by_card: &Cell<boo
         drop(held);
         return from_line(args, &record, line);
     }
-    if record.end.as_ref().is_some_and(|end| end.outcome == entry::JobEnding::Completed) {
+    if record.end.as_ref().is_some_and(|end| end.outcome == JobEnding::Completed) {
         let what = format!("job {} is completed", folder.id());
         return Err(NumberedError::new("E2209", what, "`retrace run` runs the program again").into());
     }
@@ -264,7 +261,7 @@ impl ResumeStep<'_> {
         self,
         program: &Program,
         script: Vec<ScriptInstruction>,
-        was: &entry::WiredCard,
+        was: &WiredCard,
     ) -> Result<u8, CommandFailure> {
         let address = self.args.card.clone().unwrap_or_else(|| was.address.clone());
         let mut card = linked_card::find::<A>(&address)?;
@@ -292,7 +289,7 @@ impl ResumeStep<'_> {
         &self,
         address: &str,
         greeting: &Greeting<A>,
-        was: &entry::WiredCard,
+        was: &WiredCard,
     ) -> Result<PathStart, NumberedError> {
         let (is, stood) = (&greeting.identity, &self.record.last_position);
         if is.serial != was.serial {
@@ -311,7 +308,7 @@ impl ResumeStep<'_> {
             PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
         let is_behind = is_before(said.reached, stood.start.reached) || is_before(said.executed, stood.start.executed);
         let is_off_path = said.place.record.wrapping_sub(self.record.job.origin) >= MANUAL_PLACE_OFFSET;
-        let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == entry::JobEnding::Stopped);
+        let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == JobEnding::Stopped);
         // The card's place is on another path, or does not matter: use the journal's place, where the card came to
         // rest.
         if is_behind || is_off_path || was_stopped || self.breakpoint == ResumeBreakpoint::OfJournal {
@@ -342,7 +339,7 @@ impl ResumeStep<'_> {
             );
             return refuse(what, remedy);
         }
-        let homed = required(&self.machine);
+        let homed = axes_to_home(&self.machine);
         let is_homed = self.machine.axes.iter().all(|axis| homed.contains(&axis.name));
         let stands = resume_summary::position(&self.machine, &greeting.counts);
         if is_homed || self.args.assume_position || resume_summary::position_is_confirmed(&stands) {
@@ -374,7 +371,8 @@ impl ResumeStep<'_> {
                 marks.push(mark);
             }
         }
-        let overrides = self.record.overrides().iter().map(|of| (of.place, of.planned)).collect();
+        let overrides =
+            self.record.overrides().iter().map(|of| (of.place, retrace_core::Rate::from_units(of.planned))).collect();
         let outputs = outputs(&job.outputs);
         let rests = self.record.rests().to_vec();
         let lengths = self.record.lengths().to_vec();

@@ -4,11 +4,9 @@
 
 use std::path::{Path, PathBuf};
 
-use retrace_controller::journal::entry::{JobCard, JobHeader, ProgramSource};
-use retrace_controller::journal::hash::FileHash;
-use retrace_controller::journal::job_record::JobRecord;
-use retrace_controller::machine_changes;
-use retrace_controller::numbered_error::NumberedError;
+use retrace_config::NumberedError;
+use retrace_config::machine_changes;
+use retrace_journal::{FileHash, JobCard, JobHeader, JobRecord, ProgramSource};
 
 use crate::args::{self, CardPort, CycleFolders, MachineFile, Reading};
 use crate::program::CommandFailure;
@@ -97,7 +95,7 @@ pub fn changed_machine(job: &JobHeader) -> Option<Vec<String>> {
     let path = job.machine.path.as_ref()?;
     match files::text(Path::new(path), "machine file") {
         Ok(text) if FileHash::of(text.as_bytes()) == job.machine.hash => None,
-        Ok(text) => Some(machine_changes::changes(&job.machine.text, &text)),
+        Ok(text) => Some(machine_changes(&job.machine.text, &text)),
         Err(refusal) => Some(vec![refusal.cause]),
     }
 }

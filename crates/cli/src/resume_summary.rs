@@ -6,13 +6,11 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::Path;
 
-use retrace_controller::journal::job_record::JobRecord;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::resume::ResumePlan;
-use retrace_core::ONE;
 use retrace_core::place::is_before;
 use retrace_gcode::Progress;
+use retrace_journal::JobRecord;
 use retrace_link::channel;
 use serde_json::{Value, json};
 
@@ -94,7 +92,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
     fn details(&self, block: &Block) -> Vec<(&'static str, String)> {
         let (prepared, job) = (self.prepared, &self.record.job);
         let place = prepared.start().place;
-        let share = f64::from(place.fraction) / ONE as f64;
+        let share = place.fraction_of_record();
         let mut words = vec![
             ("job", format!("{}, {}", job.id, escape::name(&job.program))),
             ("at", block.location.clone()),

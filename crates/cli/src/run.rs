@@ -3,13 +3,11 @@
 //! Invariant: nothing moves before machine file, script and program have been read and checked, and the job's journal
 //! exists.
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::job::JobStart;
-use retrace_controller::journal::entry;
-use retrace_controller::journal::journal_writer::Durability;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::operator::ScriptInstruction;
 use retrace_hal_sim::Clock;
+use retrace_journal::{Durability, JobCard};
 use retrace_link::{CardStatus, MotionCard, PathStart};
 
 use crate::args::{self, OnOff};
@@ -74,12 +72,12 @@ impl RunContext<'_> {
             let program = self.open(&machine)?;
             if self.at_screen {
                 let mut card = traced(simulated::<A>(&machine, clock(&machine, true))?, &machine, args.vcd.as_deref())?;
-                let (work, homing) = ((self.script, (self.text, entry::JobCard::Sim)), Homing::simulated());
+                let (work, homing) = ((self.script, (self.text, JobCard::Sim)), Homing::simulated());
                 return operate::operate(args, &machine, program, work, &mut card, &homing, None);
             }
             let card = simulated::<A>(&machine, clock(&machine, args.operation.realtime))?;
             let card = traced(card, &machine, args.vcd.as_deref())?;
-            let (journal, input) = keep(args, &program, &machine, (&self.text, entry::JobCard::Sim), card.status())?;
+            let (journal, input) = keep(args, &program, &machine, (&self.text, JobCard::Sim), card.status())?;
             return self.job_runner(&machine, &program, journal, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
         }
         if args.vcd.is_some() {
@@ -166,14 +164,14 @@ impl RunContext<'_> {
 }
 
 /// Text of the machine file, and the card, for the job's journal.
-pub type MachineAndCard = (String, entry::JobCard);
+pub type MachineAndCard = (String, JobCard);
 
 /// Creates the job's journal, for a card with this status. Returns it with the source of a streamed program.
 fn keep<const A: usize>(
     args: &args::Run,
     program: &Program,
     machine: &MachineConfig,
-    (text, card): (&str, entry::JobCard),
+    (text, card): (&str, JobCard),
     status: &CardStatus<A>,
 ) -> Result<(Option<JournaledJob>, Option<ProgramStream>), CommandFailure> {
     let input = program.open_stream()?;
@@ -183,7 +181,7 @@ fn keep<const A: usize>(
     }
     let claimed = ReservedJobFolder::new(args.jobs.path(), program.name())?;
     let (input, progress) = input.map(|input| claimed.spool(input, machine.stream_quota_bytes)).transpose()?.unzip();
-    let care = if card == entry::JobCard::Sim { Durability::Written } else { Durability::Synced };
+    let care = if card == JobCard::Sim { Durability::Written } else { Durability::Synced };
     let machine_file = (args.machine_file.path(), text.to_owned());
     let (reading, start_line) = (&args.reading, args.start_line);
     let job = JobHeaderBuilder { program, reading, start_line, machine, machine_file, card }.job(status)?;

@@ -13,11 +13,10 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use retrace_controller::machine::{Parity, SerialSettings};
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::program_end::ProgramEndDetector;
+use retrace_config::{NumberedError, Parity, SerialSettings};
 use retrace_controller::read_ahead::SourceStatus;
 use retrace_controller::tape::{ReceivedByte, TapeReader};
+use retrace_gcode::ProgramEndDetector;
 use retrace_hal_serial::{Character, CharacterFormat, ParityBit, PortLost, ProgramPort};
 
 /// Prefix of the name of such a program.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{CommandFactory, Subcommand};
 use clap_complete::Shell;
-use retrace_controller::numbered_error::NumberedError;
+use retrace_config::NumberedError;
 
 use crate::args::Cli;
 use crate::console::unwritable;

@@ -7,9 +7,7 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::switching::CodeSwitching;
+use retrace_config::{CodeSwitching, MachineConfig, NumberedError};
 use retrace_hal_sim::{Clock, PlantSettings, Reply, SimCard};
 use retrace_link::{InputUse, InputWait, PathStart, channel};
 

@@ -3,8 +3,7 @@
 //! Invariant: the formula's value is printed as REV-4 gives it; the size for the machine file is what the ring really
 //! needs.
 
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::numbered_error::NumberedError;
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_core::{Record, size};
 
 use crate::args;

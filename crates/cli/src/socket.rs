@@ -15,8 +15,8 @@ use std::net::{TcpStream, ToSocketAddrs};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use retrace_controller::numbered_error::NumberedError;
-use retrace_controller::program_end::ProgramEndDetector;
+use retrace_config::NumberedError;
+use retrace_gcode::ProgramEndDetector;
 
 /// Prefix of the name of such a program.
 const SCHEME: &str = "tcp://";

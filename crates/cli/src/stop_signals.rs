@@ -4,6 +4,7 @@
 //! Invariant: a signal never ends the process while a job runs: the machine comes to rest first, the report is written,
 //! the breakpoint is saved. A signal that was ignored when the process started (`nohup`) stays ignored.
 
+use retrace_core::Rate;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
@@ -67,7 +68,7 @@ impl StopSignals {
             let (came, progress, over) = (Arc::clone(&came), Arc::clone(&progress), Arc::clone(&over));
             let watch = move || {
                 // it only waits: the motion thread alone is scheduled in real time
-                let _ = retrace_controller::real_time::leave();
+                let _ = retrace_real_time::leave();
                 watch_signals(kind, &came, &sender, &progress, &over);
             };
             thread::Builder::new().name("signals".into()).spawn(watch).ok()?
@@ -92,7 +93,7 @@ impl StopSignals {
     pub fn observe<const A: usize>(&self, telemetry: &Telemetry<A>) {
         let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
         match telemetry {
-            Telemetry::Period(period) => (progress.line, progress.is_moving) = (period.line, period.rate != 0),
+            Telemetry::Period(period) => (progress.line, progress.is_moving) = (period.line, period.rate != Rate::ZERO),
             Telemetry::Event(event) => match &event.kind {
                 EventKind::Switching(code) => progress.instruction = Some((code.to_string(), event.line)),
                 EventKind::Switched(_) => progress.instruction = None,

@@ -7,9 +7,8 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use retrace_controller::journal::entry::{FileRole, ReadFile};
-use retrace_controller::journal::hash::FileHash;
 use retrace_gcode::{SubFile, SubFiles, Text};
+use retrace_journal::{FileHash, FileRole, ReadFile};
 
 use crate::files;
 

@@ -55,7 +55,7 @@ impl TerminalOperator {
             let (awaited, answered, over) = (Arc::clone(&awaited), Arc::clone(&answered), Arc::clone(&over));
             let read = move || {
                 // it only waits: the motion thread alone is scheduled in real time
-                let _ = retrace_controller::real_time::leave();
+                let _ = retrace_real_time::leave();
                 while !over.load(Ordering::Relaxed) {
                     thread::sleep(POLL_INTERVAL);
                     read_terminal(keyboard, &awaited, &answered, &sender, &over);

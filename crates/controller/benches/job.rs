@@ -14,8 +14,8 @@ mod test_paths;
 use std::fmt::Write as _;
 use std::time::Instant;
 
+use retrace_config::MachineConfig;
 use retrace_controller::job::{BlockDecoder, DecodedBlock, feed_all};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::motion_sink::MotionSink;
 use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use retrace_core::Flags;

@@ -4,8 +4,7 @@
 //! destination, and at the retract plane. Every end of a move is within the soft limits, and the last one is the
 //! destination to the pulse.
 
-use crate::machine::MachineConfig;
-use crate::numbered_error::NumberedError;
+use retrace_config::{MachineConfig, NumberedError};
 
 /// The moves from one position to another, each by its end, in counts of the machine's axes: none where the machine is
 /// there already, at most three. Where only the tool axis has to move, it moves straight; without a tool axis all axes

@@ -3,10 +3,10 @@
 //!
 //! Invariant: no rapid move is given to a sink with a cutter on, unless the machine file permits it.
 
+use retrace_config::{CutterKind, MachineConfig};
 use retrace_link::OutputChange;
 
 use crate::canon_executor::CanonError;
-use crate::machine::{CutterKind, MachineConfig};
 use crate::motion_sink::MotionSink;
 
 /// State of the machine's cutters as the program has switched them, in the order of the machine file.

@@ -4,10 +4,9 @@
 
 use std::fmt;
 
+use retrace_config::AXIS_LETTERS;
 use retrace_core::interruption::{Interruption, InterruptionError};
 use serde_json::{Value, json};
-
-use crate::machine::AXIS_LETTERS;
 
 /// Counts of each axis of a machine, for any number of axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -2,14 +2,14 @@
 //!
 //! Invariant: every event carries the period and the place at which it happened.
 
+use retrace_config::ChannelNames;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
+use retrace_journal::Timestamp;
 use retrace_link::{Alarm, CardFailure, CutterOffCause};
 use serde_json::{Value, json};
 
 use crate::dnc_events::DncEvent;
-use crate::journal::timestamp::Timestamp;
-use crate::machine::MachineConfig;
 use crate::operator::{CommandError, OperatorCommand};
 
 /// A cause that stops the machine for the rest of the run.
@@ -388,37 +388,5 @@ const fn mode_text(mode: Mode) -> &'static str {
         Mode::Wheel => "handwheel",
         Mode::Rejoin => "forward to the end of the history",
         Mode::AwaitOutputs => "waiting until the outputs are confirmed",
-    }
-}
-
-/// Names of the output channels of a machine.
-#[derive(Clone, Debug, Default)]
-pub struct ChannelNames(Vec<String>);
-
-impl ChannelNames {
-    /// Names of a machine's channels: a cutter's name, or that of the machine file, if there is one.
-    #[must_use]
-    pub fn of_machine(machine: &MachineConfig) -> Self {
-        Self((0..retrace_link::channel::COUNT as u8).map(|channel| machine.channel_name(channel)).collect())
-    }
-
-    /// Name of a channel; the usual one where there is no other.
-    #[must_use]
-    pub fn name(&self, channel: u8) -> String {
-        self.0.get(usize::from(channel)).cloned().unwrap_or_else(|| channel_name(channel))
-    }
-}
-
-/// The usual name of an output channel.
-#[must_use]
-pub fn channel_name(channel: u8) -> String {
-    use retrace_link::channel as c;
-    match channel {
-        c::SPINDLE => "spindle".into(),
-        c::SPEED => "spindle speed".into(),
-        c::MIST => "mist".into(),
-        c::FLOOD => "flood".into(),
-        c::TOOL => "tool".into(),
-        digital => format!("output {digital}"),
     }
 }

@@ -6,17 +6,16 @@
 //! Invariant: the fingerprint depends only on the fixed program on the built-in machine. It is calculated each time and
 //! stored nowhere.
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_core::Flags;
 use retrace_gcode::{CanonStep, Program, Progress};
+use retrace_journal::FileHash;
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 use crate::job::{self, BlockDecoder, DecodedBlock};
-use crate::journal::hash::FileHash;
-use crate::machine::MachineConfig;
 use crate::mdi;
 use crate::motion_sink::MotionSink;
-use crate::numbered_error::NumberedError;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 
 /// Lines, arcs, a helix, a spline, wide and narrow blends, exact stops, inverse time, a loop with functions.

@@ -14,10 +14,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::thread;
 
+use retrace_config::MachineConfig;
 use retrace_core::Record;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::size::ring_cells;
 use retrace_gcode::{ActiveCodes, CanonStep};
+use retrace_journal::JournalConfig;
 use retrace_link::{CardStatus, MotionCard, Outputs};
 use retrace_motion::Planner;
 
@@ -25,15 +27,12 @@ use crate::canon_executor::CanonExecutor;
 use crate::command_queue::CommandSources;
 use crate::decoding::{self, BatchChannel};
 use crate::limit_check::LimitCheck;
-use crate::machine::MachineConfig;
 use crate::manual::jog_planner::{self, Identify};
 use crate::motion_sink::MotionSink;
 use crate::overrides::override_channel;
-use crate::place_index::JournalConfig;
 use crate::plan_item::PlanSummary;
 use crate::plan_writer::PlanWriter;
 use crate::planning;
-use crate::real_time;
 use crate::record_streamer::RecordStreamer;
 use crate::resume::{ResumeError, ResumePlan, ResumePoint};
 use crate::run_stats::RunStats;
@@ -232,14 +231,14 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         let interest = CancelOnDrop { cancel: &cancel, source_cancel: given_up };
         let session = Session::new(card, machine, streamer, operators, run_mode, telemetry).with_overrides(requester);
         let session = session.with_manual_moves(hand, program_is).with_length_entry(length_entry);
-        let is_real_time = run_mode.real_time && real_time::enter().is_ok();
+        let is_real_time = run_mode.real_time && retrace_real_time::enter().is_ok();
         let ended = match resumption {
             None => Ok(session.run()),
             Some(at) => session.resume(&at, begun_at, agree).map_err(JobStartError::Resume),
         };
         if is_real_time {
             // Entering was permitted, so leaving is.
-            let _ = real_time::leave();
+            let _ = retrace_real_time::leave();
         }
         drop(interest);
         join_thread(decoder);
@@ -264,7 +263,7 @@ fn spawn_named<'scope, T: Send + 'scope>(
     let work = move || {
         // The calling thread may be scheduled in real time.
         if is_real_time {
-            let _ = real_time::leave();
+            let _ = retrace_real_time::leave();
         }
         work()
     };

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! The operator's commands ([`operator`]) reach the motion path through [`command_queue`]; what happens leaves it as
-//! [`telemetry`]. The [`journal`] records what is needed to resume an interrupted job ([`resume`]).
+//! [`telemetry`]. The [`journal_recorder`] records what is needed to resume an interrupted job ([`resume`]).
 //!
 //! Invariant: a program from a file is checked whole before anything of it reaches the card; a streamed program is
 //! checked block by block. In wall time the motion path never waits for the planner; it never allocates, locks, formats
@@ -16,36 +16,26 @@
 
 pub mod approach;
 pub mod canon_executor;
-pub mod card_config;
 pub mod command_queue;
 mod cutter_track;
 mod decoding;
 pub mod dnc_events;
 pub mod event;
 pub mod fingerprint;
-pub mod homed_axes;
 pub mod job;
-pub mod jobs;
-pub mod journal;
+pub mod journal_recorder;
 pub mod limit_check;
 pub mod limit_monitor;
-pub mod machine;
-pub mod machine_changes;
 pub mod manual;
 pub mod mdi;
 pub mod motion_sink;
-pub mod numbered_error;
 pub mod operator;
 pub mod overrides;
-pub mod place_index;
 pub mod plan_item;
 pub mod plan_writer;
 mod planning;
 pub mod program_analysis;
-pub mod program_end;
-pub mod rate_limits;
 pub mod read_ahead;
-pub mod real_time;
 pub mod record_streamer;
 pub mod report;
 pub mod restart;
@@ -55,8 +45,6 @@ pub mod script;
 pub mod session;
 pub mod spline;
 pub mod start_line;
-pub mod state_file;
-pub mod switching;
 pub mod tape;
 pub mod telemetry;
 pub mod tool_length;

@@ -5,11 +5,11 @@
 
 use std::collections::BTreeMap;
 
+use retrace_config::{AxisConfig, MachineConfig};
 use retrace_link::{OutputChange, channel};
 use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::job::CheckFinding;
-use crate::machine::{AxisConfig, MachineConfig};
 use crate::motion_sink::MotionSink;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 

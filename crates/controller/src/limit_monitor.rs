@@ -12,6 +12,8 @@
 //! The axes are at rest before the first period, and after the last where that is known; windows that reach into that
 //! rest are checked too. Windows over periods that were not measured are not.
 
+use retrace_core::Rate;
+
 /// Limits of one axis, from the machine file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MonitorLimits {
@@ -75,8 +77,6 @@ const MAX_WINDOW: usize = ORDERS << (STRIDES - 1);
 const RING_SIZE: usize = 256;
 /// Shortest stride, as a power of two, that counts for the extremes.
 const FIRST_FOR_EXTREMES: usize = 3;
-/// Rate 1: motion as recorded, in units of 2⁻³².
-const RATE_ONE: i64 = 1 << 32;
 /// Increments are clamped to this, so that no difference overflows. No limit comes near it.
 const MAX_INCREMENT: i32 = 1 << 20;
 
@@ -122,7 +122,7 @@ pub struct LimitMonitor<const A: usize> {
     /// Largest observed differences in pulses.
     largest: Table<A>,
     periods: u64,
-    last_rate: i64,
+    last_rate: Rate,
     /// Number of periods for which the rate has been whole (−1, 0, +1) and constant.
     whole_for: usize,
     constant_for: usize,
@@ -143,7 +143,7 @@ impl<const A: usize> LimitMonitor<A> {
             bounds: bounds(axes, period_s),
             largest: [[[[0; A]; RATE_CLASSES]; ORDERS]; STRIDES],
             periods: 0,
-            last_rate: 0,
+            last_rate: Rate::ZERO,
             whole_for: MAX_WINDOW,
             constant_for: MAX_WINDOW,
             measured_for: MAX_WINDOW,
@@ -152,9 +152,9 @@ impl<const A: usize> LimitMonitor<A> {
         }
     }
 
-    /// Checks one period: the pulses that each axis emitted in it, and the rate of play in units of 2⁻³².
-    pub fn push(&mut self, increments: &[i32; A], rate: i64) {
-        let is_whole = rate == 0 || rate == RATE_ONE || rate == -RATE_ONE;
+    /// Checks one period: the pulses that each axis emitted in it, and the rate of play.
+    pub fn push(&mut self, increments: &[i32; A], rate: Rate) {
+        let is_whole = rate == Rate::ZERO || rate.abs() == Rate::ONE;
         self.whole_for = if is_whole { (self.whole_for + 1).min(MAX_WINDOW) } else { 0 };
         // The rest before the first period has no rate of its own.
         let is_constant = rate == self.last_rate || self.periods == 0;
@@ -337,7 +337,7 @@ mod tests {
 
     fn checked(increments: impl IntoIterator<Item = i32>) -> LimitReport<1> {
         let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S);
-        increments.into_iter().for_each(|increment| monitor.push(&[increment], RATE_ONE));
+        increments.into_iter().for_each(|increment| monitor.push(&[increment], Rate::ONE));
         monitor.finish()
     }
 
@@ -347,18 +347,18 @@ mod tests {
         let ramp: Vec<i32> = (0..50).chain(std::iter::repeat_n(50, 300)).collect();
         let of = |skips: bool| {
             let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S);
-            ramp.iter().for_each(|&increment| monitor.push(&[increment], RATE_ONE));
+            ramp.iter().for_each(|&increment| monitor.push(&[increment], Rate::ONE));
             if skips {
                 monitor.skip_unmeasured();
             }
-            (0..400).for_each(|_| monitor.push(&[5], RATE_ONE));
+            (0..400).for_each(|_| monitor.push(&[5], Rate::ONE));
             monitor
         };
         let begun = of(true).violations();
         assert!(of(false).violations() > begun, "without the gap the change of velocity is judged");
         assert_eq!(of(true).finish_moving().violations, begun);
         let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S);
-        (0..300).for_each(|_| monitor.push(&[90], RATE_ONE));
+        (0..300).for_each(|_| monitor.push(&[90], Rate::ONE));
         let before = monitor.violations();
         assert_eq!(monitor.clone().finish_moving().violations, before);
         assert!(monitor.finish().violations > before, "a standstill that is known is judged");
@@ -406,7 +406,7 @@ mod tests {
         // Up to 1.2 mm/s so gently that neither acceleration nor jerk come near their limits.
         let mut monitor = LimitMonitor::new(&[MonitorLimits { velocity_mm_s: 1.0, ..AXIS }], PERIOD_S);
         let pushed = rounded(4000, |t| if t < 2.0 { 0.3 * t * t } else { 1.2 + 1.2 * (t - 2.0) });
-        pushed.iter().for_each(|&increment| monitor.push(&[increment], RATE_ONE));
+        pushed.iter().for_each(|&increment| monitor.push(&[increment], Rate::ONE));
         let first = monitor.first.expect("the velocity rises to 1.2 of its limit");
         assert_eq!((first.order, first.axis), (1, 0));
         // 1 mm/s is passed after 1.667 s. The mean over 64 periods is surely seen when it is 66 pulses, 1.031 mm/s:
@@ -418,7 +418,7 @@ mod tests {
     fn too_high_an_acceleration_is_caught() {
         let mut monitor = LimitMonitor::new(&[MonitorLimits { jerk_mm_s3: 1e6, ..AXIS }], PERIOD_S);
         for increment in rounded(80, |t| 0.5 * 1100.0 * t * t) {
-            monitor.push(&[increment], RATE_ONE);
+            monitor.push(&[increment], Rate::ONE);
         }
         assert_eq!(monitor.first.map(|violation| violation.order), Some(2));
     }
@@ -427,7 +427,7 @@ mod tests {
     fn a_stop_from_full_speed_is_caught_though_nothing_follows_it() {
         let ramp = rounded(300, move_mm(20_000.0, 0.05)).into_iter().take(100);
         let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S);
-        ramp.for_each(|increment| monitor.push(&[increment], RATE_ONE));
+        ramp.for_each(|increment| monitor.push(&[increment], Rate::ONE));
         assert_eq!(monitor.violations(), 0);
         assert!(monitor.finish().violations > 0);
     }
@@ -438,23 +438,23 @@ mod tests {
         assert_eq!(lone(1), 0);
         let slow = MonitorLimits { velocity_mm_s: 0.5, acceleration_mm_s2: 1.0, jerk_mm_s3: 1.0, ..AXIS };
         let mut monitor = LimitMonitor::new(&[slow], PERIOD_S);
-        monitor.push(&[2], RATE_ONE);
+        monitor.push(&[2], Rate::ONE);
         assert!(monitor.violations() > 0);
     }
 
     #[test]
     fn twice_the_jerk_is_allowed_while_the_rate_changes_only() {
         let increments = rounded(250, move_mm(36_000.0, 0.025));
-        let violations = |rate: &dyn Fn(i64) -> i64| {
+        let violations = |rate: &dyn Fn(i64) -> Rate| {
             let mut monitor = LimitMonitor::new(&[AXIS], PERIOD_S);
             for (period, &increment) in increments.iter().enumerate() {
                 monitor.push(&[increment], rate(period as i64));
             }
             monitor.finish().violations
         };
-        assert_eq!(violations(&|period| period << 24), 0);
-        assert!(violations(&|_| RATE_ONE) > 0);
-        assert!(violations(&|_| RATE_ONE / 2) > 0);
+        assert_eq!(violations(&|period| Rate::from_units(period << 24)), 0);
+        assert!(violations(&|_| Rate::ONE) > 0);
+        assert!(violations(&|_| Rate::ONE / 2) > 0);
     }
 
     #[test]
@@ -464,7 +464,7 @@ mod tests {
     }
 
     /// The same rule, calculated from whole arrays in floats.
-    fn brute_force(increments: &[[i32; 2]], rates: &[i64], axes: &[MonitorLimits; 2]) -> (u64, [AxisExtremes; 2]) {
+    fn brute_force(increments: &[[i32; 2]], rates: &[Rate], axes: &[MonitorLimits; 2]) -> (u64, [AxisExtremes; 2]) {
         let rest = MAX_WINDOW;
         let count = increments.len();
         let rate_at = |period: usize| rates[period.saturating_sub(rest).min(count - 1)];
@@ -484,9 +484,11 @@ mod tests {
                     let differences = [p(0) - p(1), p(0) - 2 * p(1) + p(2), p(0) - 3 * p(1) + 3 * p(2) - p(3)];
                     for k in 1..=3 {
                         // The window before the start takes the first rate.
-                        let window: Vec<i64> = (end - k * n..end).map(|period| rate_at(period.max(rest))).collect();
+                        let window: Vec<Rate> = (end - k * n..end).map(|period| rate_at(period.max(rest))).collect();
                         let emitted = &window[window.len().saturating_sub(end - rest)..];
-                        let whole = emitted.iter().all(|&rate| rate % RATE_ONE == 0 && rate.abs() <= RATE_ONE);
+                        let whole = emitted
+                            .iter()
+                            .all(|&rate| rate.units() % Rate::ONE.units() == 0 && rate.abs() <= Rate::ONE);
                         let changes = window.iter().any(|&rate| rate != window[0]);
                         let e = 1.0 + limits.acceleration_mm_s2 * limits.pulses_per_mm * PERIOD_S * PERIOD_S / 8.0;
                         let allowance = [1.0, 2.0, 4.0][k - 1] * if whole { 1.0 } else { 2.0 * e };
@@ -509,13 +511,13 @@ mod tests {
         (violations, extremes.map(named))
     }
 
-    fn rates() -> impl Strategy<Value = i64> {
+    fn rates() -> impl Strategy<Value = Rate> {
         prop_oneof![
-            6 => Just(RATE_ONE),
-            1 => Just(-RATE_ONE),
-            1 => Just(0),
-            2 => -2 * RATE_ONE..=2 * RATE_ONE,
-            1 => Just(RATE_ONE / 2),
+            6 => Just(Rate::ONE),
+            1 => Just(-Rate::ONE),
+            1 => Just(Rate::ZERO),
+            2 => (-2i64 << 32..=2 << 32).prop_map(Rate::from_units),
+            1 => Just(Rate::ONE / 2),
         ]
     }
 

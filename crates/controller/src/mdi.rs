@@ -5,13 +5,13 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use retrace_config::MachineConfig;
 use retrace_gcode::{
     ActiveCodes, Axis, AxisSet, CanonStep, Diagnostic, Interpreter, ModalSnapshot, Parameters, Pose, Program, Progress,
     Setup, Severity, ToolTable, UserCodes,
 };
 
 use crate::job::{self, BlockDecoder, DecodedBlock};
-use crate::machine::MachineConfig;
 
 /// Interpreter setup of a machine in millimetres at its current position.
 #[must_use]

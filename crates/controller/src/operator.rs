@@ -6,13 +6,12 @@
 
 use std::fmt;
 
+use retrace_config::{AXIS_LETTERS, NumberedError, nearest};
+use retrace_core::Rate;
 use retrace_core::interruption;
 use retrace_core::mode::ModeError;
-use retrace_core::{ONE, Travel};
 use retrace_link::channel;
 
-use crate::machine::AXIS_LETTERS;
-use crate::numbered_error::{NumberedError, nearest};
 use crate::tool_length::{EnteredLength, ToolLengthError};
 
 /// Time at which an instruction is due.
@@ -36,13 +35,13 @@ pub enum OperatorCommand {
     /// Resume after a hold, at a program stop, or in single block.
     Resume,
     /// Reverse run at this rate.
-    Reverse(Travel),
+    Reverse(Rate),
     /// Forward run at this rate.
-    Forward(Travel),
+    Forward(Rate),
     /// Feed override. Rapid motion keeps its speed, but rests at 0 as all motion does.
-    Override(Travel),
+    Override(Rate),
     /// Rapid override, 0 … 1.
-    RapidOverride(Travel),
+    RapidOverride(Rate),
     /// Turns the handwheel at a constant speed for some time.
     Wheel {
         /// Counts per second, signed.
@@ -144,7 +143,7 @@ pub enum CommandError {
     /// The command does not apply in the current mode.
     Mode(ModeError),
     /// The override is above this maximum, which is in force now.
-    AboveMaxOverride(Travel),
+    AboveMaxOverride(Rate),
     /// The queue of override changes is full.
     TooManyOverrides,
     /// The card has no such output.
@@ -392,11 +391,11 @@ fn parse_seconds(word: &str) -> Result<f64, InstructionError> {
 
 /// Rate in per cent.
 #[must_use]
-pub fn percent(rate: Travel) -> f64 {
-    rate as f64 / ONE as f64 * 100.0
+pub fn percent(rate: Rate) -> f64 {
+    f64::from(rate) * 100.0
 }
 
-fn parse_rate(word: &str) -> Result<Travel, InstructionError> {
+fn parse_rate(word: &str) -> Result<Rate, InstructionError> {
     let Some(digits) = word.strip_suffix('%') else {
         return wrong(format!("`{word}` is not a rate"), "a rate such as 60%");
     };
@@ -405,8 +404,8 @@ fn parse_rate(word: &str) -> Result<Travel, InstructionError> {
         return wrong(format!("a rate of {word}"), "a rate from 0% to 800%");
     }
     // Rounded to a hundredth of a per cent, so that 100 % is exactly 1 and no other input is.
-    let steps = (value * 100.0).round() as Travel;
-    Ok((steps * ONE + 5_000) / 10_000)
+    let steps = (value * 100.0).round() as i64;
+    Ok((Rate::ONE * steps + Rate::from_units(5_000)) / 10_000)
 }
 
 #[cfg(test)]
@@ -429,7 +428,7 @@ mod tests {
             ScriptInstruction {
                 line: 5,
                 when: ScriptTime::AfterPeriods(300),
-                command: OperatorCommand::Forward(ONE / 2)
+                command: OperatorCommand::Forward(Rate::ONE / 2)
             }
         );
         assert_eq!(script[4].when, ScriptTime::Line(40));

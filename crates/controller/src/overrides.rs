@@ -12,12 +12,12 @@
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 
+use retrace_core::Rate;
 use retrace_core::place::is_before;
-use retrace_core::{ONE, Travel};
 use retrace_motion::MAX_OVERRIDE;
 
 /// Maximum override, 200 %.
-pub const MAX_RATE: Travel = (MAX_OVERRIDE as Travel) * ONE;
+pub const MAX_RATE: Rate = Rate::from_units(Rate::ONE.units() * MAX_OVERRIDE as i64);
 
 /// Maximum number of pending changes.
 const MAX_CHANGES: usize = 64;
@@ -26,7 +26,7 @@ const MAX_CHANGES: usize = 64;
 #[derive(Clone, Copy, Debug)]
 struct OverrideChange {
     place: u32,
-    planned: Travel,
+    planned: Rate,
 }
 
 /// Creates the motion path's and the planning thread's end of the queue. `look_ahead` is that of the ring, in records.
@@ -34,8 +34,14 @@ struct OverrideChange {
 pub fn override_channel(look_ahead: u32) -> (OverrideRequester, OverrideApplier) {
     let (changes, heard) = sync_channel(MAX_CHANGES);
     let pending = VecDeque::with_capacity(MAX_CHANGES + 1);
-    let requester =
-        OverrideRequester { changes: Some(changes), look_ahead, requested: ONE, sent: ONE, planned: ONE, pending };
+    let requester = OverrideRequester {
+        changes: Some(changes),
+        look_ahead,
+        requested: Rate::ONE,
+        sent: Rate::ONE,
+        planned: Rate::ONE,
+        pending,
+    };
     (requester, OverrideApplier { replayed: VecDeque::new(), heard: Some(heard), next: None })
 }
 
@@ -58,18 +64,18 @@ pub struct OverrideRequester {
     changes: Option<SyncSender<OverrideChange>>,
     look_ahead: u32,
     /// Override that the operator requests.
-    requested: Travel,
+    requested: Rate,
     /// Override that was requested from the planner last.
-    sent: Travel,
+    sent: Rate,
     /// Override that is planned at the furthest place of the cursor.
-    planned: Travel,
+    planned: Rate,
     /// Changes that the cursor has not reached yet.
     pending: VecDeque<OverrideChange>,
 }
 
 impl Default for OverrideRequester {
     fn default() -> Self {
-        let (asked, sent, planned) = (ONE, ONE, ONE);
+        let (asked, sent, planned) = (Rate::ONE, Rate::ONE, Rate::ONE);
         Self { changes: None, look_ahead: 0, requested: asked, sent, planned, pending: VecDeque::new() }
     }
 }
@@ -78,7 +84,7 @@ impl OverrideRequester {
     /// Restores the state of a resumed job; `changed` are the changes that were applied already, by their places. The
     /// last planned override is the requested one.
     #[must_use]
-    pub fn resumed(mut self, changed: &[(u32, Travel)], reached: u32) -> Self {
+    pub fn resumed(mut self, changed: &[(u32, Rate)], reached: u32) -> Self {
         for &(place, planned) in changed {
             (self.requested, self.sent) = (planned, planned);
             self.pending.push_back(OverrideChange { place, planned });
@@ -89,23 +95,23 @@ impl OverrideRequester {
 
     /// Override that the operator requests.
     #[must_use]
-    pub fn requested(&self) -> Travel {
+    pub fn requested(&self) -> Rate {
         self.requested
     }
 
     /// Maximum override.
     #[must_use]
-    pub fn max_override(&self) -> Travel {
-        if self.changes.is_some() { MAX_RATE } else { ONE }
+    pub fn max_override(&self) -> Rate {
+        if self.changes.is_some() { MAX_RATE } else { Rate::ONE }
     }
 
     /// Requests `rate`, limited to [`OverrideRequester::max_override`]; `reached` is the furthest place of the cursor.
     ///
     /// # Errors
     /// [`OverrideQueueFull`]; nothing has changed then.
-    pub fn request(&mut self, rate: Travel, reached: u32) -> Result<(), OverrideQueueFull> {
-        let rate = rate.clamp(0, self.max_override());
-        let planned = rate.max(ONE);
+    pub fn request(&mut self, rate: Rate, reached: u32) -> Result<(), OverrideQueueFull> {
+        let rate = rate.clamp(Rate::ZERO, self.max_override());
+        let planned = rate.max(Rate::ONE);
         if planned != self.sent
             && let Some(changes) = &self.changes
         {
@@ -127,7 +133,7 @@ impl OverrideRequester {
     }
 
     /// Advances to `reached`. Returns the override that is planned there, if it has changed.
-    pub fn advance_to(&mut self, reached: u32) -> Option<Travel> {
+    pub fn advance_to(&mut self, reached: u32) -> Option<Rate> {
         let was = self.planned;
         while let Some(change) = self.pending.front()
             && !is_before(reached, change.place)
@@ -140,13 +146,14 @@ impl OverrideRequester {
 
     /// The rate that gives the requested override, or the nearest one that is possible, 0 … 1.
     #[must_use]
-    pub fn rate(&self) -> Travel {
+    pub fn rate(&self) -> Rate {
         if self.requested >= self.planned {
-            return ONE;
+            return Rate::ONE;
         }
-        let rate = i128::from(self.requested) * i128::from(ONE) / i128::from(self.planned);
+        let rate =
+            i128::from(self.requested.units()) * i128::from(Rate::ONE.units()) / i128::from(self.planned.units());
         // Below 1, as the requested override is below the planned one.
-        rate as Travel
+        Rate::from_units(rate as i64)
     }
 }
 
@@ -163,13 +170,13 @@ pub struct OverrideApplier {
 impl OverrideApplier {
     /// Restores the state of a resumed job: changes that were applied already, place and override, in order.
     #[must_use]
-    pub fn resumed(self, changed: &[(u32, Travel)]) -> Self {
+    pub fn resumed(self, changed: &[(u32, Rate)]) -> Self {
         Self { replayed: changed.iter().map(|&(place, planned)| OverrideChange { place, planned }).collect(), ..self }
     }
 
     /// The override that counts from the record at `place` on, where it changes there. To be called for the records in
     /// order, and only where the ring has space for them.
-    pub fn due_at(&mut self, place: u32) -> Option<Travel> {
+    pub fn due_at(&mut self, place: u32) -> Option<Rate> {
         let mut due = None;
         loop {
             if self.next.is_none() {
@@ -191,59 +198,68 @@ impl OverrideApplier {
 mod tests {
     use super::*;
 
-    const PERCENT: Travel = ONE / 100;
+    const PERCENT: Rate = Rate::from_units(Rate::ONE.units() / 100);
 
     #[test]
     fn what_is_more_than_planned_waits_for_its_place_and_what_is_less_does_not() {
         let (mut requester, mut heeding) = override_channel(500);
-        requester.request(60 * PERCENT, 7).expect("room");
-        assert_eq!((requester.rate(), heeding.due_at(600)), (60 * PERCENT, None));
-        requester.request(MAX_RATE + ONE, 10).expect("room");
+        requester.request(PERCENT * 60, 7).expect("room");
+        assert_eq!((requester.rate(), heeding.due_at(600)), (PERCENT * 60, None));
+        requester.request(MAX_RATE + Rate::ONE, 10).expect("room");
         assert_eq!(
             (requester.rate(), heeding.due_at(509), heeding.due_at(510), heeding.due_at(511)),
-            (ONE, None, Some(MAX_RATE), None)
+            (Rate::ONE, None, Some(MAX_RATE), None)
         );
         assert_eq!(
             (requester.advance_to(509), requester.advance_to(510), requester.advance_to(511)),
             (None, Some(MAX_RATE), None)
         );
         // Half of what is planned for 200 %, until it is planned for 100 %.
-        requester.request(ONE, 600).expect("room");
-        assert_eq!((requester.rate(), heeding.due_at(1099), heeding.due_at(1100)), (ONE / 2, None, Some(ONE)));
-        assert_eq!((requester.advance_to(1100), requester.rate()), (Some(ONE), ONE));
+        requester.request(Rate::ONE, 600).expect("room");
+        assert_eq!(
+            (requester.rate(), heeding.due_at(1099), heeding.due_at(1100)),
+            (Rate::ONE / 2, None, Some(Rate::ONE))
+        );
+        assert_eq!((requester.advance_to(1100), requester.rate()), (Some(Rate::ONE), Rate::ONE));
     }
 
     #[test]
     fn too_many_changes_are_refused_and_none_is_lost() {
         let (mut requester, mut heeding) = override_channel(10);
-        let asked = |k: Travel| ONE + (k + 1) * PERCENT;
+        let asked = |k: i64| Rate::ONE + PERCENT * (k + 1);
         let taken = (0..).take_while(|k| requester.request(asked(*k), u32::MAX).is_ok()).count();
         assert_eq!(taken, MAX_CHANGES);
-        let last = asked(MAX_CHANGES as Travel - 1);
+        let last = asked(MAX_CHANGES as i64 - 1);
         assert_eq!((heeding.due_at(8), heeding.due_at(9)), (None, Some(last)));
         assert_eq!(requester.advance_to(9), Some(last));
-        requester.request(ONE, 20).expect("room again");
+        requester.request(Rate::ONE, 20).expect("room again");
     }
 
     #[test]
     fn what_was_heeded_once_is_heeded_again_at_its_place_and_what_is_new_behind_it() {
         let (requester, heeding) = override_channel(500);
-        let changed = [(100, MAX_RATE), (300, ONE + PERCENT)];
+        let changed = [(100, MAX_RATE), (300, Rate::ONE + PERCENT)];
         let (mut requester, mut heeding) = (requester.resumed(&changed, 200), heeding.resumed(&changed));
-        assert_eq!((requester.requested(), requester.rate()), (ONE + PERCENT, (ONE + PERCENT) / 2));
-        requester.request(ONE, 250).expect("room");
+        assert_eq!((requester.requested(), requester.rate()), (Rate::ONE + PERCENT, (Rate::ONE + PERCENT) / 2));
+        requester.request(Rate::ONE, 250).expect("room");
         assert_eq!(
             [99, 100, 299, 300, 749, 750].map(|place| heeding.due_at(place)),
-            [None, Some(MAX_RATE), None, Some(ONE + PERCENT), None, Some(ONE)]
+            [None, Some(MAX_RATE), None, Some(Rate::ONE + PERCENT), None, Some(Rate::ONE)]
         );
-        assert_eq!((requester.advance_to(300), requester.advance_to(750)), (Some(ONE + PERCENT), Some(ONE)));
+        assert_eq!(
+            (requester.advance_to(300), requester.advance_to(750)),
+            (Some(Rate::ONE + PERCENT), Some(Rate::ONE))
+        );
     }
 
     #[test]
     fn where_nobody_plans_the_rate_is_all_there_is() {
         let mut requester = OverrideRequester::default();
         requester.request(MAX_RATE, 0).expect("nothing is sent");
-        assert_eq!((requester.rate(), requester.advance_to(1000), requester.max_override()), (ONE, None, ONE));
+        assert_eq!(
+            (requester.rate(), requester.advance_to(1000), requester.max_override()),
+            (Rate::ONE, None, Rate::ONE)
+        );
         assert_eq!(OverrideApplier::default().due_at(0), None);
     }
 }

@@ -4,9 +4,8 @@
 //! record has seen the item (GMC-3: the front marker stands in the stream at its place).
 
 use retrace_gcode::ActiveCodes;
+use retrace_journal::MarkDifference;
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange};
-
-use crate::place_index::MarkDifference;
 
 /// Kind of an exclusive instruction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,11 +5,11 @@
 use std::thread;
 use std::time::Duration;
 
+use retrace_config::MachineConfig;
 use retrace_gcode::{Axis, Canon, CanonStep};
 
 use crate::canon_executor::{CanonError, CanonExecutor};
 use crate::decoding::{BatchChannel, BlockBatch};
-use crate::machine::MachineConfig;
 use crate::plan_item::{PlanEnd, PlanSummary};
 use crate::plan_writer::{Cancelled, PlanWriter};
 use crate::start_line::SkippedBlocks;

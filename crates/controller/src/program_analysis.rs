@@ -8,6 +8,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use retrace_config::MachineConfig;
 use retrace_core::Flags;
 use retrace_link::{OutputChange, channel};
 use retrace_motion::{Arc, FeedRate, LimitError, PathMode, Planner};
@@ -15,7 +16,6 @@ use retrace_motion::{Arc, FeedRate, LimitError, PathMode, Planner};
 use crate::canon_executor::WorkOffset;
 use crate::job::{self, BlockDecoder, CheckFinding};
 use crate::limit_check::LimitCheck;
-use crate::machine::MachineConfig;
 use crate::motion_sink::MotionSink;
 use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};

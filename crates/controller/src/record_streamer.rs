@@ -12,11 +12,11 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 use retrace_core::gate::Gates;
 use retrace_core::place::is_before;
 use retrace_core::ring::Consumer;
-use retrace_core::{Flags, Place, Record};
+use retrace_core::{Distance, Flags, Place, Record};
 use retrace_gcode::ActiveCodes;
+use retrace_journal::{DurablePlace, MarkDifference};
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputAction, Outputs};
 
-use crate::place_index::{DurablePlace, MarkDifference};
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
 use crate::restart::{OutputOrigins, RestartStep};
 
@@ -302,7 +302,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// The last place at or before `place` where the program switched a cutting output on, if that is retained.
     #[must_use]
     pub fn pierce_before(&self, place: Place) -> Option<u32> {
-        let jet = self.pierces.iter().rev().find(|&&jet| Place::start_of(jet).distance_to(place) >= 0);
+        let jet = self.pierces.iter().rev().find(|&&jet| Place::start_of(jet).distance_to(place) >= Distance::ZERO);
         jet.copied().filter(|&jet| !is_before(jet, self.oldest()))
     }
 
@@ -347,7 +347,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// is retained.
     #[must_use]
     pub fn cut_change_before(&self, place: Place, passed: Option<u32>) -> Option<u32> {
-        let behind = |&&change: &&u32| Place::start_of(change).distance_to(place) >= 0 && Some(change) != passed;
+        let behind =
+            |&&change: &&u32| Place::start_of(change).distance_to(place) >= Distance::ZERO && Some(change) != passed;
         self.cut_changes.iter().rev().find(behind).copied()
     }
 

@@ -3,11 +3,11 @@
 //! Invariant: positions come from the card, commanded positions from the program; nothing in the report is estimated.
 //! What was not measured is null, with a note that gives the reason.
 
+use retrace_config::MachineConfig;
 use retrace_link::CardStatus;
 use serde_json::{Map, Value, json};
 
 use crate::limit_monitor::LimitReport;
-use crate::machine::MachineConfig;
 use crate::run_stats::RunStats;
 use crate::session::Outcome;
 

@@ -11,18 +11,16 @@ use std::fmt;
 use std::thread;
 use std::time::Duration;
 
+use retrace_config::{MachineConfig, NumberedError};
+use retrace_core::Rate;
 use retrace_core::place::is_before;
 use retrace_core::playback::partial_increment;
-use retrace_core::{ONE, Travel};
 use retrace_gcode::ActiveCodes;
+use retrace_journal::{LengthChange, MarkDifference, PlaceMark};
 use retrace_link::{CardStatus, Outputs, PathStart, channel};
 
 use crate::approach::approach;
-use crate::machine::MachineConfig;
-use crate::numbered_error::NumberedError;
-use crate::place_index::{MarkDifference, PlaceMark};
 use crate::record_streamer::{PassedItem, RecordStreamer};
-use crate::tool_length::LengthChange;
 
 /// Place where a job was left, and the data to find it again.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,7 +35,7 @@ pub struct ResumePoint {
     /// Outputs at that time.
     pub outputs: Outputs,
     /// Overrides that the planner has applied, with the places from which they count, in order.
-    pub overrides: Vec<(u32, Travel)>,
+    pub overrides: Vec<(u32, Rate)>,
     /// Marks of the index, in the order of the places: all of them, or at least the last one beyond `start.place`.
     pub marks: Vec<PlaceMark>,
     /// Numbers of the blocks behind which the path rests because the program was cut off or rejected there in an
@@ -137,7 +135,7 @@ pub struct ResumePlan<const A: usize> {
     line: u32,
     into_line_mm: f64,
     history_mm: f64,
-    planned: Travel,
+    planned: Rate,
     card: CardStatus<A>,
 }
 
@@ -186,7 +184,7 @@ impl<const A: usize> ResumePlan<A> {
 
     /// Override that is planned at `reached`.
     #[must_use]
-    pub fn planned_override(&self) -> Travel {
+    pub fn planned_override(&self) -> Rate {
         self.planned
     }
 
@@ -249,7 +247,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         if let Some(record) =
             self.streamer.record(left.record).filter(|record| left.fraction > 0 && goes_on(record.line))
         {
-            mm += length(&record.increments, f64::from(left.fraction) / ONE as f64);
+            mm += length(&record.increments, left.fraction_of_record());
         }
         let mut place = left.record;
         while is_before(oldest, place) {
@@ -293,7 +291,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             line,
             into_line_mm,
             history_mm,
-            planned: passed.last().map_or(ONE, |&(_, planned)| planned),
+            planned: passed.last().map_or(Rate::ONE, |&(_, planned)| planned),
             card: *card,
         })
     }

@@ -3,7 +3,7 @@
 //! Invariant: every period is counted in exactly one of the times.
 
 use retrace_core::mode::Mode;
-use retrace_core::{Place, Travel};
+use retrace_core::{Distance, Place, Rate};
 
 /// Control periods by their use, and counters.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -36,7 +36,7 @@ pub struct RunStats {
     /// Telemetry messages that were dropped because the queue was full.
     pub dropped_events: u64,
     furthest: Place,
-    direction: Travel,
+    direction: i64,
 }
 
 /// Properties of a period that determine how it is counted.
@@ -49,7 +49,7 @@ pub struct PeriodClass {
     /// Whether an exclusive instruction was being executed; `Some(true)` for a dwell.
     pub instruction: Option<bool>,
     /// Distance that the cursor moved.
-    pub rate: Travel,
+    pub rate: Rate,
     /// Place at the end of the period.
     pub place: Place,
 }
@@ -75,7 +75,7 @@ impl RunStats {
     /// Counts a period.
     pub fn count_period(&mut self, spent: PeriodClass) {
         self.periods += 1;
-        let new_ground = self.furthest.distance_to(spent.place) > 0;
+        let new_ground = self.furthest.distance_to(spent.place) > Distance::ZERO;
         let bucket = match spent.instruction {
             _ if new_ground => &mut self.motion,
             Some(true) => &mut self.dwell,
@@ -99,7 +99,7 @@ impl RunStats {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_core::ONE;
+    use retrace_core::Rate;
 
     #[test]
     fn every_period_is_counted_once() {
@@ -111,14 +111,14 @@ mod tests {
             rate,
             place: Place::start_of(record),
         };
-        stats.count_period(spent(Mode::Run, false, None, ONE, 6));
-        stats.count_period(spent(Mode::Run, true, None, ONE, 7));
-        stats.count_period(spent(Mode::Run, true, None, 0, 7));
-        stats.count_period(spent(Mode::Reverse, false, None, -ONE, 6));
-        stats.count_period(spent(Mode::Rejoin, false, None, ONE, 7));
-        stats.count_period(spent(Mode::Run, false, Some(true), 0, 7));
-        stats.count_period(spent(Mode::Run, false, Some(false), 0, 7));
-        stats.count_period(spent(Mode::Run, false, None, 0, 7));
+        stats.count_period(spent(Mode::Run, false, None, Rate::ONE, 6));
+        stats.count_period(spent(Mode::Run, true, None, Rate::ONE, 7));
+        stats.count_period(spent(Mode::Run, true, None, Rate::ZERO, 7));
+        stats.count_period(spent(Mode::Reverse, false, None, -Rate::ONE, 6));
+        stats.count_period(spent(Mode::Rejoin, false, None, Rate::ONE, 7));
+        stats.count_period(spent(Mode::Run, false, Some(true), Rate::ZERO, 7));
+        stats.count_period(spent(Mode::Run, false, Some(false), Rate::ZERO, 7));
+        stats.count_period(spent(Mode::Run, false, None, Rate::ZERO, 7));
         assert_eq!(
             (stats.motion, stats.held, stats.retracing, stats.dwell, stats.switching, stats.waiting),
             (2, 1, 2, 1, 1, 1)

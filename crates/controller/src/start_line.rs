@@ -4,10 +4,10 @@
 //! but the cutters before the first move, the cutters where the skipped motion ended (CUT-17). The axes move there in
 //! the order of DNC-6: tool axis up to the retract plane or higher, other axes, tool axis down.
 
+use retrace_config::MachineConfig;
 use retrace_link::{OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, FeedRate, PathMode};
 
-use crate::machine::MachineConfig;
 use crate::motion_sink::MotionSink;
 use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};

@@ -11,10 +11,10 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_core::mode::Mode;
-use retrace_core::{Place, Travel};
+use retrace_core::{Place, Rate};
 use retrace_gcode::ActiveCodes;
+use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, OutputChange, Outputs, channel};
-use serde::{Deserialize, Serialize};
 
 use crate::event::Event;
 
@@ -26,25 +26,6 @@ const CAPACITY_VIRTUAL: usize = 4096;
 /// polls are more frequent.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 const POLL_INTERVAL_VIRTUAL: Duration = Duration::from_micros(300);
-
-/// Reason why the machine is at rest in normal run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum HoldReason {
-    /// No hold by the operator: the machine runs, or waits for records or for an instruction.
-    #[default]
-    None,
-    /// Feed hold.
-    Hold,
-    /// A program stop (M0) waits for cycle start.
-    ProgramStop,
-    /// Single block waits for cycle start.
-    SingleBlock,
-    /// The program has ended and the operator has not released the job: reverse run is still possible.
-    Ended,
-    /// The program is paused at a breakpoint, until the axes are back there (DNC-1 … DNC-7). Events have the details.
-    Paused,
-}
 
 /// State and motion of one control period.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,7 +43,7 @@ pub struct PeriodRecord<const A: usize> {
     /// The card's window: the first record it holds, and the place behind the last.
     pub window: [u32; 2],
     /// Distance that the cursor moved: the actual rate.
-    pub rate: Travel,
+    pub rate: Rate,
     /// Program line of the record under the cursor.
     pub line: u32,
     /// Net pulses of each axis in the period.
@@ -82,9 +63,9 @@ pub struct PeriodRecord<const A: usize> {
     /// Reason why the machine is at rest.
     pub hold_reason: HoldReason,
     /// Feed override that the operator requests.
-    pub override_rate: Travel,
+    pub override_rate: Rate,
     /// Rapid override, 0 … 1.
-    pub rapid_override: Travel,
+    pub rapid_override: Rate,
     /// Whether the machine is off the path: jogging, homing, or returning to a breakpoint. The places are then those of
     /// that move.
     pub off_path: bool,
@@ -111,8 +92,8 @@ impl<const A: usize> PeriodRecord<A> {
             inputs: status.inputs,
             mode: Mode::Run,
             hold_reason: HoldReason::None,
-            override_rate: retrace_core::ONE,
-            rapid_override: retrace_core::ONE,
+            override_rate: Rate::ONE,
+            rapid_override: Rate::ONE,
             off_path: false,
         }
     }

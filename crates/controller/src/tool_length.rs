@@ -32,15 +32,6 @@ impl fmt::Display for EnteredLength {
     }
 }
 
-/// An entered length that applies from behind a block on, until the program changes its tool offset.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LengthChange {
-    /// Number of the decoder's block, from 1, behind which it applies; 0 is the program's beginning.
-    pub block: u64,
-    /// Distance by which the path is moved along the tool axis, pulses.
-    pub pulses: i64,
-}
-
 /// A message from the motion path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum LengthRequest {

@@ -15,7 +15,7 @@
 //! backward and forward again ends at the same counts.
 //!
 //! The crate is `no_std`, allocates nothing and depends on nothing. Pulses are integers, places and rates are
-//! fixed-point numbers; there is no floating point in this crate.
+//! fixed-point numbers; nothing here calculates in floating point.
 #![cfg_attr(not(test), no_std)]
 
 pub mod drive;
@@ -32,8 +32,10 @@ pub mod ring;
 pub mod ring_indices;
 pub mod size;
 mod sync;
+mod units;
 pub mod wheel;
 
-pub use place::{ONE, Place, Travel};
+pub use place::Place;
 pub use rate::RateTarget;
 pub use record::{Flags, RapidCap, Record};
+pub use units::{Distance, Rate};

@@ -8,7 +8,7 @@
 //! outputs in the state that the program expects; after a stop, normal run is resumed only with such outputs (CUT-17,
 //! DNC-9).
 
-use crate::{ONE, Place, RateTarget, Travel};
+use crate::{Place, Rate, RateTarget};
 
 /// Operating mode of the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -63,13 +63,13 @@ pub enum ModeCommand {
     },
     /// Feed override for normal run and the return to it, 0 … 1; larger values count as 1. Rapid motion is not slowed
     /// by it, but at 0 all motion is stopped.
-    Override(Travel),
+    Override(Rate),
     /// Rapid override for normal run and the return to it, 0 … 1; larger values count as 1.
-    RapidOverride(Travel),
+    RapidOverride(Rate),
     /// Reverse run at this rate, above 0 and up to 8; above 1 is rapid retrace.
-    Reverse(Travel),
+    Reverse(Rate),
     /// Forward run at this rate, above 0 and up to 8.
-    Forward(Travel),
+    Forward(Rate),
     /// Handwheel mode.
     Wheel,
     /// Leaves reverse run, forward run or handwheel: forward to `reached`, then normal run.
@@ -121,7 +121,7 @@ pub struct MotionFacts {
     /// Whether all outputs are in the state that the program expects at `reached`.
     pub outputs_agree: bool,
     /// Rate that the handwheel commands.
-    pub wheel: Travel,
+    pub wheel: Rate,
 }
 
 /// Notice to the operator.
@@ -168,9 +168,9 @@ pub struct ModeController {
     rested_since_run: bool,
     /// Whether outputs that differ at `reached` are restored without asking.
     confirmed: bool,
-    override_rate: Travel,
-    rapid_override: Travel,
-    retrace_rate: Travel,
+    override_rate: Rate,
+    rapid_override: Rate,
+    retrace_rate: Rate,
     /// Whether the operator has been notified of the end at which the cursor is at rest.
     notified: bool,
     resuming: Resuming,
@@ -183,9 +183,9 @@ impl Default for ModeController {
             held: false,
             rested_since_run: true,
             confirmed: false,
-            override_rate: ONE,
-            rapid_override: ONE,
-            retrace_rate: ONE,
+            override_rate: Rate::ONE,
+            rapid_override: Rate::ONE,
+            retrace_rate: Rate::ONE,
             notified: false,
             resuming: Resuming::No,
         }
@@ -214,13 +214,13 @@ impl ModeController {
 
     /// Returns the active feed override.
     #[must_use]
-    pub const fn override_rate(&self) -> Travel {
+    pub const fn override_rate(&self) -> Rate {
         self.override_rate
     }
 
     /// Returns the active rapid override.
     #[must_use]
-    pub const fn rapid_override(&self) -> Travel {
+    pub const fn rapid_override(&self) -> Rate {
         self.rapid_override
     }
 
@@ -239,18 +239,18 @@ impl ModeController {
             ModeCommand::Restart { confirmed } => {
                 self.resume_motion(if confirmed { Resuming::Confirmed } else { Resuming::Ask })
             }
-            ModeCommand::Override(rate) => self.override_rate = rate.clamp(0, ONE),
-            ModeCommand::RapidOverride(rate) => self.rapid_override = rate.clamp(0, ONE),
-            ModeCommand::Reverse(rate) | ModeCommand::Forward(rate) if rate <= 0 => {
+            ModeCommand::Override(rate) => self.override_rate = rate.clamp(Rate::ZERO, Rate::ONE),
+            ModeCommand::RapidOverride(rate) => self.rapid_override = rate.clamp(Rate::ZERO, Rate::ONE),
+            ModeCommand::Reverse(rate) | ModeCommand::Forward(rate) if rate <= Rate::ZERO => {
                 return Err(ModeError::RateNotPositive);
             }
             ModeCommand::Reverse(rate) => self.enter(Mode::Reverse, rate),
             ModeCommand::Forward(rate) => self.enter(Mode::Forward, rate),
-            ModeCommand::Wheel => self.enter(Mode::Wheel, ONE),
+            ModeCommand::Wheel => self.enter(Mode::Wheel, Rate::ONE),
             ModeCommand::Leave { ask } => match self.mode {
                 Mode::Run => return Err(ModeError::NotRetracing),
                 _ => {
-                    self.enter(Mode::Rejoin, ONE);
+                    self.enter(Mode::Rejoin, Rate::ONE);
                     self.confirmed = !ask;
                 }
             },
@@ -268,14 +268,14 @@ impl ModeController {
         }
     }
 
-    fn enter(&mut self, mode: Mode, rate: Travel) {
+    fn enter(&mut self, mode: Mode, rate: Rate) {
         self.resuming = Resuming::No;
         self.rested_since_run &= self.mode != Mode::Run;
         self.mode = mode;
         self.held = false;
         self.confirmed = false;
         self.notified = false;
-        self.retrace_rate = rate.min(8 * ONE);
+        self.retrace_rate = rate.min(Rate::MAX);
     }
 
     /// Advances by one control period and returns its output.
@@ -317,7 +317,7 @@ impl ModeController {
         output.look_ahead = self.mode == Mode::Run;
         output.target = match self.mode {
             _ if self.held || self.resuming != Resuming::No => RateTarget::ZERO,
-            Mode::Run | Mode::Rejoin if self.override_rate == 0 => RateTarget::ZERO,
+            Mode::Run | Mode::Rejoin if self.override_rate == Rate::ZERO => RateTarget::ZERO,
             Mode::Run | Mode::Rejoin => RateTarget { feed: self.override_rate, rapid: self.rapid_override },
             Mode::Reverse => RateTarget::both(-self.retrace_rate),
             Mode::Forward => RateTarget::both(self.retrace_rate),
@@ -347,43 +347,50 @@ mod tests {
     use super::*;
 
     fn facts(record: u32, reached: u32, at_rest: bool) -> MotionFacts {
-        MotionFacts { place: Place::start_of(record), at_rest, reached, oldest: 10, outputs_agree: true, wheel: 0 }
+        MotionFacts {
+            place: Place::start_of(record),
+            at_rest,
+            reached,
+            oldest: 10,
+            outputs_agree: true,
+            wheel: Rate::ZERO,
+        }
     }
 
     #[test]
     fn reverse_run_rests_before_the_window_is_cut_and_reports_the_end_once() {
         let mut controller = ModeController::default();
-        controller.apply(ModeCommand::Reverse(ONE)).expect("a rate");
+        controller.apply(ModeCommand::Reverse(Rate::ONE)).expect("a rate");
         let braking = controller.advance_period(&facts(100, 100, false));
-        assert_eq!((braking.target.feed, braking.look_ahead), (0, true));
+        assert_eq!((braking.target.feed, braking.look_ahead), (Rate::ZERO, true));
         let turned = controller.advance_period(&facts(101, 101, true));
-        assert_eq!((turned.target.feed, turned.look_ahead), (-ONE, false));
+        assert_eq!((turned.target.feed, turned.look_ahead), (-Rate::ONE, false));
         assert_eq!(controller.advance_period(&facts(10, 101, true)).notice, Some(OperatorNotice::HistoryStart));
         assert_eq!(controller.advance_period(&facts(10, 101, true)).notice, None);
-        controller.apply(ModeCommand::Forward(ONE / 2)).expect("a rate");
+        controller.apply(ModeCommand::Forward(Rate::ONE / 2)).expect("a rate");
         // already at rest since normal run: no second rest before the sign changes, the drive ensures that
-        assert_eq!(controller.advance_period(&facts(50, 101, false)).target.feed, ONE / 2);
+        assert_eq!(controller.advance_period(&facts(50, 101, false)).target.feed, Rate::ONE / 2);
     }
 
     #[test]
     fn leaving_goes_forward_to_reached_and_on() {
         let mut controller = ModeController::default();
         assert_eq!(controller.apply(ModeCommand::Leave { ask: false }), Err(ModeError::NotRetracing));
-        controller.apply(ModeCommand::Reverse(ONE)).expect("a rate");
+        controller.apply(ModeCommand::Reverse(Rate::ONE)).expect("a rate");
         controller.advance_period(&facts(50, 100, true));
         controller.apply(ModeCommand::Leave { ask: false }).expect("retracing");
         let back = controller.advance_period(&facts(50, 100, false));
-        assert_eq!((back.target.feed, back.look_ahead, controller.mode()), (ONE, false, Mode::Rejoin));
+        assert_eq!((back.target.feed, back.look_ahead, controller.mode()), (Rate::ONE, false, Mode::Rejoin));
         let on = controller.advance_period(&facts(100, 100, true));
-        assert_eq!((on.target.feed, on.look_ahead, on.notice), (ONE, true, Some(OperatorNotice::RunResumed)));
+        assert_eq!((on.target.feed, on.look_ahead, on.notice), (Rate::ONE, true, Some(OperatorNotice::RunResumed)));
     }
 
     #[test]
     fn forward_run_ends_at_reached_and_at_rest_and_nowhere_else() {
         let mut controller = ModeController::default();
-        controller.apply(ModeCommand::Forward(8 * ONE)).expect("a rate");
-        assert_eq!(controller.advance_period(&facts(50, 100, true)).target.feed, 8 * ONE);
-        assert_eq!(controller.advance_period(&facts(100, 100, false)).target.feed, 8 * ONE);
+        controller.apply(ModeCommand::Forward(Rate::MAX)).expect("a rate");
+        assert_eq!(controller.advance_period(&facts(50, 100, true)).target.feed, Rate::MAX);
+        assert_eq!(controller.advance_period(&facts(100, 100, false)).target.feed, Rate::MAX);
         assert_eq!(controller.mode(), Mode::Forward);
         assert_eq!(controller.advance_period(&facts(100, 100, true)).notice, Some(OperatorNotice::RunResumed));
         assert_eq!(controller.mode(), Mode::Run);
@@ -399,10 +406,10 @@ mod tests {
         assert_eq!(controller.apply(ModeCommand::Confirm), Err(ModeError::NothingToConfirm));
         assert_eq!(controller.advance_period(&differ).notice, Some(OperatorNotice::OutputsDiffer));
         let waits = controller.advance_period(&differ);
-        assert_eq!((waits.notice, waits.target.feed, waits.look_ahead), (None, 0, false));
+        assert_eq!((waits.notice, waits.target.feed, waits.look_ahead), (None, Rate::ZERO, false));
         controller.apply(ModeCommand::Confirm).expect("asked");
         let on = controller.advance_period(&differ);
-        assert_eq!((on.restore_outputs, on.target.feed, on.look_ahead), (true, ONE, true));
+        assert_eq!((on.restore_outputs, on.target.feed, on.look_ahead), (true, Rate::ONE, true));
     }
 
     #[test]
@@ -414,26 +421,26 @@ mod tests {
         let differ = MotionFacts { place: inside, outputs_agree: false, ..facts(99, 100, true) };
         controller.apply(ModeCommand::Resume).expect("held");
         let braking = controller.advance_period(&MotionFacts { at_rest: false, ..differ });
-        assert_eq!((braking.target.feed, braking.look_ahead, controller.mode()), (0, true, Mode::Run));
+        assert_eq!((braking.target.feed, braking.look_ahead, controller.mode()), (Rate::ZERO, true, Mode::Run));
         let asks = controller.advance_period(&differ);
         assert_eq!(
             (asks.target.feed, asks.notice, controller.mode()),
-            (0, Some(OperatorNotice::OutputsDiffer), Mode::AwaitOutputs)
+            (Rate::ZERO, Some(OperatorNotice::OutputsDiffer), Mode::AwaitOutputs)
         );
         assert_eq!(controller.advance_period(&differ).notice, None);
         controller.apply(ModeCommand::Recover).expect("asked");
         let on = controller.advance_period(&differ);
-        assert_eq!((on.restore_outputs, on.target.feed, controller.mode()), (true, ONE, Mode::Run));
+        assert_eq!((on.restore_outputs, on.target.feed, controller.mode()), (true, Rate::ONE, Mode::Run));
         // confirmed at once
         controller.apply(ModeCommand::Hold).expect("always");
         controller.apply(ModeCommand::Recover).expect("held");
         let on = controller.advance_period(&differ);
-        assert_eq!((on.restore_outputs, on.target.feed, controller.mode()), (true, ONE, Mode::Run));
+        assert_eq!((on.restore_outputs, on.target.feed, controller.mode()), (true, Rate::ONE, Mode::Run));
         // nothing to ask, nothing to report
         for command in [ModeCommand::Restart { confirmed: false }, ModeCommand::Restart { confirmed: true }] {
             controller.apply(command).expect("always");
             let on = controller.advance_period(&MotionFacts { outputs_agree: true, ..differ });
-            assert_eq!((on.restore_outputs, on.target.feed, on.notice), (false, ONE, None));
+            assert_eq!((on.restore_outputs, on.target.feed, on.notice), (false, Rate::ONE, None));
         }
         assert_eq!(controller.apply(ModeCommand::Recover), Err(ModeError::NothingToConfirm));
     }
@@ -441,36 +448,39 @@ mod tests {
     #[test]
     fn rapid_motion_has_an_override_of_its_own_and_stands_at_a_feed_override_of_zero() {
         let mut controller = ModeController::default();
-        controller.apply(ModeCommand::Override(ONE / 2)).expect("always");
-        controller.apply(ModeCommand::RapidOverride(ONE / 4)).expect("always");
+        controller.apply(ModeCommand::Override(Rate::ONE / 2)).expect("always");
+        controller.apply(ModeCommand::RapidOverride(Rate::ONE / 4)).expect("always");
         let target = |controller: &mut ModeController| controller.advance_period(&facts(50, 50, true)).target;
-        assert_eq!(target(&mut controller), RateTarget { feed: ONE / 2, rapid: ONE / 4 });
-        controller.apply(ModeCommand::RapidOverride(9 * ONE)).expect("always");
-        assert_eq!(target(&mut controller), RateTarget { feed: ONE / 2, rapid: ONE });
-        controller.apply(ModeCommand::RapidOverride(0)).expect("always");
-        assert_eq!(target(&mut controller), RateTarget { feed: ONE / 2, rapid: 0 });
-        controller.apply(ModeCommand::RapidOverride(ONE)).expect("always");
-        controller.apply(ModeCommand::Override(0)).expect("always");
+        assert_eq!(target(&mut controller), RateTarget { feed: Rate::ONE / 2, rapid: Rate::ONE / 4 });
+        controller.apply(ModeCommand::RapidOverride(Rate::ONE * 9)).expect("always");
+        assert_eq!(target(&mut controller), RateTarget { feed: Rate::ONE / 2, rapid: Rate::ONE });
+        controller.apply(ModeCommand::RapidOverride(Rate::ZERO)).expect("always");
+        assert_eq!(target(&mut controller), RateTarget { feed: Rate::ONE / 2, rapid: Rate::ZERO });
+        controller.apply(ModeCommand::RapidOverride(Rate::ONE)).expect("always");
+        controller.apply(ModeCommand::Override(Rate::ZERO)).expect("always");
         assert_eq!(target(&mut controller), RateTarget::ZERO);
-        controller.apply(ModeCommand::Reverse(ONE)).expect("a rate");
-        assert_eq!(target(&mut controller), RateTarget::both(-ONE));
+        controller.apply(ModeCommand::Reverse(Rate::ONE)).expect("a rate");
+        assert_eq!(target(&mut controller), RateTarget::both(-Rate::ONE));
     }
 
     #[test]
     fn hold_keeps_every_mode_standing() {
         let mut controller = ModeController::default();
         assert_eq!(controller.apply(ModeCommand::Resume), Err(ModeError::NotHeld));
-        for command in
-            [ModeCommand::Override(ONE), ModeCommand::Wheel, ModeCommand::Reverse(ONE), ModeCommand::Forward(ONE)]
-        {
+        for command in [
+            ModeCommand::Override(Rate::ONE),
+            ModeCommand::Wheel,
+            ModeCommand::Reverse(Rate::ONE),
+            ModeCommand::Forward(Rate::ONE),
+        ] {
             controller.apply(command).expect("always");
             controller.apply(ModeCommand::Hold).expect("always");
-            let wheel = MotionFacts { wheel: ONE, ..facts(50, 100, true) };
-            assert_eq!((controller.advance_period(&wheel).target.feed, controller.is_held()), (0, true));
+            let wheel = MotionFacts { wheel: Rate::ONE, ..facts(50, 100, true) };
+            assert_eq!((controller.advance_period(&wheel).target.feed, controller.is_held()), (Rate::ZERO, true));
             controller.apply(ModeCommand::Resume).expect("held");
             assert!(!controller.is_held());
-            assert_ne!(controller.advance_period(&wheel).target.feed, 0);
+            assert_ne!(controller.advance_period(&wheel).target.feed, Rate::ZERO);
         }
-        assert_eq!(controller.apply(ModeCommand::Reverse(0)), Err(ModeError::RateNotPositive));
+        assert_eq!(controller.apply(ModeCommand::Reverse(Rate::ZERO)), Err(ModeError::RateNotPositive));
     }
 }

@@ -3,12 +3,7 @@
 //! Invariant: record numbers wrap at 2³² and are compared by wrapping difference only. Two places on one path must
 //! therefore be less than 2³¹ records apart. A ring is far smaller.
 
-/// Distance along the recorded path in records, or rate in records per control period: signed, in units of 2⁻³²
-/// records.
-pub type Travel = i64;
-
-/// One whole record, as [`Travel`].
-pub const ONE: Travel = 1 << 32;
+use crate::Distance;
 
 /// Place on the recorded path (REV, *Exactness*): `fraction`/2³² of record `record` is behind it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -26,17 +21,24 @@ impl Place {
         Self { record, fraction: 0 }
     }
 
-    /// Returns the place `travel` further along the path, backward if negative. |travel| must be below 2³¹ records.
+    /// Returns the place `distance` further along the path, backward if negative. |distance| must be below 2³¹ records.
     #[must_use]
-    pub const fn moved(self, travel: Travel) -> Self {
-        let sum = self.fraction as i64 + travel;
+    pub const fn moved(self, distance: Distance) -> Self {
+        let sum = self.fraction as i64 + distance.units();
         Self { record: self.record.wrapping_add((sum >> 32) as u32), fraction: sum as u32 }
     }
 
     /// Returns the signed distance from this place to `to`: positive if `to` is ahead.
     #[must_use]
-    pub const fn distance_to(self, to: Self) -> Travel {
-        ((to.record.wrapping_sub(self.record) as i32 as i64) << 32) + to.fraction as i64 - self.fraction as i64
+    pub const fn distance_to(self, to: Self) -> Distance {
+        let records = to.record.wrapping_sub(self.record) as i32 as i64;
+        Distance::from_units((records << 32) + to.fraction as i64 - self.fraction as i64)
+    }
+
+    /// Returns the share of the record that is behind the place, from 0 up to 1, for displays.
+    #[must_use]
+    pub fn fraction_of_record(self) -> f64 {
+        f64::from(self.fraction) / 4_294_967_296.0
     }
 
     /// Returns the first record boundary that is not behind this place.
@@ -60,11 +62,12 @@ mod tests {
     fn moving_there_and_back_is_the_identity_over_the_wrap() {
         for record in [0, 1, u32::MAX, u32::MAX - 1, 1 << 31] {
             for fraction in [0, 1, 1 << 31, u32::MAX] {
-                for travel in [0, 1, -1, ONE, -ONE, ONE / 3, -ONE * 7 - 5, ONE * 1000 + 1] {
-                    let from = Place { record, fraction };
-                    let to = from.moved(travel);
-                    assert_eq!(from.distance_to(to), travel);
-                    assert_eq!(to.moved(-travel), from);
+                const RECORD: i64 = 1 << 32;
+                for units in [0, 1, -1, RECORD, -RECORD, RECORD / 3, -RECORD * 7 - 5, RECORD * 1000 + 1] {
+                    let (from, distance) = (Place { record, fraction }, Distance::from_units(units));
+                    let to = from.moved(distance);
+                    assert_eq!(from.distance_to(to), distance);
+                    assert_eq!(to.moved(-distance), from);
                 }
             }
         }

@@ -49,6 +49,7 @@ pub fn emission<'a, const A: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Distance;
     use proptest::prelude::*;
 
     #[test]
@@ -87,7 +88,7 @@ mod tests {
             let (start, low, high) = (Place::start_of(base.wrapping_add(20)), Place::start_of(base), Place::start_of(base.wrapping_add(40)));
             let (mut at, mut sum) = (start, [0i64; 2]);
             for step in steps {
-                let step = step.clamp(at.distance_to(low), at.distance_to(high));
+                let step = Distance::from_units(step).clamp(at.distance_to(low), at.distance_to(high));
                 let to = at.moved(step);
                 let e = emission(at, to, get).expect("inside the window");
                 sum = [sum[0] + e[0], sum[1] + e[1]];

@@ -16,49 +16,48 @@
 //! Invariant: all targets in the memory have one sign; the remainder is in 0 … n₁·n₂; with the memory at zero, lead and
 //! remainder are zero.
 
-use crate::Travel;
+use crate::{Distance, Rate};
 
 /// Target rates along the path: one for records of feed motion, one for records of rapid motion
 /// ([`crate::Flags::RAPID`]).
 ///
-/// In records per period, as [`Travel`]: 1 as recorded, 0 at rest, −1 backward. Two rates of different signs request no
-/// motion.
+/// Two rates of different signs request no motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RateTarget {
     /// Maximum rate along feed motion.
-    pub feed: Travel,
+    pub feed: Rate,
     /// Maximum rate along rapid motion.
-    pub rapid: Travel,
+    pub rapid: Rate,
 }
 
 impl RateTarget {
     /// At rest.
-    pub const ZERO: Self = Self::both(0);
+    pub const ZERO: Self = Self::both(Rate::ZERO);
 
     /// Returns a target with the same rate for feed and rapid motion.
     #[must_use]
-    pub const fn both(rate: Travel) -> Self {
+    pub const fn both(rate: Rate) -> Self {
         Self { feed: rate, rapid: rate }
     }
 
     /// Returns the faster of the two rates; 0 if their signs differ.
     #[must_use]
-    pub const fn faster(self) -> Travel {
+    pub const fn faster(self) -> Rate {
         self.ordered().0
     }
 
     /// Returns the slower of the two rates; 0 if their signs differ.
     #[must_use]
-    pub const fn slower(self) -> Travel {
+    pub const fn slower(self) -> Rate {
         self.ordered().1
     }
 
     /// Returns the faster and the slower rate.
-    const fn ordered(self) -> (Travel, Travel) {
+    const fn ordered(self) -> (Rate, Rate) {
         let Self { feed, rapid } = self;
         if feed.signum() * rapid.signum() < 0 {
-            (0, 0)
-        } else if feed.unsigned_abs() >= rapid.unsigned_abs() {
+            (Rate::ZERO, Rate::ZERO)
+        } else if feed.units().unsigned_abs() >= rapid.units().unsigned_abs() {
             (feed, rapid)
         } else {
             (rapid, feed)
@@ -115,13 +114,13 @@ impl FilterLengths {
     }
 }
 
-/// Moving sum of the last `length` values.
+/// Moving sum of the last `length` values, in units of 2⁻³² records per period: of rates, or of such sums.
 #[derive(Clone, Debug)]
 struct MovingAverage<const M: usize> {
-    values: [Travel; M],
+    values: [i64; M],
     length: u16,
     at: u16,
-    sum: Travel,
+    sum: i64,
 }
 
 impl<const M: usize> MovingAverage<M> {
@@ -130,7 +129,7 @@ impl<const M: usize> MovingAverage<M> {
     }
 
     #[inline]
-    fn push(&mut self, value: Travel) -> Travel {
+    fn push(&mut self, value: i64) -> i64 {
         let oldest = &mut self.values[self.at as usize];
         self.sum += value - *oldest;
         *oldest = value;
@@ -138,14 +137,14 @@ impl<const M: usize> MovingAverage<M> {
         self.sum
     }
 
-    const fn newest(&self) -> Travel {
+    const fn newest(&self) -> i64 {
         let at = if self.at == 0 { self.length } else { self.at };
         self.values[at as usize - 1]
     }
 
-    fn fill(&mut self, value: Travel) {
+    fn fill(&mut self, value: i64) {
         self.values[..self.length as usize].fill(value);
-        self.sum = value * Travel::from(self.length);
+        self.sum = value * i64::from(self.length);
     }
 }
 
@@ -155,8 +154,9 @@ pub struct RateFilter<const M: usize> {
     lengths: FilterLengths,
     targets: MovingAverage<M>,
     sums: MovingAverage<M>,
-    remainder: Travel,
-    lead: Travel,
+    /// Below the last bit of the distance moved, in units of 2⁻³²/(n₁·n₂) records.
+    remainder: i64,
+    lead: Distance,
 }
 
 impl<const M: usize> RateFilter<M> {
@@ -167,7 +167,7 @@ impl<const M: usize> RateFilter<M> {
             return None;
         }
         let (targets, sums) = (MovingAverage::new(smoothing.first), MovingAverage::new(smoothing.second));
-        Some(Self { lengths: smoothing, targets, sums, remainder: 0, lead: 0 })
+        Some(Self { lengths: smoothing, targets, sums, remainder: 0, lead: Distance::ZERO })
     }
 
     /// Returns the lengths of the averages.
@@ -179,7 +179,7 @@ impl<const M: usize> RateFilter<M> {
     /// Returns the signed distance from the cursor to the commanded place: how far the cursor still moves if the target
     /// is zero from now on.
     #[must_use]
-    pub const fn lead(&self) -> Travel {
+    pub const fn lead(&self) -> Distance {
         self.lead
     }
 
@@ -191,55 +191,56 @@ impl<const M: usize> RateFilter<M> {
 
     /// Returns the direction of the remaining motion: 1 forward, −1 backward, 0 at rest.
     #[must_use]
-    pub const fn direction(&self) -> Travel {
+    pub const fn direction(&self) -> i64 {
         self.sums.sum.signum()
     }
 
     /// Returns the last target.
     #[must_use]
-    pub const fn target(&self) -> Travel {
-        self.targets.newest()
+    pub const fn target(&self) -> Rate {
+        Rate::from_units(self.targets.newest())
     }
 
     /// Returns the maximum |target| in the memory, as far as means over the first length show it; exact with a first
     /// length of one.
     #[must_use]
-    pub fn max_target(&self) -> Travel {
+    pub fn max_target(&self) -> Rate {
         let sums = &self.sums.values[..self.sums.length as usize];
         let highest = sums.iter().map(|sum| sum.abs()).max().unwrap_or(0);
-        highest / Travel::from(self.lengths.first)
+        Rate::from_units(highest / i64::from(self.lengths.first))
     }
 
     /// Advances by one control period and returns the distance that the cursor moves.
     ///
-    /// The commanded place moves by `target` (in records per period, |target| ≤ 8, with the sign of the remaining
-    /// motion).
+    /// The commanded place moves at `target` (|target| ≤ [`Rate::MAX`], with the sign of the remaining motion).
     #[inline]
-    pub fn step(&mut self, target: Travel) -> Travel {
-        let sum = self.targets.push(target);
+    pub fn step(&mut self, target: Rate) -> Distance {
+        let sum = self.targets.push(target.units());
         let total = self.sums.push(sum) + self.remainder;
-        let divisor = Travel::from(self.lengths.first) * Travel::from(self.lengths.second);
-        let moved = total.div_euclid(divisor);
+        let divisor = i64::from(self.lengths.first) * i64::from(self.lengths.second);
+        let moved = Distance::from_units(total.div_euclid(divisor));
         self.remainder = total.rem_euclid(divisor);
-        self.lead += target - moved;
+        self.lead += target.over(1) - moved;
         moved
     }
 
     /// Sets the state that a constant target `rate` leads to. The rate jumps, so this is allowed only where the path
     /// itself is at rest.
-    pub fn set_steady(&mut self, rate: Travel) {
-        self.targets.fill(rate);
+    pub fn set_steady(&mut self, rate: Rate) {
+        self.targets.fill(rate.units());
         self.sums.fill(self.targets.sum);
         self.remainder = 0;
-        self.lead = rate * Travel::from(self.lengths.stopping_records());
+        self.lead = rate.over(i64::from(self.lengths.stopping_records()));
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ONE;
     use proptest::prelude::*;
+
+    /// Rate one in the units of the tests.
+    const ONE: i64 = Rate::ONE.units();
 
     fn filter(first: u16, second: u16) -> RateFilter<32> {
         RateFilter::new(FilterLengths::new(first, second).expect("valid")).expect("fits")
@@ -261,19 +262,19 @@ mod tests {
     #[test]
     fn a_steady_rate_is_steady_and_stops_within_its_lead() {
         for (a, b) in [(1, 1), (3, 5), (8, 8), (32, 2)] {
-            for rate in [ONE, -ONE, ONE / 3, 7, -7, 8 * ONE] {
+            for rate in [ONE, -ONE, ONE / 3, 7, -7, 8 * ONE].map(Rate::from_units) {
                 let mut filter = filter(a, b);
                 filter.set_steady(rate);
                 for _ in 0..100 {
-                    assert_eq!(filter.step(rate), rate);
-                    assert_eq!(filter.lead(), rate * Travel::from(filter.lengths().stopping_records()));
+                    assert_eq!(filter.step(rate), rate.over(1));
+                    assert_eq!(filter.lead(), rate.over(i64::from(filter.lengths().stopping_records())));
                 }
-                let (lead, mut run) = (filter.lead(), 0);
+                let (lead, mut run) = (filter.lead(), Distance::ZERO);
                 for _ in 0..filter.lengths().periods() {
-                    run += filter.step(0);
+                    run += filter.step(Rate::ZERO);
                 }
                 assert_eq!(run, lead);
-                assert!(filter.at_rest() && filter.lead() == 0 && filter.remainder == 0);
+                assert!(filter.at_rest() && filter.lead() == Distance::ZERO && filter.remainder == 0);
             }
         }
     }
@@ -289,24 +290,25 @@ mod tests {
         ) {
             let sign = if backward { -1 } else { 1 };
             let mut filter = filter(a, b);
-            filter.set_steady(sign * steady);
-            let (mut commanded, mut run) = (filter.lead(), 0);
+            filter.set_steady(Rate::from_units(sign * steady));
+            let (mut commanded, mut run) = (filter.lead(), Distance::ZERO);
             let n = filter.lengths().periods() as usize;
             for k in 0..targets.len() {
-                let moved = filter.step(sign * targets[k]);
-                commanded += sign * targets[k];
+                let target = Rate::from_units(sign * targets[k]);
+                let moved = filter.step(target);
+                commanded += target.over(1);
                 run += moved;
                 prop_assert_eq!(filter.lead(), commanded - run);
-                prop_assert!(sign * filter.lead() >= 0);
+                prop_assert!(sign * filter.lead().units() >= 0);
                 let seen = &targets[(k + 1).saturating_sub(n)..=k];
                 let start = if k + 1 < n { Some(steady) } else { None };
                 let low = seen.iter().copied().chain(start).min().expect("not empty");
                 let high = seen.iter().copied().chain(start).max().expect("not empty");
-                prop_assert!((low - 1..=high + 1).contains(&(sign * moved)), "{low} {moved} {high}");
+                prop_assert!((low - 1..=high + 1).contains(&(sign * moved.units())), "{low} {moved:?} {high}");
             }
-            for _ in 0..n { run += filter.step(0); }
+            for _ in 0..n { run += filter.step(Rate::ZERO); }
             prop_assert_eq!(run, commanded);
-            prop_assert!(filter.at_rest() && filter.lead() == 0 && filter.remainder == 0);
+            prop_assert!(filter.at_rest() && filter.lead() == Distance::ZERO && filter.remainder == 0);
         }
 
         /// The rate changes by at most 1/max(n₁, n₂) of a full step per period, and that change by at most 2/(n₁·n₂).
@@ -317,10 +319,10 @@ mod tests {
             let mut filter = filter(a, b);
             let (mut rate, mut change) = (0, 0);
             for target in targets {
-                let now = filter.step(target);
+                let now = filter.step(Rate::from_units(target)).units();
                 let changed = now - rate;
-                prop_assert!(changed.abs() <= ONE / Travel::from(a.max(b)) + 1);
-                prop_assert!((changed - change).abs() <= 2 * ONE / (Travel::from(a) * Travel::from(b)) + 2);
+                prop_assert!(changed.abs() <= ONE / i64::from(a.max(b)) + 1);
+                prop_assert!((changed - change).abs() <= 2 * ONE / (i64::from(a) * i64::from(b)) + 2);
                 (rate, change) = (now, changed);
             }
         }

@@ -2,6 +2,8 @@
 //!
 //! Invariant: the size of a record is fixed; for up to four axes it is 16 bytes.
 
+use crate::Rate;
+
 /// Flags that the planner sets on a record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Flags(u8);
@@ -79,6 +81,12 @@ impl RapidCap {
     #[must_use]
     pub const fn get(self) -> u8 {
         self.0 + PLANNED_SIXTEENTHS
+    }
+
+    /// Returns the cap as a rate.
+    #[must_use]
+    pub const fn rate(self) -> Rate {
+        Rate::from_units((self.get() as i64) << 28)
     }
 }
 

@@ -3,7 +3,7 @@
 //! Invariant: the rate is the mean of the count differences of the last periods, saturated at ±1. After a wheel has
 //! been at rest for that many periods, the rate is exactly zero.
 
-use crate::{ONE, Travel};
+use crate::Rate;
 
 /// Moving mean of count differences over at most `M` periods.
 #[derive(Clone, Debug)]
@@ -33,9 +33,9 @@ impl<const M: usize> Wheel<M> {
 
     /// Returns the rate that the wheel commands, −1 … 1.
     #[must_use]
-    pub fn rate(&self) -> Travel {
+    pub fn rate(&self) -> Rate {
         let sum = self.sum.clamp(-self.counts_at_one, self.counts_at_one);
-        Travel::from(sum) * ONE / Travel::from(self.counts_at_one)
+        Rate::ONE * i64::from(sum) / i64::from(self.counts_at_one)
     }
 
     /// Clears all counts.
@@ -61,10 +61,10 @@ mod tests {
                 wheel.push_difference(turns[k]);
                 let sum: i64 = turns[(k + 1).saturating_sub(n)..=k].iter().map(|&t| i64::from(t)).sum();
                 let sum = sum.clamp(-i64::from(one), i64::from(one));
-                prop_assert_eq!(wheel.rate(), sum * ONE / i64::from(one));
+                prop_assert_eq!(wheel.rate(), Rate::ONE * sum / i64::from(one));
             }
             for _ in 0..n { wheel.push_difference(0); }
-            prop_assert_eq!(wheel.rate(), 0);
+            prop_assert_eq!(wheel.rate(), Rate::ZERO);
         }
     }
 }

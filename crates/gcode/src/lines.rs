@@ -156,8 +156,7 @@ fn skip_line(input: &mut impl BufRead) -> io::Result<()> {
 
 /// Whether a last line without its end is nevertheless complete: exactly `M2`, `M30` or `%`, so that nothing relevant
 /// can be missing.
-#[must_use]
-pub fn is_program_end(line: &[u8]) -> bool {
+pub(crate) fn is_program_end(line: &[u8]) -> bool {
     let line = line.strip_suffix(b"\r").unwrap_or(line);
     line == b"%" || line.eq_ignore_ascii_case(b"M2") || line.eq_ignore_ascii_case(b"M30")
 }

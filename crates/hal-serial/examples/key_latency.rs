@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{ONE, Record};
+use retrace_core::{Rate, Record};
 use retrace_hal_serial::{Address, Pty, SerialPort};
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings};
 use retrace_link::{CardSettings, HostCommand, LinkTimeouts, LinkedCard, MotionCard, PathStart};
@@ -28,7 +28,7 @@ fn us(since: Instant) -> u64 {
 /// before, after it was set to 0.
 fn serve(mut pty: Pty, begun: Instant, slower: &Arc<AtomicU64>, ended: &AtomicBool) {
     let mut rig = CardSimulator::<AXES>::new(&CardSimulatorSettings::default()).expect("a card");
-    let (mut last, slower) = (0, Arc::clone(slower));
+    let (mut last, slower) = (Rate::ZERO, Arc::clone(slower));
     rig.observe(Box::new(move |moment| {
         if moment.status.rate < last {
             let _ = slower.compare_exchange(0, us(begun), Ordering::Relaxed, Ordering::Relaxed);
@@ -80,13 +80,13 @@ fn main() {
                 continue;
             }
             let at = pressed.load(Ordering::Relaxed);
-            if at != 0 && held == 0 && card.status().rate == ONE {
+            if at != 0 && held == 0 && card.status().rate == Rate::ONE {
                 slower.store(0, Ordering::Relaxed);
                 held = at;
-                card.send(HostCommand::rate(0)).expect("a rate");
+                card.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
             } else if held == 0 {
                 pressed.store(0, Ordering::Relaxed);
-                card.send(HostCommand::rate(ONE)).expect("a rate");
+                card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
             }
             let status = *card.run_period().expect("the card");
             let seen = slower.load(Ordering::Relaxed);

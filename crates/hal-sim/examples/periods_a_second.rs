@@ -5,7 +5,7 @@
 use std::time::Instant;
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{ONE, Record};
+use retrace_core::{Rate, Record};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{HostCommand, MotionCard};
 
@@ -14,7 +14,7 @@ const PERIODS: u32 = 1_000_000;
 fn main() {
     let axis = PulseLimits { velocity: 100 << 32, acceleration: 1 << 32, jerk: 1 << 28 };
     let limits = RateLimits::new(51, 1 << 15, [axis; 4]).expect("valid");
-    for rate in [ONE, ONE / 3 * 2] {
+    for rate in [Rate::ONE, Rate::ONE / 3 * 2] {
         for pulses in [5, 50] {
             let mut best = f64::INFINITY;
             for _ in 0..5 {
@@ -32,7 +32,7 @@ fn main() {
                 }
                 best = best.min(began.elapsed().as_secs_f64());
             }
-            let share = rate as f64 / ONE as f64;
+            let share = f64::from(rate);
             println!(
                 "rate {share:.2}, {pulses} pulses: {:.2} million periods a second",
                 f64::from(PERIODS) / best / 1e6

@@ -254,7 +254,7 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
 mod tests {
     use super::*;
     use retrace_core::limits::PulseLimits;
-    use retrace_core::{Flags, ONE, Record};
+    use retrace_core::{Flags, Rate, Record};
 
     fn limits<const A: usize>() -> RateLimits<A> {
         let axis = PulseLimits { velocity: 100 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
@@ -269,12 +269,12 @@ mod tests {
             let record = Record { increments: [7, -(place as i16)], flags, ..Record::default() };
             card.send(HostCommand::Ahead { place, record }).expect("room");
         }
-        card.send(HostCommand::rate(ONE)).expect("a rate");
+        card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
         for _ in 0..100 {
             card.run_period().expect("no fault");
         }
         assert_eq!(card.status().counts, [700, -4950]);
-        card.send(HostCommand::rate(-ONE / 3)).expect("a rate");
+        card.send(HostCommand::rate(-Rate::ONE / 3)).expect("a rate");
         for _ in 0..310 {
             card.run_period().expect("no fault");
         }

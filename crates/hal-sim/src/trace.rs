@@ -90,10 +90,9 @@ impl<W: Write, const A: usize> Trace<W, A> {
     /// The error of the writer.
     pub fn period(&mut self, at_ns: u64, status: &CardStatus<A>, edges: &[PinEdge], tick_hz: u32) -> io::Result<()> {
         let (vcd, card) = (&mut self.vcd, &self.card);
-        let fixed = |value: i64| value as f64 / retrace_core::ONE as f64;
-        let place = f64::from(status.place.record) + f64::from(status.place.fraction) / 4_294_967_296.0;
+        let place = f64::from(status.place.record) + status.place.fraction_of_record();
         vcd.set_real(at_ns, card.place, place)?;
-        vcd.set_real(at_ns, card.rate, fixed(status.rate))?;
+        vcd.set_real(at_ns, card.rate, f64::from(status.rate))?;
         vcd.set(at_ns, card.line, u64::from(status.line))?;
         vcd.set(at_ns, card.at_rest, u64::from(status.at_rest))?;
         vcd.set(at_ns, card.executed, u64::from(status.executed))?;

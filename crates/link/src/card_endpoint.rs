@@ -7,7 +7,7 @@
 //! Invariant: `first ≤ sent ≤ first + count`: entries before `first` are acknowledged by the host, those before `sent`
 //! were sent.
 
-use retrace_core::{RateTarget, Travel};
+use retrace_core::{Rate, RateTarget};
 
 use crate::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE, encode_with_key};
 use crate::frame_size::FrameSize;
@@ -256,7 +256,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
 
     fn receive_rate(&mut self, mut reader: ByteReader<'_>, deck: &mut impl CardCore<A>) -> Option<()> {
         let number = reader.u16()?;
-        let (feed, rapid): (Travel, Travel) = (reader.signed()?, reader.signed()?);
+        let (feed, rapid) = (Rate::from_units(reader.signed()?), Rate::from_units(reader.signed()?));
         if (number.wrapping_sub(self.rate_seq) as i16) > 0 {
             self.rate_seq = number;
             // A latched alarm rejects it; an entry reports the alarm to the host.
@@ -278,17 +278,17 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             }
         }
         self.push_changes(status);
-        let (travel, short, at_rest) = (status.rate, status.starved, status.at_rest);
+        let (distance, starved, at_rest) = (status.rate.over(1), status.starved, status.at_rest);
         let newest = self.first.wrapping_add(self.count).wrapping_sub(1);
         let unsent = self.count > 0 && newest.wrapping_sub(self.sent_once) < self.count;
         let last = &mut self.entries[usize::from(newest) % E];
         match last {
             ReportEntry::Ran { distance: t, count, starved: s, at_rest: r }
-                if unsent && (*t, *s, *r) == (travel, short, at_rest) && *count < u32::MAX =>
+                if unsent && (*t, *s, *r) == (distance, starved, at_rest) && *count < u32::MAX =>
             {
                 *count += 1;
             }
-            _ => self.push(ReportEntry::Ran { distance: travel, count: 1, starved: short, at_rest }),
+            _ => self.push(ReportEntry::Ran { distance, count: 1, starved, at_rest }),
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! Invariant: every message has a fixed size; none contains a float.
 
-use retrace_core::{Place, RateTarget, Record, Travel};
+use retrace_core::{Place, Rate, RateTarget, Record};
 
 use crate::{Alarm, CutterOff, PathStart, RepeatedInstruction};
 
@@ -176,7 +176,7 @@ impl<const A: usize> HostCommand<A> {
     /// Returns a command for the same rate along all motion, in records per period: +1 as recorded, 0 at rest, −1
     /// backward.
     #[must_use]
-    pub const fn rate(target: Travel) -> Self {
+    pub const fn rate(target: Rate) -> Self {
         Self::Rate(RateTarget::both(target))
     }
 }
@@ -230,7 +230,7 @@ pub struct CardStatus<const A: usize> {
     /// Place after the last record held.
     pub high: u32,
     /// Distance that the cursor moved in the period: the actual rate.
-    pub rate: Travel,
+    pub rate: Rate,
     /// Whether the cursor is at rest, with no distance remaining.
     pub at_rest: bool,
     /// Whether the rate was limited by the end of the window, which was not a planned stop.
@@ -271,7 +271,7 @@ impl<const A: usize> CardStatus<A> {
             reached: start.reached,
             low: record,
             high: record,
-            rate: 0,
+            rate: Rate::ZERO,
             at_rest: true,
             starved: false,
             line: 0,

@@ -9,6 +9,7 @@ use crate::{
     BytePort, CardFailure, CardSettings, CardStatus, CommandRefusal, Greeting, HostCommand, HostEndpoint, LinkError,
     MotionCard, PathStart,
 };
+use retrace_core::Rate;
 
 /// Timeouts, in microseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -213,7 +214,7 @@ impl<const A: usize, P: BytePort> LinkedCard<A, P> {
 
     /// Sends a stop to the card, if the line still works; without frames the card stops anyway.
     fn flush_closing(&mut self) {
-        let _ = self.host.send(HostCommand::rate(0));
+        let _ = self.host.send(HostCommand::rate(Rate::ZERO));
         let begun = self.port.now_us();
         while self.port.now_us().saturating_sub(begun) < CLOSING_US {
             self.pump(WAIT_US);

@@ -7,7 +7,7 @@ use crate::ledger::Size;
 use crate::native::Draw;
 use retrace_card::{Card, InputLevels};
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Flags, ONE, Place, Record};
+use retrace_core::{Distance, Flags, Place, Rate, Record};
 use retrace_link::{
     CardCore, CardIdentity, CardSettings, CardStatus, CutterOffCause, CuttingChannel, CuttingSettings, HostCommand,
     InputSetting, InputUse, Instruction, OutputAction, OutputChange, PROTOCOL, PathStart, RepeatedInstruction,
@@ -111,7 +111,7 @@ impl Observer {
         let (status, value) = (self.status(), draw.below(2) as i32);
         let mut changes = [OutputChange::default(); 4];
         changes[0] = OutputChange { channel: TORCH, value };
-        let rates = [ONE, ONE, -ONE, 0, ONE / 3, -ONE / 5];
+        let rates = [Rate::ONE, Rate::ONE, -Rate::ONE, Rate::ZERO, Rate::ONE / 3, -Rate::ONE / 5];
         let word = match draw.below(12) {
             0..=2 => HostCommand::rate(rates[draw.below(rates.len() as u32) as usize]),
             3 => {
@@ -176,8 +176,8 @@ impl Observer {
         self.silent += 1;
         let now = self.status();
         let (was, is) = (before.outputs[usize::from(TORCH)] != 0, now.outputs[usize::from(TORCH)] != 0);
-        assert!(now.rate >= 0 || !was && !is, "lit in reverse, or in the period before it");
-        assert!(!(self.blocked && before.at_rest && now.rate != 0), "motion with the cutter out");
+        assert!(now.rate >= Rate::ZERO || !was && !is, "lit in reverse, or in the period before it");
+        assert!(!(self.blocked && before.at_rest && now.rate != Rate::ZERO), "motion with the cutter out");
         if let Some(off) = now.cutter_off {
             self.put_out += 1;
             self.blocked |= off.cause == CutterOffCause::Standing;
@@ -191,7 +191,7 @@ impl Observer {
                 "lit by nothing"
             );
         }
-        let stands = is && before.at_rest && now.rate == 0 && (was || !self.asked);
+        let stands = is && before.at_rest && now.rate == Rate::ZERO && (was || !self.asked);
         self.stood = if stands && !self.keeps { self.stood + 1 } else { 0 };
         assert!(self.stood <= u32::from(GRACE + HANDOVER), "stood for {} periods", self.stood);
         self.asked &= !is;
@@ -201,7 +201,9 @@ impl Observer {
     fn passes_first(&self, before: &CardStatus<1>, to: Place) -> bool {
         self.actions.iter().any(|&place| {
             let at = Place::start_of(place);
-            place >= before.reached && before.place.distance_to(at) >= 0 && at.distance_to(to) > 0
+            place >= before.reached
+                && before.place.distance_to(at) >= Distance::ZERO
+                && at.distance_to(to) > Distance::ZERO
         })
     }
 }

@@ -37,15 +37,31 @@ const ARROWS: &[Arrows] = &[
     arrows("crates/hal-sim/Cargo.toml", &["card", "core", "link"]),
     // Its example measures the way from a key to the simulated card.
     Arrows { in_tests: &["core", "hal-sim"], ..arrows("crates/hal-serial/Cargo.toml", &["link"]) },
+    arrows("crates/config/Cargo.toml", &["core", "link", "motion"]),
+    arrows("crates/real-time/Cargo.toml", &[]),
+    arrows("crates/journal/Cargo.toml", &["config", "core", "gcode", "link", "real-time"]),
     // The controller knows no backend; its tests run on the simulated card.
     Arrows {
         in_tests: &["card", "hal-sim"],
-        ..arrows("crates/controller/Cargo.toml", &["core", "gcode", "link", "motion"])
+        ..arrows("crates/controller/Cargo.toml", &["config", "core", "gcode", "journal", "link", "motion", "real-time"])
     },
     arrows("crates/plot/Cargo.toml", &[]),
     arrows(
         "crates/cli/Cargo.toml",
-        &["controller", "core", "cycles", "gcode", "hal-serial", "hal-sim", "link", "motion", "plot"],
+        &[
+            "config",
+            "controller",
+            "core",
+            "cycles",
+            "gcode",
+            "hal-serial",
+            "hal-sim",
+            "journal",
+            "link",
+            "motion",
+            "plot",
+            "real-time",
+        ],
     ),
     // The card on a microcontroller: outside of the workspace, since it is compiled for another machine.
     arrows("crates/firmware/Cargo.toml", &["card", "core", "link"]),

@@ -4,11 +4,11 @@
 
 use crate::common;
 
-use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, STOP, STOPS_WITHIN, TestCard, UPPER_LIMIT};
+use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, PULSE, STOP, STOPS_WITHIN, TestCard, UPPER_LIMIT};
 use common::{identity, levels, moved, opened, record, rests_before, settings};
 use retrace_card::{Card, InputLevels};
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{ONE, Place, RapidCap, Record};
+use retrace_core::{Distance, Place, RapidCap, Rate, Record};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CommandRefusal, HomingCommand, HostCommand, InputUse, InputWait, Instruction,
     OutputAction, OutputChange, channel,
@@ -23,7 +23,7 @@ fn running() -> TestCard {
         card.accept(HostCommand::Ahead { place, record }).expect("room");
     }
     card.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("an output");
-    card.accept(HostCommand::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     for _ in 0..10 {
         card.heard();
         card.run_period(levels(0));
@@ -37,10 +37,10 @@ fn brakes(card: &mut TestCard, inputs: InputLevels, alarm: Alarm) {
     let rate = card.status().rate;
     let status = *card.run_period(inputs);
     assert_eq!((status.alarm, status.outputs[3]), (Some(alarm), 0));
-    assert!(status.rate != 0 && status.rate <= rate, "braked, not cut off");
+    assert!(status.rate != Rate::ZERO && status.rate <= rate, "braked, not cut off");
     for _ in 1..STOPS_WITHIN {
         card.heard();
-        assert_eq!(card.accept(HostCommand::rate(ONE)), Err(CommandRefusal::Alarm));
+        assert_eq!(card.accept(HostCommand::rate(Rate::ONE)), Err(CommandRefusal::Alarm));
         card.run_period(inputs);
     }
     assert!(card.status().at_rest);
@@ -80,9 +80,9 @@ fn every_cause_brakes_on_the_path_and_keeps_the_outputs_safe_until_it_is_gone_an
             card.heard();
             assert_eq!((card.run_period(levels(0)).place, card.status().alarm), (place, None));
         }
-        card.accept(HostCommand::rate(ONE)).expect("a new word");
+        card.accept(HostCommand::rate(Rate::ONE)).expect("a new word");
         card.run_period(levels(0));
-        assert!(place.distance_to(card.status().place) > 0);
+        assert!(place.distance_to(card.status().place) > Distance::ZERO);
     }
 }
 
@@ -99,7 +99,7 @@ fn a_silent_host_stops_the_card_also_at_rest_and_opening_anew_does_not_clear_it(
     card.open(&settings(2, 500)).expect("at rest");
     assert_eq!(card.status().alarm, Some(Alarm::HostSilent));
     assert_eq!(
-        (card.status().place, card.accept(HostCommand::rate(ONE))),
+        (card.status().place, card.accept(HostCommand::rate(Rate::ONE))),
         (Place::start_of(500), Err(CommandRefusal::Alarm))
     );
     let mut other = settings(3, 500);
@@ -129,10 +129,10 @@ fn a_door_may_be_open_while_nothing_moves_and_stops_what_is_about_to() {
         card.heard();
         assert_eq!(card.run_period(levels(DOOR)).alarm, None);
     }
-    card.accept(HostCommand::rate(ONE)).expect("a rate");
-    assert_eq!((card.run_period(levels(DOOR)).alarm, card.status().rate), (Some(Alarm::DoorOpen), 0));
+    card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
+    assert_eq!((card.run_period(levels(DOOR)).alarm, card.status().rate), (Some(Alarm::DoorOpen), Rate::ZERO));
     let mut card = opened(0);
-    card.accept(HostCommand::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     assert_eq!(card.run_period(levels(DOOR)).alarm, None, "there is nothing to run");
     card.accept(HostCommand::Instruction(Instruction { number: 1, periods: 3, ..Instruction::default() }))
         .expect("in order");
@@ -143,7 +143,7 @@ fn a_door_may_be_open_while_nothing_moves_and_stops_what_is_about_to() {
     instruction.changes[0] = OutputChange { channel: channel::TOOL, value: 5 };
     card.accept(HostCommand::Instruction(instruction)).expect("in order");
     assert_eq!(card.run_period(levels(DOOR)).alarm, None, "it is kept");
-    card.accept(HostCommand::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     assert_eq!(card.run_period(levels(DOOR)).alarm, Some(Alarm::DoorOpen));
     assert_eq!(card.status().outputs[usize::from(channel::TOOL)], 0, "it has not begun");
 }
@@ -159,7 +159,7 @@ fn a_limit_switch_that_was_cleared_lets_the_axis_leave_and_nothing_else() {
             let record = Record { increments: [increment, 7], ..Record::default() };
             card.accept(HostCommand::Ahead { place, record }).expect("room");
         }
-        card.accept(HostCommand::rate(ONE)).expect("a rate");
+        card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         card.heard();
         let alarm = card.run_period(levels(UPPER_LIMIT)).alarm;
         assert_eq!(alarm, wrong.then_some(limit));
@@ -198,7 +198,7 @@ fn an_instruction_that_fails_or_takes_too_long_is_not_executed_and_its_number_st
     let instruction = Instruction { number: 1, periods: 5, until, ..Instruction::default() };
     let begun = || {
         let mut card = opened(0);
-        card.accept(HostCommand::rate(ONE)).expect("a rate");
+        card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         card.accept(HostCommand::Instruction(instruction)).expect("in order");
         card
     };
@@ -213,7 +213,7 @@ fn an_instruction_that_fails_or_takes_too_long_is_not_executed_and_its_number_st
     for _ in 0..8 {
         assert_eq!(card.run_period(levels(PLAIN)).executed, 0, "the target is 0 since the alarm");
     }
-    card.accept(HostCommand::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     for n in 1..=5 {
         assert_eq!(card.run_period(levels(PLAIN)).executed, u32::from(n == 5));
     }
@@ -236,7 +236,7 @@ fn an_action_that_is_passed_while_braking_does_not_undo_what_is_safe() {
         }
         card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
-    card.accept(HostCommand::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     card.run_period(levels(0));
     assert_eq!(card.status().outputs[3..5], [1, 1]);
     card.accept(HostCommand::ManualOutput(OutputChange { channel: 4, value: 0 })).expect("an output");
@@ -285,7 +285,7 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
     assert_eq!(card.open(&no_output), Err(CommandRefusal::NoSuchChannel));
     assert!(card.settings().is_none() && card.status().place == Place::start_of(0));
     let words: [HostCommand<2>; 5] = [
-        HostCommand::rate(1),
+        HostCommand::rate(Rate::from_units(1)),
         HostCommand::Ahead { place: 0, record: record(0) },
         HostCommand::ClearAlarm,
         HostCommand::ManualOutput(OutputChange::default()),
@@ -294,13 +294,13 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
     for word in words {
         assert_eq!(card.accept(word), Err(CommandRefusal::Unsupported), "nobody has opened it");
     }
-    card.accept(HostCommand::rate(0)).expect("a stop is always taken");
+    card.accept(HostCommand::rate(Rate::ZERO)).expect("a stop is always taken");
     card.open(&good).expect("fit");
-    card.accept(HostCommand::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     let place = card.status().high;
     card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
     card.accept(HostCommand::Ahead { place: place + 1, record: record(place + 1) }).expect("room");
-    card.accept(HostCommand::rate(ONE / 9)).expect("a rate");
+    card.accept(HostCommand::rate(Rate::ONE / 9)).expect("a rate");
     card.run_period(levels(0));
     assert_eq!(card.open(&settings(2, 0)), Err(CommandRefusal::InMotion));
     let one_axis = CardSettings { axes: 1, inputs: Default::default(), ..settings(3, 0) };
@@ -318,7 +318,7 @@ fn an_epoch_begins_at_the_counts_as_they_are_with_nothing_on_the_window() {
         card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
     card.accept(HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() })).expect("in order");
-    card.accept(HostCommand::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     card.accept(HostCommand::ManualOutput(OutputChange { channel: channel::FLOOD, value: 1 })).expect("an output");
     for _ in 0..20 {
         card.run_period(levels(0));
@@ -349,7 +349,7 @@ fn actions_of_another_epoch_are_not_executed() {
     for place in 0..16 {
         card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
-    card.accept(HostCommand::rate(ONE)).expect("a rate");
+    card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     for _ in 0..20 {
         card.run_period(levels(0));
     }
@@ -371,9 +371,9 @@ fn home(card: &mut TestCard, at: i64, farthest: u32, mut each: impl FnMut(&mut T
     let order = HomingCommand {
         axis: 0,
         upper: true,
-        search_speed: 5 * ONE,
-        latch_speed: ONE / 4,
-        acceleration: ONE / 4,
+        search_speed: PULSE * 5,
+        latch_speed: PULSE / 4,
+        acceleration: PULSE / 4,
         max_travel: farthest,
         count: 1000,
     };
@@ -386,13 +386,13 @@ fn home(card: &mut TestCard, at: i64, farthest: u32, mut each: impl FnMut(&mut T
         let inputs = if position >= at { HOME | UPPER_LIMIT } else { 0 };
         let status = card.run_period(levels(inputs));
         position += i64::from(status.increments[0]);
-        assert_eq!((status.rate, status.increments[1], status.place), (0, 0, Place::start_of(0)));
+        assert_eq!((status.rate, status.increments[1], status.place), (Rate::ZERO, 0, Place::start_of(0)));
         if status.at_rest {
             return position;
         }
         let path: [HostCommand<2>; 3] = [
             HostCommand::Ahead { place: 0, record: record(0) },
-            HostCommand::rate(ONE),
+            HostCommand::rate(Rate::ONE),
             HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() }),
         ];
         assert!(path.into_iter().all(|word| card.accept(word).is_err()));
@@ -419,7 +419,7 @@ fn homing_sets_the_count_at_the_switch_and_asks_for_a_new_epoch() {
         assert!((-4..=0).contains(&(position - at)), "off the switch, at rest: {position}");
         // the switch opened on the pulse below its edge, seen in the next period
         assert!((0..=1).contains(&(card.status().counts[0] - 1000 - (position - at))), "{:?}", card.status().counts);
-        assert_eq!(card.accept(HostCommand::rate(ONE)), Err(CommandRefusal::Unsupported));
+        assert_eq!(card.accept(HostCommand::rate(Rate::ONE)), Err(CommandRefusal::Unsupported));
         assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: record(0) }), Err(CommandRefusal::Unsupported));
         let counts = card.status().counts;
         card.open(&settings(2, 77)).expect("at rest");
@@ -446,7 +446,7 @@ fn homing_ends_in_an_alarm_or_cleanly_and_always_at_rest() {
     let mut card = opened(0);
     let stop = |card: &mut TestCard, n: u32| {
         if n == 50 {
-            card.accept(HostCommand::rate(0)).expect("always taken");
+            card.accept(HostCommand::rate(Rate::ZERO)).expect("always taken");
         }
     };
     let position = home(&mut card, 5000, 100_000, stop);
@@ -457,9 +457,9 @@ fn homing_ends_in_an_alarm_or_cleanly_and_always_at_rest() {
     let order = HomingCommand {
         axis: 0,
         upper: true,
-        search_speed: 5 * ONE,
-        latch_speed: ONE,
-        acceleration: ONE,
+        search_speed: PULSE * 5,
+        latch_speed: PULSE,
+        acceleration: PULSE,
         max_travel: 1000,
         count: 0,
     };
@@ -480,9 +480,9 @@ fn homing_needs_an_empty_window_and_a_card_at_rest() {
     let order = HomingCommand {
         axis: 0,
         upper: true,
-        search_speed: ONE,
-        latch_speed: ONE,
-        acceleration: ONE,
+        search_speed: PULSE,
+        latch_speed: PULSE,
+        acceleration: PULSE,
         max_travel: 10,
         count: 0,
     };
@@ -493,7 +493,7 @@ fn homing_needs_an_empty_window_and_a_card_at_rest() {
     assert_eq!(card.accept(HostCommand::Home(order)), Err(CommandRefusal::InMotion));
     let mut card = opened(0);
     assert_eq!(
-        card.accept(HostCommand::Home(HomingCommand { search_speed: 300 * ONE, ..order })),
+        card.accept(HostCommand::Home(HomingCommand { search_speed: PULSE * 300, ..order })),
         Err(CommandRefusal::Unsupported)
     );
     assert_eq!(card.accept(HostCommand::Home(HomingCommand { axis: 9, ..order })), Err(CommandRefusal::Unsupported));

@@ -4,11 +4,11 @@
 
 use crate::common;
 
-use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, STOP, STOPS_WITHIN, TestCard, UPPER_LIMIT};
-use common::{identity, moved, record, rests_before, settings};
+use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, PULSE, STOP, STOPS_WITHIN, TestCard, UPPER_LIMIT};
+use common::{identity, moved, rates, record, rests_before, settings};
 use proptest::prelude::*;
 use retrace_card::{Edge, InputLevels, StepDirection};
-use retrace_core::{Flags, ONE, Place, RateTarget, Record, Travel};
+use retrace_core::{Distance, Flags, Place, Rate, RateTarget, Record};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings,
     HomingCommand, HostCommand, InputWait, Instruction, OutputAction, OutputChange, RepeatedInstruction, channel,
@@ -47,7 +47,7 @@ enum Deed {
     Forget(u32),
     Clear,
     Open(u32),
-    Home { upper: bool, fast: Travel, slow: Travel },
+    Home { upper: bool, fast: i64, slow: i64 },
     TooFast(i16),
     Periods { count: u32, levels: u16, failed: bool, heard: bool },
 }
@@ -67,8 +67,15 @@ fn any_channel() -> impl Strategy<Value = u8> {
 }
 
 fn deeds() -> impl Strategy<Value = Vec<Deed>> {
-    let rate =
-        prop_oneof![Just(ONE), Just(-ONE), Just(0), Just(ONE / 3), Just(4 * ONE), -9 * ONE..9 * ONE, any::<i64>()];
+    let rate = prop_oneof![
+        Just(Rate::ONE),
+        Just(-Rate::ONE),
+        Just(Rate::ZERO),
+        Just(Rate::ONE / 3),
+        Just(Rate::ONE * 4),
+        rates(-9, 9),
+        any::<i64>().prop_map(Rate::from_units)
+    ];
     // most of the time nothing is wrong
     let levels = prop_oneof![
         40 => Just(0u16), 6 => Just(PLAIN), 1 => Just(DOOR), 1 => Just(STOP), 1 => Just(UPPER_LIMIT),
@@ -106,7 +113,8 @@ fn deeds() -> impl Strategy<Value = Vec<Deed>> {
         channel,
         after_value,
     });
-    let home = (any::<bool>(), 1..9 * ONE, 1..2 * ONE).prop_map(|(upper, fast, slow)| Deed::Home { upper, fast, slow });
+    let home =
+        (any::<bool>(), 1..PULSE * 9, 1..PULSE * 2).prop_map(|(upper, fast, slow)| Deed::Home { upper, fast, slow });
     let deed = prop_oneof![
         6 => (1u32..50).prop_map(Deed::Ahead),
         2 => (1u32..50).prop_map(Deed::Behind),
@@ -186,7 +194,7 @@ struct CuttingWitness {
     /// Periods since the host was heard of.
     silent: u32,
     /// The rate that was taken last.
-    target: Travel,
+    target: Rate,
     /// A restart was taken, and the last of its repeats is not complete.
     restarting: bool,
     /// The repeat that was taken and is not complete.
@@ -327,7 +335,7 @@ impl Witness {
                     upper,
                     search_speed: fast,
                     latch_speed: slow,
-                    acceleration: ONE / 5,
+                    acceleration: PULSE / 5,
                     max_travel: 60,
                     count: 77,
                 };
@@ -406,28 +414,30 @@ impl Witness {
                 continue;
             }
             self.seen.lit += 1;
-            self.seen.lit_backward += u32::from(now.rate < 0);
+            self.seen.lit_backward += u32::from(now.rate < Rate::ZERO);
             assert!(
                 !witness.closed && !witness.off_the_path && !witness.inhibit,
                 "lit without an epoch, or in a dry run"
             );
             assert!(now.alarm.is_none() && witness.silent < 30, "lit under an alarm or without a host");
-            assert!(of.lit_in_reverse || now.rate >= 0, "lit in reverse");
+            assert!(of.lit_in_reverse || now.rate >= Rate::ZERO, "lit in reverse");
             if !was && !asked {
                 let passed = witness.actions.iter().any(|action| {
                     let at = Place::start_of(action.place);
                     let lights = action.channel == of.channel && action.after != 0;
-                    let forward = before.place.distance_to(at) >= 0 && at.distance_to(now.place) > 0;
+                    let forward =
+                        before.place.distance_to(at) >= Distance::ZERO && at.distance_to(now.place) > Distance::ZERO;
                     let first = lights && forward && before.reached.wrapping_sub(action.place) as i32 <= 0;
-                    let backward = now.place.distance_to(at) >= 0 && at.distance_to(before.place) > 0;
+                    let backward =
+                        now.place.distance_to(at) >= Distance::ZERO && at.distance_to(before.place) > Distance::ZERO;
                     let again = lights && forward || action.channel == of.channel && action.before != 0 && backward;
                     first || again && witness.replay && of.lit_in_reverse
                 });
                 assert!(passed, "nothing lit channel {channel}");
             }
-            let waits = witness.target != 0 && !(before.blocked && now.blocked) || witness.restarting;
+            let waits = witness.target != Rate::ZERO && !(before.blocked && now.blocked) || witness.restarting;
             let stood = &mut witness.stood[index];
-            if !before.at_rest || now.rate != 0 || kept || (asked && !was) {
+            if !before.at_rest || now.rate != Rate::ZERO || kept || (asked && !was) {
                 *stood = Stood::default();
             } else if waits {
                 stood.waiting += 1;
@@ -441,12 +451,12 @@ impl Witness {
                 "channel {channel} stood: {stood:?}"
             );
         }
-        if now.rate < 0 {
+        if now.rate < Rate::ZERO {
             assert_eq!(before.outputs[usize::from(CUTTING[0].channel)], 0, "lit in the period before");
         }
         assert!(!self.cutting.inhibit || now.outputs[6] == 0, "an auxiliary channel in a dry run");
         if before.blocked && now.blocked && before.at_rest {
-            assert_eq!(now.rate, 0, "motion while blocked");
+            assert_eq!(now.rate, Rate::ZERO, "motion while blocked");
         }
         if now.repeated != before.repeated || now.alarm.is_some() {
             self.cutting.repeat = None;
@@ -508,7 +518,7 @@ impl Witness {
         let alarm = self.status().alarm;
         if alarm.is_some() && self.alarmed == 0 {
             (self.alarmed, self.instruction, self.begun, self.rated) = (1, None, None, false);
-            (self.cutting.target, self.cutting.repeat) = (0, None);
+            (self.cutting.target, self.cutting.repeat) = (Rate::ZERO, None);
             self.seen.alarms += 1;
         }
     }
@@ -531,7 +541,10 @@ impl Witness {
             self.asks(of.changes[1]);
         }
         self.check_cutting(&before, &now, kept || begins && lights.is_some_and(|of| of.keeps_cutter));
-        assert!(self.barrier.is_none_or(|place| now.place.distance_to(Place::start_of(place)) >= 0), "passed");
+        assert!(
+            self.barrier.is_none_or(|place| now.place.distance_to(Place::start_of(place)) >= Distance::ZERO),
+            "passed"
+        );
         self.check_alarm(&before, &now, levels);
         let moves = now.increments != [0; 2];
         self.seen.moved += u32::from(moves);
@@ -554,18 +567,18 @@ impl Witness {
     /// Counts are P(place), and the cursor stays on what is held.
     fn check_path(&self, before: &CardStatus<2>, now: &CardStatus<2>) {
         assert!(
-            Place::start_of(now.low).distance_to(now.place) >= 0
-                && now.place.distance_to(Place::start_of(now.high)) >= 0
+            Place::start_of(now.low).distance_to(now.place) >= Distance::ZERO
+                && now.place.distance_to(Place::start_of(now.high)) >= Distance::ZERO
         );
-        assert_eq!(before.place.distance_to(now.place), now.rate);
+        assert_eq!(before.place.distance_to(now.place), now.rate.over(1));
         if self.homed {
-            assert_eq!((now.rate, now.place), (0, before.place));
+            assert_eq!((now.rate, now.place), (Rate::ZERO, before.place));
             assert!(now.increments[1] == 0 && now.increments[0].abs() <= 9);
             return;
         }
         let walked = moved(self.start, now.place);
         assert_eq!(now.counts, [self.base[0] + walked[0], self.base[1] + walked[1]], "off the path");
-        assert!(!now.at_rest || now.rate == 0 || now.place.fraction == 0 || before.rate != 0);
+        assert!(!now.at_rest || now.rate == Rate::ZERO || now.place.fraction == 0 || before.rate != Rate::ZERO);
     }
 
     /// Has the instruction begun, after period `after`, or come to its end?
@@ -595,7 +608,7 @@ impl Witness {
         let stood = self.begun.is_some();
         self.watch_instruction(before.period, before.place);
         if stood || self.begun.is_some() {
-            assert_eq!((now.increments, now.rate), ([0; 2], 0), "motion beside an instruction");
+            assert_eq!((now.increments, now.rate), ([0; 2], Rate::ZERO), "motion beside an instruction");
             self.seen.stood_for_an_instruction += 1;
         }
         if now.executed != instruction.number {
@@ -651,13 +664,13 @@ proptest! {
         witness.open(start);
         prop_assert!(witness.status().low == start && witness.status().executed == 0);
         witness.deed(&Deed::Ahead(16));
-        witness.deed(&Deed::Rate(RateTarget::both(ONE)));
+        witness.deed(&Deed::Rate(RateTarget::both(Rate::ONE)));
         let end = (start | 15).wrapping_add(1).wrapping_sub(start).min(16);
         for _ in 0..60 {
             witness.heard();
             witness.period(0, false);
         }
-        prop_assert!(Place::start_of(start).distance_to(witness.status().place) >= Travel::from(end) * ONE);
+        prop_assert!(Place::start_of(start).distance_to(witness.status().place) >= Distance::records(end.into()));
     }
 }
 

@@ -5,10 +5,10 @@
 
 use crate::common;
 
-use common::{TestCard, levels, moved, opened, record, rests_before, settings};
+use common::{TestCard, levels, moved, opened, rates, record, rests_before, settings};
 use proptest::prelude::*;
 use retrace_core::place::is_before;
-use retrace_core::{ONE, Place, Travel};
+use retrace_core::{Distance, Place, Rate};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CommandRefusal, HostCommand, Instruction, OutputAction, OutputChange, PathStart,
     channel,
@@ -43,8 +43,8 @@ impl Host {
             record: retrace_core::Record { increments: base.map(|b| b as i16), ..record(15) },
         })
         .expect("room");
-        card.accept(HostCommand::rate(ONE)).expect("a rate");
-        while Place::start_of(first).distance_to(card.status().place) < ONE {
+        card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
+        while Place::start_of(first).distance_to(card.status().place) < Distance::RECORD {
             card.heard();
             card.run_period(levels(0));
         }
@@ -135,7 +135,7 @@ impl Host {
     /// Stands, however it came to: by the host's word, or by its silence.
     fn interrupt(&mut self, silent: bool) {
         if !silent {
-            self.card.accept(HostCommand::rate(0)).expect("a rate");
+            self.card.accept(HostCommand::rate(Rate::ZERO)).expect("a rate");
         }
         for _ in 0..120 {
             self.period(!silent);
@@ -157,7 +157,7 @@ impl Host {
         self.card.accept(HostCommand::ClearAlarm).expect("nothing is wrong any more");
         assert_eq!(self.card.status().alarm, None);
         // Neither way is there anything to run on yet.
-        for target in [ONE, -ONE] {
+        for target in [Rate::ONE, -Rate::ONE] {
             self.card.accept(HostCommand::rate(target)).expect("a rate");
             for _ in 0..3 {
                 self.period(true);
@@ -165,7 +165,7 @@ impl Host {
                 assert!(self.card.status().starved || said.place.fraction == 0);
             }
         }
-        self.card.accept(HostCommand::rate(0)).expect("a rate");
+        self.card.accept(HostCommand::rate(Rate::ZERO)).expect("a rate");
     }
 }
 
@@ -180,7 +180,7 @@ proptest! {
         first in any::<u32>(),
         base in prop::array::uniform2(-200i64..200),
         legs in prop::collection::vec(
-            (prop_oneof![3 => Just(ONE), 2 => Just(-ONE), 1 => Just(ONE / 2), 2 => -ONE..2 * ONE], 1u32..120, any::<bool>(), prop::bool::weighted(0.6)),
+            (prop_oneof![3 => Just(Rate::ONE), 2 => Just(-Rate::ONE), 1 => Just(Rate::ONE / 2), 2 => rates(-1, 2)], 1u32..120, any::<bool>(), prop::bool::weighted(0.6)),
             1..14,
         ),
     ) {
@@ -196,7 +196,7 @@ proptest! {
                 host.begin();
             }
         }
-        host.card.accept(HostCommand::rate(ONE)).expect("a rate");
+        host.card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         for _ in 0..1500 {
             host.feed();
             host.period(true);
@@ -237,7 +237,7 @@ fn a_start_that_contradicts_itself_is_refused() {
 /// there.
 #[test]
 fn a_path_in_motion_is_not_left_at_full_rate() {
-    let rate_after = |rests: bool| -> Travel {
+    let rate_after = |rests: bool| -> Rate {
         let mut card = opened(0);
         let start = PathStart { rests, ..PathStart::at(20) };
         card.open(&CardSettings { start, ..settings(2, 0) }).expect("good");
@@ -245,10 +245,10 @@ fn a_path_in_motion_is_not_left_at_full_rate() {
             let record = retrace_core::Record { increments: [20, 0], ..record(0) };
             card.accept(HostCommand::Ahead { place, record }).expect("room");
         }
-        card.accept(HostCommand::rate(ONE)).expect("a rate");
+        card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         card.heard();
         card.run_period(levels(0)).rate
     };
-    assert_eq!(rate_after(true), ONE);
-    assert!(rate_after(false) < ONE / 10);
+    assert_eq!(rate_after(true), Rate::ONE);
+    assert!(rate_after(false) < Rate::ONE / 10);
 }

@@ -10,11 +10,11 @@ use crate::common;
 
 use std::collections::VecDeque;
 
-use common::{TestCard, levels, opened};
+use common::{TestCard, levels, opened, rates};
 use proptest::prelude::*;
 use retrace_core::gate::Gates;
 use retrace_core::place::is_before;
-use retrace_core::{Flags, ONE, Place, Record, Travel};
+use retrace_core::{Distance, Flags, Place, Rate, Record};
 use retrace_link::{CardCore, CardStatus, HostCommand, InputWait, Instruction, OutputChange, channel};
 
 /// Records of a run; they fit the window, so that nothing has to be sent twice.
@@ -31,11 +31,11 @@ struct Job {
     /// The instruction is sent as soon as it is in hand, and not when the host hears of the place.
     early: bool,
     /// Rates, and for how many periods.
-    rates: Vec<(Travel, u32)>,
+    rates: Vec<(Rate, u32)>,
 }
 
 fn jobs() -> impl Strategy<Value = Job> {
-    let rate = prop_oneof![3 => Just(ONE), 2 => Just(0), 2 => Just(-ONE), 1 => Just(ONE / 5), 1 => -2 * ONE..2 * ONE];
+    let rate = prop_oneof![3 => Just(Rate::ONE), 2 => Just(Rate::ZERO), 2 => Just(-Rate::ONE), 1 => Just(Rate::ONE / 5), 1 => rates(-2, 2)];
     let waits = prop_oneof![2 => Just(None), 1 => (0u32..12).prop_map(Some)];
     let markers = prop::collection::btree_map(0..=RECORDS, (0u32..9, waits), 0..6);
     let rates = prop::collection::vec((rate, 1u32..30), 0..30);
@@ -136,7 +136,7 @@ impl Judge<'_> {
             assert!(!done || now.period - begun >= u64::from(periods));
         }
         if now.executed == before_it.executed {
-            assert!(now.place.distance_to(Place::start_of(place)) >= 0, "motion on the wrong side");
+            assert!(now.place.distance_to(Place::start_of(place)) >= Distance::ZERO, "motion on the wrong side");
         } else {
             assert_eq!(now.executed, before_it.executed + 1);
             self.begun = None;
@@ -152,7 +152,7 @@ fn run(job: &Job) {
     let (mut words, mut rates) = (Line::new(job.delays[0]), Line::new(job.delays[1]));
     let mut reports = Line::new(job.delays[2]);
     let mut heard = *card.status();
-    let end = (ONE, 2000);
+    let end = (Rate::ONE, 2000);
     let asked = job.rates.iter().copied().chain([end]).flat_map(|(rate, n)| (0..n).map(move |_| rate));
     let mut last = None;
     for rate in asked {
@@ -206,7 +206,7 @@ proptest! {
 /// overtakes it.
 #[test]
 fn a_reverse_run_that_overtakes_an_instruction_defers_it() {
-    let rates = vec![(ONE, 24), (-ONE, 60), (0, 20)];
+    let rates = vec![(Rate::ONE, 24), (-Rate::ONE, 60), (Rate::ZERO, 20)];
     run(&Job { start: 7, markers: vec![(16, 5, None)], delays: [8, 0, 4], early: false, rates });
 }
 
@@ -214,6 +214,6 @@ fn a_reverse_run_that_overtakes_an_instruction_defers_it() {
 /// at full rate.
 #[test]
 fn an_instruction_beyond_the_window_does_not_shorten_the_road() {
-    let rates = vec![(ONE, 17), (-ONE, 1), (ONE, 1)];
+    let rates = vec![(Rate::ONE, 17), (-Rate::ONE, 1), (Rate::ONE, 1)];
     run(&Job { start: 0, markers: vec![(3, 0, Some(7)), (4, 0, None)], delays: [3, 0, 6], early: true, rates });
 }

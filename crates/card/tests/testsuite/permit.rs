@@ -7,7 +7,7 @@
 use crate::common;
 
 use common::{DOOR, PLAIN, STOP, TestCard, identity, levels, settings};
-use retrace_core::{Flags, ONE, Place, Record, Travel};
+use retrace_core::{Distance, Flags, Place, Rate, Record};
 use retrace_link::{
     CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings, HostCommand,
     InputWait, Instruction, MAX_CHANGES, OutputAction, OutputChange, RepeatedInstruction, channel,
@@ -67,7 +67,7 @@ impl Bench {
         self.card.accept(word).expect("it is taken");
     }
 
-    fn rate(&mut self, target: Travel) {
+    fn rate(&mut self, target: Rate) {
         self.send(HostCommand::rate(target));
     }
 
@@ -93,7 +93,7 @@ impl Bench {
         let mut instruction = Instruction { number: self.status().executed + 1, count: 1, ..Instruction::default() };
         instruction.place = self.status().place.record;
         instruction.changes[0] = OutputChange { channel, value: 1 };
-        self.rate(ONE / 4);
+        self.rate(Rate::ONE / 4);
         self.send(HostCommand::Instruction(instruction));
         assert_eq!(self.value(channel), 1);
     }
@@ -136,7 +136,7 @@ fn off(status: &CardStatus<2>) -> Option<(u8, CutterOffCause)> {
 #[test]
 fn a_hold_keeps_the_torch_lit_to_the_place_of_rest_and_no_longer() {
     let mut bench = Bench::cutting(false, TORCH);
-    bench.rate(0);
+    bench.rate(Rate::ZERO);
     bench.rest();
     assert_eq!(bench.value(TORCH), 1, "the kerf reaches the place of rest");
     let status = bench.period();
@@ -148,13 +148,13 @@ fn a_hold_keeps_the_torch_lit_to_the_place_of_rest_and_no_longer() {
 #[test]
 fn a_jet_stays_on_for_its_grace_and_a_shorter_hold_changes_nothing() {
     let mut bench = Bench::cutting(false, JET);
-    bench.rate(0);
+    bench.rate(Rate::ZERO);
     bench.rest();
     bench.periods(u32::from(JET_GRACE));
     assert_eq!((bench.value(JET), bench.status().blocked), (1, false));
-    bench.rate(ONE / 4);
+    bench.rate(Rate::ONE / 4);
     bench.periods(5);
-    bench.rate(0);
+    bench.rate(Rate::ZERO);
     bench.rest();
     assert_eq!(bench.until_off(JET).0, u32::from(JET_GRACE) + 1);
 }
@@ -162,16 +162,16 @@ fn a_jet_stays_on_for_its_grace_and_a_shorter_hold_changes_nothing() {
 #[test]
 fn motion_stays_blocked_in_both_directions_until_a_restart() {
     let mut bench = Bench::cutting(false, TORCH);
-    bench.rate(0);
+    bench.rate(Rate::ZERO);
     bench.rest();
     bench.periods(3);
     let place = bench.status().place;
-    for target in [ONE, -ONE] {
+    for target in [Rate::ONE, -Rate::ONE] {
         bench.rate(target);
         bench.periods(30);
         assert_eq!((bench.status().place, bench.status().blocked), (place, true));
     }
-    bench.rate(ONE / 4);
+    bench.rate(Rate::ONE / 4);
     bench.send(HostCommand::Restart { last: 2 });
     bench.send(repeat(1, ABRASIVE, 1, 3));
     bench.periods(3);
@@ -183,20 +183,20 @@ fn motion_stays_blocked_in_both_directions_until_a_restart() {
     bench.period();
     assert!(!bench.status().blocked);
     bench.periods(5);
-    assert!(place.distance_to(bench.status().place) > 0 && bench.value(TORCH) == 1);
+    assert!(place.distance_to(bench.status().place) > Distance::ZERO && bench.value(TORCH) == 1);
 }
 
 #[test]
 fn a_restart_with_nothing_to_repeat_releases_the_block() {
     let mut bench = Bench::cutting(false, TORCH);
-    bench.rate(0);
+    bench.rate(Rate::ZERO);
     bench.rest();
     bench.periods(3);
     bench.send(HostCommand::Restart { last: 0 });
-    bench.rate(-ONE);
+    bench.rate(-Rate::ONE);
     let place = bench.status().place;
     bench.periods(30);
-    assert!(bench.status().place.distance_to(place) > 0 && bench.value(TORCH) == 0);
+    assert!(bench.status().place.distance_to(place) > Distance::ZERO && bench.value(TORCH) == 0);
 }
 
 #[test]
@@ -232,13 +232,13 @@ fn records_that_come_within_the_handover_go_on() {
 #[test]
 fn a_pierce_does_not_count_as_standing_and_the_waiting_behind_it_does() {
     let mut bench = Bench::new(false, false);
-    bench.rate(ONE);
+    bench.rate(Rate::ONE);
     let until = Some(InputWait { input: 5, active: true, timeout_periods: 0 });
     let mut pierce = Instruction { number: 1, periods: 100, until, count: 1, ..Instruction::default() };
     (pierce.changes[0], pierce.keeps_cutter) = (OutputChange { channel: TORCH, value: 1 }, true);
     bench.send(HostCommand::Instruction(pierce));
     bench.periods(40);
-    bench.rate(0);
+    bench.rate(Rate::ZERO);
     bench.periods(200);
     assert_eq!((bench.value(TORCH), bench.status().executed), (1, 0));
     bench.levels = PLAIN;
@@ -263,12 +263,12 @@ fn an_instruction_that_does_not_need_the_cutter_counts_as_standing() {
 #[test]
 fn the_torch_is_out_before_the_path_runs_backward() {
     let mut bench = Bench::cutting(false, TORCH);
-    bench.rate(-ONE);
+    bench.rate(-Rate::ONE);
     loop {
         let was = bench.value(TORCH);
         let status = bench.period();
-        assert!(status.rate >= 0 || was == 0, "lit in the period before");
-        if status.rate < 0 {
+        assert!(status.rate >= Rate::ZERO || was == 0, "lit in the period before");
+        if status.rate < Rate::ZERO {
             break;
         }
         if bench.value(TORCH) == 0 && was == 1 {
@@ -280,7 +280,7 @@ fn the_torch_is_out_before_the_path_runs_backward() {
         bench.card.accept(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 1 })),
         Err(CommandRefusal::Unsupported)
     );
-    bench.rate(ONE);
+    bench.rate(Rate::ONE);
     bench.periods(60);
     assert_eq!(bench.value(TORCH), 0, "never given back");
 }
@@ -288,10 +288,10 @@ fn the_torch_is_out_before_the_path_runs_backward() {
 #[test]
 fn a_jet_that_may_be_on_in_reverse_stays_on() {
     let mut bench = Bench::cutting(true, JET);
-    bench.rate(-ONE);
+    bench.rate(-Rate::ONE);
     bench.periods(30);
-    assert!(bench.status().rate < 0 && bench.value(JET) == 1);
-    bench.rate(0);
+    assert!(bench.status().rate < Rate::ZERO && bench.value(JET) == 1);
+    bench.rate(Rate::ZERO);
     bench.rest();
     assert_eq!(bench.until_off(JET).0, u32::from(JET_GRACE) + 1);
 }
@@ -303,7 +303,7 @@ fn replayed(jet_lit_in_reverse: bool) -> Bench {
         bench.send(HostCommand::Action(OutputAction { place, channel, before, after: 1 - before }));
     }
     bench.send(HostCommand::Replay { on: true });
-    bench.rate(ONE);
+    bench.rate(Rate::ONE);
     bench.periods(10);
     assert_eq!((bench.value(JET), bench.value(TORCH)), (1, 1));
     bench.periods(30);
@@ -314,20 +314,20 @@ fn replayed(jet_lit_in_reverse: bool) -> Bench {
 #[test]
 fn a_replayed_action_lights_no_cutter_in_either_direction() {
     let mut bench = replayed(false);
-    for target in [-ONE, ONE] {
+    for target in [-Rate::ONE, Rate::ONE] {
         bench.rate(target);
         for _ in 0..70 {
             bench.period();
             assert_eq!((bench.value(JET), bench.value(TORCH)), (0, 0));
         }
-        assert_eq!(bench.value(ABRASIVE), i32::from(target > 0), "others are replayed");
+        assert_eq!(bench.value(ABRASIVE), i32::from(target > Rate::ZERO), "others are replayed");
     }
 }
 
 #[test]
 fn a_replayed_action_lights_a_jet_that_may_be_on_in_reverse_and_puts_others_out() {
     let mut bench = replayed(true);
-    bench.rate(-ONE);
+    bench.rate(-Rate::ONE);
     let mut seen = 0;
     for _ in 0..80 {
         bench.period();
@@ -336,7 +336,7 @@ fn a_replayed_action_lights_a_jet_that_may_be_on_in_reverse_and_puts_others_out(
     }
     assert_eq!((seen, bench.status().place, bench.value(JET)), (1, Place::start_of(0), 0));
     // forward again, the torch lit manually on the way: the action at 20 puts it out
-    bench.rate(ONE);
+    bench.rate(Rate::ONE);
     bench.periods(10);
     bench.send(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 1 }));
     bench.periods(2);
@@ -356,7 +356,7 @@ fn an_alarm_puts_out_in_the_period_that_sampled_it() {
         bench.levels = 0;
         bench.period();
         bench.send(HostCommand::ClearAlarm);
-        bench.rate(ONE);
+        bench.rate(Rate::ONE);
         bench.periods(30);
         assert_eq!(bench.value(TORCH), 0, "never given back");
     }
@@ -365,7 +365,7 @@ fn an_alarm_puts_out_in_the_period_that_sampled_it() {
 #[test]
 fn a_door_that_opens_while_a_jet_is_on_at_rest_puts_it_out() {
     let mut bench = Bench::cutting(false, JET);
-    bench.rate(0);
+    bench.rate(Rate::ZERO);
     bench.rest();
     bench.levels = DOOR;
     assert_eq!(off(&bench.period()), Some((JET_BIT, CutterOffCause::Alarm)));
@@ -382,7 +382,7 @@ fn a_silent_host_puts_out_after_the_watchdog() {
 #[test]
 fn opening_and_closing_an_epoch_put_out() {
     let mut bench = Bench::cutting(false, JET);
-    bench.rate(0);
+    bench.rate(Rate::ZERO);
     bench.rest();
     bench.card.open(&cutting_settings(2, false, false)).expect("it stands");
     assert_eq!(bench.value(JET), 0);
@@ -399,7 +399,7 @@ fn opening_and_closing_an_epoch_put_out() {
 #[test]
 fn an_opening_that_takes_a_channel_off_the_list_puts_it_out_too() {
     let mut bench = Bench::cutting(false, JET);
-    bench.rate(0);
+    bench.rate(Rate::ZERO);
     bench.rest();
     bench.card.open(&settings(2, 0)).expect("it stands");
     assert_eq!(bench.value(JET), 0);
@@ -408,7 +408,7 @@ fn an_opening_that_takes_a_channel_off_the_list_puts_it_out_too() {
 #[test]
 fn a_dry_run_keeps_fire_and_auxiliary_channels_off_and_blocks_nothing() {
     let mut bench = Bench::new(false, true);
-    bench.rate(ONE);
+    bench.rate(Rate::ONE);
     let mut instruction = Instruction { number: 1, periods: 5, count: 4, ..Instruction::default() };
     for (slot, channel) in instruction.changes.iter_mut().zip([TORCH, JET, ABRASIVE, 5]) {
         *slot = OutputChange { channel, value: 1 };
@@ -440,10 +440,10 @@ fn a_torch_is_not_lit_by_hand_at_rest() {
 #[test]
 fn a_gap_between_two_repeats_is_bounded_and_the_block_then_stays() {
     let mut bench = Bench::cutting(false, TORCH);
-    bench.rate(0);
+    bench.rate(Rate::ZERO);
     bench.rest();
     bench.periods(3);
-    bench.rate(ONE);
+    bench.rate(Rate::ONE);
     bench.send(HostCommand::Restart { last: 2 });
     bench.send(repeat(1, TORCH, 1, 5));
     bench.periods(5 + u32::from(HANDOVER));

@@ -4,10 +4,10 @@
 
 use crate::common;
 
-use common::{identity, levels, settings};
+use common::{identity, levels, rates, settings};
 use proptest::prelude::*;
 use retrace_card::{Card, StepDirection};
-use retrace_core::{Flags, ONE, RapidCap, Record, Travel};
+use retrace_core::{Flags, RapidCap, Rate, Record};
 use retrace_link::{Alarm, CardCore, CardSettings, CommandRefusal, HostCommand};
 
 /// A card with a longer window, so that high rates have room.
@@ -33,7 +33,7 @@ proptest! {
     #[test]
     fn what_is_accepted_can_be_emitted(
         records in records(),
-        words in prop::collection::vec((prop_oneof![Just(ONE), Just(8 * ONE), Just(-8 * ONE), -8 * ONE..8 * ONE], 1u32..60), 1..12),
+        words in prop::collection::vec((prop_oneof![Just(Rate::ONE), Just(Rate::ONE * 8), Just(Rate::ONE * -8), rates(-8, 8)], 1u32..60), 1..12),
     ) {
         let mut card = LongCard::new(identity()).expect("a memory");
         // 100 ticks: (100 − 9) / 4 pulses
@@ -82,7 +82,7 @@ proptest! {
         let record = Record { increments: [0, increment], cap, ..Record::default() };
         let place = if back { u32::MAX } else { 0 };
         let word = if back { HostCommand::Behind { place, record, rests: true } } else { HostCommand::Ahead { place, record } };
-        let fits = Travel::from(increment).abs() * Travel::from(cap.get()) <= 246 * 16;
+        let fits = i64::from(increment).abs() * i64::from(cap.get()) <= 246 * 16;
         prop_assert_eq!(card.accept(word), if fits { Ok(()) } else { Err(CommandRefusal::Unsupported) });
         prop_assert_eq!(card.status().alarm, (!fits).then_some(Alarm::TooManyPulses { axis: 1 }));
     }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use retrace_controller::journal::entry::MachineTables;
+use retrace_journal::MachineTables;
 
 use super::cycles::CycleFolders;
 

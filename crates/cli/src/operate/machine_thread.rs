@@ -9,12 +9,11 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
+use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{CardError, Event, EventKind};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError, perform};
 use retrace_controller::mdi;
-use retrace_controller::numbered_error::NumberedError;
 use retrace_controller::operator::{self, ScriptInstruction};
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Outcome, RunMode};

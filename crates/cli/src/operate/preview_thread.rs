@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
+use retrace_config::MachineConfig;
 use retrace_controller::job::{BlockDecoder, DecodedBlock};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::program_analysis;
 use retrace_gcode::{CanonStep, Setup};
 

@@ -4,19 +4,20 @@
 
 use std::sync::{Arc, Mutex};
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{DifferingOutputs, Event, EventKind};
-use retrace_controller::job::{self, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
+use retrace_controller::job;
+use retrace_controller::job::{JobOptions, JobStart};
 use retrace_controller::manual::ManualTask;
 use retrace_controller::operator::{CommandError, OperatorCommand};
-use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::RunMode;
-use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
+use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts as ModeFacts};
-use retrace_core::{ONE, Place, Travel};
+use retrace_core::{Distance, Place, Rate};
 use retrace_hal_sim::Clock;
+use retrace_journal::{HoldReason, JournalConfig};
 use retrace_link::OutputChange;
 
 use super::UiCommand;
@@ -28,7 +29,7 @@ use crate::program::Program;
 use crate::sim_wiring::simulated;
 
 /// Maximum change of the rate in a period.
-const SLOPE: Travel = ONE / 150;
+const SLOPE: Rate = Rate::from_units(Rate::ONE.units() / 150);
 
 /// Facts of a program before it runs.
 pub fn facts(machine: &MachineConfig, program: &Program, text: &str, path: &FakePath) -> ProgramFacts {
@@ -69,7 +70,9 @@ impl Observer<9> for FakePath {
     fn on_telemetry(&mut self, telemetry: &Telemetry<9>) {
         match telemetry {
             Telemetry::Output(change) => self.changes.push((self.records.len() as u32, *change)),
-            Telemetry::Period(period) if period.rate != 0 => self.records.push((period.line, period.increments)),
+            Telemetry::Period(period) if period.rate != Rate::ZERO => {
+                self.records.push((period.line, period.increments))
+            }
             _ => {}
         }
     }
@@ -83,9 +86,9 @@ pub struct FakeMachine {
     operation: ModeController,
     period_s: f64,
     period: u64,
-    cursor: Travel,
+    cursor: Distance,
     reached: u32,
-    rate: Travel,
+    rate: Rate,
     counts: [i64; 9],
     outputs: Vec<i32>,
     wheel: i32,
@@ -104,9 +107,9 @@ impl FakeMachine {
             operation: ModeController::default(),
             period_s,
             period: 0,
-            cursor: 0,
+            cursor: Distance::ZERO,
             reached: 0,
-            rate: 0,
+            rate: Rate::ZERO,
             counts: [0; 9],
             outputs,
             wheel: 0,
@@ -222,11 +225,11 @@ impl FakeMachine {
         let expected = if is_way_on { self.expected() } else { Vec::new() };
         let facts = ModeFacts {
             place: Place::start_of(0).moved(self.cursor),
-            at_rest: self.rate == 0,
+            at_rest: self.rate == Rate::ZERO,
             reached: self.reached,
             oldest: 0,
             outputs_agree: expected.is_empty() || expected == self.outputs,
-            wheel: Travel::from(self.wheel.clamp(-10, 10)) * ONE / 10,
+            wheel: Rate::percent(10 * i64::from(self.wheel.clamp(-10, 10))),
         };
         if self.period.is_multiple_of(10) {
             self.wheel -= self.wheel.signum() * (self.wheel.abs() / 10).max(1).min(self.wheel.abs());
@@ -248,7 +251,7 @@ impl FakeMachine {
                 self.switch(channel as u8, value);
             }
         }
-        let target = if is_job { demand.target.feed } else { 0 };
+        let target = if is_job { demand.target.feed } else { Rate::ZERO };
         self.rate += (target - self.rate).clamp(-SLOPE, SLOPE);
         let increments = self.advance();
         self.publish(increments);
@@ -259,19 +262,24 @@ impl FakeMachine {
 
     /// Moves along the records. Returns the increments.
     fn advance(&mut self) -> [i32; 9] {
-        let end = self.path.records.len() as Travel * ONE;
-        let furthest = if self.operation.mode() == Mode::Run { end } else { Travel::from(self.reached) * ONE };
+        let end = Distance::records(self.path.records.len() as i64);
+        let furthest = if self.operation.mode() == Mode::Run { end } else { Distance::records(self.reached.into()) };
         let from = self.cursor;
-        let mut to = (from + self.rate).clamp(0, furthest.max(from));
+        let mut to = (from + self.rate.over(1)).clamp(Distance::ZERO, furthest.max(from));
         // Rest is at a record boundary there, as on the real card.
-        if to == from && from % ONE != 0 && self.operation.mode() != Mode::Run && furthest - from < ONE {
+        if to == from
+            && Place::start_of(0).moved(from).fraction != 0
+            && self.operation.mode() != Mode::Run
+            && furthest - from < Distance::RECORD
+        {
             to = furthest;
         }
         if to == from {
-            self.rate = 0;
+            self.rate = Rate::ZERO;
         }
         self.cursor = to;
-        let (from, to) = ((from / ONE) as usize, (to / ONE) as usize);
+        let whole_records = |distance: Distance| (distance.units() >> 32) as usize;
+        let (from, to) = (whole_records(from), whole_records(to));
         let mut sum = [0; 9];
         let sign = if to < from { -1 } else { 1 };
         for (_, record) in self.path.records.get(from.min(to)..from.max(to)).unwrap_or_default() {
@@ -282,7 +290,7 @@ impl FakeMachine {
         for (count, &step) in self.counts.iter_mut().zip(&sum) {
             *count += i64::from(step);
         }
-        let reached = (self.cursor.div_euclid(ONE) + Travel::from(self.cursor % ONE != 0)) as u32;
+        let reached = Place::start_of(0).moved(self.cursor).boundary_ahead();
         while self.reached < reached {
             self.reached += 1;
             let due: Vec<OutputChange> =
@@ -298,7 +306,7 @@ impl FakeMachine {
     fn publish(&mut self, increments: [i32; 9]) {
         let place = Place::start_of(0).moved(self.cursor);
         let planned = (self.reached + 500).min(self.path.records.len() as u32);
-        let standing = match (self.paused && self.rate == 0, self.operation.is_held()) {
+        let standing = match (self.paused && self.rate == Rate::ZERO, self.operation.is_held()) {
             (true, _) => HoldReason::Paused,
             (_, true) => HoldReason::Hold,
             _ => HoldReason::None,
@@ -315,7 +323,7 @@ impl FakeMachine {
             increments,
             counts: self.counts,
             executed: 0,
-            at_rest: self.rate == 0,
+            at_rest: self.rate == Rate::ZERO,
             starved: false,
             inputs: 0,
             mode: self.operation.mode(),

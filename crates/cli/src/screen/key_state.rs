@@ -6,8 +6,8 @@
 use retrace_controller::manual::ManualTask;
 use retrace_controller::operator::OperatorCommand;
 use retrace_controller::tool_length::EnteredLength;
+use retrace_core::Rate;
 use retrace_core::mode::Mode;
-use retrace_core::{ONE, Travel};
 use retrace_link::channel;
 
 use super::UiCommand;
@@ -114,7 +114,7 @@ impl Frame {
 pub const STEPS_MM: [Option<f64>; 5] = [Some(0.01), Some(0.1), Some(1.0), Some(10.0), None];
 
 /// Rates that repeated presses of a key select, in per cent.
-const RATES: [Travel; 4] = [100, 50, 25, 10];
+const RATES: [i64; 4] = [100, 50, 25, 10];
 
 /// Maximum number of lines that the messages can be scrolled back.
 const MAX_SCROLL: usize = 2_000;
@@ -238,8 +238,8 @@ impl KeyState {
             KeyAction::Hold => OperatorCommand::Hold,
             KeyAction::Reverse => OperatorCommand::Reverse(self.next_rate(Mode::Reverse, model)),
             KeyAction::Forward => OperatorCommand::Forward(self.next_rate(Mode::Forward, model)),
-            KeyAction::ReverseRapid => OperatorCommand::Reverse(8 * ONE),
-            KeyAction::ForwardRapid => OperatorCommand::Forward(8 * ONE),
+            KeyAction::ReverseRapid => OperatorCommand::Reverse(Rate::MAX),
+            KeyAction::ForwardRapid => OperatorCommand::Forward(Rate::MAX),
             KeyAction::Wheel => OperatorCommand::Wheel { counts_per_s: 0.0, seconds: 0.0 },
             KeyAction::Turn => return Some(UiCommand::Turn(self.turn(key, now_ms))),
             KeyAction::Leave => OperatorCommand::Leave { ask: false },
@@ -261,11 +261,11 @@ impl KeyState {
             KeyAction::Slower => OperatorCommand::Override(self.request_override(model, -10.0, now_ms)),
             KeyAction::Whole => {
                 self.overridden = Some((100.0, now_ms));
-                OperatorCommand::Override(ONE)
+                OperatorCommand::Override(Rate::ONE)
             }
             KeyAction::RapidOverride => {
                 let next = RAPID_OVERRIDES.iter().find(|&&percent| percent < model.rapid_override * 100.0 - 0.5);
-                OperatorCommand::RapidOverride((next.unwrap_or(&100.0).round() as Travel * ONE + 50) / 100)
+                OperatorCommand::RapidOverride(Rate::percent(next.unwrap_or(&100.0).round() as i64))
             }
             KeyAction::Single => OperatorCommand::Single,
             KeyAction::Pause => OperatorCommand::Pause,
@@ -347,17 +347,17 @@ impl KeyState {
     }
 
     /// Rate of a key that is pressed repeatedly.
-    fn next_rate(&mut self, mode: Mode, model: &ScreenModel) -> Travel {
+    fn next_rate(&mut self, mode: Mode, model: &ScreenModel) -> Rate {
         let index = match self.last_rate {
             Some((last, index)) if last == mode && model.mode == mode => (index + 1) % RATES.len(),
             _ => 0,
         };
         self.last_rate = Some((mode, index));
-        RATES[index] * ONE / 100
+        Rate::percent(RATES[index])
     }
 
     /// Requested override, in steps of 10 %; quick repeated keys add up.
-    fn request_override(&mut self, model: &ScreenModel, by: f64, now_ms: u64) -> Travel {
+    fn request_override(&mut self, model: &ScreenModel, by: f64, now_ms: u64) -> Rate {
         let [least, most] = OVERRIDES;
         let shown = model.override_rate * 100.0;
         let from = match self.overridden {
@@ -366,7 +366,7 @@ impl KeyState {
         };
         let percent = ((from / 10.0).round() * 10.0 + by).clamp(least, most);
         self.overridden = Some((percent, now_ms));
-        (percent.round() as Travel * ONE + 50) / 100
+        Rate::percent(percent.round() as i64)
     }
 
     /// Counts of a key that turns the handwheel; a key that is held down turns it faster.

@@ -2,8 +2,8 @@
 //!
 //! Invariant: in one situation a key has one function.
 
-use retrace_controller::telemetry::HoldReason;
 use retrace_core::mode::Mode;
+use retrace_journal::HoldReason;
 
 use super::model::{ScreenModel, ScreenStage};
 

@@ -5,10 +5,10 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use retrace_controller::telemetry::HoldReason;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_core::place::is_before;
+use retrace_journal::HoldReason;
 use retrace_link::channel;
 
 use super::path_length::PathLengths;

@@ -5,15 +5,16 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use retrace_config::AXIS_LETTERS;
 use retrace_controller::dnc_events::{DncEvent, DncStep};
 use retrace_controller::event::{CutterOffReason, Event, EventKind};
-use retrace_controller::machine::AXIS_LETTERS;
 use retrace_controller::operator::OperatorCommand;
-use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
-use retrace_core::ONE;
+use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
+use retrace_core::Distance;
 use retrace_core::mode::Mode;
 use retrace_core::place::is_before;
 use retrace_gcode::{FeedMode, MotionMode, Pose};
+use retrace_journal::HoldReason;
 use retrace_link::channel;
 
 use super::event_text;
@@ -206,9 +207,9 @@ fn apply_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A
     (model.at_rest, model.starved, model.inputs, model.off_path) =
         (period.at_rest, period.starved, period.inputs, period.off_path);
     (model.mode, model.hold_reason) = (period.mode, period.hold_reason);
-    model.rate = period.rate as f64 / ONE as f64;
-    model.override_rate = period.override_rate as f64 / ONE as f64;
-    model.rapid_override = period.rapid_override as f64 / ONE as f64;
+    model.rate = f64::from(period.rate);
+    model.override_rate = f64::from(period.override_rate);
+    model.rapid_override = f64::from(period.rapid_override);
     model.at_cutter_boundary &= period.at_rest;
     if period.hold_reason != HoldReason::ProgramStop {
         model.tool_change = None;
@@ -229,7 +230,7 @@ fn apply_period<const A: usize>(model: &mut ScreenModel, period: &PeriodRecord<A
     if model.mode == Mode::Run {
         model.differing_outputs.clear();
     }
-    if model.lengths.furthest().distance_to(period.place) > 0 {
+    if model.lengths.furthest().distance_to(period.place) > Distance::ZERO {
         model.lengths.extend(period.place, step_mm, period.oldest);
         model.reached_line = period.line;
         let corner = TrailPoint { along_mm: model.lengths.total_mm(), at: model.in_space(), rapid: model.is_rapid() };

@@ -86,7 +86,7 @@ impl PathLengths {
 
 /// Distance of a place from a record at or before it, in records.
 fn as_number(place: Place, from: u32) -> f64 {
-    f64::from(place.record.wrapping_sub(from)) + f64::from(place.fraction) / 4_294_967_296.0
+    f64::from(place.record.wrapping_sub(from)) + place.fraction_of_record()
 }
 
 #[cfg(test)]

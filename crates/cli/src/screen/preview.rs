@@ -3,8 +3,8 @@
 //! Invariant: bounded however long the program is, except for one end per line; a line that ends in more than one place
 //! has no end.
 
+use retrace_config::MachineConfig;
 use retrace_controller::job::{self, BlockDecoder};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::motion_sink::MotionSink;
 use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use retrace_link::OutputChange;

@@ -4,8 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use retrace_controller::event::channel_name;
-use retrace_controller::machine::{CutterConfig, MachineConfig};
+use retrace_config::{CutterConfig, MachineConfig, channel_name};
 use retrace_link::channel;
 
 use super::preview::Preview;

@@ -2,9 +2,9 @@
 //!
 //! Invariant: every key that the line names has a function in this situation.
 
-use retrace_controller::telemetry::HoldReason;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
+use retrace_journal::HoldReason;
 
 use super::event_text::tool_change_text;
 use super::key_state::KeyState;

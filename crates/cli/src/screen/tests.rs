@@ -10,10 +10,10 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::telemetry::HoldReason;
+use retrace_config::MachineConfig;
 use retrace_core::Place;
 use retrace_core::mode::Mode;
+use retrace_journal::HoldReason;
 
 use super::fake_machine::{self, FakeMachine, FakePath};
 use super::key_state::{KeyState, OpenDialog, PendingQuestion};

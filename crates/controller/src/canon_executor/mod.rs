@@ -8,11 +8,11 @@ mod canon_error;
 mod entered_length;
 mod switching;
 
+use retrace_config::MachineConfig;
 use retrace_gcode::{Axis, Canon, LengthUnit, Nurbs, PathControl, Plane, Pose};
 use retrace_motion::{Arc, FeedRate, PathMode};
 
 use crate::cutter_track::CutterTrack;
-use crate::machine::MachineConfig;
 use crate::motion_sink::MotionSink;
 use crate::spline::chords;
 

@@ -3,15 +3,14 @@
 //! Invariant: an unsupported function is rejected by name; the compiler demands a rule here for a new canonical
 //! function.
 
+use retrace_config::{CodeClass, CodeSwitching, InReverse, ToolChange};
 use retrace_gcode::{Canon, FeedMode};
 use retrace_link::{OutputChange, channel};
 
 use super::{CanonError, CanonExecutor};
-use crate::machine::ToolChange;
 use crate::motion_sink::MotionSink;
 use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::SwitchInstruction;
-use crate::switching::{CodeClass, CodeSwitching, InReverse};
 
 impl CanonExecutor<'_> {
     pub(super) fn switching<const A: usize>(

@@ -9,13 +9,13 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::thread::{self, Thread};
 use std::time::Duration;
 
+use retrace_config::MachineConfig;
 use retrace_core::ring::{Cell, Consumer, Producer, Ring, RingError};
 use retrace_core::size::ring_cells;
 use retrace_core::{Flags, Record};
 use retrace_motion::{FeedRate, PathMode, Planner};
 
 use crate::approach::approach;
-use crate::machine::MachineConfig;
 
 /// Offset in records between the places of manual moves and those of the job that they interrupt.
 pub const MANUAL_PLACE_OFFSET: u32 = 1 << 30;

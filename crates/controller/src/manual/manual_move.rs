@@ -8,13 +8,13 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_core::place::is_before;
-use retrace_core::{ONE, Place};
+use retrace_core::{Place, Rate};
 use retrace_link::{HostCommand, MotionCard, PathStart};
 
 use super::jog_planner::{JogPlanner, JogRequest};
 
 /// Over a link, the card's report of being at rest may be this many periods old.
-pub(crate) const REPORT_LATENCY_PERIODS: u32 = crate::session::IN_FLIGHT_RECORDS;
+pub(crate) const REPORT_LATENCY_PERIODS: u32 = retrace_config::IN_FLIGHT_RECORDS;
 
 /// A manual move in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -115,7 +115,7 @@ impl ManualMove {
         }
         if let ManualMoveState::Moving { rate_sent } = self.state {
             self.fill(jog_planner, card);
-            if !rate_sent && self.may_move(jog_planner, card) && card.send(HostCommand::rate(ONE)).is_ok() {
+            if !rate_sent && self.may_move(jog_planner, card) && card.send(HostCommand::rate(Rate::ONE)).is_ok() {
                 self.state = ManualMoveState::Moving { rate_sent: true };
             }
             let status = card.status();
@@ -124,7 +124,7 @@ impl ManualMove {
             }
         }
         if self.state == ManualMoveState::Stopping {
-            let _ = card.send(HostCommand::rate(0));
+            let _ = card.send(HostCommand::rate(Rate::ZERO));
             jog_planner.cancel();
             self.rest_periods = if card.status().at_rest { self.rest_periods + 1 } else { 0 };
             if jog_planner.is_done() && self.rest_periods > if self.wall_time { REPORT_LATENCY_PERIODS } else { 1 } {
@@ -143,7 +143,7 @@ impl ManualMove {
         card: &mut C,
         how: ManualMoveEnd,
     ) {
-        let _ = card.send(HostCommand::rate(0));
+        let _ = card.send(HostCommand::rate(Rate::ZERO));
         let write = jog_planner.ring.write();
         jog_planner.ring.seek(write);
         self.state = ManualMoveState::Ended(how);

@@ -4,11 +4,14 @@
 //! Invariant: it begins and ends at rest. *Stop* or *hold* brings it to rest where it is, and the rest of it is
 //! discarded.
 
+use retrace_core::Rate;
 use std::sync::PoisonError;
 use std::thread;
 
+use retrace_config::{IN_FLIGHT_RECORDS, MachineConfig, NumberedError};
 use retrace_core::mode::Mode;
-use retrace_link::{Alarm, CardFailure, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
+use retrace_journal::JournalConfig;
+use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
 
 use super::ManualTask;
 use super::jog_planner::{self, JogPlanner, JogRequest};
@@ -17,12 +20,9 @@ use crate::command_queue::CommandSources;
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, Event, EventKind};
 use crate::job::{self, JobOptions, JobStart};
-use crate::machine::MachineConfig;
 use crate::mdi::ModalContext;
-use crate::numbered_error::NumberedError;
 use crate::operator::{CommandError, OperatorCommand};
-use crate::place_index::JournalConfig;
-use crate::session::{IN_FLIGHT_RECORDS, Outcome, RunMode};
+use crate::session::{Outcome, RunMode};
 use crate::telemetry::{self, Observer, PeriodRecord, Telemetry, TelemetrySender};
 
 /// Periods within which a card has accepted a command and reported it.
@@ -69,9 +69,9 @@ impl From<NumberedError> for ManualTaskError {
     }
 }
 
-impl<F: CardFailure> From<F> for ManualTaskError {
-    fn from(fault: F) -> Self {
-        Self::Card(fault.into())
+impl From<CardError> for ManualTaskError {
+    fn from(error: CardError) -> Self {
+        Self::Card(error)
     }
 }
 
@@ -138,7 +138,7 @@ fn perform_block<const A: usize, C: MotionCard<A>>(
     (operators, run_mode): (CommandSources, RunMode),
     observer: &mut dyn Observer<A>,
 ) -> Result<ManualTaskDone, ManualTaskError> {
-    begin_path(card)?;
+    begin_path(card).map_err(CardError::from)?;
     let machine = MachineConfig { history_records: 0, ..machine.clone() }.standing_at(&card.status().counts);
     let block = context.block(&machine, text).map_err(ManualTaskError::Block)?;
     let (block, left) = block.with_result();
@@ -154,7 +154,7 @@ fn perform_block<const A: usize, C: MotionCard<A>>(
             Ok(ManualTaskDone::Completed { cut_short: false })
         }
         Outcome::Stopped => {
-            begin_path(card)?;
+            begin_path(card).map_err(CardError::from)?;
             Ok(ManualTaskDone::Stopped)
         }
         Outcome::BlockError(text) => Err(ManualTaskError::Block(vec![text])),
@@ -224,7 +224,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         while stood < settled {
             self.run_period()?;
             if self.stopped {
-                let _ = self.card.send(HostCommand::rate(0));
+                let _ = self.card.send(HostCommand::rate(Rate::ZERO));
             }
             stood = if self.card.status().at_rest { stood + 1 } else { 0 };
         }
@@ -266,7 +266,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
             self.run_mode.wall_time,
         );
         let ended = loop {
-            let ended = trip.advance(&mut self.hand, self.card)?;
+            let ended = trip.advance(&mut self.hand, self.card).map_err(CardError::from)?;
             if let Some(ended) = ended {
                 break ended;
             }
@@ -302,7 +302,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     }
 
     fn begin(&mut self) -> Result<(), ManualTaskError> {
-        begin_path(self.card).map_err(ManualTaskError::from)
+        Ok(begin_path(self.card).map_err(CardError::from)?)
     }
 
     fn run_periods(&mut self, periods: u32) -> Result<ManualTaskDone, ManualTaskError> {
@@ -324,7 +324,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                 ))),
             }
         }
-        let status = *self.card.run_period()?;
+        let status = *self.card.run_period().map_err(CardError::from)?;
         self.telemetry.send_output_changes(&status.outputs);
         self.telemetry.send(Telemetry::Period(PeriodRecord {
             off_path: true,

@@ -12,18 +12,18 @@ use std::sync::mpsc::{SyncSender, TrySendError};
 use std::thread;
 use std::time::Duration;
 
+use retrace_config::MachineConfig;
 use retrace_core::ring::Producer;
-use retrace_core::{Flags, ONE, Record};
+use retrace_core::{Flags, Record};
 use retrace_gcode::ActiveCodes;
+use retrace_journal::{IndexEntry, IndexWriter, LengthChange, MarkDifference, PlaceMark};
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, FeedRate, MoveError, PathMode, Planner};
 
 use crate::limit_check::{LimitFinding, extremes};
-use crate::machine::MachineConfig;
 use crate::overrides::OverrideApplier;
-use crate::place_index::{IndexEntry, IndexWriter, MarkDifference, PlaceMark};
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
-use crate::tool_length::{LengthChange, LengthOffers};
+use crate::tool_length::LengthOffers;
 use tool_lengths::{Lengths, Planned};
 
 /// The motion path has ended: planning is cancelled.
@@ -466,7 +466,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             }
             if let Some(planned) = self.overrides.due_at(self.ring.write()) {
                 self.index.write(IndexEntry::Override { place: self.ring.write(), planned });
-                self.planner.set_feed_override(planned as f64 / ONE as f64);
+                self.planner.set_feed_override(f64::from(planned));
             }
             let Some(record) = self.planner.next_record() else { return Ok(()) };
             let serial = record.line;

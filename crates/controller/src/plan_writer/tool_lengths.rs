@@ -5,15 +5,13 @@
 
 use std::collections::VecDeque;
 
+use retrace_config::MachineConfig;
 use retrace_core::place::is_before;
+use retrace_journal::{IndexEntry, LengthChange};
 
 use super::{Cancelled, PlanWriter};
 use crate::limit_check::passed_limit;
-use crate::machine::MachineConfig;
-use crate::place_index::IndexEntry;
-use crate::tool_length::{
-    EnteredLength, LengthAnswer, LengthChange, LengthOffer, LengthOffers, LengthProposal, ToolLengthError,
-};
+use crate::tool_length::{EnteredLength, LengthAnswer, LengthOffer, LengthOffers, LengthProposal, ToolLengthError};
 
 /// Place at which a path that was moved along the tool axis had to end last, moved or not.
 #[derive(Clone, Copy, Debug)]

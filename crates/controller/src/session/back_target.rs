@@ -8,7 +8,7 @@
 
 use retrace_core::mode::{Mode, ModeCommand};
 use retrace_core::place::is_before;
-use retrace_core::{ONE, Place};
+use retrace_core::{Place, Rate};
 use retrace_link::MotionCard;
 
 use super::Session;
@@ -83,7 +83,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if counts_from_here { self.begin_search(wanted, status.place) } else { Some(TargetSearch::AtRest) };
         let search = search.ok_or(CommandError::NoPierce)?;
         // The rate is limited by the records' own caps, and to 100 % while a cutter is on.
-        self.mode_controller.apply(ModeCommand::Reverse(8 * ONE))?;
+        self.mode_controller.apply(ModeCommand::Reverse(Rate::MAX))?;
         self.back_target = Some(BackTarget { kind: wanted, search });
         Ok(())
     }
@@ -95,7 +95,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             BackTargetKind::Pierce => TargetSearch::Found(self.streamer.pierce_before(place)?),
             BackTargetKind::By(mm) => {
                 // The part of the current record ahead of the cursor is not reversed over.
-                let share = f64::from(place.fraction) / ONE as f64;
+                let share = place.fraction_of_record();
                 let part = self.record_length_mm(place.record).filter(|_| place.fraction != 0);
                 on(mm + part.map_or(0.0, |length| length * (1.0 - share)), 0)
             }

@@ -3,7 +3,7 @@
 //! Invariant: a command that does not apply changes nothing and is answered with the reason.
 
 use retrace_core::mode::{Mode, ModeCommand};
-use retrace_core::{ONE, Place, Travel};
+use retrace_core::{Place, Rate};
 use retrace_link::{MotionCard, OutputChange, channel};
 
 use super::Session;
@@ -200,12 +200,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(())
     }
 
-    fn request_override(&mut self, rate: Travel) -> Result<(), CommandError> {
-        let (most, stood) = (self.overrides.max_override(), self.mode_controller.override_rate() == 0);
+    fn request_override(&mut self, rate: Rate) -> Result<(), CommandError> {
+        let (most, stood) = (self.overrides.max_override(), self.mode_controller.override_rate() == Rate::ZERO);
         let reached = self.dnc.reached().unwrap_or(self.card.status().reached);
         self.overrides.request(rate, reached).map_err(|_| CommandError::TooManyOverrides)?;
         self.apply_rate_override();
-        if stood && rate > 0 && !self.mode_controller.is_held() {
+        if stood && rate > Rate::ZERO && !self.mode_controller.is_held() {
             // a hold is resumed separately
             let _ = self.mode_controller.apply(ModeCommand::Restart { confirmed: false });
         }
@@ -214,13 +214,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Sets the rapid override, 0 … 100 %. Where it held rapid motion at rest, the outputs are compared before motion
     /// resumes.
-    fn set_rapid_override(&mut self, rate: Travel) -> Result<(), CommandError> {
-        let stood = self.mode_controller.rapid_override() == 0 && self.card.status().at_rest;
+    fn set_rapid_override(&mut self, rate: Rate) -> Result<(), CommandError> {
+        let stood = self.mode_controller.rapid_override() == Rate::ZERO && self.card.status().at_rest;
         self.mode_controller.apply(ModeCommand::RapidOverride(rate))?;
-        if stood && rate > 0 && !self.mode_controller.is_held() && self.mode_controller.mode() == Mode::Run {
+        if stood && rate > Rate::ZERO && !self.mode_controller.is_held() && self.mode_controller.mode() == Mode::Run {
             let _ = self.mode_controller.apply(ModeCommand::Restart { confirmed: false });
         }
-        if rate > ONE { Err(CommandError::AboveMaxOverride(ONE)) } else { Ok(()) }
+        if rate > Rate::ONE { Err(CommandError::AboveMaxOverride(Rate::ONE)) } else { Ok(()) }
     }
 
     /// Applies the part of the override that is executed by the rate.

@@ -7,21 +7,22 @@ use std::collections::VecDeque;
 use std::thread;
 use std::time::Duration;
 
+use retrace_config::MachineConfig;
 use retrace_core::interruption::{
     Breakpoint, Interruption, InterruptionAction, InterruptionEvent as Said, SpindleDirection, SpindleState,
 };
 use retrace_core::mode::{Mode, ModeOutput};
-use retrace_core::{Flags as RecordFlags, Place, RateTarget};
+use retrace_core::{Flags as RecordFlags, Place, Rate, RateTarget};
+use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, PathStart, channel};
 
 use super::{Outcome, Session};
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, EventKind};
-use crate::machine::MachineConfig;
 use crate::manual::jog_planner::{JogPlanner, JogRequest};
 use crate::manual::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::operator::{CommandError, OperatorCommand};
-use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
+use crate::telemetry::{PeriodRecord, Telemetry};
 
 /// Maximum number of commands that wait for a manual move to end.
 const WORDS: usize = 64;
@@ -74,7 +75,7 @@ pub(super) struct DncPause<'r, const A: usize> {
 
 impl<'r, const A: usize> DncPause<'r, A> {
     pub(super) fn new(machine: &MachineConfig) -> Self {
-        let axis = |(index, axis): (usize, &crate::machine::AxisConfig)| PausedAxis {
+        let axis = |(index, axis): (usize, &retrace_config::AxisConfig)| PausedAxis {
             letter: axis.name,
             pulses_per_mm: axis.pulses_per_mm,
             soft_limits: axis.travel_mm.map(|mm| machine.counts_of(index, mm)),
@@ -499,7 +500,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.cutter_went_off(off);
         }
         self.account_off_path_period(&status);
-        self.still_periods = if status.rate == 0 && !self.dnc.is_moving() { self.still_periods + 1 } else { 0 };
+        self.still_periods =
+            if status.rate == Rate::ZERO && !self.dnc.is_moving() { self.still_periods + 1 } else { 0 };
         if let Some(outcome) = self.alarm(&status) {
             return Ok(Some(outcome));
         }

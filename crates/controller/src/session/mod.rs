@@ -18,14 +18,14 @@ mod window;
 use std::thread;
 use std::time::Duration;
 
+use retrace_config::{IN_FLIGHT_RECORDS, MachineConfig, RetraceOutputs};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice};
 use retrace_core::wheel::Wheel;
-use retrace_core::{ONE, Place, RateTarget};
+use retrace_core::{Place, Rate, RateTarget};
 use retrace_link::{CardStatus, HostCommand, MotionCard, Outputs, channel};
 
 use crate::command_queue::CommandSources;
 use crate::event::{CardError, CutterOffReason, EventKind};
-use crate::machine::{MachineConfig, RetraceOutputs};
 use crate::operator::percent;
 use crate::overrides::OverrideRequester;
 use crate::plan_item::{ExclusiveKind, PlanEnd};
@@ -62,10 +62,6 @@ pub struct RunMode {
     /// Whether the motion thread is scheduled under SCHED_FIFO, where that is permitted.
     pub real_time: bool,
 }
-
-/// Records that may be in flight to the card, or that it has run since its last report, at the latency of a common
-/// link.
-pub const IN_FLIGHT_RECORDS: u32 = 120;
 
 /// Time at rest (s), with the operator's script at its end, after which the job ends because nobody will resume it.
 const NOBODY_THERE_S: f64 = 10.0;
@@ -223,7 +219,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             }
         };
         // A restart in progress may complete after the end: no rate may remain that would start motion then.
-        let _ = self.card.send(HostCommand::rate(0));
+        let _ = self.card.send(HostCommand::rate(Rate::ZERO));
         self.end_with_outputs_off(match outcome {
             Outcome::Completed => CutterOffReason::ProgramEnd,
             _ => CutterOffReason::JobStopped,
@@ -457,11 +453,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.watch_streamer(status, mode);
         // Before a stop, and before the end, the look-ahead runs out as planned.
-        if mode == Mode::Run && status.rate == ONE && self.streamer.continues_without_stop() {
+        if mode == Mode::Run && status.rate == Rate::ONE && self.streamer.continues_without_stop() {
             self.stats.record_buffered(self.card.acknowledged_high().wrapping_sub(status.place.record));
         }
         self.emit_period(status);
-        self.still_periods = if status.rate == 0 && executing.is_none() { self.still_periods + 1 } else { 0 };
+        self.still_periods = if status.rate == Rate::ZERO && executing.is_none() { self.still_periods + 1 } else { 0 };
     }
 
     /// Outcome of the job, if it has ended.
@@ -514,8 +510,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let waits = self.mode_controller.mode() != Mode::Run
             || self.dnc.is_paused()
             || self.mode_controller.is_held()
-            || self.mode_controller.override_rate() == 0
-            || self.mode_controller.rapid_override() == 0
+            || self.mode_controller.override_rate() == Rate::ZERO
+            || self.mode_controller.rapid_override() == Rate::ZERO
             || self.program_stop
             || self.single_stop;
         let nobody = waits && self.commands.waits_for_motion() && (!self.run_mode.wall_time || self.run_mode.operator);

@@ -5,6 +5,7 @@
 //! the axes at any time; the job is then stopped at its breakpoint.
 
 use retrace_core::mode::Mode;
+use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, MotionCard, PathStart};
 
 use super::{Outcome, Session};
@@ -13,7 +14,7 @@ use crate::event::{CardError, EventKind};
 use crate::manual::jog_planner::JogRequest;
 use crate::manual::manual_move::{ManualMove, ManualMoveEnd};
 use crate::operator::{CommandError, OperatorCommand};
-use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
+use crate::telemetry::{PeriodRecord, Telemetry};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Moves the axes to the counts `to`; nothing moves where they are there already. `Some`: the job ends instead.

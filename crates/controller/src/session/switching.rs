@@ -3,6 +3,7 @@
 //! Invariant: an instruction goes to the card in normal run only, with the cursor at rest on its marker; the next one
 //! when the card has reported it complete.
 
+use retrace_core::Rate;
 use retrace_core::mode::{Mode, ModeCommand, ModeOutput};
 use retrace_link::{HostCommand, Instruction, MotionCard, OutputChange, channel};
 
@@ -16,7 +17,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// rate.
     pub(super) fn send_due_instruction(&mut self, demand: ModeOutput) -> Result<bool, CardError> {
         let stands = self.mode_controller.is_held() || self.restart.is_active();
-        if self.mode_controller.mode() != Mode::Run || stands || demand.target.faster() <= 0 {
+        if self.mode_controller.mode() != Mode::Run || stands || demand.target.faster() <= Rate::ZERO {
             return Ok(false);
         }
         let Some(exclusive) = self.streamer.due_instruction(self.card.status()) else { return Ok(false) };

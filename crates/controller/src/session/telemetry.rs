@@ -2,12 +2,14 @@
 //!
 //! Invariant: nothing here allocates or formats; every event has the period and the place at which it happened.
 
+use retrace_core::Rate;
 use retrace_core::mode::Mode;
+use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, MotionCard, channel};
 
 use super::Session;
 use crate::event::{DifferingOutputs, Event, EventKind};
-use crate::telemetry::{HoldReason, PeriodRecord, Telemetry};
+use crate::telemetry::{PeriodRecord, Telemetry};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn emit_period(&mut self, status: &CardStatus<A>) {
@@ -27,7 +29,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Reports outputs that were switched because the path is retraced and outputs are replayed.
     pub(super) fn watch_replayed_outputs(&mut self, status: &CardStatus<A>) {
         let before = std::mem::replace(&mut self.outputs, status.outputs);
-        if !self.replays_outputs || self.mode_controller.mode() == Mode::Run || status.rate == 0 {
+        if !self.replays_outputs || self.mode_controller.mode() == Mode::Run || status.rate == Rate::ZERO {
             return;
         }
         for at in (0..channel::COUNT).filter(|&at| before[at] != status.outputs[at]) {

@@ -6,6 +6,7 @@
 use std::thread;
 use std::time::Duration;
 
+use retrace_config::MachineConfig;
 use retrace_core::Place;
 use retrace_core::place::is_before;
 use retrace_core::playback::partial_increment;
@@ -14,7 +15,6 @@ use retrace_link::MotionCard;
 use super::Session;
 use crate::dnc_events::DncStep;
 use crate::event::EventKind;
-use crate::machine::MachineConfig;
 use crate::operator::CommandError;
 use crate::tool_length::{EnteredLength, LengthAnswer, LengthEntry, LengthOffer, LengthProposal, ToolLengthError};
 

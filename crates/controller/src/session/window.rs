@@ -5,7 +5,7 @@
 
 use retrace_core::mode::{Mode, ModeOutput};
 use retrace_core::place::is_before;
-use retrace_core::{ONE, Place, RateTarget, Travel};
+use retrace_core::{Place, Rate, RateTarget};
 use retrace_link::{CardStatus, HostCommand, MotionCard};
 
 use super::Session;
@@ -55,7 +55,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         // Where a path is resumed inside a record, that record comes first.
         let CardStatus { place, high, .. } = *self.card.status();
         let stands_inside = place.fraction != 0 && high == place.record;
-        if demand.target.faster() < 0 && !stands_inside {
+        if demand.target.faster() < Rate::ZERO && !stands_inside {
             let oldest = self.oldest();
             self.streamer.fill_behind(&mut self.card, oldest);
         } else {
@@ -68,7 +68,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let cutting = self.fire_channels.iter().any(|&c| outputs.get(usize::from(c)).is_some_and(|&v| v != 0));
         // Rapid retrace only with the cutting outputs off.
         let RateTarget { feed, rapid } = demand.target;
-        let within = |rate: Travel| if cutting { rate.clamp(-ONE, ONE) } else { rate };
+        let within = |rate: Rate| if cutting { rate.clamp(-Rate::ONE, Rate::ONE) } else { rate };
         let target = RateTarget { feed: within(feed), rapid: within(rapid) };
         let target = if self.waits_for_records() || !self.window_is_trimmed { RateTarget::ZERO } else { target };
         if self.target != Some(target) && self.card.send(HostCommand::Rate(target)).is_ok() {
@@ -105,7 +105,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let at_block_end = self.single_block && self.streamer.block_end() == Some(status.high);
         // a machine at rest does not run dry: either there was nothing to run, or it was reported while braking
-        let dry = status.starved && status.rate != 0 && mode == Mode::Run && !at_block_end;
+        let dry = status.starved && status.rate != Rate::ZERO && mode == Mode::Run && !at_block_end;
         if dry && !self.dry {
             self.stats.underruns += 1;
             self.emit(EventKind::Underrun);

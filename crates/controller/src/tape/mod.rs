@@ -7,8 +7,8 @@ mod eia;
 
 use std::fmt;
 
-use crate::machine::{CharacterCode, Parity, SerialSettings};
-use crate::program_end::program_end_of;
+use retrace_config::{CharacterCode, Parity, SerialSettings};
+use retrace_gcode::program_end_of;
 
 /// Bytes within which the first end of block has to occur.
 const MAX_LEADER: usize = 1 << 16;
@@ -262,8 +262,8 @@ fn seven_bits(bits: u8, parity: Parity) -> TapeCode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::ProgramEnds;
     use proptest::prelude::*;
+    use retrace_config::ProgramEnds;
 
     fn read(settings: SerialSettings, bytes: impl IntoIterator<Item = u8>) -> (String, Result<bool, TapeError>) {
         let (mut reader, mut text) = (TapeReader::new(settings), Vec::new());

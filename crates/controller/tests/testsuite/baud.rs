@@ -2,10 +2,11 @@
 //! backward, at the supported baud rates.
 
 use crate::wired;
+use retrace_core::Rate;
 
 use std::path::PathBuf;
 
-use retrace_controller::machine::MachineConfig;
+use retrace_config::MachineConfig;
 use retrace_controller::session::Outcome;
 use retrace_hal_sim::CardSimulatorSettings;
 use wired::{Done, Path, Trial, ended_well, good_line, run};
@@ -99,8 +100,8 @@ fn backward_at_full_rate_nothing_runs_dry_either() {
         let done = over(&machine, &program, "at 6s reverse 100%\nafter 5s forward 100%\nafter 3s leave\n", baud);
         ended_well(&path, &done).expect("it ends well");
         assert!(done.completed() && done.underruns == 0, "{:?}", done.outcome);
-        let dry = done.log.iter().filter(|period| period.rate < 0 && period.short).count();
-        let back = done.log.iter().filter(|period| period.rate < 0).count();
+        let dry = done.log.iter().filter(|period| period.rate < Rate::ZERO && period.short).count();
+        let back = done.log.iter().filter(|period| period.rate < Rate::ZERO).count();
         let [up, down] = cost(&done);
         println!(
             "back for {back} periods of {period_ms} ms over {baud} baud: {dry} held down; {up:.2} + {down:.2} bytes a period"

@@ -3,13 +3,14 @@
 //!
 //! `RETRACE_WORDS` sets the length of the sequences; six are the campaign `dnc`.
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::dnc_events::{DncEvent, DncStep};
 use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::operator::{self, CommandError};
-use retrace_controller::place_index::JournalConfig;
+use retrace_controller::job;
+use retrace_controller::job::{BlockDecoder, DecodedBlock, JobOptions, JobStart};
+use retrace_controller::operator;
+use retrace_controller::operator::CommandError;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Outcome, RunMode};
 use retrace_controller::telemetry::{Observer, Telemetry};
@@ -18,6 +19,7 @@ use retrace_core::interruption::{
 };
 use retrace_gcode::{CanonStep as Decodes, Program, Progress, Setup};
 use retrace_hal_sim::{Clock, SimCard};
+use retrace_journal::JournalConfig;
 use retrace_link::MotionCard;
 
 const AXES: usize = 3;

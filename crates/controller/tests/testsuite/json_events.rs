@@ -7,12 +7,13 @@ use crate::json_page;
 use std::collections::BTreeSet;
 
 use json_page::JsonPage;
+use retrace_config::ChannelNames;
 use retrace_controller::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
-use retrace_controller::event::{CardError, ChannelNames, CutterOffReason, DifferingOutputs, Event, EventKind};
-use retrace_controller::journal::timestamp::Timestamp;
+use retrace_controller::event::{CardError, CutterOffReason, DifferingOutputs, Event, EventKind};
 use retrace_controller::operator::{CommandError, OperatorCommand};
 use retrace_core::Place;
 use retrace_core::mode::Mode;
+use retrace_journal::Timestamp;
 
 /// An example of each kind of event. The match has no other purpose than to fail to compile for a kind without an
 /// example.

@@ -3,19 +3,20 @@
 //!
 //! Invariant: expected values are written here manually, from the machine files and the programs.
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobEnd, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
+use retrace_controller::job;
+use retrace_controller::job::{BlockDecoder, DecodedBlock, JobEnd, JobOptions, JobStart};
 use retrace_controller::mdi::setup;
 use retrace_controller::operator;
-use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Outcome, RunMode};
 use retrace_controller::telemetry::{Observer, Telemetry};
 use retrace_core::mode::Mode;
 use retrace_gcode::{CanonStep, Program, Progress, Setup, Tool, ToolTable};
 use retrace_hal_sim::{Chance, Clock, PlantSettings, Process, SimCard};
+use retrace_journal::JournalConfig;
 use retrace_link::{MotionCard, Outputs, PathStart, channel};
 
 const WATERJET: &str = include_str!("../../../cli/src/machine/waterjet.toml");

@@ -1,8 +1,9 @@
 //! A serial line with every kind of fault: none of them loses a pulse, adds one, or leaves the machine running.
 
 use crate::wired;
+use retrace_core::Rate;
 
-use retrace_controller::machine::MachineConfig;
+use retrace_config::MachineConfig;
 use retrace_controller::session::Outcome;
 use retrace_hal_sim::{
     CardSimulatorSettings, Chance, FaultRates, InFlightPolicy, LineFault, Random, SerialChannelSettings,
@@ -152,7 +153,7 @@ fn a_host_that_dies_leaves_the_machine_at_rest_on_the_path() {
         on_the_path(&path, &done).expect("on the path");
         let silent = done.log.iter().position(|period| period.alarm).expect("the card noticed");
         let (at, rest) = (&done.log[silent], done.log[silent..].iter().position(|period| period.at_rest));
-        assert_ne!(at.rate, 0, "it was in motion");
+        assert_ne!(at.rate, Rate::ZERO, "it was in motion");
         let rest = rest.expect("it came to rest");
         assert!(rest <= 300, "{rest} periods");
         assert_eq!((done.log[silent - 1].outputs[3], at.outputs[3]), (1, 0), "the jet is off");

@@ -6,7 +6,6 @@ mod interruption;
 mod json_events;
 mod kinds;
 mod line;
-mod machine_file_schema;
 mod motion_path;
 mod operation;
 mod order;

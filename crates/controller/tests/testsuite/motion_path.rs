@@ -3,10 +3,10 @@
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{DifferingOutputs, Event, EventKind};
 use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator;
 use retrace_controller::plan_item::{ExclusiveKind, PlanEnd, PlanSummary};
 use retrace_controller::plan_writer::{PlanWriter, SwitchInstruction};
@@ -16,7 +16,7 @@ use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Outcome, RunMode, Session};
 use retrace_controller::telemetry::{Observer, Telemetry, telemetry_channel};
 use retrace_core::ring::{Cell, Ring};
-use retrace_core::{Place, Record, size};
+use retrace_core::{Distance, Place, Rate, Record, size};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{CardStatus, MotionCard, OutputChange, channel};
 use retrace_motion::{FeedRate, PathMode, Planner};
@@ -25,7 +25,7 @@ use retrace_motion::{FeedRate, PathMode, Planner};
 struct Log {
     monitor: LimitMonitor<3>,
     positions: std::collections::HashMap<Place, [i64; 3]>,
-    rows: Vec<(Place, [i64; 3], i64)>,
+    rows: Vec<(Place, [i64; 3], Rate)>,
     events: Vec<Event>,
 }
 
@@ -49,7 +49,7 @@ struct Run {
     stats: RunStats,
     status: CardStatus<3>,
     limit_report: LimitReport<3>,
-    rows: Vec<(Place, [i64; 3], i64)>,
+    rows: Vec<(Place, [i64; 3], Rate)>,
     events: Vec<Event>,
 }
 
@@ -133,7 +133,7 @@ fn is_exact(run: &Run) {
 fn a_plain_run_takes_the_planned_periods_and_ends_exactly() {
     let run = run("", 60.0, zigzag);
     is_exact(&run);
-    assert!(run.rows.iter().all(|(_, _, rate)| *rate == retrace_core::ONE));
+    assert!(run.rows.iter().all(|(_, _, rate)| *rate == Rate::ONE));
     assert_eq!(run.stats.periods, run.stats.motion);
 }
 
@@ -155,7 +155,9 @@ fn a_short_history_ends_reverse_run_at_its_oldest_record_and_says_so() {
     let reached =
         run.rows[..oldest].iter().map(|(p, ..)| Place::start_of(u32::MAX - 2000).distance_to(*p)).max().expect("ran");
     let stands = Place::start_of(u32::MAX - 2000).distance_to(run.rows[oldest - 1].0);
-    assert_eq!((reached + u32::MAX as i64) >> 32, (stands >> 32) + 2000, "history keeps 2000 records");
+    let whole_records = |distance: Distance| distance.units() >> 32;
+    let reached = whole_records(reached + Distance::from_units(u32::MAX.into()));
+    assert_eq!(reached, whole_records(stands) + 2000, "history keeps 2000 records");
 }
 
 #[test]

@@ -3,10 +3,10 @@
 
 use crate::wired;
 
-use retrace_controller::machine::MachineConfig;
+use retrace_config::MachineConfig;
 use retrace_core::gate::Gates;
 use retrace_core::place::is_before;
-use retrace_core::{Flags, ONE, Place, Record};
+use retrace_core::{Flags, Place, Rate, Record};
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, InProcess, Random, SerialChannelSettings};
 use retrace_link::{
     HostCommand, Instruction, LinkError, LinkTimeouts, LinkedCard, LinkedCardError, MotionCard, OutputChange,
@@ -141,7 +141,7 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &CardSimulatorSettings) -> (
     let log = watched(&mut rig);
     let mut card = Box::new(LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("it answers"));
     card.open(machine.card_settings(PathStart::at(0))).expect("it opens");
-    card.send(HostCommand::rate(ONE)).expect("a rate");
+    card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     let end = tape.records.len() as u32;
     let mut ended = End::Hangs;
     for _ in 0..6_000 {

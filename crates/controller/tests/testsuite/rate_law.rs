@@ -4,8 +4,8 @@ use crate::hold;
 
 use hold::{FEED_MM_S, Played, circle, line, paths, records};
 use proptest::prelude::*;
-use retrace_controller::machine::MachineConfig;
-use retrace_core::{ONE, Travel};
+use retrace_config::MachineConfig;
+use retrace_core::Rate;
 
 /// Length in mm of the shortest stop within acceleration and jerk: v(v/A + A/J)/2, where v is high enough to reach A.
 fn optimum_mm(v: f64, a: f64, j: f64) -> f64 {
@@ -66,19 +66,24 @@ fn a_hold_that_is_taken_back_keeps_the_jerk_on_a_tight_circle() {
             let mut played = Played::of(records(&circle(v)));
             played.run_to_speed();
             for _ in 0..4 {
-                played.ask(0, periods);
-                played.ask(ONE, periods + 7);
+                played.ask(Rate::ZERO, periods);
+                played.ask(Rate::ONE, periods + 7);
             }
             assert_eq!(played.violations(), None, "{v} mm/s, turned round every {periods} periods");
         }
     }
 }
 
+/// Any rate from `low` up to `high`, in whole records per period.
+fn rates(low: i64, high: i64) -> impl Strategy<Value = Rate> {
+    (low << 32..high << 32).prop_map(Rate::from_units)
+}
+
 /// Requests of an operator: a target, and for how many periods.
-fn requests() -> impl Strategy<Value = Vec<(Travel, u32)>> {
+fn requests() -> impl Strategy<Value = Vec<(Rate, u32)>> {
     let target = prop_oneof![
-        4 => Just(ONE), 2 => Just(0), 2 => Just(-ONE), 1 => -ONE..ONE, 1 => Just(-8 * ONE), 1 => ONE..8 * ONE,
-        1 => Just(ONE / 20),
+        4 => Just(Rate::ONE), 2 => Just(Rate::ZERO), 2 => Just(-Rate::ONE), 1 => rates(-1, 1), 1 => Just(-Rate::MAX), 1 => rates(1, 8),
+        1 => Just(Rate::ONE / 20),
     ];
     prop::collection::vec((target, prop_oneof![1u32..12, 1u32..120, 100u32..900]), 1..24)
 }
@@ -95,12 +100,12 @@ proptest! {
         }
         prop_assert_eq!(played.violations(), None);
         let stop = played.hold();
-        prop_assert!(stop.periods <= 300 || stop.from.abs() > ONE, "{:?}", stop);
+        prop_assert!(stop.periods <= 300 || stop.from.abs() > Rate::ONE, "{:?}", stop);
         prop_assert!(stop.first_slower <= 2);
-        played.ask_until_rest(ONE);
+        played.ask_until_rest(Rate::ONE);
         prop_assert_eq!(played.violations(), None);
         prop_assert!(played.at_end(), "ends exactly at the end");
-        played.ask_until_rest(-ONE);
+        played.ask_until_rest(-Rate::ONE);
         prop_assert_eq!(played.finish(), [0; 3]);
     }
 

@@ -1,7 +1,7 @@
 //! From program text to moves in machine coordinates: units, offsets, rotation, feeds, switching.
 
+use retrace_config::MachineConfig;
 use retrace_controller::job::{BlockDecoder, CheckFinding, DecodedBlock, feed_all};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::motion_sink::MotionSink;
 use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 use retrace_gcode::{Axis, AxisSet, CanonStep, Program, Progress, Setup};

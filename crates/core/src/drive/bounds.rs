@@ -10,7 +10,7 @@
 
 use super::slope::{highest_acceleration, highest_jerk};
 use super::{DirectedWindow, RecordWindow};
-use crate::Travel;
+use crate::Distance;
 use crate::limits::{PulseLimits, RateLimits};
 
 /// Records per block.
@@ -50,11 +50,11 @@ struct IncrementDifferences {
 }
 
 impl<const A: usize> IncrementBounds<A> {
-    /// Returns the bounds of the records within `reach` (in records) ahead of the cursor, and a few beyond.
+    /// Returns the bounds of the records within `reach` ahead of the cursor, and a few beyond.
     pub(super) fn over(
         limits: &RateLimits<A>,
         ahead: &DirectedWindow<'_, A, impl RecordWindow<A>>,
-        reach: Travel,
+        reach: Distance,
     ) -> Self {
         let (first, count) = ahead.records_within(reach);
         let (mut min_cap, mut max_cap) = (u8::MAX, 16);

@@ -7,14 +7,14 @@
 
 use super::slope::{highest_acceleration, highest_jerk, ratio, scaled};
 use crate::limits::{PulseLimits, RateLimits};
-use crate::{ONE, Travel};
+use crate::{Distance, Rate};
 
 /// Default number of intervals of the rate over which the slope is taken as constant.
 const INTERVALS: usize = 32;
 /// Minimum slope that is accepted: a stop from rate one within about 65 536 periods.
-const MIN_SLOPE: Travel = 1 << 16;
+const MIN_SLOPE: Rate = Rate::from_units(1 << 16);
 /// Unit of the growth of the braking distance with the rate: sixteenths of a period.
-const SIXTEENTHS: Travel = 16;
+const SIXTEENTHS: i64 = 16;
 
 /// Braking of a machine anywhere on the path, for any records, from its limits alone. Slopes are constant over `N`
 /// intervals of the rate.
@@ -22,35 +22,36 @@ const SIXTEENTHS: Travel = 16;
 pub struct Braking<const N: usize = INTERVALS> {
     /// Change of the commanded rate per period, for rates within each interval; at most an interval, unless the braking
     /// is unconfigured.
-    slopes: [Travel; N],
+    slopes: [Rate; N],
     /// Growth of the ramp's length with the rate, in sixteenths of a period.
     rises: [u32; N],
     /// Length S of the ramp at the lower end of each interval; that of the lowest is below zero, and counts as zero.
-    lengths: [Travel; N],
-    periods: Travel,
+    lengths: [Distance; N],
+    periods: u32,
 }
 
 impl<const N: usize> Braking<N> {
-    /// Length of an interval.
-    const INTERVAL: Travel = ONE / N as Travel;
+    /// Length of an interval of the rate.
+    const INTERVAL: Rate = Rate::from_units(Rate::ONE.units() / N as i64);
 
     /// Returns the braking of a card that has received no settings yet: the rate may jump.
     #[must_use]
     pub const fn unconfigured() -> Self {
-        Self { slopes: [ONE; N], rises: [0; N], lengths: [0; N], periods: 1 }
+        Self { slopes: [Rate::ONE; N], rises: [0; N], lengths: [Distance::ZERO; N], periods: 1 }
     }
 
     /// Returns the braking for the machine's limits. Returns `None` if it brakes too slowly for these units.
     #[must_use]
     pub fn new<const A: usize>(limits: &RateLimits<A>) -> Option<Self> {
-        let slope =
-            |rate: Travel| limits.axes().iter().map(|axis| universal_slope(limits, axis, rate)).min().unwrap_or(ONE);
+        let slope = |rate: Rate| {
+            limits.axes().iter().map(|axis| universal_slope(limits, axis, rate)).min().unwrap_or(Rate::ONE)
+        };
         let mut braking = Self::unconfigured();
-        if slope(ONE) >= ONE {
+        if slope(Rate::ONE) >= Rate::ONE {
             return Some(braking);
         }
         for (k, slot) in braking.slopes.iter_mut().enumerate() {
-            let slope = slope((k as Travel + 1) * Self::INTERVAL).min(Self::INTERVAL);
+            let slope = slope(Self::INTERVAL * (k as i64 + 1)).min(Self::INTERVAL);
             if slope < MIN_SLOPE {
                 return None;
             }
@@ -63,21 +64,23 @@ impl<const N: usize> Braking<N> {
     /// Computes all other fields from the slopes. The growth is that of the upper end of an interval at the slope of
     /// the interval above, so that a step down across the boundary is covered too.
     fn compute_lengths(&mut self) {
-        let mut length = 0;
+        let mut length = Distance::ZERO;
         for k in 0..N {
-            let (end, slope) = ((k as Travel + 1) * Self::INTERVAL, self.slopes[(k + 1).min(N - 1)]);
+            let end = (Self::INTERVAL * (k as i64 + 1)).units();
+            let slope = self.slopes[(k + 1).min(N - 1)].units();
             self.rises[k] = (SIXTEENTHS * end + slope - 1).div_euclid(slope) as u32;
-            let rise = Travel::from(self.rises[k]);
+            let rise = i64::from(self.rises[k]);
             if k == 0 {
                 // Up to one slope the ramp has no length: a single period ends it. From just above the interval the
                 // slope is that of the next one, which is smaller: the remainder must be covered too.
-                length = -(self.slopes[1.min(N - 1)] * rise).div_euclid(SIXTEENTHS);
+                let next = self.slopes[1.min(N - 1)].over(rise);
+                length = -Distance::from_units(next.units().div_euclid(SIXTEENTHS));
             }
             self.lengths[k] = length;
-            length += Self::INTERVAL * rise / SIXTEENTHS;
+            length += Self::INTERVAL.over(rise) / SIXTEENTHS;
         }
-        let (mut rate, mut periods) = (ONE, 0);
-        while rate > 0 {
+        let (mut rate, mut periods) = (Rate::ONE, 0);
+        while rate > Rate::ZERO {
             rate -= self.slope(rate, 16);
             periods += 1;
         }
@@ -87,85 +90,89 @@ impl<const N: usize> Braking<N> {
     /// Returns the maximum fall of the commanded rate per period at `rate` (≥ 0) where no record has a cap below `cap`
     /// sixteenths (≥ 16).
     #[must_use]
-    pub fn slope(&self, rate: Travel, cap: u8) -> Travel {
-        self.interval_slope(Self::interval_of(rate * 16 / Travel::from(cap.max(16))), cap)
+    pub fn slope(&self, rate: Rate, cap: u8) -> Rate {
+        self.interval_slope(Self::interval_of(rate * 16 / i64::from(cap.max(16))), cap)
     }
 
     /// Returns the maximum rise of the commanded rate per period at `rate`; it is taken at the rate that is reached.
     #[must_use]
-    pub fn rising_slope(&self, rate: Travel, cap: u8) -> Travel {
-        self.interval_slope(Self::interval_of(rate * 16 / Travel::from(cap.max(16)) + Self::INTERVAL), cap)
+    pub fn rising_slope(&self, rate: Rate, cap: u8) -> Rate {
+        self.interval_slope(Self::interval_of(rate * 16 / i64::from(cap.max(16)) + Self::INTERVAL), cap)
     }
 
     /// Returns the smallest slope at any rate up to one.
     #[must_use]
-    pub fn min_slope(&self) -> Travel {
+    pub fn min_slope(&self) -> Rate {
         self.interval_slope(N - 1, 16)
     }
 
-    /// Returns the length of the ramp from `rate`, 0 … 1, to rest, after the period at that rate, in records.
+    /// Returns the length of the ramp from `rate`, 0 … 1, to rest, after the period at that rate.
     #[must_use]
-    pub fn length(&self, rate: Travel) -> Travel {
+    pub fn length(&self, rate: Rate) -> Distance {
         if rate <= self.slopes[0] {
-            return 0;
+            return Distance::ZERO;
         }
         let k = Self::interval_of(rate);
-        self.lengths[k] + (rate - k as Travel * Self::INTERVAL) * Travel::from(self.rises[k]) / SIXTEENTHS + 1
+        let above = rate - Self::INTERVAL * k as i64;
+        self.lengths[k] + above.over(i64::from(self.rises[k])) / SIXTEENTHS + Distance::from_units(1)
     }
 
     /// Returns the largest rate up to `rate` that may be commanded with a distance of `free` to the end of the window.
     #[must_use]
-    pub fn max_rate_within(&self, rate: Travel, free: Travel) -> Travel {
-        if free <= rate.min(ONE) {
+    pub fn max_rate_within(&self, rate: Rate, free: Distance) -> Rate {
+        if free <= rate.min(Rate::ONE).over(1) {
             // no room for the ramp in addition
-        } else if rate > ONE {
-            if free >= ONE + self.length(ONE) {
+        } else if rate > Rate::ONE {
+            if free >= Rate::ONE.over(1) + self.length(Rate::ONE) {
                 return rate;
             }
-        } else if free >= rate + self.length(rate) {
+        } else if free >= rate.over(1) + self.length(rate) {
             return rate;
         }
         self.max_braking_rate(free).min(rate)
     }
 
     /// Returns the largest rate u up to one with `u + S(u) ≤ free`.
-    fn max_braking_rate(&self, free: Travel) -> Travel {
-        if free <= self.slopes[0] {
-            return free.clamp(0, ONE);
+    fn max_braking_rate(&self, free: Distance) -> Rate {
+        let one_period = free.per_period();
+        if one_period <= self.slopes[0] {
+            return one_period.clamp(Rate::ZERO, Rate::ONE);
         }
         let mut k = N;
         while k > 0 {
             k -= 1;
-            let over = free - 1 - self.lengths[k] - k as Travel * Self::INTERVAL;
-            if over >= 0 {
-                let more = over.min(1 << 56) * SIXTEENTHS / (SIXTEENTHS + Travel::from(self.rises[k]));
+            let start = Self::INTERVAL * k as i64;
+            let over = free - Distance::from_units(1) - self.lengths[k] - start.over(1);
+            if over >= Distance::ZERO {
+                let over = over.units().min(1 << 56);
+                let more = Rate::from_units(over * SIXTEENTHS / (SIXTEENTHS + i64::from(self.rises[k])));
                 // A single period ends a rate of at most one slope.
-                return (k as Travel * Self::INTERVAL + more.min(Self::INTERVAL)).clamp(self.slopes[0], free);
+                return (start + more.min(Self::INTERVAL)).clamp(self.slopes[0], one_period);
             }
         }
-        0
+        Rate::ZERO
     }
 
     /// Returns the number of periods in which the slopes bring the rate down from one to rest, or from a cap where no
     /// record has a lower one.
     #[must_use]
-    pub const fn periods(&self) -> Travel {
+    pub const fn periods(&self) -> u32 {
         self.periods
     }
 
-    fn interval_of(rate: Travel) -> usize {
+    fn interval_of(rate: Rate) -> usize {
         // the upper end belongs to an interval
-        ((rate - 1).max(0) / Self::INTERVAL).min(N as Travel - 1) as usize
+        ((rate.units() - 1).max(0) / Self::INTERVAL.units()).min(N as i64 - 1) as usize
     }
 
-    fn interval_slope(&self, k: usize, cap: u8) -> Travel {
+    fn interval_slope(&self, k: usize, cap: u8) -> Rate {
         // the ramp from rate one, scaled
-        self.slopes[k] * Travel::from(cap.max(16)) / 16
+        self.slopes[k] * i64::from(cap.max(16)) / 16
     }
 }
 
 /// Returns the slope of one axis at a rate up to one that holds for any records within what the plan may use.
-fn universal_slope<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits, rate: Travel) -> Travel {
+fn universal_slope<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits, rate: Rate) -> Rate {
     let (second, third) = (highest_acceleration(limits, axis), highest_jerk(limits, axis));
     let by_acceleration = ratio(axis.acceleration.saturating_sub(scaled(second, rate, 2)), axis.velocity);
     let bend = 3 * second + 2 * axis.velocity / u64::from(limits.average()) + 1;
@@ -175,9 +182,12 @@ fn universal_slope<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits, r
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::RapidCap;
     use proptest::prelude::*;
 
-    const STRETCH: Travel = Braking::<INTERVALS>::INTERVAL;
+    /// Rate one, and the length of an interval, in the units of the tests.
+    const ONE: i64 = Rate::ONE.units();
+    const STRETCH: i64 = Braking::<INTERVALS>::INTERVAL.units();
 
     fn braking() -> impl Strategy<Value = Braking> {
         let figures = (8u32..40, 0u32..12, 0u32..8, 1u16..=u16::MAX);
@@ -194,11 +204,12 @@ mod tests {
         #[test]
         fn the_length_covers_a_step_down(braking in braking(), rate in prop_oneof![0..=ONE, 0..=STRETCH], k in 0..=32i64) {
             for rate in [rate, k * STRETCH, k * STRETCH + (rate & 0xFFFF)] {
-                let rate = rate.min(ONE);
-                let less = (rate - braking.slope(rate, 16)).max(0);
-                prop_assert!(braking.length(rate) + 2 >= less + braking.length(less), "{rate} {less}");
-                let found = braking.max_braking_rate(rate + braking.length(rate));
-                prop_assert!((rate - 3..=rate + 1).contains(&found), "{found} for {rate}");
+                let rate = Rate::from_units(rate.min(ONE));
+                let less = (rate - braking.slope(rate, 16)).max(Rate::ZERO);
+                let last_bits = Distance::from_units(2);
+                prop_assert!(braking.length(rate) + last_bits >= less.over(1) + braking.length(less), "{rate:?} {less:?}");
+                let found = braking.max_braking_rate(rate.over(1) + braking.length(rate)).units() - rate.units();
+                prop_assert!((-3..=1).contains(&found), "{found} off {rate:?}");
             }
         }
 
@@ -206,26 +217,29 @@ mod tests {
         /// number of periods.
         #[test]
         fn an_end_is_hit_exactly(braking in braking(), more in 0..ONE) {
-            let (mut rate, mut free, mut periods) = (ONE, ONE + braking.length(ONE) + more, 0);
-            while free > 0 {
-                let now = braking.max_rate_within(ONE, free).min(rate + 1);
-                prop_assert!(now > 0 && now >= rate - braking.slope(rate, 16) - 3, "{rate} {now} {free}");
-                (rate, free, periods) = (now, free - now, periods + 1);
+            let (mut rate, mut periods) = (Rate::ONE, 0);
+            let mut free = Distance::RECORD + braking.length(rate) + Distance::from_units(more);
+            while free > Distance::ZERO {
+                let now = braking.max_rate_within(Rate::ONE, free).min(rate + Rate::from_units(1));
+                let least = rate - braking.slope(rate, 16) - Rate::from_units(3);
+                prop_assert!(now > Rate::ZERO && now >= least, "{rate:?} {now:?} {free:?}");
+                (rate, free, periods) = (now, free - now.over(1), periods + 1);
             }
-            prop_assert_eq!(free, 0);
+            prop_assert_eq!(free, Distance::ZERO);
             prop_assert!(periods <= 2 * braking.periods() + 60, "{} {}", periods, braking.periods());
         }
 
         /// The slopes alone bring the rate down from any cap in the same time, scaled.
         #[test]
         fn every_cap_is_braked_from_in_the_same_time(braking in braking(), cap in 16u8..=128) {
-            let (mut rate, mut distance, mut periods) = (Travel::from(cap) << 28, 0, 0);
-            while rate > 0 {
-                rate = (rate - braking.slope(rate, cap)).max(0);
-                (distance, periods) = (distance + rate, periods + 1);
+            let (mut rate, mut distance, mut periods) = (RapidCap::sixteenths(cap).rate(), Distance::ZERO, 0);
+            while rate > Rate::ZERO {
+                rate = (rate - braking.slope(rate, cap)).max(Rate::ZERO);
+                (distance, periods) = (distance + rate.over(1), periods + 1);
             }
             prop_assert!(periods <= braking.periods() + 1);
-            prop_assert!(distance / 16 <= (braking.length(ONE) >> 8) * Travel::from(cap) + 16 * ONE);
+            let scaled = braking.length(Rate::ONE) / 256 * i64::from(cap);
+            prop_assert!(distance / 16 <= scaled + Distance::records(16));
         }
     }
 }

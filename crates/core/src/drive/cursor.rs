@@ -13,7 +13,7 @@
 use super::RecordWindow;
 use super::directed_window::{DirectedWindow, signed};
 use crate::rate::RateFilter;
-use crate::{Place, Travel};
+use crate::{Distance, Place, Rate};
 
 /// Result of one control period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +45,7 @@ impl<const M: usize> Cursor<M> {
 
     /// Advances by one period with a target of zero.
     pub fn dwell(&mut self, at: Place) -> CursorStep {
-        CursorStep { to: at.moved(self.filter.step(0)), starved: false }
+        CursorStep { to: at.moved(self.filter.step(Rate::ZERO)), starved: false }
     }
 
     /// Lets the rate jump from rest at a planned stop and returns the new rate.
@@ -54,42 +54,42 @@ impl<const M: usize> Cursor<M> {
     /// enough to brake again. It is at most as high as the window is long enough to stop at all.
     pub fn start_from_rest<const A: usize>(
         &mut self,
-        braking_limited: Travel,
-        requested: Travel,
+        braking_limited: Rate,
+        requested: Rate,
         ahead: &DirectedWindow<'_, A, impl RecordWindow<A>>,
-    ) -> Travel {
-        let periods = Travel::from(self.filter.lengths().stopping_records()) + 1;
+    ) -> Rate {
+        let periods = i64::from(self.filter.lengths().stopping_records()) + 1;
         let rate = if braking_limited < requested && ahead.last_planned_stop().is_some() {
             requested
         } else {
             braking_limited
         };
-        let rate = if rate * periods <= ahead.distance_to_end() || ahead.last_planned_stop().is_some() {
+        let rate = if rate.over(periods) <= ahead.distance_to_end() || ahead.last_planned_stop().is_some() {
             rate
         } else {
-            ahead.distance_to_end() / periods
+            (ahead.distance_to_end() / periods).per_period()
         };
         self.filter.set_steady(signed(ahead.sign, rate));
         rate
     }
 
-    /// Advances the commanded place by `requested`, 0 … 8 records, for one period. If only the end of the window is
-    /// ahead, it advances by at most `braking_limited` and not beyond the end.
+    /// Advances the commanded place at `requested`, 0 … [`Rate::MAX`], for one period. If only the end of the window is
+    /// ahead, it advances at `braking_limited` or less and not beyond the end.
     pub fn advance<const A: usize>(
         &mut self,
-        requested: Travel,
-        braking_limited: Travel,
+        requested: Rate,
+        braking_limited: Rate,
         ahead: &DirectedWindow<'_, A, impl RecordWindow<A>>,
     ) -> CursorStep {
         let free = ahead.distance_to_end() - self.filter.lead().abs();
-        let within = requested.min(braking_limited).min(free.max(0));
-        let last_rest = if within < requested || free < 0 { ahead.last_planned_stop() } else { None };
+        let within = requested.min(braking_limited).min(free.max(Distance::ZERO).per_period());
+        let last_rest = if within < requested || free < Distance::ZERO { ahead.last_planned_stop() } else { None };
         let allowed = if last_rest.is_some() { requested } else { within };
         let to = ahead.at.moved(self.filter.step(signed(ahead.sign, allowed)));
         if let Some(rest) = last_rest
-            && signed(ahead.sign, to.distance_to(rest)) <= 0
+            && signed(ahead.sign, to.distance_to(rest)) <= Distance::ZERO
         {
-            self.filter.set_steady(0);
+            self.filter.set_steady(Rate::ZERO);
             return CursorStep { to: rest, starved: false };
         }
         CursorStep { to, starved: allowed < requested }

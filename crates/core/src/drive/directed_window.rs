@@ -4,11 +4,12 @@
 
 use super::RecordWindow;
 use crate::place::is_before;
-use crate::{Place, RapidCap, Travel};
+use crate::{Distance, Place, RapidCap};
+use core::ops::Neg;
 
-/// Returns `distance` with its sign inverted if `sign` is negative.
-pub(super) const fn signed(sign: Travel, distance: Travel) -> Travel {
-    if sign < 0 { -distance } else { distance }
+/// Returns a rate or a distance with its sign inverted if `sign` is negative.
+pub(super) fn signed<Q: Neg<Output = Q>>(sign: i64, quantity: Q) -> Q {
+    if sign < 0 { -quantity } else { quantity }
 }
 
 /// The window of records from the cursor to its end in one direction.
@@ -17,7 +18,7 @@ pub struct DirectedWindow<'r, const A: usize, R> {
     /// Place of the cursor.
     pub at: Place,
     /// Direction: 1 forward, −1 backward.
-    pub sign: Travel,
+    pub sign: i64,
     /// The records held.
     pub window: &'r R,
 }
@@ -33,7 +34,7 @@ impl<const A: usize, R: RecordWindow<A>> DirectedWindow<'_, A, R> {
     }
 
     /// Returns the distance to the end of the window, ≥ 0.
-    pub(super) fn distance_to_end(&self) -> Travel {
+    pub(super) fn distance_to_end(&self) -> Distance {
         signed(self.sign, self.at.distance_to(Place::start_of(self.end())))
     }
 
@@ -42,7 +43,7 @@ impl<const A: usize, R: RecordWindow<A>> DirectedWindow<'_, A, R> {
         let mut place = self.end();
         loop {
             let here = Place::start_of(place);
-            if signed(self.sign, self.at.distance_to(here)) <= 0 {
+            if signed(self.sign, self.at.distance_to(here)) <= Distance::ZERO {
                 return None;
             }
             if self.window.rests_at(place) {
@@ -65,8 +66,8 @@ impl<const A: usize, R: RecordWindow<A>> DirectedWindow<'_, A, R> {
 
     /// Returns the records of the window within `reach` of the cursor: the number of the first in path order, and the
     /// count.
-    pub(super) fn records_within(&self, reach: Travel) -> (u32, u32) {
-        let count = ((reach.min(self.distance_to_end()) >> 32) + 2) as u32;
+    pub(super) fn records_within(&self, reach: Distance) -> (u32, u32) {
+        let count = ((reach.min(self.distance_to_end()).units() >> 32) + 2) as u32;
         let (ahead, behind) = (self.at.record, self.at.boundary_ahead());
         if self.sign > 0 {
             (ahead, count.min(self.window.high().wrapping_sub(ahead)))

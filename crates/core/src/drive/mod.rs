@@ -10,7 +10,7 @@
 
 use crate::limits::RateLimits;
 use crate::rate::{FilterLengths, RateFilter, RateTarget};
-use crate::{ONE, Place, RapidCap, Travel};
+use crate::{Distance, Place, RapidCap, Rate};
 
 mod bounds;
 mod braking;
@@ -80,34 +80,34 @@ impl<const A: usize, const M: usize> Drive<A, M> {
 
     /// Returns the signed distance from the cursor to the commanded place.
     #[must_use]
-    pub const fn lead(&self) -> Travel {
+    pub const fn lead(&self) -> Distance {
         self.cursor.filter().lead()
     }
 
     /// Returns the signed distance that the cursor may still move if it is stopped now, anywhere on the path: the lead,
     /// and the ramp of the commanded rate.
     #[must_use]
-    pub fn stopping_distance(&self) -> Travel {
+    pub fn stopping_distance(&self) -> Distance {
         let rate = self.cursor.filter().target();
-        let ramp = if rate.abs() <= ONE {
+        let ramp = if rate.abs() <= Rate::ONE {
             self.braking.length(rate.abs())
         } else {
             // a rate above one falls as the ramp from one does, scaled; in 1 024ths, rounded up
-            (self.braking.length(ONE) >> 10) * ((rate.abs() >> 22) + 1) + ONE
+            self.braking.length(Rate::ONE) / 1024 * ((rate.abs().units() >> 22) + 1) + Distance::RECORD
         };
-        self.lead() + signed(rate, ramp)
+        self.lead() + signed(rate.signum(), ramp)
     }
 
-    /// Advances by one control period from `at` (in the window) toward the rate `target`, in records per period,
-    /// signed, |target| ≤ 8. A change of direction passes through rest.
-    pub fn step(&mut self, at: Place, target: Travel, window: &impl RecordWindow<A>) -> CursorStep {
-        let target = target.clamp(-8 * ONE, 8 * ONE);
+    /// Advances by one control period from `at` (in the window) toward the rate `target`, signed, clamped to
+    /// |target| ≤ [`Rate::MAX`]. A change of direction passes through rest.
+    pub fn step(&mut self, at: Place, target: Rate, window: &impl RecordWindow<A>) -> CursorStep {
+        let target = target.clamp(-Rate::MAX, Rate::MAX);
         let sign = if self.at_rest() { target.signum() } else { self.cursor.filter().direction() };
         if sign == 0 {
             return self.cursor.dwell(at);
         }
         let ahead = DirectedWindow { at, sign, window };
-        let requested = if target.signum() == sign { target.abs() } else { 0 };
+        let requested = if target.signum() == sign { target.abs() } else { Rate::ZERO };
         let requested = self.within_caps(requested, &ahead);
         let mut started_slower = false;
         if self.at_rest() && ahead.at_planned_stop() {
@@ -127,44 +127,44 @@ impl<const A: usize, const M: usize> Drive<A, M> {
     /// not apply. A record that is not held yet is such a record, and so is all motion backward. Rates that differ
     /// count as at most 1.
     #[must_use]
-    pub fn within_overrides(&self, at: Place, target: RateTarget, window: &impl RecordWindow<A>) -> Travel {
+    pub fn within_overrides(&self, at: Place, target: RateTarget, window: &impl RecordWindow<A>) -> Rate {
         let (fast, slow) = (target.faster(), target.slower());
-        if fast == slow || fast <= 0 {
+        if fast == slow || fast <= Rate::ZERO {
             return slow;
         }
         // the ramp from a rate above one has no length here
-        let (fast, slow) = (fast.min(ONE), slow.min(ONE));
+        let (fast, slow) = (fast.min(Rate::ONE), slow.min(Rate::ONE));
         let rapid_is_fast = target.rapid > target.feed;
-        let average = Travel::from(self.limits.average());
+        let average = i64::from(self.limits.average());
         // From the period at which the slower rate is commanded until the cursor moves at it; the last step of the ramp
         // is not a whole one.
-        let settling = (slow >> 1) * (average + 1) + 3 * ONE;
+        let settling = (slow / 2).over(average + 1) + Distance::records(3);
         // From a planned stop the rate jumps, and its lead jumps with it.
-        let stopping = Travel::from(self.cursor.filter().lengths().stopping_records());
-        let lead = if self.at_rest() { fast * stopping } else { self.lead().max(0) };
+        let stopping = i64::from(self.cursor.filter().lengths().stopping_records());
+        let lead = if self.at_rest() { fast.over(stopping) } else { self.lead().max(Distance::ZERO) };
         let spent = lead + settling - self.braking.length(slow);
-        let needed = fast + self.braking.length(fast) + spent;
+        let needed = fast.over(1) + self.braking.length(fast) + spent;
         let held = window.high().wrapping_sub(at.record);
-        let mut clear = 0;
+        let mut clear = Distance::ZERO;
         for k in 0..held {
             if clear >= needed || window.is_rapid(at.record.wrapping_add(k)) != rapid_is_fast {
                 break;
             }
             clear = at.distance_to(Place::start_of(at.record.wrapping_add(k + 1)));
         }
-        if clear == 0 { slow } else { self.braking.max_rate_within(fast, clear - spent).clamp(slow, fast) }
+        if clear == Distance::ZERO { slow } else { self.braking.max_rate_within(fast, clear - spent).clamp(slow, fast) }
     }
 
     /// Returns the largest rate up to `requested` that can be braked again after a jump to it, with a distance of
     /// `room` to the end.
-    fn max_start_rate(&self, requested: Travel, room: Travel) -> Travel {
-        let lead = Travel::from(self.cursor.filter().lengths().stopping_records());
-        let fits = |rate: Travel| self.braking.max_rate_within(rate, room - rate * lead) >= rate;
+    fn max_start_rate(&self, requested: Rate, room: Distance) -> Rate {
+        let lead = i64::from(self.cursor.filter().lengths().stopping_records());
+        let fits = |rate: Rate| self.braking.max_rate_within(rate, room - rate.over(lead)) >= rate;
         if fits(requested) {
             return requested;
         }
-        let (mut low, mut high) = (0, requested);
-        while high - low > 1 {
+        let (mut low, mut high) = (Rate::ZERO, requested);
+        while high - low > Rate::from_units(1) {
             let middle = low + (high - low) / 2;
             if fits(middle) { low = middle } else { high = middle }
         }
@@ -172,22 +172,23 @@ impl<const A: usize, const M: usize> Drive<A, M> {
     }
 
     /// Returns the next commanded rate between the last one and `requested`, as fast as the records allow.
-    fn next_rate(&self, requested: Travel, ahead: &DirectedWindow<'_, A, impl RecordWindow<A>>) -> Travel {
+    fn next_rate(&self, requested: Rate, ahead: &DirectedWindow<'_, A, impl RecordWindow<A>>) -> Rate {
         let rate = self.cursor.filter().target().abs();
         let min_slope = self.braking.min_slope();
-        let blend_start = ONE - unity_blend::max_deficit(min_slope);
-        if requested == ONE && blend_start <= rate && rate <= ONE {
+        let blend_start = Rate::ONE - unity_blend::max_deficit(min_slope);
+        if requested == Rate::ONE && blend_start <= rate && rate <= Rate::ONE {
             let commanded = ahead.at.moved(self.lead()).fraction;
             let passed = if ahead.sign > 0 { commanded } else { commanded.wrapping_neg() };
-            if rate == ONE && passed == 0 {
-                return ONE;
+            if rate == Rate::ONE && passed == 0 {
+                return Rate::ONE;
             }
-            return ONE - unity_blend::next_deficit(ONE - rate, Travel::from(passed), min_slope);
+            let passed = Distance::from_units(i64::from(passed));
+            return Rate::ONE - unity_blend::next_deficit(Rate::ONE - rate, passed, min_slope);
         }
         if requested == rate {
             return requested;
         }
-        let bounds = IncrementBounds::over(&self.limits, ahead, self.reach(requested.max(ONE)));
+        let bounds = IncrementBounds::over(&self.limits, ahead, self.reach(requested.max(Rate::ONE)));
         if requested < rate {
             let slope = slope::max_fall(&self.limits, &bounds, rate, self.cursor.filter().max_target());
             let slope = slope.max(self.braking.slope(rate, bounds.min_cap));
@@ -196,37 +197,37 @@ impl<const A: usize, const M: usize> Drive<A, M> {
             let slope = slope::max_rise(&self.limits, &bounds, rate);
             let slope = slope.max(self.braking.rising_slope(rate, bounds.min_cap));
             // rate one itself is reached by blending
-            (rate + slope).min(if requested == ONE { blend_start } else { requested })
+            (rate + slope).min(if requested == Rate::ONE { blend_start } else { requested })
         }
     }
 
     /// Returns the maximum distance that the cursor moves before a change of the commanded rate has left its average,
     /// with no rate above `rate` requested.
-    fn reach(&self, rate: Travel) -> Travel {
-        let average = Travel::from(self.limits.average());
-        self.lead().abs() + (average + 1) / 2 * rate.max(self.cursor.filter().max_target())
+    fn reach(&self, rate: Rate) -> Distance {
+        let average = i64::from(self.limits.average());
+        self.lead().abs() + rate.max(self.cursor.filter().max_target()).over((average + 1) / 2)
     }
 
     /// Rapid retrace: returns the largest rate up to `requested` that is allowed by every record that may be crossed
     /// before that rate has fallen and left the average. Records that are not held yet count as limited to the planned
     /// rate.
-    fn within_caps(&self, requested: Travel, ahead: &DirectedWindow<'_, A, impl RecordWindow<A>>) -> Travel {
-        if requested <= ONE {
+    fn within_caps(&self, requested: Rate, ahead: &DirectedWindow<'_, A, impl RecordWindow<A>>) -> Rate {
+        if requested <= Rate::ONE {
             return requested;
         }
         // The bounds cover two records more than the cursor reaches.
-        let memory = self.braking.periods() + Travel::from(self.limits.average()) + 3;
+        let memory = i64::from(self.braking.periods()) + i64::from(self.limits.average()) + 3;
         let (lead, room) = (self.lead().abs(), ahead.distance_to_end());
-        let held = (room >> 32) as u32 + 1;
+        let held = (room.units() >> 32) as u32 + 1;
         let mut rate = requested;
         for k in 0.. {
-            if (Travel::from(k) - 1) << 32 > lead + memory * rate {
+            if Distance::records(i64::from(k) - 1) > lead + rate.over(memory) {
                 return rate;
             }
             let Some(cap) = (k < held).then(|| ahead.cap(k)).flatten() else {
-                return rate.min(((room - lead) / memory).max(ONE));
+                return rate.min(((room - lead) / memory).per_period().max(Rate::ONE));
             };
-            rate = rate.min(Travel::from(cap.get()) << 28);
+            rate = rate.min(cap.rate());
         }
         rate
     }
@@ -237,6 +238,14 @@ mod tests {
     use super::*;
     use crate::limits::PulseLimits;
     use proptest::prelude::*;
+
+    const ONE: Rate = Rate::ONE;
+    /// Rate one in units of 2⁻³².
+    const UNITS: i64 = ONE.units();
+
+    fn rates(units: std::ops::RangeInclusive<i64>) -> impl Strategy<Value = Rate> {
+        units.prop_map(Rate::from_units)
+    }
 
     #[derive(Debug, Clone)]
     struct Strip {
@@ -312,19 +321,19 @@ mod tests {
 
     #[test]
     fn from_a_planned_stop_the_rate_jumps_as_far_as_the_road_allows() {
-        let first = |high: u32, rests: &[u32], target: Travel| {
+        let first = |high: u32, rests: &[u32], target: Rate| {
             let mut drive = drive(13);
             let step = drive.step(Place::start_of(0), target, &strip(0, high, rests));
             assert_eq!(drive.at_rest(), step.to == Place::start_of(0));
-            (Place::start_of(0).distance_to(step.to), step.starved)
+            (Place::start_of(0).distance_to(step.to).per_period(), step.starved)
         };
         // the lead at rate one is six records, and the commanded place advances by one
         assert_eq!(first(100, &[0], ONE), (ONE, false));
         assert_eq!(first(7, &[0], ONE), (ONE, false));
-        assert_eq!(first(5, &[0], ONE), (5 * ONE / 7, true));
+        assert_eq!(first(5, &[0], ONE), (ONE * 5 / 7, true));
         assert_eq!(first(5, &[0, 5], ONE), (ONE, false));
         assert_eq!(first(100, &[0], ONE / 3), (ONE / 3, false));
-        assert_eq!(first(0, &[0], ONE), (0, true));
+        assert_eq!(first(0, &[0], ONE), (Rate::ZERO, true));
         // anywhere else it follows the filter
         let filter = first(100, &[], ONE).0;
         assert_eq!(filter, ONE / 13);
@@ -336,12 +345,13 @@ mod tests {
         let mut drive = drive(13);
         let mut at = drive.step(Place::start_of(0), ONE / 9, &window).to;
         while !drive.at_rest() {
-            at = drive.step(at, 0, &window).to;
+            at = drive.step(at, Rate::ZERO, &window).to;
         }
         assert!(at.record == 0 && at.fraction != 0);
         let to = drive.step(at, ONE, &window).to;
         // first to the next boundary, at the filter's pace
-        assert_eq!(at.distance_to(to), (ONE - Travel::from(at.fraction)) / 13);
+        let to_boundary = Distance::RECORD - Distance::from_units(at.fraction.into());
+        assert_eq!(at.distance_to(to), to_boundary / 13);
     }
 
     proptest! {
@@ -350,7 +360,7 @@ mod tests {
         #[test]
         fn each_kind_of_motion_keeps_its_own_override(
             average in 2u16..30, share in 500u16..30_000,
-            (feed, rapid) in (1..=ONE, 1..=ONE), lengths in prop::collection::vec(1u32..400, 2..6), ahead in 8u32..600,
+            (feed, rapid) in (rates(1..=UNITS), rates(1..=UNITS)), lengths in prop::collection::vec(1u32..400, 2..6), ahead in 8u32..600,
         ) {
             let mut bounds = vec![0u32];
             lengths.iter().for_each(|length| bounds.push(bounds[bounds.len() - 1] + length));
@@ -361,14 +371,15 @@ mod tests {
             let (mut drive, mut at) = (soft(average & !1 | 1, share), Place::start_of(0));
             let target = RateTarget { feed, rapid };
             let slower = feed.min(rapid);
-            for _ in 0..(u64::from(end) * ONE as u64 / slower as u64).min(20_000) {
+            for _ in 0..(u64::from(end) * UNITS as u64 / slower.units() as u64).min(20_000) {
                 window.high = window.high.max(at.record + ahead).min(end);
                 let requested = drive.within_overrides(at, target, &window);
                 prop_assert!((slower..=feed.max(rapid)).contains(&requested));
                 let to = drive.step(at, requested, &window).to;
                 for record in at.record..to.boundary_ahead() {
                     let most = if slow.contains(&record) { feed } else { rapid };
-                    prop_assert!(at.distance_to(to) <= most + 1, "record {record}: {} above {most}", at.distance_to(to));
+                    let moved = at.distance_to(to).per_period();
+                    prop_assert!(moved <= most + Rate::from_units(1), "record {record}: {moved:?} above {most:?}");
                 }
                 at = to;
             }
@@ -378,12 +389,12 @@ mod tests {
     proptest! {
         /// For any host request: no overflow, and no rate beyond the requested one.
         #[test]
-        fn any_two_rates_are_taken(feed in any::<i64>(), rapid in prop_oneof![any::<i64>(), Just(0), Just(ONE)], at in 0u32..100) {
+        fn any_two_rates_are_taken(feed in any::<i64>(), rapid in prop_oneof![any::<i64>(), Just(0), Just(UNITS)], at in 0u32..100) {
             let (window, drive) = (strip(0, 100, &[0, 100]), soft(13, 1 << 15));
-            let target = RateTarget { feed, rapid };
-            let rate = drive.within_overrides(Place::start_of(at), target, &window);
+            let target = RateTarget { feed: Rate::from_units(feed), rapid: Rate::from_units(rapid) };
+            let rate = drive.within_overrides(Place::start_of(at), target, &window).units();
             prop_assert!(rate == 0 || rate.signum() == feed.signum() && rate.signum() == rapid.signum() || feed == 0 || rapid == 0);
-            prop_assert!(rate.unsigned_abs() <= target.faster().unsigned_abs());
+            prop_assert!(rate.unsigned_abs() <= target.faster().units().unsigned_abs());
         }
     }
 
@@ -391,17 +402,18 @@ mod tests {
     fn rapid_motion_runs_at_its_override_up_to_where_it_has_to_slow_down() {
         let mut window = strip(0, 6000, &[0, 6000]);
         window.slow = (0..1000).chain(4000..6000).collect();
-        let (mut drive, mut at, mut fastest, mut rates) = (soft(13, 1 << 15), Place::start_of(0), 0, Vec::new());
+        let (mut drive, mut at, mut fastest, mut rates) =
+            (soft(13, 1 << 15), Place::start_of(0), Distance::ZERO, Vec::new());
         let target = RateTarget { feed: ONE / 5, rapid: ONE };
         while at != Place::start_of(6000) {
             let to = drive.step(at, drive.within_overrides(at, target, &window), &window).to;
             fastest = fastest.max(at.distance_to(to));
-            if at.distance_to(to) == ONE {
+            if at.distance_to(to) == Distance::RECORD {
                 rates.push(at.record);
             }
             at = to;
         }
-        assert_eq!(fastest, ONE);
+        assert_eq!(fastest, Distance::RECORD);
         // the machine needs about 115 records to slow down
         let ramps = (1000..1300).contains(&rates[0]) && (3700..4000).contains(&rates[rates.len() - 1]);
         assert!(ramps, "{} … {}", rates[0], rates[rates.len() - 1]);
@@ -415,7 +427,7 @@ mod tests {
             let (from, end) = if sign > 0 { (0, 3000) } else { (3000, 0) };
             let (mut drive, mut at, mut periods) = (drive(13), Place::start_of(from), 0);
             while at != Place::start_of(end) {
-                let to = drive.step(at, sign * 20 * ONE, &window).to;
+                let to = drive.step(at, ONE * (20 * sign), &window).to;
                 within_caps(at, to, &window);
                 (at, periods) = (to, periods + 1);
             }
@@ -430,30 +442,31 @@ mod tests {
             for ahead in [20, 40, 60, 90] {
                 let mut window = strip(10_000, 10_000, &[10_000]);
                 window.slow = (8_500..8_520).chain(11_500..11_520).collect();
-                let (mut drive, mut at, mut fastest) = (drive(13), Place::start_of(10_000), 0);
+                let (mut drive, mut at, mut fastest) = (drive(13), Place::start_of(10_000), Distance::ZERO);
                 for _ in 0..2200 {
                     window.high = window.high.max(at.record + ahead).min(12_000);
                     window.low = window.low.min(at.record - ahead).max(8_000);
-                    let to = drive.step(at, sign * 8 * ONE, &window).to;
+                    let to = drive.step(at, Rate::MAX * sign, &window).to;
                     within_caps(at, to, &window);
                     fastest = fastest.max(at.distance_to(to).abs());
                     at = to;
                 }
                 assert_eq!(at.record, if sign > 0 { 12_000 } else { 8_000 });
                 // a request has effect for thirteen periods and four; a steady rate has a lead of six in addition
-                let (highest, lowest) = (Travel::from(ahead) * ONE / 17, Travel::from(ahead) * ONE / 23);
-                assert!(fastest <= highest.max(ONE) && fastest >= lowest.max(ONE) - ONE / 2, "{ahead}: {fastest}");
+                let (highest, lowest) = (ONE * i64::from(ahead) / 17, ONE * i64::from(ahead) / 23);
+                let fastest = fastest.per_period();
+                assert!(fastest <= highest.max(ONE) && fastest >= lowest.max(ONE) - ONE / 2, "{ahead}: {fastest:?}");
             }
         }
     }
 
     /// Checks that no record is passed faster than its cap.
     fn within_caps(at: Place, to: Place, window: &Strip) {
-        let rate = at.distance_to(to).abs();
-        let (low, high) = if at.distance_to(to) > 0 { (at, to) } else { (to, at) };
+        let rate = at.distance_to(to).abs().per_period();
+        let (low, high) = if at.distance_to(to) > Distance::ZERO { (at, to) } else { (to, at) };
         let mut n = low.record;
         while n != high.boundary_ahead() {
-            assert!(rate <= i64::from(window.cap(n).get()) << 28 || rate <= ONE, "record {n} at rate {rate}");
+            assert!(rate <= window.cap(n).rate() || rate <= ONE, "record {n} at rate {rate:?}");
             n = n.wrapping_add(1);
         }
     }
@@ -463,11 +476,12 @@ mod tests {
     enum HostChange {
         Extend(u32, bool, bool),
         ExtendBack(u32, bool, bool),
-        Run(i64, u32),
+        Run(Rate, u32),
     }
 
     fn host_changes() -> impl Strategy<Value = Vec<HostChange>> {
-        let rate = prop_oneof![Just(ONE), Just(-ONE), Just(0), Just(ONE / 3), -8 * ONE..8 * ONE];
+        let rate =
+            prop_oneof![Just(ONE), Just(-ONE), Just(Rate::ZERO), Just(ONE / 3), rates(-8 * UNITS..=8 * UNITS - 1)];
         let change = prop_oneof![
             (0u32..40, any::<bool>(), any::<bool>()).prop_map(|(n, r, slow)| HostChange::Extend(n, r, slow)),
             (0u32..40, any::<bool>(), any::<bool>()).prop_map(|(n, r, slow)| HostChange::ExtendBack(n, r, slow)),
@@ -490,15 +504,15 @@ mod tests {
             let mut at = Place::start_of(start);
             // after rapid retrace a mean of one may be the mean of more and less
             let rapid = changes.iter().any(|d| matches!(d, HostChange::Run(rate, _) if rate.abs() > ONE));
-            let mut last = 0;
-            let run = |drive: &mut Drive<1, 64>, at: &mut Place, last: &mut Travel, window: &Strip, target: Travel, n: u32| {
+            let mut last = Rate::ZERO;
+            let run = |drive: &mut Drive<1, 64>, at: &mut Place, last: &mut Rate, window: &Strip, target: Rate, n: u32| {
                 for _ in 0..n {
                     let step = drive.step(*at, target, window);
-                    assert!(Place::start_of(window.low).distance_to(step.to) >= 0, "below the window");
-                    assert!(step.to.distance_to(Place::start_of(window.high)) >= 0, "beyond the window");
-                    assert!(at.distance_to(step.to).abs() <= 8 * ONE);
+                    assert!(Place::start_of(window.low).distance_to(step.to) >= Distance::ZERO, "below the window");
+                    assert!(step.to.distance_to(Place::start_of(window.high)) >= Distance::ZERO, "beyond the window");
+                    assert!(at.distance_to(step.to).abs() <= Distance::records(8));
                     within_caps(*at, step.to, window);
-                    let rate = at.distance_to(step.to);
+                    let rate = at.distance_to(step.to).per_period();
                     let steady = rate.abs() == ONE && rate == *last;
                     // except for what is lost below the last bit of a rate while it settles
                     let off = step.to.fraction.min(step.to.fraction.wrapping_neg());

@@ -10,25 +10,25 @@
 //!   highest rate that any record ahead allows.
 
 use super::bounds::{AxisBounds, IncrementBounds};
+use crate::Rate;
 use crate::limits::{PulseLimits, RateLimits};
-use crate::{ONE, Travel};
 
 /// Returns the largest fall of the commanded rate per period from `rate` on; `highest` is the highest rate in the
 /// average.
 pub(super) fn max_fall<const A: usize>(
     limits: &RateLimits<A>,
     bounds: &IncrementBounds<A>,
-    rate: Travel,
-    highest: Travel,
-) -> Travel {
+    rate: Rate,
+    highest: Rate,
+) -> Rate {
     min_over_axes(limits, bounds, |axis, required| {
         by_acceleration(axis, required, rate).min(by_jerk(limits, axis, required, highest))
     })
 }
 
 /// Returns the largest rise of the commanded rate per period from `rate` on.
-pub(super) fn max_rise<const A: usize>(limits: &RateLimits<A>, bounds: &IncrementBounds<A>, rate: Travel) -> Travel {
-    let highest = Travel::from(bounds.max_cap) * (ONE / 16);
+pub(super) fn max_rise<const A: usize>(limits: &RateLimits<A>, bounds: &IncrementBounds<A>, rate: Rate) -> Rate {
+    let highest = Rate::ONE / 16 * i64::from(bounds.max_cap);
     min_over_axes(limits, bounds, |axis, required| {
         // Jensen's inequality requires the slope at the rate that is reached
         let at_most = by_acceleration(axis, required, rate);
@@ -39,21 +39,16 @@ pub(super) fn max_rise<const A: usize>(limits: &RateLimits<A>, bounds: &Incremen
 fn min_over_axes<const A: usize>(
     limits: &RateLimits<A>,
     bounds: &IncrementBounds<A>,
-    slope: impl Fn(&PulseLimits, &AxisBounds) -> Travel,
-) -> Travel {
-    limits.axes().iter().zip(&bounds.axes).map(|(axis, required)| slope(axis, required)).min().unwrap_or(ONE)
+    slope: impl Fn(&PulseLimits, &AxisBounds) -> Rate,
+) -> Rate {
+    limits.axes().iter().zip(&bounds.axes).map(|(axis, required)| slope(axis, required)).min().unwrap_or(Rate::ONE)
 }
 
-fn by_acceleration(axis: &PulseLimits, required: &AxisBounds, rate: Travel) -> Travel {
+fn by_acceleration(axis: &PulseLimits, required: &AxisBounds, rate: Rate) -> Rate {
     ratio(axis.acceleration.saturating_sub(scaled(required.acceleration, rate, 2)), required.velocity)
 }
 
-fn by_jerk<const A: usize>(
-    limits: &RateLimits<A>,
-    axis: &PulseLimits,
-    required: &AxisBounds,
-    highest: Travel,
-) -> Travel {
+fn by_jerk<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits, required: &AxisBounds, highest: Rate) -> Rate {
     let remaining = (2 * axis.jerk).saturating_sub(scaled(required.jerk, highest, 3));
     let bend = 2 * required.velocity / u64::from(limits.average()) + 1;
     ratio(remaining, scaled(required.acceleration, highest, 1).saturating_mul(3).saturating_add(bend))
@@ -76,26 +71,29 @@ fn share<const A: usize>(limits: &RateLimits<A>, figure: u64) -> u64 {
 
 /// Returns `figure` times `rate` to the `power`, rounded up; the rate is rounded up to 1 024ths. A product that does
 /// not fit becomes `u64::MAX`, which is more than any limit.
-pub(super) fn scaled(figure: u64, rate: Travel, power: u8) -> u64 {
-    let rate = ((rate + (1 << 22) - 1) >> 22).max(0) as u64;
+pub(super) fn scaled(figure: u64, rate: Rate, power: u8) -> u64 {
+    let rate = ((rate.units() + (1 << 22) - 1) >> 22).max(0) as u64;
     let times = |product: u64, _| product.checked_mul(rate).map(|product| product.div_ceil(1 << 10));
     (0..power).try_fold(figure, times).unwrap_or(u64::MAX)
 }
 
 /// Returns `numerator / denominator` as a rate, rounded down, at most one.
-pub(super) fn ratio(numerator: u64, denominator: u64) -> Travel {
+pub(super) fn ratio(numerator: u64, denominator: u64) -> Rate {
     if numerator >= denominator {
-        return ONE;
+        return Rate::ONE;
     }
     // Of a denominator with more than 32 bits, only the upper 32 count.
     let shift = numerator.leading_zeros().min(32);
     let divisor = if shift == 32 { denominator } else { (denominator >> (32 - shift)) + 1 };
-    ((numerator << shift) / divisor) as Travel
+    Rate::from_units(((numerator << shift) / divisor) as i64)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Rate one in the units of the tests.
+    const ONE: i64 = Rate::ONE.units();
     use proptest::prelude::*;
 
     /// Draws an axis, and records whose uniform bounds are within what the plan may use.
@@ -128,8 +126,9 @@ mod tests {
         ) {
             let bounds = IncrementBounds { axes: [required], min_cap: 16, max_cap: 16 };
             let (n, axis) = (usize::from(limits.average()), limits.axes()[0]);
-            let (mut commanded, mut played) = (vec![0; n], vec![0.0; 3]);
+            let (mut commanded, mut played) = (vec![Rate::ZERO; n], vec![0.0; 3]);
             for (requested, periods) in requested {
+                let requested = Rate::from_units(requested);
                 for _ in 0..periods {
                     let memory = &commanded[commanded.len() - n..];
                     let (rate, highest) = (memory[n - 1], *memory.iter().max().expect("some"));
@@ -138,7 +137,7 @@ mod tests {
                     } else {
                         (rate + max_rise(&limits, &bounds, rate)).min(requested)
                     });
-                    let sum: Travel = commanded[commanded.len() - n..].iter().sum();
+                    let sum: i64 = commanded[commanded.len() - n..].iter().map(|rate| rate.units()).sum();
                     played.push(sum as f64 / n as f64 / ONE as f64);
                 }
             }
@@ -160,7 +159,7 @@ mod tests {
             let denominator = (low >> (63 - bits)).max(1);
             for (a, b) in [(numerator, denominator), (numerator >> bits, denominator)] {
                 let exact = ((u128::from(a) << 32) / u128::from(b)).min(1 << 32) as i64;
-                let found = ratio(a, b);
+                let found = ratio(a, b).units();
                 prop_assert!(found <= exact && exact - found <= 1 + (exact >> 30), "{a}/{b}: {found} {exact}");
             }
         }
@@ -168,7 +167,7 @@ mod tests {
         #[test]
         fn a_scaled_figure_is_rounded_up(figure in 0u64..1 << 48, rate in 0..8 * ONE, power in 1u8..=3) {
             let exact = figure as f64 * (rate as f64 / ONE as f64).powi(i32::from(power));
-            let found = scaled(figure, rate, power) as f64;
+            let found = scaled(figure, Rate::from_units(rate), power) as f64;
             prop_assert!(found >= exact * (1.0 - 1e-12), "{found} {exact}");
             // one step of the rate, and the rounding of each product
             let above = (rate as f64 / ONE as f64 + 1.0 / 1024.0).powi(i32::from(power)) * figure as f64 + 73.0;

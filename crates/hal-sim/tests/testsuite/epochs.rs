@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::place::is_before;
 use retrace_core::playback::partial_increment;
-use retrace_core::{Flags, ONE, Place, Record, Travel};
+use retrace_core::{Flags, Place, Rate, Record};
 use retrace_hal_sim::{
     CardSimulator, CardSimulatorSettings, Chance, Clock, FaultRates, InProcess, PlantSettings, Random,
     SerialChannelSettings, SimCard, SimCardError, SimulationFaults, wiring,
@@ -122,13 +122,13 @@ impl<C: MotionCard<3>> MotionCard<3> for OncePerEpoch<C> {
 }
 
 /// Runs at a rate for `periods` periods, or until the end.
-fn run<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C, target: Travel, periods: u32) {
+fn run<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C, target: Rate, periods: u32) {
     card.send(HostCommand::rate(target)).expect("a rate");
     for _ in 0..periods {
         feed(card);
         let status = *card.run_period().expect("no fault");
         assert_eq!(status.counts, position(status.place), "at {:?}", status.place);
-        if target > 0 && status.at_rest && status.place == Place::start_of(RECORDS) {
+        if target > Rate::ZERO && status.at_rest && status.place == Place::start_of(RECORDS) {
             return;
         }
     }
@@ -140,7 +140,7 @@ fn start_of(place: Place, reached: u32, executed: u32) -> PathStart {
 
 /// Stops, and begins the path again at the machine's position.
 fn begin_anew<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C) {
-    card.send(HostCommand::rate(0)).expect("a rate");
+    card.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
     let mut stood = 0;
     // A rate that is lost is repeated 12 ms later, and may be lost again: on the worst of these lines about two frames
     // in three are.
@@ -154,11 +154,11 @@ fn begin_anew<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C) {
     assert!(now.period >= was.period && now.executed >= was.executed && now.executed <= was.executed + 1);
 }
 
-fn legs(seed: u64) -> Vec<(Travel, u32)> {
+fn legs(seed: u64) -> Vec<(Rate, u32)> {
     let mut random = Random::new(seed);
     (0..12)
         .map(|_| {
-            let rate = [ONE, ONE / 2, -ONE, -ONE / 3][random.up_to(3) as usize];
+            let rate = [Rate::ONE, Rate::ONE / 2, -Rate::ONE, -Rate::ONE / 3][random.up_to(3) as usize];
             (rate, 20 + random.up_to(150))
         })
         .collect()
@@ -172,7 +172,7 @@ fn a_path_that_is_begun_anew_goes_on_exactly() {
             run(&mut card, rate, periods);
             begin_anew(&mut card);
         }
-        run(&mut card, ONE, 4000);
+        run(&mut card, Rate::ONE, 4000);
         assert_eq!(
             (card.status().counts, card.status().executed),
             (position(Place::start_of(RECORDS)), RECORDS / EVERY)
@@ -211,7 +211,7 @@ fn a_path_that_is_begun_anew_over_a_line_goes_on_exactly() {
             run(&mut card, rate, periods);
             begin_anew(&mut card);
         }
-        run(&mut card, ONE, 4000);
+        run(&mut card, Rate::ONE, 4000);
         let rig = card.card.port().simulator();
         assert_eq!((rig.status().counts, rig.status().executed), (position(Place::start_of(RECORDS)), RECORDS / EVERY));
         assert_eq!((rig.faults(), rig.pins().positions()), (SimulationFaults::default(), &rig.status().counts));
@@ -258,7 +258,7 @@ fn a_host_that_was_killed_takes_its_job_up_again() {
             card = come_back(card.card.into_port().into_simulator(), 20 + number);
             inside += u32::from(card.status().place.fraction != 0);
         }
-        run(&mut card, ONE, 6000);
+        run(&mut card, Rate::ONE, 6000);
         let rig = card.card.port().simulator();
         assert_eq!((rig.status().counts, rig.status().alarm), (position(Place::start_of(RECORDS)), None));
         assert_eq!((rig.faults(), rig.pins().positions()), (SimulationFaults::default(), &rig.status().counts));
@@ -278,7 +278,7 @@ fn what_is_executed_meanwhile_is_executed() {
     let mut instruction = Instruction { number: 1, periods: 20, count: 1, ..Instruction::default() };
     instruction.changes[0] = OutputChange { channel: channel::SPEED, value: 7 };
     card.send(HostCommand::Instruction(instruction)).expect("taken");
-    card.send(HostCommand::rate(ONE)).expect("a rate");
+    card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     while card.run_period().expect("no fault").outputs[usize::from(channel::SPEED)] == 0 {}
     assert_eq!((card.status().executed, card.port().simulator().status().executed), (0, 1));
     card.begin_path(PathStart { executed: 40, ..PathStart::at(9) }).expect("it stands");
@@ -351,7 +351,7 @@ fn the_card_in_this_process_homes_stops_and_is_turned_as_a_served_one() {
     assert_eq!(card.run_period().expect("no fault").wheel, -7);
     // a door in motion
     card.machine().set_input(wiring::DOOR, true);
-    card.send(HostCommand::rate(ONE)).expect("a rate");
+    card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     until(&mut card, |status| status.alarm.is_some());
     assert_eq!(card.run_period().expect_err("it stands"), SimCardError::Alarm(Alarm::DoorOpen));
     assert_eq!(card.send(HostCommand::ClearAlarm), Err(CommandRefusal::Alarm), "the door is open");
@@ -371,7 +371,7 @@ fn a_card_that_kept_its_position_stands_there_with_all_that_hangs_on_it() {
     for place in 110..150 {
         card.send(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
-    card.send(HostCommand::rate(ONE)).expect("a rate");
+    card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     until(&mut card, |status| status.alarm.is_some());
     let status = card.status();
     assert_eq!(status.alarm, Some(Alarm::LimitSwitch { axis: 0, upper: true }));
@@ -458,7 +458,7 @@ fn a_path_is_not_begun_where_the_machine_has_moved_on() {
     for place in 0..EVERY {
         card.send(HostCommand::Ahead { place, record: record(place) }).expect("room");
     }
-    card.send(HostCommand::rate(ONE)).expect("a rate");
+    card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     let was = *card.status();
     assert_eq!((was.place, was.at_rest), (Place::start_of(0), true), "as far as the host knows");
     let epoch = card.port().simulator().status().period;

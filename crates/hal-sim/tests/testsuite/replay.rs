@@ -5,7 +5,7 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Flags, ONE, Place, Record};
+use retrace_core::{Flags, Place, Rate, Record};
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, InProcess, NoFault};
 use retrace_link::{
     BytePort, CardSettings, HostCommand, LinkTimeouts, LinkedCard, MotionCard, OutputChange, PathStart,
@@ -78,7 +78,7 @@ fn open(host: &mut Host) {
 /// Output 3 on, and 300 records forward.
 fn run(host: &mut Host) {
     host.send(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("room");
-    host.send(HostCommand::rate(ONE)).expect("a rate");
+    host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     while host.status().place != Place::start_of(300) {
         while host.status().high < 300 {
             let place = host.status().high;
@@ -150,7 +150,7 @@ fn a_recorded_session_moves_nothing_within_the_same_start() {
 fn a_replayed_opening_is_no_sign_of_life() {
     let (mut host, tape) = find(rig(1), 7);
     open(&mut host);
-    host.send(HostCommand::rate(ONE)).expect("a rate");
+    host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     for _ in 0..50 {
         host.run_period().expect("no fault");
     }
@@ -171,7 +171,7 @@ fn replayed_greetings_and_reports_change_nothing_of_a_running_job() {
     let greetings = tape.lock().expect("whole").heard.clone();
     open(&mut host);
     let base = host.status().counts;
-    host.send(HostCommand::rate(ONE)).expect("a rate");
+    host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     for round in 0..20 {
         tape.lock().expect("whole").injected.extend([&[0], &greetings[..], &old.heard, &[0]].concat());
         for _ in 0..10 {

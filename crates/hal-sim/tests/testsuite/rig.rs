@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Flags, ONE, Record, Travel};
+use retrace_core::{Flags, Rate, Record};
 use retrace_hal_sim::{
     CardSimulator, CardSimulatorSettings, Chance, FaultRates, InProcess, LineCounters, PlantSettings, Process,
     SerialChannelSettings, wiring,
@@ -50,7 +50,7 @@ fn position(place: u32, length: u32) -> [i64; 3] {
 }
 
 /// Runs at a rate until the card rests at `to`, with the path sent as the window permits; returns the last report.
-fn run(host: &mut Host, target: Travel, to: u32, length: u32) -> CardStatus<3> {
+fn run(host: &mut Host, target: Rate, to: u32, length: u32) -> CardStatus<3> {
     host.send(HostCommand::rate(target)).expect("a rate");
     for _ in 0..200_000 {
         loop {
@@ -77,9 +77,9 @@ fn there_and_back_over_lines_good_and_bad() {
     for (seed, chance) in [(1, 0.0), (2, 1e-4), (3, 1e-3)] {
         let (up, down) = (line(1_000_000, chance, seed), line(1_000_000, chance, seed + 100));
         let mut host = host(&CardSimulatorSettings { up, down, ..CardSimulatorSettings::default() }, settings());
-        let status = run(&mut host, ONE, 700, 700);
+        let status = run(&mut host, Rate::ONE, 700, 700);
         assert_eq!(status.counts, position(700, 700));
-        let status = run(&mut host, -ONE / 2, 0, 700);
+        let status = run(&mut host, -Rate::ONE / 2, 0, 700);
         assert_eq!((status.counts, status.reached), ([0; 3], 700));
         let rig = host.port().simulator();
         assert_eq!(rig.faults(), retrace_hal_sim::SimulationFaults::default(), "chance {chance}");
@@ -107,7 +107,7 @@ fn a_run_can_be_repeated() {
         }));
         let mut host = Host::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
         host.open(settings()).expect("it takes the settings");
-        run(&mut host, ONE, 400, 400);
+        run(&mut host, Rate::ONE, 400, 400);
         let (tallies, now) =
             (host.port().simulator().lines().map(|line| *line.counters()), host.port().simulator().now_us());
         drop(host);
@@ -138,7 +138,7 @@ fn switch_and_run(process: Process) -> (CardStatus<3>, u64) {
     instruction.changes[0] = OutputChange { channel: channel::SPINDLE, value: 1 };
     instruction.until = Some(InputWait { input: wiring::DONE, active: true, timeout_periods: 100 });
     host.send(HostCommand::Instruction(instruction)).expect("taken");
-    host.send(HostCommand::rate(ONE)).expect("a rate");
+    host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     for _ in 0..1000 {
         let high = host.status().high;
         if high < 50 && host.status().executed == 1 {
@@ -173,7 +173,7 @@ fn a_limit_switch_stops_the_motion_on_the_path() {
     settings.inputs[usize::from(wiring::UPPER + 2)] =
         InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: false };
     let mut host = host(&CardSimulatorSettings { machine, ..CardSimulatorSettings::default() }, settings);
-    host.send(HostCommand::rate(ONE)).expect("a rate");
+    host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     for _ in 0..400 {
         let high = host.status().high;
         if high < 300 {
@@ -248,7 +248,7 @@ fn the_wheel_is_told_to_the_count() {
 #[test]
 fn a_silent_host_is_an_alarm() {
     let mut host = host(&CardSimulatorSettings::default(), settings());
-    host.send(HostCommand::rate(ONE)).expect("a rate");
+    host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     while host.status().high < 2000 {
         let high = host.status().high;
         if host.send(HostCommand::Ahead { place: high, record: record(high, 2000) }).is_err() {
@@ -338,7 +338,7 @@ fn the_steps_in_which_time_passes_change_nothing() {
         let tap = RecordingPort { port, written: Arc::clone(&written) };
         let mut host = LinkedCard::connect(tap, 7, LinkTimeouts::default()).expect("a card answers");
         host.open(settings()).expect("it takes the settings");
-        host.send(HostCommand::rate(ONE)).expect("a rate");
+        host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
         while !(host.status().place.record == 150 && host.status().at_rest) {
             let high = host.status().high;
             if high < 150 {

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::sync::{Arc, Mutex};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Flags, ONE, Record};
+use retrace_core::{Flags, Rate, Record};
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, InProcess};
 use retrace_link::{
     CardSettings, CuttingChannel, CuttingSettings, HostCommand, Instruction, LinkTimeouts, LinkedCard, MotionCard,
@@ -72,7 +72,7 @@ fn traced() -> (String, [u64; 2]) {
         let record = Record { increments: [5, -((place % 9) as i16)], flags, line: place, ..Record::default() };
         host.send(HostCommand::Ahead { place, record }).expect("room");
     }
-    for (target, end) in [(ONE, 60), (-ONE, 0)] {
+    for (target, end) in [(Rate::ONE, 60), (-Rate::ONE, 0)] {
         host.send(HostCommand::rate(target)).expect("a rate");
         while host.run_period().is_ok_and(|status| status.place.record != end || !status.at_rest) {}
         host.send(HostCommand::ManualOutput(OutputChange { channel: channel::SPINDLE, value: -1 })).expect("a channel");
@@ -145,7 +145,7 @@ fn torch(stops: impl Fn(&mut LinkedCard<2, InProcess<2>>)) -> HashMap<String, Ve
     let mut instruction =
         Instruction { number: 1, count: 1, periods: 20, keeps_cutter: true, ..Instruction::default() };
     instruction.changes[0] = OutputChange { channel: channel::SPINDLE, value: 1 };
-    host.send(HostCommand::rate(ONE)).expect("a rate");
+    host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     host.send(HostCommand::Instruction(instruction)).expect("room");
     while host.run_period().is_ok_and(|status| status.place.record < 200) {
         while host.status().executed == 1 && host.status().high < 1000 {
@@ -175,7 +175,7 @@ fn lit(changes: &HashMap<String, Vec<(u64, String)>>) -> (u64, u64, u64) {
 #[test]
 fn a_hold_puts_the_torch_out_at_the_pins_as_soon_as_the_machine_rests() {
     let changes = torch(|host| {
-        host.send(HostCommand::rate(0)).expect("a rate");
+        host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
         while host.run_period().is_ok_and(|status| !status.at_rest) {}
         for _ in 0..20 {
             host.run_period().expect("no fault");

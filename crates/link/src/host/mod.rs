@@ -17,7 +17,7 @@ pub use fault::LinkError;
 
 use retrace_core::drive::Braking;
 use retrace_core::limits::RateLimits;
-use retrace_core::{ONE, Place, RateTarget, Travel};
+use retrace_core::{Place, Rate, RateTarget};
 
 use crate::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE};
 use crate::frame_size::FrameSize;
@@ -102,7 +102,7 @@ pub struct HostEndpoint<const A: usize> {
     reported_high: u32,
     target: RateTarget,
     /// Rate that was sent last.
-    sent_rate: Travel,
+    sent_rate: Rate,
     rate_seq: u16,
     acked_rate_seq: u16,
     entries: [ReportEntry; ENTRIES],
@@ -172,7 +172,7 @@ impl<const A: usize> HostEndpoint<A> {
             predicted: PredictedWindow::new(0, 4, 0),
             reported_high: 0,
             target: RateTarget::ZERO,
-            sent_rate: 0,
+            sent_rate: Rate::ZERO,
             rate_seq: 0,
             acked_rate_seq: 0,
             entries: [ReportEntry::Inputs(0); ENTRIES],
@@ -227,7 +227,7 @@ impl<const A: usize> HostEndpoint<A> {
         self.predicted = PredictedWindow::new(start.place.record, window, stopping_records(&settings.limits));
         (self.base, self.count, self.sent) = (0, 0, 0);
         (self.target, self.sent_rate, self.rate_seq, self.acked_rate_seq, self.times.number) =
-            (RateTarget::ZERO, 0, 0, 0, 0);
+            (RateTarget::ZERO, Rate::ZERO, 0, 0, 0);
         (self.first_waiting, self.waiting, self.next_entry) = (0, 0, 0);
         (self.newest_place, self.reported_high) = (start.place, start.place.record);
         // The period number continues across epochs.
@@ -384,6 +384,6 @@ impl<const A: usize> HostEndpoint<A> {
 
 /// Returns the maximum number of records that the cursor passes after a stop command, at rate one.
 fn stopping_records<const A: usize>(limits: &RateLimits<A>) -> u32 {
-    let ramp = Braking::<32>::new(limits).map_or(0, |braking| (braking.length(ONE) >> 32) as u32);
+    let ramp = Braking::<32>::new(limits).map_or(0, |braking| (braking.length(Rate::ONE).units() >> 32) as u32);
     ramp + u32::from(limits.average()) / 2 + 4
 }

@@ -3,7 +3,7 @@
 //! Invariant: increments and counts are those of the records between the places; a mismatch with the card's check is an
 //! error.
 
-use retrace_core::Travel;
+use retrace_core::Distance;
 use retrace_core::place::is_before;
 use retrace_core::playback::emission;
 
@@ -21,13 +21,13 @@ impl<const A: usize> HostEndpoint<A> {
         while self.waiting > 0 && self.fault.is_none() {
             let at = usize::from(self.first_waiting) % ENTRIES;
             let entry = self.entries[at];
-            if let ReportEntry::Ran { distance: travel, count, starved: short, at_rest } = entry {
+            if let ReportEntry::Ran { distance, count, starved, at_rest } = entry {
                 if count > 1 {
-                    self.entries[at] = ReportEntry::Ran { distance: travel, count: count - 1, starved: short, at_rest };
+                    self.entries[at] = ReportEntry::Ran { distance, count: count - 1, starved, at_rest };
                 } else {
                     self.drop_entry();
                 }
-                self.run_period(travel, short, at_rest);
+                self.run_period(distance, starved, at_rest);
                 self.period_emitted = true;
                 return true;
             }
@@ -69,22 +69,22 @@ impl<const A: usize> HostEndpoint<A> {
         }
     }
 
-    fn run_period(&mut self, travel: Travel, short: bool, at_rest: bool) {
+    fn run_period(&mut self, distance: Distance, starved: bool, at_rest: bool) {
         let from = self.status.place;
-        let to = from.moved(travel);
+        let to = from.moved(distance);
         let Some(increments) = emission(from, to, |place| self.predicted.record(place)) else {
             self.fault = Some(LinkError::StateMismatch);
             return;
         };
         let status = &mut self.status;
         status.period += 1;
-        (status.place, status.rate, status.starved, status.at_rest) = (to, travel, short, at_rest);
+        (status.place, status.rate, status.starved, status.at_rest) = (to, distance.per_period(), starved, at_rest);
         // at most nine records a period
         status.increments = increments.map(|pulses| pulses as i32);
         for (count, increment) in status.counts.iter_mut().zip(increments) {
             *count += increment;
         }
-        let under = if travel < 0 { to.record } else { to.boundary_ahead().wrapping_sub(1) };
+        let under = if distance < Distance::ZERO { to.record } else { to.boundary_ahead().wrapping_sub(1) };
         if let Some(record) = self.predicted.record(under) {
             status.line = record.line;
         }

@@ -5,6 +5,7 @@
 use super::{AlarmClearing, ENTRIES, HostEndpoint, LinkError, Phase, StagedFrame, WORDS};
 use crate::frame::MAX_PAYLOAD;
 use crate::wire::{ByteReader, Greeting, ReportEntry, kind};
+use retrace_core::Distance;
 
 /// Minimum time between two retransmissions of commands after a gap that the card reports.
 const GAP_US: u64 = 12_000;
@@ -124,8 +125,9 @@ impl<const A: usize> HostEndpoint<A> {
                 if usize::from(self.waiting) == ENTRIES {
                     return Some(());
                 }
-                if let ReportEntry::Ran { distance: travel, count, .. } = entry {
-                    self.newest_place = self.newest_place.moved(travel.saturating_mul(i64::from(count)));
+                if let ReportEntry::Ran { distance, count, .. } = entry {
+                    let moved = Distance::from_units(distance.units().saturating_mul(i64::from(count)));
+                    self.newest_place = self.newest_place.moved(moved);
                 }
                 self.entries[usize::from(self.first_waiting.wrapping_add(self.waiting)) % ENTRIES] = entry;
                 self.waiting += 1;

@@ -8,6 +8,7 @@ use super::{HostEndpoint, Phase, StagedFrame, WORDS};
 use crate::HostCommand;
 use crate::frame::{MAX_PAYLOAD, MAX_WIRE, encode_with_key};
 use crate::wire::{ByteWriter, Opening, RecordRun, kind, write_word};
+use retrace_core::Rate;
 
 /// Number of records that are sent at once; fewer are sent when one has waited for [`GATHER_US`].
 const GATHER: usize = 8;
@@ -73,7 +74,7 @@ impl<const A: usize> HostEndpoint<A> {
         }
         let again = self.times.number == self.rate_seq;
         let target = self.target.faster();
-        let stops = target == 0 || target.signum() != self.sent_rate.signum();
+        let stops = target == Rate::ZERO || target.signum() != self.sent_rate.signum();
         let apart = match (again, stops) {
             (true, _) => REPEAT_US,
             (false, true) => 0,
@@ -145,8 +146,8 @@ impl<const A: usize> HostEndpoint<A> {
             writer.u16(settings.epoch)?;
             writer.u16(self.next_entry)?;
             writer.u16(self.rate_seq)?;
-            writer.signed(self.target.feed)?;
-            writer.signed(self.target.rapid)
+            writer.signed(self.target.feed.units())?;
+            writer.signed(self.target.rapid.units())
         })();
         let length = writer.len();
         self.times.rate = self.times.now;

@@ -7,7 +7,7 @@
 //!
 //! Invariant: an entry is self-contained. Events of a period precede the entry of that period.
 
-use retrace_core::{ONE, Travel};
+use retrace_core::Distance;
 
 use super::{ByteReader, ByteWriter};
 use crate::{Alarm, CutterOff, CutterOffCause, OutputChange};
@@ -18,7 +18,7 @@ pub enum ReportEntry {
     /// Control periods, all alike.
     Ran {
         /// Distance that the cursor moved in each.
-        distance: Travel,
+        distance: Distance,
         /// Number of periods.
         count: u32,
         /// Whether the rate was limited by the end of the window.
@@ -65,7 +65,7 @@ mod extended {
     pub(super) const REPEAT_REFUSED: u8 = 0x03;
 }
 
-const SHORT: u8 = 1 << 5;
+const STARVED: u8 = 1 << 5;
 const AT_REST: u8 = 1 << 6;
 const MANY: u8 = 1 << 7;
 
@@ -82,17 +82,17 @@ impl ReportEntry {
 
     fn write_parts(&self, writer: &mut ByteWriter<'_>) -> Option<()> {
         match *self {
-            Self::Ran { distance: travel, count, starved: short, at_rest } => {
-                let how = match travel {
-                    0 => 0,
-                    ONE => 1,
+            Self::Ran { distance, count, starved, at_rest } => {
+                let how = match distance {
+                    Distance::ZERO => 0,
+                    Distance::RECORD => 1,
                     BACK => 2,
                     _ => 3,
                 };
                 let flag = |flag: u8, so: bool| if so { flag } else { 0 };
-                writer.u8(RAN | how << 3 | flag(SHORT, short) | flag(AT_REST, at_rest) | flag(MANY, count != 1))?;
+                writer.u8(RAN | how << 3 | flag(STARVED, starved) | flag(AT_REST, at_rest) | flag(MANY, count != 1))?;
                 if how == 3 {
-                    writer.signed(travel)?;
+                    writer.signed(distance.units())?;
                 }
                 if count != 1 {
                     writer.count(u64::from(count))?;
@@ -141,18 +141,18 @@ impl ReportEntry {
         let tag = reader.u8()?;
         Some(match tag & 7 {
             RAN => {
-                let travel = match tag >> 3 & 3 {
-                    0 => 0,
-                    1 => ONE,
+                let distance = match tag >> 3 & 3 {
+                    0 => Distance::ZERO,
+                    1 => Distance::RECORD,
                     2 => BACK,
-                    _ => reader.signed()?,
+                    _ => Distance::from_units(reader.signed()?),
                 };
                 let count = if tag & MANY != 0 { reader.count32()? } else { 1 };
-                let within = travel.unsigned_abs() <= MAX_TRAVEL && count > 0;
+                let within = distance.units().unsigned_abs() <= MAX_DISTANCE && count > 0;
                 return within.then_some(Self::Ran {
-                    distance: travel,
+                    distance,
                     count,
-                    starved: tag & SHORT != 0,
+                    starved: tag & STARVED != 0,
                     at_rest: tag & AT_REST != 0,
                 });
             }
@@ -180,9 +180,9 @@ impl ReportEntry {
     }
 }
 
-const BACK: Travel = -ONE;
+const BACK: Distance = Distance::records(-1);
 /// Maximum distance of a cursor in a period: eight records, and a little for rounding.
-const MAX_TRAVEL: u64 = 9 << 32;
+const MAX_DISTANCE: u64 = 9 << 32;
 
 pub(super) fn write_alarm(writer: &mut ByteWriter<'_>, alarm: Option<Alarm>) -> Option<()> {
     let (code, detail) = alarm.map_or((0, 0), Alarm::to_wire);

@@ -6,7 +6,7 @@ use crate::dice;
 use dice::Dice;
 use proptest::prelude::*;
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Flags, ONE, Place, Record, Travel};
+use retrace_core::{Distance, Flags, Place, Rate, Record};
 use retrace_link::{
     CardCore, CardEndpoint, CardIdentity, CardSettings, CardStatus, CommandRefusal, CutterOff, CutterOffCause,
     HostCommand, HostEndpoint, Instruction, LinkError, OutputChange, PROTOCOL, PathStart, channel,
@@ -19,7 +19,7 @@ struct Works {
     identity: CardIdentity,
     status: CardStatus<3>,
     records: Vec<Record<3>>,
-    target: Travel,
+    target: Rate,
     open: bool,
     log: Vec<CardStatus<3>>,
     by_hand: Vec<i32>,
@@ -44,7 +44,7 @@ impl Works {
         };
         let records = vec![Record::default(); WINDOW as usize];
         let status = CardStatus { counts: [5, -6, 7], ..CardStatus::at_rest(PathStart::at(0)) };
-        Self { identity, status, records, target: 0, open: false, log: Vec::new(), by_hand: Vec::new() }
+        Self { identity, status, records, target: Rate::ZERO, open: false, log: Vec::new(), by_hand: Vec::new() }
     }
 
     fn period(&mut self) {
@@ -52,13 +52,13 @@ impl Works {
         let from = status.place;
         let (ahead, behind) =
             (from.distance_to(Place::start_of(status.high)), from.distance_to(Place::start_of(status.low)));
-        let to = from.moved(self.target.clamp(behind, ahead));
+        let to = from.moved(self.target.over(1).clamp(behind, ahead));
         let records = &self.records;
         let increments =
             retrace_core::playback::emission(from, to, |n| records.get((n % WINDOW) as usize)).expect("in the window");
         status.period += 1;
-        (status.place, status.rate) = (to, from.distance_to(to));
-        status.at_rest = status.rate == 0;
+        (status.place, status.rate) = (to, from.distance_to(to).per_period());
+        status.at_rest = status.rate == Rate::ZERO;
         for (count, increment) in status.counts.iter_mut().zip(increments) {
             *count += increment;
         }
@@ -80,7 +80,7 @@ impl CardCore<3> for Works {
     fn open(&mut self, settings: &CardSettings<3>) -> Result<(), CommandRefusal> {
         let counts = self.status.counts;
         self.status = CardStatus { counts, outputs: self.status.outputs, ..CardStatus::at_rest(settings.start) };
-        (self.target, self.open) = (0, true);
+        (self.target, self.open) = (Rate::ZERO, true);
         self.log.clear();
         Ok(())
     }
@@ -231,13 +231,13 @@ impl Bench {
     }
 
     /// Runs at a rate to a place.
-    fn run_to(&mut self, target: Travel, to: u32, oldest: u32, end: u32) {
+    fn run_to(&mut self, target: Rate, to: u32, oldest: u32, end: u32) {
         for _ in 0..40_000 {
-            self.fill(oldest, end, target > 0);
+            self.fill(oldest, end, target > Rate::ZERO);
             self.host.send(HostCommand::rate(target)).expect("a rate is always taken");
             self.step_period();
             let left = self.host.status().place.distance_to(Place::start_of(to));
-            if left == 0 || left.signum() != target.signum() {
+            if left == Distance::ZERO || left.signum() != target.signum() {
                 return;
             }
         }
@@ -289,7 +289,7 @@ proptest! {
         seed in any::<u64>(),
         one_in in prop_oneof![Just(0u64), Just(10_000), Just(1000), Just(200), Just(80)],
         start in prop_oneof![Just(0u32), Just(u32::MAX - 700), any::<u32>()],
-        rate in prop_oneof![Just(ONE), Just(ONE / 3), Just(2 * ONE - 1)],
+        rate in prop_oneof![Just(Rate::ONE), Just(Rate::ONE / 3), Just(Rate::ONE * 2 - Rate::from_units(1))],
     ) {
         let mut bench = Bench::new(seed, one_in, start);
         let at = |n: u32| start.wrapping_add(n);
@@ -304,7 +304,7 @@ proptest! {
         prop_assert_eq!(&bench.works.by_hand, &[1, 7]);
         prop_assert_eq!(bench.works.status.place, Place::start_of(at(1500)));
         // and it is over in good order
-        bench.host.send(HostCommand::rate(0)).expect("a rate");
+        bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
         bench.until(|b| b.host.status().at_rest);
         bench.host.close();
         bench.until(|b| b.host.is_closed());
@@ -330,7 +330,7 @@ proptest! {
 #[test]
 fn a_stop_cuts_a_long_frame_short() {
     let mut bench = Bench::new(5, 0, 0);
-    bench.run_to(ONE, 100, 0, 150);
+    bench.run_to(Rate::ONE, 100, 0, 150);
     // everything that was on its way has arrived, and long records wait
     for _ in 0..100 {
         bench.step_period();
@@ -343,10 +343,14 @@ fn a_stop_cuts_a_long_frame_short() {
     let mut bytes = [0; 30];
     assert_eq!(bench.host.transmit(bench.now_us, &mut bytes), 30, "the beginning of a long frame");
     bytes.iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
-    bench.host.send(HostCommand::rate(0)).expect("a rate");
+    bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
     assert_eq!(bench.host.transmit(bench.now_us, &mut bytes), 30);
     bytes.iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
-    assert_eq!((bench.works.target, bench.works.status.high), (0, 150), "the stop is there before the records");
+    assert_eq!(
+        (bench.works.target, bench.works.status.high),
+        (Rate::ZERO, 150),
+        "the stop is there before the records"
+    );
     bench.until(|b| b.works.status.high == 200);
 }
 
@@ -354,7 +358,7 @@ fn a_stop_cuts_a_long_frame_short() {
 #[test]
 fn counts_that_are_not_those_of_the_path_are_noticed() {
     let mut bench = Bench::new(5, 0, 0);
-    bench.run_to(ONE, 100, 0, 200);
+    bench.run_to(Rate::ONE, 100, 0, 200);
     bench.works.status.counts[1] += 1;
     for _ in 0..300 {
         bench.step();
@@ -385,7 +389,7 @@ fn a_word_that_comes_twice_is_taken_once() {
 #[test]
 fn a_card_that_was_restarted_is_noticed() {
     let mut bench = Bench::new(5, 0, 0);
-    bench.run_to(ONE, 100, 0, 200);
+    bench.run_to(Rate::ONE, 100, 0, 200);
     bench.end = CardEndpoint::new();
     bench.works.open = false;
     for _ in 0..3000 {
@@ -398,7 +402,7 @@ fn a_card_that_was_restarted_is_noticed() {
 #[test]
 fn a_record_at_constant_speed_costs_little() {
     let mut bench = Bench::new(5, 0, 0);
-    bench.run_to(ONE, 1000, 0, 1200);
+    bench.run_to(Rate::ONE, 1000, 0, 1200);
     let line = bench.host.line_counts();
     let cost = (line.written + line.read) as f64 / bench.works.log.len() as f64;
     assert!(cost < 12.0, "{cost} bytes a period, {line:?}");

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Flags, Place, RapidCap, Record};
+use retrace_core::{Distance, Flags, Place, RapidCap, Record};
 use retrace_link::frame::MAX_PAYLOAD;
 use retrace_link::wire::{ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, read_word, write_word};
 use retrace_link::{
@@ -75,7 +75,8 @@ fn word() -> impl Strategy<Value = HostCommand<4>> {
 }
 
 fn entry() -> impl Strategy<Value = ReportEntry> {
-    let travel = prop_oneof![Just(0i64), Just(1 << 32), Just(-(1i64 << 32)), -(8i64 << 32)..=8 << 32];
+    let travel = prop_oneof![Just(0i64), Just(1 << 32), Just(-(1i64 << 32)), -(8i64 << 32)..=8 << 32]
+        .prop_map(Distance::from_units);
     let alarm = (0u8..12, any::<u32>()).prop_map(|(code, detail)| Alarm::from_wire(code, detail & 0x1FF));
     prop_oneof![
         (travel, 1u32..u32::MAX, any::<bool>(), any::<bool>())

@@ -2,10 +2,11 @@
 //!
 //! Invariant: the path is a function of the place number alone, so that its sums can be reckoned without the card.
 
+use proptest::prelude::*;
 use retrace_card::{Card, InputLevels};
 use retrace_core::drive::Braking;
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Flags, ONE, Place, RapidCap, Record};
+use retrace_core::{Distance, Flags, Place, RapidCap, Rate, Record};
 use retrace_link::{
     CardCore, CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, OutputChange, PROTOCOL, PathStart,
     channel,
@@ -40,12 +41,20 @@ pub(crate) fn identity() -> CardIdentity {
     }
 }
 
+/// One pulse per period, in the units of a homing speed.
+pub(crate) const PULSE: i64 = 1 << 32;
+
+/// Any rate from `low` up to `high`, in whole records per period.
+pub(crate) fn rates(low: i64, high: i64) -> impl Strategy<Value = Rate> + Clone {
+    (low << 32..high << 32).prop_map(Rate::from_units)
+}
+
 /// Stops within [`STOPS_WITHIN`] periods; a fault switches output 3 and the spindle off.
 pub(crate) fn settings(epoch: u16, start: u32) -> CardSettings<2> {
     let axis = PulseLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
     let limits = RateLimits::new(13, 1 << 15, [axis; 2]).expect("valid");
     let braking = Braking::<32>::new(&limits).expect("brakes");
-    assert_eq!(braking.periods() + 13, i64::from(STOPS_WITHIN), "what the law says of these limits");
+    assert_eq!(braking.periods() + 13, STOPS_WITHIN, "what the law says of these limits");
     let mut settings = CardSettings::new(epoch, PathStart::at(start), 1000, limits);
     let uses = [
         InputUse::Limit { axis: 0, upper: true },
@@ -95,7 +104,7 @@ pub(crate) fn rests_before(place: u32, start: u32) -> bool {
 pub(crate) fn moved(start: u32, to: Place) -> [i64; 2] {
     let mut sum = [0i64; 2];
     let mut place = start;
-    let forward = Place::start_of(start).distance_to(to) >= 0;
+    let forward = Place::start_of(start).distance_to(to) >= Distance::ZERO;
     while place != to.record {
         let n = if forward { place } else { place.wrapping_sub(1) };
         for (axis, sum) in sum.iter_mut().enumerate() {
@@ -107,8 +116,8 @@ pub(crate) fn moved(start: u32, to: Place) -> [i64; 2] {
     for (axis, sum) in sum.iter_mut().enumerate() {
         // half away from zero, in 128 bits
         let increment = i128::from(record(to.record).increments[axis]);
-        let doubled = 2 * increment.abs() * i128::from(to.fraction) + i128::from(ONE);
-        let part = (doubled / (2 * i128::from(ONE))) as i64;
+        let doubled = 2 * increment.abs() * i128::from(to.fraction) + (1 << 32);
+        let part = (doubled / (2 * (1 << 32))) as i64;
         *sum += if increment < 0 { -part } else { part };
     }
     sum

@@ -1,9 +1,9 @@
 //! Planned paths, and a card that plays them under the limit monitor.
 
 use proptest::prelude::*;
+use retrace_config::MachineConfig;
 use retrace_controller::limit_monitor::{LimitMonitor, MonitorLimits};
-use retrace_controller::machine::MachineConfig;
-use retrace_core::{Flags, ONE, Place, Record, Travel};
+use retrace_core::{Flags, Place, Rate, Record};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{CardStatus, HostCommand, MotionCard};
 use retrace_motion::{Arc, FeedRate, PathMode, Planner};
@@ -95,7 +95,7 @@ pub(crate) fn records(path: &[Move]) -> Vec<Record<3>> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stop {
     /// The rate at which it began.
-    pub from: Travel,
+    pub from: Rate,
     /// Periods from the command to rest.
     pub periods: u32,
     /// The period with the first lower rate; 0 where it was at rest.
@@ -109,8 +109,8 @@ pub(crate) struct Played {
     card: SimCard<3>,
     monitor: Box<LimitMonitor<3>>,
     records: Vec<Record<3>>,
-    log: Vec<(Place, Travel, [i32; 3])>,
-    asked: Travel,
+    log: Vec<(Place, Rate, [i32; 3])>,
+    asked: Rate,
 }
 
 impl Played {
@@ -128,7 +128,7 @@ impl Played {
         let limits = machine.rate_limits().expect("checked");
         let card = SimCard::new(0, limits, Clock::Virtual).expect("fits");
         let monitor = Box::new(LimitMonitor::new(&std::array::from_fn(axis), machine.period_s()));
-        Self { card, monitor, records, log: Vec::new(), asked: 0 }
+        Self { card, monitor, records, log: Vec::new(), asked: Rate::ZERO }
     }
 
     fn status(&self) -> &CardStatus<3> {
@@ -139,9 +139,9 @@ impl Played {
     fn feed(&mut self) {
         loop {
             let (low, high) = (self.status().low, self.status().high as usize);
-            let word = if self.asked >= 0 && high < self.records.len() {
+            let word = if self.asked >= Rate::ZERO && high < self.records.len() {
                 HostCommand::Ahead { place: high as u32, record: self.records[high] }
-            } else if self.asked < 0 && low > 0 {
+            } else if self.asked < Rate::ZERO && low > 0 {
                 let n = low as usize - 1;
                 let rests = n == 0 || self.records[n - 1].flags.contains(Flags::REST);
                 HostCommand::Behind { place: n as u32, record: self.records[n], rests }
@@ -162,15 +162,15 @@ impl Played {
     }
 
     /// Requests a rate for this number of periods.
-    pub(crate) fn ask(&mut self, target: Travel, periods: u32) {
+    pub(crate) fn ask(&mut self, target: Rate, periods: u32) {
         self.card.send(HostCommand::rate(target)).expect("a rate");
         self.asked = target;
         (0..periods).for_each(|_| self.period());
     }
 
     /// Requests a rate until the card rests at an end of the path.
-    pub(crate) fn ask_until_rest(&mut self, target: Travel) {
-        let end = if target < 0 { 0 } else { self.records.len() as u32 };
+    pub(crate) fn ask_until_rest(&mut self, target: Rate) {
+        let end = if target < Rate::ZERO { 0 } else { self.records.len() as u32 };
         self.ask(target, 0);
         for _ in 0..4 * LONGEST {
             if self.status().at_rest && self.status().place == Place::start_of(end) {
@@ -183,7 +183,7 @@ impl Played {
 
     /// Runs as recorded to the middle of the path. Returns the speed there, in mm/s.
     pub(crate) fn run_to_speed(&mut self) -> f64 {
-        self.ask(ONE, self.records.len() as u32 / 2);
+        self.ask(Rate::ONE, self.records.len() as u32 / 2);
         let last = self.log.iter().rev().take(20);
         last.map(|(.., pulses)| length(pulses)).sum::<f64>() / 20.0
     }
@@ -192,10 +192,10 @@ impl Played {
     pub(crate) fn run_to_share(&mut self, share: f64, backward: bool) {
         let place = (share * self.records.len() as f64) as u32;
         if backward {
-            self.ask_until_rest(ONE);
-            self.ask(-ONE, self.records.len() as u32 - place);
+            self.ask_until_rest(Rate::ONE);
+            self.ask(-Rate::ONE, self.records.len() as u32 - place);
         } else {
-            self.ask(ONE, place);
+            self.ask(Rate::ONE, place);
         }
     }
 
@@ -203,7 +203,7 @@ impl Played {
     pub(crate) fn hold(&mut self) -> Stop {
         let (from, asked) = (self.status().rate, self.asked);
         let begin = self.log.len();
-        self.ask(0, 0);
+        self.ask(Rate::ZERO, 0);
         while !self.status().at_rest {
             self.period();
             assert!(self.log.len() - begin < 5000, "never at rest");

@@ -4,8 +4,8 @@
 
 use retrace_controller::event::EventKind;
 use retrace_controller::operator::CommandError;
+use retrace_core::Rate;
 use retrace_core::mode::Mode;
-use retrace_core::{ONE, Travel};
 use retrace_link::MotionCard;
 
 use super::jobs::{Log, boundary, complete, machine, run};
@@ -38,7 +38,8 @@ fn back_by_a_length_stands_at_the_first_boundary_at_or_beyond_it() {
         let (from, to) = (asked.place.record, there.place.record);
         let (length, shorter) = (length_mm(&plain, to, from), length_mm(&plain, to + 1, from));
         assert!(length >= mm - 1e-9 && shorter < mm, "{mm}: {shorter} {length}");
-        let stood = log.periods.iter().filter(|p| p.mode == Mode::Reverse && p.place == there.place && p.rate == 0);
+        let stood =
+            log.periods.iter().filter(|p| p.mode == Mode::Reverse && p.place == there.place && p.rate == Rate::ZERO);
         assert!(stood.count() > 5000, "it stands there until told otherwise");
         let oldest = log.periods.iter().map(|p| p.place.record).skip_while(|&r| r < from).min();
         assert_eq!(oldest, Some(to), "and goes no further back");
@@ -48,14 +49,14 @@ fn back_by_a_length_stands_at_the_first_boundary_at_or_beyond_it() {
 #[test]
 fn with_the_jet_off_it_goes_faster_than_recorded_and_with_it_on_as_recorded() {
     let machine = machine(600.0);
-    let fastest = |log: &Log| log.periods.iter().map(|p| -p.rate).max().unwrap_or(0);
+    let fastest = |log: &Log| log.periods.iter().map(|p| -p.rate).max().unwrap_or(Rate::ZERO);
     // In line 6 the jet is on; in line 3 it is not yet.
     let (_, cutting) = complete(&machine, CUT, "at line 6 back 5 mm\nafter 10s leave\n");
-    assert!((ONE / 10 * 9..=ONE).contains(&fastest(&cutting)), "{}", fastest(&cutting));
+    assert!((Rate::ONE / 10 * 9..=Rate::ONE).contains(&fastest(&cutting)), "{:?}", fastest(&cutting));
     let slow = "G21 G64 F120\nG1 X40\nM2\n";
     let (_, dry) = complete(&machine, slow, "at 15s back 20 mm\nafter 10s leave\n");
-    let rate: Travel = fastest(&dry);
-    assert!(rate > 4 * ONE, "{rate}");
+    let rate: Rate = fastest(&dry);
+    assert!(rate > Rate::ONE * 4, "{rate:?}");
 }
 
 #[test]

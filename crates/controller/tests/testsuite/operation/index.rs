@@ -7,10 +7,11 @@ use std::sync::mpsc::{Sender, channel};
 use std::thread;
 use std::time::Duration;
 
-use retrace_controller::job::{self, JobStart};
-use retrace_controller::place_index::{DurablePlace, IndexEntry, IndexWriter, JournalConfig, PlaceMark};
-use retrace_core::ONE;
+use retrace_controller::job;
+use retrace_controller::job::JobStart;
+use retrace_core::Rate;
 use retrace_core::place::is_before;
+use retrace_journal::{DurablePlace, IndexEntry, IndexWriter, JournalConfig, PlaceMark};
 use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
 
 use super::jobs::{AXES, Decoder, Log, boundary, card, complete, machine, options};
@@ -112,7 +113,7 @@ fn an_override_is_noted_where_it_counts() {
     let (log, notes, _) = kept("at 0.2s override 140%\n", Duration::ZERO);
     let noted = notes.iter().position(|note| matches!(note, IndexEntry::Override { .. })).expect("a note");
     let IndexEntry::Override { place, planned } = notes[noted] else { unreachable!() };
-    assert_eq!(planned, (ONE * 7 + 2) / 5);
+    assert_eq!(planned, (Rate::ONE * 7 + Rate::from_units(2)) / 5);
     let told = log.event(|h| matches!(h, retrace_controller::event::EventKind::OverridePlanned(_)));
     assert_eq!(told.place.record, place);
     let marked_before = |note: &IndexEntry| matches!(note, IndexEntry::Mark(mark) if !is_before(place, mark.place));

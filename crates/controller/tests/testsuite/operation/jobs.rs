@@ -2,17 +2,18 @@
 //!
 //! Invariant: time is virtual, so that a run is the same at any speed.
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job::{self, JobEnd, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
+use retrace_controller::job;
+use retrace_controller::job::{JobEnd, JobOptions, JobStart};
 use retrace_controller::operator;
-use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Outcome, RunMode};
 use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
 use retrace_core::Place;
 use retrace_hal_sim::{Clock, SimCard};
+use retrace_journal::JournalConfig;
 
 pub(super) use crate::wired::{AXES, Decoder};
 

@@ -5,14 +5,15 @@
 
 use std::sync::{Arc, Mutex};
 
+use retrace_config::MachineConfig;
 use retrace_controller::event::EventKind;
-use retrace_controller::job::{self, JobEnd, JobStart, JobStartError};
-use retrace_controller::machine::MachineConfig;
-use retrace_controller::place_index::{IndexEntry, IndexWriter, JournalConfig, PlaceMark};
+use retrace_controller::job;
+use retrace_controller::job::{JobEnd, JobStart, JobStartError};
 use retrace_controller::resume::{ResumeError, ResumePlan, ResumePoint};
 use retrace_controller::session::Outcome;
-use retrace_core::{ONE, Travel};
+use retrace_core::Rate;
 use retrace_hal_sim::{Random, SimCard};
+use retrace_journal::{IndexEntry, IndexWriter, JournalConfig, PlaceMark};
 use retrace_link::{MotionCard, Outputs, PathStart, channel};
 
 use super::jobs::{AXES, Decoder, Log, card, complete, machine, options};
@@ -36,7 +37,7 @@ impl Kept {
         notes.iter().filter_map(|note| if let IndexEntry::Mark(mark) = note { Some(*mark) } else { None }).collect()
     }
 
-    fn overrides(&self) -> Vec<(u32, Travel)> {
+    fn overrides(&self) -> Vec<(u32, Rate)> {
         let notes = self.0.lock().expect("done");
         let changed = |note: &IndexEntry| {
             if let IndexEntry::Override { place, planned } = note { Some((*place, *planned)) } else { None }
@@ -161,7 +162,7 @@ fn what_will_be_done_is_told_before_anything_moves() {
     let (status, at) = (*end.card.status(), kept.resumption(&end.card));
     let (seen, again) = prepared(&machine, LAPS, at, end.card);
     let (seen, again) = (seen.expect("it was asked"), again.expect("a job"));
-    assert_eq!((seen.counts(), seen.oldest(), seen.planned_override()), (status.counts, 0, ONE));
+    assert_eq!((seen.counts(), seen.oldest(), seen.planned_override()), (status.counts, 0, Rate::ONE));
     // the stop has switched the spindle off
     let spindle = usize::from(channel::SPINDLE);
     let mut expected = status.outputs;

@@ -3,10 +3,11 @@
 //! Invariant: the count is of the motion path's own thread.
 
 use allocation_counter::{AllocationInfo, measure};
-use retrace_controller::job::{self, JobStart};
-use retrace_controller::place_index::JournalConfig;
+use retrace_controller::job;
+use retrace_controller::job::JobStart;
 use retrace_controller::session::Outcome;
 use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_journal::JournalConfig;
 
 use super::jobs::{AXES, Decoder, card, machine, options};
 

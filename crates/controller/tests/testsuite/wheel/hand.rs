@@ -3,7 +3,7 @@
 //! Invariant: they follow from the seed alone.
 
 use retrace_controller::operator::OperatorCommand;
-use retrace_core::ONE;
+use retrace_core::Rate;
 use retrace_hal_sim::Random;
 
 use crate::wired::pick;
@@ -51,7 +51,7 @@ pub(super) fn moments(random: &mut Random, setting: Setting) -> Vec<Moment> {
         let run = 50 + random.up_to(longest);
         turned(random, &mut moments, run, setting, Signal::Jitter);
         if random.up_to(3) == 0 {
-            let rate = ONE * i64::from(1 + random.up_to(99)) / 100;
+            let rate = Rate::ONE * i64::from(1 + random.up_to(99)) / 100;
             say(
                 &mut moments,
                 pick(random, &[OperatorCommand::Reverse(rate), OperatorCommand::Hold, OperatorCommand::Override(rate)]),
@@ -72,7 +72,7 @@ pub(super) fn moments(random: &mut Random, setting: Setting) -> Vec<Moment> {
         }
         say(&mut moments, OperatorCommand::Leave { ask: false });
     }
-    for word in [OperatorCommand::Override(ONE), OperatorCommand::Resume, OperatorCommand::Leave { ask: false }] {
+    for word in [OperatorCommand::Override(Rate::ONE), OperatorCommand::Resume, OperatorCommand::Leave { ask: false }] {
         say(&mut moments, word);
     }
     moments

@@ -11,18 +11,19 @@ mod hand;
 use std::collections::{HashMap, VecDeque};
 
 use hand::{Moment, Setting, moments};
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::{CommandSender, CommandSources, command_channel};
 use retrace_controller::event::EventKind;
-use retrace_controller::job::{self, JobOptions, JobStart};
-use retrace_controller::machine::MachineConfig;
+use retrace_controller::job;
+use retrace_controller::job::{JobOptions, JobStart};
 use retrace_controller::operator::OperatorCommand;
-use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{HoldReason, Observer, PeriodRecord, Telemetry};
+use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
 use retrace_core::mode::Mode;
-use retrace_core::{ONE, Place, Travel};
+use retrace_core::{Distance, Place, Rate};
 use retrace_hal_sim::{Clock, Random, SimCard, SimCardError};
+use retrace_journal::{HoldReason, JournalConfig};
 use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
 use wired::{AXES, Decoder, Path, pick};
 
@@ -39,9 +40,9 @@ struct Turned {
     orders: CommandSender,
     moments: VecDeque<Moment>,
     /// The rate that was requested from the card last.
-    asked: Travel,
+    asked: Rate,
     /// The requested rate in each period, from the first on.
-    log: Vec<Travel>,
+    log: Vec<Rate>,
     /// Counts that the card has reported.
     told: i64,
 }
@@ -111,7 +112,7 @@ struct Case {
     path: Path,
     moments: Vec<Moment>,
     log: Log,
-    asked: Vec<Travel>,
+    asked: Vec<Rate>,
 }
 
 /// Maxima over the cases.
@@ -145,7 +146,7 @@ fn run(seed: u64) -> Case {
     let (orders, heard) = command_channel();
     let mut waits = VecDeque::from(moments.clone());
     let first = waits.pop_front().unwrap_or_default();
-    let card = Turned { card, orders, moments: waits, asked: 0, log: Vec::new(), told: 0 };
+    let card = Turned { card, orders, moments: waits, asked: Rate::ZERO, log: Vec::new(), told: 0 };
     card.say(first);
     let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us)).with_operator(heard);
     let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
@@ -163,14 +164,14 @@ fn run(seed: u64) -> Case {
 
 impl Case {
     /// The mean of REV-12 in the turn, as a rate, from the wheel's counts since turn `since`.
-    fn mean(&self, turn: usize, since: usize) -> Travel {
+    fn mean(&self, turn: usize, since: usize) -> Rate {
         let Setting { counts_per_s, mean_ms } = self.setting;
         let first = since.max((turn + 1).saturating_sub(mean_ms as usize));
         let counts = |m: &Moment| i64::from(m.screen.saturating_add(m.encoder));
         let sum: i64 = self.moments.iter().take(turn + 1).skip(first).map(counts).sum();
         let at_one = (i64::from(counts_per_s * mean_ms) + 500) / 1000;
         let at_one = at_one.max(1);
-        sum.clamp(-at_one, at_one) * ONE / at_one
+        Rate::ONE * sum.clamp(-at_one, at_one) / at_one
     }
 
     /// Checks commanded rate, ends and rest, period by period.
@@ -187,13 +188,13 @@ impl Case {
                 since = turn;
             }
             stood = last_mode != Mode::Run && stood || was_at_rest;
-            asked_for_rest = if self.asked[turn] == 0 { asked_for_rest + 1 } else { 0 };
+            asked_for_rest = if self.asked[turn] == Rate::ZERO { asked_for_rest + 1 } else { 0 };
             if period.mode == Mode::Wheel {
                 let is_free = stood && period.hold_reason != HoldReason::Hold;
-                let mean = if is_free { self.mean(turn, since) } else { 0 };
+                let mean = if is_free { self.mean(turn, since) } else { Rate::ZERO };
                 assert_eq!(self.asked[turn], mean, "in turn {turn}, at the wheel since {since}: {period:?}");
                 came.at_the_wheel += 1;
-                came.saturated += usize::from(mean.abs() == ONE);
+                came.saturated += usize::from(mean.abs() == Rate::ONE);
                 if stood {
                     self.is_between_the_ends(period);
                     let reached = *reached_at_wheel.get_or_insert(period.reached);
@@ -220,7 +221,10 @@ impl Case {
 
     fn is_between_the_ends(&self, period: &PeriodRecord<AXES>) {
         let (reached, oldest) = (Place::start_of(period.reached), Place::start_of(period.oldest));
-        assert!(oldest.distance_to(period.place) >= 0 && period.place.distance_to(reached) >= 0, "{period:?}");
+        assert!(
+            oldest.distance_to(period.place) >= Distance::ZERO && period.place.distance_to(reached) >= Distance::ZERO,
+            "{period:?}"
+        );
         // as far back as the machine file requires, and at most one record beyond
         let depth = period.reached - period.oldest;
         let promised = self.machine.history_records.min(period.reached);
@@ -233,14 +237,20 @@ impl Case {
         let period = &self.log.periods[turn];
         let asked = &self.asked[(turn + 1).saturating_sub(ROUND)..=turn];
         // before the first turn nothing was requested
-        let low = asked.iter().copied().chain((turn < ROUND).then_some(0)).min().unwrap_or(0);
-        let high = asked.iter().copied().max().unwrap_or(0);
+        let low = asked.iter().copied().chain((turn < ROUND).then_some(Rate::ZERO)).min().unwrap_or(Rate::ZERO);
+        let high = asked.iter().copied().max().unwrap_or(Rate::ZERO);
         let rate = period.rate;
-        assert!((low.min(0) - 2..=high.max(0) + 2).contains(&rate), "{rate} of {low}…{high}: {period:?}");
+        assert!(
+            (low.min(Rate::ZERO) - Rate::from_units(2)..=high.max(Rate::ZERO) + Rate::from_units(2)).contains(&rate),
+            "{rate:?} of {low:?}…{high:?}: {period:?}"
+        );
         let record = period.place.record;
         let is_near = period.reached.wrapping_sub(record) < NEAR || record.wrapping_sub(period.oldest) < NEAR;
         if period.mode == Mode::Wheel && !is_near {
-            assert!((low - 2..=high + 2).contains(&rate), "{rate} of {low}…{high}: {period:?}");
+            assert!(
+                (low - Rate::from_units(2)..=high + Rate::from_units(2)).contains(&rate),
+                "{rate:?} of {low:?}…{high:?}: {period:?}"
+            );
         }
     }
 
@@ -269,7 +279,7 @@ impl Case {
         let row = |period: &PeriodRecord<AXES>| records::Row {
             period: period.period,
             line: u64::from(period.line),
-            rate_nano: ((i128::from(period.rate) * 1_000_000_000) >> 32) as i64,
+            rate_nano: ((i128::from(period.rate.units()) * 1_000_000_000) >> 32) as i64,
             record: u64::from(period.place.record),
             fraction: u64::from(period.place.fraction),
             increments: period.increments.iter().take(self.machine.axes.len()).map(|&i| i64::from(i)).collect(),
@@ -280,7 +290,7 @@ impl Case {
     }
 }
 
-fn axis(axis: &retrace_controller::machine::AxisConfig) -> limits::Axis {
+fn axis(axis: &retrace_config::AxisConfig) -> limits::Axis {
     limits::Axis {
         pulses_per_mm: axis.pulses_per_mm,
         limits: [axis.max_velocity_mm_per_s, axis.max_acceleration_mm_per_s2, axis.max_jerk_mm_per_s3],

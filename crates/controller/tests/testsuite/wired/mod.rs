@@ -5,23 +5,24 @@
 
 use std::sync::{Arc, Mutex};
 
+use retrace_config::MachineConfig;
 use retrace_controller::command_queue::CommandSources;
 use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobOptions, JobStart};
+use retrace_controller::job;
+use retrace_controller::job::{BlockDecoder, DecodedBlock, JobOptions, JobStart};
 use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::machine::MachineConfig;
 use retrace_controller::operator;
-use retrace_controller::place_index::JournalConfig;
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::{Outcome, RunMode};
 use retrace_controller::telemetry::{Observer, Telemetry};
 use retrace_core::playback::partial_increment;
-use retrace_core::{Place, Travel};
+use retrace_core::{Distance, Place, Rate};
 use retrace_gcode::{AxisSet, CanonStep, Program, Progress, Setup};
 use retrace_hal_sim::{
     CardSimulator, CardSimulatorSettings, Clock, InFlightPolicy, InProcess, NoFault, Random, SerialChannelSettings,
     SimCard,
 };
+use retrace_journal::JournalConfig;
 use retrace_link::{BytePort, CardStatus, LineCounts, LinkTimeouts, LinkedCard, MotionCard, Outputs, PathStart};
 
 /// Axes of the card; the built-in machine uses three of them.
@@ -106,7 +107,7 @@ impl Path {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Period {
     pub place: Place,
-    pub rate: Travel,
+    pub rate: Rate,
     pub at_rest: bool,
     pub short: bool,
     pub counts: [i64; AXES],
@@ -310,7 +311,7 @@ pub(crate) fn on_the_path(path: &Path, done: &Done) -> Result<(), String> {
         return Err(format!("at the pins: {faults:?}"));
     }
     match done.log.last() {
-        Some(last) if last.rate == 0 && last.at_rest => Ok(()),
+        Some(last) if last.rate == Rate::ZERO && last.at_rest => Ok(()),
         last => Err(format!("it does not stand: {last:?}")),
     }
 }
@@ -322,17 +323,18 @@ pub(crate) fn in_order(markers: &[u32], log: &[Period]) -> Result<(), String> {
     for period in log {
         let at = |number: u32| markers.get(number as usize - 1).map(|&place| Place::start_of(place));
         if period.executed != executed {
-            if period.executed != executed + 1 || at(period.executed) != Some(period.place) || period.rate != 0 {
+            if period.executed != executed + 1 || at(period.executed) != Some(period.place) || period.rate != Rate::ZERO
+            {
                 return Err(format!("instruction {} complete elsewhere: {period:?}", period.executed));
             }
             executed = period.executed;
         }
         if let Some(next) = at(executed + 1)
-            && next.distance_to(period.place) > 0
+            && next.distance_to(period.place) > Distance::ZERO
         {
             return Err(format!("beyond instruction {}, which is not complete: {period:?}", executed + 1));
         }
-        if outputs.is_some_and(|outputs| outputs != period.outputs) && period.rate != 0 && !period.alarm {
+        if outputs.is_some_and(|outputs| outputs != period.outputs) && period.rate != Rate::ZERO && !period.alarm {
             return Err(format!("switched in motion: {period:?}"));
         }
         outputs = Some(period.outputs);

@@ -1,0 +1,302 @@
+//! The card in the machine file: inputs, monitoring, outputs and pulses; and the card settings that follow from it.
+//!
+//! Invariant: settings that were checked here name only inputs, outputs and axes that can exist.
+
+use retrace_core::limits::RateLimits;
+use retrace_link::{CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, OutputChange, PathStart, channel};
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::axis::AxisConfig;
+use crate::machine_config::MachineConfig;
+use crate::machine_file::within;
+use crate::numbered_error::NumberedError;
+
+/// Time in ms for which the machine may be at rest with a rate requested before the cutter counts as on at rest: on a
+/// serial line some 40 ms pass between the report of M3 and the first motion (CUT-6).
+const HANDOVER_MS: f64 = 100.0;
+
+/// Use of an input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum InputMeaning {
+    /// An input that programs wait for.
+    Plain,
+    /// Limit switch at the lower end of an axis.
+    LowerLimit,
+    /// Limit switch at the upper end of an axis.
+    UpperLimit,
+    /// Home switch of an axis.
+    Home,
+    /// Door switch.
+    Door,
+    /// Emergency stop.
+    EmergencyStop,
+    /// Probe.
+    Probe,
+}
+
+/// An input of the card, `[[card.input]]`.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct InputSection {
+    /// Number of the input.
+    #[schemars(range(max = 15))]
+    number: u8,
+    /// Use of the input.
+    #[serde(rename = "use")]
+    used_for: InputMeaning,
+    /// Axis of a limit or home switch.
+    axis: Option<char>,
+    /// Whether the input is active at low level.
+    #[serde(default)]
+    active_low: bool,
+}
+
+/// The motion card, `[card]`.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct CardSection {
+    /// Time without a frame from the computer after which the card stops, in ms.
+    watchdog_ms: f64,
+    /// Interval of the card's reports in ms.
+    report_every_ms: f64,
+    /// Length of a step pulse in µs.
+    step_pulse_us: f64,
+    /// Time from a change of direction to the next step in µs.
+    direction_setup_us: f64,
+    /// Axes whose direction output is inverted.
+    inverted_axes: Vec<char>,
+    /// Outputs that a fault switches off; by default the cutters and the spindle.
+    off_at_fault: Option<Vec<u8>>,
+    /// Inputs.
+    input: Vec<InputSection>,
+}
+
+impl Default for CardSection {
+    fn default() -> Self {
+        Self {
+            watchdog_ms: 250.0,
+            report_every_ms: 8.0,
+            step_pulse_us: 2.0,
+            direction_setup_us: 5.0,
+            inverted_axes: Vec::new(),
+            off_at_fault: None,
+            input: Vec::new(),
+        }
+    }
+}
+
+/// Settings of the card other than those of the axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CardConfig {
+    watchdog_periods: u16,
+    report_periods: u8,
+    pulse_ns: u16,
+    direction_setup_ns: u16,
+    direction_inverted: u16,
+    inputs: [InputSetting; MAX_INPUTS],
+    /// Inputs that the machine file declares, one bit each.
+    declared_inputs: u16,
+    /// Output channels that a fault switches off.
+    pub off_at_fault: Vec<u8>,
+}
+
+impl CardSection {
+    /// Checks the settings. Without an explicit list, a fault switches off the cutters and the spindle.
+    pub(crate) fn checked(
+        self,
+        axes: &[AxisConfig],
+        cutting: &[u8],
+        period_ms: f64,
+    ) -> Result<CardConfig, NumberedError> {
+        within(
+            "card.watchdog_ms",
+            self.watchdog_ms,
+            (40.0_f64).max(10.0 * period_ms),
+            2000.0_f64.max(20.0 * period_ms),
+        )?;
+        within("card.report_every_ms", self.report_every_ms, period_ms, 100.0_f64.max(period_ms))?;
+        within("card.step_pulse_us", self.step_pulse_us, 0.1, 60.0)?;
+        within("card.direction_setup_us", self.direction_setup_us, 0.0, 60.0)?;
+        let refuse =
+            |what: String| NumberedError::new("E2112", what, "see `retrace machine new` for a commented machine file");
+        let axis_of = |letter: char| {
+            let at = axes.iter().position(|axis| axis.name == letter.to_ascii_lowercase());
+            at.map(|at| at as u8).ok_or_else(|| refuse(format!("card: the machine has no axis `{letter}`")))
+        };
+        let mut direction_inverted = 0;
+        for &letter in &self.inverted_axes {
+            direction_inverted |= 1 << axis_of(letter)?;
+        }
+        let mut inputs = [InputSetting::default(); MAX_INPUTS];
+        let mut declared_inputs: u16 = 0;
+        for input in &self.input {
+            let slot = inputs
+                .get_mut(usize::from(input.number))
+                .ok_or_else(|| refuse(format!("card.input: there is no input {}", input.number)))?;
+            if declared_inputs & (1 << input.number) != 0 {
+                return Err(refuse(format!("card.input {}: declared twice", input.number)));
+            }
+            declared_inputs |= 1 << input.number;
+            let axis = || match input.axis {
+                Some(letter) => axis_of(letter),
+                None => Err(refuse(format!("card.input {}: which axis does it belong to?", input.number))),
+            };
+            let used_for = match input.used_for {
+                InputMeaning::Plain => InputUse::Plain,
+                InputMeaning::LowerLimit => InputUse::Limit { axis: axis()?, upper: false },
+                InputMeaning::UpperLimit => InputUse::Limit { axis: axis()?, upper: true },
+                InputMeaning::Home => InputUse::Home { axis: axis()? },
+                InputMeaning::Door => InputUse::Door,
+                InputMeaning::EmergencyStop => InputUse::EmergencyStop,
+                InputMeaning::Probe => InputUse::Probe,
+            };
+            *slot = InputSetting { used_for, active_low: input.active_low };
+        }
+        let off_at_fault = self.off_at_fault.unwrap_or_else(|| {
+            let mut all = cutting.to_vec();
+            all.push(channel::SPINDLE);
+            all.dedup();
+            all
+        });
+        if off_at_fault.len() > MAX_SAFE || off_at_fault.iter().any(|&c| usize::from(c) >= channel::COUNT) {
+            return Err(refuse(format!(
+                "card.off_at_fault: at most {MAX_SAFE} outputs, each from 0 to {}",
+                channel::COUNT - 1
+            )));
+        }
+        let periods = |ms: f64| (ms / period_ms).round().max(1.0);
+        Ok(CardConfig {
+            watchdog_periods: periods(self.watchdog_ms) as u16,
+            // A report takes some thirty bytes: at a low baud rate it may be sent a little later.
+            report_periods: periods(self.report_every_ms).max((16.0 / period_ms).floor().min(8.0)).min(255.0) as u8,
+            pulse_ns: (1000.0 * self.step_pulse_us) as u16,
+            direction_setup_ns: (1000.0 * self.direction_setup_us) as u16,
+            direction_inverted,
+            inputs,
+            declared_inputs,
+            off_at_fault,
+        })
+    }
+
+    /// Settings that each have one of these parts and defaults otherwise, and these last: for checking them one by one.
+    pub(crate) fn parts(&self) -> Vec<Self> {
+        let usual = Self::default;
+        let mut parts = vec![
+            Self { watchdog_ms: self.watchdog_ms, ..usual() },
+            Self { report_every_ms: self.report_every_ms, ..usual() },
+            Self { step_pulse_us: self.step_pulse_us, ..usual() },
+            Self { direction_setup_us: self.direction_setup_us, ..usual() },
+            Self { off_at_fault: self.off_at_fault.clone(), ..usual() },
+        ];
+        parts.extend(self.inverted_axes.iter().map(|&axis| Self { inverted_axes: vec![axis], ..usual() }));
+        parts.extend(self.input.iter().map(|input| Self { input: vec![input.clone()], ..usual() }));
+        parts
+    }
+}
+
+impl CardConfig {
+    /// Maximum pulses per second of drives with this length of the step pulse: each pulse is high and low for at least
+    /// that time.
+    #[must_use]
+    pub fn max_pulses_hz(&self) -> f64 {
+        1e9 / (2.0 * f64::from(self.pulse_ns.max(1)))
+    }
+
+    /// Whether the machine file declares this input with a `[[card.input]]`.
+    pub(crate) fn declares_input(&self, number: u8) -> bool {
+        u32::from(number) < u16::BITS && self.declared_inputs & (1 << number) != 0
+    }
+
+    /// Whether an axis has a switch for homing at this end: its home switch, or the limit switch there.
+    pub(crate) fn can_home(&self, axis: usize, upper: bool) -> bool {
+        self.inputs.iter().any(|input| match input.used_for {
+            InputUse::Home { axis: of } => usize::from(of) == axis,
+            InputUse::Limit { axis: of, upper: end } => usize::from(of) == axis && end == upper,
+            _ => false,
+        })
+    }
+}
+
+impl MachineConfig {
+    /// Settings that a card receives for this machine, with the start of the path.
+    #[must_use]
+    pub fn card_settings<const A: usize>(&self, start: PathStart) -> CardSettings<A> {
+        let card = &self.card;
+        // A checked machine has them.
+        let limits = self.rate_limits().unwrap_or(RateLimits::unconfigured());
+        let mut settings = CardSettings {
+            axes: self.axes.len().min(A) as u8,
+            report_periods: card.report_periods,
+            watchdog_periods: card.watchdog_periods,
+            pulse_ns: card.pulse_ns,
+            direction_setup_ns: card.direction_setup_ns,
+            direction_inverted: card.direction_inverted,
+            inputs: card.inputs,
+            safe_count: card.off_at_fault.len() as u8,
+            cutting: crate::cutter::settings(
+                &self.cutters,
+                HANDOVER_MS.min(f64::from(card.watchdog_periods) * self.period_s() * 1e3),
+                self.period_s() * 1e3,
+                self.inhibits_outputs,
+            ),
+            ..CardSettings::new(0, start, self.period_us, limits)
+        };
+        for (slot, &channel) in settings.safe.iter_mut().zip(&card.off_at_fault) {
+            *slot = OutputChange { channel, value: 0 };
+        }
+        for (slot, axis) in settings.backlash_pulses.iter_mut().zip(&self.axes) {
+            // At most 10 mm, and at most as many pulses as the settings can represent.
+            *slot = (axis.backlash_mm * axis.pulses_per_mm).round() as u16;
+        }
+        settings
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn machine(text: &str) -> Result<MachineConfig, NumberedError> {
+        MachineConfig::parse(text, "m.toml")
+    }
+
+    #[test]
+    fn what_is_written_is_what_the_card_is_told() {
+        let text = "control_period_ms = 2.0\ncutting_outputs = [4]\n[card]\nwatchdog_ms = 300\nstep_pulse_us = 3.5\n\
+            inverted_axes = [\"Y\"]\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\nactive_low = true\n\
+            [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
+        let settings = machine(text).expect("valid").card_settings::<4>(PathStart::at(7));
+        assert_eq!((settings.start, settings.axes, settings.period_us), (PathStart::at(7), 3, 2000));
+        assert_eq!((settings.watchdog_periods, settings.report_periods), (150, 8));
+        assert_eq!((settings.pulse_ns, settings.direction_inverted), (3500, 2));
+        let limit = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
+        assert_eq!((settings.inputs[2], settings.inputs[13].used_for), (limit, InputUse::EmergencyStop));
+        let off = [4, channel::SPINDLE].map(|channel| OutputChange { channel, value: 0 });
+        assert_eq!(settings.safe(), off);
+    }
+
+    #[test]
+    fn backlash_is_told_in_pulses() {
+        let axis = |name: &str, mm: f64| {
+            format!(
+                "[[axis]]\nname = \"{name}\"\npulses_per_mm = 800\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+                max_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 100]\nbacklash_mm = {mm:?}\n"
+            )
+        };
+        let settings =
+            machine(&(axis("x", 0.0) + &axis("z", 0.015))).expect("valid").card_settings::<4>(PathStart::at(0));
+        assert_eq!(settings.backlash_pulses, [0, 12, 0, 0]);
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_by_name() {
+        let what = |text: &str| machine(text).expect_err("wrong").cause;
+        assert!(what("[card]\nwatchdog_ms = 1\n").contains("card.watchdog_ms"));
+        assert!(what("[card]\ninverted_axes = [\"a\"]\n").contains("no axis `a`"));
+        assert!(what("[[card.input]]\nnumber = 16\nuse = \"door\"\n").contains("no input 16"));
+        assert!(what("[[card.input]]\nnumber = 1\nuse = \"home\"\n").contains("which axis"));
+        assert!(what("[card]\noff_at_fault = [200]\n").contains("off_at_fault"));
+    }
+}

@@ -1,0 +1,219 @@
+//! The cutters of a machine: their outputs, how long they may be on while the machine is at rest, and their names
+//! (CUT-1).
+//!
+//! Invariant: every cutting output belongs to exactly one cutter, and no channel has two uses.
+
+use retrace_link::{CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, channel};
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::machine_file::within;
+use crate::numbered_error::NumberedError;
+
+/// Kind of a cutter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum CutterKind {
+    /// A plasma or oxy-fuel torch: off as soon as the machine is at rest.
+    Torch,
+    /// A water jet.
+    Jet,
+    /// A laser beam: off as soon as the machine is at rest.
+    Beam,
+    /// A scribe, pen or punch, which does not cut.
+    Marker,
+    /// A milling or engraving spindle: keeps turning in a hold (CUT-10).
+    Spindle,
+}
+
+impl CutterKind {
+    /// Whether it must be off whenever the machine does not move along a cut.
+    #[must_use]
+    pub const fn cuts_at_rest(self) -> bool {
+        matches!(self, Self::Torch | Self::Jet | Self::Beam)
+    }
+
+    /// Default time for which it may be on while the machine is at rest, ms (CUT-6).
+    const fn usual_standing_ms(self) -> f64 {
+        match self {
+            Self::Jet => 500.0,
+            _ => 0.0,
+        }
+    }
+}
+
+/// A cutter, `[[cutter]]`.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CutterSection {
+    /// Name at the screen and in messages.
+    name: String,
+    /// Kind of the cutter.
+    kind: CutterKind,
+    /// Output that lights, opens or starts the cutter; 64 is the output of M3.
+    #[schemars(range(max = 64))]
+    fire: u8,
+    /// Output that arms the cutter.
+    #[schemars(range(max = 64))]
+    arm: Option<u8>,
+    /// Output of the assist gas.
+    #[schemars(range(max = 64))]
+    assist: Option<u8>,
+    /// Output of the abrasive.
+    #[schemars(range(max = 64))]
+    abrasive: Option<u8>,
+    /// Maximum time on while the machine is at rest, in ms.
+    #[schemars(range(min = 0.0, max = 5000.0))]
+    standing_ms: Option<f64>,
+    /// Whether the operator can open a jet while the path is retraced.
+    #[serde(default)]
+    retrace_cut: bool,
+    /// Whether the cutter may be on in a rapid move.
+    #[serde(default)]
+    rapid_lit: bool,
+}
+
+/// A cutter, checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CutterConfig {
+    /// Name, for the screen and for messages.
+    pub name: String,
+    /// Kind of cutter.
+    pub kind: CutterKind,
+    /// Channel that lights, opens or starts it; 64 is that of M3, M4 and M5.
+    pub fire: u8,
+    /// Channel that arms it, if any.
+    pub arm: Option<u8>,
+    /// Channel of its assist gas, if any.
+    pub assist: Option<u8>,
+    /// Channel of its abrasive, if any.
+    pub abrasive: Option<u8>,
+    /// Time for which it may be on while the machine is at rest, ms. Not used for markers and spindles.
+    pub standing_ms: f64,
+    /// Whether it may be on while the path is retraced. Jets only.
+    pub retrace_cut: bool,
+    /// Whether it may be on during a rapid move.
+    pub rapid_lit: bool,
+}
+
+impl CutterConfig {
+    /// Cutter of a channel that `cutting_outputs` names and no table describes: a torch on M3's channel, else a jet.
+    fn of_channel(fire: u8) -> Self {
+        let (name, kind) = match fire {
+            channel::SPINDLE => ("torch".into(), CutterKind::Torch),
+            _ => (format!("output {fire}"), CutterKind::Jet),
+        };
+        let standing_ms = kind.usual_standing_ms();
+        let (arm, assist, abrasive) = (None, None, None);
+        Self { name, kind, fire, arm, assist, abrasive, standing_ms, retrace_cut: false, rapid_lit: false }
+    }
+
+    /// Its channels other than `fire`, with their purpose.
+    fn auxiliaries(&self) -> impl Iterator<Item = (u8, &'static str)> {
+        let all = [(self.arm, "arm"), (self.assist, "assist"), (self.abrasive, "abrasive")];
+        all.into_iter().filter_map(|(channel, what)| channel.map(|channel| (channel, what)))
+    }
+}
+
+/// The cutters of a machine file, and those of `cutting_outputs` that have no table.
+pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Result<Vec<CutterConfig>, NumberedError> {
+    let mut cutters: Vec<CutterConfig> = Vec::new();
+    for cutter in written {
+        let refuse = |what: &str, remedy: &str| {
+            Err(NumberedError::new("E2112", format!("[[cutter]] {}: {what}", cutter.name), remedy.to_owned()))
+        };
+        if cutter.name.is_empty() || cutter.name.chars().any(char::is_control) {
+            return refuse("the name is empty or has control characters", "a name such as \"torch\"");
+        }
+        if cutter.retrace_cut && cutter.kind != CutterKind::Jet {
+            return refuse("retrace_cut = true", "only a jet can cut while the path is retraced");
+        }
+        let standing_ms = cutter.standing_ms.unwrap_or(cutter.kind.usual_standing_ms());
+        within(&format!("cutter {}: standing_ms", cutter.name), standing_ms, 0.0, 5000.0)?;
+        let CutterSection { name, kind, fire, arm, assist, abrasive, retrace_cut, rapid_lit, .. } = cutter;
+        cutters.push(CutterConfig { name, kind, fire, arm, assist, abrasive, standing_ms, retrace_cut, rapid_lit });
+    }
+    for &fire in cutting_outputs {
+        if !cutters.iter().any(|cutter| cutter.fire == fire) {
+            cutters.push(CutterConfig::of_channel(fire));
+        }
+    }
+    unique(&cutters)?;
+    let channels: usize = cutters.iter().map(|cutter| 1 + cutter.auxiliaries().count()).sum();
+    if channels > MAX_CUTTING_CHANNELS {
+        let what = format!("the cutters have {channels} channels together");
+        return Err(NumberedError::new("E2112", what, format!("at most {MAX_CUTTING_CHANNELS} channels")));
+    }
+    Ok(cutters)
+}
+
+/// Rejects a channel that two cutters use, or that does not exist, and duplicate names.
+fn unique(cutters: &[CutterConfig]) -> Result<(), NumberedError> {
+    let mut used: Vec<(u8, &str)> = Vec::new();
+    for (at, cutter) in cutters.iter().enumerate() {
+        if cutters[..at].iter().any(|other| other.name == cutter.name) {
+            let what = format!("[[cutter]] {}: the name is used twice", cutter.name);
+            return Err(NumberedError::new("E2112", what, "each cutter needs a name of its own"));
+        }
+        let fire = std::iter::once((cutter.fire, "fire"));
+        for (channel, what) in fire.chain(cutter.auxiliaries()) {
+            let refuse = |why: String| {
+                let remedy = "an output from 0 to 63, or 64 for the output of M3; each for one use only";
+                Err(NumberedError::new(
+                    "E2112",
+                    format!("[[cutter]] {}: {what} = {channel}: {why}", cutter.name),
+                    remedy,
+                ))
+            };
+            if channel > channel::SPINDLE || (channel == channel::SPINDLE && what != "fire") {
+                return refuse("there is no such output".into());
+            }
+            if let Some((_, other)) = used.iter().find(|(taken, _)| *taken == channel) {
+                return refuse(format!("cutter {other} uses it too"));
+            }
+            used.push((channel, &cutter.name));
+        }
+    }
+    Ok(())
+}
+
+/// The fire channels of torches, jets and beams.
+pub(crate) fn cutting_outputs(cutters: &[CutterConfig]) -> Vec<u8> {
+    cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()).map(|cutter| cutter.fire).collect()
+}
+
+/// Settings of the cutters for the card. `inhibit`: a dry run.
+pub(crate) fn settings(cutters: &[CutterConfig], handover_ms: f64, period_ms: f64, inhibit: bool) -> CuttingSettings {
+    let periods = |ms: f64| (ms / period_ms).round().clamp(0.0, f64::from(u16::MAX)) as u16;
+    let mut all = CuttingSettings { handover_periods: periods(handover_ms), inhibit, ..CuttingSettings::default() };
+    let mut add = |channel: u8, fires: bool, cutter: &CutterConfig| {
+        if let Some(slot) = all.channels.get_mut(usize::from(all.count)) {
+            let (standing_periods, lit_in_reverse) = (periods(cutter.standing_ms), cutter.retrace_cut);
+            *slot = CuttingChannel { channel, fires, standing_periods, lit_in_reverse };
+            all.count += 1;
+        }
+    };
+    for cutter in cutters {
+        add(cutter.fire, cutter.kind.cuts_at_rest(), cutter);
+        for (channel, _) in cutter.auxiliaries() {
+            add(channel, false, cutter);
+        }
+    }
+    all
+}
+
+/// Channels that a dry run keeps off (CUT-8).
+pub(crate) fn inhibited(cutters: &[CutterConfig]) -> Vec<u8> {
+    cutters.iter().flat_map(|cutter| std::iter::once(cutter.fire).chain(cutter.auxiliaries().map(|a| a.0))).collect()
+}
+
+/// Name of a channel: the cutter's name for its fire channel, the name and purpose for the others.
+pub(crate) fn name_of(cutters: &[CutterConfig], channel: u8) -> Option<String> {
+    cutters.iter().find_map(|cutter| {
+        if cutter.fire == channel {
+            return Some(cutter.name.clone());
+        }
+        let (_, what) = cutter.auxiliaries().find(|(other, _)| *other == channel)?;
+        Some(format!("{} {what}", cutter.name))
+    })
+}

@@ -1,0 +1,55 @@
+//! The machine file of retrace: axes, limits, card settings, switching codes, cutters, homing and serial lines.
+//!
+//! ```text
+//!  TOML text ─> machine_file ─> axis, cutter, card_config, ─> MachineConfig ─> limits, card_settings, rate_limits
+//!               (sections)      switching, serial, …         (checked)        of the planner and of the card
+//! ```
+//!
+//! A [`MachineConfig`] is parsed from text, or is the built-in machine. [`MachineConfig::check_machine`] reports every
+//! error of a file at once; [`machine_file_schema`] is the JSON schema of the file. Errors of this and of the crates
+//! above are [`NumberedError`]s: a number of `docs/errors.md`, a cause, and a remedy.
+//!
+//! Lengths are in mm (degrees on rotary axes), times in s unless a name says otherwise.
+//!
+//! Invariant: a [`MachineConfig`] that exists is valid: every number is in its range, every name refers to something,
+//! the plan has its reserve, and the rate law fits the card.
+//!
+//! # Examples
+//!
+//! ```
+//! use retrace_config::MachineConfig;
+//! let machine = MachineConfig::parse("control_period_ms = 2.0", "mill.toml")?;
+//! assert_eq!((machine.axes.len(), machine.period_us), (3, 2000));
+//! let error = MachineConfig::parse("control_period_ms = 0.0", "mill.toml").unwrap_err();
+//! assert_eq!(error.number, "E2112");
+//! # Ok::<(), retrace_config::NumberedError>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod axis;
+mod card_config;
+mod channel_names;
+mod cutter;
+mod machine_changes;
+mod machine_check;
+mod machine_config;
+mod machine_file;
+mod manual_config;
+mod numbered_error;
+mod rate_limits;
+mod serial;
+mod switching;
+
+pub use axis::{AXIS_LETTERS, AxisConfig, HomeConfig};
+pub use card_config::CardConfig;
+pub use channel_names::{ChannelNames, channel_name};
+pub use cutter::{CutterConfig, CutterKind};
+pub use machine_changes::machine_changes;
+pub use machine_check::MachineCheck;
+pub use machine_config::MachineConfig;
+pub use machine_file::{RetraceOutputs, ToolChange, WheelSettings, machine_file_schema};
+pub use manual_config::ManualConfig;
+pub use numbered_error::{NumberedError, nearest};
+pub use rate_limits::{IN_FLIGHT_RECORDS, StoppingTimes};
+pub use serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
+pub use switching::{CodeClass, CodeSettings, CodeSwitching, InReverse, SwitchingTable, UserCode, WaitsFor};

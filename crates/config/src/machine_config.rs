@@ -1,0 +1,328 @@
+//! The machine configuration: axes, limits, period, history, switching; and the built-in machine.
+//!
+//! Invariant: a [`MachineConfig`] that exists is valid: every number is in its range, the plan has its reserve, and the
+//! rate law fits the card.
+
+use std::collections::BTreeMap;
+
+use retrace_core::limits::RateLimits;
+use retrace_motion::{Blending, MachineLimits};
+
+use crate::axis::{self, AxisConfig};
+use crate::card_config::CardConfig;
+use crate::channel_names;
+use crate::cutter::{self, CutterConfig};
+use crate::machine_file::{MachineFile, OutputSection, RetraceOutputs, ToolChange};
+use crate::manual_config::{ManualConfig, Written};
+use crate::numbered_error::NumberedError;
+use crate::rate_limits::{self, IN_FLIGHT_RECORDS, StoppingTimes};
+use crate::serial::SerialSettings;
+use crate::switching::SwitchingTable;
+
+/// Configuration of a machine, checked.
+#[derive(Clone, Debug)]
+pub struct MachineConfig {
+    /// Name of the machine.
+    pub name: String,
+    /// Axes, in the order of [`AXIS_LETTERS`](crate::AXIS_LETTERS).
+    pub axes: Vec<AxisConfig>,
+    /// Control period *T* in microseconds.
+    pub period_us: u32,
+    /// Maximum velocity along the path, mm/s.
+    pub path_velocity_mm_s: f64,
+    /// Share of acceleration and jerk that the plan leaves to the rate law.
+    pub reserve: f64,
+    /// Blend tolerance for G64 without P, mm.
+    pub blend_tolerance_mm: f64,
+    /// Method by which corners between lines are passed.
+    pub blending: Blending,
+    /// Number of records retained for reverse run.
+    pub history_records: u32,
+    /// Maximum number of records planned beyond `reached`.
+    pub look_ahead_records: u32,
+    /// Setup: homing, tool axis, retract plane.
+    pub setting_up: ManualConfig,
+    /// Behaviour of outputs while retracing.
+    pub retrace_outputs: RetraceOutputs,
+    /// Its cutters.
+    pub cutters: Vec<CutterConfig>,
+    /// Output channels that cut: the fire channels of torches, jets and beams. Rapid retrace only while they are off.
+    pub cutting_outputs: Vec<u8>,
+    /// Tool change: automatic or manual.
+    pub tool_change: ToolChange,
+    /// Names of outputs by channel, other than those of the cutters.
+    pub output_names: BTreeMap<u8, String>,
+    /// Length of the handwheel's filter in periods.
+    pub wheel_periods: u16,
+    /// Handwheel counts in that time that give rate 1.
+    pub wheel_counts: u16,
+    /// Maximum length of a streamed program that is saved, bytes.
+    pub stream_quota_bytes: u64,
+    /// Settings of serial program sources.
+    pub serial: SerialSettings,
+    /// Further settings of the card.
+    pub card: CardConfig,
+    /// Switching by M, S and T codes.
+    pub switching: SwitchingTable,
+    /// Stopping times under the rate law.
+    pub stopping: StoppingTimes,
+    /// Whether this is a dry run: every cutter is kept off (CUT-8).
+    pub inhibits_outputs: bool,
+    /// Position of the axes when a job begins, mm, in the order of `axes`: that of the card's counts.
+    pub stands_at_mm: Vec<f64>,
+}
+
+impl MachineConfig {
+    /// Returns the machine at the position of these counts.
+    #[must_use]
+    pub fn standing_at(mut self, counts: &[i64]) -> Self {
+        for ((mm, axis), &count) in self.stands_at_mm.iter_mut().zip(&self.axes).zip(counts) {
+            *mm = count as f64 / axis.pulses_per_mm;
+        }
+        self
+    }
+
+    /// Position at which a job begins, with `A` axes.
+    #[must_use]
+    pub fn start_mm<const A: usize>(&self) -> [f64; A] {
+        let mut start = [0.0; A];
+        for (slot, &mm) in start.iter_mut().zip(&self.stands_at_mm) {
+            *slot = mm;
+        }
+        start
+    }
+
+    /// The built-in machine: three axes, 1 000 pulses/mm, 100 mm/s, 1 000 mm/s², 20 000 mm/s³, T = 1 ms.
+    ///
+    /// # Errors
+    /// None in practice; the built-in machine passes the same checks as every other.
+    pub fn built_in() -> Result<Self, NumberedError> {
+        Self::check(MachineFile::default())
+    }
+
+    /// Parses the text of a machine file. `name` names the file in messages.
+    ///
+    /// # Errors
+    /// `E2111` for text that is not a machine file (syntax, misspelt key, wrong type), with line, column and a
+    /// suggestion; `E2112` for a number out of range.
+    pub fn parse(text: &str, name: &str) -> Result<Self, NumberedError> {
+        let file = MachineFile::read(text, name)?;
+        Self::check(file).map_err(|r| NumberedError { cause: format!("{name}: {}", r.cause), ..r })
+    }
+
+    pub(crate) fn check(file: MachineFile) -> Result<Self, NumberedError> {
+        file.ranges().into_iter().collect::<Result<(), _>>()?;
+        let axes = axis::checked(file.axis)?;
+        let period_us = (file.control_period_ms * 1000.0).round() as u32;
+        let period_s = f64::from(period_us) * 1e-6;
+        let periods = |seconds: f64| (seconds / period_s).ceil() as u32;
+        let reserve = file.override_reserve_percent / 100.0;
+        let limits = rate_limits::rate_limits::<9>(&axes, reserve, period_s);
+        let stopping = limits.as_ref().and_then(StoppingTimes::from_limits).ok_or_else(|| {
+            NumberedError::new(
+                "E2113",
+                "the axes brake too slowly for a control period this short: the rate law does not fit the card's memory",
+                "a longer control_period_ms, a lower max_velocity_mm_per_s or a higher max_acceleration_mm_per_s2",
+            )
+        })?;
+        let look_ahead = periods(file.look_ahead_s).max(stopping.look_ahead_records + 2 * IN_FLIGHT_RECORDS);
+        let cutters = cutter::checked(file.cutter, &file.cutting_outputs)?;
+        let cutting_outputs = cutter::cutting_outputs(&cutters);
+        let card = file.card.checked(&axes, &cutting_outputs, file.control_period_ms)?;
+        let output_names = output_names(file.output, &cutters)?;
+        let written = Written {
+            homing: file.homing,
+            manual: file.manual,
+            homed: file.homed,
+            tool_axis: file.tool_axis,
+            retract_mm: file.retract_mm,
+        };
+        let setting_up = ManualConfig::checked(written, &axes, &card)?;
+        let wheel_periods = (file.wheel.filter_ms / file.control_period_ms).round() as u16;
+        let wheel_counts = file.wheel.full_rate_counts_per_s * f64::from(wheel_periods) * period_s;
+        let machine = Self {
+            name: file.name,
+            period_us,
+            path_velocity_mm_s: file.path_velocity_mm_per_s,
+            reserve,
+            blend_tolerance_mm: file.blend_tolerance_mm,
+            blending: file.blending.checked()?,
+            history_records: periods(file.history_hours * 3600.0),
+            look_ahead_records: look_ahead,
+            setting_up,
+            retrace_outputs: file.retrace_outputs,
+            cutters,
+            cutting_outputs,
+            tool_change: file.tool_change,
+            output_names,
+            card,
+            stream_quota_bytes: (file.stream_quota_mib * 1_048_576.0) as u64,
+            serial: file.serial.checked()?,
+            wheel_periods,
+            wheel_counts: wheel_counts.round().clamp(1.0, 65_535.0) as u16,
+            switching: SwitchingTable::new(&file.code, period_us)?,
+            stopping,
+            inhibits_outputs: false,
+            stands_at_mm: vec![0.0; axes.len()],
+            axes,
+        };
+        machine.limits::<9>().validate().map_err(|e| {
+            NumberedError::new("E2112", e.to_string(), "change the limits, the pulses per mm or the control period")
+        })?;
+        Ok(machine)
+    }
+
+    /// Name of an output channel: by its cutter, by the machine file, or by its purpose.
+    #[must_use]
+    pub fn channel_name(&self, channel: u8) -> String {
+        let named = || self.output_names.get(&channel).cloned();
+        cutter::name_of(&self.cutters, channel).or_else(named).unwrap_or_else(|| channel_names::channel_name(channel))
+    }
+
+    /// The channel of this name; case is ignored.
+    #[must_use]
+    pub fn channel_named(&self, name: &str) -> Option<u8> {
+        (0..retrace_link::channel::COUNT as u8).find(|&channel| self.channel_name(channel).eq_ignore_ascii_case(name))
+    }
+
+    /// The cutter that this channel lights, opens or starts, if any.
+    #[must_use]
+    pub fn cutter_of(&self, channel: u8) -> Option<&CutterConfig> {
+        self.cutters.iter().find(|cutter| cutter.fire == channel)
+    }
+
+    /// Channels that are kept off in a dry run: fire, arm, assist and abrasive of every cutter. Empty otherwise.
+    #[must_use]
+    pub fn inhibited_channels(&self) -> Vec<u8> {
+        if self.inhibits_outputs { cutter::inhibited(&self.cutters) } else { Vec::new() }
+    }
+
+    /// Channels of the cutters in the order of the card's settings.
+    #[must_use]
+    pub fn cutting_channels(&self) -> Vec<u8> {
+        cutter::inhibited(&self.cutters)
+    }
+
+    /// Channels that the end of a job switches off: those of every cutter, and the spindle.
+    #[must_use]
+    pub fn off_at_end(&self) -> Vec<u8> {
+        let mut channels = cutter::inhibited(&self.cutters);
+        if !channels.contains(&retrace_link::channel::SPINDLE) {
+            channels.push(retrace_link::channel::SPINDLE);
+        }
+        channels
+    }
+
+    /// Control period in seconds.
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        f64::from(self.period_us) * 1e-6
+    }
+
+    /// Limits for a card's rate law; missing axes have those of the first axis. Not `None` for a machine whose file was
+    /// checked.
+    #[must_use]
+    pub fn rate_limits<const A: usize>(&self) -> Option<RateLimits<A>> {
+        rate_limits::rate_limits(&self.axes, self.reserve, self.period_s())
+    }
+
+    /// Limits for the planner; missing axes have those of the first axis.
+    #[must_use]
+    pub fn limits<const A: usize>(&self) -> MachineLimits<A> {
+        let each = |value: fn(&AxisConfig) -> f64| {
+            let mut all = [value(&self.axes[0]); A];
+            for (slot, axis) in all.iter_mut().zip(&self.axes) {
+                *slot = value(axis);
+            }
+            all
+        };
+        MachineLimits {
+            velocity_mm_s: each(|a| a.max_velocity_mm_per_s),
+            acceleration_mm_s2: each(|a| a.max_acceleration_mm_per_s2),
+            jerk_mm_s3: each(|a| a.max_jerk_mm_per_s3),
+            pulses_per_mm: each(|a| a.pulses_per_mm),
+            path_velocity_mm_s: self.path_velocity_mm_s,
+            reserve: self.reserve,
+            period_s: self.period_s(),
+        }
+    }
+}
+
+/// Checks the names of outputs: each output once, each name once, and none that a cutter has.
+pub(crate) fn output_names(
+    written: Vec<OutputSection>,
+    cutters: &[CutterConfig],
+) -> Result<BTreeMap<u8, String>, NumberedError> {
+    let mut names = BTreeMap::new();
+    for OutputSection { number, name } in written {
+        let refuse =
+            |why: &str| Err(NumberedError::new("E2112", format!("[[output]] {number}: {why}"), "one name each"));
+        if usize::from(number) >= retrace_link::channel::DIGITAL {
+            return refuse("there is no such output");
+        }
+        if name.is_empty() || name.chars().any(char::is_control) {
+            return refuse("the name is empty or has control characters");
+        }
+        if cutter::name_of(cutters, number).is_some() {
+            return refuse("the output belongs to a cutter, which names it");
+        }
+        if cutters.iter().any(|cutter| cutter.name == name) || names.values().any(|other| *other == name) {
+            return refuse("the name is used twice");
+        }
+        if names.insert(number, name).is_some() {
+            return refuse("the output has two names");
+        }
+    }
+    Ok(names)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use retrace_motion::{GlideRatio, RatioOf};
+
+    #[test]
+    fn the_built_in_machine_is_the_published_one() {
+        let machine = MachineConfig::built_in().expect("valid");
+        assert_eq!(machine.axes.len(), 3);
+        assert_eq!((machine.period_us, machine.history_records, machine.look_ahead_records), (1000, 1_800_000, 500));
+        assert_eq!((machine.wheel_periods, machine.wheel_counts), (100, 10));
+        assert_eq!(machine.limits::<4>(), MachineLimits::built_in());
+    }
+
+    #[test]
+    fn a_misspelt_key_is_named_with_its_line_and_a_suggestion() {
+        let text = "name = \"mill\"\n[[axis]]\nname = \"x\"\nmax_velocty_mm_per_s = 3\n";
+        let refusal = MachineConfig::parse(text, "mill.toml").expect_err("misspelt");
+        assert_eq!(refusal.number, "E2111");
+        assert!(refusal.cause.contains("line 4") && refusal.cause.contains("mill.toml"), "{}", refusal.cause);
+        assert_eq!(refusal.remedy, "did you mean `max_velocity_mm_per_s`?");
+    }
+
+    #[test]
+    fn the_method_of_blending_is_chosen_by_name_with_its_ratio() {
+        let blending = |text: &str| MachineConfig::parse(text, "m.toml").map(|machine| machine.blending);
+        let source = |value, of| Ok(Blending::Source(GlideRatio::new(value, of).expect("in range")));
+        assert_eq!(blending(""), Ok(Blending::Optimum));
+        assert_eq!(blending("[blending]\nglide_ratio = 0.3\n"), Ok(Blending::Optimum));
+        assert_eq!(blending("[blending]\nmethod = \"source\"\n"), source(0.2, RatioOf::Length));
+        let text = "[blending]\nmethod = \"source\"\nglide_ratio = 0.5\nratio_of = \"speed\"\n";
+        assert_eq!(blending(text), source(0.5, RatioOf::Speed));
+        let refused = |text: &str| blending(text).expect_err("wrong");
+        assert!(refused(&text.replace("0.5", "0")).cause.contains("blending.glide_ratio = 0"));
+        assert_eq!(refused(&text.replace("glide_ratio", "glide_rato")).remedy, "did you mean `glide_ratio`?");
+        assert_eq!(refused(&text.replace("source", "sauce")).number, "E2111");
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused_by_name() {
+        let what = |text: &str| MachineConfig::parse(text, "m.toml").expect_err("out of range").cause;
+        assert!(what("control_period_ms = 0").contains("control_period_ms = 0"));
+        assert!(what("history_hours = nan").contains("history_hours"));
+        assert!(what("axis = []").contains("no [[axis]]"));
+        let axis = "[[axis]]\nname = \"x\"\npulses_per_mm = 1e6\nmax_velocity_mm_per_s = 1e3\nmax_acceleration_mm_per_s2 = 1e4\nmax_jerk_mm_per_s3 = 1e6\ntravel_mm = [0, 1]\n";
+        assert!(what(axis).contains("pulses"), "{}", what(axis));
+        assert!(what(&axis.replace("[0, 1]", "[1, 0]")).contains("travel_mm"));
+        assert!(what(&axis.repeat(2).replace("1e6", "1e2")).contains("twice"));
+    }
+}

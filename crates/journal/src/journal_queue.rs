@@ -1,0 +1,203 @@
+//! The queue of journal entries: any thread pushes, the writer thread takes batches.
+//!
+//! Invariant: entries are taken in the order in which they were pushed. Entries that are needed to resume the job are
+//! never lost where the motion path follows the durable place.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use retrace_config::NumberedError;
+
+use crate::entry::{JournalEntry, LostEntries};
+use crate::place_index::DurablePlace;
+
+/// Capacity of the queue where a thread can wait or entries can be lost.
+pub(crate) const CAPACITY: usize = 4096;
+/// Maximum number of entries in a batch.
+const MAX_BATCH: usize = 1024;
+/// Interval at which writing to a failed disk is tried again.
+const RETRY_INTERVAL: Duration = Duration::from_millis(if cfg!(test) { 3 } else { 500 });
+/// Time for which entries are gathered where nothing waits for them to be durable.
+const GATHER_TIME: Duration = Duration::from_millis(5);
+
+/// Durability of the journal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Durability {
+    /// Synced to the disk with every batch, and the motion path follows the durable place: for a card that outlives the
+    /// process. Pushing index entries never waits: there are never more than the ring's look-ahead holds.
+    Synced,
+    /// Written only, for a card that ends with the process. Nothing waits for it.
+    Written,
+}
+
+/// A notice to the operator about the journal itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum JournalNotice {
+    /// `E3020`: it cannot be written.
+    Unwritable(NumberedError),
+    /// It can be written again.
+    Writable,
+}
+
+/// A handle to the queue. It can be cloned.
+#[derive(Clone, Debug)]
+pub(crate) struct JournalQueue(Arc<QueueShared>);
+
+#[derive(Debug)]
+struct QueueShared {
+    state: Mutex<QueueState>,
+    changed: Condvar,
+    durable: DurablePlace,
+    durability: Durability,
+}
+
+#[derive(Debug, Default)]
+pub(crate) struct QueueState {
+    pub(crate) queue: VecDeque<JournalEntry>,
+    /// Number of entries that were taken off the queue and are not saved yet.
+    pub(crate) unsaved: usize,
+    pub(crate) lost: u64,
+    /// No more entries will be pushed.
+    pub(crate) closed: bool,
+    /// The writer has ended.
+    pub(crate) writer_ended: bool,
+    /// Error of the last attempt to write, until an attempt succeeds.
+    pub(crate) write_error: Option<String>,
+    pub(crate) notices: VecDeque<JournalNotice>,
+}
+
+impl JournalQueue {
+    pub(crate) fn new(care: Durability, durable: DurablePlace) -> Self {
+        Self(Arc::new(QueueShared { state: Mutex::default(), changed: Condvar::new(), durable, durability: care }))
+    }
+
+    pub(crate) fn durability(&self) -> Durability {
+        self.0.durability
+    }
+
+    pub(crate) fn durable(&self) -> &DurablePlace {
+        &self.0.durable
+    }
+
+    /// Waits while `waits` returns true; [`JournalQueue::notify_changed`] makes it check again.
+    pub(crate) fn wait_while(&self, waits: impl FnMut(&mut QueueState) -> bool) -> MutexGuard<'_, QueueState> {
+        self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Wakes the threads that wait for a change of the state.
+    pub(crate) fn notify_changed(&self) {
+        self.0.changed.notify_all();
+    }
+
+    pub(crate) fn state(&self) -> MutexGuard<'_, QueueState> {
+        self.0.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Pushes an entry of the index.
+    pub(crate) fn push_index_entry(&self, entry: JournalEntry) {
+        let mut state = self.wait_for_space(self.state());
+        if self.0.durability == Durability::Written && state.queue.len() >= CAPACITY {
+            // This job cannot be resumed: a card that ends with the process cannot be found again.
+            state.lost += 1;
+            return;
+        }
+        state.queue.push_back(entry);
+        drop(state);
+        self.0.changed.notify_all();
+    }
+
+    /// Pushes an entry that the job can be resumed without.
+    pub(crate) fn push_event(&self, entry: JournalEntry) {
+        let mut state = self.wait_for_space(self.state());
+        if state.write_error.is_some()
+            && let (JournalEntry::Position(_), Some(last @ JournalEntry::Position(_))) =
+                (&entry, state.queue.back_mut())
+        {
+            *last = entry;
+            return;
+        }
+        if state.queue.len() >= CAPACITY {
+            state.lost += 1;
+            return;
+        }
+        state.queue.push_back(entry);
+        drop(state);
+        self.0.changed.notify_all();
+    }
+
+    /// In virtual time, waits for space, as long as writing may still succeed.
+    fn wait_for_space<'s>(&'s self, state: MutexGuard<'s, QueueState>) -> MutexGuard<'s, QueueState> {
+        if self.0.durability == Durability::Synced {
+            return state;
+        }
+        let waits = |state: &mut QueueState| {
+            state.queue.len() >= CAPACITY && state.write_error.is_none() && !state.writer_ended
+        };
+        self.0.changed.wait_while(state, waits).unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Next notice to the operator about the journal: an alarm where it cannot be written, a message when it can again.
+    pub(crate) fn next_notice(&self) -> Option<JournalNotice> {
+        self.state().notices.pop_front()
+    }
+
+    /// Takes the next batch, waiting for one. `None` at the end.
+    pub(crate) fn take_batch(&self) -> Option<Vec<JournalEntry>> {
+        let waits = |state: &mut QueueState| state.queue.is_empty() && state.lost == 0 && !state.closed;
+        let mut state = self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner);
+        if self.0.durability == Durability::Written && !state.closed {
+            let gathering = |state: &mut QueueState| !state.closed && state.queue.len() < CAPACITY;
+            let waited = self.0.changed.wait_timeout_while(state, GATHER_TIME, gathering);
+            state = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+        let count = state.queue.len().min(MAX_BATCH);
+        let mut batch: Vec<JournalEntry> = state.queue.drain(..count).collect();
+        if state.lost > 0 {
+            // Before the end entry, which is the last one.
+            let at = batch.len() - usize::from(matches!(batch.last(), Some(JournalEntry::End(_))));
+            batch.insert(at, JournalEntry::Lost(LostEntries { entries: std::mem::take(&mut state.lost) }));
+        }
+        state.unsaved = batch.len();
+        (!batch.is_empty()).then_some(batch)
+    }
+
+    /// Records that the batch is saved, up to this place.
+    pub(crate) fn batch_saved(&self, place: Option<u32>) {
+        if let Some(place) = place {
+            self.0.durable.advance(place);
+        }
+        let mut state = self.state();
+        state.unsaved = 0;
+        if state.write_error.take().is_some() {
+            state.notices.push_back(JournalNotice::Writable);
+        }
+        drop(state);
+        self.0.changed.notify_all();
+    }
+
+    /// Records that the batch could not be saved. Returns whether to try again.
+    pub(crate) fn batch_failed(&self, why: String) -> bool {
+        let mut state = self.state();
+        if state.write_error.is_none() {
+            let remedy = match self.0.durability {
+                Durability::Synced => {
+                    "free space on its disk, or repair it: the machine stops on the path until the journal can be written, and resumes automatically"
+                }
+                Durability::Written => {
+                    "free space on its disk, or repair it: the job continues, but it cannot be resumed from here"
+                }
+            };
+            let cause = format!("the journal cannot be written: {why}");
+            state.notices.push_back(JournalNotice::Unwritable(NumberedError::new("E3020", cause, remedy)));
+        }
+        state.write_error = Some(why);
+        self.0.changed.notify_all();
+        if state.closed {
+            return false;
+        }
+        let waited = self.0.changed.wait_timeout_while(state, RETRY_INTERVAL, |state| !state.closed);
+        drop(waited.unwrap_or_else(PoisonError::into_inner));
+        true
+    }
+}

@@ -1,0 +1,146 @@
+//! The index from places to the program, written ahead of what the card may execute (DNC, *Beyond the source*).
+//!
+//! Planning is a function of the program, the machine file, the machine's initial position, and the overrides above 100
+//! % with the places from which they count. So a place is found again by planning again, and the result is compared
+//! with the marks: wherever the card has stopped, a mark at or beyond that place is durable.
+//!
+//! Invariant: an entry about a place is passed on before the records at or beyond that place are released to the motion
+//! path. Marks are in the order of their places.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use retrace_core::Rate;
+use retrace_core::place::is_before;
+use serde::{Deserialize, Serialize};
+
+/// State of the program where the records up to a place were planned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PlaceMark {
+    /// Place, as a record boundary.
+    pub place: u32,
+    /// Number of blocks that the decoder has executed up to the one of the record before the place: the block's
+    /// instance.
+    pub block: u64,
+    /// Program line of that record.
+    pub line: u32,
+    /// Counts of the machine's axes at the place; 0 for missing axes.
+    pub counts: [i64; 9],
+}
+
+/// A mark that differs from the earlier run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MarkDifference {
+    /// The mark of the earlier run.
+    pub was: PlaceMark,
+    /// The mark as it is planned now.
+    pub is: PlaceMark,
+}
+
+/// An entered length that applies from behind a block on, until the program changes its tool offset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LengthChange {
+    /// Number of the decoder's block, from 1, behind which it applies; 0 is the program's beginning.
+    pub block: u64,
+    /// Distance by which the path is moved along the tool axis, pulses.
+    pub pulses: i64,
+}
+
+/// An entry of the index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum IndexEntry {
+    /// A mark.
+    Mark(PlaceMark),
+    /// From the record at `place` on, the plan uses this override, [`Rate::ONE`] or more.
+    Override {
+        /// First record planned with it.
+        place: u32,
+        /// The factor, in units of 2⁻³².
+        planned: Rate,
+    },
+    /// The streamed program was cut off or rejected behind this block: the path rests there. Written before the records
+    /// of that stop are released to the motion path; a plan of the whole program rests there again.
+    Rest {
+        /// Number of the last planned block, from 1; 0 where there was none.
+        block: u64,
+    },
+    /// A tool length was entered.
+    Length(LengthChange),
+}
+
+/// Receives index entries in the planning thread. It may wait.
+pub trait IndexWriter: Send {
+    /// Writes an entry.
+    fn write(&mut self, note: IndexEntry);
+
+    /// Whether everything that was written is durable. Always true for an index that is never read again.
+    fn is_durable(&mut self) -> bool {
+        true
+    }
+}
+
+/// No index: for a job that needs none.
+impl IndexWriter for () {
+    fn write(&mut self, _: IndexEntry) {}
+}
+
+/// The index of a job, and its durable place. The default writes no index.
+pub struct JournalConfig {
+    /// Receives the entries in the planning thread. They begin at the job's first place, also where the job is resumed.
+    pub index: Box<dyn IndexWriter>,
+    /// Durable place of the index. `None`: the card may receive whatever is planned.
+    pub durable: Option<DurablePlace>,
+}
+
+impl Default for JournalConfig {
+    fn default() -> Self {
+        Self { index: Box::new(()), durable: None }
+    }
+}
+
+impl std::fmt::Debug for JournalConfig {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Keeping").field("durable", &self.durable).finish_non_exhaustive()
+    }
+}
+
+/// Place up to which the index is durable: the motion path gives the card no record at or beyond it.
+#[derive(Clone, Debug)]
+pub struct DurablePlace(Arc<AtomicU32>);
+
+impl DurablePlace {
+    /// Durable up to `place`, where the path begins.
+    #[must_use]
+    pub fn starting_at(place: u32) -> Self {
+        Self(Arc::new(AtomicU32::new(place)))
+    }
+
+    /// The durable place: no record at or beyond it may be given to the card.
+    #[must_use]
+    pub fn place(&self) -> u32 {
+        self.0.load(Ordering::Acquire)
+    }
+
+    /// Advances the durable place. An earlier place changes nothing. Called from one thread only.
+    pub fn advance(&self, place: u32) {
+        if is_before(self.place(), place) {
+            self.0.store(place, Ordering::Release);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_only_grows_also_over_the_wrap() {
+        let durable = DurablePlace::starting_at(u32::MAX - 1);
+        let ahead = durable.clone();
+        for (said, is) in [(u32::MAX, u32::MAX), (3, 3), (u32::MAX, 3), (2, 3), (4, 4)] {
+            ahead.advance(said);
+            assert_eq!(durable.place(), is);
+        }
+    }
+}
