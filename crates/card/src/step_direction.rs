@@ -10,6 +10,7 @@
 //! stable for its set-up time before every rising edge and after every falling edge. Edges and ticks are two views of
 //! the same plan.
 
+use core::fmt;
 use retrace_core::fine::{PulseSlots, pulse_slots};
 
 /// Timing of a step and direction output, in ticks of the card's clock.
@@ -72,6 +73,14 @@ const fn ticks(ns: u16, tick_hz: u32) -> u32 {
 /// Error: the increment has more pulses than fit the period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PulsePlanError;
+
+impl fmt::Display for PulsePlanError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("more pulses than fit the control period; lower the speed, or lengthen the period")
+    }
+}
+
+impl core::error::Error for PulsePlanError {}
 
 /// Edge on one of the two signals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -103,7 +103,7 @@ fn outputs(
             let each = status.outputs.iter().enumerate().filter(|(_, value)| **value != 0);
             Ok(each.map(|(number, &value)| (number as u8, value)).collect())
         }
-        Err(CommandFailure::Card(refusal) | CommandFailure::Refused(refusal)) => {
+        Err(CommandFailure::Card(refusal) | CommandFailure::Input(refusal)) => {
             Err(format!("unknown: {}", refusal.cause))
         }
         Err(CommandFailure::Program) => Err("unknown".into()),

@@ -86,12 +86,12 @@ impl BlockDecoder for Decoder {
         };
         match progress {
             Progress::Line => DecodedBlock::Block,
-            Progress::Refused => DecodedBlock::Refused(refused().unwrap_or_default()),
+            Progress::BlockError => DecodedBlock::BlockError(refused().unwrap_or_default()),
             Progress::End if self.end_is_reported => DecodedBlock::End,
             Progress::End => {
                 let why = refused();
                 self.end_is_reported = true;
-                why.map_or(DecodedBlock::End, DecodedBlock::Refused)
+                why.map_or(DecodedBlock::End, DecodedBlock::BlockError)
             }
         }
     }

@@ -209,7 +209,8 @@ impl JobRunner<'_> {
         let messages = journal.map_or_else(Vec::new, |journal| journal.end(&outcome, &value));
         match result {
             Some(result) => {
-                let refused = if let Outcome::Refused(text) = &outcome { format!("{text}\n") } else { String::new() };
+                let refused =
+                    if let Outcome::BlockError(text) = &outcome { format!("{text}\n") } else { String::new() };
                 let text = messages
                     .iter()
                     .fold(refused + &report_text(&report, &options.tables), |text, line| format!("{text}\n{line}"));
@@ -279,7 +280,7 @@ pub fn prepare_real_time() {
 fn start_error(why: JobStartError) -> NumberedError {
     match why {
         JobStartError::Machine(why) => NumberedError::new("E2112", why, "a shorter history_hours in the machine file"),
-        JobStartError::Unfound(why) => NumberedError::new(
+        JobStartError::Resume(why) => NumberedError::new(
             "E2216",
             format!("the breakpoint was not found: {why}"),
             "program and journal do not match; `retrace resume JOB --from-line N` starts at a line",
@@ -357,7 +358,7 @@ impl<const A: usize> RunObservers<'_, A> {
 
 /// Prints the report: as JSON for a script, otherwise for a person.
 fn print_report<const A: usize>(report: &Report<'_, A>, tables: &TableFiles, json: Option<&Value>) {
-    if let Outcome::Refused(text) = report.outcome {
+    if let Outcome::BlockError(text) = report.outcome {
         eprintln!("{}", escape::lines(text));
     }
     match json {
@@ -373,7 +374,7 @@ fn summary_line<const A: usize>(report: &Report<'_, A>) -> String {
     let how = match outcome {
         Outcome::Completed => "completed".to_owned(),
         Outcome::Stopped => "stopped by the operator".to_owned(),
-        Outcome::Refused(_) => "stopped: a block has an error (g)".to_owned(),
+        Outcome::BlockError(_) => "stopped: a block has an error (g)".to_owned(),
         Outcome::Alarm(number, cause, _) => format!("alarm {number}: {cause}"),
     };
     format!("{how} · motion {:.2} s, retraced {:.2} s", seconds(stats.motion), seconds(stats.retracing))

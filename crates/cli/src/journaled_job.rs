@@ -139,7 +139,7 @@ impl JournaledJob {
         let mut said = Vec::new();
         let ending = match outcome {
             Outcome::Completed => JobEnding::Completed,
-            Outcome::Stopped | Outcome::Refused(_) => JobEnding::Stopped,
+            Outcome::Stopped | Outcome::BlockError(_) => JobEnding::Stopped,
             Outcome::Alarm(..) => JobEnding::Alarm,
         };
         let exit_code = report["exit_code"].as_u64().map_or(outcome.exit_code(), |code| code as u8);
@@ -151,7 +151,7 @@ impl JournaledJob {
         if let Err(error) = state_file::replace(&path, format!("{report:#}\n").as_bytes(), FileAccess::Private) {
             said.push(format!("note: {} cannot be written: {error}", path.display()));
         }
-        if let Outcome::Refused(_) = outcome
+        if let Outcome::BlockError(_) = outcome
             && self.folder.stream().exists()
         {
             said.push(format!(

@@ -87,7 +87,7 @@ fn main() -> ExitCode {
             eprintln!("{}", escape::lines(&refusal.to_string()));
             3
         }
-        Err(CommandFailure::Refused(refusal)) => {
+        Err(CommandFailure::Input(refusal)) => {
             eprintln!("{}", escape::lines(&refusal.to_string()));
             2
         }

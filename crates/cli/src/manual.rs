@@ -157,7 +157,7 @@ where
     let code = match done {
         Ok(ManualTaskDone::Completed { .. }) => 0,
         Ok(ManualTaskDone::Stopped) => 4,
-        Err(ManualTaskError::Refused(refusal)) => return Err(refusal.into()),
+        Err(ManualTaskError::Numbered(refusal)) => return Err(refusal.into()),
         Err(ManualTaskError::Block(lines)) => return Err(print_diagnostics(lines)),
         Err(ManualTaskError::Card(error)) => {
             let (number, cause, remedy) = error.parts();

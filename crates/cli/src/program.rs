@@ -3,6 +3,7 @@
 //! Invariant: a file is read once, so that what was checked is what runs. A stream cannot be read twice: it is checked
 //! block by block as it runs.
 
+use std::fmt;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -43,16 +44,27 @@ use crate::subprogram_folders::Folders;
 #[derive(Debug)]
 pub enum CommandFailure {
     /// Wrong usage, machine file or script: exit code 2.
-    Refused(NumberedError),
+    Input(NumberedError),
     /// Card or serial line: exit code 3.
     Card(NumberedError),
     /// The program has errors, which have been printed: exit code 1.
     Program,
 }
 
+impl fmt::Display for CommandFailure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Input(error) | Self::Card(error) => error.fmt(f),
+            Self::Program => f.write_str("the program has errors"),
+        }
+    }
+}
+
+impl std::error::Error for CommandFailure {}
+
 impl From<NumberedError> for CommandFailure {
     fn from(refusal: NumberedError) -> Self {
-        Self::Refused(refusal)
+        Self::Input(refusal)
     }
 }
 
@@ -378,7 +390,7 @@ impl Program {
             steps.clear();
             match source.advance(&mut steps) {
                 Progress::Line => {}
-                Progress::Refused => return false,
+                Progress::BlockError => return false,
                 Progress::End => break,
             }
         }

@@ -44,7 +44,7 @@ pub fn run(args: &args::Resume) -> Result<u8, CommandFailure> {
     let by_card = Cell::new(false);
     match attempt(args, ResumeBreakpoint::OfCard, &by_card) {
         // The card was moved since, so that its place is not on the path of the job: use the journal's counts.
-        Err(CommandFailure::Refused(refusal)) if by_card.get() && matches!(refusal.number, "E2214" | "E2216") => {
+        Err(CommandFailure::Input(refusal)) if by_card.get() && matches!(refusal.number, "E2214" | "E2216") => {
             attempt(args, ResumeBreakpoint::OfJournal, &by_card)
         }
         done => done,
@@ -68,7 +68,7 @@ fn attempt(args: &args::Resume, breakpoint: ResumeBreakpoint, by_card: &Cell<boo
         let what = "--machine: a job resumes with the machine file that it started with, which is in its journal";
         return Err(NumberedError::new("E2142", what, "omit --machine").into());
     }
-    if args.tui {
+    if args.operation.tui {
         operate::needs_terminal()?;
     }
     let jobs = JobStore::open_or_default(args.jobs.path())?;
@@ -146,7 +146,7 @@ impl ResumeStep<'_> {
                 NumberedError::new("E2211", what, "use that version, or `retrace resume JOB --from-line N`").into()
             );
         }
-        let script = files::script(self.args.operator.as_deref())?;
+        let script = files::script(self.args.operation.operator.as_deref())?;
         match self.record.resumed.last().map_or(&self.record.job.card, |last| &last.card) {
             JobCard::Sim => self.on_simulated::<A>(&program, script),
             JobCard::Wired(card) => {
@@ -250,7 +250,7 @@ impl ResumeStep<'_> {
             return Err(other_card("the job ran on the simulated card, which is in this process").into());
         }
         let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
-        let wall_time = self.args.realtime || self.args.tui;
+        let wall_time = self.args.operation.realtime || self.args.operation.tui;
         let card = simulated::<A>(&self.machine, run::clock(&self.machine, wall_time))?
             .with_position(counts(&self.record.last_position.counts), &outputs);
         let start = self.record.last_position.start;
@@ -274,7 +274,7 @@ impl ResumeStep<'_> {
         let settings = self.machine.card_settings(stands);
         let status = linked_card::read_status(&mut card, &address, settings)?;
         let named = journaled_job::linked_card(&address, &greeting.identity);
-        if !self.args.tui {
+        if !self.args.operation.tui {
             prepare_real_time();
         }
         let card = GreetedCard::new(card, settings, status, greeting.identity.boot);
@@ -400,11 +400,11 @@ impl ResumeStep<'_> {
         let kept = JournaledJob::awaiting_resume(jobs, folder, held, care, &record);
         let manners = OutputOptions {
             json: args.format.json,
-            records: args.records.as_deref(),
+            records: args.operation.records.as_deref(),
             script: with_confirmation(script.clone())?,
-            operator: args.operator.is_some(),
+            operator: args.operation.operator.is_some(),
             wall_time,
-            optional_stop: args.optional_stop.map(OnOff::is_on).or(record.optional_stop),
+            optional_stop: args.operation.optional_stop.map(OnOff::is_on).or(record.optional_stop),
             real_time: !matches!(named, JobCard::Sim),
             tables: TableFiles::of_job(&record.job.arguments),
         };
@@ -447,7 +447,7 @@ impl ResumeStep<'_> {
             };
             machining.run(card, agree).map(|(code, _)| code)
         };
-        let code = if args.tui {
+        let code = if args.operation.tui {
             let resume = ResumingJob {
                 origin: record.job.origin,
                 is_confirmed: args.yes,

@@ -60,7 +60,7 @@ pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u
         );
     }
     let text = files::machine_text(run.machine_file.path())?;
-    run::run_on(&run, machine, text, args.tui)
+    run::run_on(&run, machine, text, args.operation.tui)
 }
 
 /// Arguments of `retrace run` for the program of a job.
@@ -81,12 +81,8 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
         reading,
         port: CardPort { card },
         machine_file: MachineFile { machine: job.machine.path.as_ref().map(PathBuf::from) },
-        realtime: args.realtime,
-        tui: args.tui,
-        no_tui: !args.tui,
-        optional_stop: args.optional_stop,
-        operator: args.operator.clone(),
-        records: args.records.clone(),
+        operation: args.operation.clone(),
+        no_tui: !args.operation.tui,
         format: args.format,
         start_line: None,
         jobs: args.jobs.clone(),

@@ -41,7 +41,7 @@ pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
 /// # Errors
 /// See [`run`].
 pub fn run_on(args: &args::Run, machine: MachineConfig, text: String, at_screen: bool) -> Result<u8, CommandFailure> {
-    let script = files::script(args.operator.as_deref())?;
+    let script = files::script(args.operation.operator.as_deref())?;
     let with = RunContext { args, text, script, at_screen };
     match machine.axes.len() {
         0..=4 => with.on_card::<4>(machine),
@@ -75,7 +75,7 @@ impl RunContext<'_> {
                 let (work, homing) = ((self.script, (self.text, JobCard::Sim)), Homing::simulated());
                 return operate::operate(args, &machine, program, work, &mut card, &homing, None);
             }
-            let card = simulated::<A>(&machine, clock(&machine, args.realtime))?;
+            let card = simulated::<A>(&machine, clock(&machine, args.operation.realtime))?;
             let card = traced(card, &machine, args.vcd.as_deref())?;
             let (journal, input) = keep(args, &program, &machine, (&self.text, JobCard::Sim), card.status())?;
             return self.job_runner(&machine, &program, journal, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
@@ -150,11 +150,11 @@ impl RunContext<'_> {
         let args = self.args;
         let options = OutputOptions {
             json: args.format.json,
-            records: args.records.as_deref(),
+            records: args.operation.records.as_deref(),
             script: self.script,
-            operator: args.operator.is_some(),
-            wall_time: args.realtime || !args.port.is_simulated(),
-            optional_stop: args.optional_stop.map(OnOff::is_on),
+            operator: args.operation.operator.is_some(),
+            wall_time: args.operation.realtime || !args.port.is_simulated(),
+            optional_stop: args.operation.optional_stop.map(OnOff::is_on),
             real_time: !args.port.is_simulated(),
             tables: TableFiles::of(&args.reading),
         };
@@ -235,9 +235,9 @@ impl<'a> JobSpec<'a> {
         let Self { args, machine, script, program, .. } = self;
         let options = OutputOptions {
             json: args.format.json,
-            records: args.records.as_deref(),
+            records: args.operation.records.as_deref(),
             script,
-            operator: args.operator.is_some(),
+            operator: args.operation.operator.is_some(),
             wall_time: true,
             // The screen's script sets it.
             optional_stop: None,

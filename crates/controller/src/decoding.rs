@@ -102,7 +102,7 @@ impl BatchChannel {
                         held.ends.push(end);
                     }
                     DecodedBlock::End => held.ending = Some(PlanEnd::Completed),
-                    DecodedBlock::Refused(text) => held.ending = Some(PlanEnd::Refused(text)),
+                    DecodedBlock::BlockError(text) => held.ending = Some(PlanEnd::BlockError(text)),
                 }
                 return true;
             }
@@ -152,7 +152,7 @@ mod tests {
             for _ in 0..self.0 % 3 {
                 steps.push(CanonStep { line: self.0, number: None, canon: Canon::FloodOn });
             }
-            if self.0 == 10_000 { DecodedBlock::Refused("why".into()) } else { DecodedBlock::Block }
+            if self.0 == 10_000 { DecodedBlock::BlockError("why".into()) } else { DecodedBlock::Block }
         }
     }
 
@@ -176,7 +176,7 @@ mod tests {
                 lines.extend(batch.steps.iter().map(|step| step.line));
                 assert!(batch.steps.len() < MAX_STEPS + 3 && batch.ends.len() <= MAX_STEPS);
                 if let Some(ending) = &batch.ending {
-                    assert_eq!(*ending, PlanEnd::Refused("why".into()));
+                    assert_eq!(*ending, PlanEnd::BlockError("why".into()));
                     break;
                 }
             }

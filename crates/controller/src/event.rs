@@ -29,12 +29,6 @@ pub enum CardError {
 }
 
 impl CardError {
-    /// Converts a failure of the card.
-    #[must_use]
-    pub fn from_failure(fault: &impl CardFailure) -> Self {
-        Self::Fault { number: fault.number(), cause: fault.to_string(), remedy: fault.remedy().to_string() }
-    }
-
     /// Number in `docs/errors.md`, cause, and remedy.
     #[must_use]
     pub fn parts(&self) -> (&'static str, String, String) {
@@ -53,6 +47,12 @@ impl std::fmt::Display for CardError {
 }
 
 impl std::error::Error for CardError {}
+
+impl<F: CardFailure> From<F> for CardError {
+    fn from(fault: F) -> Self {
+        Self::Fault { number: fault.number(), cause: fault.to_string(), remedy: fault.remedy().to_string() }
+    }
+}
 
 /// Maximum number of outputs in one event.
 const LISTED: usize = 8;

@@ -47,7 +47,7 @@ impl BlockDecoder for Fixed {
     fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock {
         match self.0.advance(steps) {
             Progress::Line => DecodedBlock::Block,
-            Progress::Refused => DecodedBlock::Refused(String::new()),
+            Progress::BlockError => DecodedBlock::BlockError(String::new()),
             Progress::End => DecodedBlock::End,
         }
     }

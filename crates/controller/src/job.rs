@@ -70,7 +70,7 @@ pub enum DecodedBlock {
     /// The end of the program.
     End,
     /// The block has errors: rendered, with place, source line and remedy.
-    Refused(String),
+    BlockError(String),
 }
 
 /// Capacity of the item queue between the threads.
@@ -123,19 +123,25 @@ pub enum JobStartError {
     /// The machine's numbers are inconsistent; the reason.
     Machine(String),
     /// The place where the job was left is not found in the program; the reason.
-    Unfound(ResumeError),
+    Resume(ResumeError),
 }
 
 impl fmt::Display for JobStartError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Machine(why) => f.write_str(why),
-            Self::Unfound(why) => why.fmt(f),
+            Self::Resume(why) => why.fmt(f),
         }
     }
 }
 
 impl std::error::Error for JobStartError {}
+
+impl From<ResumeError> for JobStartError {
+    fn from(error: ResumeError) -> Self {
+        Self::Resume(error)
+    }
+}
 
 /// Runs a program on a card whose position is that of the machine. A job that is resumed continues if the card's counts
 /// are those of its place, and is stopped immediately otherwise.
@@ -196,7 +202,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     };
     let (mut rests, mut lengths, mut begun_at) = (Vec::new(), Vec::new(), origin.counts);
     if let Some(at) = &resumption {
-        at.validate(look_ahead).map_err(JobStartError::Unfound)?;
+        at.validate(look_ahead)?;
         (requester, heeding) = (requester.resumed(&at.overrides, at.start.reached), heeding.resumed(&at.overrides));
         feeder = feeder.with_expected_marks(&at.marks);
         rests.clone_from(&at.rests);
@@ -228,7 +234,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
         let is_real_time = run_mode.real_time && retrace_real_time::enter().is_ok();
         let ended = match resumption {
             None => Ok(session.run()),
-            Some(at) => session.resume(&at, begun_at, agree).map_err(JobStartError::Unfound),
+            Some(at) => session.resume(&at, begun_at, agree).map_err(JobStartError::Resume),
         };
         if is_real_time {
             // Entering was permitted, so leaving is.

@@ -141,9 +141,9 @@ impl BlockDecoder for MdiBlock {
                 }
                 DecodedBlock::End
             }
-            Progress::Refused => {
+            Progress::BlockError => {
                 let found = self.program.interpreter().diagnostics();
-                DecodedBlock::Refused(rendered(found, &self.text).pop().unwrap_or_default())
+                DecodedBlock::BlockError(rendered(found, &self.text).pop().unwrap_or_default())
             }
         }
     }

@@ -52,7 +52,7 @@ pub enum PlanEnd {
     /// M2, M30, or the end of the file.
     Completed,
     /// It has an error that was found only now (a streamed program cannot be checked before): rendered.
-    Refused(String),
+    BlockError(String),
 }
 
 /// Summary of the plan of a program.

@@ -65,13 +65,13 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
             match self.write_batch(&mut batch) {
                 Ok(()) => {}
                 Err((CanonError::Cancelled, _)) => return None,
-                Err((why, line)) => break PlanEnd::Refused(format!("line {line}: {}", why.explain())),
+                Err((why, line)) => break PlanEnd::BlockError(format!("line {line}: {}", why.explain())),
             }
             if let Some(ending) = batch.ending.take() {
                 break ending;
             }
         };
-        if let PlanEnd::Refused(_) = ending {
+        if let PlanEnd::BlockError(_) = ending {
             self.plan_writer.record_early_end(self.blocks);
         }
         let commanded_mm = self.plan_writer.commanded_mm()[..self.machine.axes.len().min(A)].to_vec();

@@ -46,7 +46,7 @@ impl Outcome {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Completed => 0,
-            Self::Refused(_) => 1,
+            Self::BlockError(_) => 1,
             Self::Alarm(..) => 3,
             Self::Stopped => 4,
         }
@@ -57,7 +57,7 @@ impl Outcome {
     pub fn word(&self) -> &'static str {
         match self {
             Self::Completed => "completed",
-            Self::Stopped | Self::Refused(_) => "stopped",
+            Self::Stopped | Self::BlockError(_) => "stopped",
             Self::Alarm(..) => "alarm",
         }
     }

@@ -8,7 +8,7 @@ use std::fmt;
 /// Severity of a diagnostic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Severity {
-    /// The cycle cannot be called.
+    /// The block is not executed, or the cycle cannot be called.
     Error,
     /// Legal, but suspicious.
     Warning,
@@ -38,7 +38,7 @@ impl Diagnostic {
     /// Returns whether it is an error or a warning.
     #[must_use]
     pub fn severity(&self) -> Severity {
-        if self.code.number().starts_with('W') { Severity::Warning } else { Severity::Error }
+        self.code.severity()
     }
 
     /// Returns the number that users see, such as `E1905`.

@@ -11,6 +11,7 @@ use crate::compile::VERSION;
 use crate::cycle::{Parameter, Type};
 use crate::diag::Diagnostic;
 use crate::error_codes::ErrorCode;
+use std::fmt;
 
 const MAGIC: &[u8; 8] = b"RETRCYC\x1a";
 const HEAD: usize = 8 + 4 + 16 + 4;
@@ -44,6 +45,17 @@ pub(crate) enum FormError {
     /// Damaged, or not a compiled form.
     Torn,
 }
+
+impl fmt::Display for FormError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Stale => "it was compiled from another source, or by another version; it is compiled again",
+            Self::Torn => "it is damaged, or not a compiled cycle; it is compiled again",
+        })
+    }
+}
+
+impl std::error::Error for FormError {}
 
 /// Serialises a unit and the warnings of its source.
 pub(crate) fn write(unit: &Unit, warnings: &[Diagnostic], key: u128) -> Vec<u8> {

@@ -15,7 +15,7 @@ fn main() -> std::io::Result<ExitCode> {
     let mut steps = Vec::new();
     loop {
         let mut progress = program.advance(&mut steps);
-        if progress == Progress::Refused {
+        if progress == Progress::BlockError {
             progress = program.close(&mut steps);
         }
         for step in steps.drain(..) {

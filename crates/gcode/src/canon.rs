@@ -61,6 +61,19 @@ impl Plane {
         }
     }
 
+    /// The number of the G code that selects this plane.
+    #[must_use]
+    pub const fn g_code(self) -> f64 {
+        match self {
+            Plane::Xy => 17.0,
+            Plane::Zx => 18.0,
+            Plane::Yz => 19.0,
+            Plane::Uv => 17.1,
+            Plane::Wu => 18.1,
+            Plane::Vw => 19.1,
+        }
+    }
+
     /// Whether arcs are possible in this plane.
     #[must_use]
     pub const fn has_arcs(self) -> bool {

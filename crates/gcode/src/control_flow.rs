@@ -129,10 +129,10 @@ impl ControlFlowBuilder {
                 (Ok(to), Some(Jump::GoTo { is_conditional, .. })) => {
                     code.set_jump(at, Jump::GoTo { to, is_conditional })
                 }
-                (Err(GotoError::Missing), _) if !is_whole => {}
-                (Err(why), _) => {
+                (Err(GotoError::Missing(_)), _) if !is_whole => {}
+                (Err(error), _) => {
                     code.set_jump(at, Jump::Faulty);
-                    self.faults.push((line, Box::new(why.fault(number, place))));
+                    self.faults.push((line, Box::new(error.fault(place))));
                 }
                 _ => {}
             }

@@ -4,6 +4,8 @@
 
 use crate::error_codes::ErrorCode;
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+pub use retrace_cycles::Severity;
+use std::fmt;
 
 /// A range of bytes of one line. `end` is the first byte after it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -18,15 +20,6 @@ impl Span {
     pub(crate) fn new(start: usize, end: usize) -> Span {
         Span { start: start as u32, end: end.max(start) as u32 }
     }
-}
-
-/// Severity of a diagnostic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Severity {
-    /// The block is not executed.
-    Error,
-    /// Legal, but suspicious.
-    Warning,
 }
 
 /// One error or warning in a program.
@@ -48,7 +41,7 @@ impl Diagnostic {
     /// Returns whether it is an error or a warning.
     #[must_use]
     pub fn severity(&self) -> Severity {
-        if self.code.number().starts_with('W') { Severity::Warning } else { Severity::Error }
+        self.code.severity()
     }
 
     /// Returns the number that users see, such as `E1101`.
@@ -121,6 +114,14 @@ impl BlockError {
         BlockError::new(code, span, code.title())
     }
 }
+
+impl fmt::Display for BlockError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.code.number(), self.message)
+    }
+}
+
+impl std::error::Error for BlockError {}
 
 /// Result of reading or executing a block.
 pub(crate) type BlockResult<T> = Result<T, Box<BlockError>>;

@@ -240,18 +240,18 @@ impl FlowController {
             let (value, at) = interpreter.last_value()?;
             let number = crate::eval::to_whole_number(value, at, "the number of a line")?;
             let line = match u64::try_from(number) {
-                Ok(number) => level.code.line_numbers.find(from, number).map_err(|why| (why, number)),
+                Ok(number) => level.code.line_numbers.find(from, number),
                 Err(_) => return fault(Number::NoSuchLineNumber, at, format!("there is no line N{number}")),
             };
             match line {
                 Ok(line) => line,
                 // Only this region of a streamed program is known.
-                Err((GotoError::Missing, number)) if !self.is_prescanned && self.calls == 0 => {
+                Err(GotoError::Missing(number)) if !self.is_prescanned && self.calls == 0 => {
                     self.levels.clear();
                     self.loops.truncate(0);
                     return Ok(LineOutcome::Ahead(number, at));
                 }
-                Err((why, number)) => return Err(Box::new(why.fault(number, at))),
+                Err(error) => return Err(Box::new(error.fault(at))),
             }
         } else {
             to

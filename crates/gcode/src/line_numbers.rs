@@ -5,8 +5,9 @@
 
 use crate::compiled_code::{CompiledCode, Jump};
 use crate::diag::{BlockError, Span};
-use crate::error_codes;
+use crate::error_codes::ErrorCode;
 use crate::lex::Cursor;
+use std::fmt;
 use std::ops::Range;
 
 /// Line numbers of compiled lines.
@@ -20,26 +21,34 @@ pub(crate) struct LineNumbers {
     loops: Vec<Range<u32>>,
 }
 
-/// Reason why a GOTO has no target.
+/// Reason why a GOTO has no target; the number is that of its line number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum GotoError {
-    Missing,
-    InLoop,
+    /// No line of this part of the file has the number.
+    Missing(u64),
+    /// The line is inside a WHILE loop, and the GOTO outside of it.
+    InLoop(u64),
 }
+
+impl fmt::Display for GotoError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Missing(number) => write!(f, "there is no line N{number} here"),
+            Self::InLoop(number) => write!(f, "N{number} is inside a WHILE loop"),
+        }
+    }
+}
+
+impl std::error::Error for GotoError {}
 
 impl GotoError {
     /// Returns the error for the line with the GOTO.
-    pub(crate) fn fault(self, number: u64, at: Span) -> BlockError {
-        match self {
-            GotoError::Missing => BlockError::new(
-                error_codes::ErrorCode::NoSuchLineNumber,
-                at,
-                format!("there is no line N{number} here"),
-            ),
-            GotoError::InLoop => {
-                BlockError::new(error_codes::ErrorCode::GoToIntoLoop, at, format!("N{number} is inside a WHILE loop"))
-            }
-        }
+    pub(crate) fn fault(self, at: Span) -> BlockError {
+        let code = match self {
+            Self::Missing(_) => ErrorCode::NoSuchLineNumber,
+            Self::InLoop(_) => ErrorCode::GoToIntoLoop,
+        };
+        BlockError::new(code, at, self.to_string())
     }
 }
 
@@ -110,8 +119,8 @@ impl LineNumbers {
         let first = self.lines.partition_point(|line| *line < (part, number, 0));
         let ahead = self.lines.partition_point(|line| *line <= (part, number, from));
         let at = |index: usize| self.lines.get(index).filter(|line| (line.0, line.1) == (part, number));
-        let &(_, _, to) = at(ahead).or_else(|| at(first)).ok_or(GotoError::Missing)?;
+        let &(_, _, to) = at(ahead).or_else(|| at(first)).ok_or(GotoError::Missing(number))?;
         let enters = |of: &&Range<u32>| of.start < to && to < of.end && !of.contains(&from);
-        if self.loops.iter().any(|of| enters(&of)) { Err(GotoError::InLoop) } else { Ok(to) }
+        if self.loops.iter().any(|of| enters(&of)) { Err(GotoError::InLoop(number)) } else { Ok(to) }
     }
 }

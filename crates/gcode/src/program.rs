@@ -40,7 +40,7 @@ pub enum Progress {
     /// The line was executed; more may follow.
     Line,
     /// The line was refused; a diagnostic has the reason. The program may continue with the next line.
-    Refused,
+    BlockError,
     /// No line is left: the program has ended, with or without an error in its diagnostics.
     End,
 }
@@ -167,7 +167,7 @@ impl<R: BufRead> Program<R> {
             Ok(progress) => progress,
             Err(fault) => {
                 self.interpreter.report(*fault);
-                if self.interpreter.has_too_many_errors() { self.close(steps) } else { Progress::Refused }
+                if self.interpreter.has_too_many_errors() { self.close(steps) } else { Progress::BlockError }
             }
         }
     }
@@ -219,7 +219,7 @@ impl<R: BufRead> Program<R> {
                 Ok(Progress::Line)
             }
             LineOutcome::Jumped => Ok(Progress::Line),
-            LineOutcome::Faulty => Ok(Progress::Refused),
+            LineOutcome::Faulty => Ok(Progress::BlockError),
             LineOutcome::Idle => self.execute_own_line(steps),
             LineOutcome::ProgramEnd => self.end_by_m99(steps),
             LineOutcome::Ahead(number, at) => {
@@ -238,7 +238,7 @@ impl<R: BufRead> Program<R> {
         if is_percent(self.lines.text()) {
             self.goto_ahead = None;
             self.interpreter.set_line(0, line);
-            return Err(Box::new(GotoError::Missing.fault(number, at)));
+            return Err(Box::new(GotoError::Missing(number).fault(at)));
         }
         let found = parse_n_word(self.lines.text());
         self.arriving.record_line(found);
@@ -283,7 +283,7 @@ impl<R: BufRead> Program<R> {
         if !std::mem::take(&mut self.is_read_ahead) && !self.read_line() {
             if let Some((number, line, at)) = self.goto_ahead.take() {
                 self.interpreter.set_line(0, line);
-                self.interpreter.report(GotoError::Missing.fault(number, at));
+                self.interpreter.report(GotoError::Missing(number).fault(at));
             }
             if self.is_mdi {
                 self.interpreter.release(steps);
@@ -350,7 +350,7 @@ impl<R: BufRead> Program<R> {
             Keyword::M99 => return self.end_by_m99(steps),
             // The pre-scan has found no end, or no subprogram, and reported it.
             _ if self.prescan.is_some() && (control.keyword.opens() || control.keyword == Keyword::Call) => {
-                return Ok(Progress::Refused);
+                return Ok(Progress::BlockError);
             }
             _ => {}
         }

@@ -90,6 +90,8 @@ impl fmt::Display for SimCardError {
     }
 }
 
+impl std::error::Error for SimCardError {}
+
 impl CardFailure for SimCardError {
     fn number(&self) -> &'static str {
         match self {

@@ -234,7 +234,7 @@ fn optional_stop(event: &Value) -> Option<bool> {
 }
 
 fn open(path: &Path) -> Result<JournalEntries<BufReader<File>>, JournalError> {
-    let file = File::open(path).map_err(JournalError::Unreadable)?;
+    let file = File::open(path)?;
     Ok(JournalEntries::new(BufReader::with_capacity(1 << 16, file)))
 }
 
@@ -260,7 +260,7 @@ impl JobSummary {
     }
 
     fn read_summary(path: &Path) -> Result<Self, JournalError> {
-        let length = std::fs::metadata(path).map_err(JournalError::Unreadable)?.len();
+        let length = std::fs::metadata(path)?.len();
         if length > 4 * SUMMARY_TAIL_BYTES {
             let mut entries = open(path)?;
             let Some((_, JournalEntry::Job(job))) = entries.next().transpose()? else {
@@ -286,11 +286,11 @@ impl From<JobRecord> for JobSummary {
 
 /// Positions, resumptions and ends of the job among the last bytes.
 fn last_entries(path: &Path, length: u64) -> Result<Vec<JournalEntry>, JournalError> {
-    let mut file = File::open(path).map_err(JournalError::Unreadable)?;
+    let mut file = File::open(path)?;
     let mut bytes = Vec::new();
-    file.seek(SeekFrom::Start(length.saturating_sub(SUMMARY_TAIL_BYTES))).map_err(JournalError::Unreadable)?;
+    file.seek(SeekFrom::Start(length.saturating_sub(SUMMARY_TAIL_BYTES)))?;
     // The file may be growing.
-    file.take(2 * SUMMARY_TAIL_BYTES).read_to_end(&mut bytes).map_err(JournalError::Unreadable)?;
+    file.take(2 * SUMMARY_TAIL_BYTES).read_to_end(&mut bytes)?;
     let words = [&b"{\"at\":"[..], b"{\"end\":", b"{\"resumed\":"];
     let lines = bytes.split_inclusive(|&byte| byte == b'\n').filter_map(journal_line::parse);
     let selected = lines.filter(|line| words.iter().any(|word| line.json.starts_with(word)));

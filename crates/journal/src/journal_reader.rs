@@ -65,6 +65,12 @@ impl fmt::Display for JournalError {
 
 impl std::error::Error for JournalError {}
 
+impl From<io::Error> for JournalError {
+    fn from(error: io::Error) -> Self {
+        Self::Unreadable(error)
+    }
+}
+
 impl JournalError {
     /// The numbered error for the user.
     #[must_use]
@@ -119,7 +125,7 @@ impl<R: BufRead> JournalEntries<R> {
     }
 
     fn advance(&mut self) -> Result<Option<(u64, JournalEntry)>, JournalError> {
-        let length = self.read_line().map_err(JournalError::Unreadable)?;
+        let length = self.read_line()?;
         if length == 0 {
             return if self.tail.next == 0 { Err(JournalError::NoBeginning) } else { Ok(None) };
         }
@@ -144,7 +150,7 @@ impl<R: BufRead> JournalEntries<R> {
             {
                 return Err(JournalError::Damaged { line: self.tail.next + 1, byte: self.tail.whole });
             }
-            if self.read_line().map_err(JournalError::Unreadable)? == 0 {
+            if self.read_line()? == 0 {
                 return if self.tail.next == 0 { Err(JournalError::NoBeginning) } else { Ok(()) };
             }
         }

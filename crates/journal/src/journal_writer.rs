@@ -79,7 +79,7 @@ impl JournalWriter {
         resumed: ResumeEntry,
         spool: Option<SpoolProgress>,
     ) -> Result<(), NumberedError> {
-        store.truncate(tail.whole).map_err(|error| journal_error(&error.to_string()))?;
+        store.truncate(tail.whole).map_err(journal_error)?;
         self.start(store, JournalEntry::Resumed(Box::new(resumed)), tail, spool)
     }
 
@@ -99,7 +99,7 @@ impl JournalWriter {
             spooled: SpooledBytes::default(),
         };
         let batch = writer.format_batch(vec![first]);
-        writer.save_batch(&batch).map_err(|error| journal_error(&error.to_string()))?;
+        writer.save_batch(&batch).map_err(journal_error)?;
         writer.next = batch.next;
         let writer = thread::Builder::new()
             .name("journal".into())
@@ -108,7 +108,7 @@ impl JournalWriter {
                 let _ = retrace_real_time::leave();
                 writer.run();
             })
-            .map_err(|error| journal_error(&error.to_string()))?;
+            .map_err(journal_error)?;
         self.writer = Some(writer);
         Ok(())
     }
@@ -179,7 +179,7 @@ impl Drop for JournalWriter {
     }
 }
 
-fn journal_error(why: &str) -> NumberedError {
+fn journal_error(why: impl std::fmt::Display) -> NumberedError {
     NumberedError::new(
         "E2207",
         format!("the journal cannot be written: {why}"),

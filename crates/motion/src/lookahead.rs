@@ -15,6 +15,7 @@
 use crate::envelope::{Envelope, PathBlock, gate_acceleration};
 use crate::profile::{KinematicState, PathLimits, Profile, ProfileError, fastest};
 use crate::rest_to_rest;
+use std::fmt;
 
 /// Profile between two junctions of a path.
 #[derive(Clone, Copy, Debug, Default)]
@@ -29,6 +30,14 @@ pub(crate) struct Span {
 /// No plan exists within the limit of work, or none from this start state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct PlanError;
+
+impl fmt::Display for PlanError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("no plan exists within the limit of work, or none from this start state")
+    }
+}
+
+impl std::error::Error for PlanError {}
 
 /// No limit: the limits of an empty part of the path.
 const UNLIMITED: SpanLimits = SpanLimits { tight: PathLimits { v: f64::MAX, a: f64::MAX, j: f64::MAX }, fastest: 0.0 };

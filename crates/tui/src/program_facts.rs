@@ -65,7 +65,7 @@ pub enum ProgramCheck {
     /// The program can run from the current position.
     Ready,
     /// The program cannot run; the findings, one per line, never empty.
-    Refused(Vec<String>),
+    Failed(Vec<String>),
     /// The program is a stream, which is checked block by block as it runs.
     CheckedAsItRuns,
 }

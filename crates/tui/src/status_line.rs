@@ -104,7 +104,7 @@ fn setup(model: &ScreenModel, key_state: &KeyState) -> StatusHint {
             actions[0] = KeyAction::OpenProgram;
             return hint(HintLevel::Waiting, "NO PROGRAM", "load a program, or set up the machine", &actions);
         }
-        ProgramCheck::Refused(why) => {
+        ProgramCheck::Failed(why) => {
             let first = why.first().map_or("", String::as_str);
             actions = vec![
                 KeyAction::Messages,

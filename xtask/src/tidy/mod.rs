@@ -5,6 +5,7 @@
 pub(crate) mod book_pages;
 mod directions;
 mod error_numbers;
+mod error_types;
 mod figures;
 mod links;
 mod machine_names;
@@ -63,6 +64,7 @@ pub(crate) const CHECKS: &[Check] = &[
         rule: "every error number is in docs/errors.md, and every one there is in use",
         find: error_numbers::find,
     },
+    Check { name: "error-types", rule: "every error type implements Error", find: error_types::find },
     Check { name: "module-docs", rule: "every module opens with what its job is", find: module_docs::find },
     Check { name: "sizes", rule: "a file stays short enough to be one noun", find: sizes::find },
     Check { name: "machine", rule: "no path or host of one machine is in the tree", find: machine_names::find },

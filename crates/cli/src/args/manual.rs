@@ -47,8 +47,7 @@ pub struct Mdi {
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,
     /// Parameter file, read before the block and rewritten after it. With --machine or --card the default is the
-    /// machine's own file in
-    /// the user's state folder.
+    /// machine's own file in the user's state folder.
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,
     /// Check the block only; nothing moves.

@@ -29,8 +29,7 @@ pub struct Reading {
     #[arg(long, value_name = "FILE")]
     pub tools: Option<PathBuf>,
     /// Parameter file; a completed run rewrites it. With --machine or --card, `run` uses the machine's own file in the
-    /// user's state
-    /// folder by default.
+    /// user's state folder by default.
     #[arg(long, value_name = "FILE")]
     pub params: Option<PathBuf>,
     /// LinuxCNC machine configuration: the entries that `rs274` reads, and its numbers as `#<_ini[section]name>`.

@@ -4,10 +4,17 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use super::shared::{JobsFolder, JsonLines, JsonObject, OnOff};
+use super::shared::{JobsFolder, JsonLines, JsonObject, OperationOptions};
 
 /// `retrace resume`
 #[derive(Debug, Args)]
+#[command(
+    mut_arg("tui", |tui| tui.conflicts_with("json")),
+    mut_arg("optional_stop", |stop| stop.help(
+        "Whether M1 stops. By default as when the job was interrupted; otherwise it stops in wall time without \
+         --operator and without the screen, where Enter is cycle start",
+    )),
+)]
 pub struct Resume {
     /// Name of the job or a unique prefix; by default the newest job that can be resumed.
     #[arg(value_name = "JOB")]
@@ -27,27 +34,11 @@ pub struct Resume {
     #[arg(long, value_name = "N")]
     pub from_line: Option<u32>,
     /// The card was restarted and the machine has not moved: trust its counts where no home switch confirms them, and
-    /// return from there
-    /// to the last breakpoint in the journal.
+    /// return from there to the last breakpoint in the journal.
     #[arg(long, conflicts_with = "from_line")]
     pub assume_position: bool,
-    /// Run in wall time; without it the simulated card runs as fast as possible.
-    #[arg(long)]
-    pub realtime: bool,
-    /// Full-screen operation, in wall time.
-    #[arg(long, conflicts_with = "json")]
-    pub tui: bool,
-    /// Scripted operator.
-    #[arg(long, value_name = "FILE")]
-    pub operator: Option<PathBuf>,
-    /// Whether M1 stops. By default as when the job was interrupted; otherwise it stops in wall time without --operator
-    /// and without the
-    /// screen, where Enter is cycle start.
-    #[arg(long, value_enum, value_name = "on|off")]
-    pub optional_stop: Option<OnOff>,
-    /// Write what the card executed, one row per control period.
-    #[arg(long, value_name = "FILE.csv")]
-    pub records: Option<PathBuf>,
+    #[command(flatten)]
+    pub operation: OperationOptions,
     #[command(flatten)]
     pub format: JsonLines,
     /// Rejected: a job resumes with the machine file that it started with.

@@ -5,10 +5,17 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::reading::Reading;
-use super::shared::{CardPort, JobsFolder, JsonLines, MachineFile, OnOff};
+use super::shared::{CardPort, JobsFolder, JsonLines, MachineFile, OperationOptions};
 
 /// `retrace run`
 #[derive(Clone, Debug, Args)]
+#[command(
+    mut_arg("tui", |tui| tui.help("Full-screen operation, in wall time. Default with --realtime on a terminal")),
+    mut_arg("optional_stop", |stop| stop.help(
+        "Whether M1 stops. By default it stops in wall time without --operator and without the screen; Enter is cycle \
+         start there",
+    )),
+)]
 pub struct Run {
     #[command(flatten)]
     pub reading: Reading,
@@ -16,25 +23,12 @@ pub struct Run {
     pub port: CardPort,
     #[command(flatten)]
     pub machine_file: MachineFile,
-    /// Run in wall time; without it the simulated card runs as fast as possible.
-    #[arg(long)]
-    pub realtime: bool,
-    /// Full-screen operation, in wall time. Default with --realtime on a terminal.
-    #[arg(long, conflicts_with = "no_tui")]
-    pub tui: bool,
+    #[command(flatten)]
+    pub operation: OperationOptions,
     /// No full-screen operation.
-    #[arg(long)]
+    // in the help between --tui and --operator: it has the order of the latter, and comes first by its name
+    #[arg(long, conflicts_with = "tui", display_order = 12)]
     pub no_tui: bool,
-    /// Scripted operator.
-    #[arg(long, value_name = "FILE")]
-    pub operator: Option<PathBuf>,
-    /// Whether M1 stops. By default it stops in wall time without --operator and without the screen; Enter is cycle
-    /// start there.
-    #[arg(long, value_enum, value_name = "on|off")]
-    pub optional_stop: Option<OnOff>,
-    /// Write what the card executed, one row per control period.
-    #[arg(long, value_name = "FILE.csv")]
-    pub records: Option<PathBuf>,
     /// With the simulated card: write a trace of pins, outputs and inputs for wave viewers.
     #[arg(long, value_name = "FILE.vcd")]
     pub vcd: Option<PathBuf>,

@@ -45,6 +45,26 @@ pub struct CardAddress {
     pub port: String,
 }
 
+/// Options of the commands that run a job. A command words the help of `--tui` and `--optional-stop` for itself.
+#[derive(Clone, Debug, Default, Args)]
+pub struct OperationOptions {
+    /// Run in wall time; without it the simulated card runs as fast as possible.
+    #[arg(long)]
+    pub realtime: bool,
+    /// Full-screen operation, in wall time.
+    #[arg(long)]
+    pub tui: bool,
+    /// Scripted operator.
+    #[arg(long, value_name = "FILE")]
+    pub operator: Option<PathBuf>,
+    /// Whether M1 stops.
+    #[arg(long, value_enum, value_name = "on|off")]
+    pub optional_stop: Option<OnOff>,
+    /// Write what the card executed, one row per control period.
+    #[arg(long, value_name = "FILE.csv")]
+    pub records: Option<PathBuf>,
+}
+
 /// `--journal`
 #[derive(Clone, Debug, Default, Args)]
 pub struct JobsFolder {

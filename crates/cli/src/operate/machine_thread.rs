@@ -93,7 +93,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         let exit = ExitState { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
         let (mdi_context, machine) = (mdi::ModalContext::new(program.setup().clone()), machine.clone());
         let table_keeper = TableKeeper::new(&args.reading, program.setup());
-        let optional_stop = args.optional_stop.is_some_and(args::OnOff::is_on);
+        let optional_stop = args.operation.optional_stop.is_some_and(args::OnOff::is_on);
         lock_model(&router.model).optional_stop = optional_stop;
         Self {
             args,
@@ -155,7 +155,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
 
     /// Exit state: exit code 1 where no job ran because the program has errors.
     fn exit_state(self) -> ExitState {
-        let is_refused = matches!(lock_model(&self.router.model).facts.check, ProgramCheck::Refused(_));
+        let is_refused = matches!(lock_model(&self.router.model).facts.check, ProgramCheck::Failed(_));
         let code = if is_refused && !self.exit.ran { 1 } else { self.exit.code };
         ExitState { code, ..self.exit }
     }
@@ -163,7 +163,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     /// Passes one control period at rest.
     fn idle_period(&mut self) {
         if let Err(fault) = self.card.run_period() {
-            let error = CardError::from_failure(&fault);
+            let error = CardError::from(fault);
             // A latched alarm is reported below, and can be cleared.
             if self.card.status().alarm.is_none() && !self.failed {
                 self.failed = true;
@@ -253,7 +253,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Ok(ManualTaskDone::Completed { cut_short: true }) => self.add_message("stopped at the soft limit"),
             Ok(ManualTaskDone::Completed { .. }) => {}
             Ok(ManualTaskDone::Stopped) => self.add_message("stopped"),
-            Err(ManualTaskError::Refused(refusal)) => {
+            Err(ManualTaskError::Numbered(refusal)) => {
                 self.add_message(format!("{}: {} · {}", refusal.number, refusal.cause, refusal.remedy))
             }
             Err(ManualTaskError::Block(lines)) => {
@@ -340,7 +340,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Err(why) => return self.show_refusal(&why),
         };
         if let Err(fault) = self.card.begin_path(PathStart::at(0)) {
-            return self.emit(EventKind::Alarm(CardError::from_failure(&fault)));
+            return self.emit(EventKind::Alarm(CardError::from(fault)));
         }
         let mut result = JobResult::default();
         let at_screen =
@@ -356,7 +356,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                 self.apply_result(code, result);
             }
             Err(failure) => {
-                let why = failure_text(failure);
+                let why = failure.to_string();
                 (self.exit.code, self.exit.report) = (2, None);
                 lock_model(&self.router.model).end(why.lines().next().unwrap_or_default());
                 self.show_refusal(&why);
@@ -501,13 +501,5 @@ impl<const A: usize> Observer<A> for ManualObserver {
             }
             telemetry => self.0.on_telemetry(telemetry),
         }
-    }
-}
-
-/// Full text of a failure.
-fn failure_text(failure: CommandFailure) -> String {
-    match failure {
-        CommandFailure::Refused(refusal) | CommandFailure::Card(refusal) => refusal.to_string(),
-        CommandFailure::Program => "the program has errors".into(),
     }
 }

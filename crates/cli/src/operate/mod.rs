@@ -47,8 +47,8 @@ const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 /// `E2142` where a screen is requested and impossible.
 pub fn is_requested(args: &args::Run) -> Result<bool, NumberedError> {
     let is_terminal = std::io::stdout().is_terminal();
-    if !args.tui {
-        return Ok(!args.no_tui && !args.format.json && args.realtime && is_terminal);
+    if !args.operation.tui {
+        return Ok(!args.no_tui && !args.format.json && args.operation.realtime && is_terminal);
     }
     if args.format.json {
         let what = "--tui and --json both need standard output";

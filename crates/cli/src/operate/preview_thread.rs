@@ -133,7 +133,7 @@ fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, jo
     let PreviewJob { machine, program, setup, is_checked } = job;
     let refused = |why: String| {
         let findings = diagnostic_lines(&why);
-        let check = ProgramCheck::Refused(findings.clone());
+        let check = ProgramCheck::Failed(findings.clone());
         let is_known = lock_model(model).facts.check == check;
         publish(model, number, |facts| ProgramFacts { check, ..facts });
         if !is_known {

@@ -44,7 +44,7 @@ pub enum ManualTaskDone {
 #[derive(Clone, Debug, PartialEq)]
 pub enum ManualTaskError {
     /// It was not begun; the reason.
-    Refused(NumberedError),
+    Numbered(NumberedError),
     /// An MDI block has errors: rendered.
     Block(Vec<String>),
     /// An alarm, or a fault of the card.
@@ -54,7 +54,7 @@ pub enum ManualTaskError {
 impl std::fmt::Display for ManualTaskError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Refused(error) => write!(f, "{error}"),
+            Self::Numbered(error) => write!(f, "{error}"),
             Self::Block(errors) => f.write_str(&errors.join("\n")),
             Self::Card(error) => write!(f, "{error}"),
         }
@@ -65,7 +65,13 @@ impl std::error::Error for ManualTaskError {}
 
 impl From<NumberedError> for ManualTaskError {
     fn from(refusal: NumberedError) -> Self {
-        Self::Refused(refusal)
+        Self::Numbered(refusal)
+    }
+}
+
+impl From<CardError> for ManualTaskError {
+    fn from(error: CardError) -> Self {
+        Self::Card(error)
     }
 }
 
@@ -132,8 +138,7 @@ fn perform_block<const A: usize, C: MotionCard<A>>(
     (operators, run_mode): (CommandSources, RunMode),
     observer: &mut dyn Observer<A>,
 ) -> Result<ManualTaskDone, ManualTaskError> {
-    let card_error = |fault: &C::Fault| ManualTaskError::Card(CardError::from_failure(fault));
-    begin_path(card).map_err(|fault| card_error(&fault))?;
+    begin_path(card).map_err(CardError::from)?;
     let machine = MachineConfig { history_records: 0, ..machine.clone() }.standing_at(&card.status().counts);
     let block = context.block(&machine, text).map_err(ManualTaskError::Block)?;
     let (block, left) = block.with_result();
@@ -149,10 +154,10 @@ fn perform_block<const A: usize, C: MotionCard<A>>(
             Ok(ManualTaskDone::Completed { cut_short: false })
         }
         Outcome::Stopped => {
-            begin_path(card).map_err(|fault| card_error(&fault))?;
+            begin_path(card).map_err(CardError::from)?;
             Ok(ManualTaskDone::Stopped)
         }
-        Outcome::Refused(text) => Err(ManualTaskError::Block(vec![text])),
+        Outcome::BlockError(text) => Err(ManualTaskError::Block(vec![text])),
         Outcome::Alarm(number, cause, remedy) => Err(ManualTaskError::Card(CardError::Fault { number, cause, remedy })),
     }
 }
@@ -261,9 +266,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
             self.run_mode.wall_time,
         );
         let ended = loop {
-            let ended = trip
-                .advance(&mut self.hand, self.card)
-                .map_err(|fault| ManualTaskError::Card(CardError::from_failure(&fault)))?;
+            let ended = trip.advance(&mut self.hand, self.card).map_err(CardError::from)?;
             if let Some(ended) = ended {
                 break ended;
             }
@@ -299,7 +302,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
     }
 
     fn begin(&mut self) -> Result<(), ManualTaskError> {
-        begin_path(self.card).map_err(|fault| ManualTaskError::Card(CardError::from_failure(&fault)))
+        Ok(begin_path(self.card).map_err(CardError::from)?)
     }
 
     fn run_periods(&mut self, periods: u32) -> Result<ManualTaskDone, ManualTaskError> {
@@ -321,7 +324,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                 ))),
             }
         }
-        let status = *self.card.run_period().map_err(|fault| ManualTaskError::Card(CardError::from_failure(&fault)))?;
+        let status = *self.card.run_period().map_err(CardError::from)?;
         self.telemetry.send_output_changes(&status.outputs);
         self.telemetry.send(Telemetry::Period(PeriodRecord {
             off_path: true,

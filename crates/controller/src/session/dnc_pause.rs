@@ -424,7 +424,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let here = self.path_start();
         let Some((trip, aim)) = &mut self.dnc.manual_move else { return Ok(()) };
         let Some(hand) = &mut self.dnc.jog_planner else { return Ok(()) };
-        let ended = trip.advance(hand, &mut self.card).map_err(|fault| CardError::from_failure(&fault))?;
+        let ended = trip.advance(hand, &mut self.card)?;
         if trip.is_off_path() {
             self.dnc.path_start.get_or_insert(here);
             self.target = None;
@@ -458,7 +458,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         let line = self.dnc_line();
         if let Some(start) = self.dnc.path_start.take() {
-            self.card.begin_path(start).map_err(|fault| CardError::from_failure(&fault))?;
+            self.card.begin_path(start)?;
             let _ = self.card.send(HostCommand::Replay { on: self.replays_outputs });
         }
         self.target = None;
@@ -495,7 +495,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     pub(super) fn run_paused_period(&mut self) -> Result<Option<Outcome>, CardError> {
         self.apply_commands();
         self.advance_restart();
-        let status = *self.card.run_period().map_err(|fault| CardError::from_failure(&fault))?;
+        let status = *self.card.run_period()?;
         if let Some(off) = status.cutter_off {
             self.cutter_went_off(off);
         }

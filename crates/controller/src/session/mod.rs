@@ -47,7 +47,7 @@ pub enum Outcome {
     /// The operator stopped it, or no operator was there to resume it.
     Stopped,
     /// The program turned out to have an error while it was decoded; the rendered error.
-    Refused(String),
+    BlockError(String),
     /// An alarm: number, cause, remedy.
     Alarm(&'static str, String, String),
 }
@@ -248,9 +248,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.bar_beyond_limits(prepared.counts()[axis], prepared.start().place);
         }
         let begun = self.go_to_breakpoint(prepared.counts()).and_then(|ended| match ended {
-            None => {
-                self.card.begin_path(*prepared.start()).map(|()| None).map_err(|fault| CardError::from_failure(&fault))
-            }
+            None => self.card.begin_path(*prepared.start()).map(|()| None).map_err(CardError::from),
             ended => Ok(ended),
         });
         match begun {
@@ -297,7 +295,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             return Ok(Some(outcome));
         }
         self.set_rate(demand);
-        let status = *self.card.run_period().map_err(|fault| CardError::from_failure(&fault))?;
+        let status = *self.card.run_period()?;
         self.account_period(&status);
         Ok(self.alarm(&status))
     }
@@ -482,7 +480,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             && self.streamer.all_executed(&status)
         {
             return Some(match self.streamer.summary().map(|s| &s.ending) {
-                Some(PlanEnd::Refused(text)) => Outcome::Refused(text.clone()),
+                Some(PlanEnd::BlockError(text)) => Outcome::BlockError(text.clone()),
                 _ if self.commands.waits_for_release_at_end() => {
                     self.wait_for_release();
                     return None;

@@ -26,13 +26,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let Some(mut hand) = self.dnc.take_jog_planner() else { return Err(not_planned()) };
         // A card that was only queried for its position is opened by this.
         let begins = PathStart { executed, ..PathStart::at(hand.ring.write()) };
-        self.card.begin_path(begins).map_err(|fault| CardError::from_failure(&fault))?;
+        self.card.begin_path(begins)?;
         self.emit_return_step(DncStep::Approaching);
         let request = JogRequest::Approach { from, to };
         let mut trip =
             ManualMove::begin(&mut hand, request, executed, self.look_ahead_records, self.run_mode.wall_time);
         let ended = loop {
-            let turned = trip.advance(&mut hand, &mut self.card).map_err(|fault| CardError::from_failure(&fault))?;
+            let turned = trip.advance(&mut hand, &mut self.card)?;
             if let Some(ended) = turned {
                 break ended;
             }
@@ -70,7 +70,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Runs a control period that belongs to no program.
     fn run_return_period(&mut self) -> Result<Option<Outcome>, CardError> {
-        let status = *self.card.run_period().map_err(|fault| CardError::from_failure(&fault))?;
+        let status = *self.card.run_period()?;
         self.stats.count_paused();
         self.telemetry.send_output_changes(&status.outputs);
         let period = PeriodRecord {

@@ -67,7 +67,7 @@ fn twelve_bytes_a_period_are_enough_and_nothing_runs_dry() {
             let text = beginning(&std::fs::read_to_string(&file).expect("a program"), 400);
             let name = file.file_name().expect("a file").to_string_lossy().into_owned();
             let done = over(&machine, &text, "", baud);
-            if let Outcome::Refused(why) = &done.outcome {
+            if let Outcome::BlockError(why) = &done.outcome {
                 // its beginning alone is not a program
                 println!("{name}: left out: {why}");
                 continue;

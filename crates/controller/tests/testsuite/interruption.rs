@@ -32,7 +32,7 @@ impl BlockDecoder for Decoder {
     fn next_block(&mut self, steps: &mut Vec<Decodes>) -> DecodedBlock {
         match self.0.advance(steps) {
             Progress::End => DecodedBlock::End,
-            Progress::Refused => DecodedBlock::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
+            Progress::BlockError => DecodedBlock::BlockError(format!("{:?}", self.0.interpreter().diagnostics())),
             Progress::Line => DecodedBlock::Block,
         }
     }

@@ -31,7 +31,7 @@ impl BlockDecoder for Decoder {
         match self.0.advance(steps) {
             Progress::Line => DecodedBlock::Block,
             Progress::End => DecodedBlock::End,
-            Progress::Refused => DecodedBlock::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
+            Progress::BlockError => DecodedBlock::BlockError(format!("{:?}", self.0.interpreter().diagnostics())),
         }
     }
 }

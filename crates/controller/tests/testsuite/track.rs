@@ -48,7 +48,7 @@ impl BlockDecoder for Text {
         match self.0.advance(steps) {
             Progress::End => DecodedBlock::End,
             Progress::Line => DecodedBlock::Block,
-            Progress::Refused => DecodedBlock::Refused(format!("{:?}", self.0.interpreter().diagnostics())),
+            Progress::BlockError => DecodedBlock::BlockError(format!("{:?}", self.0.interpreter().diagnostics())),
         }
     }
 }

@@ -3,6 +3,7 @@
 //! Invariant: tokens are in order and never overlap; a comment has none.
 
 use crate::error_codes::ErrorCode;
+use std::fmt;
 
 /// A range of the line, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -18,6 +19,14 @@ pub(super) struct CompileError {
     pub(super) span: Span,
     pub(super) message: String,
 }
+
+impl fmt::Display for CompileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.code.number(), self.message)
+    }
+}
+
+impl std::error::Error for CompileError {}
 
 /// Result of reading a part of a block.
 pub(super) type CompileResult<T = ()> = Result<T, Box<CompileError>>;

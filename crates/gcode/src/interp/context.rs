@@ -85,15 +85,7 @@ impl SavedState {
         let mut words = Words::default();
         self.add_feed_and_spindle(state, &mut words)?;
         let mut code = |differs: bool, code: f64| if differs { words.add_g(code, <_>::default()) } else { Ok(()) };
-        let plane = match self.plane {
-            Plane::Xy => 17.0,
-            Plane::Zx => 18.0,
-            Plane::Yz => 19.0,
-            Plane::Uv => 17.1,
-            Plane::Wu => 18.1,
-            Plane::Vw => 19.1,
-        };
-        code(self.plane != state.plane, plane)?;
+        code(self.plane != state.plane, self.plane.g_code())?;
         code(self.lathe_diameter != state.lathe_diameter, if self.lathe_diameter { 7.0 } else { 8.0 })?;
         let system = match self.coordinate_system {
             system @ 0..=6 => 53.0 + f64::from(system),

@@ -404,14 +404,7 @@ impl Host for Caller<'_> {
             Query::ToolRadius => self.core.to_program_unit(Axis::X, tool().diameter) / 2.0,
             Query::EdgePosition => tool().orientation,
             Query::ClearanceAngle => tool().back_angle,
-            Query::Plane => match state.plane {
-                Plane::Xy => 17.0,
-                Plane::Zx => 18.0,
-                Plane::Yz => 19.0,
-                Plane::Uv => 17.1,
-                Plane::Wu => 18.1,
-                Plane::Vw => 19.1,
-            },
+            Query::Plane => state.plane.g_code(),
             Query::Compensation => match state.compensation.map(|compensation| compensation.side) {
                 None => 40.0,
                 Some(Side::Left) => 41.0,

@@ -11,7 +11,7 @@ use crate::error_codes::ErrorCode;
 use crate::groups::{GroupG, Tenths};
 use crate::modal::{DistanceMode, MotionMode};
 use crate::pose::{Axis, Pose};
-use crate::turning::{Pockets, RoughingError, TurningJob, TurningMove, XzPoint, turn};
+use crate::turning::{Pockets, TurningJob, TurningMove, XzPoint, turn};
 
 /// Retreat of G71 and G72 without an R word, in program units.
 const RETREAT: f64 = 0.5;
@@ -77,15 +77,10 @@ impl Core {
         (self.state.motion, self.state.series) = (Some(motion), None);
         match turned {
             Ok(()) => Ok(()),
-            Err(refusal) => {
-                let line = match refusal {
-                    RoughingError::NotMonotonic(element) | RoughingError::Allowance(element) => {
-                        profile.line_of(element)
-                    }
-                    RoughingError::Empty | RoughingError::TooManyLevels => None,
-                };
+            Err(error) => {
+                let line = error.element().and_then(|element| profile.line_of(element));
                 let place = line.map_or_else(String::new, |line| format!("profile, line {line}: "));
-                fault(ErrorCode::TurningProfile, words.span(b'q'), format!("{place}{}", reason(refusal)))
+                fault(ErrorCode::TurningProfile, words.span(b'q'), format!("{place}{error}"))
             }
         }
     }
@@ -139,14 +134,5 @@ fn call_of(step: TurningMove, pose: &mut Pose) -> Canon {
             second_centre: centre.x,
             turns: if counterclockwise { 1 } else { -1 },
         }),
-    }
-}
-
-const fn reason(refusal: RoughingError) -> &'static str {
-    match refusal {
-        RoughingError::Empty => "the profile has no line and no arc after its first point",
-        RoughingError::NotMonotonic(_) => "the profile turns back along its own direction",
-        RoughingError::Allowance(_) => "the allowance D is too great for the profile: its elements no longer meet",
-        RoughingError::TooManyLevels => "the infeed I is so small that there would be more than 10 000 levels",
     }
 }

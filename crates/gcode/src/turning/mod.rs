@@ -13,6 +13,7 @@ pub(crate) use profile::Profile;
 
 use frame::{Point, Segment};
 use rough::MAX_LEVELS;
+use std::fmt;
 
 /// Pockets that G71 and G72 rough.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +60,29 @@ pub(crate) enum RoughingError {
     /// The infeed is too small for the height to be roughed.
     TooManyLevels,
 }
+
+impl RoughingError {
+    /// The index of the element at fault, where one is.
+    pub(crate) const fn element(self) -> Option<usize> {
+        match self {
+            Self::NotMonotonic(element) | Self::Allowance(element) => Some(element),
+            Self::Empty | Self::TooManyLevels => None,
+        }
+    }
+}
+
+impl fmt::Display for RoughingError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Empty => "the profile has no line and no arc after its first point",
+            Self::NotMonotonic(_) => "the profile turns back along its own direction",
+            Self::Allowance(_) => "the allowance D is too great for the profile: its elements no longer meet",
+            Self::TooManyLevels => "the infeed I is so small that there would be more than 10 000 levels",
+        })
+    }
+}
+
+impl std::error::Error for RoughingError {}
 
 /// Turns a profile from `start`, and passes each move to the output.
 ///

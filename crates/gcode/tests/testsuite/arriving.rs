@@ -15,7 +15,7 @@ fn steps<R: BufRead>(mut program: Program<R>) -> (Vec<CanonStep>, Option<&'stati
         match program.advance(&mut steps) {
             Progress::Line => {}
             Progress::End => break,
-            Progress::Refused => {
+            Progress::BlockError => {
                 let last = program.interpreter().diagnostics().last();
                 return (steps, last.map(|found| found.number()));
             }

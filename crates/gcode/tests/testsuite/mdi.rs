@@ -176,7 +176,7 @@ fn what_needs_more_than_a_line_is_refused_with_its_place() {
     // In the block itself the diagnostics are as in a program.
     let mut program = Program::<&[u8]>::mdi("G1 X1", setup()).expect("it can be read");
     let mut steps = Vec::new();
-    assert_eq!(program.advance(&mut steps), Progress::Refused);
+    assert_eq!(program.advance(&mut steps), Progress::BlockError);
     assert_eq!(program.interpreter().diagnostics()[0].code, ErrorCode::ZeroFeed);
     for text in ["M2", "M30", "G40", "/G0 X1", "(MSG, hello)", "#1=2"] {
         carried_out(Program::mdi(text, setup()).expect(text));

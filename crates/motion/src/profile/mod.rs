@@ -29,6 +29,7 @@ pub use fit::whole_periods;
 pub(crate) use fit::{lengthened, slowed};
 pub use search::{SearchOutcome, SearchStep, SearchTrack, SearchVariant, SpeedSearch};
 pub use solve::{fastest, fastest_any_way};
+use std::fmt;
 
 /// Signs of the jerk in the seven phases.
 pub(crate) const SIGNS: [f64; 7] = [1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0];
@@ -101,6 +102,17 @@ pub enum ProfileError {
     /// The start cannot be left: its speed is too high to be reduced over the distance.
     StartTooHigh,
 }
+
+impl fmt::Display for ProfileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::TargetTooHigh => "the target's speed is higher than the distance allows; lower it",
+            Self::StartTooHigh => "the start's speed cannot be reduced over the distance; lower it",
+        })
+    }
+}
+
+impl std::error::Error for ProfileError {}
 
 /// Seven phases of constant jerk from a start state at place 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

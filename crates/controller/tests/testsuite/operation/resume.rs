@@ -202,7 +202,7 @@ fn what_is_not_the_same_is_refused_with_the_reason() {
     let unfound = |text: &str, at: &ResumePoint| {
         let standing = card(&machine).with_position([0; AXES], &outputs);
         match prepared(&machine, text, at.clone(), standing) {
-            (None, Err(JobStartError::Unfound(why))) => why,
+            (None, Err(JobStartError::Resume(why))) => why,
             other => panic!("{:?}", other.0),
         }
     };

@@ -35,7 +35,7 @@ pub(crate) fn carried_out(program: &str, setup: Setup) -> Outcome {
     let mut steps = Vec::new();
     loop {
         let mut progress = program.advance(&mut steps);
-        if progress == Progress::Refused {
+        if progress == Progress::BlockError {
             progress = program.close(&mut steps);
         }
         for step in steps.drain(..) {
