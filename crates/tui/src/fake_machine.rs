@@ -45,7 +45,7 @@ impl BlockDecoder for Decoder {
         match self.0.advance(steps) {
             Progress::Line => DecodedBlock::Block,
             Progress::End => DecodedBlock::End,
-            Progress::Failed => DecodedBlock::Failed("the program has errors".into()),
+            Progress::BlockError => DecodedBlock::BlockError("the program has errors".into()),
         }
     }
 }
