@@ -129,9 +129,6 @@ error_codes! {
     WordTwice "E1926" "too many words in a block"
         "A block has a word twice, more than 16 words, more than 8 G codes or more than 4 M codes."
         "Remove one, or split the block.";
-    NotAssignable "E1927" "cannot be assigned"
-        "The name before the equals sign is a constant or a system value."
-        "Assign to a variable.";
     TextJoin "E1928" "texts cannot be joined here"
         "<< is used outside of MSG and SETAL."
         "Join texts in MSG and SETAL only.";
@@ -191,9 +188,6 @@ error_codes! {
     NotStored "W1903" "compiled form not stored"
         "The folder of compiled forms cannot be written; the cycle is recompiled at every start."
         "Check the folder and its permissions.";
-    CycleWarns "W1904" "a cycle warns"
-        "A cycle uses a parameter differently from how it is written; the message has the number."
-        "Correct the parameter.";
     NameIsAddress "W1905" "name is also an address"
         "A variable has the name of an address such as X; in front of = at the beginning of a block it is the \
         variable."

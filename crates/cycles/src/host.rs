@@ -156,7 +156,7 @@ fn push<T>(list: &mut [T], count: &mut u8, item: T) {
 /// A message for the operator: `MSG`, or `SETAL` with a number from 62000 to 62999.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Message<'a> {
-    /// Number of a warning, such as 62100; `None` for `MSG`. Warnings are diagnostics with the number `W1904`.
+    /// Number of a warning, such as 62100; `None` for `MSG`. Warnings are diagnostics with the number `W1003`.
     pub warning: Option<u32>,
     /// Text of the message; an empty text clears the last one.
     pub text: &'a str,

@@ -11,6 +11,7 @@ mod cutter;
 mod dnc;
 mod drip;
 mod drip_canon;
+mod error_catalogue;
 mod feed_override;
 mod hand;
 mod jumps;

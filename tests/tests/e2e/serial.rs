@@ -203,6 +203,31 @@ fn a_fifo_is_a_stream_and_shows_that_it_waits() {
 }
 
 #[test]
+fn a_tape_that_cannot_be_read_is_refused_by_its_number() {
+    // a sender that begins when it likes, and never pauses
+    let read = |tape: Vec<u8>, settings: &str| {
+        let (line, bench) = (PtyLine::new(), Bench::new());
+        let mut sender = line.sender;
+        let sent = thread::spawn(move || {
+            thread::sleep(Duration::from_millis(500));
+            sender.set_timeout(Duration::from_secs(3)).expect("a line");
+            // what is behind the error may not be read any more
+            let _ = sender.write_all(&tape);
+            sender
+        });
+        let said = bench.retrace(["run", &format!("serial:{}?{settings}", line.path)]);
+        sent.join().expect("it sends");
+        assert_eq!(said.code, Some(1), "{}", said.err);
+        said.err
+    };
+    // an end of block, and a code that EIA RS-244 does not have
+    let said = read(vec![0x80, 0x80, 0x0E, 0x80], "code=eia");
+    assert!(said.contains("E2307"), "{said}");
+    let said = read(vec![b'x'; 70_000], "format=8n1");
+    assert!(said.contains("E2308"), "{said}");
+}
+
+#[test]
 fn with_rts_and_cts_no_code_is_sent_over_the_line() {
     let (line, bench) = (PtyLine::new(), Bench::new());
     let (mut sender, tape) = (line.sender, tape("G21 G90 F3000\nG1 X5\nM30\n"));

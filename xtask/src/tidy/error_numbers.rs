@@ -52,7 +52,7 @@ fn used_numbers(tree: &Tree) -> BTreeMap<String, (String, usize)> {
 }
 
 /// The number that a table row or a heading defines.
-fn row_number(line: &str) -> Option<&str> {
+pub(super) fn row_number(line: &str) -> Option<&str> {
     let cell = line.trim_start().trim_start_matches(['|', '#']);
     if cell.len() == line.len() {
         return None;
@@ -63,7 +63,7 @@ fn row_number(line: &str) -> Option<&str> {
 }
 
 /// `E1000` … `E4999`, `W1000` … `W4999`.
-fn is_number(word: &str) -> bool {
+pub(super) fn is_number(word: &str) -> bool {
     match word.as_bytes() {
         [b'E' | b'W', b'1'..=b'4', digits @ ..] => digits.len() == 3 && digits.iter().all(u8::is_ascii_digit),
         _ => false,

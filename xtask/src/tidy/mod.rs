@@ -4,6 +4,7 @@
 
 pub(crate) mod book_pages;
 mod directions;
+mod error_catalogue;
 mod error_numbers;
 mod error_types;
 mod figures;
@@ -63,6 +64,11 @@ pub(crate) const CHECKS: &[Check] = &[
         name: "errors",
         rule: "every error number is in docs/errors.md, and every one there is in use",
         find: error_numbers::find,
+    },
+    Check {
+        name: "error-tests",
+        rule: "every error number has a test that provokes it, or a reason in tests/error-catalogue.md",
+        find: error_catalogue::find,
     },
     Check { name: "error-types", rule: "every error type implements Error", find: error_types::find },
     Check { name: "module-docs", rule: "every module opens with what its job is", find: module_docs::find },

@@ -146,12 +146,21 @@ fn code_spans(line: &str) -> impl Iterator<Item = &str> {
 
 /// Does this Rust text have a test function of this name?
 fn has_test(text: &str, name: &str) -> bool {
-    let lines: Vec<&str> = text.lines().map(str::trim).collect();
+    test_body(text, name).is_some()
+}
+
+/// The lines of the test function of this name: up to the brace at its own indentation.
+pub(super) fn test_body(text: &str, name: &str) -> Option<String> {
+    let lines: Vec<&str> = text.lines().collect();
     let opening = format!("fn {name}(");
-    lines.iter().enumerate().filter(|(_, line)| line.starts_with(&opening)).any(|(at, _)| {
-        let before = lines[..at].iter().rev().take_while(|line| line.starts_with("#[") || line.starts_with("//"));
-        before.into_iter().any(|line| *line == "#[test]")
-    })
+    let at = (0..lines.len()).filter(|&at| lines[at].trim().starts_with(&opening)).find(|&at| {
+        let before = lines[..at].iter().rev().map(|line| line.trim());
+        before.take_while(|line| line.starts_with("#[") || line.starts_with("//")).any(|line| line == "#[test]")
+    })?;
+    let indentation = &lines[at][..lines[at].len() - lines[at].trim_start().len()];
+    let closing = format!("{indentation}}}");
+    let length = lines[at..].iter().position(|line| *line == closing).unwrap_or(0);
+    Some(lines[at..=at + length].join("\n"))
 }
 
 /// Every `REV-6` and the like in a line.

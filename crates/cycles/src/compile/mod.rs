@@ -22,7 +22,7 @@ use std::collections::HashMap;
 
 /// Version of the compiled form, a part of its key: a form of another version is never run. Increase it with every
 /// change of what sources compile to.
-pub(crate) const VERSION: u32 = 1;
+pub(crate) const VERSION: u32 = 2;
 
 /// Maximum length of a source, and of a line, in bytes.
 const MAX_SOURCE_LENGTH: usize = 1 << 20;

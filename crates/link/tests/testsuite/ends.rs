@@ -8,8 +8,8 @@ use proptest::prelude::*;
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Distance, Flags, Place, Rate, Record};
 use retrace_link::{
-    CardCore, CardEndpoint, CardIdentity, CardSettings, CardStatus, CommandRefusal, CutterOff, CutterOffCause,
-    HostCommand, HostEndpoint, Instruction, LinkError, OutputChange, PROTOCOL, PathStart, channel,
+    CardCore, CardEndpoint, CardFailure, CardIdentity, CardSettings, CardStatus, CommandRefusal, CutterOff,
+    CutterOffCause, HostCommand, HostEndpoint, Instruction, LinkError, OutputChange, PROTOCOL, PathStart, channel,
 };
 
 const WINDOW: u32 = 256;
@@ -397,6 +397,35 @@ fn a_card_that_was_restarted_is_noticed() {
         while bench.host.next_period() {}
     }
     assert_eq!(bench.host.fault(), Some(LinkError::Restarted));
+}
+
+#[test]
+fn a_card_of_another_protocol_version_is_refused() {
+    let mut bench = Bench::new(5, 0, 0);
+    (bench.host, bench.end) = (Box::new(HostEndpoint::new(9)), CardEndpoint::new());
+    bench.works = Works::new();
+    bench.works.identity.protocol = PROTOCOL + 1;
+    for _ in 0..3000 {
+        bench.step();
+    }
+    assert_eq!(bench.host.fault().map(|fault| fault.number()), Some("E3007"));
+}
+
+/// The line is down for longer than the card can store the entries of its reports.
+#[test]
+fn reports_that_the_card_could_not_keep_are_noticed() {
+    let mut bench = Bench::new(5, 0, 0);
+    bench.run_to(Rate::ONE, 100, 0, 200);
+    for _ in 0..2000 {
+        bench.works.period();
+        bench.works.status.outputs[2] ^= 1;
+        bench.end.push_period(&bench.works.status);
+    }
+    for _ in 0..3000 {
+        bench.step();
+        while bench.host.next_period() {}
+    }
+    assert_eq!(bench.host.fault().map(|fault| fault.number()), Some("E3005"));
 }
 
 #[test]

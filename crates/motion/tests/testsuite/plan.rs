@@ -7,6 +7,18 @@ use proptest::prelude::*;
 use retrace_core::{Flags, RapidCap, Record};
 use retrace_motion::{FeedRate, MachineLimits, PathMode, Planner};
 
+#[test]
+fn moves_that_cannot_be_are_refused_by_number() {
+    let mut planner = Planner::new(MachineLimits::built_in(), [0.0; 3]).expect("the built-in machine");
+    let mut number = |end: f64, feed| {
+        planner.line([end, 0.0, 0.0], feed, PathMode::ExactStop, 1).expect_err("no such move").number()
+    };
+    assert_eq!(number(f64::NAN, FeedRate::Rapid), "E4001");
+    assert_eq!(number(1e7, FeedRate::Rapid), "E4001");
+    assert_eq!(number(1.0, FeedRate::PerSecond(0.0)), "E4002");
+    assert_eq!(number(1.0, FeedRate::Duration(f64::INFINITY)), "E4002");
+}
+
 fn mode() -> impl Strategy<Value = PathMode> {
     prop_oneof![
         Just(PathMode::ExactStop),
