@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use retrace_config::{ChannelNames, MachineConfig, NumberedError, RetraceOutputs};
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::{Event, EventKind};
+use retrace_controller::{LimitMonitor, LimitReport, MonitorLimits};
+use retrace_controller::{Observer, PeriodRecord, Telemetry};
 use retrace_core::Rate;
 use retrace_journal::HoldReason;
 use retrace_tui::ModelObserver;

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use retrace_controller::job::{BlockDecoder, DecodedBlock};
-use retrace_controller::manual::jog_planner::Identify;
+use retrace_controller::Identify;
+use retrace_controller::{BlockDecoder, DecodedBlock};
 use retrace_gcode::{ActiveCodes, Canon, CanonStep, Progress, Severity};
 use retrace_journal::FileHash;
 

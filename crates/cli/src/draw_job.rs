@@ -264,13 +264,13 @@ fn switched(event: &Value) -> String {
 mod tests {
     use super::*;
     use clap::Parser;
-    use retrace_controller::command_queue::CommandSources;
-    use retrace_controller::job;
-    use retrace_controller::job::{JobOptions, JobStart};
-    use retrace_controller::journal_recorder::JournalRecorder;
-    use retrace_controller::script::ScriptPlayer;
-    use retrace_controller::session::RunMode;
-    use retrace_controller::telemetry::{Observer, Telemetry};
+    use retrace_controller::CommandSources;
+    use retrace_controller::JournalRecorder;
+    use retrace_controller::RunMode;
+    use retrace_controller::ScriptPlayer;
+    use retrace_controller::run_job;
+    use retrace_controller::{JobOptions, JobStart};
+    use retrace_controller::{Observer, Telemetry};
     use retrace_hal_sim::{Clock, SimCard};
     use retrace_journal::{
         CommandArguments, Durability, EndEntry, FORMAT, FileHash, JobCard, JobEnding, JobHeader, JournalConfig,
@@ -335,7 +335,7 @@ mod tests {
             journal: journal_config,
         };
         let card = SimCard::new(0, machine.rate_limits().expect("limits"), Clock::Virtual).expect("a card");
-        job::run::<9, _>(&machine, program.decoder(), job_options, card, &mut kept).expect("it runs");
+        run_job::<9, _>(&machine, program.decoder(), job_options, card, &mut kept).expect("it runs");
         drop(kept);
         match ended {
             Some(outcome) => {

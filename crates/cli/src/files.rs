@@ -7,8 +7,8 @@ use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::operator;
-use retrace_controller::operator::ScriptInstruction;
+use retrace_controller::ScriptInstruction;
+use retrace_controller::parse_script;
 use retrace_gcode::Text;
 use retrace_journal::FileHash;
 
@@ -213,6 +213,6 @@ pub fn written_machine_text(path: &Path) -> Result<String, NumberedError> {
 pub fn script(path: Option<&Path>) -> Result<Vec<ScriptInstruction>, NumberedError> {
     match path {
         None => Ok(Vec::new()),
-        Some(path) => operator::parse(&text(path, "operator's script")?, &path.display().to_string()),
+        Some(path) => parse_script(&text(path, "operator's script")?, &path.display().to_string()),
     }
 }

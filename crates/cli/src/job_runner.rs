@@ -8,18 +8,18 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::command_queue::{CommandReceiver, CommandSources};
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job;
-use retrace_controller::job::{JobEnd, JobOptions, JobStart, JobStartError};
-use retrace_controller::journal_recorder::JournalRecorder;
-use retrace_controller::operator;
-use retrace_controller::operator::ScriptInstruction;
-use retrace_controller::report::Report;
-use retrace_controller::resume::ResumePlan;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_controller::JournalRecorder;
+use retrace_controller::Report;
+use retrace_controller::ResumePlan;
+use retrace_controller::ScriptInstruction;
+use retrace_controller::ScriptPlayer;
+use retrace_controller::parse_script;
+use retrace_controller::resume_job;
+use retrace_controller::{CommandReceiver, CommandSources};
+use retrace_controller::{Event, EventKind};
+use retrace_controller::{JobEnd, JobOptions, JobStart, JobStartError};
+use retrace_controller::{Observer, Telemetry};
+use retrace_controller::{Outcome, RunMode};
 use retrace_core::Place;
 use retrace_gcode::{Parameters, ToolTable};
 use retrace_journal::JournalConfig;
@@ -165,7 +165,7 @@ impl JobRunner<'_> {
             }
             refused.is_none()
         };
-        let end = job::resume(machine, decoder, job_options, card, &mut observers, agree);
+        let end = resume_job(machine, decoder, job_options, card, &mut observers, agree);
         let event_kind = observers.waits.poll_now();
         observers.report_wait(event_kind);
         if let Some(refused) = refused {
@@ -256,7 +256,7 @@ fn with_optional_stop(
     script: Vec<ScriptInstruction>,
 ) -> Result<Vec<ScriptInstruction>, NumberedError> {
     let Some(stops) = stops else { return Ok(script) };
-    let mut all = operator::parse(if stops { "at 0s optional stop on" } else { "at 0s optional stop off" }, "M1")?;
+    let mut all = parse_script(if stops { "at 0s optional stop on" } else { "at 0s optional stop off" }, "M1")?;
     all.extend(script);
     Ok(all)
 }

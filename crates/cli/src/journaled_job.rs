@@ -6,8 +6,8 @@
 use std::path::Path;
 
 use retrace_config::{ChannelNames, MachineConfig, NumberedError};
-use retrace_controller::journal_recorder::JournalRecorder;
-use retrace_controller::session::Outcome;
+use retrace_controller::JournalRecorder;
+use retrace_controller::Outcome;
 use retrace_journal::state_file::FileAccess;
 use retrace_journal::{
     CommandArguments, Durability, EndEntry, FORMAT, FileHash, JobCard, JobEnding, JobFolder, JobHeader, JobLock,
@@ -188,7 +188,7 @@ impl JobHeaderBuilder<'_> {
     /// First entry of the journal, for a card with this status.
     ///
     /// # Errors
-    /// None in practice, see [`retrace_controller::fingerprint::of_planning`].
+    /// None in practice, see [`retrace_controller::planning_fingerprint`].
     pub fn job<const A: usize>(self, status: &CardStatus<A>) -> Result<JobHeader, NumberedError> {
         let (path, text) = self.machine_file;
         let name = self.program.name();
@@ -205,7 +205,7 @@ impl JobHeaderBuilder<'_> {
             id: String::new(),
             when: Timestamp::now(),
             retrace_version: env!("CARGO_PKG_VERSION").into(),
-            planner: retrace_controller::fingerprint::of_planning()?,
+            planner: retrace_controller::planning_fingerprint()?,
             program: name.into(),
             source,
             lines: self.program.lines(),

@@ -9,13 +9,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use retrace_config::{MachineConfig, NumberedError, SerialSettings};
-use retrace_controller::job;
-use retrace_controller::job::CheckFinding;
-use retrace_controller::limit_check::LimitCheck;
-use retrace_controller::mdi;
-use retrace_controller::program_analysis;
-use retrace_controller::program_analysis::ProgramAnalysis;
-use retrace_controller::read_ahead::SourceStatus;
+use retrace_controller::CheckFinding;
+use retrace_controller::LimitCheck;
+use retrace_controller::ProgramAnalysis;
+use retrace_controller::SourceStatus;
+use retrace_controller::analyse_program;
+use retrace_controller::check_program;
+use retrace_controller::interpreter_setup;
 use retrace_gcode::cycles::CycleLibrary;
 use retrace_gcode::{
     Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, StartTables, Tool, ToolTable,
@@ -427,7 +427,7 @@ impl Program {
     /// # Errors
     /// [`CommandFailure::Program`] where it has errors.
     pub fn check<'m>(&self, machine: &'m MachineConfig) -> Result<Option<Checked<LimitCheck<'m, 9>>>, CommandFailure> {
-        self.check_by(&mut Vec::new(), |decoder| Ok(job::check_program::<9>(machine, decoder)))
+        self.check_by(&mut Vec::new(), |decoder| Ok(check_program::<9>(machine, decoder)))
     }
 
     /// Checks the whole program; see [`Self::check`]. Adds the diagnostics to `diagnostics` for a script, also where it
@@ -440,7 +440,7 @@ impl Program {
         machine: &MachineConfig,
         diagnostics: &mut Vec<Value>,
     ) -> Result<(), CommandFailure> {
-        self.check_by(diagnostics, |decoder| Ok(job::check_program::<9>(machine, decoder))).map(|_| ())
+        self.check_by(diagnostics, |decoder| Ok(check_program::<9>(machine, decoder))).map(|_| ())
     }
 
     /// Checks and plans the whole program, for its times and extents. Adds the diagnostics to `diagnostics` for a
@@ -454,7 +454,7 @@ impl Program {
         diagnostics: &mut Vec<Value>,
     ) -> Result<Option<Checked<ProgramAnalysis<'m, A>>>, CommandFailure> {
         let why = |error: LimitError| NumberedError::new("E2112", error.to_string(), "correct the machine file");
-        self.check_by(diagnostics, |decoder| Ok(program_analysis::analyse_program(machine, decoder).map_err(why)?))
+        self.check_by(diagnostics, |decoder| Ok(analyse_program(machine, decoder).map_err(why)?))
     }
 
     /// Checks the whole program and prints nothing.
@@ -477,7 +477,7 @@ impl Program {
         if self.prescan.is_none() {
             return Ok(());
         }
-        let (_, findings, _) = job::check_program::<9>(machine, &mut decoder);
+        let (_, findings, _) = check_program::<9>(machine, &mut decoder);
         let found = diagnostic_json::all(self, &mut decoder, &findings);
         let shown: Vec<String> = found.iter().map(|one| one.text.clone()).collect();
         if found.iter().any(|one| one.is_error) { Err(shown.join("\n")) } else { Ok(()) }
@@ -582,7 +582,7 @@ pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnos
 
 /// Setup of the interpreter for a machine in millimetres, at its position.
 fn setup_for(machine: &MachineConfig) -> Setup {
-    Setup { tools: tools_without_length(), ..mdi::setup(machine) }
+    Setup { tools: tools_without_length(), ..interpreter_setup(machine) }
 }
 
 /// Tool table for a machine without one: every tool exists and has length 0.

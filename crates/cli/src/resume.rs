@@ -7,12 +7,12 @@ use std::cell::Cell;
 use std::path::PathBuf;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::fingerprint;
-use retrace_controller::job::JobStart;
-use retrace_controller::manual::jog_planner::MANUAL_PLACE_OFFSET;
-use retrace_controller::operator;
-use retrace_controller::operator::ScriptInstruction;
-use retrace_controller::resume::{ResumePlan, ResumePoint};
+use retrace_controller::JobStart;
+use retrace_controller::MANUAL_PLACE_OFFSET;
+use retrace_controller::ScriptInstruction;
+use retrace_controller::parse_script;
+use retrace_controller::planning_fingerprint;
+use retrace_controller::{ResumePlan, ResumePoint};
 use retrace_core::place::is_before;
 use retrace_journal::{
     Durability, FileRole, JobCard, JobEnding, JobFolder, JobHeader, JobLock, JobRecord, JobState, JobStore, ListedJob,
@@ -136,7 +136,7 @@ struct ResumeStep<'a> {
 impl ResumeStep<'_> {
     fn resume_on<const A: usize>(self) -> Result<u8, CommandFailure> {
         let program = self.program()?;
-        if fingerprint::of_planning()? != self.record.job.planner {
+        if planning_fingerprint()? != self.record.job.planner {
             let what = format!(
                 "retrace {} plans motion differently from retrace {}, which started the job",
                 env!("CARGO_PKG_VERSION"),
@@ -513,7 +513,7 @@ fn resume_entry<const A: usize>(prepared: &ResumePlan<A>, card: JobCard, machine
 
 /// Script prefix of a confirmed job: the outputs are restored without another question.
 fn with_confirmation(script: Vec<ScriptInstruction>) -> Result<Vec<ScriptInstruction>, NumberedError> {
-    let mut all = operator::parse("at 0s leave", "resume")?;
+    let mut all = parse_script("at 0s leave", "resume")?;
     all.extend(script);
     Ok(all)
 }

@@ -7,7 +7,7 @@ use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::Path;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::resume::ResumePlan;
+use retrace_controller::ResumePlan;
 use retrace_core::place::is_before;
 use retrace_gcode::Progress;
 use retrace_journal::JobRecord;

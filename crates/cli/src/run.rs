@@ -4,8 +4,8 @@
 //! exists.
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::job::JobStart;
-use retrace_controller::operator::ScriptInstruction;
+use retrace_controller::JobStart;
+use retrace_controller::ScriptInstruction;
 use retrace_hal_sim::Clock;
 use retrace_journal::{Durability, JobCard};
 use retrace_link::{CardStatus, MotionCard, PathStart};

@@ -5,7 +5,7 @@
 //! reading ─ buffers ─> decoding ─ batches of steps ─> planning ─ ring, items ─> motion path ─ telemetry ─> reporting
 //! ```
 //!
-//! Invariant: the threads end before [`run`] returns, whatever ended the job; the motion path is the caller's own
+//! Invariant: the threads end before [`run_job`] returns, whatever ended the job; the motion path is the caller's own
 //! thread.
 
 use std::fmt;
@@ -148,23 +148,23 @@ impl From<ResumeError> for JobStartError {
 ///
 /// # Errors
 /// The reason why the job cannot begin; nothing has moved then.
-pub fn run<const A: usize, C: MotionCard<A>>(
+pub fn run_job<const A: usize, C: MotionCard<A>>(
     machine: &MachineConfig,
     program: impl BlockDecoder + Send,
     options: JobOptions,
     card: C,
     observer: &mut dyn Observer<A>,
 ) -> Result<JobEnd<C>, JobStartError> {
-    resume(machine, program, options, card, observer, ResumePlan::matches_card)
+    resume_job(machine, program, options, card, observer, ResumePlan::matches_card)
 }
 
-/// Runs a program as [`run`] does. Where the job is resumed, `confirm` is called before anything moves, and the job is
+/// Runs a program as [`run_job`] does. Where the job is resumed, `confirm` is called before anything moves, and the job is
 /// stopped immediately where it returns false. Where the card's counts differ from those of the place, the axes then
 /// move there in the order of DNC-6. `machine.stands_at_mm` is the position where the job began, not where it was left.
 ///
 /// # Errors
-/// As [`run`].
-pub fn resume<const A: usize, C: MotionCard<A>>(
+/// As [`run_job`].
+pub fn resume_job<const A: usize, C: MotionCard<A>>(
     machine: &MachineConfig,
     mut program: impl BlockDecoder + Send,
     options: JobOptions,
@@ -346,7 +346,7 @@ pub fn check_program<'m, const A: usize>(
     program: &mut impl BlockDecoder,
 ) -> (u64, Vec<CheckFinding>, LimitCheck<'m, A>) {
     let mut sink = LimitCheck::new(machine);
-    let (blocks, mut findings) = feed_all(machine, program, &mut sink);
+    let (blocks, mut findings) = feed_program(machine, program, &mut sink);
     findings.extend(sink.beyond.iter().map(crate::limit_check::LimitFinding::finding));
     findings.extend(sink.warnings());
     findings.sort_by_key(|f| f.line);
@@ -354,7 +354,7 @@ pub fn check_program<'m, const A: usize>(
 }
 
 /// Gives all moves and switching of a program to `sink`. Returns the number of blocks and the findings.
-pub fn feed_all<const A: usize>(
+pub fn feed_program<const A: usize>(
     machine: &MachineConfig,
     program: &mut impl BlockDecoder,
     sink: &mut impl MotionSink<A>,
@@ -363,7 +363,7 @@ pub fn feed_all<const A: usize>(
 }
 
 /// Gives all moves and switching of a program to `sink`, and calls `each` with the state behind each step.
-pub fn feed_each<const A: usize, S: MotionSink<A>>(
+pub(crate) fn feed_each<const A: usize, S: MotionSink<A>>(
     machine: &MachineConfig,
     program: &mut impl BlockDecoder,
     sink: &mut S,

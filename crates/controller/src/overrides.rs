@@ -17,7 +17,7 @@ use retrace_core::place::is_before;
 use retrace_motion::MAX_OVERRIDE;
 
 /// Maximum override, 200 %.
-pub const MAX_RATE: Rate = Rate::from_units(Rate::ONE.units() * MAX_OVERRIDE as i64);
+pub(crate) const MAX_RATE: Rate = Rate::from_units(Rate::ONE.units() * MAX_OVERRIDE as i64);
 
 /// Maximum number of pending changes.
 const MAX_CHANGES: usize = 64;
@@ -31,7 +31,7 @@ struct OverrideChange {
 
 /// Creates the motion path's and the planning thread's end of the queue. `look_ahead` is that of the ring, in records.
 #[must_use]
-pub fn override_channel(look_ahead: u32) -> (OverrideRequester, OverrideApplier) {
+pub(crate) fn override_channel(look_ahead: u32) -> (OverrideRequester, OverrideApplier) {
     let (changes, heard) = sync_channel(MAX_CHANGES);
     let pending = VecDeque::with_capacity(MAX_CHANGES + 1);
     let requester = OverrideRequester {

@@ -44,7 +44,7 @@ impl RestartStep {
 
 /// The instructions that switched each output last, off and on.
 #[derive(Clone, Debug)]
-pub struct OutputOrigins {
+pub(crate) struct OutputOrigins {
     of: [[OutputOrigin; 2]; channel::COUNT],
     sequence: u32,
 }
@@ -57,7 +57,7 @@ impl Default for OutputOrigins {
 
 impl OutputOrigins {
     /// Records that an instruction of the program has switched these outputs before the record at `place`.
-    pub fn record_switching(
+    pub(crate) fn record_switching(
         &mut self,
         changes: &[OutputChange],
         (code, line, place): (&'static str, u32, u32),
@@ -74,7 +74,7 @@ impl OutputOrigins {
     }
 
     /// Records that the program has switched an output without a stop.
-    pub fn record_action(&mut self, action: &OutputAction, line: u32) {
+    pub(crate) fn record_action(&mut self, action: &OutputAction, line: u32) {
         let code = if action.after == 0 { "M63" } else { "M62" };
         let change = OutputChange { channel: action.channel, value: action.after };
         self.record_switching(&[change], (code, line, action.place), 0, None);
@@ -82,7 +82,7 @@ impl OutputOrigins {
 
     /// Records a dwell before the record at `place`. Where a cutter was lit at this very place it is the pierce, and
     /// belongs to the start of the cutter.
-    pub fn record_dwell(&mut self, place: u32, periods: u32, expected: &Outputs, cutting: &[u8]) {
+    pub(crate) fn record_dwell(&mut self, place: u32, periods: u32, expected: &Outputs, cutting: &[u8]) {
         for &channel in cutting {
             let at = usize::from(channel);
             if let (Some([_, origin]), Some(&value)) = (self.of.get_mut(at), expected.get(at))
@@ -98,7 +98,7 @@ impl OutputOrigins {
     /// Replaces the contents of `steps` by what brings the outputs from `are` to `wants`, for the channels selected by
     /// `concerned`: first what goes off, the cutters before anything else; then what comes on, in program order, the
     /// cutters last. Does not allocate where `steps` has capacity for all channels.
-    pub fn plan_restart(
+    pub(crate) fn plan_restart(
         &self,
         are: &Outputs,
         wants: &Outputs,

@@ -15,7 +15,7 @@ use crate::restart::OutputOrigins;
 
 /// Receives the skipped blocks: switching is recorded, motion is not made.
 #[derive(Debug)]
-pub struct SkippedBlocks {
+pub(crate) struct SkippedBlocks {
     outputs: Outputs,
     origins: OutputOrigins,
     /// The channels of torches, jets and beams.
@@ -28,7 +28,7 @@ impl SkippedBlocks {
     /// Creates the state with nothing skipped; the outputs are as given, and `cutting` are the channels of torches,
     /// jets and beams.
     #[must_use]
-    pub fn new(outputs: Outputs, cutting: &[u8]) -> Self {
+    pub(crate) fn new(outputs: Outputs, cutting: &[u8]) -> Self {
         Self { outputs, origins: OutputOrigins::default(), cutting: cutting.to_vec(), moves: 0 }
     }
 
@@ -37,7 +37,7 @@ impl SkippedBlocks {
     ///
     /// # Errors
     /// The reason why the planner rejects it.
-    pub fn restore<const A: usize>(
+    pub(crate) fn restore<const A: usize>(
         &self,
         plan_writer: &mut PlanWriter<'_, A>,
         target_mm: [f64; A],

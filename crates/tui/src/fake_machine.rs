@@ -6,15 +6,15 @@ use std::io::Cursor;
 use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::event::{DifferingOutputs, Event, EventKind};
-use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobOptions, JobStart};
-use retrace_controller::manual::ManualTask;
-use retrace_controller::mdi;
-use retrace_controller::operator::{CommandError, OperatorCommand};
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::RunMode;
-use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::CommandSources;
+use retrace_controller::ManualTask;
+use retrace_controller::RunMode;
+use retrace_controller::ScriptPlayer;
+use retrace_controller::interpreter_setup;
+use retrace_controller::{BlockDecoder, DecodedBlock, JobOptions, JobStart, run_job};
+use retrace_controller::{CommandError, OperatorCommand};
+use retrace_controller::{DifferingOutputs, Event, EventKind};
+use retrace_controller::{Observer, PeriodRecord, Telemetry};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts as ModeFacts};
 use retrace_core::{Distance, Place, Rate};
 use retrace_gcode::{CanonStep, Program, Progress};
@@ -36,7 +36,7 @@ struct Decoder(Program<Cursor<Vec<u8>>>);
 
 impl Decoder {
     fn new(machine: &MachineConfig, text: &str) -> Self {
-        Self(Program::new(Cursor::new(text.as_bytes().to_vec()), mdi::setup(machine)))
+        Self(Program::new(Cursor::new(text.as_bytes().to_vec()), interpreter_setup(machine)))
     }
 }
 
@@ -80,7 +80,7 @@ impl FakePath {
             let job_options =
                 JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
             // A program that cannot run leaves it empty.
-            let _ = job::run::<9, _>(machine, Decoder::new(machine, text), job_options, card, &mut path);
+            let _ = run_job::<9, _>(machine, Decoder::new(machine, text), job_options, card, &mut path);
         }
         path
     }

@@ -6,10 +6,10 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use retrace_config::AXIS_LETTERS;
-use retrace_controller::dnc_events::{DncEvent, DncStep};
-use retrace_controller::event::{CutterOffReason, Event, EventKind};
-use retrace_controller::operator::OperatorCommand;
-use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::OperatorCommand;
+use retrace_controller::{CutterOffReason, Event, EventKind};
+use retrace_controller::{DncEvent, DncStep};
+use retrace_controller::{Observer, PeriodRecord, Telemetry};
 use retrace_core::Distance;
 use retrace_core::mode::Mode;
 use retrace_core::place::is_before;

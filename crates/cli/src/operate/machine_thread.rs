@@ -10,14 +10,14 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::event::{CardError, Event, EventKind};
-use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError, perform};
-use retrace_controller::mdi;
-use retrace_controller::operator::{self, ScriptInstruction};
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::CommandSources;
+use retrace_controller::ModalContext;
+use retrace_controller::ScriptPlayer;
+use retrace_controller::{CardError, Event, EventKind};
+use retrace_controller::{ManualTask, ManualTaskDone, ManualTaskError, perform_manual_task};
+use retrace_controller::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::{Outcome, RunMode};
+use retrace_controller::{ScriptInstruction, parse_script};
 use retrace_link::{Alarm, MotionCard, OutputChange, PathStart};
 use retrace_tui::{
     AlarmShown, ModelObserver, ProgramCheck, Question, ScreenModel, ScreenStage, UiCommand, diagnostic_lines,
@@ -63,7 +63,7 @@ pub(super) struct MachineThread<'m, const A: usize, C> {
     machine_and_card: MachineAndCard,
     card: &'m mut C,
     /// Modal state for MDI blocks and for the next program.
-    mdi_context: mdi::ModalContext,
+    mdi_context: ModalContext,
     table_keeper: TableKeeper,
     commands: Receiver<UiCommand>,
     router: &'m Arc<CommandRouter>,
@@ -91,7 +91,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     ) -> Self {
         let observer = ModelObserver::new(Arc::clone(&router.model));
         let exit = ExitState { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
-        let (mdi_context, machine) = (mdi::ModalContext::new(program.setup().clone()), machine.clone());
+        let (mdi_context, machine) = (ModalContext::new(program.setup().clone()), machine.clone());
         let table_keeper = TableKeeper::new(&args.reading, program.setup());
         let optional_stop = args.operation.optional_stop.is_some_and(args::OnOff::is_on);
         lock_model(&router.model).optional_stop = optional_stop;
@@ -241,7 +241,14 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         let done = match unhomed {
             Some(refusal) => Err(refusal.into()),
             None => self.homing.perform_and_record(task, &machine, || {
-                perform(task, &machine, &mut self.mdi_context, self.card, (command_sources, run_mode), &mut shown)
+                perform_manual_task(
+                    task,
+                    &machine,
+                    &mut self.mdi_context,
+                    self.card,
+                    (command_sources, run_mode),
+                    &mut shown,
+                )
             }),
         };
         self.router.end_job();
@@ -370,7 +377,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     fn script_of_job(&self) -> Vec<ScriptInstruction> {
         let stops = if self.optional_stop { "at 0s optional stop on" } else { "" };
         // This text always parses.
-        let mut script = operator::parse(stops, "screen").unwrap_or_default();
+        let mut script = parse_script(stops, "screen").unwrap_or_default();
         script.extend(self.script.iter().copied());
         script
     }

@@ -17,7 +17,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::operator::{OperatorCommand, ScriptInstruction};
+use retrace_controller::{OperatorCommand, ScriptInstruction};
 use retrace_link::MotionCard;
 use retrace_tui::{Screen, ScreenModel, lock_model};
 

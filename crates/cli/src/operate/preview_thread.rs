@@ -8,8 +8,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use retrace_config::MachineConfig;
-use retrace_controller::job::{BlockDecoder, DecodedBlock};
-use retrace_controller::program_analysis;
+use retrace_controller::analyse_program;
+use retrace_controller::{BlockDecoder, DecodedBlock};
 use retrace_gcode::{CanonStep, Setup};
 use retrace_tui::{
     Planned, Preview, ProgramCheck, ProgramFacts, ScreenModel, ScreenStage, diagnostic_lines, lock_model,
@@ -156,7 +156,7 @@ fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, jo
     let cancellable = |decoder| CancellableDecoder { decoder, number };
     let preview = Preview::of(&machine, &mut cancellable(program.decoder()));
     publish(model, number, |facts| ProgramFacts { preview, start_position_mm: stands_at_mm, ..facts });
-    let analysed = program_analysis::analyse_program::<A>(&machine, &mut cancellable(program.decoder()));
+    let analysed = analyse_program::<A>(&machine, &mut cancellable(program.decoder()));
     let planned = analysed.map_or(Planned::Unknown, |(_, _, analysis)| {
         Planned::Known(analysis.motion_periods as f64 * machine.period_s())
     });

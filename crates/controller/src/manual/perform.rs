@@ -79,7 +79,7 @@ impl From<CardError> for ManualTaskError {
 ///
 /// # Errors
 /// The reason why it was not completed.
-pub fn perform<const A: usize, C: MotionCard<A>>(
+pub fn perform_manual_task<const A: usize, C: MotionCard<A>>(
     task: &ManualTask,
     machine: &MachineConfig,
     context: &mut ModalContext,
@@ -144,7 +144,7 @@ fn perform_block<const A: usize, C: MotionCard<A>>(
     let (block, left) = block.with_result();
     let options =
         JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
-    let end = job::run(&machine, block, options, &mut *card, observer)
+    let end = job::run_job(&machine, block, options, &mut *card, observer)
         .map_err(|why| NumberedError::new("E2112", why.to_string(), "a shorter look_ahead_s in the machine file"))?;
     match end.outcome {
         Outcome::Completed => {

@@ -26,7 +26,7 @@ use retrace_link::{CardStatus, HostCommand, MotionCard, Outputs, channel};
 
 use crate::command_queue::CommandSources;
 use crate::event::{CardError, CutterOffReason, EventKind};
-use crate::operator::percent;
+use crate::operator::rate_percent;
 use crate::overrides::OverrideRequester;
 use crate::plan_item::{ExclusiveKind, PlanEnd};
 use crate::record_streamer::{PassedItem, RecordStreamer};
@@ -419,7 +419,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.acknowledge_instruction();
         if let Some(planned) = self.overrides.advance_to(status.reached) {
             // Overrides are requested in steps of a hundredth of a per cent.
-            self.emit(EventKind::OverridePlanned((100.0 * percent(planned)).round() / 100.0));
+            self.emit(EventKind::OverridePlanned((100.0 * rate_percent(planned)).round() / 100.0));
             self.apply_rate_override();
         }
         if let Some(off) = status.cutter_off {

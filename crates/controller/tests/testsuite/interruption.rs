@@ -4,16 +4,16 @@
 //! `RETRACE_WORDS` sets the length of the sequences; six are the campaign `dnc`.
 
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::dnc_events::{DncEvent, DncStep};
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job;
-use retrace_controller::job::{BlockDecoder, DecodedBlock, JobOptions, JobStart};
-use retrace_controller::operator;
-use retrace_controller::operator::CommandError;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_controller::CommandError;
+use retrace_controller::CommandSources;
+use retrace_controller::ScriptPlayer;
+use retrace_controller::parse_script;
+use retrace_controller::run_job;
+use retrace_controller::{BlockDecoder, DecodedBlock, JobOptions, JobStart};
+use retrace_controller::{DncEvent, DncStep};
+use retrace_controller::{Event, EventKind};
+use retrace_controller::{Observer, Telemetry};
+use retrace_controller::{Outcome, RunMode};
 use retrace_core::interruption::{
     Breakpoint, Interruption, InterruptionAction, InterruptionError, InterruptionEvent, SpindleDirection, SpindleState,
 };
@@ -56,13 +56,13 @@ impl Observer<AXES> for Heard {
 fn run(machine: &MachineConfig, script: &str) -> ([i64; AXES], Vec<Event>) {
     let mut heard = Heard::default();
     let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
-    let script = operator::parse(script, "script").expect("known words");
+    let script = parse_script(script, "script").expect("known words");
     let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
     let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
     let options =
         JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
     let decoder = Decoder(Program::new(PROGRAM.as_bytes(), Setup::default()));
-    let end = job::run(machine, decoder, options, card, &mut heard).expect("a job");
+    let end = run_job(machine, decoder, options, card, &mut heard).expect("a job");
     assert!(matches!(end.outcome, Outcome::Completed | Outcome::Stopped), "{:?}", end.outcome);
     (end.card.status().counts, heard.events)
 }

@@ -4,17 +4,17 @@ use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
 
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::event::{DifferingOutputs, Event, EventKind};
-use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::operator;
-use retrace_controller::plan_item::{ExclusiveKind, PlanEnd, PlanSummary};
-use retrace_controller::plan_writer::{PlanWriter, SwitchInstruction};
-use retrace_controller::record_streamer::RecordStreamer;
-use retrace_controller::run_stats::RunStats;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode, Session};
-use retrace_controller::telemetry::{Observer, Telemetry, telemetry_channel};
+use retrace_controller::CommandSources;
+use retrace_controller::RecordStreamer;
+use retrace_controller::RunStats;
+use retrace_controller::ScriptPlayer;
+use retrace_controller::parse_script;
+use retrace_controller::{DifferingOutputs, Event, EventKind};
+use retrace_controller::{ExclusiveKind, PlanEnd, PlanSummary};
+use retrace_controller::{LimitMonitor, LimitReport, MonitorLimits};
+use retrace_controller::{Observer, Telemetry, telemetry_channel};
+use retrace_controller::{Outcome, RunMode, Session};
+use retrace_controller::{PlanWriter, SwitchInstruction};
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::{Distance, Place, Rate, Record, size};
 use retrace_hal_sim::{Clock, SimCard};
@@ -86,7 +86,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
         rows: Vec::new(),
         events: Vec::new(),
     };
-    let script = ScriptPlayer::new(operator::parse(script, "script").expect("valid"), machine.period_us);
+    let script = ScriptPlayer::new(parse_script(script, "script").expect("valid"), machine.period_us);
     let operators = CommandSources::from_script(script);
     let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
     let outputs = card.status().outputs;

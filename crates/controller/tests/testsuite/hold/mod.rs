@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use retrace_config::MachineConfig;
-use retrace_controller::limit_monitor::{LimitMonitor, MonitorLimits};
+use retrace_controller::{LimitMonitor, MonitorLimits};
 use retrace_core::{Flags, Place, Rate, Record};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{CardStatus, HostCommand, MotionCard};

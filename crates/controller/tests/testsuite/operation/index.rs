@@ -7,8 +7,8 @@ use std::sync::mpsc::{Sender, channel};
 use std::thread;
 use std::time::Duration;
 
-use retrace_controller::job;
-use retrace_controller::job::JobStart;
+use retrace_controller::JobStart;
+use retrace_controller::run_job;
 use retrace_core::Rate;
 use retrace_core::place::is_before;
 use retrace_journal::{DurablePlace, IndexEntry, IndexWriter, JournalConfig, PlaceMark};
@@ -75,7 +75,7 @@ fn kept(script: &str, slow: Duration) -> (Log, Vec<IndexEntry>, [i64; AXES]) {
     let options = options(&machine, script, JobStart::First, keeping);
     let mut log = Log::default();
     let strict = Strict(card(&machine), durable);
-    let end = job::run(&machine, Decoder::new(PROGRAM), options, strict, &mut log).expect("a job");
+    let end = run_job(&machine, Decoder::new(PROGRAM), options, strict, &mut log).expect("a job");
     (log, keeper.join().expect("it ends"), end.card.status().counts)
 }
 
@@ -114,7 +114,7 @@ fn an_override_is_noted_where_it_counts() {
     let noted = notes.iter().position(|note| matches!(note, IndexEntry::Override { .. })).expect("a note");
     let IndexEntry::Override { place, planned } = notes[noted] else { unreachable!() };
     assert_eq!(planned, (Rate::ONE * 7 + Rate::from_units(2)) / 5);
-    let told = log.event(|h| matches!(h, retrace_controller::event::EventKind::OverridePlanned(_)));
+    let told = log.event(|h| matches!(h, retrace_controller::EventKind::OverridePlanned(_)));
     assert_eq!(told.place.record, place);
     let marked_before = |note: &IndexEntry| matches!(note, IndexEntry::Mark(mark) if !is_before(place, mark.place));
     assert!(notes[..noted].iter().all(marked_before), "before any mark beyond it");

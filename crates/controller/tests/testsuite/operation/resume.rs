@@ -6,11 +6,11 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
-use retrace_controller::event::EventKind;
-use retrace_controller::job;
-use retrace_controller::job::{JobEnd, JobStart, JobStartError};
-use retrace_controller::resume::{ResumeError, ResumePlan, ResumePoint};
-use retrace_controller::session::Outcome;
+use retrace_controller::EventKind;
+use retrace_controller::Outcome;
+use retrace_controller::{JobEnd, JobStart, JobStartError};
+use retrace_controller::{ResumeError, ResumePlan, ResumePoint};
+use retrace_controller::{resume_job, run_job};
 use retrace_core::Rate;
 use retrace_hal_sim::{Random, SimCard};
 use retrace_journal::{IndexEntry, IndexWriter, JournalConfig, PlaceMark};
@@ -57,7 +57,7 @@ fn part(machine: &MachineConfig, text: &str, script: &str, begin: JobStart, card
     let (mut log, kept) = (Log::default(), Kept::default());
     let keeping = JournalConfig { index: Box::new(kept.clone()), durable: None };
     let options = options(machine, script, begin, keeping);
-    let end = job::run(machine, Decoder::new(text), options, card, &mut log).expect("a job");
+    let end = run_job(machine, Decoder::new(text), options, card, &mut log).expect("a job");
     (end, log, kept)
 }
 
@@ -124,7 +124,7 @@ fn prepared(
 ) -> (Option<ResumePlan<AXES>>, Result<JobEnd<Card>, JobStartError>) {
     let mut seen = None;
     let options = options(machine, "", JobStart::At(Box::new(at)), JournalConfig::default());
-    let end = job::resume(machine, Decoder::new(text), options, card, &mut Log::default(), |prepared| {
+    let end = resume_job(machine, Decoder::new(text), options, card, &mut Log::default(), |prepared| {
         seen = Some(prepared.clone());
         false
     });

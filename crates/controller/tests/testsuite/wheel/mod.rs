@@ -12,14 +12,14 @@ use std::collections::{HashMap, VecDeque};
 
 use hand::{Moment, Setting, moments};
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::{CommandSender, CommandSources, command_channel};
-use retrace_controller::event::EventKind;
-use retrace_controller::job;
-use retrace_controller::job::{JobOptions, JobStart};
-use retrace_controller::operator::OperatorCommand;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::EventKind;
+use retrace_controller::OperatorCommand;
+use retrace_controller::ScriptPlayer;
+use retrace_controller::run_job;
+use retrace_controller::{CommandSender, CommandSources, command_channel};
+use retrace_controller::{JobOptions, JobStart};
+use retrace_controller::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::{Outcome, RunMode};
 use retrace_core::mode::Mode;
 use retrace_core::{Distance, Place, Rate};
 use retrace_hal_sim::{Clock, Random, SimCard, SimCardError};
@@ -153,7 +153,7 @@ fn run(seed: u64) -> Case {
     let options =
         JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
     let mut log = Log::default();
-    let end = job::run(&machine, Decoder::new(&program), options, card, &mut log).expect("a job");
+    let end = run_job(&machine, Decoder::new(&program), options, card, &mut log).expect("a job");
     assert_eq!(end.outcome, Outcome::Completed);
     assert_eq!(end.stats.underruns, 0);
     assert_eq!(Some(&end.card.status().counts), path.counts.last(), "where it ends without an operator");

@@ -6,15 +6,15 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job;
-use retrace_controller::job::{BlockDecoder, DecodedBlock, JobOptions, JobStart};
-use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::operator;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_controller::CommandSources;
+use retrace_controller::ScriptPlayer;
+use retrace_controller::parse_script;
+use retrace_controller::run_job;
+use retrace_controller::{BlockDecoder, DecodedBlock, JobOptions, JobStart};
+use retrace_controller::{Event, EventKind};
+use retrace_controller::{LimitMonitor, LimitReport, MonitorLimits};
+use retrace_controller::{Observer, Telemetry};
+use retrace_controller::{Outcome, RunMode};
 use retrace_core::playback::partial_increment;
 use retrace_core::{Distance, Place, Rate};
 use retrace_gcode::{AxisSet, CanonStep, Program, Progress, Setup};
@@ -85,7 +85,7 @@ impl Path {
         let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
         let options =
             JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
-        let end = job::run(machine, Decoder::new(text), options, card, &mut rows).expect("a job");
+        let end = run_job(machine, Decoder::new(text), options, card, &mut rows).expect("a job");
         assert_eq!(end.outcome, Outcome::Completed);
         Self { counts: rows.0, markers: rows.1, in_passing: text.contains("M62") || text.contains("M63") }
     }
@@ -267,12 +267,12 @@ pub(crate) fn run(trial: Trial<'_>) -> Result<Done, String> {
     let mut card = Box::new(LinkedCard::connect(cable, 7, LinkTimeouts::default()).map_err(|fault| fault.to_string())?);
     card.open(trial.machine.card_settings(PathStart::at(0))).map_err(|fault| fault.to_string())?;
     let mut watch = Watch { periods: 0, events: Vec::new() };
-    let script = operator::parse(trial.script, "script").expect("a script");
+    let script = parse_script(trial.script, "script").expect("a script");
     let operators = CommandSources::from_script(ScriptPlayer::new(script, trial.machine.period_us));
     let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
     let options =
         JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
-    let end = job::run(trial.machine, Decoder::new(trial.program), options, &mut *card, &mut watch).expect("a job");
+    let end = run_job(trial.machine, Decoder::new(trial.program), options, &mut *card, &mut watch).expect("a job");
     let (outcome, stats) = (end.outcome, end.stats);
     if outcome == Outcome::Completed {
         card.close().map_err(|fault| format!("not closed: {fault}"))?;
