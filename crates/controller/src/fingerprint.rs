@@ -13,7 +13,8 @@ use retrace_journal::FileHash;
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
-use crate::job::{self, BlockDecoder, DecodedBlock};
+use crate::block_decoder::{BlockDecoder, DecodedBlock};
+use crate::job;
 use crate::mdi;
 use crate::motion_sink::MotionSink;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};

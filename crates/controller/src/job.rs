@@ -18,16 +18,17 @@ use retrace_config::MachineConfig;
 use retrace_core::Record;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::size::ring_cells;
-use retrace_gcode::{ActiveCodes, CanonStep};
 use retrace_journal::JournalConfig;
 use retrace_link::{CardStatus, MotionCard, Outputs};
 use retrace_motion::Planner;
 
+use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::canon_executor::CanonExecutor;
+use crate::check_finding::CheckFinding;
 use crate::command_queue::CommandSources;
 use crate::decoding::{self, BatchChannel};
 use crate::limit_check::LimitCheck;
-use crate::manual::jog_planner::{self, Identify};
+use crate::manual::jog_planner;
 use crate::motion_sink::MotionSink;
 use crate::overrides::override_channel;
 use crate::plan_item::PlanSummary;
@@ -37,41 +38,9 @@ use crate::record_streamer::RecordStreamer;
 use crate::resume::{ResumeError, ResumePlan, ResumePoint};
 use crate::run_stats::RunStats;
 use crate::session::{Outcome, RunMode, Session};
+use crate::soft_limits::LimitFinding;
 use crate::telemetry::{self, Observer};
 use crate::tool_length;
-
-/// A program as a source of canonical functions.
-pub trait BlockDecoder {
-    /// Decodes the next block and appends its steps to `steps`.
-    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock;
-
-    /// The modal state behind the last block, where the source has one.
-    fn active(&self) -> Option<ActiveCodes> {
-        None
-    }
-
-    /// The token to set when the program is not needed any more, so that a source that waits for bytes stops waiting.
-    fn cancel_token(&self) -> Option<Arc<AtomicBool>> {
-        None
-    }
-
-    /// Determines which program would be read now if it were read again. Called in its own thread before a paused
-    /// program resumes (DNC-6). None where the program cannot be read a second time.
-    fn identity(&self) -> Option<Identify> {
-        None
-    }
-}
-
-/// Result of decoding a block.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum DecodedBlock {
-    /// The block is decoded; more may follow.
-    Block,
-    /// The end of the program.
-    End,
-    /// The block has errors: rendered, with place, source line and remedy.
-    BlockError(String),
-}
 
 /// Capacity of the item queue between the threads.
 const ITEM_QUEUE_CAPACITY: usize = 1024;
@@ -314,29 +283,6 @@ impl Drop for CancelOnDrop<'_> {
     }
 }
 
-/// A finding of a check: an error, which prevents the run, or a warning.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CheckFinding {
-    /// Program line.
-    pub line: u32,
-    /// Letter of the word that it is about, if any.
-    pub word: Option<char>,
-    /// Number in `docs/errors.md`.
-    pub number: &'static str,
-    /// Cause.
-    pub cause: String,
-    /// Remedy.
-    pub remedy: String,
-}
-
-impl CheckFinding {
-    /// Whether it prevents the program from being run. Otherwise it is a warning.
-    #[must_use]
-    pub fn is_error(&self) -> bool {
-        self.number.starts_with('E')
-    }
-}
-
 /// Checks a whole program without moving anything. Returns the number of blocks, the findings, and the result of the
 /// moves.
 ///
@@ -347,7 +293,7 @@ pub fn check_program<'m, const A: usize>(
 ) -> (u64, Vec<CheckFinding>, LimitCheck<'m, A>) {
     let mut sink = LimitCheck::new(machine);
     let (blocks, mut findings) = feed_program(machine, program, &mut sink);
-    findings.extend(sink.beyond.iter().map(crate::limit_check::LimitFinding::finding));
+    findings.extend(sink.beyond.iter().map(LimitFinding::finding));
     findings.extend(sink.warnings());
     findings.sort_by_key(|f| f.line);
     (blocks, findings, sink)

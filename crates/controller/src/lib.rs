@@ -19,7 +19,10 @@
 #![forbid(unsafe_code)]
 
 mod approach;
+mod block_decoder;
+mod canon_error;
 mod canon_executor;
+mod check_finding;
 mod command_queue;
 mod cutter_track;
 mod decoding;
@@ -47,23 +50,23 @@ mod resume;
 mod run_stats;
 mod script;
 mod session;
+mod soft_limits;
 mod spline;
 mod start_line;
 mod tape;
 mod telemetry;
 mod tool_length;
 
+pub use block_decoder::{BlockDecoder, DecodedBlock};
 pub use canon_executor::WorkOffset;
+pub use check_finding::CheckFinding;
 pub use command_queue::{CommandQueueFull, CommandReceiver, CommandSender, CommandSources, command_channel};
 pub use dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 pub use event::{CardError, CutterOffReason, DifferingOutputs, Event, EventKind};
 pub use fingerprint::planning_fingerprint;
-pub use job::{
-    BlockDecoder, CheckFinding, DecodedBlock, JobEnd, JobOptions, JobStart, JobStartError, check_program, feed_program,
-    resume_job, run_job,
-};
+pub use job::{JobEnd, JobOptions, JobStart, JobStartError, check_program, feed_program, resume_job, run_job};
 pub use journal_recorder::JournalRecorder;
-pub use limit_check::{LimitCheck, LimitFinding};
+pub use limit_check::LimitCheck;
 pub use limit_monitor::{AxisExtremes, LimitMonitor, LimitReport, LimitViolation, MonitorLimits};
 pub use manual::jog_planner::{Identify, JogPlanner, MANUAL_PLACE_OFFSET};
 pub use manual::{ManualTask, ManualTaskDone, ManualTaskError, perform_manual_task};
@@ -82,6 +85,7 @@ pub use resume::{ResumeError, ResumePlan, ResumePoint};
 pub use run_stats::{PeriodClass, RunStats};
 pub use script::ScriptPlayer;
 pub use session::{Outcome, RunMode, Session};
+pub use soft_limits::LimitFinding;
 pub use tape::{ReceivedByte, TapeError, TapeReader};
 pub use telemetry::{Observer, PeriodRecord, Telemetry, TelemetryReceiver, TelemetrySender, telemetry_channel};
 pub use tool_length::{EnteredLength, ToolLengthError};

@@ -11,7 +11,9 @@ use retrace_gcode::{
     Setup, Severity, ToolTable, UserCodes,
 };
 
-use crate::job::{self, BlockDecoder, DecodedBlock};
+use crate::block_decoder::{BlockDecoder, DecodedBlock};
+use crate::check_finding::CheckFinding;
+use crate::job;
 
 /// Interpreter setup of a machine in millimetres at its current position.
 #[must_use]
@@ -75,7 +77,7 @@ impl ModalContext {
         let (_, findings, scan) = job::check_program::<9>(machine, &mut looked_at);
         let mut wrong = rendered(looked_at.program.interpreter().diagnostics(), text);
         wrong.extend(findings.iter().filter(|finding| finding.is_error()).map(|finding| {
-            let job::CheckFinding { number, cause: what, remedy, .. } = finding;
+            let CheckFinding { number, cause: what, remedy, .. } = finding;
             format!("error[{number}]: {what}\n  help: {remedy}")
         }));
         if wrong.is_empty() { Ok(MdiBlock { moves: scan.moves > 0, ..begin()? }) } else { Err(wrong) }

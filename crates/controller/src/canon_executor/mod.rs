@@ -4,7 +4,6 @@
 //! Invariant: units, offsets and rotation are applied here and nowhere else. A move of an axis that the machine does
 //! not have is rejected, and an unsupported function is rejected by name.
 
-mod canon_error;
 mod entered_length;
 mod switching;
 
@@ -12,11 +11,11 @@ use retrace_config::MachineConfig;
 use retrace_gcode::{Axis, Canon, LengthUnit, Nurbs, PathControl, Plane, Pose};
 use retrace_motion::{Arc, FeedRate, PathMode};
 
+use crate::canon_error::CanonError;
 use crate::cutter_track::CutterTrack;
 use crate::motion_sink::MotionSink;
 use crate::spline::chords;
 
-pub(crate) use canon_error::CanonError;
 use entered_length::LengthCorrection;
 
 /// Minimum deviation of the chords of splines, mm.

@@ -20,9 +20,9 @@ use retrace_journal::{IndexEntry, IndexWriter, LengthChange, MarkDifference, Pla
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, FeedRate, MoveError, PathMode, Planner};
 
-use crate::limit_check::{LimitFinding, extremes};
 use crate::overrides::OverrideApplier;
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
+use crate::soft_limits::{LimitFinding, extremes};
 use crate::tool_length::LengthOffers;
 use tool_lengths::{Lengths, Planned};
 

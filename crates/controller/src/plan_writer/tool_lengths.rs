@@ -10,7 +10,7 @@ use retrace_core::place::is_before;
 use retrace_journal::{IndexEntry, LengthChange};
 
 use super::{Cancelled, PlanWriter};
-use crate::limit_check::passed_limit;
+use crate::soft_limits::passed_limit;
 use crate::tool_length::{EnteredLength, LengthAnswer, LengthOffer, LengthOffers, LengthProposal, ToolLengthError};
 
 /// Place at which a path that was moved along the tool axis had to end last, moved or not.

@@ -4,9 +4,9 @@
 
 use retrace_motion::MoveError;
 
-use crate::job::CheckFinding;
-use crate::limit_check::LimitFinding;
+use crate::check_finding::CheckFinding;
 use crate::plan_writer::PlanWriteError;
+use crate::soft_limits::LimitFinding;
 
 /// Reason why a canonical function cannot be executed on this machine.
 #[derive(Clone, Debug, PartialEq)]
