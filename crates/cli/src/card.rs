@@ -10,8 +10,8 @@ use std::path::Path;
 use retrace_link::{CardFailure, CardIdentity, Greeting, HostCommand, MotionCard, PathStart};
 use serde_json::{Value, json};
 
+use crate::command_failure::CommandFailure;
 use crate::linked_card::{MAX_AXES, SerialCard};
-use crate::program::CommandFailure;
 use crate::{args, card_serve, files, linked_card};
 
 /// Number of periods within which a card executes the command and reports that.

@@ -16,7 +16,7 @@ use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, faults
 use retrace_link::{Alarm, CardFailure, InputSetting, PathStart};
 use serde_json::{Value, json};
 
-use crate::console::unwritable;
+use crate::files::unwritable;
 use crate::manual_inputs::ManualInput;
 use crate::sim_wiring::hung_on;
 use crate::{args, files, linked_card};

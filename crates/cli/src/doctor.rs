@@ -11,8 +11,8 @@ use retrace_hal_serial::LatencyTimer;
 use retrace_link::PathStart;
 use serde_json::{Value, json};
 
+use crate::command_failure::CommandFailure;
 use crate::linked_card;
-use crate::program::CommandFailure;
 use crate::{args, files};
 
 /// Upper bounds of the histogram's classes, in microseconds; the last class has none.

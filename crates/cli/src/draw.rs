@@ -7,14 +7,10 @@
 use std::path::Path;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::CommandSources;
-use retrace_controller::MotionSink;
-use retrace_controller::RunMode;
-use retrace_controller::ScriptPlayer;
-use retrace_controller::{Cancelled, PlanWriteError, SwitchInstruction};
-use retrace_controller::{JobOptions, JobStart};
-use retrace_controller::{Observer, Telemetry};
-use retrace_controller::{feed_program, run_job};
+use retrace_controller::{
+    Cancelled, CommandSources, JobOptions, JobStart, MotionSink, Observer, PlanWriteError, RunMode, ScriptPlayer,
+    SwitchInstruction, Telemetry, feed_program, run_job,
+};
 use retrace_core::mode::Mode;
 use retrace_hal_sim::Clock;
 use retrace_journal::JournalConfig;
@@ -26,9 +22,10 @@ use retrace_plot::{
 };
 
 use crate::args;
-use crate::console::unwritable;
+use crate::command_failure::CommandFailure;
 use crate::draw_job;
-use crate::program::{CommandFailure, Program};
+use crate::files::unwritable;
+use crate::program::Program;
 use crate::sim_wiring::simulated;
 
 /// Number of periods over which differences are taken, because positions are whole pulses.

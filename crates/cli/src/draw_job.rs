@@ -264,13 +264,9 @@ fn switched(event: &Value) -> String {
 mod tests {
     use super::*;
     use clap::Parser;
-    use retrace_controller::CommandSources;
-    use retrace_controller::JournalRecorder;
-    use retrace_controller::RunMode;
-    use retrace_controller::ScriptPlayer;
-    use retrace_controller::run_job;
-    use retrace_controller::{JobOptions, JobStart};
-    use retrace_controller::{Observer, Telemetry};
+    use retrace_controller::{
+        CommandSources, JobOptions, JobStart, JournalRecorder, Observer, RunMode, ScriptPlayer, Telemetry, run_job,
+    };
     use retrace_hal_sim::{Clock, SimCard};
     use retrace_journal::{
         CommandArguments, Durability, EndEntry, FORMAT, FileHash, JobCard, JobEnding, JobHeader, JournalConfig,

@@ -7,8 +7,7 @@ use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::ScriptInstruction;
-use retrace_controller::parse_script;
+use retrace_controller::{ScriptInstruction, parse_script};
 use retrace_gcode::Text;
 use retrace_journal::FileHash;
 
@@ -215,4 +214,13 @@ pub fn script(path: Option<&Path>) -> Result<Vec<ScriptInstruction>, NumberedErr
         None => Ok(Vec::new()),
         Some(path) => parse_script(&text(path, "operator's script")?, &path.display().to_string()),
     }
+}
+
+/// `E2105`: a file could not be written.
+pub fn unwritable(what: &str, error: &std::io::Error) -> NumberedError {
+    NumberedError::new(
+        "E2105",
+        format!("{what} cannot be written: {error}"),
+        "check the folder, its permissions and the free disk space",
+    )
 }

@@ -8,18 +8,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::JournalRecorder;
-use retrace_controller::Report;
-use retrace_controller::ResumePlan;
-use retrace_controller::ScriptInstruction;
-use retrace_controller::ScriptPlayer;
-use retrace_controller::parse_script;
-use retrace_controller::resume_job;
-use retrace_controller::{CommandReceiver, CommandSources};
-use retrace_controller::{Event, EventKind};
-use retrace_controller::{JobEnd, JobOptions, JobStart, JobStartError};
-use retrace_controller::{Observer, Telemetry};
-use retrace_controller::{Outcome, RunMode};
+use retrace_controller::{
+    CommandReceiver, CommandSources, Event, EventKind, JobEnd, JobOptions, JobStart, JobStartError, JournalRecorder,
+    Observer, Outcome, Report, ResumePlan, RunMode, ScriptInstruction, ScriptPlayer, Telemetry, parse_script,
+    resume_job,
+};
 use retrace_core::Place;
 use retrace_gcode::{Parameters, ToolTable};
 use retrace_journal::JournalConfig;
@@ -27,12 +20,14 @@ use retrace_link::MotionCard;
 use retrace_tui::ModelObserver;
 use serde_json::Value;
 
+use crate::command_failure::CommandFailure;
 use crate::console::{Console, ConsoleOptions};
 use crate::escape;
 use crate::files;
 use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableFiles;
-use crate::program::{CommandFailure, Program, ProgramStream, StreamSource};
+use crate::program::Program;
+use crate::program_stream::{ProgramStream, StreamSource};
 use crate::stop_signals::{StopPolicy, StopSignals};
 use crate::terminal_operator::{Keyboard, TerminalOperator};
 use crate::wait_notice::WaitWatch;

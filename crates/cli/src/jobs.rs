@@ -303,8 +303,7 @@ fn record_json(record: &JobRecord, state: &JobState) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_controller::JournalRecorder;
-    use retrace_controller::{PeriodRecord, Telemetry};
+    use retrace_controller::{JournalRecorder, PeriodRecord, Telemetry};
     use retrace_core::{Place, mode};
     use retrace_journal::{
         CommandArguments, Durability, DurablePlace, EndEntry, FORMAT, FileHash, JobEnding, JournalWriter,

@@ -6,8 +6,7 @@
 use std::path::Path;
 
 use retrace_config::{ChannelNames, MachineConfig, NumberedError};
-use retrace_controller::JournalRecorder;
-use retrace_controller::Outcome;
+use retrace_controller::{JournalRecorder, Outcome};
 use retrace_journal::state_file::FileAccess;
 use retrace_journal::{
     CommandArguments, Durability, EndEntry, FORMAT, FileHash, JobCard, JobEnding, JobFolder, JobHeader, JobLock,
@@ -18,10 +17,11 @@ use retrace_link::{CardIdentity, CardStatus, Outputs};
 use serde_json::Value;
 
 use crate::args::Reading;
-use crate::console::unwritable;
 use crate::files;
+use crate::files::unwritable;
 use crate::machine_tables;
-use crate::program::{Program, ProgramStream, StreamSource};
+use crate::program::Program;
+use crate::program_stream::{ProgramStream, StreamSource};
 
 /// Folder of a job that has not started.
 #[derive(Debug)]

@@ -11,7 +11,7 @@ use retrace_link::{
     LinkedCardError, MotionCard, PathStart, channel,
 };
 
-use crate::program::CommandFailure;
+use crate::command_failure::CommandFailure;
 
 /// Card behind a serial port or a pseudo-terminal.
 pub type SerialCard<const A: usize> = Box<LinkedCard<A, SerialPort>>;

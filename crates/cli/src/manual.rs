@@ -4,20 +4,18 @@
 //! written only after a block was executed.
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::CommandSources;
-use retrace_controller::RunMode;
-use retrace_controller::ScriptPlayer;
-use retrace_controller::{ManualTask, ManualTaskDone, ManualTaskError, perform_manual_task};
-use retrace_controller::{ModalContext, interpreter_setup};
-use retrace_controller::{Observer, Telemetry};
+use retrace_controller::{
+    CommandSources, ManualTask, ManualTaskDone, ManualTaskError, ModalContext, Observer, RunMode, ScriptPlayer,
+    Telemetry, interpreter_setup, perform_manual_task,
+};
 use retrace_hal_sim::Clock;
 use retrace_link::{CardFailure, MotionCard, PathStart};
 use serde_json::{Map, Value, json};
 
+use crate::command_failure::CommandFailure;
 use crate::console::{Console, ConsoleOptions};
 use crate::homing_notes::Homing;
 use crate::machine_tables::{self, TableFiles};
-use crate::program::CommandFailure;
 use crate::sim_wiring::simulated;
 use crate::stop_signals::{StopPolicy, StopSignals};
 use crate::{args, files, linked_card};

@@ -7,12 +7,9 @@ use std::cell::Cell;
 use std::path::PathBuf;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::JobStart;
-use retrace_controller::MANUAL_PLACE_OFFSET;
-use retrace_controller::ScriptInstruction;
-use retrace_controller::parse_script;
-use retrace_controller::planning_fingerprint;
-use retrace_controller::{ResumePlan, ResumePoint};
+use retrace_controller::{
+    JobStart, MANUAL_PLACE_OFFSET, ResumePlan, ResumePoint, ScriptInstruction, parse_script, planning_fingerprint,
+};
 use retrace_core::place::is_before;
 use retrace_journal::{
     Durability, FileRole, JobCard, JobEnding, JobFolder, JobHeader, JobLock, JobRecord, JobState, JobStore, ListedJob,
@@ -21,13 +18,15 @@ use retrace_journal::{
 use retrace_link::{Greeting, MotionCard, Outputs, PathStart, channel};
 
 use crate::args::{self, OnOff};
+use crate::command_failure::CommandFailure;
 use crate::homing_notes::Homing;
 use crate::job_runner::{JobRunner, OutputOptions, TuiOptions, prepare_real_time};
 use crate::journaled_job::{self, JournaledJob};
 use crate::linked_card::{self, GreetedCard};
 use crate::machine_tables::{self, TableFiles};
 use crate::operate::{self, ResumingJob};
-use crate::program::{CommandFailure, Program, ProgramStream, StreamSource};
+use crate::program::Program;
+use crate::program_stream::{ProgramStream, StreamSource};
 use crate::resume_from_line::{changed_machine, from_line, reading, run_args};
 use crate::resume_summary::{self, ConfirmResume, ResumeSummary};
 use crate::sim_wiring::simulated;

@@ -15,7 +15,8 @@ use retrace_link::channel;
 use serde_json::{Value, json};
 
 use crate::escape;
-use crate::program::{Program, ProgramStream};
+use crate::program::Program;
+use crate::program_stream::ProgramStream;
 
 /// Maximum number of blocks after the last mark in which the block of the breakpoint is searched.
 const MAX_SEARCHED_BLOCKS: u64 = 100_000;

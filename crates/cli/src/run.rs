@@ -4,13 +4,13 @@
 //! exists.
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::JobStart;
-use retrace_controller::ScriptInstruction;
+use retrace_controller::{JobStart, ScriptInstruction};
 use retrace_hal_sim::Clock;
 use retrace_journal::{Durability, JobCard};
 use retrace_link::{CardStatus, MotionCard, PathStart};
 
 use crate::args::{self, OnOff};
+use crate::command_failure::CommandFailure;
 use crate::files;
 use crate::homing_notes::Homing;
 pub use crate::job_runner::{JobResult, TuiOptions};
@@ -19,7 +19,8 @@ use crate::journaled_job::{JobHeaderBuilder, JournaledJob, ReservedJobFolder};
 use crate::linked_card;
 use crate::machine_tables::{self, TableFiles};
 use crate::operate;
-use crate::program::{CommandFailure, Program, ProgramStream};
+use crate::program::Program;
+use crate::program_stream::ProgramStream;
 use crate::sim_wiring::{simulated, traced};
 
 /// Runs the command. Returns its exit code.

@@ -11,7 +11,7 @@ use retrace_config::{CodeSwitching, MachineConfig, NumberedError};
 use retrace_hal_sim::{Clock, PlantSettings, Reply, SimCard};
 use retrace_link::{InputUse, InputWait, PathStart, channel};
 
-use crate::console::unwritable;
+use crate::files::unwritable;
 
 /// Distance from a soft limit to its switch, in mm.
 const OUTSIDE_MM: f64 = 1.0;

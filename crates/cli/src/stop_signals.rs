@@ -10,10 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use retrace_controller::EventKind;
-use retrace_controller::OperatorCommand;
-use retrace_controller::Telemetry;
-use retrace_controller::{CommandReceiver, CommandSender, command_channel};
+use retrace_controller::{CommandReceiver, CommandSender, EventKind, OperatorCommand, Telemetry, command_channel};
 
 /// Interval of the polls for a signal.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);

@@ -9,9 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use retrace_controller::OperatorCommand;
-use retrace_controller::{CommandReceiver, CommandSender, command_channel};
-use retrace_controller::{Event, EventKind};
+use retrace_controller::{CommandReceiver, CommandSender, Event, EventKind, OperatorCommand, command_channel};
 
 /// Interval of the polls for a wait and for input.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);

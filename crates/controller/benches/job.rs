@@ -15,9 +15,9 @@ use std::fmt::Write as _;
 use std::time::Instant;
 
 use retrace_config::MachineConfig;
-use retrace_controller::MotionSink;
-use retrace_controller::{BlockDecoder, DecodedBlock, feed_program};
-use retrace_controller::{Cancelled, PlanWriteError, SwitchInstruction};
+use retrace_controller::{
+    BlockDecoder, Cancelled, DecodedBlock, MotionSink, PlanWriteError, SwitchInstruction, feed_program,
+};
 use retrace_core::Flags;
 use retrace_gcode::{CanonStep, Prescan, Program, Progress, Setup, Text};
 use retrace_link::OutputChange;

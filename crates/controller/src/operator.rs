@@ -7,9 +7,8 @@
 use std::fmt;
 
 use retrace_config::{AXIS_LETTERS, NumberedError, nearest};
-use retrace_core::Rate;
-use retrace_core::interruption;
 use retrace_core::mode::ModeError;
+use retrace_core::{Rate, interruption};
 use retrace_link::channel;
 
 use crate::tool_length::{EnteredLength, ToolLengthError};

@@ -2,9 +2,7 @@
 //!
 //! Invariant: an event without words of its own is shown as everywhere else.
 
-use retrace_controller::DncStep;
-use retrace_controller::{Event, EventKind};
-use retrace_controller::{OperatorCommand, rate_percent};
+use retrace_controller::{DncStep, Event, EventKind, OperatorCommand, rate_percent};
 use retrace_core::mode::Mode;
 use retrace_link::channel;
 

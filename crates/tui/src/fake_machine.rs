@@ -6,15 +6,10 @@ use std::io::Cursor;
 use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
-use retrace_controller::CommandSources;
-use retrace_controller::ManualTask;
-use retrace_controller::RunMode;
-use retrace_controller::ScriptPlayer;
-use retrace_controller::interpreter_setup;
-use retrace_controller::{BlockDecoder, DecodedBlock, JobOptions, JobStart, run_job};
-use retrace_controller::{CommandError, OperatorCommand};
-use retrace_controller::{DifferingOutputs, Event, EventKind};
-use retrace_controller::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::{
+    BlockDecoder, CommandError, CommandSources, DecodedBlock, DifferingOutputs, Event, EventKind, JobOptions, JobStart,
+    ManualTask, Observer, OperatorCommand, PeriodRecord, RunMode, ScriptPlayer, Telemetry, interpreter_setup, run_job,
+};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts as ModeFacts};
 use retrace_core::{Distance, Place, Rate};
 use retrace_gcode::{CanonStep, Program, Progress};

@@ -6,10 +6,9 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use retrace_config::AXIS_LETTERS;
-use retrace_controller::OperatorCommand;
-use retrace_controller::{CutterOffReason, Event, EventKind};
-use retrace_controller::{DncEvent, DncStep};
-use retrace_controller::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::{
+    CutterOffReason, DncEvent, DncStep, Event, EventKind, Observer, OperatorCommand, PeriodRecord, Telemetry,
+};
 use retrace_core::Distance;
 use retrace_core::mode::Mode;
 use retrace_core::place::is_before;

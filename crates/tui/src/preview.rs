@@ -4,9 +4,7 @@
 //! has no end.
 
 use retrace_config::MachineConfig;
-use retrace_controller::MotionSink;
-use retrace_controller::{BlockDecoder, feed_program};
-use retrace_controller::{Cancelled, PlanWriteError, SwitchInstruction};
+use retrace_controller::{BlockDecoder, Cancelled, MotionSink, PlanWriteError, SwitchInstruction, feed_program};
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
 

@@ -10,14 +10,10 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::CommandSources;
-use retrace_controller::ModalContext;
-use retrace_controller::ScriptPlayer;
-use retrace_controller::{CardError, Event, EventKind};
-use retrace_controller::{ManualTask, ManualTaskDone, ManualTaskError, perform_manual_task};
-use retrace_controller::{Observer, PeriodRecord, Telemetry};
-use retrace_controller::{Outcome, RunMode};
-use retrace_controller::{ScriptInstruction, parse_script};
+use retrace_controller::{
+    CardError, CommandSources, Event, EventKind, ManualTask, ManualTaskDone, ManualTaskError, ModalContext, Observer,
+    Outcome, PeriodRecord, RunMode, ScriptInstruction, ScriptPlayer, Telemetry, parse_script, perform_manual_task,
+};
 use retrace_link::{Alarm, MotionCard, OutputChange, PathStart};
 use retrace_tui::{
     AlarmShown, ModelObserver, ProgramCheck, Question, ScreenModel, ScreenStage, UiCommand, diagnostic_lines,
@@ -27,10 +23,12 @@ use retrace_tui::{
 use super::command_router::CommandRouter;
 use super::{ResumingJob, preview_thread};
 use crate::args::{self, Reading};
+use crate::command_failure::CommandFailure;
 use crate::homing_notes::Homing;
 use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableKeeper;
-use crate::program::{CommandFailure, Program, ProgramStream};
+use crate::program::Program;
+use crate::program_stream::ProgramStream;
 use crate::resume_summary::ResumeSummary;
 use crate::run::{JobResult, JobSpec, MachineAndCard, TuiOptions};
 

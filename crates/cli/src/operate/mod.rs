@@ -22,9 +22,10 @@ use retrace_link::MotionCard;
 use retrace_tui::{Screen, ScreenModel, lock_model};
 
 use crate::args;
-use crate::console::unwritable;
+use crate::command_failure::CommandFailure;
+use crate::files::unwritable;
 use crate::homing_notes::Homing;
-use crate::program::{CommandFailure, Program};
+use crate::program::Program;
 use crate::resume_summary::ConfirmResume;
 use crate::run::{MachineAndCard, TuiOptions};
 

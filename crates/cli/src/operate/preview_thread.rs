@@ -8,14 +8,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use retrace_config::MachineConfig;
-use retrace_controller::analyse_program;
-use retrace_controller::{BlockDecoder, DecodedBlock};
+use retrace_controller::{BlockDecoder, DecodedBlock, analyse_program};
 use retrace_gcode::{CanonStep, Setup};
 use retrace_tui::{
     Planned, Preview, ProgramCheck, ProgramFacts, ScreenModel, ScreenStage, diagnostic_lines, lock_model,
 };
 
-use crate::program::{Decoder, Program};
+use crate::decoder::Decoder;
+use crate::program::Program;
 
 /// Facts that are known at once.
 pub(super) fn facts(machine: &MachineConfig, program: &Program) -> ProgramFacts {

@@ -4,16 +4,10 @@
 //! `RETRACE_WORDS` sets the length of the sequences; six are the campaign `dnc`.
 
 use retrace_config::MachineConfig;
-use retrace_controller::CommandError;
-use retrace_controller::CommandSources;
-use retrace_controller::ScriptPlayer;
-use retrace_controller::parse_script;
-use retrace_controller::run_job;
-use retrace_controller::{BlockDecoder, DecodedBlock, JobOptions, JobStart};
-use retrace_controller::{DncEvent, DncStep};
-use retrace_controller::{Event, EventKind};
-use retrace_controller::{Observer, Telemetry};
-use retrace_controller::{Outcome, RunMode};
+use retrace_controller::{
+    BlockDecoder, CommandError, CommandSources, DecodedBlock, DncEvent, DncStep, Event, EventKind, JobOptions,
+    JobStart, Observer, Outcome, RunMode, ScriptPlayer, Telemetry, parse_script, run_job,
+};
 use retrace_core::interruption::{
     Breakpoint, Interruption, InterruptionAction, InterruptionError, InterruptionEvent, SpindleDirection, SpindleState,
 };

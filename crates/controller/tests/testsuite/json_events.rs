@@ -8,9 +8,10 @@ use std::collections::BTreeSet;
 
 use json_page::JsonPage;
 use retrace_config::ChannelNames;
-use retrace_controller::{AxisCounts, DncEvent, DncFlags, DncStep};
-use retrace_controller::{CardError, CutterOffReason, DifferingOutputs, Event, EventKind};
-use retrace_controller::{CommandError, OperatorCommand};
+use retrace_controller::{
+    AxisCounts, CardError, CommandError, CutterOffReason, DifferingOutputs, DncEvent, DncFlags, DncStep, Event,
+    EventKind, OperatorCommand,
+};
 use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_journal::Timestamp;

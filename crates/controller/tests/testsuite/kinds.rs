@@ -4,15 +4,10 @@
 //! Invariant: expected values are written here manually, from the machine files and the programs.
 
 use retrace_config::MachineConfig;
-use retrace_controller::CommandSources;
-use retrace_controller::ScriptPlayer;
-use retrace_controller::interpreter_setup;
-use retrace_controller::parse_script;
-use retrace_controller::run_job;
-use retrace_controller::{BlockDecoder, DecodedBlock, JobEnd, JobOptions, JobStart};
-use retrace_controller::{Event, EventKind};
-use retrace_controller::{Observer, Telemetry};
-use retrace_controller::{Outcome, RunMode};
+use retrace_controller::{
+    BlockDecoder, CommandSources, DecodedBlock, Event, EventKind, JobEnd, JobOptions, JobStart, Observer, Outcome,
+    RunMode, ScriptPlayer, Telemetry, interpreter_setup, parse_script, run_job,
+};
 use retrace_core::mode::Mode;
 use retrace_gcode::{CanonStep, Program, Progress, Setup, Tool, ToolTable};
 use retrace_hal_sim::{Chance, Clock, PlantSettings, Process, SimCard};

@@ -4,17 +4,11 @@ use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
 
 use retrace_config::MachineConfig;
-use retrace_controller::CommandSources;
-use retrace_controller::RecordStreamer;
-use retrace_controller::RunStats;
-use retrace_controller::ScriptPlayer;
-use retrace_controller::parse_script;
-use retrace_controller::{DifferingOutputs, Event, EventKind};
-use retrace_controller::{ExclusiveKind, PlanEnd, PlanSummary};
-use retrace_controller::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::{Observer, Telemetry, telemetry_channel};
-use retrace_controller::{Outcome, RunMode, Session};
-use retrace_controller::{PlanWriter, SwitchInstruction};
+use retrace_controller::{
+    CommandSources, DifferingOutputs, Event, EventKind, ExclusiveKind, LimitMonitor, LimitReport, MonitorLimits,
+    Observer, Outcome, PlanEnd, PlanSummary, PlanWriter, RecordStreamer, RunMode, RunStats, ScriptPlayer, Session,
+    SwitchInstruction, Telemetry, parse_script, telemetry_channel,
+};
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::{Distance, Place, Rate, Record, size};
 use retrace_hal_sim::{Clock, SimCard};

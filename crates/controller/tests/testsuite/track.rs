@@ -1,9 +1,9 @@
 //! From program text to moves in machine coordinates: units, offsets, rotation, feeds, switching.
 
 use retrace_config::MachineConfig;
-use retrace_controller::MotionSink;
-use retrace_controller::{BlockDecoder, CheckFinding, DecodedBlock, feed_program};
-use retrace_controller::{Cancelled, PlanWriteError, SwitchInstruction};
+use retrace_controller::{
+    BlockDecoder, Cancelled, CheckFinding, DecodedBlock, MotionSink, PlanWriteError, SwitchInstruction, feed_program,
+};
 use retrace_gcode::{Axis, AxisSet, CanonStep, Program, Progress, Setup};
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};

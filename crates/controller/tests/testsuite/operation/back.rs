@@ -2,8 +2,7 @@
 //!
 //! Invariant: the requested place is compared with a plain run, never with the code that searched it.
 
-use retrace_controller::CommandError;
-use retrace_controller::EventKind;
+use retrace_controller::{CommandError, EventKind};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::MotionCard;

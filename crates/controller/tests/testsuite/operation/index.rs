@@ -7,8 +7,7 @@ use std::sync::mpsc::{Sender, channel};
 use std::thread;
 use std::time::Duration;
 
-use retrace_controller::JobStart;
-use retrace_controller::run_job;
+use retrace_controller::{JobStart, run_job};
 use retrace_core::Rate;
 use retrace_core::place::is_before;
 use retrace_journal::{DurablePlace, IndexEntry, IndexWriter, JournalConfig, PlaceMark};

@@ -3,14 +3,10 @@
 //! Invariant: time is virtual, so that a run is the same at any speed.
 
 use retrace_config::MachineConfig;
-use retrace_controller::CommandSources;
-use retrace_controller::ScriptPlayer;
-use retrace_controller::parse_script;
-use retrace_controller::run_job;
-use retrace_controller::{Event, EventKind};
-use retrace_controller::{JobEnd, JobOptions, JobStart};
-use retrace_controller::{Observer, PeriodRecord, Telemetry};
-use retrace_controller::{Outcome, RunMode};
+use retrace_controller::{
+    CommandSources, Event, EventKind, JobEnd, JobOptions, JobStart, Observer, Outcome, PeriodRecord, RunMode,
+    ScriptPlayer, Telemetry, parse_script, run_job,
+};
 use retrace_core::Place;
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_journal::JournalConfig;

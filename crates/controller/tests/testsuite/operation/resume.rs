@@ -6,11 +6,9 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
-use retrace_controller::EventKind;
-use retrace_controller::Outcome;
-use retrace_controller::{JobEnd, JobStart, JobStartError};
-use retrace_controller::{ResumeError, ResumePlan, ResumePoint};
-use retrace_controller::{resume_job, run_job};
+use retrace_controller::{
+    EventKind, JobEnd, JobStart, JobStartError, Outcome, ResumeError, ResumePlan, ResumePoint, resume_job, run_job,
+};
 use retrace_core::Rate;
 use retrace_hal_sim::{Random, SimCard};
 use retrace_journal::{IndexEntry, IndexWriter, JournalConfig, PlaceMark};

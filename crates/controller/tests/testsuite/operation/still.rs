@@ -3,10 +3,7 @@
 //! Invariant: the count is of the motion path's own thread.
 
 use allocation_counter::{AllocationInfo, measure};
-use retrace_controller::JobStart;
-use retrace_controller::Outcome;
-use retrace_controller::run_job;
-use retrace_controller::{Observer, Telemetry};
+use retrace_controller::{JobStart, Observer, Outcome, Telemetry, run_job};
 use retrace_journal::JournalConfig;
 
 use super::jobs::{AXES, Decoder, card, machine, options};

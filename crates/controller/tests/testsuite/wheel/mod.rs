@@ -12,14 +12,10 @@ use std::collections::{HashMap, VecDeque};
 
 use hand::{Moment, Setting, moments};
 use retrace_config::MachineConfig;
-use retrace_controller::EventKind;
-use retrace_controller::OperatorCommand;
-use retrace_controller::ScriptPlayer;
-use retrace_controller::run_job;
-use retrace_controller::{CommandSender, CommandSources, command_channel};
-use retrace_controller::{JobOptions, JobStart};
-use retrace_controller::{Observer, PeriodRecord, Telemetry};
-use retrace_controller::{Outcome, RunMode};
+use retrace_controller::{
+    CommandSender, CommandSources, EventKind, JobOptions, JobStart, Observer, OperatorCommand, Outcome, PeriodRecord,
+    RunMode, ScriptPlayer, Telemetry, command_channel, run_job,
+};
 use retrace_core::mode::Mode;
 use retrace_core::{Distance, Place, Rate};
 use retrace_hal_sim::{Clock, Random, SimCard, SimCardError};

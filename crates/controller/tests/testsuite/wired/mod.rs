@@ -6,15 +6,10 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
-use retrace_controller::CommandSources;
-use retrace_controller::ScriptPlayer;
-use retrace_controller::parse_script;
-use retrace_controller::run_job;
-use retrace_controller::{BlockDecoder, DecodedBlock, JobOptions, JobStart};
-use retrace_controller::{Event, EventKind};
-use retrace_controller::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::{Observer, Telemetry};
-use retrace_controller::{Outcome, RunMode};
+use retrace_controller::{
+    BlockDecoder, CommandSources, DecodedBlock, Event, EventKind, JobOptions, JobStart, LimitMonitor, LimitReport,
+    MonitorLimits, Observer, Outcome, RunMode, ScriptPlayer, Telemetry, parse_script, run_job,
+};
 use retrace_core::playback::partial_increment;
 use retrace_core::{Distance, Place, Rate};
 use retrace_gcode::{AxisSet, CanonStep, Program, Progress, Setup};
