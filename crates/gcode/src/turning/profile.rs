@@ -4,7 +4,8 @@
 
 use super::RoughingError;
 use super::frame::{Frame, Segment, SegmentArc, XzPoint};
-use crate::canon::{Canon, CanonStep, Plane};
+use crate::canon::{Canon, CanonStep};
+use crate::canon_modes::Plane;
 use crate::pose::{Axis, Pose};
 
 /// A line or an arc of a profile.
