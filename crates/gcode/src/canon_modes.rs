@@ -24,7 +24,7 @@ impl LengthUnit {
     }
 }
 
-/// A plane of arcs, with its axes in the order that [`Canon::ArcFeed`] uses.
+/// A plane of arcs, with its axes in the order that [`Canon::ArcFeed`](crate::Canon::ArcFeed) uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Plane {
     /// G17: first X, second Y, normal Z.
