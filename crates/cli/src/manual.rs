@@ -10,6 +10,7 @@ use retrace_controller::mdi::{self, ModalContext};
 use retrace_controller::script::ScriptPlayer;
 use retrace_controller::session::RunMode;
 use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_core::RecordIndex;
 use retrace_hal_sim::Clock;
 use retrace_link::{CardFailure, MotionCard, PathStart};
 use serde_json::{Map, Value, json};
@@ -118,7 +119,7 @@ fn on_card<const A: usize>(
     {
         homing.check(machine)?;
     }
-    card.open(machine.card_settings(PathStart::at(0)))
+    card.open(machine.card_settings(PathStart::at(RecordIndex::new(0))))
         .map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
     let code = perform_on(args, machine, task, modal_context, &mut *card, &homing)?;
     // The card is at rest, or has an alarm that says more than an error here would.
