@@ -3,6 +3,7 @@
 //! Invariant: nothing moves before the first entry of the job is stored. A job that was refused before that leaves only
 //! an empty folder.
 
+use retrace_core::RecordIndex;
 use std::path::Path;
 
 use retrace_config::{ChannelNames, MachineConfig, NumberedError};
@@ -80,7 +81,7 @@ pub struct JournaledJob {
     _lock: JobLock,
     writer: JournalWriter,
     /// Record of the last mark that the journal has already.
-    known: Option<u32>,
+    known: Option<RecordIndex>,
     /// Override changes that the journal has already.
     overrides: Vec<PlannedOverride>,
 }

@@ -8,6 +8,7 @@ use retrace_controller::{
     CommandSources, ManualTask, ManualTaskDone, ManualTaskError, ModalContext, Observer, RunMode, ScriptPlayer,
     Telemetry, interpreter_setup, perform_manual_task,
 };
+use retrace_core::RecordIndex;
 use retrace_hal_sim::Clock;
 use retrace_link::{CardFailure, MotionCard, PathStart};
 use serde_json::{Map, Value, json};
@@ -116,7 +117,7 @@ fn on_card<const A: usize>(
     {
         homing.check(machine)?;
     }
-    card.open(machine.card_settings(PathStart::at(0)))
+    card.open(machine.card_settings(PathStart::at(RecordIndex::new(0))))
         .map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
     let code = perform_on(args, machine, task, modal_context, &mut *card, &homing)?;
     // The card is at rest, or has an alarm that says more than an error here would.

@@ -5,6 +5,7 @@
 
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{JobStart, ScriptInstruction};
+use retrace_core::RecordIndex;
 use retrace_hal_sim::Clock;
 use retrace_journal::{Durability, JobCard};
 use retrace_link::{CardStatus, MotionCard, PathStart};
@@ -103,7 +104,7 @@ impl RunContext<'_> {
         }
         let machine = machine.standing_at(&counts);
         let program = self.open(&machine)?;
-        let settings = machine.card_settings(PathStart::at(0));
+        let settings = machine.card_settings(PathStart::at(RecordIndex::new(0)));
         if self.at_screen {
             card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
             let (homing, work) = (homing.at_screen(), (self.script, (self.text, named)));

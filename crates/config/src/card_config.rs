@@ -217,6 +217,7 @@ impl CardConfig {
 mod tests {
     use super::*;
     use crate::machine_config::MachineConfig;
+    use retrace_core::RecordIndex;
     use retrace_link::{OutputChange, PathStart};
 
     fn machine(text: &str) -> Result<MachineConfig, NumberedError> {
@@ -228,8 +229,8 @@ mod tests {
         let text = "control_period_ms = 2.0\ncutting_outputs = [4]\n[card]\nwatchdog_ms = 300\nstep_pulse_us = 3.5\n\
             inverted_axes = [\"Y\"]\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\nactive_low = true\n\
             [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
-        let settings = machine(text).expect("valid").card_settings::<4>(PathStart::at(7));
-        assert_eq!((settings.start, settings.axes, settings.period_us), (PathStart::at(7), 3, 2000));
+        let settings = machine(text).expect("valid").card_settings::<4>(PathStart::at(RecordIndex::new(7)));
+        assert_eq!((settings.start, settings.axes, settings.period_us), (PathStart::at(RecordIndex::new(7)), 3, 2000));
         assert_eq!((settings.watchdog_periods, settings.report_periods), (150, 8));
         assert_eq!((settings.pulse_ns, settings.direction_inverted), (3500, 2));
         let limit = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
@@ -246,8 +247,9 @@ mod tests {
                 max_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 100]\nbacklash_mm = {mm:?}\n"
             )
         };
-        let settings =
-            machine(&(axis("x", 0.0) + &axis("z", 0.015))).expect("valid").card_settings::<4>(PathStart::at(0));
+        let settings = machine(&(axis("x", 0.0) + &axis("z", 0.015)))
+            .expect("valid")
+            .card_settings::<4>(PathStart::at(RecordIndex::new(0)));
         assert_eq!(settings.backlash_pulses, [0, 12, 0, 0]);
     }
 

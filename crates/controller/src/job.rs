@@ -15,9 +15,9 @@ use std::sync::mpsc;
 use std::thread;
 
 use retrace_config::MachineConfig;
-use retrace_core::Record;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::size::ring_cells;
+use retrace_core::{Record, RecordIndex};
 use retrace_journal::JournalConfig;
 use retrace_link::{CardStatus, MotionCard, Outputs};
 use retrace_motion::Planner;
@@ -149,7 +149,7 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
     let mut ring =
         Ring::new(cells, keep, look_ahead, origin.place).map_err(|e| machine_error(format!("no ring: {e:?}")))?;
     let (producer, consumer) = ring.split();
-    let begins = origin.place.wrapping_add(jog_planner::MANUAL_PLACE_OFFSET);
+    let begins = origin.place + jog_planner::MANUAL_PLACE_OFFSET;
     let mut by_hand = jog_planner::ring(machine, begins).map_err(|e| machine_error(format!("no ring: {e:?}")))?;
     let mail = jog_planner::JogStatus::default();
     let (hand, requests) = jog_planner::jog_channel(by_hand.split(), &mail);
@@ -247,7 +247,7 @@ fn join_thread<T>(thread: thread::ScopedJoinHandle<'_, T>) -> T {
 
 /// Where a job's ring begins: at the job's own beginning, wherever it is resumed.
 struct JobOrigin<const A: usize> {
-    place: u32,
+    place: RecordIndex,
     counts: [i64; A],
     outputs: Outputs,
     /// Number of the last instruction that was executed before.

@@ -5,6 +5,7 @@
 //! the order of DNC-6: tool axis up to the retract plane or higher, other axes, tool axis down.
 
 use retrace_config::MachineConfig;
+use retrace_core::RecordIndex;
 use retrace_link::{OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, FeedRate, PathMode};
 
@@ -103,7 +104,8 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
     fn action(&mut self, change: OutputChange, line: u32) {
         let OutputChange { channel, value } = change;
         let before = std::mem::replace(&mut self.outputs[usize::from(channel)], value);
-        self.origins.record_action(&OutputAction { place: self.moves, channel, before, after: value }, line);
+        self.origins
+            .record_action(&OutputAction { place: RecordIndex::new(self.moves), channel, before, after: value }, line);
     }
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
@@ -111,9 +113,9 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
             self.outputs[usize::from(change.channel)] = change.value;
         }
         if switch.kind == ExclusiveKind::Dwell {
-            self.origins.record_dwell(self.moves, switch.periods, &self.outputs, &self.cutting);
+            self.origins.record_dwell(RecordIndex::new(self.moves), switch.periods, &self.outputs, &self.cutting);
         } else if !switch.changes.is_empty() {
-            let of = (switch.code, switch.line, self.moves);
+            let of = (switch.code, switch.line, RecordIndex::new(self.moves));
             self.origins.record_switching(switch.changes, of, switch.periods, switch.until);
         }
         Ok(())

@@ -3,6 +3,7 @@
 //! Invariant: control periods continue while no job runs, so that the card hears from its host. Before each job a new
 //! path starts at the machine's position.
 
+use retrace_core::RecordIndex;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::sync::{Arc, Mutex};
@@ -344,7 +345,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Ok(program) => program,
             Err(why) => return self.show_refusal(&why),
         };
-        if let Err(fault) = self.card.begin_path(PathStart::at(0)) {
+        if let Err(fault) = self.card.begin_path(PathStart::at(RecordIndex::new(0))) {
             return self.emit(EventKind::Alarm(CardError::from(fault)));
         }
         let mut result = JobResult::default();

@@ -11,6 +11,7 @@ mod machine_thread;
 mod preview_thread;
 mod signals;
 
+use retrace_core::RecordIndex;
 use std::io::IsTerminal;
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
@@ -82,7 +83,7 @@ pub type Resume<'f, const A: usize, C> =
 /// Job to resume when the screen opens.
 pub struct ResumingJob<'f, const A: usize, C> {
     /// Record at which its path starts.
-    pub origin: u32,
+    pub origin: RecordIndex,
     /// Whether the operator has confirmed already.
     pub is_confirmed: bool,
     /// Function that runs it.

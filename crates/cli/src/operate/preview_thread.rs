@@ -2,6 +2,7 @@
 //!
 //! Invariant: slow work runs in a thread of its own; the screen shows "calculating" until it is done.
 
+use retrace_core::RecordIndex;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -51,7 +52,7 @@ pub(super) fn show_program<const A: usize>(
 }
 
 /// Shows that a job whose path starts at this record is about to be resumed.
-pub(super) fn show_resuming(model: &Mutex<ScreenModel>, origin: u32) {
+pub(super) fn show_resuming(model: &Mutex<ScreenModel>, origin: RecordIndex) {
     let facts = ProgramFacts { first_place: origin, ..(*lock_model(model).facts).clone() };
     let mut model = lock_model(model);
     (model.facts, model.stage) = (Arc::new(facts), ScreenStage::Resuming);
@@ -78,7 +79,9 @@ pub(super) fn update_facts<const A: usize>(
     program: &Program,
 ) {
     let (new, old) = (facts(machine, program), Arc::clone(&lock_model(model).facts));
-    let is_same = new.program == old.program && new.start_position_mm == old.start_position_mm && old.first_place == 0;
+    let is_same = new.program == old.program
+        && new.start_position_mm == old.start_position_mm
+        && old.first_place == RecordIndex::new(0);
     if is_same && old.check == ProgramCheck::Ready {
         return;
     }

@@ -4,7 +4,7 @@
 //! Invariant: it begins and ends at rest. *Stop* or *hold* brings it to rest where it is, and the rest of it is
 //! discarded.
 
-use retrace_core::Rate;
+use retrace_core::{Rate, RecordIndex};
 use std::sync::PoisonError;
 use std::thread;
 
@@ -90,7 +90,7 @@ pub fn perform_manual_task<const A: usize, C: MotionCard<A>>(
     if let Some(text) = block_of(task, machine)? {
         return perform_block(&text, machine, context, card, (operators, run_mode), observer);
     }
-    let mut ring = jog_planner::ring(machine, 0)
+    let mut ring = jog_planner::ring(machine, RecordIndex::new(0))
         .map_err(|_| NumberedError::new("E2112", "no ring for a move", "a shorter look_ahead_s"))?;
     let mail = jog_planner::JogStatus::default();
     let (hand, requests) = jog_planner::jog_channel(ring.split(), &mail);

@@ -8,6 +8,7 @@ use retrace_controller::{
     BlockDecoder, CommandError, CommandSources, DecodedBlock, DncEvent, DncStep, Event, EventKind, JobOptions,
     JobStart, Observer, Outcome, RunMode, ScriptPlayer, Telemetry, parse_script, run_job,
 };
+use retrace_core::RecordIndex;
 use retrace_core::interruption::{
     Breakpoint, Interruption, InterruptionAction, InterruptionError, InterruptionEvent, SpindleDirection, SpindleState,
 };
@@ -49,7 +50,8 @@ impl Observer<AXES> for Heard {
 /// Counts at the end, and the events.
 fn run(machine: &MachineConfig, script: &str) -> ([i64; AXES], Vec<Event>) {
     let mut heard = Heard::default();
-    let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
+    let card = SimCard::<AXES>::new(RecordIndex::new(0), machine.rate_limits().expect("checked"), Clock::Virtual)
+        .expect("fits");
     let script = parse_script(script, "script").expect("known words");
     let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
     let run_mode = RunMode { wall_time: false, operator: true, real_time: false };

@@ -8,6 +8,7 @@ use retrace_controller::{
     BlockDecoder, CommandSources, DecodedBlock, Event, EventKind, JobEnd, JobOptions, JobStart, Observer, Outcome,
     RunMode, ScriptPlayer, Telemetry, interpreter_setup, parse_script, run_job,
 };
+use retrace_core::RecordIndex;
 use retrace_core::mode::Mode;
 use retrace_gcode::{CanonStep, Program, Progress, Setup, Tool, ToolTable};
 use retrace_hal_sim::{Chance, Clock, PlantSettings, Process, SimCard};
@@ -56,7 +57,7 @@ fn run(
     script: &str,
     processes: &[Process],
 ) -> (JobEnd<SimCard<4>>, Seen) {
-    let settings = machine.card_settings::<4>(PathStart::at(0));
+    let settings = machine.card_settings::<4>(PathStart::at(RecordIndex::new(0)));
     // the switches a little outside of the soft limits
     let ends = |axis: usize| machine.axes[axis].travel_mm.map(|mm| machine.counts_of(axis, mm * 1.01));
     let travel: Vec<[i64; 2]> =

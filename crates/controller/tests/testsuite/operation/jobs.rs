@@ -7,7 +7,7 @@ use retrace_controller::{
     CommandSources, Event, EventKind, JobEnd, JobOptions, JobStart, Observer, Outcome, PeriodRecord, RunMode,
     ScriptPlayer, Telemetry, parse_script, run_job,
 };
-use retrace_core::Place;
+use retrace_core::{Place, RecordIndex};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_journal::JournalConfig;
 
@@ -54,7 +54,7 @@ pub(super) fn machine(history_s: f64) -> MachineConfig {
 
 /// A card at record 0, all counts 0.
 pub(super) fn card(machine: &MachineConfig) -> SimCard<AXES> {
-    SimCard::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits")
+    SimCard::new(RecordIndex::new(0), machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits")
 }
 
 /// Options of a job with a script in virtual time.
@@ -86,5 +86,5 @@ pub(super) fn complete(machine: &MachineConfig, text: &str, script: &str) -> (Jo
 
 /// Place of a record boundary.
 pub(super) fn boundary(record: u32) -> Place {
-    Place::start_of(record)
+    Place::start_of(RecordIndex::new(record))
 }

@@ -9,7 +9,7 @@ use retrace_config::MachineConfig;
 use retrace_controller::{
     EventKind, JobEnd, JobStart, JobStartError, Outcome, ResumeError, ResumePlan, ResumePoint, resume_job, run_job,
 };
-use retrace_core::Rate;
+use retrace_core::{Rate, RecordIndex};
 use retrace_hal_sim::{Random, SimCard};
 use retrace_journal::{IndexEntry, IndexWriter, JournalConfig, PlaceMark};
 use retrace_link::{MotionCard, Outputs, PathStart, channel};
@@ -35,7 +35,7 @@ impl Kept {
         notes.iter().filter_map(|note| if let IndexEntry::Mark(mark) = note { Some(*mark) } else { None }).collect()
     }
 
-    fn overrides(&self) -> Vec<(u32, Rate)> {
+    fn overrides(&self) -> Vec<(RecordIndex, Rate)> {
         let notes = self.0.lock().expect("done");
         let changed = |note: &IndexEntry| {
             if let IndexEntry::Override { place, planned } = note { Some((*place, *planned)) } else { None }
@@ -46,7 +46,7 @@ impl Kept {
     fn resumption(&self, left: &Card) -> ResumePoint {
         let status = left.status();
         let start = PathStart { place: status.place, rests: false, reached: status.reached, executed: status.executed };
-        ResumePoint { overrides: self.overrides(), marks: self.marks(), ..ResumePoint::at(start, 0) }
+        ResumePoint { overrides: self.overrides(), marks: self.marks(), ..ResumePoint::at(start, RecordIndex::new(0)) }
     }
 }
 
@@ -101,7 +101,7 @@ fn whatever_is_cut_off_anywhere_goes_on_as_if_it_had_not_been() {
             let status = *card.status();
             cuts += 1;
             inside += u32::from(status.place.fraction != 0);
-            behind += u32::from(status.place.record.wrapping_add(1) < status.reached);
+            behind += u32::from((status.place.record + 1).is_before(status.reached));
             begin = JobStart::At(Box::new(kept.resumption(&card)));
         }
         let status = card.status();
@@ -160,7 +160,10 @@ fn what_will_be_done_is_told_before_anything_moves() {
     let (status, at) = (*end.card.status(), kept.resumption(&end.card));
     let (seen, again) = prepared(&machine, LAPS, at, end.card);
     let (seen, again) = (seen.expect("it was asked"), again.expect("a job"));
-    assert_eq!((seen.counts(), seen.oldest(), seen.planned_override()), (status.counts, 0, Rate::ONE));
+    assert_eq!(
+        (seen.counts(), seen.oldest(), seen.planned_override()),
+        (status.counts, RecordIndex::new(0), Rate::ONE)
+    );
     // the stop has switched the spindle off
     let spindle = usize::from(channel::SPINDLE);
     let mut expected = status.outputs;
@@ -220,7 +223,7 @@ fn what_is_not_the_same_is_refused_with_the_reason() {
     let mut far = at.clone();
     far.marks.push(PlaceMark { place: at.start.reached + 501, ..PlaceMark::default() });
     assert_eq!(unfound(LAPS, &far), ResumeError::NoSuchPlace, "farther than anything was planned");
-    let nowhere = PathStart { reached: at.start.place.record.wrapping_sub(1), ..at.start };
+    let nowhere = PathStart { reached: (at.start.place.record - 1), ..at.start };
     assert_eq!(unfound(LAPS, &ResumePoint { start: nowhere, ..unmarked.clone() }), ResumeError::NoSuchPlace);
     // The counts differ: this is detected, and the job does not continue by itself.
     let elsewhere = card(&machine).with_position([1, 0, 0, 0], &outputs);

@@ -17,7 +17,7 @@ use retrace_controller::{
     RunMode, ScriptPlayer, Telemetry, command_channel, run_job,
 };
 use retrace_core::mode::Mode;
-use retrace_core::{Distance, Place, Rate};
+use retrace_core::{Distance, Place, Rate, RecordIndex};
 use retrace_hal_sim::{Clock, Random, SimCard, SimCardError};
 use retrace_journal::{HoldReason, JournalConfig};
 use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
@@ -136,7 +136,8 @@ fn run(seed: u64) -> Case {
     let program = wired::program(&mut random, 24);
     let path = Path::of(&machine, &program);
     let moments = moments(&mut random, setting);
-    let mut card = SimCard::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
+    let mut card =
+        SimCard::new(RecordIndex::new(0), machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
     // at any value of the free-running counter, near its wrap more often than not
     card.machine().turn_wheel(pick(&mut random, &[0, -1, -6, 300, 32_760, -32_760]));
     let (orders, heard) = command_channel();
@@ -222,8 +223,8 @@ impl Case {
             "{period:?}"
         );
         // as far back as the machine file requires, and at most one record beyond
-        let depth = period.reached - period.oldest;
-        let promised = self.machine.history_records.min(period.reached);
+        let depth = period.reached.since(period.oldest);
+        let promised = self.machine.history_records.min(period.reached.number());
         assert!((promised..=promised + 1).contains(&depth), "{depth} records of {promised}: {period:?}");
     }
 
@@ -241,7 +242,7 @@ impl Case {
             "{rate:?} of {low:?}…{high:?}: {period:?}"
         );
         let record = period.place.record;
-        let is_near = period.reached.wrapping_sub(record) < NEAR || record.wrapping_sub(period.oldest) < NEAR;
+        let is_near = period.reached.since(record) < NEAR || record.since(period.oldest) < NEAR;
         if period.mode == Mode::Wheel && !is_near {
             assert!(
                 (low - Rate::from_units(2)..=high + Rate::from_units(2)).contains(&rate),
@@ -276,7 +277,7 @@ impl Case {
             period: period.period,
             line: u64::from(period.line),
             rate_nano: ((i128::from(period.rate.units()) * 1_000_000_000) >> 32) as i64,
-            record: u64::from(period.place.record),
+            record: u64::from(period.place.record.number()),
             fraction: u64::from(period.place.fraction),
             increments: period.increments.iter().take(self.machine.axes.len()).map(|&i| i64::from(i)).collect(),
             retrace_switched: String::new(),
