@@ -11,8 +11,8 @@
 use std::collections::VecDeque;
 use std::fmt;
 
-use retrace_core::Place;
 use retrace_core::gate::Gates;
+use retrace_core::{Place, RecordIndex};
 
 use crate::sync::{Arc, Condvar, Mutex, MutexGuard, thread};
 
@@ -131,7 +131,7 @@ struct Report {
 impl SharedState {
     /// Whether the accepted instruction may be sent: gate C.
     fn is_due(&self) -> bool {
-        self.gates.c_open(Place::start_of(self.report.place), self.report.at_rest)
+        self.gates.c_open(Place::start_of(RecordIndex::new(self.report.place)), self.report.at_rest)
     }
 
     /// Records that the sent instruction is reported executed; false where it is not.
@@ -196,13 +196,13 @@ impl Host {
     /// whether K held at once.
     fn pass_marker(&self, number: u32, place: u32) -> bool {
         let mut state = self.state();
-        assert!(state.gates.accept(number, place), "gate A: one instruction at a time");
+        assert!(state.gates.accept(number, RecordIndex::new(place)), "gate A: one instruction at a time");
         let due = state.k();
         if due {
             // the card had reported before the marker was set, and will not report again
             self.changed.notify_all();
         }
-        while !state.gates.b_open(place) {
+        while !state.gates.b_open(RecordIndex::new(place)) {
             state = self.sleep(state);
         }
         due

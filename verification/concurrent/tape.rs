@@ -6,6 +6,7 @@
 //!
 //! Invariant: a tape is run inside one execution of an engine and ends with everything pushed and everything read.
 
+use retrace_core::RecordIndex;
 use std::fmt;
 
 use crate::ring::{Cell, Consumer, Producer, Ring};
@@ -71,7 +72,8 @@ impl Tape {
 
     fn run(self, consume: impl FnOnce(&mut Consumer<'static, u32>) -> u32) -> Outcome {
         let cells: Box<[Cell<u32>]> = (0..self.keep + self.look_ahead).map(|_| Cell::new(u32::MAX)).collect();
-        let ring = Ring::new(cells, self.keep, self.look_ahead, self.start).expect("the shape is valid");
+        let ring =
+            Ring::new(cells, self.keep, self.look_ahead, RecordIndex::new(self.start)).expect("the shape is valid");
         // The ends borrow the ring and a thread borrows for ever, so each execution leaks a few hundred bytes.
         let (mut producer, mut consumer) = Box::leak(Box::new(ring)).split();
         let planner = thread::spawn(move || push_all(&mut producer, self.records));
@@ -107,7 +109,7 @@ impl Tape {
     fn follow_through(self, consumer: &mut Consumer<'_, u32>) -> u32 {
         let (mut reached, mut starved) = (0, 0);
         while reached < self.records {
-            let planned = consumer.write().wrapping_sub(self.start);
+            let planned = consumer.write().since(RecordIndex::new(self.start));
             if planned == reached {
                 starved += 1;
                 thread::yield_now();
@@ -116,16 +118,20 @@ impl Tape {
             // every record ahead is sent, and all but the last of them executed before the next report of the card
             self.check(consumer, reached, planned);
             reached = (planned - 1).max(reached + 1);
-            assert!(consumer.seek(self.start.wrapping_add(reached)));
+            assert!(consumer.seek(RecordIndex::new(self.start.wrapping_add(reached))));
             let oldest = reached - reached.min(self.keep);
             self.check(consumer, oldest, planned);
             if oldest > 0 {
-                assert_eq!(consumer.record(self.start.wrapping_add(oldest - 1)), None, "what is let go is gone");
+                assert_eq!(
+                    consumer.record(RecordIndex::new(self.start.wrapping_add(oldest - 1))),
+                    None,
+                    "what is let go is gone"
+                );
             }
             if reached % self.turn == 0 {
-                assert!(consumer.seek(self.start.wrapping_add(oldest)));
+                assert!(consumer.seek(RecordIndex::new(self.start.wrapping_add(oldest))));
                 self.check(consumer, oldest, planned);
-                assert!(consumer.seek(self.start.wrapping_add(reached)));
+                assert!(consumer.seek(RecordIndex::new(self.start.wrapping_add(reached))));
             }
         }
         starved
@@ -134,7 +140,7 @@ impl Tape {
     /// Checks that every record of `from … to`, counted from the first, is what was pushed there.
     fn check(self, consumer: &Consumer<'_, u32>, from: u32, to: u32) {
         for number in from..to {
-            assert_eq!(consumer.record(self.start.wrapping_add(number)), Some(number));
+            assert_eq!(consumer.record(RecordIndex::new(self.start.wrapping_add(number))), Some(number));
         }
     }
 }

@@ -15,7 +15,7 @@ use retrace_core::drive::{Braking, Cursor, DirectedWindow, RecordWindow};
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::playback::emission;
 use retrace_core::rate::{FilterLengths, RateFilter};
-use retrace_core::{Distance, Place, RapidCap, Rate, Record};
+use retrace_core::{Distance, Place, RapidCap, Rate, Record, RecordIndex};
 
 /// Largest number of boundaries of a modelled window.
 const BOUNDARIES: u32 = 6;
@@ -23,29 +23,29 @@ const BOUNDARIES: u32 = 6;
 /// A short record window: bit n of `rests` says whether the path is at rest at the n-th boundary.
 #[derive(Clone, Copy, Debug)]
 struct ShortWindow {
-    low: u32,
+    low: RecordIndex,
     records: u32,
     rests: u32,
 }
 
 impl RecordWindow<1> for ShortWindow {
-    fn low(&self) -> u32 {
+    fn low(&self) -> RecordIndex {
         self.low
     }
-    fn high(&self) -> u32 {
-        self.low.wrapping_add(self.records)
+    fn high(&self) -> RecordIndex {
+        self.low + self.records
     }
-    fn rests_at(&self, place: u32) -> bool {
-        let n = place.wrapping_sub(self.low);
+    fn rests_at(&self, place: RecordIndex) -> bool {
+        let n = place.since(self.low);
         n < BOUNDARIES && self.rests >> n & 1 == 1
     }
-    fn cap(&self, _: u32) -> RapidCap {
+    fn cap(&self, _: RecordIndex) -> RapidCap {
         RapidCap::PLANNED
     }
-    fn increments(&self, _: u32) -> [i16; 1] {
+    fn increments(&self, _: RecordIndex) -> [i16; 1] {
         [1]
     }
-    fn is_rapid(&self, _: u32) -> bool {
+    fn is_rapid(&self, _: RecordIndex) -> bool {
         false
     }
 }
@@ -76,10 +76,14 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
             law.step(Rate::from_units(if sign < 0 { -target } else { target }));
             k += 1;
         }
-        let window = ShortWindow { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
+        let window = ShortWindow {
+            low: RecordIndex::new(c.word()),
+            records: c.below(records + 1),
+            rests: c.below(1 << (records + 1)),
+        };
         let (record, fraction) = (c.below(records + 1), c.upto(u32::MAX >> GRAIN) << GRAIN);
         c.assume(record < window.records || record == window.records && fraction == 0)?;
-        let at = Place { record: window.low.wrapping_add(record), fraction };
+        let at = Place { record: (window.low + record), fraction };
         let scene = Self { cursor: Cursor::with_filter(law), window, at, sign };
         c.assume(scene.legal(records))?;
         Some(scene)
@@ -120,11 +124,15 @@ fn stays_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, reco
 
 /// A jump of the rate at a planned stop, for any requested rate and any braking, preserves the invariant.
 fn starts_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u32) -> Option<()> {
-    let window = ShortWindow { low: c.word(), records: c.below(records + 1), rests: c.below(1 << (records + 1)) };
+    let window = ShortWindow {
+        low: RecordIndex::new(c.word()),
+        records: c.below(records + 1),
+        rests: c.below(1 << (records + 1)),
+    };
     let sign = if c.flag() { 1 } else { -1 };
     let record = c.below(records + 1);
     c.assume(record <= window.records && window.rests >> record & 1 == 1)?;
-    let at = Place::start_of(window.low.wrapping_add(record));
+    let at = Place::start_of(window.low + record);
     let mut cursor = Cursor::<M>::with_filter(RateFilter::new(FilterLengths::new(1, M as u16)?)?);
     let (braked, asked) = (any_rate::<GRAIN>(c, 0), any_rate::<GRAIN>(c, 0));
     let rate = cursor.start_from_rest(braked, asked, &DirectedWindow { at, sign, window: &window });
@@ -221,13 +229,13 @@ fn braking_keeps_its_promise(size: Size) -> String {
 /// A planned stop costs no period, for any braking to it: a cursor at one with rate one requested, with the next one
 /// `records` further and any others between, is a record further after every period, and at rest there again.
 fn planned_stops_are_free<const SIGN: i64>(c: &mut impl Choice, records: u32) -> Option<()> {
-    let low = c.word();
+    let low = RecordIndex::new(c.word());
     let window = ShortWindow { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
     let mut cursor = Cursor::<3>::with_filter(RateFilter::new(FilterLengths::new(1, 3)?)?);
     let mut at = if SIGN > 0 { window.low() } else { window.high() };
     let mut k = 0;
     while k < records {
-        let next = at.wrapping_add(SIGN as u32);
+        let next = at + (SIGN as u32);
         let ahead_window = DirectedWindow { at: Place::start_of(at), sign: SIGN, window: &window };
         if cursor.filter().at_rest() && window.rests_at(at) {
             cursor.start_from_rest(any_rate::<0>(c, 0), Rate::ONE, &ahead_window);
@@ -254,9 +262,9 @@ fn acceleration_is_bounded<const V: i64, const STEP: i64>(c: &mut impl Choice) -
         n += 1;
     }
     let (first, r1, r2) = (c.upto(u32::MAX), c.between(0, ONE), c.between(0, ONE));
-    let a = Place { record: 0, fraction: first };
+    let a = Place { record: RecordIndex::new(0), fraction: first };
     let (b, d) = (a.moved(Distance::from_units(r1)), a.moved(Distance::from_units(r1 + r2)));
-    let pulses = |from, to| emission(from, to, |n| records.get(n as usize)).map(|[sum]| sum);
+    let pulses = |from, to| emission(from, to, |n| records.get(n.number() as usize)).map(|[sum]| sum);
     let (Some(before), Some(after)) = (pulses(a, b), pulses(b, d)) else { panic!("a record is missing") };
     let change = if r1 < r2 { r2 - r1 } else { r1 - r2 };
     let least = if r1 < r2 { r1 } else { r2 };
@@ -297,7 +305,7 @@ fn slopes_leave_room(size: Size) -> String {
         let least = Braking::<32>::new(&limits).expect("fast enough");
         let window = Wavy::any(&mut draw);
         let mut drive = Drive::<1, 64>::new(limits).expect("fits");
-        let (mut at, mut track) = (Place::start_of(40), Vec::new());
+        let (mut at, mut track) = (Place::start_of(RecordIndex::new(40)), Vec::new());
         while track.len() < 3000 {
             let target = Rate::from_units([ONE, 0, ONE / 3, -ONE, -ONE / 2][draw.below(5) as usize]);
             for _ in 0..=draw.below(200) {
@@ -338,29 +346,29 @@ impl Wavy {
 
     /// Pulses in the sixteen records around that place, from one multiple of eight to another.
     fn speed(&self, at: Place) -> i64 {
-        let first = (at.record as usize / 8 * 8).min(self.0.len() - 16);
+        let first = (at.record.number() as usize / 8 * 8).min(self.0.len() - 16);
         self.0[first..first + 16].iter().map(|&i| i64::from(i)).sum::<i64>().abs()
     }
 }
 
 #[cfg(not(any(kani, verify_wasm)))]
 impl RecordWindow<1> for Wavy {
-    fn low(&self) -> u32 {
-        0
+    fn low(&self) -> RecordIndex {
+        RecordIndex::new(0)
     }
-    fn high(&self) -> u32 {
-        self.0.len() as u32
+    fn high(&self) -> RecordIndex {
+        RecordIndex::new(self.0.len() as u32)
     }
-    fn rests_at(&self, _: u32) -> bool {
+    fn rests_at(&self, _: RecordIndex) -> bool {
         false
     }
-    fn cap(&self, _: u32) -> RapidCap {
+    fn cap(&self, _: RecordIndex) -> RapidCap {
         RapidCap::PLANNED
     }
-    fn increments(&self, place: u32) -> [i16; 1] {
-        [self.0[place as usize]]
+    fn increments(&self, place: RecordIndex) -> [i16; 1] {
+        [self.0[place.number() as usize]]
     }
-    fn is_rapid(&self, _: u32) -> bool {
+    fn is_rapid(&self, _: RecordIndex) -> bool {
         false
     }
 }

@@ -6,19 +6,18 @@ use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row};
-use retrace_core::Place;
 use retrace_core::gate::Gates;
-use retrace_core::place::is_before;
+use retrace_core::{Place, RecordIndex};
 
 /// The accepted instruction: number, place of the marker, and whether the card has it.
-type InHand = Option<(u32, u32, bool)>;
+type InHand = Option<(u32, RecordIndex, bool)>;
 
 fn any_gates(c: &mut impl Choice) -> (Gates, InHand) {
     let mut gates = Gates::default();
     if c.flag() {
         return (gates, None);
     }
-    let (number, place, sent) = (c.word(), c.word(), c.flag());
+    let (number, place, sent) = (c.word(), RecordIndex::new(c.word()), c.flag());
     holds!(gates.accept(number, place));
     if sent {
         gates.mark_sent();
@@ -27,7 +26,7 @@ fn any_gates(c: &mut impl Choice) -> (Gates, InHand) {
 }
 
 /// Required state of the three gates for an accepted instruction, for any record and any report.
-fn gates_say(gates: &Gates, in_hand: InHand, record: u32, cursor: Place, at_rest: bool) {
+fn gates_say(gates: &Gates, in_hand: InHand, record: RecordIndex, cursor: Place, at_rest: bool) {
     let (b, c) = (gates.b_open(record), gates.c_open(cursor, at_rest));
     match in_hand {
         // nothing accepted: motion is free, nothing can be sent
@@ -35,7 +34,7 @@ fn gates_say(gates: &Gates, in_hand: InHand, record: u32, cursor: Place, at_rest
         Some((_, marker, sent)) => {
             holds!(!gates.a_open());
             // no record behind the marker, every record before it
-            holds!(b == is_before(record, marker));
+            holds!(b == record.is_before(marker));
             // the instruction once, and only with the cursor at rest on the marker
             holds!(c == (!sent && at_rest && cursor == Place::start_of(marker)));
             // what C lets through, B holds the motion behind
@@ -47,12 +46,12 @@ fn gates_say(gates: &Gates, in_hand: InHand, record: u32, cursor: Place, at_rest
 /// From any state, any event: A, B and C open and shut exactly where they must.
 fn gates_keep_order(c: &mut impl Choice) -> Option<()> {
     let (mut gates, mut in_hand) = any_gates(c);
-    let record = c.word();
-    let cursor = Place { record: c.word(), fraction: c.word() };
+    let record = RecordIndex::new(c.word());
+    let cursor = Place { record: RecordIndex::new(c.word()), fraction: c.word() };
     gates_say(&gates, in_hand, record, cursor, c.flag());
     match c.below(3) {
         0 => {
-            let (number, place) = (c.word(), c.word());
+            let (number, place) = (c.word(), RecordIndex::new(c.word()));
             holds!(gates.accept(number, place) == in_hand.is_none());
             in_hand = in_hand.or(Some((number, place, false)));
         }
@@ -94,8 +93,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "the record behind the marker passes",
             file: GATE,
-            find: "Some(marker) => is_before(place, marker.place),",
-            put: "Some(marker) => !is_before(marker.place, place),",
+            find: "Some(marker) => place.is_before(marker.place),",
+            put: "Some(marker) => !marker.place.is_before(place),",
             killer: "gates_order",
         },
         Mutant {

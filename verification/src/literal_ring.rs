@@ -218,6 +218,7 @@ harnesses! {
 mod search {
     use super::{LiteralRing, MAX_CELLS, Question, ask};
     use crate::ledger::Size;
+    use retrace_core::RecordIndex;
     use retrace_core::ring::{Cell, RecordSpan, Ring};
     use retrace_core::ring_indices::ConsumerIndices;
     use std::collections::{HashSet, VecDeque};
@@ -238,11 +239,12 @@ mod search {
     /// The same step on the real ring, with its cells filled as by pushes.
     fn ask_ring(before: &ConsumerIndices, keep: u32, question: Question) -> (Option<u32>, [u32; 3]) {
         let size = (keep + LOOK_AHEAD).next_power_of_two();
-        let (head, reached, write) = (before.head(), before.reached(), before.write());
+        let [head, reached, write] = [before.head(), before.reached(), before.write()];
         let cells: Vec<Cell<u32>> =
             (0..size).map(|n| Cell::new(head.wrapping_add(n.wrapping_sub(head) & (size - 1)))).collect();
-        let mut ring = Ring::with_records(&cells[..], keep, LOOK_AHEAD, RecordSpan { head, reached, write })
-            .expect("a valid state");
+        let [first, end, after] = [head, reached, write].map(RecordIndex::new);
+        let span = RecordSpan { head: first, reached: end, write: after };
+        let mut ring = Ring::with_records(&cells[..], keep, LOOK_AHEAD, span).expect("a valid state");
         let (_, mut consumer) = ring.split();
         for _ in 0..reached.wrapping_sub(before.read()) {
             consumer.retreat().expect("kept");
@@ -252,7 +254,7 @@ mod search {
             Question::Forward if consumer.read() == consumer.reached() => None,
             Question::Store | Question::Forward => consumer.advance(),
         };
-        (record, [consumer.head(), consumer.read(), consumer.reached()])
+        (record, [consumer.head(), consumer.read(), consumer.reached()].map(RecordIndex::number))
     }
 
     fn expand(literal: LiteralRing, played: ConsumerIndices, keep: u32) -> Vec<(LiteralRing, ConsumerIndices)> {

@@ -8,7 +8,7 @@ use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts, OperatorNotice};
-use retrace_core::{Place, Rate, RateTarget};
+use retrace_core::{Place, Rate, RateTarget, RecordIndex};
 
 fn any_order(c: &mut impl Choice) -> ModeCommand {
     match c.below(11) {
@@ -27,14 +27,21 @@ fn any_order(c: &mut impl Choice) -> ModeCommand {
 }
 
 fn any_facts(c: &mut impl Choice) -> MotionFacts {
-    let reached = c.word();
+    let reached = RecordIndex::new(c.word());
     let place = match c.below(3) {
         0 => Place::start_of(reached),
-        1 => Place { record: reached.wrapping_sub(1), fraction: c.word() },
-        _ => Place { record: c.word(), fraction: c.word() },
+        1 => Place { record: reached - 1, fraction: c.word() },
+        _ => Place { record: RecordIndex::new(c.word()), fraction: c.word() },
     };
     let wheel = Rate::from_units(c.between(-ONE, ONE));
-    MotionFacts { place, at_rest: c.flag(), reached, oldest: c.word(), outputs_agree: c.flag(), wheel }
+    MotionFacts {
+        place,
+        at_rest: c.flag(),
+        reached,
+        oldest: RecordIndex::new(c.word()),
+        outputs_agree: c.flag(),
+        wheel,
+    }
 }
 
 /// `ORDERS` times a command or none, and an output: each output is as the modes allow.

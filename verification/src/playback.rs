@@ -7,18 +7,18 @@ use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
 use retrace_core::playback::{emission, partial_increment};
-use retrace_core::{Distance, Place, Record};
+use retrace_core::{Distance, Place, Record, RecordIndex};
 
 /// `N` records of one axis, from place 0 or over the wrap.
 struct Stretch<const N: usize> {
-    first: u32,
+    first: RecordIndex,
     records: [Record<1>; N],
 }
 
 impl<const N: usize> Stretch<N> {
     /// Any records of up to `most` pulses in either direction.
     fn any(c: &mut impl Choice, most: i64) -> Self {
-        let first = if c.flag() { 0 } else { u32::MAX };
+        let first = RecordIndex::new(if c.flag() { 0 } else { u32::MAX });
         let records =
             core::array::from_fn(|_| Record { increments: [c.between(-most, most) as i16], ..Record::default() });
         Self { first, records }
@@ -37,13 +37,13 @@ impl<const N: usize> Stretch<N> {
 
     fn emission(&self, from: Place, to: Place) -> Option<i64> {
         let records = &self.records;
-        emission(from, to, |n| records.get(n.wrapping_sub(self.first) as usize)).map(|[sum]| sum)
+        emission(from, to, |n| records.get(n.since(self.first) as usize)).map(|[sum]| sum)
     }
 }
 
 /// A place moved forward and back is the same place; distances add up.
 fn places_add_up(c: &mut impl Choice) -> Option<()> {
-    let from = Place { record: c.word(), fraction: c.word() };
+    let from = Place { record: RecordIndex::new(c.word()), fraction: c.word() };
     let most = (1i64 << 62) - 1;
     let (a, b) = (c.between(-most, most), c.between(-most, most));
     c.assume(-most <= a + b && a + b <= most)?;
@@ -56,14 +56,14 @@ fn places_add_up(c: &mut impl Choice) -> Option<()> {
 
 /// A step of |rate| ≤ 1 contains at most one record boundary, and one of |rate| ≤ cap at most ⌈cap⌉.
 fn crosses_few_boundaries(c: &mut impl Choice) -> Option<()> {
-    let from = Place { record: c.word(), fraction: c.word() };
+    let from = Place { record: RecordIndex::new(c.word()), fraction: c.word() };
     let cap = 1 + c.below(8);
     let step = c.between(-8 * ONE, 8 * ONE);
     c.assume(step.abs() <= i64::from(cap) << 32)?;
     let to = from.moved(Distance::from_units(step));
-    let ahead = to.boundary_ahead().wrapping_sub(from.boundary_ahead()) as i32;
+    let ahead = to.boundary_ahead().since(from.boundary_ahead()) as i32;
     holds!(ahead.unsigned_abs() <= cap);
-    holds!((to.record.wrapping_sub(from.record) as i32).unsigned_abs() <= cap);
+    holds!((to.record.since(from.record) as i32).unsigned_abs() <= cap);
     Some(())
 }
 
@@ -86,7 +86,7 @@ fn whole_records_are_whole<const N: usize>(c: &mut impl Choice) -> Option<()> {
     let stretch = Stretch::<N>::any(c, i64::from(i16::MAX));
     let (from, records) = (c.below(N as u32), c.below(N as u32 + 1));
     c.assume(from + records <= N as u32)?;
-    let place = |n: u32| Place::start_of(stretch.first.wrapping_add(n));
+    let place = |n: u32| Place::start_of(stretch.first + n);
     let (mut sum, mut n) = (0, 0);
     while n < N {
         if from as usize <= n && n < (from + records) as usize {
@@ -162,8 +162,8 @@ fn max_history(size: crate::ledger::Size) -> String {
     let extreme: [Record<1>; 2] = [i16::MIN, i16::MAX].map(|n| Record { increments: [n], ..Record::default() });
     let records = if size.full { 1 << 30 } else { 1 << 24 };
     for (which, record) in extreme.iter().enumerate() {
-        let (from, to) =
-            (Place::start_of(u32::MAX - 7), Place::start_of(u32::MAX - 7).moved(Distance::records(records)));
+        let start = Place::start_of(RecordIndex::new(u32::MAX - 7));
+        let (from, to) = (start, start.moved(Distance::records(records)));
         let want = i128::from(record.increments[0]) * i128::from(records);
         let forward = emission(from, to, |_| Some(record)).expect("every record is there")[0];
         let backward = emission(to, from, |_| Some(&extreme[which])).expect("every record is there")[0];
@@ -192,15 +192,15 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the carry of the fraction is lost",
                 file: "crates/core/src/place.rs",
-                find: "self.record.wrapping_add((sum >> 32) as u32)",
-                put: "self.record.wrapping_add((travel >> 32) as u32)",
+                find: "self.record.0.wrapping_add((sum >> 32) as u32)",
+                put: "self.record.0.wrapping_add((distance.units() >> 32) as u32)",
                 killer: "place_sums",
             },
             Mutant {
                 name: "the boundary ahead is one too far",
                 file: "crates/core/src/place.rs",
-                find: "if self.fraction == 0 { self.record } else { self.record.wrapping_add(1) }",
-                put: "if self.fraction == 0 { self.record } else { self.record.wrapping_add(2) }",
+                find: "RecordIndex(self.record.0.wrapping_add(1))",
+                put: "RecordIndex(self.record.0.wrapping_add(2))",
                 killer: "place_boundaries",
             },
         ],

@@ -8,6 +8,7 @@ use crate::choice::Choice;
 use crate::harness::{harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row};
+use retrace_core::RecordIndex;
 use retrace_core::ring::{Cell, RecordSpan, Ring};
 use retrace_core::ring_indices::{ConsumerIndices, ProducerIndices};
 
@@ -178,7 +179,9 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
         let place = head.wrapping_add((n as u32).wrapping_sub(head) & (N as u32 - 1));
         Cell::new(if place.wrapping_sub(head) < write.wrapping_sub(head) { place } else { !place })
     });
-    let Ok(mut ring) = Ring::with_records(&cells[..], keep, look_ahead, RecordSpan { head, reached, write }) else {
+    let [first, end, after] = [head, reached, write].map(RecordIndex::new);
+    let span = RecordSpan { head: first, reached: end, write: after };
+    let Ok(mut ring) = Ring::with_records(&cells[..], keep, look_ahead, span) else {
         return None;
     };
     let (mut producer, mut consumer) = ring.split();
@@ -188,7 +191,7 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
         match c.below(3) {
             0 => {
                 let full = ahead == look_ahead;
-                holds!(producer.push(producer.write()).is_err() == full);
+                holds!(producer.push(producer.write().number()).is_err() == full);
                 ahead += u32::from(!full);
             }
             1 => {
@@ -214,8 +217,9 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
                 holds!(if end { record.is_none() } else { record == Some(read) });
             }
         }
-        holds!(consumer.head() == head && consumer.read() == read && consumer.reached() == reached);
-        holds!(producer.write() == reached.wrapping_add(ahead));
+        holds!(consumer.head().number() == head && consumer.read().number() == read);
+        holds!(consumer.reached().number() == reached);
+        holds!(producer.write().number() == reached.wrapping_add(ahead));
         k += 1;
     }
     Some(())

@@ -210,8 +210,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the coarse thread looks once instead of until",
                 file: COORDINATION,
-                find: "while !state.gates.b_open(place) {",
-                put: "if !state.gates.b_open(place) {",
+                find: "while !state.gates.b_open(RecordIndex::new(place)) {",
+                put: "if !state.gates.b_open(RecordIndex::new(place)) {",
                 killer: FORTY,
             },
             Mutant {

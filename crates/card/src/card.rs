@@ -4,7 +4,7 @@
 //! Invariant: while an alarm is latched the motion brakes on the path and stays at rest, and the outputs that the
 //! settings define as safe have their safe values. After it was cleared nothing moves before a new command.
 
-use retrace_core::{Rate, RateTarget, Record};
+use retrace_core::{Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardIdentity, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HomingCommand,
     HostCommand, Outputs, PROTOCOL,
@@ -43,7 +43,7 @@ impl<const A: usize, const W: usize, const M: usize> Card<A, W, M> {
     #[must_use]
     pub const fn new(identity: CardIdentity) -> Option<Self> {
         // `?` is not allowed in a constant
-        let Some(player) = Player::unconfigured(0, identity.outputs) else { return None };
+        let Some(player) = Player::unconfigured(RecordIndex::new(0), identity.outputs) else { return None };
         Some(Self::with_player(identity, player))
     }
 }

@@ -6,9 +6,8 @@
 
 use retrace_core::drive::{Drive, RecordWindow};
 use retrace_core::limits::RateLimits;
-use retrace_core::place::is_before;
 use retrace_core::playback::emission;
-use retrace_core::{Distance, Place, RapidCap, Rate, RateTarget, Record};
+use retrace_core::{Distance, Place, RapidCap, Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardStatus, CommandRefusal, CutterOffCause, CuttingSettings, HostCommand, Instruction, OutputAction,
     OutputChange, Outputs, PathStart, RepeatedInstruction, channel,
@@ -64,13 +63,13 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M> {
     /// Creates a player at rest at record `start`, all counts and outputs zero, with all output channels. Returns
     /// `None` if the rate law's average exceeds the card's memory, or the machine brakes too slowly.
     #[must_use]
-    pub fn new(start: u32, limits: RateLimits<A>) -> Option<Self> {
+    pub fn new(start: RecordIndex, limits: RateLimits<A>) -> Option<Self> {
         let drive = Drive::new(limits)?;
         Some(Self { drive, ..Self::unconfigured(start, channel::DIGITAL as u8)? })
     }
 
     /// Creates a player with `digital` digital outputs and without limits of a machine: nothing may be played on it.
-    pub(crate) const fn unconfigured(start: u32, digital: u8) -> Option<Self> {
+    pub(crate) const fn unconfigured(start: RecordIndex, digital: u8) -> Option<Self> {
         // `?` is not allowed in a constant
         let Some(drive) = Drive::unconfigured() else { return None };
         Some(Self::with_window(CardWindow::new(start), drive, start, digital))
@@ -81,7 +80,12 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M, &'static mu
     /// Creates a player as [`Player::unconfigured`] does, whose records are provided later.
     pub(crate) const fn unconfigured_without_records(digital: u8) -> Option<Self> {
         let Some(drive) = Drive::unconfigured() else { return None };
-        Some(Self::with_window(CardWindow::with_records(0, &mut []), drive, 0, digital))
+        Some(Self::with_window(
+            CardWindow::with_records(RecordIndex::new(0), &mut []),
+            drive,
+            RecordIndex::new(0),
+            digital,
+        ))
     }
 
     /// Sets the storage of the `W` records.
@@ -91,7 +95,7 @@ impl<const A: usize, const W: usize, const M: usize> Player<A, W, M, &'static mu
 }
 
 impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
-    const fn with_window(window: CardWindow<A, W, S>, drive: Drive<A, M>, start: u32, digital: u8) -> Self {
+    const fn with_window(window: CardWindow<A, W, S>, drive: Drive<A, M>, start: RecordIndex, digital: u8) -> Self {
         Self {
             window,
             drive,
@@ -270,12 +274,12 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// still be able to stop there.
     fn store_instruction(&mut self, instruction: Instruction) -> Result<(), CommandRefusal> {
         self.switching.check(&instruction, &self.outputs)?;
-        if is_before(instruction.place, self.status.reached) {
+        if instruction.place.is_before(self.status.reached) {
             return Err(CommandRefusal::OutOfOrder);
         }
         let at = Place::start_of(instruction.place);
         // Only a place in the window shortens it.
-        let is_beyond = !is_before(instruction.place, self.window.high());
+        let is_beyond = !instruction.place.is_before(self.window.high());
         let can_brake = is_beyond || self.stopping_place().distance_to(at) >= Distance::ZERO;
         let runs_into = self.status.place.distance_to(at) > Distance::ZERO && self.planned_stop_at(instruction.place);
         if !(can_brake || runs_into) {
@@ -338,8 +342,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         if self.block == MotionBlock::None { self.target.faster() } else { Rate::ZERO }
     }
 
-    fn planned_stop_at(&self, place: u32) -> bool {
-        let held = !is_before(place, self.window.low()) && !is_before(self.window.high(), place);
+    fn planned_stop_at(&self, place: RecordIndex) -> bool {
+        let held = !place.is_before(self.window.low()) && !self.window.high().is_before(place);
         held && self.window.rests_at(place)
     }
 
@@ -476,12 +480,12 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         for (count, &increment) in status.counts.iter_mut().zip(&increments) {
             *count += i64::from(increment);
         }
-        let under = if status.rate < Rate::ZERO { to.record } else { to.boundary_ahead().wrapping_sub(1) };
+        let under = if status.rate < Rate::ZERO { to.record } else { to.boundary_ahead() - 1 };
         if let Some(record) = self.window.record(under) {
             status.line = record.line;
         }
         let boundary = to.boundary_ahead();
-        if is_before(status.reached, boundary) {
+        if status.reached.is_before(boundary) {
             status.reached = boundary;
         }
         self.update_status();
@@ -493,7 +497,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let reached = self.status.reached;
         if from.distance_to(to) > Distance::ZERO {
             for action in self.actions.passed_forward(from, to) {
-                let first_time = !is_before(action.place, reached);
+                let first_time = !action.place.is_before(reached);
                 if first_time {
                     self.outputs.set(OutputChange { channel: action.channel, value: action.after });
                 } else if self.replay {
@@ -539,41 +543,41 @@ fn replay_change(permit: &CutterPermit, outputs: &mut OutputBank, change: Output
 /// Window that ends at a place, if the window below extends further.
 struct PlayedWindow<'w, R> {
     window: &'w R,
-    high: u32,
+    high: RecordIndex,
 }
 
 impl<'w, R> PlayedWindow<'w, R> {
-    fn new<const A: usize>(window: &'w R, end: Option<u32>) -> Self
+    fn new<const A: usize>(window: &'w R, end: Option<RecordIndex>) -> Self
     where
         R: RecordWindow<A>,
     {
-        let high = end.filter(|&end| is_before(end, window.high())).unwrap_or(window.high());
+        let high = end.filter(|&end| end.is_before(window.high())).unwrap_or(window.high());
         Self { window, high }
     }
 }
 
 impl<const A: usize, R: RecordWindow<A>> RecordWindow<A> for PlayedWindow<'_, R> {
-    fn low(&self) -> u32 {
+    fn low(&self) -> RecordIndex {
         self.window.low()
     }
 
-    fn high(&self) -> u32 {
+    fn high(&self) -> RecordIndex {
         self.high
     }
 
-    fn rests_at(&self, place: u32) -> bool {
+    fn rests_at(&self, place: RecordIndex) -> bool {
         self.window.rests_at(place)
     }
 
-    fn cap(&self, place: u32) -> RapidCap {
+    fn cap(&self, place: RecordIndex) -> RapidCap {
         self.window.cap(place)
     }
 
-    fn increments(&self, place: u32) -> [i16; A] {
+    fn increments(&self, place: RecordIndex) -> [i16; A] {
         self.window.increments(place)
     }
 
-    fn is_rapid(&self, place: u32) -> bool {
+    fn is_rapid(&self, place: RecordIndex) -> bool {
         self.window.is_rapid(place)
     }
 }
@@ -588,13 +592,13 @@ mod tests {
 
     fn player() -> Player<1, 64, 32> {
         let axis = PulseLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
-        Player::new(0, RateLimits::new(13, 1 << 15, [axis]).expect("valid")).expect("fits")
+        Player::new(RecordIndex::new(0), RateLimits::new(13, 1 << 15, [axis]).expect("valid")).expect("fits")
     }
 
     fn fill(player: &mut Player<1, 64, 32>, records: impl IntoIterator<Item = (i16, Flags)>) {
         for (increment, flags) in records {
             let place = player.status().high;
-            let record = Record { increments: [increment], flags, line: place + 1, ..Record::default() };
+            let record = Record { increments: [increment], flags, line: place.number() + 1, ..Record::default() };
             player.accept(HostCommand::Ahead { place, record }).expect("room");
         }
     }
@@ -616,7 +620,7 @@ mod tests {
         }
         assert_eq!(
             (player.status().counts, player.status().place, player.status().reached),
-            ([0], Place::start_of(0), 20)
+            ([0], Place::start_of(RecordIndex::new(0)), RecordIndex::new(20))
         );
     }
 
@@ -626,12 +630,12 @@ mod tests {
         fill(&mut player, [(5, Flags::NONE), (5, Flags::REST), (5, Flags::REST)]);
         player.accept(HostCommand::rate(Rate::ONE / 2)).expect("a rate");
         player.run_period();
-        let instruction = Instruction { number: 1, place: 2, periods: 3, ..Instruction::default() };
+        let instruction = Instruction { number: 1, place: RecordIndex::new(2), periods: 3, ..Instruction::default() };
         // kept while the motion is under way (it was refused then, before instructions carried their place), and the
         // road ends there
         player.accept(HostCommand::Instruction(instruction)).expect("a planned stop");
         while !player.run_period().at_rest {}
-        assert_eq!((player.status().place, player.status().executed), (Place::start_of(2), 0));
+        assert_eq!((player.status().place, player.status().executed), (Place::start_of(RecordIndex::new(2)), 0));
         for done in [0, 0, 1] {
             let status = player.run_period();
             assert_eq!((status.executed, status.increments), (done, [0]));
@@ -648,25 +652,32 @@ mod tests {
             player.run_period();
         }
         let at = |place| HostCommand::Instruction(Instruction { number: 1, place, ..Instruction::default() });
-        assert_eq!(player.accept(at(9)), Err(CommandRefusal::OutOfOrder));
+        assert_eq!(player.accept(at(RecordIndex::new(9))), Err(CommandRefusal::OutOfOrder));
         // some records are needed to stop, but for a planned stop
-        let nearest = (10..55).find(|&place| player.accept(at(place)).is_ok()).expect("there is room");
+        let nearest =
+            (10..55).find(|&place| player.accept(at(RecordIndex::new(place))).is_ok()).expect("there is room");
         assert!((16..40).contains(&nearest), "{nearest}");
-        assert_eq!(player.accept(at(nearest + 1)), Err(CommandRefusal::Busy));
+        assert_eq!(player.accept(at(RecordIndex::new(nearest + 1))), Err(CommandRefusal::Busy));
         player.accept(HostCommand::rate(-Rate::ONE)).expect("a rate");
         for _ in 0..90 {
             player.run_period();
         }
-        assert_eq!((player.status().place, player.status().executed), (Place::start_of(0), 0));
+        assert_eq!((player.status().place, player.status().executed), (Place::start_of(RecordIndex::new(0)), 0));
         player.accept(HostCommand::rate(Rate::ZERO)).expect("a rate");
         player.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         let mut executed_at = None;
         while player.status().executed == 0 {
             let status = player.run_period();
             executed_at = Some(status.place);
-            assert!(Place::start_of(nearest).distance_to(status.place) <= Distance::ZERO || status.executed == 1);
+            assert!(
+                Place::start_of(RecordIndex::new(nearest)).distance_to(status.place) <= Distance::ZERO
+                    || status.executed == 1
+            );
         }
-        assert!(executed_at.is_some_and(|place| Place::start_of(nearest).distance_to(place) <= Distance::RECORD));
+        assert!(
+            executed_at
+                .is_some_and(|place| Place::start_of(RecordIndex::new(nearest)).distance_to(place) <= Distance::RECORD)
+        );
     }
 
     #[test]
@@ -723,7 +734,7 @@ mod tests {
     #[test]
     fn actions_fire_once_and_are_replayed_only_where_wanted() {
         let mut player = player();
-        let action = OutputAction { place: 2, channel: 3, before: 0, after: 1 };
+        let action = OutputAction { place: RecordIndex::new(2), channel: 3, before: 0, after: 1 };
         player.accept(HostCommand::Action(action)).expect("room");
         assert_eq!(
             player.accept(HostCommand::Action(OutputAction { channel: 200, ..action })),
@@ -761,15 +772,15 @@ mod tests {
                 for _ in 0..periods {
                     let status = *player.status();
                     let record = |n: u32| Record { increments: [increments[n as usize]], ..Record::default() };
-                    if target > 0 && (status.high as usize) < increments.len() {
-                        let _ = player.accept(HostCommand::Ahead { place: status.high, record: record(status.high) });
-                    } else if target < 0 && status.low > 0 {
+                    if target > 0 && (status.high.number() as usize) < increments.len() {
+                        let _ = player.accept(HostCommand::Ahead { place: status.high, record: record(status.high.number()) });
+                    } else if target < 0 && status.low.number() > 0 {
                         let place = status.low - 1;
-                        let _ = player.accept(HostCommand::Behind { place, record: record(place), rests: place == 0 });
+                        let _ = player.accept(HostCommand::Behind { place, record: record(place.number()), rests: place == RecordIndex::new(0) });
                     }
                     player.run_period();
                     let status = player.status();
-                    let n = status.place.record as usize;
+                    let n = status.place.record.number() as usize;
                     let under = increments.get(n).map_or(0, |&i| retrace_core::playback::partial_increment(i, status.place.fraction));
                     prop_assert_eq!(status.counts[0], sums[n] + i64::from(under));
                 }

@@ -5,6 +5,7 @@
 //! rest on its place, and `executed` is the number of the last complete one. Nothing else counts as ready, and nothing
 //! passes the place of an instruction that is not executed.
 
+use retrace_core::RecordIndex;
 use retrace_link::{Alarm, CommandRefusal, InputWait, Instruction, RepeatedInstruction};
 
 use crate::OutputBank;
@@ -106,7 +107,7 @@ impl InstructionExecutor {
 
     /// Returns the place of the instruction that waits for it.
     #[must_use]
-    pub const fn waiting_place(&self) -> Option<u32> {
+    pub const fn waiting_place(&self) -> Option<RecordIndex> {
         match self.pending {
             Some(PendingInstruction { instruction, stage: InstructionStage::Waiting }) => Some(instruction.place),
             _ => None,
@@ -115,7 +116,7 @@ impl InstructionExecutor {
 
     /// Returns the place that nothing may pass: that of the pending instruction, also after an alarm has cancelled it.
     #[must_use]
-    pub const fn barrier(&self) -> Option<u32> {
+    pub const fn barrier(&self) -> Option<RecordIndex> {
         match self.pending {
             Some(PendingInstruction { instruction, .. }) => Some(instruction.place),
             None => None,
@@ -332,7 +333,7 @@ mod tests {
         switching.begin(&mut outputs);
         assert_eq!(switching.run_period(0, true), Some(Alarm::Failed { instruction: 1 }));
         assert_eq!((switching.executed(), switching.is_busy(), switching.waiting_place()), (0, false, None));
-        assert_eq!(switching.barrier(), Some(0), "its place is held");
+        assert_eq!(switching.barrier(), Some(RecordIndex::new(0)), "its place is held");
         switching.store(instruction(1, 5, None), &outputs).expect("its number stays the next");
     }
 }

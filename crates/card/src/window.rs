@@ -6,8 +6,7 @@
 //! cannot avoid going.
 
 use retrace_core::drive::RecordWindow;
-use retrace_core::place::is_before;
-use retrace_core::{Flags, Place, RapidCap, Record};
+use retrace_core::{Flags, Place, RapidCap, Record, RecordIndex};
 use retrace_link::CommandRefusal;
 
 /// Storage for the records of a window: an array, or a borrowed slice.
@@ -20,8 +19,8 @@ impl<const A: usize, S: AsRef<[Record<A>]> + AsMut<[Record<A>]>> RecordStorage<A
 #[derive(Clone, Debug)]
 pub struct CardWindow<const A: usize, const W: usize, S = [Record<A>; W]> {
     records: S,
-    low: u32,
-    high: u32,
+    low: RecordIndex,
+    high: RecordIndex,
     low_rests: bool,
 }
 
@@ -30,7 +29,7 @@ impl<const A: usize, const W: usize> CardWindow<A, W> {
 
     /// Creates an empty window at `place`, where the path is at rest.
     #[must_use]
-    pub const fn new(place: u32) -> Self {
+    pub const fn new(place: RecordIndex) -> Self {
         let () = Self::CHECKED;
         Self::with_records(place, [Record::ZERO; W])
     }
@@ -38,7 +37,7 @@ impl<const A: usize, const W: usize> CardWindow<A, W> {
 
 impl<const A: usize, const W: usize, S> CardWindow<A, W, S> {
     /// Creates an empty window at `place` with its records in `records`.
-    pub(crate) const fn with_records(place: u32, records: S) -> Self {
+    pub(crate) const fn with_records(place: RecordIndex, records: S) -> Self {
         Self { records, low: place, high: place, low_rests: true }
     }
 
@@ -48,40 +47,40 @@ impl<const A: usize, const W: usize, S> CardWindow<A, W, S> {
     }
 
     /// Drops all records and restarts at `place`; `rests` means that the path is at rest there.
-    pub const fn restart(&mut self, place: u32, rests: bool) {
+    pub const fn restart(&mut self, place: RecordIndex, rests: bool) {
         (self.low, self.high, self.low_rests) = (place, place, rests);
     }
 }
 
 impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
-    fn index(place: u32) -> usize {
-        place as usize & (W - 1)
+    fn index(place: RecordIndex) -> usize {
+        place.number() as usize & (W - 1)
     }
 
     fn len(&self) -> u32 {
-        self.high.wrapping_sub(self.low)
+        self.high.since(self.low)
     }
 
     /// Returns the record of that number, if held.
     #[must_use]
-    pub fn record(&self, place: u32) -> Option<&Record<A>> {
-        (place.wrapping_sub(self.low) < self.len()).then(|| &self.records.as_ref()[Self::index(place)])
+    pub fn record(&self, place: RecordIndex) -> Option<&Record<A>> {
+        (place.since(self.low) < self.len()).then(|| &self.records.as_ref()[Self::index(place)])
     }
 
     /// Adds the next record ahead. `cursor` is the current place of the card.
-    pub fn push_ahead(&mut self, place: u32, record: Record<A>, cursor: Place) -> Result<(), CommandRefusal> {
+    pub fn push_ahead(&mut self, place: RecordIndex, record: Record<A>, cursor: Place) -> Result<(), CommandRefusal> {
         if place != self.high {
             return Err(CommandRefusal::OutOfOrder);
         }
         if self.len() as usize == W {
-            if (cursor.record.wrapping_sub(self.low) as usize) <= W / 4 {
+            if (cursor.record.since(self.low) as usize) <= W / 4 {
                 return Err(CommandRefusal::Full);
             }
             self.low_rests = self.records.as_ref()[Self::index(self.low)].flags.contains(Flags::REST);
-            self.low = self.low.wrapping_add(1);
+            self.low += 1;
         }
         self.records.as_mut()[Self::index(place)] = record;
-        self.high = self.high.wrapping_add(1);
+        self.high += 1;
         Ok(())
     }
 
@@ -89,20 +88,20 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
     /// ahead that the cursor is at or cannot avoid reaching.
     pub fn push_behind(
         &mut self,
-        place: u32,
+        place: RecordIndex,
         record: Record<A>,
         rests: bool,
         bound: Place,
     ) -> Result<(), CommandRefusal> {
-        if place != self.low.wrapping_sub(1) {
+        if place != self.low - 1 {
             return Err(CommandRefusal::OutOfOrder);
         }
         if self.len() as usize == W {
-            let ahead = self.high.wrapping_sub(bound.boundary_ahead()) as i32;
+            let ahead = bound.boundary_ahead().records_to(self.high);
             if ahead <= (W / 4) as i32 {
                 return Err(CommandRefusal::Full);
             }
-            self.high = self.high.wrapping_sub(1);
+            self.high -= 1;
         }
         self.records.as_mut()[Self::index(place)] = record;
         self.low = place;
@@ -111,11 +110,11 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
     }
 
     /// Drops the records from `high` on, but not those that the cursor is in or cannot avoid reaching.
-    pub fn trim(&mut self, high: u32, bound: Place) -> Result<(), CommandRefusal> {
-        if is_before(self.high, high) || is_before(high, self.low) {
+    pub fn trim(&mut self, high: RecordIndex, bound: Place) -> Result<(), CommandRefusal> {
+        if self.high.is_before(high) || high.is_before(self.low) {
             return Err(CommandRefusal::OutOfOrder);
         }
-        if is_before(high, bound.boundary_ahead()) {
+        if high.is_before(bound.boundary_ahead()) {
             return Err(CommandRefusal::InMotion);
         }
         self.high = high;
@@ -123,11 +122,11 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
     }
 
     /// Drops the records before `low`, but not those that the cursor is in or cannot avoid reaching backward.
-    pub fn forget(&mut self, low: u32, bound: Place) -> Result<(), CommandRefusal> {
-        if is_before(low, self.low) || is_before(self.high, low) {
+    pub fn forget(&mut self, low: RecordIndex, bound: Place) -> Result<(), CommandRefusal> {
+        if low.is_before(self.low) || self.high.is_before(low) {
             return Err(CommandRefusal::OutOfOrder);
         }
-        if is_before(bound.record, low) {
+        if bound.record.is_before(low) {
             return Err(CommandRefusal::InMotion);
         }
         self.low_rests = self.rests_at(low);
@@ -137,30 +136,30 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
 }
 
 impl<const A: usize, const W: usize, S: RecordStorage<A>> RecordWindow<A> for CardWindow<A, W, S> {
-    fn low(&self) -> u32 {
+    fn low(&self) -> RecordIndex {
         self.low
     }
 
-    fn high(&self) -> u32 {
+    fn high(&self) -> RecordIndex {
         self.high
     }
 
-    fn rests_at(&self, place: u32) -> bool {
+    fn rests_at(&self, place: RecordIndex) -> bool {
         if place == self.low {
             return self.low_rests;
         }
-        self.record(place.wrapping_sub(1)).is_some_and(|r| r.flags.contains(Flags::REST))
+        self.record(place - 1).is_some_and(|r| r.flags.contains(Flags::REST))
     }
 
-    fn cap(&self, place: u32) -> RapidCap {
+    fn cap(&self, place: RecordIndex) -> RapidCap {
         self.record(place).map_or(RapidCap::PLANNED, |r| r.cap)
     }
 
-    fn increments(&self, place: u32) -> [i16; A] {
+    fn increments(&self, place: RecordIndex) -> [i16; A] {
         self.record(place).map_or([0; A], |r| r.increments)
     }
 
-    fn is_rapid(&self, place: u32) -> bool {
+    fn is_rapid(&self, place: RecordIndex) -> bool {
         self.record(place).is_some_and(|r| r.flags.contains(Flags::RAPID))
     }
 }
@@ -176,36 +175,42 @@ mod tests {
     #[test]
     fn slides_both_ways_and_keeps_a_quarter_around_the_cursor() {
         let start = u32::MAX - 3;
-        let mut window = CardWindow::<1, 8>::new(start);
-        let at = |n: u32| Place::start_of(start.wrapping_add(n));
+        let mut window = CardWindow::<1, 8>::new(RecordIndex::new(start));
+        let at = |n: u32| Place::start_of(RecordIndex::new(start.wrapping_add(n)));
         for n in 0..8 {
-            window.push_ahead(start.wrapping_add(n), record(n as i16), at(0)).expect("room");
+            window.push_ahead(RecordIndex::new(start.wrapping_add(n)), record(n as i16), at(0)).expect("room");
         }
-        assert_eq!(window.push_ahead(start.wrapping_add(8), record(8), at(2)), Err(CommandRefusal::Full));
-        window.push_ahead(start.wrapping_add(8), record(8), at(3)).expect("the oldest goes");
-        assert_eq!(window.record(start), None);
-        assert_eq!(window.record(start.wrapping_add(8)), Some(&record(8)));
-        assert_eq!(window.push_behind(start, record(0), true, at(7)), Err(CommandRefusal::Full));
-        window.push_behind(start, record(0), true, at(6)).expect("the newest goes");
-        assert_eq!(window.record(start.wrapping_add(8)), None);
-        assert!(window.rests_at(start));
-        assert_eq!(window.push_behind(start, record(0), true, at(0)), Err(CommandRefusal::OutOfOrder));
-        assert_eq!(window.trim(start.wrapping_add(2), at(3)), Err(CommandRefusal::InMotion));
-        window.trim(start.wrapping_add(3), at(3)).expect("behind nothing that is needed");
-        assert_eq!(window.high(), start.wrapping_add(3));
-        assert_eq!(window.forget(start.wrapping_add(3), at(2)), Err(CommandRefusal::InMotion));
-        window.forget(start.wrapping_add(2), at(2)).expect("nothing that is needed");
-        assert!(window.low() == start.wrapping_add(2) && !window.rests_at(window.low()));
+        assert_eq!(
+            window.push_ahead(RecordIndex::new(start.wrapping_add(8)), record(8), at(2)),
+            Err(CommandRefusal::Full)
+        );
+        window.push_ahead(RecordIndex::new(start.wrapping_add(8)), record(8), at(3)).expect("the oldest goes");
+        assert_eq!(window.record(RecordIndex::new(start)), None);
+        assert_eq!(window.record(RecordIndex::new(start.wrapping_add(8))), Some(&record(8)));
+        assert_eq!(window.push_behind(RecordIndex::new(start), record(0), true, at(7)), Err(CommandRefusal::Full));
+        window.push_behind(RecordIndex::new(start), record(0), true, at(6)).expect("the newest goes");
+        assert_eq!(window.record(RecordIndex::new(start.wrapping_add(8))), None);
+        assert!(window.rests_at(RecordIndex::new(start)));
+        assert_eq!(
+            window.push_behind(RecordIndex::new(start), record(0), true, at(0)),
+            Err(CommandRefusal::OutOfOrder)
+        );
+        assert_eq!(window.trim(RecordIndex::new(start.wrapping_add(2)), at(3)), Err(CommandRefusal::InMotion));
+        window.trim(RecordIndex::new(start.wrapping_add(3)), at(3)).expect("behind nothing that is needed");
+        assert_eq!(window.high(), RecordIndex::new(start.wrapping_add(3)));
+        assert_eq!(window.forget(RecordIndex::new(start.wrapping_add(3)), at(2)), Err(CommandRefusal::InMotion));
+        window.forget(RecordIndex::new(start.wrapping_add(2)), at(2)).expect("nothing that is needed");
+        assert!(window.low() == RecordIndex::new(start.wrapping_add(2)) && !window.rests_at(window.low()));
     }
 
     #[test]
     fn a_planned_stop_is_known_even_when_its_record_has_gone() {
-        let mut window = CardWindow::<1, 4>::new(0);
+        let mut window = CardWindow::<1, 4>::new(RecordIndex::new(0));
         let rest = Record { flags: Flags::REST, ..record(1) };
         for (n, r) in [rest, record(2), record(3), record(4), record(5)].into_iter().enumerate() {
-            window.push_ahead(n as u32, r, Place::start_of(3)).expect("room");
+            window.push_ahead(RecordIndex::new(n as u32), r, Place::start_of(RecordIndex::new(3))).expect("room");
         }
-        assert_eq!(window.low(), 1);
-        assert!(window.rests_at(1) && !window.rests_at(2));
+        assert_eq!(window.low(), RecordIndex::new(1));
+        assert!(window.rests_at(RecordIndex::new(1)) && !window.rests_at(RecordIndex::new(2)));
     }
 }

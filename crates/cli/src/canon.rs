@@ -5,8 +5,9 @@
 use retrace_gcode::{CanonText, Setup, Severity};
 
 use crate::args;
-use crate::console::unwritable;
-use crate::program::{CommandFailure, Program};
+use crate::command_failure::CommandFailure;
+use crate::files::unwritable;
+use crate::program::Program;
 
 /// Runs the command.
 ///

@@ -4,14 +4,15 @@
 //! read its outputs, and its state is unchanged.
 
 use retrace_config::{ChannelNames, MachineConfig, NumberedError};
+use retrace_core::RecordIndex;
 use retrace_hal_serial::{FoundPort, LatencyTimer};
 use std::path::Path;
 
 use retrace_link::{CardFailure, CardIdentity, Greeting, HostCommand, MotionCard, PathStart};
 use serde_json::{Value, json};
 
+use crate::command_failure::CommandFailure;
 use crate::linked_card::{MAX_AXES, SerialCard};
-use crate::program::CommandFailure;
 use crate::{args, card_serve, files, linked_card};
 
 /// Number of periods within which a card executes the command and reports that.
@@ -127,7 +128,7 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
     let mut card = linked_card::find::<MAX_AXES>(address)?;
     card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(address, &fault))?;
     // The place on the path is kept: an interrupted job may be resumed there.
-    let start = card.greeting().map_or(PathStart::at(0), |said| PathStart {
+    let start = card.greeting().map_or(PathStart::at(RecordIndex::new(0)), |said| PathStart {
         place: said.place,
         rests: false,
         reached: said.reached,
@@ -223,7 +224,7 @@ fn greeting_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs
         "max_pulses_hz": of.max_pulses_hz,
         "epoch": greeting.epoch,
         "last_epoch": greeting.last_epoch,
-        "place": greeting.place.record,
+        "place": greeting.place.record.number(),
         "fraction": greeting.place.fraction,
         "at_rest": greeting.at_rest,
         "counts": counts(greeting),
@@ -250,9 +251,9 @@ mod tests {
             identity: CardIdentity { axes: 4, ..retrace_hal_sim::identity::<4>(77, 5) },
             epoch: 0,
             last_epoch: 3,
-            place: Place::start_of(12),
+            place: Place::start_of(RecordIndex::new(12)),
             at_rest: true,
-            reached: 12,
+            reached: RecordIndex::new(12),
             executed: 0,
             counts,
             alarm: Some(Alarm::HostSilent),

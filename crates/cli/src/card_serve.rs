@@ -5,6 +5,7 @@
 //! skipped, as if the machine had been at rest with it: a real card is never delayed, and the host is not at fault for
 //! it.
 
+use retrace_core::RecordIndex;
 use std::io::{BufWriter, IsTerminal as _};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
@@ -16,7 +17,7 @@ use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, LineCounters, faults
 use retrace_link::{Alarm, CardFailure, InputSetting, PathStart};
 use serde_json::{Value, json};
 
-use crate::console::unwritable;
+use crate::files::unwritable;
 use crate::manual_inputs::ManualInput;
 use crate::sim_wiring::hung_on;
 use crate::{args, files, linked_card};
@@ -52,7 +53,7 @@ fn serve_error(what: impl Into<String>, remedy: impl Into<String>) -> NumberedEr
 
 fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<(), NumberedError> {
     let mut rig = build_simulator::<A>(args, machine)?;
-    let inputs = machine.card_settings::<A>(PathStart::at(0)).inputs;
+    let inputs = machine.card_settings::<A>(PathStart::at(RecordIndex::new(0))).inputs;
     let pty = Pty::open()
         .map_err(|error| serve_error(format!("no pseudo-terminal is available: {error}"), "see `man pts`"))?;
     if let Some(link) = &args.link {
@@ -225,7 +226,7 @@ fn counters_json<const A: usize>(rig: &CardSimulator<A>, served: &ServeCounters)
     json!({
         "periods": status.period,
         "away_s": served.away_us as f64 / 1e6,
-        "place": status.place.record,
+        "place": status.place.record.number(),
         "at_rest": status.at_rest,
         "counts": status.counts.as_slice(),
         "counted": pins.positions().as_slice(),

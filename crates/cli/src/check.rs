@@ -8,8 +8,9 @@ use serde_json::json;
 
 use crate::args;
 use crate::check_report::CheckReport;
+use crate::command_failure::CommandFailure;
 use crate::files;
-use crate::program::{CommandFailure, Program};
+use crate::program::Program;
 
 /// Runs the command.
 ///

@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 use retrace_config::MachineConfig;
-use retrace_controller::program_analysis::{ProgramAnalysis, TravelLeft, ValueRange, WorkExtents};
+use retrace_controller::{ProgramAnalysis, TravelLeft, ValueRange, WorkExtents};
 use retrace_gcode::{Axis, Tool, system_name};
 use serde_json::{Map, Value, json};
 

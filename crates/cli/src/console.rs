@@ -9,14 +9,15 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use retrace_config::{ChannelNames, MachineConfig, NumberedError, RetraceOutputs};
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::{
+    Event, EventKind, LimitMonitor, LimitReport, MonitorLimits, Observer, PeriodRecord, Telemetry,
+};
 use retrace_core::Rate;
 use retrace_journal::HoldReason;
 use retrace_tui::ModelObserver;
 
 use crate::escape;
+use crate::files::unwritable;
 
 /// Form of the output.
 pub enum ConsoleOptions {
@@ -216,15 +217,6 @@ impl<const A: usize> Console<'_, A> {
             ConsoleOptions::Screen(_) => {}
         }
     }
-}
-
-/// `E2105`: a file could not be written.
-pub fn unwritable(what: &str, error: &std::io::Error) -> NumberedError {
-    NumberedError::new(
-        "E2105",
-        format!("{what} cannot be written: {error}"),
-        "check the folder, its permissions and the free disk space",
-    )
 }
 
 fn create(path: &Path, machine: &MachineConfig) -> Result<BufWriter<File>, NumberedError> {

@@ -9,8 +9,8 @@ use retrace_config::{NumberedError, nearest};
 use retrace_cycles::{Cycle, CycleLibrary, Folders, LibraryFinding, Origin, Severity, shipped_source};
 
 use crate::args::{self, CycleFolders, CyclesAction};
+use crate::command_failure::CommandFailure;
 use crate::files;
-use crate::program::CommandFailure;
 
 /// Runs the command.
 ///

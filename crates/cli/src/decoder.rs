@@ -3,18 +3,20 @@
 //! Invariant: an error at the program's end is reported once; the outputs of a run are stored only at the program's
 //! end, and only in a run.
 
+use std::io::BufRead;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use retrace_controller::job::{BlockDecoder, DecodedBlock};
-use retrace_controller::manual::jog_planner::Identify;
+use retrace_controller::{BlockDecoder, DecodedBlock, Identify};
 use retrace_gcode::{ActiveCodes, Canon, CanonStep, Progress, Severity};
 use retrace_journal::FileHash;
 
 use crate::check_progress::CheckProgress;
-use crate::program::Source;
 use crate::run_outputs::RunOutputs;
+
+/// Program in the interpreter.
+pub type Source = retrace_gcode::Program<Box<dyn BufRead + Send>>;
 
 /// Program that is being decoded.
 pub struct Decoder {

@@ -2,7 +2,7 @@
 //!
 //! Invariant: both forms have the same message and location; the order is that of the lines.
 
-use retrace_controller::job::CheckFinding;
+use retrace_controller::CheckFinding;
 use retrace_gcode::{Diagnostic, Severity};
 use serde_json::{Value, json};
 

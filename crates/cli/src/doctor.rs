@@ -4,6 +4,7 @@
 //! Invariant: nothing moves and nothing is changed. Time in which the computer itself was suspended is listed, not
 //! averaged.
 
+use retrace_core::RecordIndex;
 use std::time::{Duration, Instant};
 
 use retrace_config::MachineConfig;
@@ -11,8 +12,8 @@ use retrace_hal_serial::LatencyTimer;
 use retrace_link::PathStart;
 use serde_json::{Value, json};
 
+use crate::command_failure::CommandFailure;
 use crate::linked_card;
-use crate::program::CommandFailure;
 use crate::{args, files};
 
 /// Upper bounds of the histogram's classes, in microseconds; the last class has none.
@@ -215,7 +216,7 @@ impl PeriodVerdict {
         let worst_us = wake_ups.worst_us + line.map_or(0, |line| line.worst_us);
         let period_us = u64::from(machine.period_us);
         let held_us = line.map(|line| u64::from(line.window.min(machine.look_ahead_records)) * period_us);
-        let watchdog_periods = machine.card_settings::<9>(PathStart::at(0)).watchdog_periods;
+        let watchdog_periods = machine.card_settings::<9>(PathStart::at(RecordIndex::new(0))).watchdog_periods;
         let has_watchdog_ms = u64::from(watchdog_periods) * period_us / 1000;
         let watchdog_ms = (4 * worst_us / 1000).max(50).next_multiple_of(10);
         // The card runs on the records it holds: half of that time may pass without the host.

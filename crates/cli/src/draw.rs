@@ -7,14 +7,10 @@
 use std::path::Path;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::job;
-use retrace_controller::job::{JobOptions, JobStart};
-use retrace_controller::motion_sink::MotionSink;
-use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::RunMode;
-use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_controller::{
+    Cancelled, CommandSources, JobOptions, JobStart, MotionSink, Observer, PlanWriteError, RunMode, ScriptPlayer,
+    SwitchInstruction, Telemetry, feed_program, run_job,
+};
 use retrace_core::mode::Mode;
 use retrace_hal_sim::Clock;
 use retrace_journal::JournalConfig;
@@ -26,9 +22,10 @@ use retrace_plot::{
 };
 
 use crate::args;
-use crate::console::unwritable;
+use crate::command_failure::CommandFailure;
 use crate::draw_job;
-use crate::program::{CommandFailure, Program};
+use crate::files::unwritable;
+use crate::program::Program;
 use crate::sim_wiring::simulated;
 
 /// Number of periods over which differences are taken, because positions are whole pulses.
@@ -81,7 +78,7 @@ fn program_drawing(args: &args::Plot, view: Option<View>, size: Size) -> Result<
         let run_mode = RunMode { wall_time: false, operator: args.operator.is_some(), real_time: false };
         let job_options =
             JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
-        job::run::<9, _>(&machine, program.decoder(), job_options, card, &mut trace)
+        run_job::<9, _>(&machine, program.decoder(), job_options, card, &mut trace)
             .map_err(|why| draw_error(why.to_string(), "set a shorter history_hours in the machine file"))?;
     }
     if args.profile {
@@ -139,7 +136,7 @@ fn view(name: &str) -> Result<View, NumberedError> {
 /// Strokes of the program itself.
 fn programmed(machine: &MachineConfig, program: &Program) -> Vec<Stroke> {
     let mut drawing = Drawing { place: Place::of(machine), at: [0.0; 9], strokes: Vec::new() };
-    job::feed_all(machine, &mut program.decoder(), &mut drawing);
+    feed_program(machine, &mut program.decoder(), &mut drawing);
     drawing.strokes
 }
 

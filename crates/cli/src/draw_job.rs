@@ -7,6 +7,7 @@ use std::io::BufReader;
 use std::path::Path;
 
 use retrace_config::{MachineConfig, NumberedError, channel_name};
+use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_journal::{
     HoldReason, JobFolder, JobRecord, JobState, JobStore, JournalEntries, JournalEntry, PositionEntry,
@@ -108,14 +109,14 @@ impl<'r> HistoryBuilder<'r> {
         }
         for mark in self.record.marks()? {
             let mark = mark?;
-            self.points.push((self.periods(mark.place, 0), self.point(&mark.counts)));
+            self.points.push((self.periods(Place::start_of(mark.place)), self.point(&mark.counts)));
         }
         Ok(self.finish(&state))
     }
 
     /// Number of periods from the start of the job to a place.
-    fn periods(&self, record: u32, fraction: u32) -> f64 {
-        f64::from(record.wrapping_sub(self.record.job.origin)) + f64::from(fraction) / 2_f64.powi(32)
+    fn periods(&self, place: Place) -> f64 {
+        f64::from(place.record.since(self.record.job.origin)) + place.fraction_of_record()
     }
 
     fn point(&self, counts: &[i64]) -> [f64; 3] {
@@ -128,8 +129,8 @@ impl<'r> HistoryBuilder<'r> {
 
     fn position(&mut self, at: &PositionEntry) {
         let time_s = self.clock.seconds(at.period);
-        let place = self.periods(at.place.record, at.place.fraction);
-        self.reached = self.reached.max(self.periods(at.reached, 0)).max(place);
+        let place = self.periods(at.place);
+        self.reached = self.reached.max(self.periods(Place::start_of(at.reached))).max(place);
         if let Some((from, doing)) = self.last
             && doing.is_retracing()
             && from != place
@@ -264,13 +265,10 @@ fn switched(event: &Value) -> String {
 mod tests {
     use super::*;
     use clap::Parser;
-    use retrace_controller::command_queue::CommandSources;
-    use retrace_controller::job;
-    use retrace_controller::job::{JobOptions, JobStart};
-    use retrace_controller::journal_recorder::JournalRecorder;
-    use retrace_controller::script::ScriptPlayer;
-    use retrace_controller::session::RunMode;
-    use retrace_controller::telemetry::{Observer, Telemetry};
+    use retrace_controller::{
+        CommandSources, JobOptions, JobStart, JournalRecorder, Observer, RunMode, ScriptPlayer, Telemetry, run_job,
+    };
+    use retrace_core::RecordIndex;
     use retrace_hal_sim::{Clock, SimCard};
     use retrace_journal::{
         CommandArguments, Durability, EndEntry, FORMAT, FileHash, JobCard, JobEnding, JobHeader, JournalConfig,
@@ -317,7 +315,7 @@ mod tests {
             tables: None,
             card: JobCard::Sim,
             period_us: 1000,
-            origin: 0,
+            origin: RecordIndex::new(0),
             counts: vec![0, 0, 0],
             outputs: Vec::new(),
             executed: 0,
@@ -334,8 +332,9 @@ mod tests {
             run_mode: RunMode { wall_time: false, operator: true, real_time: false },
             journal: journal_config,
         };
-        let card = SimCard::new(0, machine.rate_limits().expect("limits"), Clock::Virtual).expect("a card");
-        job::run::<9, _>(&machine, program.decoder(), job_options, card, &mut kept).expect("it runs");
+        let card =
+            SimCard::new(RecordIndex::new(0), machine.rate_limits().expect("limits"), Clock::Virtual).expect("a card");
+        run_job::<9, _>(&machine, program.decoder(), job_options, card, &mut kept).expect("it runs");
         drop(kept);
         match ended {
             Some(outcome) => {

@@ -7,8 +7,7 @@ use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::operator;
-use retrace_controller::operator::ScriptInstruction;
+use retrace_controller::{ScriptInstruction, parse_script};
 use retrace_gcode::Text;
 use retrace_journal::FileHash;
 
@@ -213,6 +212,15 @@ pub fn written_machine_text(path: &Path) -> Result<String, NumberedError> {
 pub fn script(path: Option<&Path>) -> Result<Vec<ScriptInstruction>, NumberedError> {
     match path {
         None => Ok(Vec::new()),
-        Some(path) => operator::parse(&text(path, "operator's script")?, &path.display().to_string()),
+        Some(path) => parse_script(&text(path, "operator's script")?, &path.display().to_string()),
     }
+}
+
+/// `E2105`: a file could not be written.
+pub fn unwritable(what: &str, error: &std::io::Error) -> NumberedError {
+    NumberedError::new(
+        "E2105",
+        format!("{what} cannot be written: {error}"),
+        "check the folder, its permissions and the free disk space",
+    )
 }

@@ -4,7 +4,7 @@
 //! simulated card in this process exists for one command, and counts as homed.
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError};
+use retrace_controller::{ManualTask, ManualTaskDone, ManualTaskError};
 use retrace_journal::{CardBoot, HomedAxes, axes_to_home};
 use retrace_link::CardIdentity;
 use retrace_tui::AxisHoming as HomingNotes;

@@ -8,18 +8,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::command_queue::{CommandReceiver, CommandSources};
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job;
-use retrace_controller::job::{JobEnd, JobOptions, JobStart, JobStartError};
-use retrace_controller::journal_recorder::JournalRecorder;
-use retrace_controller::operator;
-use retrace_controller::operator::ScriptInstruction;
-use retrace_controller::report::Report;
-use retrace_controller::resume::ResumePlan;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_controller::{
+    CommandReceiver, CommandSources, Event, EventKind, JobEnd, JobOptions, JobStart, JobStartError, JournalRecorder,
+    Observer, Outcome, Report, ResumePlan, RunMode, ScriptInstruction, ScriptPlayer, Telemetry, parse_script,
+    resume_job,
+};
 use retrace_core::Place;
 use retrace_gcode::{Parameters, ToolTable};
 use retrace_journal::JournalConfig;
@@ -27,12 +20,14 @@ use retrace_link::MotionCard;
 use retrace_tui::ModelObserver;
 use serde_json::Value;
 
+use crate::command_failure::CommandFailure;
 use crate::console::{Console, ConsoleOptions};
 use crate::escape;
 use crate::files;
 use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableFiles;
-use crate::program::{CommandFailure, Program, ProgramStream, StreamSource};
+use crate::program::Program;
+use crate::program_stream::{ProgramStream, StreamSource};
 use crate::stop_signals::{StopPolicy, StopSignals};
 use crate::terminal_operator::{Keyboard, TerminalOperator};
 use crate::wait_notice::WaitWatch;
@@ -165,7 +160,7 @@ impl JobRunner<'_> {
             }
             refused.is_none()
         };
-        let end = job::resume(machine, decoder, job_options, card, &mut observers, agree);
+        let end = resume_job(machine, decoder, job_options, card, &mut observers, agree);
         let event_kind = observers.waits.poll_now();
         observers.report_wait(event_kind);
         if let Some(refused) = refused {
@@ -256,7 +251,7 @@ fn with_optional_stop(
     script: Vec<ScriptInstruction>,
 ) -> Result<Vec<ScriptInstruction>, NumberedError> {
     let Some(stops) = stops else { return Ok(script) };
-    let mut all = operator::parse(if stops { "at 0s optional stop on" } else { "at 0s optional stop off" }, "M1")?;
+    let mut all = parse_script(if stops { "at 0s optional stop on" } else { "at 0s optional stop off" }, "M1")?;
     all.extend(script);
     Ok(all)
 }

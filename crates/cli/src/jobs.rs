@@ -282,9 +282,9 @@ fn record_json(record: &JobRecord, state: &JobState) -> Value {
         "job": record.job,
         "resumed": record.resumed,
         "breakpoint": {
-            "record": start.place.record,
+            "record": start.place.record.number(),
             "fraction": start.place.fraction,
-            "reached": start.reached,
+            "reached": start.reached.number(),
             "executed": start.executed,
             "counts": record.last_position.counts,
             "line": record.at.as_ref().map(|at| at.line),
@@ -303,9 +303,8 @@ fn record_json(record: &JobRecord, state: &JobState) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_controller::journal_recorder::JournalRecorder;
-    use retrace_controller::telemetry::{PeriodRecord, Telemetry};
-    use retrace_core::{Place, mode};
+    use retrace_controller::{JournalRecorder, PeriodRecord, Telemetry};
+    use retrace_core::{Place, RecordIndex, mode};
     use retrace_journal::{
         CommandArguments, Durability, DurablePlace, EndEntry, FORMAT, FileHash, JobEnding, JournalWriter,
         MachineFileCopy, ResumeEntry, Timestamp, WiredCard,
@@ -332,38 +331,44 @@ mod tests {
             tables: None,
             card: JobCard::Wired(card.clone()),
             period_us: 1000,
-            origin: 0,
+            origin: RecordIndex::new(0),
             counts: vec![0, 0, 0],
             outputs: Vec::new(),
             executed: 0,
         };
-        let place = Place { record: 1234, fraction: 1 << 30 };
+        let place = Place { record: RecordIndex::new(1234), fraction: 1 << 30 };
         let resumed = ResumeEntry {
             when,
             retrace: "0.1.1".into(),
             card: JobCard::Wired(card),
             place,
-            reached: 1300,
+            reached: RecordIndex::new(1300),
             executed: 2,
             counts: vec![1200, 0, -5],
         };
         let store = folder.create_journal().expect("a file");
         drop(JournalWriter::begin(store, Durability::Written, job, None).expect("it works"));
         let (store, tail) = (folder.open_journal().expect("a file"), folder.read().expect("whole").tail);
-        let writer =
-            JournalWriter::reopen(store, Durability::Written, tail, DurablePlace::starting_at(0), resumed, None)
-                .expect("it works");
+        let writer = JournalWriter::reopen(
+            store,
+            Durability::Written,
+            tail,
+            DurablePlace::starting_at(RecordIndex::new(0)),
+            resumed,
+            None,
+        )
+        .expect("it works");
         let mut recorder = JournalRecorder::<3>::new(&writer, 3, 1000);
         for (channel, value) in [(channel::SPINDLE, 1), (channel::SPEED, 12_000_000), (3, 1)] {
             recorder.record(&Telemetry::Output(OutputChange { channel, value }));
         }
         let status = CardStatus::<3> {
             place,
-            reached: 1300,
+            reached: RecordIndex::new(1300),
             executed: 2,
             line: 37,
             counts: [1200, 0, -5],
-            ..CardStatus::at_rest(retrace_link::PathStart::at(0))
+            ..CardStatus::at_rest(retrace_link::PathStart::at(RecordIndex::new(0)))
         };
         recorder.record(&Telemetry::Period(PeriodRecord {
             mode: mode::Mode::Reverse,

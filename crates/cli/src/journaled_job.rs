@@ -3,11 +3,11 @@
 //! Invariant: nothing moves before the first entry of the job is stored. A job that was refused before that leaves only
 //! an empty folder.
 
+use retrace_core::RecordIndex;
 use std::path::Path;
 
 use retrace_config::{ChannelNames, MachineConfig, NumberedError};
-use retrace_controller::journal_recorder::JournalRecorder;
-use retrace_controller::session::Outcome;
+use retrace_controller::{JournalRecorder, Outcome};
 use retrace_journal::state_file::FileAccess;
 use retrace_journal::{
     CommandArguments, Durability, EndEntry, FORMAT, FileHash, JobCard, JobEnding, JobFolder, JobHeader, JobLock,
@@ -18,10 +18,11 @@ use retrace_link::{CardIdentity, CardStatus, Outputs};
 use serde_json::Value;
 
 use crate::args::Reading;
-use crate::console::unwritable;
 use crate::files;
+use crate::files::unwritable;
 use crate::machine_tables;
-use crate::program::{Program, ProgramStream, StreamSource};
+use crate::program::Program;
+use crate::program_stream::{ProgramStream, StreamSource};
 
 /// Folder of a job that has not started.
 #[derive(Debug)]
@@ -80,7 +81,7 @@ pub struct JournaledJob {
     _lock: JobLock,
     writer: JournalWriter,
     /// Record of the last mark that the journal has already.
-    known: Option<u32>,
+    known: Option<RecordIndex>,
     /// Override changes that the journal has already.
     overrides: Vec<PlannedOverride>,
 }
@@ -188,7 +189,7 @@ impl JobHeaderBuilder<'_> {
     /// First entry of the journal, for a card with this status.
     ///
     /// # Errors
-    /// None in practice, see [`retrace_controller::fingerprint::of_planning`].
+    /// None in practice, see [`retrace_controller::planning_fingerprint`].
     pub fn job<const A: usize>(self, status: &CardStatus<A>) -> Result<JobHeader, NumberedError> {
         let (path, text) = self.machine_file;
         let name = self.program.name();
@@ -205,7 +206,7 @@ impl JobHeaderBuilder<'_> {
             id: String::new(),
             when: Timestamp::now(),
             retrace_version: env!("CARGO_PKG_VERSION").into(),
-            planner: retrace_controller::fingerprint::of_planning()?,
+            planner: retrace_controller::planning_fingerprint()?,
             program: name.into(),
             source,
             lines: self.program.lines(),

@@ -2,6 +2,7 @@
 //!
 //! Invariant: a card is opened only at its own place, and only with settings that it accepts.
 
+use retrace_core::RecordIndex;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use retrace_config::{MachineConfig, NumberedError};
@@ -11,7 +12,7 @@ use retrace_link::{
     LinkedCardError, MotionCard, PathStart, channel,
 };
 
-use crate::program::CommandFailure;
+use crate::command_failure::CommandFailure;
 
 /// Card behind a serial port or a pseudo-terminal.
 pub type SerialCard<const A: usize> = Box<LinkedCard<A, SerialPort>>;
@@ -58,7 +59,7 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
     if !(least..=most).contains(&machine.period_us) {
         misfits.push(format!("the control period is {} µs, the card supports {least} to {most}", machine.period_us));
     }
-    let settings = CardSettings { epoch: 1, ..machine.card_settings::<MAX_AXES>(PathStart::at(0)) };
+    let settings = CardSettings { epoch: 1, ..machine.card_settings::<MAX_AXES>(PathStart::at(RecordIndex::new(0))) };
     let max_pulses = retrace_hal_sim::max_pulses_a_period(identity, &settings);
     let max_hz = max_pulses.map_or(f64::INFINITY, |pulses| f64::from(pulses) / machine.period_s());
     for axis in &machine.axes {
@@ -192,7 +193,7 @@ impl<const A: usize> MotionCard<A> for GreetedCard<A> {
         if self.is_open { self.card.status() } else { &self.status }
     }
 
-    fn acknowledged_high(&self) -> u32 {
+    fn acknowledged_high(&self) -> RecordIndex {
         if self.is_open { self.card.acknowledged_high() } else { self.status.high }
     }
 }

@@ -13,8 +13,8 @@ use retrace_config::{
 use retrace_link::channel;
 use serde_json::json;
 
-use crate::console::unwritable;
-use crate::program::CommandFailure;
+use crate::command_failure::CommandFailure;
+use crate::files::unwritable;
 use crate::{args, escape, files, linked_card};
 
 /// The commented machine file of the built-in machine.

@@ -16,9 +16,9 @@ use retrace_journal::state_file::FileAccess;
 use retrace_journal::{CommandArguments, FileHash, JobStore, LatchedTables, MachineTables, plain_name, state_file};
 
 use crate::args::Reading;
-use crate::console::unwritable;
 use crate::files;
-use crate::program::{table, tools_without_length};
+use crate::files::unwritable;
+use crate::table_files::{table, tools_without_length};
 
 /// First parameter of the origin of coordinate system 1; those of the next follow at a distance of 20.
 const FIRST_ORIGIN: usize = 5221;

@@ -19,6 +19,7 @@ mod card_serve;
 mod check;
 mod check_progress;
 mod check_report;
+mod command_failure;
 mod console;
 mod cycles;
 mod decoder;
@@ -52,6 +53,7 @@ mod size;
 mod socket;
 mod stop_signals;
 mod subprogram_folders;
+mod table_files;
 mod terminal_operator;
 mod wait_notice;
 
@@ -60,7 +62,7 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use crate::args::{Cli, Command};
-use crate::program::CommandFailure;
+use crate::command_failure::CommandFailure;
 
 fn main() -> ExitCode {
     let done = match Cli::parse().command {

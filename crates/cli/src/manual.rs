@@ -4,20 +4,19 @@
 //! written only after a block was executed.
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError, perform};
-use retrace_controller::mdi::{self, ModalContext};
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::RunMode;
-use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_controller::{
+    CommandSources, ManualTask, ManualTaskDone, ManualTaskError, ModalContext, Observer, RunMode, ScriptPlayer,
+    Telemetry, interpreter_setup, perform_manual_task,
+};
+use retrace_core::RecordIndex;
 use retrace_hal_sim::Clock;
 use retrace_link::{CardFailure, MotionCard, PathStart};
 use serde_json::{Map, Value, json};
 
+use crate::command_failure::CommandFailure;
 use crate::console::{Console, ConsoleOptions};
 use crate::homing_notes::Homing;
 use crate::machine_tables::{self, TableFiles};
-use crate::program::CommandFailure;
 use crate::sim_wiring::simulated;
 use crate::stop_signals::{StopPolicy, StopSignals};
 use crate::{args, files, linked_card};
@@ -28,7 +27,7 @@ use crate::{args, files, linked_card};
 /// Whatever prevents the task.
 pub fn home(args: &args::Home) -> Result<u8, CommandFailure> {
     let machine = files::machine(args.manual.machine_file.path())?;
-    let mut modal_context = ModalContext::new(mdi::setup(&machine));
+    let mut modal_context = ModalContext::new(interpreter_setup(&machine));
     on_machine(&args.manual, &machine, &ManualTask::Home(args.axis), &mut modal_context)
 }
 
@@ -46,7 +45,7 @@ pub fn jog(args: &args::Jog) -> Result<u8, CommandFailure> {
         )
         .into());
     }
-    let mut modal_context = ModalContext::new(mdi::setup(&machine));
+    let mut modal_context = ModalContext::new(interpreter_setup(&machine));
     on_machine(&args.manual, &machine, &ManualTask::Jog { axis: args.axis, mm: args.mm }, &mut modal_context)
 }
 
@@ -61,7 +60,7 @@ pub fn mdi(args: &args::Mdi) -> Result<u8, CommandFailure> {
     let own = machine_tables::of_machine(&of.port.card, of.machine_file.path(), params, tools);
     let files = TableFiles::choose(params, tools, own.as_ref());
     let began = files.read()?;
-    let mut modal_context = ModalContext::new(mdi::setup(&machine).with_start_tables(began.clone()));
+    let mut modal_context = ModalContext::new(interpreter_setup(&machine).with_start_tables(began.clone()));
     if args.dry_run {
         modal_context.block(&machine, &args.block).map_err(print_diagnostics)?;
         say!("{}: no errors; nothing was moved", args.block);
@@ -118,7 +117,7 @@ fn on_card<const A: usize>(
     {
         homing.check(machine)?;
     }
-    card.open(machine.card_settings(PathStart::at(0)))
+    card.open(machine.card_settings(PathStart::at(RecordIndex::new(0))))
         .map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
     let code = perform_on(args, machine, task, modal_context, &mut *card, &homing)?;
     // The card is at rest, or has an alarm that says more than an error here would.
@@ -148,7 +147,7 @@ where
     }
     let run_mode = RunMode { wall_time: !args.port.is_simulated(), operator: false, real_time: false };
     let mut shown_work = Stoppable { console: &mut console, signals: signals.as_ref() };
-    let carry_out = || perform(task, machine, modal_context, card, (operators, run_mode), &mut shown_work);
+    let carry_out = || perform_manual_task(task, machine, modal_context, card, (operators, run_mode), &mut shown_work);
     let done = homing.perform_and_record(task, machine, carry_out);
     drop(signals);
     if let (.., Some(lost)) = console.finish() {

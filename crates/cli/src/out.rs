@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 
 use retrace_config::NumberedError;
 
-use crate::console::unwritable;
+use crate::files::unwritable;
 
 /// First write error; none where a reader has closed the pipe.
 static LOST: Mutex<Option<io::Error>> = Mutex::new(None);

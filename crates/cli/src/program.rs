@@ -3,23 +3,16 @@
 //! Invariant: a file is read once, so that what was checked is what runs. A stream cannot be read twice: it is checked
 //! block by block as it runs.
 
-use std::fmt;
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use retrace_config::{MachineConfig, NumberedError, SerialSettings};
-use retrace_controller::job;
-use retrace_controller::job::CheckFinding;
-use retrace_controller::limit_check::LimitCheck;
-use retrace_controller::mdi;
-use retrace_controller::program_analysis;
-use retrace_controller::program_analysis::ProgramAnalysis;
-use retrace_controller::read_ahead::SourceStatus;
-use retrace_gcode::cycles::CycleLibrary;
-use retrace_gcode::{
-    Diagnostic, Ini, Parameters, Pose, Prescan, Progress, Setup, Severity, StartTables, Tool, ToolTable,
+use retrace_controller::{
+    CheckFinding, LimitCheck, ProgramAnalysis, SourceStatus, analyse_program, check_program, interpreter_setup,
 };
+use retrace_gcode::cycles::CycleLibrary;
+use retrace_gcode::{Ini, Parameters, Prescan, Progress, Setup, Severity, StartTables, ToolTable};
 use retrace_journal::{FileHash, FileRole, ReadFile};
 
 use retrace_motion::LimitError;
@@ -27,46 +20,20 @@ use serde_json::Value;
 
 use crate::args::Reading;
 use crate::check_progress::CheckProgress;
+use crate::command_failure::CommandFailure;
 use crate::cycles;
-pub use crate::decoder::Decoder;
+use crate::decoder::{Decoder, Source};
 use crate::diagnostic_json;
 use crate::escape;
 use crate::files;
 use crate::machine_tables;
 use crate::program_stream::StreamBroken;
-pub use crate::program_stream::{ProgramStream, StreamOpening, StreamSource};
+use crate::program_stream::{ProgramStream, StreamOpening, StreamSource};
 use crate::run_outputs::{LastStatus, RunOutputs};
 use crate::serial_source;
 use crate::socket;
 use crate::subprogram_folders::Folders;
-
-/// Why a command failed.
-#[derive(Debug)]
-pub enum CommandFailure {
-    /// Wrong usage, machine file or script: exit code 2.
-    Input(NumberedError),
-    /// Card or serial line: exit code 3.
-    Card(NumberedError),
-    /// The program has errors, which have been printed: exit code 1.
-    Program,
-}
-
-impl fmt::Display for CommandFailure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Input(error) | Self::Card(error) => error.fmt(f),
-            Self::Program => f.write_str("the program has errors"),
-        }
-    }
-}
-
-impl std::error::Error for CommandFailure {}
-
-impl From<NumberedError> for CommandFailure {
-    fn from(refusal: NumberedError) -> Self {
-        Self::Input(refusal)
-    }
-}
+use crate::table_files::{table, tools_without_length};
 
 /// Maximum number of bytes of a program that are shown.
 const MAX_SHOWN: usize = 32 << 20;
@@ -93,9 +60,6 @@ pub struct Program {
     /// Maximum number of blocks in loops and calls that a check executes.
     max_loop_blocks: u64,
 }
-
-/// Program in the interpreter.
-pub type Source = retrace_gcode::Program<Box<dyn BufRead + Send>>;
 
 impl Program {
     /// Opens the program on the command line, for a machine in millimetres.
@@ -427,7 +391,7 @@ impl Program {
     /// # Errors
     /// [`CommandFailure::Program`] where it has errors.
     pub fn check<'m>(&self, machine: &'m MachineConfig) -> Result<Option<Checked<LimitCheck<'m, 9>>>, CommandFailure> {
-        self.check_by(&mut Vec::new(), |decoder| Ok(job::check_program::<9>(machine, decoder)))
+        self.check_by(&mut Vec::new(), |decoder| Ok(check_program::<9>(machine, decoder)))
     }
 
     /// Checks the whole program; see [`Self::check`]. Adds the diagnostics to `diagnostics` for a script, also where it
@@ -440,7 +404,7 @@ impl Program {
         machine: &MachineConfig,
         diagnostics: &mut Vec<Value>,
     ) -> Result<(), CommandFailure> {
-        self.check_by(diagnostics, |decoder| Ok(job::check_program::<9>(machine, decoder))).map(|_| ())
+        self.check_by(diagnostics, |decoder| Ok(check_program::<9>(machine, decoder))).map(|_| ())
     }
 
     /// Checks and plans the whole program, for its times and extents. Adds the diagnostics to `diagnostics` for a
@@ -454,7 +418,7 @@ impl Program {
         diagnostics: &mut Vec<Value>,
     ) -> Result<Option<Checked<ProgramAnalysis<'m, A>>>, CommandFailure> {
         let why = |error: LimitError| NumberedError::new("E2112", error.to_string(), "correct the machine file");
-        self.check_by(diagnostics, |decoder| Ok(program_analysis::analyse_program(machine, decoder).map_err(why)?))
+        self.check_by(diagnostics, |decoder| Ok(analyse_program(machine, decoder).map_err(why)?))
     }
 
     /// Checks the whole program and prints nothing.
@@ -477,7 +441,7 @@ impl Program {
         if self.prescan.is_none() {
             return Ok(());
         }
-        let (_, findings, _) = job::check_program::<9>(machine, &mut decoder);
+        let (_, findings, _) = check_program::<9>(machine, &mut decoder);
         let found = diagnostic_json::all(self, &mut decoder, &findings);
         let shown: Vec<String> = found.iter().map(|one| one.text.clone()).collect();
         if found.iter().any(|one| one.is_error) { Err(shown.join("\n")) } else { Ok(()) }
@@ -562,34 +526,7 @@ fn read(role: FileRole, path: &Path) -> Result<ReadFile, NumberedError> {
     Ok(ReadFile { role, path: files::absolute(path), hash: files::hash(path, "file")? })
 }
 
-/// Reads a table. The error has its first five diagnostics.
-pub fn table<T>(path: &Path, what: &str, read: fn(&str) -> Result<T, Vec<Diagnostic>>) -> Result<T, NumberedError> {
-    let text = files::text(path, what)?;
-    read(&text).map_err(|faults| {
-        let lines: Vec<&str> = text.lines().collect();
-        let shown: Vec<String> = faults
-            .iter()
-            .take(5)
-            .map(|f| f.render(&path.display().to_string(), lines.get(f.line.saturating_sub(1) as usize).unwrap_or(&"")))
-            .collect();
-        NumberedError::new(
-            "E2106",
-            format!("the {what} {} has errors\n{}", path.display(), shown.join("\n")),
-            "correct the file",
-        )
-    })
-}
-
 /// Setup of the interpreter for a machine in millimetres, at its position.
 fn setup_for(machine: &MachineConfig) -> Setup {
-    Setup { tools: tools_without_length(), ..mdi::setup(machine) }
-}
-
-/// Tool table for a machine without one: every tool exists and has length 0.
-pub fn tools_without_length() -> ToolTable {
-    let mut tools = ToolTable::default();
-    for number in 1..=999 {
-        tools.insert(Tool { number, offset: Pose::ZERO, ..Tool::default() });
-    }
-    tools
+    Setup { tools: tools_without_length(), ..interpreter_setup(machine) }
 }

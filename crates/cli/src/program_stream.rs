@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use retrace_config::{NumberedError, SerialSettings};
-use retrace_controller::read_ahead::{ReadAhead, SourceStatus};
+use retrace_controller::{ReadAhead, SourceStatus};
 
 use crate::files;
 use crate::serial_source::{self, SerialSource};

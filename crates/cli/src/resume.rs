@@ -7,13 +7,10 @@ use std::cell::Cell;
 use std::path::PathBuf;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::fingerprint;
-use retrace_controller::job::JobStart;
-use retrace_controller::manual::jog_planner::MANUAL_PLACE_OFFSET;
-use retrace_controller::operator;
-use retrace_controller::operator::ScriptInstruction;
-use retrace_controller::resume::{ResumePlan, ResumePoint};
-use retrace_core::place::is_before;
+use retrace_controller::{
+    JobStart, MANUAL_PLACE_OFFSET, ResumePlan, ResumePoint, ScriptInstruction, parse_script, planning_fingerprint,
+};
+use retrace_core::place::number_is_before;
 use retrace_journal::{
     Durability, FileRole, JobCard, JobEnding, JobFolder, JobHeader, JobLock, JobRecord, JobState, JobStore, ListedJob,
     ProgramSource, ReadFile, ResumeEntry, SpoolProgress, SpoolReplay, Timestamp, WiredCard, axes_to_home,
@@ -21,13 +18,15 @@ use retrace_journal::{
 use retrace_link::{Greeting, MotionCard, Outputs, PathStart, channel};
 
 use crate::args::{self, OnOff};
+use crate::command_failure::CommandFailure;
 use crate::homing_notes::Homing;
 use crate::job_runner::{JobRunner, OutputOptions, TuiOptions, prepare_real_time};
 use crate::journaled_job::{self, JournaledJob};
 use crate::linked_card::{self, GreetedCard};
 use crate::machine_tables::{self, TableFiles};
 use crate::operate::{self, ResumingJob};
-use crate::program::{CommandFailure, Program, ProgramStream, StreamSource};
+use crate::program::Program;
+use crate::program_stream::{ProgramStream, StreamSource};
 use crate::resume_from_line::{changed_machine, from_line, reading, run_args};
 use crate::resume_summary::{self, ConfirmResume, ResumeSummary};
 use crate::sim_wiring::simulated;
@@ -136,7 +135,7 @@ struct ResumeStep<'a> {
 impl ResumeStep<'_> {
     fn resume_on<const A: usize>(self) -> Result<u8, CommandFailure> {
         let program = self.program()?;
-        if fingerprint::of_planning()? != self.record.job.planner {
+        if planning_fingerprint()? != self.record.job.planner {
             let what = format!(
                 "retrace {} plans motion differently from retrace {}, which started the job",
                 env!("CARGO_PKG_VERSION"),
@@ -306,8 +305,9 @@ impl ResumeStep<'_> {
         }
         let said =
             PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
-        let is_behind = is_before(said.reached, stood.start.reached) || is_before(said.executed, stood.start.executed);
-        let is_off_path = said.place.record.wrapping_sub(self.record.job.origin) >= MANUAL_PLACE_OFFSET;
+        let is_behind =
+            said.reached.is_before(stood.start.reached) || number_is_before(said.executed, stood.start.executed);
+        let is_off_path = said.place.record.since(self.record.job.origin) >= MANUAL_PLACE_OFFSET;
         let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == JobEnding::Stopped);
         // The card's place is on another path, or does not matter: use the journal's place, where the card came to
         // rest.
@@ -359,20 +359,19 @@ impl ResumeStep<'_> {
         // The journal stores the place once a second: later marks come again with the plan, and are too far ahead to
         // wait for.
         let is_old = start == self.record.last_position.start;
-        let farthest = start.reached.wrapping_add(self.machine.look_ahead_records);
+        let farthest = start.reached + self.machine.look_ahead_records;
         let mut marks = Vec::new();
         let every = self.record.marks / MAX_COMPARED_MARKS + 1;
         for (number, mark) in (0_u64..).zip(self.record.marks()?) {
             let mark = mark?;
-            if is_old && is_before(farthest, mark.place) {
+            if is_old && farthest.is_before(mark.place) {
                 break;
             }
-            if number.is_multiple_of(every) || is_before(start.place.record, mark.place) {
+            if number.is_multiple_of(every) || start.place.record.is_before(mark.place) {
                 marks.push(mark);
             }
         }
-        let overrides =
-            self.record.overrides().iter().map(|of| (of.place, retrace_core::Rate::from_units(of.planned))).collect();
+        let overrides = self.record.overrides().iter().map(|of| (of.place, of.planned)).collect();
         let outputs = outputs(&job.outputs);
         let rests = self.record.rests().to_vec();
         let lengths = self.record.lengths().to_vec();
@@ -513,7 +512,7 @@ fn resume_entry<const A: usize>(prepared: &ResumePlan<A>, card: JobCard, machine
 
 /// Script prefix of a confirmed job: the outputs are restored without another question.
 fn with_confirmation(script: Vec<ScriptInstruction>) -> Result<Vec<ScriptInstruction>, NumberedError> {
-    let mut all = operator::parse("at 0s leave", "resume")?;
+    let mut all = parse_script("at 0s leave", "resume")?;
     all.extend(script);
     Ok(all)
 }

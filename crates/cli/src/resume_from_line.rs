@@ -4,12 +4,11 @@
 
 use std::path::{Path, PathBuf};
 
-use retrace_config::NumberedError;
-use retrace_config::machine_changes;
+use retrace_config::{NumberedError, machine_changes};
 use retrace_journal::{FileHash, JobCard, JobHeader, JobRecord, ProgramSource};
 
 use crate::args::{self, CardPort, CycleFolders, MachineFile, Reading};
-use crate::program::CommandFailure;
+use crate::command_failure::CommandFailure;
 use crate::{files, run};
 
 /// Options that the job's program is read with; a file may be elsewhere now.

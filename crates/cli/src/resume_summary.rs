@@ -7,15 +7,15 @@ use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::Path;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::resume::ResumePlan;
-use retrace_core::place::is_before;
+use retrace_controller::ResumePlan;
 use retrace_gcode::Progress;
 use retrace_journal::JobRecord;
 use retrace_link::channel;
 use serde_json::{Value, json};
 
 use crate::escape;
-use crate::program::{Program, ProgramStream};
+use crate::program::Program;
+use crate::program_stream::ProgramStream;
 
 /// Maximum number of blocks after the last mark in which the block of the breakpoint is searched.
 const MAX_SEARCHED_BLOCKS: u64 = 100_000;
@@ -102,7 +102,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
                 format!(
                     "{:.3} mm into the block (record {:.4})",
                     prepared.into_line_mm(),
-                    f64::from(place.record) + share
+                    f64::from(place.record.number()) + share
                 ),
             ),
             ("position", self.position_text()),
@@ -129,7 +129,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
             words.push(("new tool", format!("length entered in a pause, {by_mm:+.3} mm; included in the positions")));
         }
         words.push(("switches", if restored.is_empty() { "nothing".into() } else { restored.join(", ") }));
-        let behind = prepared.start().reached.wrapping_sub(place.boundary_ahead());
+        let behind = prepared.start().reached.since(place.boundary_ahead());
         if behind > 0 {
             words.push(("then", format!("forward {behind} records to the furthest place executed, then normal run")));
         }
@@ -176,9 +176,9 @@ impl<const A: usize> ResumeSummary<'_, A> {
             "location": block.location,
             "block": block.text,
             "into_line_mm": prepared.into_line_mm(),
-            "record": place.record,
+            "record": place.record.number(),
             "fraction": place.fraction,
-            "reached": prepared.start().reached,
+            "reached": prepared.start().reached.number(),
             "executed": prepared.start().executed,
             "counts": prepared.counts()[..axes],
             "card_counts": prepared.card().counts[..axes],
@@ -188,7 +188,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
             "active": block.active,
             "tool": prepared.expected_outputs()[usize::from(channel::TOOL)],
             "outputs": outputs,
-            "history_start": prepared.oldest(),
+            "history_start": prepared.oldest().number(),
             "history_s": self.history_s(),
             "history_mm": prepared.history_mm(),
             "changed_tables": self.differences,
@@ -197,7 +197,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
     }
 
     fn history_s(&self) -> f64 {
-        f64::from(self.prepared.start().place.record.wrapping_sub(self.prepared.oldest())) * self.machine.period_s()
+        f64::from(self.prepared.start().place.record.since(self.prepared.oldest())) * self.machine.period_s()
     }
 
     /// Outputs that will be switched: channel, current value, new value.
@@ -212,7 +212,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
     fn block(&self) -> Option<Block> {
         let place = self.prepared.start().place.record;
         let marks = self.record.marks().ok()?.map_while(Result::ok);
-        let last = marks.take_while(|mark| !is_before(place, mark.place)).last();
+        let last = marks.take_while(|mark| !place.is_before(mark.place)).last();
         let first = last.map_or(0, |mark| mark.block.saturating_sub(1));
         let kept: ProgramStream = match File::open(self.spool) {
             Ok(file) => Box::new(BufReader::new(file).take(self.record.spooled.bytes)),

@@ -4,13 +4,14 @@
 //! exists.
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::job::JobStart;
-use retrace_controller::operator::ScriptInstruction;
+use retrace_controller::{JobStart, ScriptInstruction};
+use retrace_core::RecordIndex;
 use retrace_hal_sim::Clock;
 use retrace_journal::{Durability, JobCard};
 use retrace_link::{CardStatus, MotionCard, PathStart};
 
 use crate::args::{self, OnOff};
+use crate::command_failure::CommandFailure;
 use crate::files;
 use crate::homing_notes::Homing;
 pub use crate::job_runner::{JobResult, TuiOptions};
@@ -19,7 +20,8 @@ use crate::journaled_job::{JobHeaderBuilder, JournaledJob, ReservedJobFolder};
 use crate::linked_card;
 use crate::machine_tables::{self, TableFiles};
 use crate::operate;
-use crate::program::{CommandFailure, Program, ProgramStream};
+use crate::program::Program;
+use crate::program_stream::ProgramStream;
 use crate::sim_wiring::{simulated, traced};
 
 /// Runs the command. Returns its exit code.
@@ -102,7 +104,7 @@ impl RunContext<'_> {
         }
         let machine = machine.standing_at(&counts);
         let program = self.open(&machine)?;
-        let settings = machine.card_settings(PathStart::at(0));
+        let settings = machine.card_settings(PathStart::at(RecordIndex::new(0)));
         if self.at_screen {
             card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
             let (homing, work) = (homing.at_screen(), (self.script, (self.text, named)));

@@ -14,8 +14,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use retrace_config::{NumberedError, Parity, SerialSettings};
-use retrace_controller::read_ahead::SourceStatus;
-use retrace_controller::tape::{ReceivedByte, TapeReader};
+use retrace_controller::{ReceivedByte, SourceStatus, TapeReader};
 use retrace_gcode::ProgramEndDetector;
 use retrace_hal_serial::{Character, CharacterFormat, ParityBit, PortLost, ProgramPort};
 

@@ -10,7 +10,7 @@ use clap_complete::Shell;
 use retrace_config::NumberedError;
 
 use crate::args::Cli;
-use crate::console::unwritable;
+use crate::files::unwritable;
 
 /// Name of the command in completions and manual pages.
 const NAME: &str = "retrace";

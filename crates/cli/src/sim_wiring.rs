@@ -3,6 +3,7 @@
 //! Invariant: every input that a machine file makes the card wait for becomes active, so that a correct program
 //! completes on the simulated machine; homing finds each switch at the position in the file.
 
+use retrace_core::RecordIndex;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
@@ -11,7 +12,7 @@ use retrace_config::{CodeSwitching, MachineConfig, NumberedError};
 use retrace_hal_sim::{Clock, PlantSettings, Reply, SimCard};
 use retrace_link::{InputUse, InputWait, PathStart, channel};
 
-use crate::console::unwritable;
+use crate::files::unwritable;
 
 /// Distance from a soft limit to its switch, in mm.
 const OUTSIDE_MM: f64 = 1.0;
@@ -25,7 +26,7 @@ const TAKES_US: u32 = 50_000;
 /// # Errors
 /// `E2113`
 pub fn simulated<const A: usize>(machine: &MachineConfig, clock: Clock) -> Result<SimCard<A>, NumberedError> {
-    SimCard::with_machine(machine.card_settings(PathStart::at(0)), &hung_on::<A>(machine), clock)
+    SimCard::with_machine(machine.card_settings(PathStart::at(RecordIndex::new(0))), &hung_on::<A>(machine), clock)
         .map_err(|_| NumberedError::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
 }
 
@@ -49,7 +50,7 @@ pub fn traced<const A: usize>(
 
 /// Wiring of a simulated card with its machine at 0: switches, and replies.
 pub fn hung_on<const A: usize>(machine: &MachineConfig) -> PlantSettings {
-    let inputs = machine.card_settings::<A>(PathStart::at(0)).inputs;
+    let inputs = machine.card_settings::<A>(PathStart::at(RecordIndex::new(0))).inputs;
     let travel: Vec<[i64; 2]> = (0..machine.axes.len()).map(|axis| limits(machine, axis)).collect();
     let mut settings = PlantSettings::wired_as(&inputs, &travel, &[]);
     for switch in &mut settings.switches {

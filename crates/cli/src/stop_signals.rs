@@ -10,10 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use retrace_controller::command_queue::{CommandReceiver, CommandSender, command_channel};
-use retrace_controller::event::EventKind;
-use retrace_controller::operator::OperatorCommand;
-use retrace_controller::telemetry::Telemetry;
+use retrace_controller::{CommandReceiver, CommandSender, EventKind, OperatorCommand, Telemetry, command_channel};
 
 /// Interval of the polls for a signal.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);

@@ -23,7 +23,7 @@ impl Folders {
     /// The folder of a program, and further ones.
     #[must_use]
     pub fn of(program: &Path, more: &[PathBuf]) -> Self {
-        let own = if crate::program::StreamSource::named(program).is_some() {
+        let own = if crate::program_stream::StreamSource::named(program).is_some() {
             None
         } else {
             program.parent().map(Path::to_path_buf)

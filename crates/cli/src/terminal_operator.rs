@@ -9,9 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use retrace_controller::command_queue::{CommandReceiver, CommandSender, command_channel};
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::operator::OperatorCommand;
+use retrace_controller::{CommandReceiver, CommandSender, Event, EventKind, OperatorCommand, command_channel};
 
 /// Interval of the polls for a wait and for input.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
@@ -187,7 +185,7 @@ fn in_foreground() -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_controller::event::DifferingOutputs;
+    use retrace_controller::DifferingOutputs;
     use retrace_core::Place;
 
     fn event(kind: EventKind) -> Event {

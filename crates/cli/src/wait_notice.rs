@@ -6,8 +6,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use retrace_controller::event::EventKind;
-use retrace_controller::read_ahead::SourceStatus;
+use retrace_controller::{EventKind, SourceStatus};
 use retrace_journal::Timestamp;
 
 /// Duration after which a wait is reported.

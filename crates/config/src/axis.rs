@@ -5,8 +5,8 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::machine_file::within;
 use crate::numbered_error::NumberedError;
+use crate::value_range::within;
 
 /// Axis letters, in the order of positions.
 pub const AXIS_LETTERS: [char; 9] = ['x', 'y', 'z', 'a', 'b', 'c', 'u', 'v', 'w'];

@@ -1,20 +1,14 @@
-//! The card in the machine file: inputs, monitoring, outputs and pulses; and the card settings that follow from it.
+//! The card in the machine file: inputs, monitoring, outputs and pulses.
 //!
 //! Invariant: settings that were checked here name only inputs, outputs and axes that can exist.
 
-use retrace_core::limits::RateLimits;
-use retrace_link::{CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, OutputChange, PathStart, channel};
+use retrace_link::{InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, channel};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::axis::AxisConfig;
-use crate::machine_config::MachineConfig;
-use crate::machine_file::within;
 use crate::numbered_error::NumberedError;
-
-/// Time in ms for which the machine may be at rest with a rate requested before the cutter counts as on at rest: on a
-/// serial line some 40 ms pass between the report of M3 and the first motion (CUT-6).
-const HANDOVER_MS: f64 = 100.0;
+use crate::value_range::within;
 
 /// Use of an input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -90,12 +84,12 @@ impl Default for CardSection {
 /// Settings of the card other than those of the axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CardConfig {
-    watchdog_periods: u16,
-    report_periods: u8,
-    pulse_ns: u16,
-    direction_setup_ns: u16,
-    direction_inverted: u16,
-    inputs: [InputSetting; MAX_INPUTS],
+    pub(crate) watchdog_periods: u16,
+    pub(crate) report_periods: u8,
+    pub(crate) pulse_ns: u16,
+    pub(crate) direction_setup_ns: u16,
+    pub(crate) direction_inverted: u16,
+    pub(crate) inputs: [InputSetting; MAX_INPUTS],
     /// Inputs that the machine file declares, one bit each.
     declared_inputs: u16,
     /// Output channels that a fault switches off.
@@ -219,44 +213,12 @@ impl CardConfig {
     }
 }
 
-impl MachineConfig {
-    /// Settings that a card receives for this machine, with the start of the path.
-    #[must_use]
-    pub fn card_settings<const A: usize>(&self, start: PathStart) -> CardSettings<A> {
-        let card = &self.card;
-        // A checked machine has them.
-        let limits = self.rate_limits().unwrap_or(RateLimits::unconfigured());
-        let mut settings = CardSettings {
-            axes: self.axes.len().min(A) as u8,
-            report_periods: card.report_periods,
-            watchdog_periods: card.watchdog_periods,
-            pulse_ns: card.pulse_ns,
-            direction_setup_ns: card.direction_setup_ns,
-            direction_inverted: card.direction_inverted,
-            inputs: card.inputs,
-            safe_count: card.off_at_fault.len() as u8,
-            cutting: crate::cutter::settings(
-                &self.cutters,
-                HANDOVER_MS.min(f64::from(card.watchdog_periods) * self.period_s() * 1e3),
-                self.period_s() * 1e3,
-                self.inhibits_outputs,
-            ),
-            ..CardSettings::new(0, start, self.period_us, limits)
-        };
-        for (slot, &channel) in settings.safe.iter_mut().zip(&card.off_at_fault) {
-            *slot = OutputChange { channel, value: 0 };
-        }
-        for (slot, axis) in settings.backlash_pulses.iter_mut().zip(&self.axes) {
-            // At most 10 mm, and at most as many pulses as the settings can represent.
-            *slot = (axis.backlash_mm * axis.pulses_per_mm).round() as u16;
-        }
-        settings
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::machine_config::MachineConfig;
+    use retrace_core::RecordIndex;
+    use retrace_link::{OutputChange, PathStart};
 
     fn machine(text: &str) -> Result<MachineConfig, NumberedError> {
         MachineConfig::parse(text, "m.toml")
@@ -267,8 +229,8 @@ mod tests {
         let text = "control_period_ms = 2.0\ncutting_outputs = [4]\n[card]\nwatchdog_ms = 300\nstep_pulse_us = 3.5\n\
             inverted_axes = [\"Y\"]\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\nactive_low = true\n\
             [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
-        let settings = machine(text).expect("valid").card_settings::<4>(PathStart::at(7));
-        assert_eq!((settings.start, settings.axes, settings.period_us), (PathStart::at(7), 3, 2000));
+        let settings = machine(text).expect("valid").card_settings::<4>(PathStart::at(RecordIndex::new(7)));
+        assert_eq!((settings.start, settings.axes, settings.period_us), (PathStart::at(RecordIndex::new(7)), 3, 2000));
         assert_eq!((settings.watchdog_periods, settings.report_periods), (150, 8));
         assert_eq!((settings.pulse_ns, settings.direction_inverted), (3500, 2));
         let limit = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
@@ -285,8 +247,9 @@ mod tests {
                 max_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 100]\nbacklash_mm = {mm:?}\n"
             )
         };
-        let settings =
-            machine(&(axis("x", 0.0) + &axis("z", 0.015))).expect("valid").card_settings::<4>(PathStart::at(0));
+        let settings = machine(&(axis("x", 0.0) + &axis("z", 0.015)))
+            .expect("valid")
+            .card_settings::<4>(PathStart::at(RecordIndex::new(0)));
         assert_eq!(settings.backlash_pulses, [0, 12, 0, 0]);
     }
 

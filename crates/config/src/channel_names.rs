@@ -2,19 +2,11 @@
 //!
 //! Invariant: every channel has a name; a cutter's name goes before that of the machine file.
 
-use crate::machine_config::MachineConfig;
-
 /// Names of the output channels of a machine.
 #[derive(Clone, Debug, Default)]
-pub struct ChannelNames(Vec<String>);
+pub struct ChannelNames(pub(crate) Vec<String>);
 
 impl ChannelNames {
-    /// Names of a machine's channels: a cutter's name, or that of the machine file, if there is one.
-    #[must_use]
-    pub fn of_machine(machine: &MachineConfig) -> Self {
-        Self((0..retrace_link::channel::COUNT as u8).map(|channel| machine.channel_name(channel)).collect())
-    }
-
     /// Name of a channel; the usual one where there is no other.
     #[must_use]
     pub fn name(&self, channel: u8) -> String {

@@ -7,8 +7,8 @@ use retrace_link::{CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, channe
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::machine_file::within;
 use crate::numbered_error::NumberedError;
+use crate::value_range::within;
 
 /// Kind of a cutter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]

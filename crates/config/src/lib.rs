@@ -28,6 +28,7 @@
 
 mod axis;
 mod card_config;
+mod card_settings;
 mod channel_names;
 mod cutter;
 mod machine_changes;
@@ -39,6 +40,7 @@ mod numbered_error;
 mod rate_limits;
 mod serial;
 mod switching;
+mod value_range;
 
 pub use axis::{AXIS_LETTERS, AxisConfig, HomeConfig};
 pub use card_config::CardConfig;

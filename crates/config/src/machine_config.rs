@@ -6,11 +6,12 @@
 use std::collections::BTreeMap;
 
 use retrace_core::limits::RateLimits;
+use retrace_link::HomingCommand;
 use retrace_motion::{Blending, MachineLimits};
 
-use crate::axis::{self, AxisConfig};
+use crate::axis::{self, AXIS_LETTERS, AxisConfig};
 use crate::card_config::CardConfig;
-use crate::channel_names;
+use crate::channel_names::{self, ChannelNames};
 use crate::cutter::{self, CutterConfig};
 use crate::machine_file::{MachineFile, OutputSection, RetraceOutputs, ToolChange};
 use crate::manual_config::{ManualConfig, Written};
@@ -24,7 +25,7 @@ use crate::switching::SwitchingTable;
 pub struct MachineConfig {
     /// Name of the machine.
     pub name: String,
-    /// Axes, in the order of [`AXIS_LETTERS`](crate::AXIS_LETTERS).
+    /// Axes, in the order of [`AXIS_LETTERS`].
     pub axes: Vec<AxisConfig>,
     /// Control period *T* in microseconds.
     pub period_us: u32,
@@ -245,6 +246,67 @@ impl MachineConfig {
             reserve: self.reserve,
             period_s: self.period_s(),
         }
+    }
+}
+
+impl MachineConfig {
+    /// Letters of the axes that have to be homed before a program moves them, in the order of homing. Empty where the
+    /// machine has its position.
+    #[must_use]
+    pub fn needs_homing(&self) -> &[char] {
+        if self.setting_up.homed { &[] } else { &self.setting_up.homing_order }
+    }
+
+    /// Letters of the axes that can be homed, in the order of homing.
+    #[must_use]
+    pub fn homing_order(&self) -> &[char] {
+        &self.setting_up.homing_order
+    }
+
+    /// Index of the axis that retracts the tool from the work, if any.
+    #[must_use]
+    pub fn tool_axis(&self) -> Option<usize> {
+        self.setting_up.tool_axis
+    }
+
+    /// Index of the axis with this letter, of either case.
+    #[must_use]
+    pub fn axis_of(&self, letter: char) -> Option<usize> {
+        let letter = letter.to_ascii_lowercase();
+        AXIS_LETTERS.contains(&letter).then(|| self.axes.iter().position(|axis| axis.name == letter)).flatten()
+    }
+
+    /// Pulses nearest to a length on an axis; 0 where the axis does not exist.
+    #[must_use]
+    pub fn counts_of(&self, axis: usize, mm: f64) -> i64 {
+        self.axes.get(axis).map_or(0, |axis| (mm * axis.pulses_per_mm).round() as i64)
+    }
+
+    /// Command to the card that homes an axis, given as an index of `axes`. None where it has no switch.
+    #[must_use]
+    pub fn homing(&self, axis: usize) -> Option<HomingCommand> {
+        /// In the units of a homing speed.
+        const ONE_PULSE: f64 = 4_294_967_296.0;
+        let home = (*self.setting_up.homes.get(axis)?)?;
+        let (period_s, pulses_per_mm) = (self.period_s(), self.axes.get(axis)?.pulses_per_mm);
+        let fixed = |per_period: f64| ((per_period * pulses_per_mm * ONE_PULSE).round() as i64).max(1);
+        Some(HomingCommand {
+            axis: u8::try_from(axis).ok()?,
+            upper: home.upper,
+            search_speed: fixed(home.search_mm_per_s * period_s),
+            latch_speed: fixed(home.latch_mm_per_s * period_s),
+            acceleration: fixed(home.acceleration_mm_per_s2 * period_s * period_s),
+            max_travel: (home.max_travel_mm * pulses_per_mm).ceil() as u32,
+            count: self.counts_of(axis, home.position_mm),
+        })
+    }
+}
+
+impl ChannelNames {
+    /// Names of a machine's channels: a cutter's name, or that of the machine file, if there is one.
+    #[must_use]
+    pub fn of_machine(machine: &MachineConfig) -> Self {
+        Self((0..retrace_link::channel::COUNT as u8).map(|channel| machine.channel_name(channel)).collect())
     }
 }
 

@@ -16,6 +16,7 @@ use crate::manual_config::{HomingSection, ManualSection};
 use crate::numbered_error::{NumberedError, nearest};
 use crate::serial::SerialSection;
 use crate::switching::CodeSettings;
+use crate::value_range::within;
 
 /// Settings of the handwheel.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -250,13 +251,6 @@ impl MachineFile {
             within("wheel.filter_ms", self.wheel.filter_ms, mean_ms[0], mean_ms[1]),
         ]
     }
-}
-
-pub(crate) fn within(key: &str, value: f64, least: f64, greatest: f64) -> Result<(), NumberedError> {
-    if (least..=greatest).contains(&value) {
-        return Ok(());
-    }
-    Err(NumberedError::new("E2112", format!("{key} = {value}"), format!("a number from {least} to {greatest}")))
 }
 
 /// Error for a machine file that cannot be parsed: where, and what may have been meant.

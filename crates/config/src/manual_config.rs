@@ -2,16 +2,13 @@
 //!
 //! Invariant: where the machine has to be homed, every axis can be, and the order has each of them once.
 
-use retrace_link::HomingCommand;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::axis::AXIS_LETTERS;
 use crate::axis::{AxisConfig, HomeConfig, refuse};
 use crate::card_config::CardConfig;
-use crate::machine_config::MachineConfig;
-use crate::machine_file::within;
 use crate::numbered_error::NumberedError;
+use crate::value_range::within;
 
 /// Homing, `[homing]`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
@@ -134,62 +131,10 @@ fn order(
     }
 }
 
-impl MachineConfig {
-    /// Letters of the axes that have to be homed before a program moves them, in the order of homing. Empty where the
-    /// machine has its position.
-    #[must_use]
-    pub fn needs_homing(&self) -> &[char] {
-        if self.setting_up.homed { &[] } else { &self.setting_up.homing_order }
-    }
-
-    /// Letters of the axes that can be homed, in the order of homing.
-    #[must_use]
-    pub fn homing_order(&self) -> &[char] {
-        &self.setting_up.homing_order
-    }
-
-    /// Index of the axis that retracts the tool from the work, if any.
-    #[must_use]
-    pub fn tool_axis(&self) -> Option<usize> {
-        self.setting_up.tool_axis
-    }
-
-    /// Index of the axis with this letter, of either case.
-    #[must_use]
-    pub fn axis_of(&self, letter: char) -> Option<usize> {
-        let letter = letter.to_ascii_lowercase();
-        AXIS_LETTERS.contains(&letter).then(|| self.axes.iter().position(|axis| axis.name == letter)).flatten()
-    }
-
-    /// Pulses nearest to a length on an axis; 0 where the axis does not exist.
-    #[must_use]
-    pub fn counts_of(&self, axis: usize, mm: f64) -> i64 {
-        self.axes.get(axis).map_or(0, |axis| (mm * axis.pulses_per_mm).round() as i64)
-    }
-
-    /// Command to the card that homes an axis, given as an index of `axes`. None where it has no switch.
-    #[must_use]
-    pub fn homing(&self, axis: usize) -> Option<HomingCommand> {
-        /// In the units of a homing speed.
-        const ONE_PULSE: f64 = 4_294_967_296.0;
-        let home = (*self.setting_up.homes.get(axis)?)?;
-        let (period_s, pulses_per_mm) = (self.period_s(), self.axes.get(axis)?.pulses_per_mm);
-        let fixed = |per_period: f64| ((per_period * pulses_per_mm * ONE_PULSE).round() as i64).max(1);
-        Some(HomingCommand {
-            axis: u8::try_from(axis).ok()?,
-            upper: home.upper,
-            search_speed: fixed(home.search_mm_per_s * period_s),
-            latch_speed: fixed(home.latch_mm_per_s * period_s),
-            acceleration: fixed(home.acceleration_mm_per_s2 * period_s * period_s),
-            max_travel: (home.max_travel_mm * pulses_per_mm).ceil() as u32,
-            count: self.counts_of(axis, home.position_mm),
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::machine_config::MachineConfig;
 
     const AXES: &str = "[[axis]]\nname = \"x\"\npulses_per_mm = 400\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
         max_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 300]\nhome = { switch = \"lower\", position_mm = -2.5, search_mm_per_s = 30, latch_mm_per_s = 1.5 }\n\

@@ -66,11 +66,7 @@ impl StoppingTimes {
         let foresight_records = braked.max(average + 36);
         let ramp = limits.axes().iter().map(|axis| axis.velocity.div_ceil(axis.acceleration)).max().unwrap_or(0);
         let straight_periods = u32::try_from(ramp).ok()?.checked_add(average)?;
-        Some(Self {
-            straight_periods,
-            periods: braking.periods() as u32 + average,
-            look_ahead_records: foresight_records,
-        })
+        Some(Self { straight_periods, periods: braking.periods() + average, look_ahead_records: foresight_records })
     }
 }
 

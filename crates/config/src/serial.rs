@@ -5,8 +5,8 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::machine_file::within;
 use crate::numbered_error::{NumberedError, nearest};
+use crate::value_range::within;
 
 /// Parity of the characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]

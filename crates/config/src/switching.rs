@@ -10,8 +10,8 @@ use retrace_link::{InputWait, MAX_INPUTS};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::machine_file::within;
 use crate::numbered_error::{NumberedError, nearest};
+use crate::value_range::within;
 
 /// Class of an instruction: with or without a stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]

@@ -15,9 +15,9 @@ use std::fmt::Write as _;
 use std::time::Instant;
 
 use retrace_config::MachineConfig;
-use retrace_controller::job::{BlockDecoder, DecodedBlock, feed_all};
-use retrace_controller::motion_sink::MotionSink;
-use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
+use retrace_controller::{
+    BlockDecoder, Cancelled, DecodedBlock, MotionSink, PlanWriteError, SwitchInstruction, feed_program,
+};
 use retrace_core::Flags;
 use retrace_gcode::{CanonStep, Prescan, Program, Progress, Setup, Text};
 use retrace_link::OutputChange;
@@ -110,7 +110,7 @@ fn run(text: &Text, machine: &MachineConfig) -> (f64, u64, u64) {
     let prescan = std::sync::Arc::new(Prescan::scan("program", text.clone(), &setup));
     let mut decoder = Decoder(Program::prescanned(prescan, setup));
     let mut sink = Records { planner, records: 0, pulses: 0 };
-    let (blocks, findings) = feed_all(machine, &mut decoder, &mut sink);
+    let (blocks, findings) = feed_program(machine, &mut decoder, &mut sink);
     sink.planner.stop(Flags::NONE);
     sink.drain();
     let took = started.elapsed().as_secs_f64();

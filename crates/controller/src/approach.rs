@@ -12,7 +12,7 @@ use retrace_config::{MachineConfig, NumberedError};
 ///
 /// # Errors
 /// `E4305` where an axis would go beyond its soft limits. An axis that is beyond them may move back.
-pub fn approach<const A: usize>(
+pub(crate) fn approach<const A: usize>(
     machine: &MachineConfig,
     from: [i64; A],
     to: [i64; A],

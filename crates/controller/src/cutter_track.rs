@@ -6,7 +6,7 @@
 use retrace_config::{CutterKind, MachineConfig};
 use retrace_link::OutputChange;
 
-use crate::canon_executor::CanonError;
+use crate::canon_error::CanonError;
 use crate::motion_sink::MotionSink;
 
 /// State of the machine's cutters as the program has switched them, in the order of the machine file.

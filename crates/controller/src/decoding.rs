@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use retrace_gcode::{ActiveCodes, CanonStep};
 
-use crate::job::{BlockDecoder, DecodedBlock};
+use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::plan_item::PlanEnd;
 
 /// Number of steps after which the decoder waits until the batch is taken. A block may have any number.

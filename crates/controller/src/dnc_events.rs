@@ -188,7 +188,7 @@ fn direction(spindle: i32) -> &'static str {
 ///
 /// # Errors
 /// Those of the formatter.
-pub fn explain(refused: InterruptionError, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+pub(crate) fn explain(refused: InterruptionError, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     f.write_str(match refused {
         InterruptionError::NotPaused => "the program is not paused: pause comes first",
         InterruptionError::AlreadyPaused => "the program is paused already",

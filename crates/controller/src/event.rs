@@ -287,7 +287,7 @@ impl Event {
         if let Value::Object(fields) = &mut value {
             fields.insert("period".into(), self.period.into());
             fields.insert("time_s".into(), json!(self.time_s));
-            fields.insert("record".into(), self.place.record.into());
+            fields.insert("record".into(), self.place.record.number().into());
             fields.insert("fraction".into(), self.place.fraction.into());
             fields.insert("line".into(), self.line.into());
         }

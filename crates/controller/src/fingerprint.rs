@@ -13,7 +13,8 @@ use retrace_journal::FileHash;
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
-use crate::job::{self, BlockDecoder, DecodedBlock};
+use crate::block_decoder::{BlockDecoder, DecodedBlock};
+use crate::job;
 use crate::mdi;
 use crate::motion_sink::MotionSink;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
@@ -28,14 +29,14 @@ const PROGRAM: &str = "G21 G17 G90 G94 F3000\nG64 P0.05\nG0 X3.7 Y-1.3 Z2\nG1 X1
 ///
 /// # Errors
 /// None in practice: the built-in machine passes the checks of every other.
-pub fn of_planning() -> Result<u32, NumberedError> {
+pub fn planning_fingerprint() -> Result<u32, NumberedError> {
     let machine = MachineConfig::built_in()?;
     let planner = Planner::<4>::new(machine.limits(), machine.start_mm())
         .map_err(|why| NumberedError::new("E2112", why.to_string(), "please report this"))?
         .with_blending(machine.blending);
     let mut planned = Planned { planner, hash: FileHash::of(b"") };
-    let mut program = Fixed(Program::new(PROGRAM.as_bytes(), mdi::setup(&machine)));
-    let (blocks, findings) = job::feed_all(&machine, &mut program, &mut planned);
+    let mut program = Fixed(Program::new(PROGRAM.as_bytes(), mdi::interpreter_setup(&machine)));
+    let (blocks, findings) = job::feed_program(&machine, &mut program, &mut planned);
     planned.rest();
     let outcome = format!("{blocks} {}", findings.len());
     Ok(planned.hash.extend(outcome.as_bytes()).low_32())
@@ -109,11 +110,11 @@ mod tests {
         let machine = MachineConfig::built_in().expect("valid");
         let planner = Planner::<4>::new(machine.limits(), machine.start_mm()).expect("valid");
         let mut planned = Planned { planner, hash: FileHash::of(b"") };
-        let mut program = Fixed(Program::new(PROGRAM.as_bytes(), mdi::setup(&machine)));
-        let (blocks, findings) = job::feed_all(&machine, &mut program, &mut planned);
+        let mut program = Fixed(Program::new(PROGRAM.as_bytes(), mdi::interpreter_setup(&machine)));
+        let (blocks, findings) = job::feed_program(&machine, &mut program, &mut planned);
         planned.rest();
         assert!(findings.is_empty() && blocks > 50, "{blocks} {findings:?}");
         assert_eq!(program.0.interpreter().diagnostics().len(), 0, "{:?}", program.0.interpreter().diagnostics());
-        assert_eq!(of_planning(), of_planning());
+        assert_eq!(planning_fingerprint(), planning_fingerprint());
     }
 }

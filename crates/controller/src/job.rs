@@ -5,7 +5,7 @@
 //! reading ─ buffers ─> decoding ─ batches of steps ─> planning ─ ring, items ─> motion path ─ telemetry ─> reporting
 //! ```
 //!
-//! Invariant: the threads end before [`run`] returns, whatever ended the job; the motion path is the caller's own
+//! Invariant: the threads end before [`run_job`] returns, whatever ended the job; the motion path is the caller's own
 //! thread.
 
 use std::fmt;
@@ -15,19 +15,20 @@ use std::sync::mpsc;
 use std::thread;
 
 use retrace_config::MachineConfig;
-use retrace_core::Record;
 use retrace_core::ring::{Cell, Ring};
 use retrace_core::size::ring_cells;
-use retrace_gcode::{ActiveCodes, CanonStep};
+use retrace_core::{Record, RecordIndex};
 use retrace_journal::JournalConfig;
 use retrace_link::{CardStatus, MotionCard, Outputs};
 use retrace_motion::Planner;
 
+use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::canon_executor::CanonExecutor;
+use crate::check_finding::CheckFinding;
 use crate::command_queue::CommandSources;
 use crate::decoding::{self, BatchChannel};
 use crate::limit_check::LimitCheck;
-use crate::manual::jog_planner::{self, Identify};
+use crate::manual::jog_planner;
 use crate::motion_sink::MotionSink;
 use crate::overrides::override_channel;
 use crate::plan_item::PlanSummary;
@@ -37,41 +38,9 @@ use crate::record_streamer::RecordStreamer;
 use crate::resume::{ResumeError, ResumePlan, ResumePoint};
 use crate::run_stats::RunStats;
 use crate::session::{Outcome, RunMode, Session};
+use crate::soft_limits::LimitFinding;
 use crate::telemetry::{self, Observer};
 use crate::tool_length;
-
-/// A program as a source of canonical functions.
-pub trait BlockDecoder {
-    /// Decodes the next block and appends its steps to `steps`.
-    fn next_block(&mut self, steps: &mut Vec<CanonStep>) -> DecodedBlock;
-
-    /// The modal state behind the last block, where the source has one.
-    fn active(&self) -> Option<ActiveCodes> {
-        None
-    }
-
-    /// The token to set when the program is not needed any more, so that a source that waits for bytes stops waiting.
-    fn cancel_token(&self) -> Option<Arc<AtomicBool>> {
-        None
-    }
-
-    /// Determines which program would be read now if it were read again. Called in its own thread before a paused
-    /// program resumes (DNC-6). None where the program cannot be read a second time.
-    fn identity(&self) -> Option<Identify> {
-        None
-    }
-}
-
-/// Result of decoding a block.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum DecodedBlock {
-    /// The block is decoded; more may follow.
-    Block,
-    /// The end of the program.
-    End,
-    /// The block has errors: rendered, with place, source line and remedy.
-    BlockError(String),
-}
 
 /// Capacity of the item queue between the threads.
 const ITEM_QUEUE_CAPACITY: usize = 1024;
@@ -148,23 +117,23 @@ impl From<ResumeError> for JobStartError {
 ///
 /// # Errors
 /// The reason why the job cannot begin; nothing has moved then.
-pub fn run<const A: usize, C: MotionCard<A>>(
+pub fn run_job<const A: usize, C: MotionCard<A>>(
     machine: &MachineConfig,
     program: impl BlockDecoder + Send,
     options: JobOptions,
     card: C,
     observer: &mut dyn Observer<A>,
 ) -> Result<JobEnd<C>, JobStartError> {
-    resume(machine, program, options, card, observer, ResumePlan::matches_card)
+    resume_job(machine, program, options, card, observer, ResumePlan::matches_card)
 }
 
-/// Runs a program as [`run`] does. Where the job is resumed, `confirm` is called before anything moves, and the job is
+/// Runs a program as [`run_job`] does. Where the job is resumed, `confirm` is called before anything moves, and the job is
 /// stopped immediately where it returns false. Where the card's counts differ from those of the place, the axes then
 /// move there in the order of DNC-6. `machine.stands_at_mm` is the position where the job began, not where it was left.
 ///
 /// # Errors
-/// As [`run`].
-pub fn resume<const A: usize, C: MotionCard<A>>(
+/// As [`run_job`].
+pub fn resume_job<const A: usize, C: MotionCard<A>>(
     machine: &MachineConfig,
     mut program: impl BlockDecoder + Send,
     options: JobOptions,
@@ -180,7 +149,7 @@ pub fn resume<const A: usize, C: MotionCard<A>>(
     let mut ring =
         Ring::new(cells, keep, look_ahead, origin.place).map_err(|e| machine_error(format!("no ring: {e:?}")))?;
     let (producer, consumer) = ring.split();
-    let begins = origin.place.wrapping_add(jog_planner::MANUAL_PLACE_OFFSET);
+    let begins = origin.place + jog_planner::MANUAL_PLACE_OFFSET;
     let mut by_hand = jog_planner::ring(machine, begins).map_err(|e| machine_error(format!("no ring: {e:?}")))?;
     let mail = jog_planner::JogStatus::default();
     let (hand, requests) = jog_planner::jog_channel(by_hand.split(), &mail);
@@ -278,7 +247,7 @@ fn join_thread<T>(thread: thread::ScopedJoinHandle<'_, T>) -> T {
 
 /// Where a job's ring begins: at the job's own beginning, wherever it is resumed.
 struct JobOrigin<const A: usize> {
-    place: u32,
+    place: RecordIndex,
     counts: [i64; A],
     outputs: Outputs,
     /// Number of the last instruction that was executed before.
@@ -314,29 +283,6 @@ impl Drop for CancelOnDrop<'_> {
     }
 }
 
-/// A finding of a check: an error, which prevents the run, or a warning.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CheckFinding {
-    /// Program line.
-    pub line: u32,
-    /// Letter of the word that it is about, if any.
-    pub word: Option<char>,
-    /// Number in `docs/errors.md`.
-    pub number: &'static str,
-    /// Cause.
-    pub cause: String,
-    /// Remedy.
-    pub remedy: String,
-}
-
-impl CheckFinding {
-    /// Whether it prevents the program from being run. Otherwise it is a warning.
-    #[must_use]
-    pub fn is_error(&self) -> bool {
-        self.number.starts_with('E')
-    }
-}
-
 /// Checks a whole program without moving anything. Returns the number of blocks, the findings, and the result of the
 /// moves.
 ///
@@ -346,15 +292,15 @@ pub fn check_program<'m, const A: usize>(
     program: &mut impl BlockDecoder,
 ) -> (u64, Vec<CheckFinding>, LimitCheck<'m, A>) {
     let mut sink = LimitCheck::new(machine);
-    let (blocks, mut findings) = feed_all(machine, program, &mut sink);
-    findings.extend(sink.beyond.iter().map(crate::limit_check::LimitFinding::finding));
+    let (blocks, mut findings) = feed_program(machine, program, &mut sink);
+    findings.extend(sink.beyond.iter().map(LimitFinding::finding));
     findings.extend(sink.warnings());
     findings.sort_by_key(|f| f.line);
     (blocks, findings, sink)
 }
 
 /// Gives all moves and switching of a program to `sink`. Returns the number of blocks and the findings.
-pub fn feed_all<const A: usize>(
+pub fn feed_program<const A: usize>(
     machine: &MachineConfig,
     program: &mut impl BlockDecoder,
     sink: &mut impl MotionSink<A>,
@@ -363,7 +309,7 @@ pub fn feed_all<const A: usize>(
 }
 
 /// Gives all moves and switching of a program to `sink`, and calls `each` with the state behind each step.
-pub fn feed_each<const A: usize, S: MotionSink<A>>(
+pub(crate) fn feed_each<const A: usize, S: MotionSink<A>>(
     machine: &MachineConfig,
     program: &mut impl BlockDecoder,
     sink: &mut S,

@@ -166,7 +166,7 @@ impl<const A: usize> PositionSampler<A> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use retrace_core::{Place, Rate};
+    use retrace_core::{Place, Rate, RecordIndex};
 
     fn often() -> PositionSampler<1> {
         PositionSampler { second: 1000, tenth: 100, recorded: None, last: None, rest: None }
@@ -175,11 +175,11 @@ mod tests {
     fn period(number: u64) -> PeriodRecord<1> {
         PeriodRecord {
             period: number,
-            place: Place::start_of(number as u32),
-            reached: number as u32,
-            oldest: 0,
-            planned: number as u32 + 500,
-            window: [0, 0],
+            place: Place::start_of(RecordIndex::new(number as u32)),
+            reached: RecordIndex::new(number as u32),
+            oldest: RecordIndex::new(0),
+            planned: RecordIndex::new(number as u32 + 500),
+            window: [RecordIndex::new(0), RecordIndex::new(0)],
             rate: Rate::ONE,
             line: 1,
             increments: [1],

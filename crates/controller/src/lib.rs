@@ -1,50 +1,91 @@
 //! The controller: executes an NC program on a motion card. Reading, decoding, planning, the motion path and the report
-//! each run in their own thread ([`job`]).
+//! each run in their own thread ([`run_job`]).
 //!
 //! ```text
 //!  program ─> decoding ─> canon_executor ─> plan_writer ─> ring ─> record_streamer ─> card
 //!  (read_ahead) (decoding) (planning) (core::ring) (session)
 //! ```
 //!
-//! The operator's commands ([`operator`]) reach the motion path through [`command_queue`]; what happens leaves it as
-//! [`telemetry`]. The [`journal_recorder`] records what is needed to resume an interrupted job ([`resume`]).
+//! The operator's commands ([`OperatorCommand`]) reach the motion path through a queue ([`command_channel`]); what
+//! happens leaves it as [`Telemetry`]. A [`JournalRecorder`] records what is needed to resume an interrupted job
+//! ([`resume_job`], [`ResumePlan`]). [`check_program`] checks a program without moving anything, and
+//! [`perform_manual_task`] moves the machine without a program.
+//!
+//! The modules are private; every public item is found here, under one name.
 //!
 //! Invariant: a program from a file is checked whole before anything of it reaches the card; a streamed program is
 //! checked block by block. In wall time the motion path never waits for the planner; it never allocates, locks, formats
 //! or accesses a file from its first control period to its last.
 #![forbid(unsafe_code)]
 
-pub mod approach;
-pub mod canon_executor;
-pub mod command_queue;
+mod approach;
+mod block_decoder;
+mod canon_error;
+mod canon_executor;
+mod check_finding;
+mod command_queue;
 mod cutter_track;
 mod decoding;
-pub mod dnc_events;
-pub mod event;
-pub mod fingerprint;
-pub mod job;
-pub mod journal_recorder;
-pub mod limit_check;
-pub mod limit_monitor;
-pub mod manual;
-pub mod mdi;
-pub mod motion_sink;
-pub mod operator;
-pub mod overrides;
-pub mod plan_item;
-pub mod plan_writer;
+mod dnc_events;
+mod event;
+mod fingerprint;
+mod job;
+mod journal_recorder;
+mod limit_check;
+mod limit_monitor;
+mod manual;
+mod mdi;
+mod motion_sink;
+mod operator;
+mod overrides;
+mod plan_item;
+mod plan_writer;
 mod planning;
-pub mod program_analysis;
-pub mod read_ahead;
-pub mod record_streamer;
-pub mod report;
-pub mod restart;
-pub mod resume;
-pub mod run_stats;
-pub mod script;
-pub mod session;
-pub mod spline;
-pub mod start_line;
-pub mod tape;
-pub mod telemetry;
-pub mod tool_length;
+mod program_analysis;
+mod read_ahead;
+mod record_streamer;
+mod report;
+mod restart;
+mod resume;
+mod run_stats;
+mod script;
+mod session;
+mod soft_limits;
+mod spline;
+mod start_line;
+mod tape;
+mod telemetry;
+mod tool_length;
+
+pub use block_decoder::{BlockDecoder, DecodedBlock};
+pub use canon_executor::WorkOffset;
+pub use check_finding::CheckFinding;
+pub use command_queue::{CommandQueueFull, CommandReceiver, CommandSender, CommandSources, command_channel};
+pub use dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
+pub use event::{CardError, CutterOffReason, DifferingOutputs, Event, EventKind};
+pub use fingerprint::planning_fingerprint;
+pub use job::{JobEnd, JobOptions, JobStart, JobStartError, check_program, feed_program, resume_job, run_job};
+pub use journal_recorder::JournalRecorder;
+pub use limit_check::LimitCheck;
+pub use limit_monitor::{AxisExtremes, LimitMonitor, LimitReport, LimitViolation, MonitorLimits};
+pub use manual::jog_planner::{Identify, JogPlanner, MANUAL_PLACE_OFFSET};
+pub use manual::{ManualTask, ManualTaskDone, ManualTaskError, perform_manual_task};
+pub use mdi::{MdiBlock, ModalContext, interpreter_setup};
+pub use motion_sink::MotionSink;
+pub use operator::{CommandError, OperatorCommand, ScriptInstruction, ScriptTime, parse_script, rate_percent};
+pub use overrides::{OverrideApplier, OverrideQueueFull, OverrideRequester};
+pub use plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanEnd, PlanSummary};
+pub use plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
+pub use program_analysis::{BarrierLine, ProgramAnalysis, TravelLeft, ValueRange, WorkExtents, analyse_program};
+pub use read_ahead::{ReadAhead, SourceStatus};
+pub use record_streamer::{PassedItem, RecordStreamer, SendHorizon};
+pub use report::Report;
+pub use restart::RestartStep;
+pub use resume::{ResumeError, ResumePlan, ResumePoint};
+pub use run_stats::{PeriodClass, RunStats};
+pub use script::ScriptPlayer;
+pub use session::{Outcome, RunMode, Session};
+pub use soft_limits::LimitFinding;
+pub use tape::{ReceivedByte, TapeError, TapeReader};
+pub use telemetry::{Observer, PeriodRecord, Telemetry, TelemetryReceiver, TelemetrySender, telemetry_channel};
+pub use tool_length::{EnteredLength, ToolLengthError};

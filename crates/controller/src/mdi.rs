@@ -11,11 +11,13 @@ use retrace_gcode::{
     Setup, Severity, ToolTable, UserCodes,
 };
 
-use crate::job::{self, BlockDecoder, DecodedBlock};
+use crate::block_decoder::{BlockDecoder, DecodedBlock};
+use crate::check_finding::CheckFinding;
+use crate::job;
 
 /// Interpreter setup of a machine in millimetres at its current position.
 #[must_use]
-pub fn setup(machine: &MachineConfig) -> Setup {
+pub fn interpreter_setup(machine: &MachineConfig) -> Setup {
     let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
     let user_codes = machine.switching.user_codes().fold(UserCodes::default(), UserCodes::with);
     Setup { axes: AxisSet::from_axes(&axes), user_codes, position: position(machine), ..Setup::default() }
@@ -75,7 +77,7 @@ impl ModalContext {
         let (_, findings, scan) = job::check_program::<9>(machine, &mut looked_at);
         let mut wrong = rendered(looked_at.program.interpreter().diagnostics(), text);
         wrong.extend(findings.iter().filter(|finding| finding.is_error()).map(|finding| {
-            let job::CheckFinding { number, cause: what, remedy, .. } = finding;
+            let CheckFinding { number, cause: what, remedy, .. } = finding;
             format!("error[{number}]: {what}\n  help: {remedy}")
         }));
         if wrong.is_empty() { Ok(MdiBlock { moves: scan.moves > 0, ..begin()? }) } else { Err(wrong) }
@@ -157,7 +159,7 @@ mod tests {
     fn done(context: &mut ModalContext, machine: &MachineConfig, text: &str) -> MachineConfig {
         let mut block = context.block(machine, text).expect(text);
         let mut scan = crate::limit_check::LimitCheck::<9>::new(machine);
-        assert_eq!(job::feed_all(machine, &mut block, &mut scan).1, [], "{text}");
+        assert_eq!(job::feed_program(machine, &mut block, &mut scan).1, [], "{text}");
         context.finish_block(&block);
         let counts = machine.axes.iter().zip(context.modal_snapshot.state().machine_position().0);
         let counts: Vec<i64> = counts.map(|(axis, mm)| (mm * axis.pulses_per_mm).round() as i64).collect();
@@ -167,7 +169,7 @@ mod tests {
     #[test]
     fn single_blocks_build_on_each_other_and_the_program_on_them() {
         let mut machine = MachineConfig::built_in().expect("valid").standing_at(&[30_000, 20_000, -5_000]);
-        let mut context = ModalContext::new(setup(&machine));
+        let mut context = ModalContext::new(interpreter_setup(&machine));
         for text in ["G10 L20 P1 X0 Y0", "G92 Z3", "T1 M6", "G91", "G0 X10", "X-4"] {
             machine = done(&mut context, &machine, text);
         }
@@ -183,11 +185,11 @@ mod tests {
     #[test]
     fn what_the_machine_cannot_do_is_refused_before_and_nothing_has_changed() {
         let machine = MachineConfig::built_in().expect("valid");
-        let context = ModalContext::new(setup(&machine));
+        let context = ModalContext::new(interpreter_setup(&machine));
         let refused = |text: &str| context.block(&machine, text).expect_err(text).join("\n");
         assert!(refused("G0 X2001").contains("E4304"), "{}", refused("G0 X2001"));
         assert!(refused("G1 X1").contains("E1508") && refused("O1 while [1]").contains("E1012"));
         assert!(refused("G38.2 X1 F10").contains("E4302"));
-        assert_eq!(context.active(), ModalContext::new(setup(&machine)).active());
+        assert_eq!(context.active(), ModalContext::new(interpreter_setup(&machine)).active());
     }
 }

@@ -7,9 +7,8 @@
 use std::fmt;
 
 use retrace_config::{AXIS_LETTERS, NumberedError, nearest};
-use retrace_core::Rate;
-use retrace_core::interruption;
 use retrace_core::mode::ModeError;
+use retrace_core::{Rate, interruption};
 use retrace_link::channel;
 
 use crate::tool_length::{EnteredLength, ToolLengthError};
@@ -108,10 +107,10 @@ impl fmt::Display for OperatorCommand {
         match self {
             Self::Hold => write!(f, "hold"),
             Self::Resume => write!(f, "resume"),
-            Self::Reverse(rate) => write!(f, "reverse {:.0}%", percent(*rate)),
-            Self::Forward(rate) => write!(f, "forward {:.0}%", percent(*rate)),
-            Self::Override(rate) => write!(f, "override {:.0}%", percent(*rate)),
-            Self::RapidOverride(rate) => write!(f, "rapid override {:.0}%", percent(*rate)),
+            Self::Reverse(rate) => write!(f, "reverse {:.0}%", rate_percent(*rate)),
+            Self::Forward(rate) => write!(f, "forward {:.0}%", rate_percent(*rate)),
+            Self::Override(rate) => write!(f, "override {:.0}%", rate_percent(*rate)),
+            Self::RapidOverride(rate) => write!(f, "rapid override {:.0}%", rate_percent(*rate)),
             Self::Wheel { counts_per_s, seconds } => write!(f, "wheel {counts_per_s} for {seconds}s"),
             Self::Leave { ask: false } => write!(f, "leave"),
             Self::Leave { ask: true } => write!(f, "leave ask"),
@@ -177,7 +176,7 @@ impl fmt::Display for CommandError {
             Self::Interrupted(refused) => return crate::dnc_events::explain(*refused, f),
             Self::ToolLength(why) => return write!(f, "{why}"),
             Self::NotNow(why) => why,
-            Self::AboveMaxOverride(most) => return write!(f, "the maximum is {:.0} %", percent(*most)),
+            Self::AboveMaxOverride(most) => return write!(f, "the maximum is {:.0} %", rate_percent(*most)),
             Self::BeyondLimit(axis) => {
                 return write!(f, "axis {} would go beyond its soft limit", axis.to_ascii_uppercase());
             }
@@ -216,7 +215,7 @@ pub struct ScriptInstruction {
 ///
 /// # Errors
 /// `E2121` with the line and what was expected there.
-pub fn parse(text: &str, name: &str) -> Result<Vec<ScriptInstruction>, NumberedError> {
+pub fn parse_script(text: &str, name: &str) -> Result<Vec<ScriptInstruction>, NumberedError> {
     let mut script = Vec::new();
     for (n, line) in text.lines().enumerate() {
         let line_number = n as u32 + 1;
@@ -391,7 +390,7 @@ fn parse_seconds(word: &str) -> Result<f64, InstructionError> {
 
 /// Rate in per cent.
 #[must_use]
-pub fn percent(rate: Rate) -> f64 {
+pub fn rate_percent(rate: Rate) -> f64 {
     f64::from(rate) * 100.0
 }
 
@@ -417,7 +416,7 @@ mod tests {
         let text = "at 1.5s   hold\nafter 1s  resume  # cycle start\n\nat 2.0s reverse 100%\nafter 300 periods forward 50%\n\
             at line 40 override 60%\nafter 1s wheel -120 for 2s\nafter 1s leave\nafter 0s leave ask\nafter 0s agree\n\
             after 0s output 3 on\nafter 0s single\nat 9s stop\nafter 0s cycle start\n";
-        let script = parse(text, "script").expect("all known");
+        let script = parse_script(text, "script").expect("all known");
         assert_eq!(script.len(), 13);
         assert_eq!(
             script[0],
@@ -441,16 +440,16 @@ mod tests {
         let deeds = "hold|resume|reverse 100%|forward 50%|override 160%|wheel -120 for 2s|leave|leave ask|agree|output 3 on|single|\
             stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 off|rapid override 25%";
         for written in deeds.split('|') {
-            let script = parse(&format!("after 0s {written}"), "script").expect(written);
+            let script = parse_script(&format!("after 0s {written}"), "script").expect(written);
             assert_eq!(script[0].command.to_string(), written);
         }
-        assert_eq!(parse("at 1s cycle start", "s").expect("known")[0].command, OperatorCommand::CycleStart);
-        assert_eq!(parse("at 1s back 50 mm", "s").expect("known")[0].command, OperatorCommand::BackBy(50.0));
+        assert_eq!(parse_script("at 1s cycle start", "s").expect("known")[0].command, OperatorCommand::CycleStart);
+        assert_eq!(parse_script("at 1s back 50 mm", "s").expect("known")[0].command, OperatorCommand::BackBy(50.0));
     }
 
     #[test]
     fn says_where_and_what_was_meant() {
-        let refusal = |text: &str| parse(text, "script").expect_err("wrong");
+        let refusal = |text: &str| parse_script(text, "script").expect_err("wrong");
         assert_eq!(refusal("at 1s hold\nat 2s revers 100%").remedy, "did you mean `reverse`?");
         assert_eq!(refusal("at 1s puase").remedy, "did you mean `pause`?");
         assert_eq!(refusal("at 1s spindle on").remedy, "spindle stop · spindle start");

@@ -12,12 +12,11 @@
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 
-use retrace_core::Rate;
-use retrace_core::place::is_before;
+use retrace_core::{Rate, RecordIndex};
 use retrace_motion::MAX_OVERRIDE;
 
 /// Maximum override, 200 %.
-pub const MAX_RATE: Rate = Rate::from_units(Rate::ONE.units() * MAX_OVERRIDE as i64);
+pub(crate) const MAX_RATE: Rate = Rate::from_units(Rate::ONE.units() * MAX_OVERRIDE as i64);
 
 /// Maximum number of pending changes.
 const MAX_CHANGES: usize = 64;
@@ -25,13 +24,13 @@ const MAX_CHANGES: usize = 64;
 /// Another override is to be planned from `place` on.
 #[derive(Clone, Copy, Debug)]
 struct OverrideChange {
-    place: u32,
+    place: RecordIndex,
     planned: Rate,
 }
 
 /// Creates the motion path's and the planning thread's end of the queue. `look_ahead` is that of the ring, in records.
 #[must_use]
-pub fn override_channel(look_ahead: u32) -> (OverrideRequester, OverrideApplier) {
+pub(crate) fn override_channel(look_ahead: u32) -> (OverrideRequester, OverrideApplier) {
     let (changes, heard) = sync_channel(MAX_CHANGES);
     let pending = VecDeque::with_capacity(MAX_CHANGES + 1);
     let requester = OverrideRequester {
@@ -84,7 +83,7 @@ impl OverrideRequester {
     /// Restores the state of a resumed job; `changed` are the changes that were applied already, by their places. The
     /// last planned override is the requested one.
     #[must_use]
-    pub fn resumed(mut self, changed: &[(u32, Rate)], reached: u32) -> Self {
+    pub fn resumed(mut self, changed: &[(RecordIndex, Rate)], reached: RecordIndex) -> Self {
         for &(place, planned) in changed {
             (self.requested, self.sent) = (planned, planned);
             self.pending.push_back(OverrideChange { place, planned });
@@ -109,14 +108,14 @@ impl OverrideRequester {
     ///
     /// # Errors
     /// [`OverrideQueueFull`]; nothing has changed then.
-    pub fn request(&mut self, rate: Rate, reached: u32) -> Result<(), OverrideQueueFull> {
+    pub fn request(&mut self, rate: Rate, reached: RecordIndex) -> Result<(), OverrideQueueFull> {
         let rate = rate.clamp(Rate::ZERO, self.max_override());
         let planned = rate.max(Rate::ONE);
         if planned != self.sent
             && let Some(changes) = &self.changes
         {
             // The ring has space up to this place.
-            let change = OverrideChange { place: reached.wrapping_add(self.look_ahead), planned };
+            let change = OverrideChange { place: (reached + self.look_ahead), planned };
             if self.pending.len() > MAX_CHANGES {
                 return Err(OverrideQueueFull);
             }
@@ -133,10 +132,10 @@ impl OverrideRequester {
     }
 
     /// Advances to `reached`. Returns the override that is planned there, if it has changed.
-    pub fn advance_to(&mut self, reached: u32) -> Option<Rate> {
+    pub fn advance_to(&mut self, reached: RecordIndex) -> Option<Rate> {
         let was = self.planned;
         while let Some(change) = self.pending.front()
-            && !is_before(reached, change.place)
+            && !reached.is_before(change.place)
         {
             self.planned = change.planned;
             self.pending.pop_front();
@@ -170,13 +169,13 @@ pub struct OverrideApplier {
 impl OverrideApplier {
     /// Restores the state of a resumed job: changes that were applied already, place and override, in order.
     #[must_use]
-    pub fn resumed(self, changed: &[(u32, Rate)]) -> Self {
+    pub fn resumed(self, changed: &[(RecordIndex, Rate)]) -> Self {
         Self { replayed: changed.iter().map(|&(place, planned)| OverrideChange { place, planned }).collect(), ..self }
     }
 
     /// The override that counts from the record at `place` on, where it changes there. To be called for the records in
     /// order, and only where the ring has space for them.
-    pub fn due_at(&mut self, place: u32) -> Option<Rate> {
+    pub fn due_at(&mut self, place: RecordIndex) -> Option<Rate> {
         let mut due = None;
         loop {
             if self.next.is_none() {
@@ -188,7 +187,7 @@ impl OverrideApplier {
                     Err(TryRecvError::Empty | TryRecvError::Disconnected) => return due,
                 };
             }
-            let Some(next) = self.next.take_if(|next| !is_before(place, next.place)) else { return due };
+            let Some(next) = self.next.take_if(|next| !place.is_before(next.place)) else { return due };
             due = Some(next.planned);
         }
     }
@@ -203,51 +202,61 @@ mod tests {
     #[test]
     fn what_is_more_than_planned_waits_for_its_place_and_what_is_less_does_not() {
         let (mut requester, mut heeding) = override_channel(500);
-        requester.request(PERCENT * 60, 7).expect("room");
-        assert_eq!((requester.rate(), heeding.due_at(600)), (PERCENT * 60, None));
-        requester.request(MAX_RATE + Rate::ONE, 10).expect("room");
+        requester.request(PERCENT * 60, RecordIndex::new(7)).expect("room");
+        assert_eq!((requester.rate(), heeding.due_at(RecordIndex::new(600))), (PERCENT * 60, None));
+        requester.request(MAX_RATE + Rate::ONE, RecordIndex::new(10)).expect("room");
         assert_eq!(
-            (requester.rate(), heeding.due_at(509), heeding.due_at(510), heeding.due_at(511)),
+            (
+                requester.rate(),
+                heeding.due_at(RecordIndex::new(509)),
+                heeding.due_at(RecordIndex::new(510)),
+                heeding.due_at(RecordIndex::new(511))
+            ),
             (Rate::ONE, None, Some(MAX_RATE), None)
         );
         assert_eq!(
-            (requester.advance_to(509), requester.advance_to(510), requester.advance_to(511)),
+            (
+                requester.advance_to(RecordIndex::new(509)),
+                requester.advance_to(RecordIndex::new(510)),
+                requester.advance_to(RecordIndex::new(511))
+            ),
             (None, Some(MAX_RATE), None)
         );
         // Half of what is planned for 200 %, until it is planned for 100 %.
-        requester.request(Rate::ONE, 600).expect("room");
+        requester.request(Rate::ONE, RecordIndex::new(600)).expect("room");
         assert_eq!(
-            (requester.rate(), heeding.due_at(1099), heeding.due_at(1100)),
+            (requester.rate(), heeding.due_at(RecordIndex::new(1099)), heeding.due_at(RecordIndex::new(1100))),
             (Rate::ONE / 2, None, Some(Rate::ONE))
         );
-        assert_eq!((requester.advance_to(1100), requester.rate()), (Some(Rate::ONE), Rate::ONE));
+        assert_eq!((requester.advance_to(RecordIndex::new(1100)), requester.rate()), (Some(Rate::ONE), Rate::ONE));
     }
 
     #[test]
     fn too_many_changes_are_refused_and_none_is_lost() {
         let (mut requester, mut heeding) = override_channel(10);
         let asked = |k: i64| Rate::ONE + PERCENT * (k + 1);
-        let taken = (0..).take_while(|k| requester.request(asked(*k), u32::MAX).is_ok()).count();
+        let taken = (0..).take_while(|k| requester.request(asked(*k), RecordIndex::new(u32::MAX)).is_ok()).count();
         assert_eq!(taken, MAX_CHANGES);
         let last = asked(MAX_CHANGES as i64 - 1);
-        assert_eq!((heeding.due_at(8), heeding.due_at(9)), (None, Some(last)));
-        assert_eq!(requester.advance_to(9), Some(last));
-        requester.request(Rate::ONE, 20).expect("room again");
+        assert_eq!((heeding.due_at(RecordIndex::new(8)), heeding.due_at(RecordIndex::new(9))), (None, Some(last)));
+        assert_eq!(requester.advance_to(RecordIndex::new(9)), Some(last));
+        requester.request(Rate::ONE, RecordIndex::new(20)).expect("room again");
     }
 
     #[test]
     fn what_was_heeded_once_is_heeded_again_at_its_place_and_what_is_new_behind_it() {
         let (requester, heeding) = override_channel(500);
-        let changed = [(100, MAX_RATE), (300, Rate::ONE + PERCENT)];
-        let (mut requester, mut heeding) = (requester.resumed(&changed, 200), heeding.resumed(&changed));
+        let changed = [(RecordIndex::new(100), MAX_RATE), (RecordIndex::new(300), Rate::ONE + PERCENT)];
+        let (mut requester, mut heeding) =
+            (requester.resumed(&changed, RecordIndex::new(200)), heeding.resumed(&changed));
         assert_eq!((requester.requested(), requester.rate()), (Rate::ONE + PERCENT, (Rate::ONE + PERCENT) / 2));
-        requester.request(Rate::ONE, 250).expect("room");
+        requester.request(Rate::ONE, RecordIndex::new(250)).expect("room");
         assert_eq!(
-            [99, 100, 299, 300, 749, 750].map(|place| heeding.due_at(place)),
+            [99, 100, 299, 300, 749, 750].map(|place| heeding.due_at(RecordIndex::new(place))),
             [None, Some(MAX_RATE), None, Some(Rate::ONE + PERCENT), None, Some(Rate::ONE)]
         );
         assert_eq!(
-            (requester.advance_to(300), requester.advance_to(750)),
+            (requester.advance_to(RecordIndex::new(300)), requester.advance_to(RecordIndex::new(750))),
             (Some(Rate::ONE + PERCENT), Some(Rate::ONE))
         );
     }
@@ -255,11 +264,11 @@ mod tests {
     #[test]
     fn where_nobody_plans_the_rate_is_all_there_is() {
         let mut requester = OverrideRequester::default();
-        requester.request(MAX_RATE, 0).expect("nothing is sent");
+        requester.request(MAX_RATE, RecordIndex::new(0)).expect("nothing is sent");
         assert_eq!(
-            (requester.rate(), requester.advance_to(1000), requester.max_override()),
+            (requester.rate(), requester.advance_to(RecordIndex::new(1000)), requester.max_override()),
             (Rate::ONE, None, Rate::ONE)
         );
-        assert_eq!(OverrideApplier::default().due_at(0), None);
+        assert_eq!(OverrideApplier::default().due_at(RecordIndex::new(0)), None);
     }
 }

@@ -3,6 +3,7 @@
 //! Invariant: an item is sent before the first record at or beyond its place, so that a consumer that has seen the
 //! record has seen the item (GMC-3: the front marker stands in the stream at its place).
 
+use retrace_core::RecordIndex;
 use retrace_gcode::ActiveCodes;
 use retrace_journal::MarkDifference;
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange};
@@ -27,7 +28,7 @@ pub enum ExclusiveKind {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExclusiveInstruction {
     /// Record before which it is executed.
-    pub place: u32,
+    pub place: RecordIndex,
     /// Program line.
     pub line: u32,
     /// Kind of instruction.
@@ -79,7 +80,7 @@ pub enum PathItem {
     /// A message of the program, to be shown when the motion reaches the place.
     Message {
         /// Record before which it is shown.
-        place: u32,
+        place: RecordIndex,
         /// Program line.
         line: u32,
         /// Text.
@@ -88,7 +89,7 @@ pub enum PathItem {
     /// The modal state that is in force from a place on.
     Active {
         /// Record before which it takes effect.
-        place: u32,
+        place: RecordIndex,
         /// Modal state.
         active: Box<ActiveCodes>,
     },

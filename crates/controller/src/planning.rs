@@ -8,7 +8,8 @@ use std::time::Duration;
 use retrace_config::MachineConfig;
 use retrace_gcode::{Axis, Canon, CanonStep};
 
-use crate::canon_executor::{CanonError, CanonExecutor};
+use crate::canon_error::CanonError;
+use crate::canon_executor::CanonExecutor;
 use crate::decoding::{BatchChannel, BlockBatch};
 use crate::plan_item::{PlanEnd, PlanSummary};
 use crate::plan_writer::{Cancelled, PlanWriter};

@@ -13,12 +13,15 @@ use retrace_core::Flags;
 use retrace_link::{OutputChange, channel};
 use retrace_motion::{Arc, FeedRate, LimitError, PathMode, Planner};
 
+use crate::block_decoder::BlockDecoder;
 use crate::canon_executor::WorkOffset;
-use crate::job::{self, BlockDecoder, CheckFinding};
+use crate::check_finding::CheckFinding;
+use crate::job;
 use crate::limit_check::LimitCheck;
 use crate::motion_sink::MotionSink;
 use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
+use crate::soft_limits::LimitFinding;
 
 /// Least and greatest of the observed values.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -293,7 +296,7 @@ pub fn analyse_program<'m, const A: usize>(
     let (blocks, mut findings) =
         job::feed_each(machine, program, &mut survey, |track, survey| survey.assign_offset(track.work_offset()));
     survey.rest();
-    findings.extend(survey.scan.beyond.iter().map(crate::limit_check::LimitFinding::finding));
+    findings.extend(survey.scan.beyond.iter().map(LimitFinding::finding));
     findings.extend(survey.scan.warnings());
     findings.sort_by_key(|finding| finding.line);
     Ok((blocks, findings, survey))

@@ -10,9 +10,8 @@ use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, TryRecvError};
 
 use retrace_core::gate::Gates;
-use retrace_core::place::is_before;
 use retrace_core::ring::Consumer;
-use retrace_core::{Distance, Flags, Place, Record};
+use retrace_core::{Distance, Flags, Place, Record, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::{DurablePlace, MarkDifference};
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputAction, Outputs};
@@ -45,7 +44,7 @@ const MAX_PIERCES: usize = 4096;
 pub struct RecordStreamer<'r, const A: usize> {
     ring: Consumer<'r, Record<A>>,
     items: Receiver<PathItem>,
-    start: u32,
+    start: RecordIndex,
     /// Instructions to come. The first one is pending in the gates, if any is.
     exclusives: VecDeque<ExclusiveInstruction>,
     gates: Gates,
@@ -54,29 +53,29 @@ pub struct RecordStreamer<'r, const A: usize> {
     actions: VecDeque<(OutputAction, u32)>,
     /// Number of `actions` that are behind `reached`.
     passed: usize,
-    messages: VecDeque<(u32, u32, String)>,
+    messages: VecDeque<(RecordIndex, u32, String)>,
     /// Modal states, each with the place from which it is in force.
-    modes: VecDeque<(u32, Box<ActiveCodes>)>,
+    modes: VecDeque<(RecordIndex, Box<ActiveCodes>)>,
     summary: Option<PlanSummary>,
     /// The planner has ended without an end of the program: a defect in the planning thread.
     planner_gone: bool,
     /// Place up to which all items are received.
-    items_known_until: u32,
+    items_known_until: RecordIndex,
     /// Whether no more items can be received for now.
     item_queue_full: bool,
     durable_place: Option<DurablePlace>,
     /// Actions before this place are not retained any more.
-    actions_retained_from: Option<u32>,
+    actions_retained_from: Option<RecordIndex>,
     /// Places where the program switched a cutting output on, in path order.
-    pierces: VecDeque<u32>,
+    pierces: VecDeque<RecordIndex>,
     /// Places where the program switched a cutting output on or off, in path order.
-    cut_changes: VecDeque<u32>,
+    cut_changes: VecDeque<RecordIndex>,
     fire_channels: Vec<u8>,
     last_fired_channel: Option<u8>,
     /// Result of comparing the marks of an earlier run: all passed, or the first that differs.
     marks: Option<Result<(), Box<MarkDifference>>>,
     /// The retrace barrier: nothing before this place can be reversed to; with its code.
-    barrier: Option<(u32, &'static str)>,
+    barrier: Option<(RecordIndex, &'static str)>,
     /// Outputs that the program expects at `reached`.
     expected: Outputs,
     /// The instructions that have switched them.
@@ -92,7 +91,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn new(
         ring: Consumer<'r, Record<A>>,
         items: Receiver<PathItem>,
-        start: u32,
+        start: RecordIndex,
         outputs: Outputs,
         executed: u32,
     ) -> Self {
@@ -168,7 +167,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     }
 
     /// Stores an item. Returns its place.
-    fn receive_item(&mut self, item: PathItem) -> Option<u32> {
+    fn receive_item(&mut self, item: PathItem) -> Option<RecordIndex> {
         match item {
             PathItem::Exclusive(exclusive) => {
                 let place = exclusive.place;
@@ -206,7 +205,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// more.
     fn discard_oldest_action(&mut self) {
         if self.actions.len() == MAX_ACTIONS && self.passed > 0 {
-            self.actions_retained_from = self.actions.pop_front().map(|(action, _)| action.place.wrapping_add(1));
+            self.actions_retained_from = self.actions.pop_front().map(|(action, _)| action.place + 1);
             self.passed -= 1;
         }
     }
@@ -219,9 +218,9 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     }
 
     /// Place up to which records may be sent: all their items are received, and they are durable in the index.
-    fn safe_to_send_until(&self) -> u32 {
+    fn safe_to_send_until(&self) -> RecordIndex {
         match &self.durable_place {
-            Some(durable) if is_before(durable.place(), self.items_known_until) => durable.place(),
+            Some(durable) if durable.place().is_before(self.items_known_until) => durable.place(),
             _ => self.items_known_until,
         }
     }
@@ -230,8 +229,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     #[must_use]
     pub fn has_lookahead(&mut self, status: &CardStatus<A>, enough: u32) -> bool {
         let sure = self.safe_to_send_until();
-        sure.wrapping_sub(status.place.record) >= enough
-            || self.exclusives.front().is_some_and(|next| !is_before(sure, next.place))
+        sure.since(status.place.record) >= enough
+            || self.exclusives.front().is_some_and(|next| !sure.is_before(next.place))
             || self.item_queue_full && sure == self.items_known_until
             || self.summary.is_some() && sure == self.ring.write()
             || self.planner_gone
@@ -251,19 +250,19 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Place up to which everything that is planned is received.
     #[must_use]
-    pub fn items_complete_until(&self) -> u32 {
+    pub fn items_complete_until(&self) -> RecordIndex {
         self.items_known_until
     }
 
     /// Place of the next exclusive instruction, if one is known.
     #[must_use]
-    pub fn next_exclusive(&self) -> Option<u32> {
+    pub fn next_exclusive(&self) -> Option<RecordIndex> {
         self.exclusives.front().map(|next| next.place)
     }
 
     /// The record at `place`, if it is retained or planned.
     #[must_use]
-    pub fn record(&self, place: u32) -> Option<Record<A>> {
+    pub fn record(&self, place: RecordIndex) -> Option<Record<A>> {
         self.ring.record(place)
     }
 
@@ -280,10 +279,9 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Oldest place that reverse run can reach.
     #[must_use]
-    pub fn oldest(&self) -> u32 {
+    pub fn oldest(&self) -> RecordIndex {
         let one_way = self.barrier.map(|(place, _)| place);
-        let later = |oldest, other: Option<u32>| other.filter(|&place| is_before(oldest, place)).unwrap_or(oldest);
-        later(later(self.ring.head(), one_way), self.actions_retained_from)
+        [one_way, self.actions_retained_from].into_iter().flatten().fold(self.ring.head(), RecordIndex::later)
     }
 
     /// Code of the barrier, if one limits reverse run.
@@ -293,21 +291,21 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     }
 
     /// Sets a barrier before `place`, because of `what`.
-    pub fn barrier_before(&mut self, place: u32, what: &'static str) {
-        if is_before(self.oldest(), place) {
+    pub fn barrier_before(&mut self, place: RecordIndex, what: &'static str) {
+        if self.oldest().is_before(place) {
             self.barrier = Some((place, what));
         }
     }
 
     /// The last place at or before `place` where the program switched a cutting output on, if that is retained.
     #[must_use]
-    pub fn pierce_before(&self, place: Place) -> Option<u32> {
+    pub fn pierce_before(&self, place: Place) -> Option<RecordIndex> {
         let jet = self.pierces.iter().rev().find(|&&jet| Place::start_of(jet).distance_to(place) >= Distance::ZERO);
-        jet.copied().filter(|&jet| !is_before(jet, self.oldest()))
+        jet.copied().filter(|&jet| !jet.is_before(self.oldest()))
     }
 
     /// Sets an output that the program expects, at `place`.
-    fn expect(&mut self, place: u32, channel: u8, value: i32) {
+    fn expect(&mut self, place: RecordIndex, channel: u8, value: i32) {
         let expected = &mut self.expected[usize::from(channel)];
         if (*expected == 0) != (value == 0) && self.fire_channels.contains(&channel) {
             if self.cut_changes.len() == MAX_PIERCES {
@@ -346,9 +344,10 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// The last place at or before `place`, other than `passed`, where the program switched a cutting output, if that
     /// is retained.
     #[must_use]
-    pub fn cut_change_before(&self, place: Place, passed: Option<u32>) -> Option<u32> {
-        let behind =
-            |&&change: &&u32| Place::start_of(change).distance_to(place) >= Distance::ZERO && Some(change) != passed;
+    pub fn cut_change_before(&self, place: Place, passed: Option<RecordIndex>) -> Option<RecordIndex> {
+        let behind = |&&change: &&RecordIndex| {
+            Place::start_of(change).distance_to(place) >= Distance::ZERO && Some(change) != passed
+        };
         self.cut_changes.iter().rev().find(behind).copied()
     }
 
@@ -406,12 +405,12 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Place where the program ends, once everything is planned.
     #[must_use]
-    pub fn program_end(&mut self) -> Option<u32> {
+    pub fn program_end(&mut self) -> Option<RecordIndex> {
         (self.summary.is_some() && self.items_known_until == self.ring.write()).then_some(self.items_known_until)
     }
 
     /// Moves the cursor to a place, without the card.
-    pub fn seek_place(&mut self, place: u32) {
+    pub fn seek_place(&mut self, place: RecordIndex) {
         self.ring.seek(place);
         self.discard_old_actions();
     }
@@ -427,7 +426,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Discards the actions before the retained history.
     fn discard_old_actions(&mut self) {
-        while self.passed > 0 && self.actions.front().is_some_and(|(a, _)| is_before(a.place, self.ring.head())) {
+        while self.passed > 0 && self.actions.front().is_some_and(|(a, _)| a.place.is_before(self.ring.head())) {
             self.actions.pop_front();
             self.passed -= 1;
         }
@@ -438,7 +437,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn next_passed_item(&mut self) -> Option<PassedItem> {
         let reached = self.ring.reached();
         while let Some(&(action, line)) = self.actions.get(self.passed)
-            && is_before(action.place, reached)
+            && action.place.is_before(reached)
         {
             self.expect(action.place, action.channel, action.after);
             self.passed += 1;
@@ -447,10 +446,10 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
                 return Some(PassedItem::Action(action, line));
             }
         }
-        if self.modes.front().is_some_and(|(place, _)| !is_before(reached, *place)) {
+        if self.modes.front().is_some_and(|(place, _)| !reached.is_before(*place)) {
             return self.modes.pop_front().map(|(_, active)| PassedItem::Active(active));
         }
-        self.messages.front().filter(|(place, ..)| !is_before(reached, *place))?;
+        self.messages.front().filter(|(place, ..)| !reached.is_before(*place))?;
         self.messages.pop_front().map(|(_, line, text)| PassedItem::Message(line, text))
     }
 
@@ -469,9 +468,9 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn fill_ahead<C: MotionCard<A>>(&mut self, card: &mut C, road: SendHorizon) {
         let (mut place, reached) = (card.status().high, card.status().reached);
         let end = self.send_end(road, reached);
-        let mut action = self.actions.partition_point(|(a, _)| is_before(a.place, place));
+        let mut action = self.actions.partition_point(|(a, _)| a.place.is_before(place));
         let sure = self.safe_to_send_until();
-        while is_before(place, end) && is_before(place, sure) && self.gates.b_open(place) {
+        while place.is_before(end) && place.is_before(sure) && self.gates.b_open(place) {
             let Some(record) = self.ring.record(place) else { break };
             while let Some((next, _)) = self.actions.get(action)
                 && next.place == place
@@ -484,16 +483,16 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             if card.send(HostCommand::Ahead { place, record }).is_err() {
                 return;
             }
-            place = place.wrapping_add(1);
+            place += 1;
         }
     }
 
     /// Sends records behind until the card is full or `oldest` is sent.
-    pub fn fill_behind<C: MotionCard<A>>(&mut self, card: &mut C, oldest: u32) {
+    pub fn fill_behind<C: MotionCard<A>>(&mut self, card: &mut C, oldest: RecordIndex) {
         let mut place = card.status().low;
-        let mut action = self.actions.partition_point(|(a, _)| is_before(a.place, place));
-        while is_before(oldest, place) {
-            let n = place.wrapping_sub(1);
+        let mut action = self.actions.partition_point(|(a, _)| a.place.is_before(place));
+        while oldest.is_before(place) {
+            let n = place - 1;
             let Some(record) = self.ring.record(n) else { break };
             let rests = self.is_at_rest_before(n);
             while action > 0 && self.actions[action - 1].0.place == n {
@@ -511,21 +510,21 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Whether the path is at rest before record `place`, as far as its records are retained.
     #[must_use]
-    pub fn is_at_rest_before(&self, place: u32) -> bool {
-        place == self.start || self.ring.record(place.wrapping_sub(1)).is_some_and(|r| r.flags.contains(Flags::REST))
+    pub fn is_at_rest_before(&self, place: RecordIndex) -> bool {
+        place == self.start || self.ring.record(place - 1).is_some_and(|r| r.flags.contains(Flags::REST))
     }
 
     /// Place at which sending ahead ends, gates aside.
-    fn send_end(&mut self, road: SendHorizon, reached: u32) -> u32 {
+    fn send_end(&mut self, road: SendHorizon, reached: RecordIndex) -> RecordIndex {
         if road == SendHorizon::Reached {
             return reached;
         }
         // Records behind this place may have items before them that are not received yet.
         let write = self.items_known_until;
         while let Some(BlockWindow { searched_until: looked, found: false }) = self.block_window
-            && is_before(looked, write)
+            && looked.is_before(write)
         {
-            let place = looked.wrapping_add(1);
+            let place = looked + 1;
             self.block_window = Some(BlockWindow { searched_until: place, found: self.is_block_end(place) });
             if place == write {
                 // what follows is not planned yet: check this place again
@@ -534,16 +533,16 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             }
         }
         match self.block_window {
-            Some(BlockWindow { searched_until: looked, found: true }) if is_before(looked, write) => looked,
+            Some(BlockWindow { searched_until: looked, found: true }) if looked.is_before(write) => looked,
             _ => write,
         }
     }
 
     /// Single block: ends sending at the first block boundary after `after` at which the card can still stop.
-    pub fn trim_at_block_end<C: MotionCard<A>>(&mut self, card: &mut C, after: u32) {
+    pub fn trim_at_block_end<C: MotionCard<A>>(&mut self, card: &mut C, after: RecordIndex) {
         let mut place = after;
-        while is_before(place, card.status().high) {
-            place = place.wrapping_add(1);
+        while place.is_before(card.status().high) {
+            place += 1;
             if self.is_block_end(place) && card.send(HostCommand::Trim { high: place }).is_ok() {
                 self.block_window = Some(BlockWindow { searched_until: place, found: true });
                 return;
@@ -552,8 +551,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         self.block_window = Some(BlockWindow { searched_until: place, found: false });
     }
 
-    fn is_block_end(&self, place: u32) -> bool {
-        match (self.ring.record(place.wrapping_sub(1)), self.ring.record(place)) {
+    fn is_block_end(&self, place: RecordIndex) -> bool {
+        match (self.ring.record(place - 1), self.ring.record(place)) {
             (Some(last), Some(next)) => last.line != next.line,
             _ => false,
         }
@@ -561,7 +560,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 
     /// Place at which single block ends sending, once it is known.
     #[must_use]
-    pub fn block_end(&self) -> Option<u32> {
+    pub fn block_end(&self) -> Option<RecordIndex> {
         self.block_window.filter(|b| b.found).map(|b| b.searched_until)
     }
 
@@ -574,7 +573,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
 /// Single block: progress of the search for the end of the block.
 #[derive(Clone, Copy, Debug)]
 struct BlockWindow {
-    searched_until: u32,
+    searched_until: RecordIndex,
     /// Whether the block ends at that place.
     found: bool,
 }

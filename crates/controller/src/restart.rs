@@ -3,6 +3,7 @@
 //!
 //! Invariant: a cutter is lit last and put out first; no output is switched that agrees already.
 
+use retrace_core::RecordIndex;
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs, channel};
 
 /// The instruction that switched an output last.
@@ -12,7 +13,7 @@ struct OutputOrigin {
     sequence: u32,
     code: &'static str,
     line: u32,
-    place: u32,
+    place: RecordIndex,
     periods: u32,
     until: Option<InputWait>,
 }
@@ -44,7 +45,7 @@ impl RestartStep {
 
 /// The instructions that switched each output last, off and on.
 #[derive(Clone, Debug)]
-pub struct OutputOrigins {
+pub(crate) struct OutputOrigins {
     of: [[OutputOrigin; 2]; channel::COUNT],
     sequence: u32,
 }
@@ -57,10 +58,10 @@ impl Default for OutputOrigins {
 
 impl OutputOrigins {
     /// Records that an instruction of the program has switched these outputs before the record at `place`.
-    pub fn record_switching(
+    pub(crate) fn record_switching(
         &mut self,
         changes: &[OutputChange],
-        (code, line, place): (&'static str, u32, u32),
+        (code, line, place): (&'static str, u32, RecordIndex),
         periods: u32,
         until: Option<InputWait>,
     ) {
@@ -74,7 +75,7 @@ impl OutputOrigins {
     }
 
     /// Records that the program has switched an output without a stop.
-    pub fn record_action(&mut self, action: &OutputAction, line: u32) {
+    pub(crate) fn record_action(&mut self, action: &OutputAction, line: u32) {
         let code = if action.after == 0 { "M63" } else { "M62" };
         let change = OutputChange { channel: action.channel, value: action.after };
         self.record_switching(&[change], (code, line, action.place), 0, None);
@@ -82,7 +83,7 @@ impl OutputOrigins {
 
     /// Records a dwell before the record at `place`. Where a cutter was lit at this very place it is the pierce, and
     /// belongs to the start of the cutter.
-    pub fn record_dwell(&mut self, place: u32, periods: u32, expected: &Outputs, cutting: &[u8]) {
+    pub(crate) fn record_dwell(&mut self, place: RecordIndex, periods: u32, expected: &Outputs, cutting: &[u8]) {
         for &channel in cutting {
             let at = usize::from(channel);
             if let (Some([_, origin]), Some(&value)) = (self.of.get_mut(at), expected.get(at))
@@ -98,7 +99,7 @@ impl OutputOrigins {
     /// Replaces the contents of `steps` by what brings the outputs from `are` to `wants`, for the channels selected by
     /// `concerned`: first what goes off, the cutters before anything else; then what comes on, in program order, the
     /// cutters last. Does not allocate where `steps` has capacity for all channels.
-    pub fn plan_restart(
+    pub(crate) fn plan_restart(
         &self,
         are: &Outputs,
         wants: &Outputs,
@@ -178,10 +179,10 @@ mod tests {
     #[test]
     fn outputs_come_back_in_program_order_with_their_durations_and_the_cutter_last() {
         let mut origins = OutputOrigins::default();
-        origins.record_switching(&[change(3, 1)], ("M101", 2, 0), 1500, None);
-        origins.record_switching(&[change(SPEED, 900_000)], ("S", 3, 0), 0, None);
-        origins.record_switching(&[change(SPINDLE, 1), change(4, 1)], ("M3", 4, 0), 800, None);
-        origins.record_switching(&[change(FLOOD, 1)], ("M8", 5, 0), 20, None);
+        origins.record_switching(&[change(3, 1)], ("M101", 2, RecordIndex::new(0)), 1500, None);
+        origins.record_switching(&[change(SPEED, 900_000)], ("S", 3, RecordIndex::new(0)), 0, None);
+        origins.record_switching(&[change(SPINDLE, 1), change(4, 1)], ("M3", 4, RecordIndex::new(0)), 800, None);
+        origins.record_switching(&[change(FLOOD, 1)], ("M8", 5, RecordIndex::new(0)), 20, None);
         let wants = outputs(&[(3, 1), (SPEED, 900_000), (SPINDLE, 1), (4, 1), (FLOOD, 1)]);
         let all = steps(&origins, &outputs(&[]), &wants);
         let expected = vec![
@@ -199,8 +200,8 @@ mod tests {
     #[test]
     fn what_is_on_by_hand_goes_off_first_the_cutter_before_anything_else() {
         let mut origins = OutputOrigins::default();
-        origins.record_switching(&[change(FLOOD, 0)], ("M9", 2, 0), 10, None);
-        origins.record_switching(&[change(SPINDLE, 1)], ("M3", 3, 0), 800, None);
+        origins.record_switching(&[change(FLOOD, 0)], ("M9", 2, RecordIndex::new(0)), 10, None);
+        origins.record_switching(&[change(SPINDLE, 1)], ("M3", 3, RecordIndex::new(0)), 800, None);
         let wants = outputs(&[(SPINDLE, 1)]);
         let all = steps(&origins, &outputs(&[(3, 1), (FLOOD, 1), (5, 1)]), &wants);
         let codes: Vec<_> = all.iter().map(|(code, ..)| *code).collect();
@@ -211,10 +212,10 @@ mod tests {
     #[test]
     fn a_dwell_where_the_cutter_was_lit_is_its_pierce() {
         let mut origins = OutputOrigins::default();
-        origins.record_switching(&[change(3, 1)], ("M64", 2, 70), 0, None);
+        origins.record_switching(&[change(3, 1)], ("M64", 2, RecordIndex::new(70)), 0, None);
         let wants = outputs(&[(3, 1)]);
-        origins.record_dwell(70, 500, &wants, &[3]);
-        origins.record_dwell(90, 500, &wants, &[3]);
+        origins.record_dwell(RecordIndex::new(70), 500, &wants, &[3]);
+        origins.record_dwell(RecordIndex::new(90), 500, &wants, &[3]);
         assert_eq!(steps(&origins, &outputs(&[]), &wants), vec![("M64", vec![change(3, 1)], 500)]);
     }
 }

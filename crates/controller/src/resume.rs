@@ -12,9 +12,9 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_core::Rate;
-use retrace_core::place::is_before;
+use retrace_core::place::number_is_before;
 use retrace_core::playback::partial_increment;
+use retrace_core::{Rate, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::{LengthChange, MarkDifference, PlaceMark};
 use retrace_link::{CardStatus, Outputs, PathStart, channel};
@@ -29,13 +29,13 @@ pub struct ResumePoint {
     /// the records.
     pub start: PathStart,
     /// Place where the job's path began.
-    pub origin: u32,
+    pub origin: RecordIndex,
     /// Number of the last instruction that was executed before the job began.
     pub executed: u32,
     /// Outputs at that time.
     pub outputs: Outputs,
     /// Overrides that the planner has applied, with the places from which they count, in order.
-    pub overrides: Vec<(u32, Rate)>,
+    pub overrides: Vec<(RecordIndex, Rate)>,
     /// Marks of the index, in the order of the places: all of them, or at least the last one beyond `start.place`.
     pub marks: Vec<PlaceMark>,
     /// Numbers of the blocks behind which the path rests because the program was cut off or rejected there in an
@@ -48,7 +48,7 @@ pub struct ResumePoint {
 impl ResumePoint {
     /// A job that began at `origin` with all outputs off, at 100 %, and with an empty index.
     #[must_use]
-    pub fn at(start: PathStart, origin: u32) -> Self {
+    pub fn at(start: PathStart, origin: RecordIndex) -> Self {
         let outputs = [0; channel::COUNT];
         Self {
             start,
@@ -68,8 +68,8 @@ impl ResumePoint {
     pub(crate) fn validate(&self, look_ahead: u32) -> Result<(), ResumeError> {
         let PathStart { place, reached, .. } = self.start;
         let last = self.marks.last().map_or(reached, |mark| mark.place);
-        let ahead = is_before(reached, last) && last.wrapping_sub(reached) > look_ahead;
-        if !self.start.is_valid() || is_before(place.record, self.origin) || ahead {
+        let ahead = reached.is_before(last) && last.since(reached) > look_ahead;
+        if !self.start.is_valid() || place.record.is_before(self.origin) || ahead {
             return Err(ResumeError::NoSuchPlace);
         }
         Ok(())
@@ -84,14 +84,14 @@ pub enum ResumeError {
     /// The program ends before it.
     ProgramEnds {
         /// Place where it ends.
-        at: u32,
+        at: RecordIndex,
     },
     /// Instructions and places are inconsistent: instruction `number` is at `place`, and `executed` contradicts that.
     Instruction {
         /// Its number.
         number: u32,
         /// Its place, if the program has an instruction of that number before its end.
-        place: Option<u32>,
+        place: Option<RecordIndex>,
     },
     /// The program's plan differs at a mark.
     Differs(Box<MarkDifference>),
@@ -131,7 +131,7 @@ pub struct ResumePlan<const A: usize> {
     start: PathStart,
     counts: [i64; A],
     expected: Outputs,
-    oldest: u32,
+    oldest: RecordIndex,
     line: u32,
     into_line_mm: f64,
     history_mm: f64,
@@ -160,7 +160,7 @@ impl<const A: usize> ResumePlan<A> {
 
     /// Oldest place that reverse run can reach.
     #[must_use]
-    pub fn oldest(&self) -> u32 {
+    pub fn oldest(&self) -> RecordIndex {
         self.oldest
     }
 
@@ -215,7 +215,7 @@ pub(crate) struct PlanReplay<'s, 'r, const A: usize> {
     streamer: &'s mut RecordStreamer<'r, A>,
     at: &'s ResumePoint,
     /// Place up to which everything is replayed.
-    place: u32,
+    place: RecordIndex,
     sum: [i64; A],
     /// Modal state that is in force there.
     active: Option<Box<ActiveCodes>>,
@@ -238,7 +238,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
 
     /// Length of the path back from where it was left to `oldest`, mm. It ends at the first record whose line
     /// `is_included` excludes.
-    fn path_back_mm(&self, oldest: u32, goes_on: impl Fn(u32) -> bool) -> f64 {
+    fn path_back_mm(&self, oldest: RecordIndex, goes_on: impl Fn(u32) -> bool) -> f64 {
         let (left, mut mm) = (self.at.start.place, 0.0);
         let length = |increments: &[i16; A], share: f64| {
             let each = increments.iter().zip(&self.mm_per_pulse);
@@ -250,8 +250,8 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             mm += length(&record.increments, left.fraction_of_record());
         }
         let mut place = left.record;
-        while is_before(oldest, place) {
-            place = place.wrapping_sub(1);
+        while oldest.is_before(place) {
+            place -= 1;
             match self.streamer.record(place) {
                 Some(record) if goes_on(record.line) => mm += length(&record.increments, 1.0),
                 _ => break,
@@ -270,7 +270,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             (record, Some(counts)) => (record.map_or(self.line, |record| record.line), counts),
             _ => return Err(ResumeError::NoSuchPlace),
         };
-        if is_before(start.place.record, self.streamer.oldest()) {
+        if start.place.record.is_before(self.streamer.oldest()) {
             return Err(ResumeError::NoSuchPlace);
         }
         self.streamer.seek_place(start.place.record);
@@ -282,7 +282,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
         let oldest = self.streamer.oldest();
         let into_line_mm = self.path_back_mm(oldest, |of| of == line);
         let history_mm = self.path_back_mm(oldest, |_| true);
-        let passed = self.at.overrides.iter().take_while(|(place, _)| !is_before(start.reached, *place));
+        let passed = self.at.overrides.iter().take_while(|(place, _)| !start.reached.is_before(*place));
         Ok(ResumePlan {
             start,
             counts,
@@ -304,13 +304,13 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             return Err(ResumeError::Differs(difference.clone()));
         }
         let known = self.streamer.items_complete_until();
-        let limit = if is_before(known, reached) { known } else { reached };
+        let limit = if known.is_before(reached) { known } else { reached };
         while let Some(place) = self.streamer.next_exclusive()
-            && !is_before(limit, place)
+            && !limit.is_before(place)
         {
             let number = self.streamer.instruction_number();
             self.advance_to(place);
-            if is_before(executed, number) {
+            if number_is_before(executed, number) {
                 if place == reached {
                     break;
                 }
@@ -318,17 +318,17 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             }
             self.streamer.mark_executed(number);
         }
-        if self.streamer.next_exclusive().is_none_or(|place| !is_before(place, limit)) {
+        if self.streamer.next_exclusive().is_none_or(|place| !place.is_before(limit)) {
             self.advance_to(limit);
         }
         let next = self.streamer.instruction_number();
         // Instructions up to `reached` were executed before the record there.
-        if self.place == reached && is_before(reached, known) && !is_before(executed, next) {
+        if self.place == reached && reached.is_before(known) && !number_is_before(executed, next) {
             return Err(ResumeError::Instruction { number: next, place: self.streamer.next_exclusive() });
         }
         let is_there = self.place == reached && next == executed.wrapping_add(1);
         let has_marks =
-            self.streamer.marks().is_some() || !self.at.marks.iter().any(|m| is_before(self.at.origin, m.place));
+            self.streamer.marks().is_some() || !self.at.marks.iter().any(|m| self.at.origin.is_before(m.place));
         if is_there && has_marks {
             return Ok(true);
         }
@@ -336,7 +336,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
             return Err(ResumeError::PlanningFailed);
         }
         match self.streamer.program_end() {
-            Some(at) if is_before(at, reached) => Err(ResumeError::ProgramEnds { at }),
+            Some(at) if at.is_before(reached) => Err(ResumeError::ProgramEnds { at }),
             Some(_) if self.place == reached && !is_there => {
                 Err(ResumeError::Instruction { number: next, place: None })
             }
@@ -346,9 +346,9 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
     }
 
     /// Advances to `place`: sums the records up to there, and passes the items before it.
-    fn advance_to(&mut self, place: u32) {
+    fn advance_to(&mut self, place: RecordIndex) {
         let left = self.at.start.place;
-        while is_before(self.place, place) {
+        while self.place.is_before(place) {
             let Some(record) = self.streamer.record(self.place) else { return };
             if self.place == left.record {
                 self.counts = Some(std::array::from_fn(|axis| {
@@ -359,7 +359,7 @@ impl<'s, 'r, const A: usize> PlanReplay<'s, 'r, A> {
                 *sum += i64::from(increment);
             }
             self.line = record.line;
-            self.place = self.place.wrapping_add(1);
+            self.place += 1;
         }
         if self.place == left.record && left.fraction == 0 {
             self.counts = Some(self.sum);

@@ -3,7 +3,7 @@
 //! Invariant: every period is counted in exactly one of the times.
 
 use retrace_core::mode::Mode;
-use retrace_core::{Distance, Place, Rate};
+use retrace_core::{Distance, Place, Rate, RecordIndex};
 
 /// Control periods by their use, and counters.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -57,7 +57,7 @@ pub struct PeriodClass {
 impl RunStats {
     /// Creates the statistics of a run that begins at record `start`.
     #[must_use]
-    pub fn new(start: u32) -> Self {
+    pub fn new(start: RecordIndex) -> Self {
         Self { furthest: Place::start_of(start), ..Self::default() }
     }
 
@@ -103,7 +103,7 @@ mod tests {
 
     #[test]
     fn every_period_is_counted_once() {
-        let mut stats = RunStats::new(5);
+        let mut stats = RunStats::new(RecordIndex::new(5));
         let spent = |mode, held, instruction, rate, record| PeriodClass {
             mode,
             held,
@@ -111,14 +111,14 @@ mod tests {
             rate,
             place: Place::start_of(record),
         };
-        stats.count_period(spent(Mode::Run, false, None, Rate::ONE, 6));
-        stats.count_period(spent(Mode::Run, true, None, Rate::ONE, 7));
-        stats.count_period(spent(Mode::Run, true, None, Rate::ZERO, 7));
-        stats.count_period(spent(Mode::Reverse, false, None, -Rate::ONE, 6));
-        stats.count_period(spent(Mode::Rejoin, false, None, Rate::ONE, 7));
-        stats.count_period(spent(Mode::Run, false, Some(true), Rate::ZERO, 7));
-        stats.count_period(spent(Mode::Run, false, Some(false), Rate::ZERO, 7));
-        stats.count_period(spent(Mode::Run, false, None, Rate::ZERO, 7));
+        stats.count_period(spent(Mode::Run, false, None, Rate::ONE, RecordIndex::new(6)));
+        stats.count_period(spent(Mode::Run, true, None, Rate::ONE, RecordIndex::new(7)));
+        stats.count_period(spent(Mode::Run, true, None, Rate::ZERO, RecordIndex::new(7)));
+        stats.count_period(spent(Mode::Reverse, false, None, -Rate::ONE, RecordIndex::new(6)));
+        stats.count_period(spent(Mode::Rejoin, false, None, Rate::ONE, RecordIndex::new(7)));
+        stats.count_period(spent(Mode::Run, false, Some(true), Rate::ZERO, RecordIndex::new(7)));
+        stats.count_period(spent(Mode::Run, false, Some(false), Rate::ZERO, RecordIndex::new(7)));
+        stats.count_period(spent(Mode::Run, false, None, Rate::ZERO, RecordIndex::new(7)));
         assert_eq!(
             (stats.motion, stats.held, stats.retracing, stats.dwell, stats.switching, stats.waiting),
             (2, 1, 2, 1, 1, 1)

@@ -100,19 +100,20 @@ impl ScriptPlayer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::operator::parse;
+    use crate::operator::parse_script;
 
     #[test]
     fn after_counts_from_where_the_script_begins() {
-        let mut player = ScriptPlayer::new(parse("after 5 periods hold", "s").expect("valid"), 1000);
+        let mut player = ScriptPlayer::new(parse_script("after 5 periods hold", "s").expect("valid"), 1000);
         let due = (1000..1010).find(|&period| player.due_instruction(period, 1).is_some());
         assert_eq!(due, Some(1005));
     }
 
     #[test]
     fn instructions_wait_for_each_other_and_the_wheel_for_its_time() {
-        let script = parse("at 0.01s hold\nafter 5 periods resume\nat line 7 wheel -200 for 0.1s\nafter 0s leave", "s")
-            .expect("valid");
+        let script =
+            parse_script("at 0.01s hold\nafter 5 periods resume\nat line 7 wheel -200 for 0.1s\nafter 0s leave", "s")
+                .expect("valid");
         let mut player = ScriptPlayer::new(script, 1000);
         let (mut log, mut counts) = (Vec::new(), 0i64);
         for period in 0..400 {

@@ -24,7 +24,11 @@ type Point = (f64, f64);
 ///
 /// # Errors
 /// The first of `chord`.
-pub fn chords<E>(spline: &Nurbs, deviation: f64, mut chord: impl FnMut(Point) -> Result<(), E>) -> Result<(), E> {
+pub(crate) fn chords<E>(
+    spline: &Nurbs,
+    deviation: f64,
+    mut chord: impl FnMut(Point) -> Result<(), E>,
+) -> Result<(), E> {
     for span in 0..spline.spans() {
         for part in 0..MIN_PARTS {
             let from = span as f64 + f64::from(part) / f64::from(MIN_PARTS);

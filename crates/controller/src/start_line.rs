@@ -5,6 +5,7 @@
 //! the order of DNC-6: tool axis up to the retract plane or higher, other axes, tool axis down.
 
 use retrace_config::MachineConfig;
+use retrace_core::RecordIndex;
 use retrace_link::{OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, FeedRate, PathMode};
 
@@ -15,7 +16,7 @@ use crate::restart::OutputOrigins;
 
 /// Receives the skipped blocks: switching is recorded, motion is not made.
 #[derive(Debug)]
-pub struct SkippedBlocks {
+pub(crate) struct SkippedBlocks {
     outputs: Outputs,
     origins: OutputOrigins,
     /// The channels of torches, jets and beams.
@@ -28,7 +29,7 @@ impl SkippedBlocks {
     /// Creates the state with nothing skipped; the outputs are as given, and `cutting` are the channels of torches,
     /// jets and beams.
     #[must_use]
-    pub fn new(outputs: Outputs, cutting: &[u8]) -> Self {
+    pub(crate) fn new(outputs: Outputs, cutting: &[u8]) -> Self {
         Self { outputs, origins: OutputOrigins::default(), cutting: cutting.to_vec(), moves: 0 }
     }
 
@@ -37,7 +38,7 @@ impl SkippedBlocks {
     ///
     /// # Errors
     /// The reason why the planner rejects it.
-    pub fn restore<const A: usize>(
+    pub(crate) fn restore<const A: usize>(
         &self,
         plan_writer: &mut PlanWriter<'_, A>,
         target_mm: [f64; A],
@@ -103,7 +104,8 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
     fn action(&mut self, change: OutputChange, line: u32) {
         let OutputChange { channel, value } = change;
         let before = std::mem::replace(&mut self.outputs[usize::from(channel)], value);
-        self.origins.record_action(&OutputAction { place: self.moves, channel, before, after: value }, line);
+        self.origins
+            .record_action(&OutputAction { place: RecordIndex::new(self.moves), channel, before, after: value }, line);
     }
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
@@ -111,9 +113,9 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
             self.outputs[usize::from(change.channel)] = change.value;
         }
         if switch.kind == ExclusiveKind::Dwell {
-            self.origins.record_dwell(self.moves, switch.periods, &self.outputs, &self.cutting);
+            self.origins.record_dwell(RecordIndex::new(self.moves), switch.periods, &self.outputs, &self.cutting);
         } else if !switch.changes.is_empty() {
-            let of = (switch.code, switch.line, self.moves);
+            let of = (switch.code, switch.line, RecordIndex::new(self.moves));
             self.origins.record_switching(switch.changes, of, switch.periods, switch.until);
         }
         Ok(())

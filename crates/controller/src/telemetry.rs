@@ -11,7 +11,7 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_core::mode::Mode;
-use retrace_core::{Place, Rate};
+use retrace_core::{Place, Rate, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, OutputChange, Outputs, channel};
@@ -35,13 +35,13 @@ pub struct PeriodRecord<const A: usize> {
     /// Cursor at the end of the period.
     pub place: Place,
     /// The furthest place ever executed, as a record boundary.
-    pub reached: u32,
+    pub reached: RecordIndex,
     /// Oldest place that reverse run can reach.
-    pub oldest: u32,
+    pub oldest: RecordIndex,
     /// Place behind the last planned record.
-    pub planned: u32,
+    pub planned: RecordIndex,
     /// The card's window: the first record it holds, and the place behind the last.
-    pub window: [u32; 2],
+    pub window: [RecordIndex; 2],
     /// Distance that the cursor moved: the actual rate.
     pub rate: Rate,
     /// Program line of the record under the cursor.

@@ -11,6 +11,7 @@
 //! Invariant: nothing moves by an entered length before it is durable. Neither side waits for the other except in
 //! virtual time.
 
+use retrace_core::RecordIndex;
 use std::fmt;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 
@@ -44,7 +45,7 @@ enum LengthRequest {
 pub(crate) struct LengthProposal {
     pub(crate) length: EnteredLength,
     /// Record at or before which the machine is.
-    pub(crate) place: u32,
+    pub(crate) place: RecordIndex,
 }
 
 /// Effect of entering a length.
@@ -53,7 +54,7 @@ pub(crate) struct LengthOffer {
     /// Distance by which the path would be moved along the tool axis, pulses.
     pub(crate) pulses: i64,
     /// The records up to here are in the ring and would be moved: the motion path checks them.
-    pub(crate) planned: u32,
+    pub(crate) planned: RecordIndex,
     /// The resulting tool length offset, mm. None where no offset is in force.
     pub(crate) length_mm: Option<f64>,
 }

@@ -10,8 +10,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, SamplingMode, Throughput, criterion_group};
-use retrace_core::Record;
 use retrace_core::ring::{Cell, Ring};
+use retrace_core::{Record, RecordIndex};
 
 const CELLS: usize = 4096;
 /// History and look-ahead of the runs that keep history.
@@ -33,7 +33,7 @@ fn made_beforehand() -> Samples {
 
 fn ring(keep: u32, look_ahead: u32) -> Ring<Box<[Cell<Record<4>>]>> {
     let cells = (0..CELLS).map(|_| Cell::default()).collect();
-    Ring::new(cells, keep, look_ahead, 0).expect("a power of two of cells, as many as are promised")
+    Ring::new(cells, keep, look_ahead, RecordIndex::new(0)).expect("a power of two of cells, as many as are promised")
 }
 
 /// `records` of them from a thread that calls `push` to this one, which calls `pop`; the time from first to last.

@@ -8,14 +8,13 @@
 //!
 //! Invariant: B and C are never open together for the same marker; at most one instruction is pending.
 
-use crate::Place;
-use crate::place::is_before;
+use crate::{Place, RecordIndex};
 
 /// The pending instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct PendingInstruction {
     number: u32,
-    place: u32,
+    place: RecordIndex,
     sent: bool,
 }
 
@@ -35,7 +34,7 @@ impl Gates {
     /// Accepts instruction `number`, whose front marker is before record `place`.
     ///
     /// Returns false and changes nothing if another instruction is pending.
-    pub fn accept(&mut self, number: u32, place: u32) -> bool {
+    pub fn accept(&mut self, number: u32, place: RecordIndex) -> bool {
         let open = self.a_open();
         if open {
             self.pending = Some(PendingInstruction { number, place, sent: false });
@@ -45,9 +44,9 @@ impl Gates {
 
     /// Whether gate B is open for record `place`: the record may be sent to the card. (GMC-4)
     #[must_use]
-    pub const fn b_open(&self, place: u32) -> bool {
+    pub const fn b_open(&self, place: RecordIndex) -> bool {
         match self.pending {
-            Some(marker) => is_before(place, marker.place),
+            Some(marker) => place.is_before(marker.place),
             None => true,
         }
     }
@@ -84,13 +83,13 @@ mod tests {
     #[test]
     fn only_the_instruction_that_was_sent_is_acknowledged() {
         let mut gates = Gates::default();
-        assert!(gates.accept(7, 3) && !gates.accept(8, 4));
+        assert!(gates.accept(7, RecordIndex::new(3)) && !gates.accept(8, RecordIndex::new(4)));
         assert_eq!(gates.acknowledge(7), None);
         gates.mark_sent();
         assert_eq!(gates.acknowledge(6), None);
-        assert!(!gates.b_open(3) && gates.b_open(2) && !gates.a_open());
+        assert!(!gates.b_open(RecordIndex::new(3)) && gates.b_open(RecordIndex::new(2)) && !gates.a_open());
         assert_eq!(gates.acknowledge(7), Some(7));
-        assert!(gates.b_open(3) && gates.a_open());
+        assert!(gates.b_open(RecordIndex::new(3)) && gates.a_open());
     }
 
     proptest! {
@@ -112,9 +111,9 @@ mod tests {
                 // the host, with a report that is `lag` periods old
                 let (place, rest, done) = reports[reports.len() - 1 - lag];
                 if gates.acknowledge(done).is_some() { next += 1; }
-                if next < markers.len() { gates.accept(next as u32 + 1, markers[next]); }
-                while sent != end && gates.b_open(sent) { sent = sent.wrapping_add(1); }
-                if gates.c_open(Place::start_of(place), rest) {
+                if next < markers.len() { gates.accept(next as u32 + 1, RecordIndex::new(markers[next])); }
+                while sent != end && gates.b_open(RecordIndex::new(sent)) { sent = sent.wrapping_add(1); }
+                if gates.c_open(Place::start_of(RecordIndex::new(place)), rest) {
                     gates.mark_sent();
                     prop_assert!(busy.is_none());
                     busy = Some((next as u32 + 1, duration));

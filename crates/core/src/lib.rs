@@ -35,7 +35,7 @@ mod sync;
 mod units;
 pub mod wheel;
 
-pub use place::Place;
+pub use place::{Place, RecordIndex};
 pub use rate::RateTarget;
 pub use record::{Flags, RapidCap, Record};
 pub use units::{Distance, Rate};

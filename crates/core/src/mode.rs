@@ -8,7 +8,7 @@
 //! outputs in the state that the program expects; after a stop, normal run is resumed only with such outputs (CUT-17,
 //! DNC-9).
 
-use crate::{Place, Rate, RateTarget};
+use crate::{Place, Rate, RateTarget, RecordIndex};
 
 /// Operating mode of the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -115,9 +115,9 @@ pub struct MotionFacts {
     /// Whether the cursor is at rest.
     pub at_rest: bool,
     /// Furthest place ever executed, as a record boundary.
-    pub reached: u32,
+    pub reached: RecordIndex,
     /// Oldest record that reverse run can reach.
-    pub oldest: u32,
+    pub oldest: RecordIndex,
     /// Whether all outputs are in the state that the program expects at `reached`.
     pub outputs_agree: bool,
     /// Rate that the handwheel commands.
@@ -348,10 +348,10 @@ mod tests {
 
     fn facts(record: u32, reached: u32, at_rest: bool) -> MotionFacts {
         MotionFacts {
-            place: Place::start_of(record),
+            place: Place::start_of(RecordIndex::new(record)),
             at_rest,
-            reached,
-            oldest: 10,
+            reached: RecordIndex::new(reached),
+            oldest: RecordIndex::new(10),
             outputs_agree: true,
             wheel: Rate::ZERO,
         }
@@ -417,7 +417,7 @@ mod tests {
         let mut controller = ModeController::default();
         controller.apply(ModeCommand::Hold).expect("always");
         // inside a record
-        let inside = Place { record: 99, fraction: 5 };
+        let inside = Place { record: RecordIndex::new(99), fraction: 5 };
         let differ = MotionFacts { place: inside, outputs_agree: false, ..facts(99, 100, true) };
         controller.apply(ModeCommand::Resume).expect("held");
         let braking = controller.advance_period(&MotionFacts { at_rest: false, ..differ });

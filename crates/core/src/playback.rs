@@ -4,7 +4,7 @@
 //! share of the record under x given by its fraction, rounded half away from zero. The sums telescope: a return to a
 //! place means zero net pulses on every axis, at any rate, in any direction.
 
-use crate::{Place, Record};
+use crate::{Place, Record, RecordIndex};
 
 /// Returns the whole pulses of `increment` in the first `fraction`/2³² of its record, rounded half away from zero.
 #[must_use]
@@ -21,7 +21,7 @@ pub const fn partial_increment(increment: i16, fraction: u32) -> i32 {
 pub fn emission<'a, const A: usize>(
     from: Place,
     to: Place,
-    mut record: impl FnMut(u32) -> Option<&'a Record<A>>,
+    mut record: impl FnMut(RecordIndex) -> Option<&'a Record<A>>,
 ) -> Option<[i64; A]> {
     let mut sum = [0; A];
     let mut within = |place: Place, sign: i64, sum: &mut [i64; A]| -> Option<()> {
@@ -35,10 +35,10 @@ pub fn emission<'a, const A: usize>(
     };
     within(to, 1, &mut sum)?;
     within(from, -1, &mut sum)?;
-    let crossed = to.record.wrapping_sub(from.record) as i32;
+    let crossed = from.record.records_to(to.record);
     let (first, sign) = if crossed >= 0 { (from.record, 1) } else { (to.record, -1) };
     for k in 0..crossed.unsigned_abs() {
-        let whole = record(first.wrapping_add(k))?;
+        let whole = record(first + k)?;
         for (s, &i) in sum.iter_mut().zip(&whole.increments) {
             *s += sign * i64::from(i);
         }
@@ -66,12 +66,12 @@ mod tests {
         let records: Vec<Record<2>> =
             [[10, -4], [7, 7], [-30, 3]].map(|increments| Record { increments, ..Record::default() }).into();
         let at = |record, share: u32| Place { record, fraction: share << 30 };
-        let emitted = |from, to| emission(from, to, |n| records.get(n as usize));
-        assert_eq!(emitted(at(0, 0), at(3, 0)), Some([-13, 6]));
-        assert_eq!(emitted(at(0, 2), at(2, 1)), Some([5 + 7 - 8, -2 + 7 + 1]));
-        assert_eq!(emitted(at(2, 1), at(0, 2)), Some([-4, -6]));
-        assert_eq!(emitted(at(1, 1), at(1, 3)), Some([5 - 2, 5 - 2]));
-        assert_eq!(emitted(at(2, 0), at(3, 1)), None);
+        let emitted = |from, to| emission(from, to, |n| records.get(n.number() as usize));
+        assert_eq!(emitted(at(RecordIndex::new(0), 0), at(RecordIndex::new(3), 0)), Some([-13, 6]));
+        assert_eq!(emitted(at(RecordIndex::new(0), 2), at(RecordIndex::new(2), 1)), Some([5 + 7 - 8, -2 + 7 + 1]));
+        assert_eq!(emitted(at(RecordIndex::new(2), 1), at(RecordIndex::new(0), 2)), Some([-4, -6]));
+        assert_eq!(emitted(at(RecordIndex::new(1), 1), at(RecordIndex::new(1), 3)), Some([5 - 2, 5 - 2]));
+        assert_eq!(emitted(at(RecordIndex::new(2), 0), at(RecordIndex::new(3), 1)), None);
     }
 
     proptest! {
@@ -84,8 +84,9 @@ mod tests {
         ) {
             let records: Vec<Record<2>> =
                 increments.iter().map(|&increments| Record { increments, ..Record::default() }).collect();
-            let get = |n: u32| records.get(n.wrapping_sub(base) as usize);
-            let (start, low, high) = (Place::start_of(base.wrapping_add(20)), Place::start_of(base), Place::start_of(base.wrapping_add(40)));
+            let base = RecordIndex::new(base);
+            let get = |n: RecordIndex| records.get(n.since(base) as usize);
+            let [start, low, high] = [20, 0, 40].map(|records| Place::start_of(base + records));
             let (mut at, mut sum) = (start, [0i64; 2]);
             for step in steps {
                 let step = Distance::from_units(step).clamp(at.distance_to(low), at.distance_to(high));

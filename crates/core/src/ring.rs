@@ -14,6 +14,7 @@
 
 use core::ops::Deref;
 
+use crate::RecordIndex;
 use crate::ring_indices::{ConsumerIndices, ProducerIndices};
 use crate::sync::{AtomicU32, CachePadded, Ordering, UnsafeCell};
 
@@ -72,11 +73,11 @@ impl core::error::Error for RingError {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordSpan {
     /// Oldest record.
-    pub head: u32,
+    pub head: RecordIndex,
     /// The furthest place ever executed.
-    pub reached: u32,
+    pub reached: RecordIndex,
     /// Place after the newest record.
-    pub write: u32,
+    pub write: RecordIndex,
 }
 
 impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
@@ -85,7 +86,7 @@ impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
     ///
     /// # Errors
     /// Returns an error if the sizes do not fit.
-    pub fn new(cells: S, keep: u32, look_ahead: u32, start: u32) -> Result<Self, RingError> {
+    pub fn new(cells: S, keep: u32, look_ahead: u32, start: RecordIndex) -> Result<Self, RingError> {
         Self::with_records(cells, keep, look_ahead, RecordSpan { head: start, reached: start, write: start })
     }
 
@@ -102,7 +103,7 @@ impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
         if look_ahead == 0 || keep as u64 + look_ahead as u64 > n as u64 {
             return Err(RingError::TooSmall);
         }
-        let RecordSpan { head, reached, write } = span;
+        let [head, reached, write] = [span.head, span.reached, span.write].map(RecordIndex::number);
         if ConsumerIndices::at(head, reached, reached, write, keep).is_none()
             || write.wrapping_sub(reached) > look_ahead
         {
@@ -200,8 +201,8 @@ impl<R: Copy> Producer<'_, R> {
 
     /// Returns the number that the next record will have.
     #[must_use]
-    pub fn write(&self) -> u32 {
-        self.indices.write()
+    pub fn write(&self) -> RecordIndex {
+        RecordIndex::new(self.indices.write())
     }
 }
 
@@ -215,34 +216,35 @@ pub struct Consumer<'a, R> {
 impl<R: Copy> Consumer<'_, R> {
     /// Returns the number of the oldest record retained.
     #[must_use]
-    pub fn head(&self) -> u32 {
-        self.indices.head()
+    pub fn head(&self) -> RecordIndex {
+        RecordIndex::new(self.indices.head())
     }
 
     /// Returns the cursor: the number of the record that would be read next in forward direction.
     #[must_use]
-    pub fn read(&self) -> u32 {
-        self.indices.read()
+    pub fn read(&self) -> RecordIndex {
+        RecordIndex::new(self.indices.read())
     }
 
     /// Returns the furthest place ever executed; W in the source.
     #[must_use]
-    pub fn reached(&self) -> u32 {
-        self.indices.reached()
+    pub fn reached(&self) -> RecordIndex {
+        RecordIndex::new(self.indices.reached())
     }
 
     /// Reads and returns the end of what is planned.
     #[inline]
-    pub fn write(&mut self) -> u32 {
+    pub fn write(&mut self) -> RecordIndex {
         self.indices.observe_write(self.shared.write.load(Ordering::Acquire));
-        self.indices.write()
+        RecordIndex::new(self.indices.write())
     }
 
-    /// Returns the record at `place` if it is in `head … write`, as last read by [`Consumer::write`] or
+    /// Returns record `index` if it is in `head … write`, as last read by [`Consumer::write`] or
     /// [`Consumer::advance`].
     #[inline]
     #[must_use]
-    pub fn record(&self, place: u32) -> Option<R> {
+    pub fn record(&self, index: RecordIndex) -> Option<R> {
+        let place = index.number();
         self.indices.holds(place).then(|| self.read_cell(place))
     }
 
@@ -275,13 +277,13 @@ impl<R: Copy> Consumer<'_, R> {
         self.indices.retreat().map(|place| self.read_cell(place))
     }
 
-    /// Sets the cursor to `place`, as reported by the card.
+    /// Sets the cursor to the start of record `index`, as reported by the card.
     ///
-    /// Returns false and changes nothing if `place` is not in `head … write`.
+    /// Returns false and changes nothing if it is not in `head … write`.
     #[inline]
-    pub fn seek(&mut self, place: u32) -> bool {
+    pub fn seek(&mut self, index: RecordIndex) -> bool {
         let floor = self.indices.floor();
-        let followed = self.indices.seek(place);
+        let followed = self.indices.seek(index.number());
         self.publish(floor);
         followed
     }
@@ -308,12 +310,14 @@ mod tests {
 
     #[test]
     fn refuses_storage_that_cannot_hold_what_it_promises() {
-        assert_eq!(Ring::new(cells(3), 1, 1, 0).err(), Some(RingError::NotAPowerOfTwo));
-        assert_eq!(Ring::new(cells(0), 0, 1, 0).err(), Some(RingError::NotAPowerOfTwo));
-        assert_eq!(Ring::new(cells(4), 4, 1, 0).err(), Some(RingError::TooSmall));
-        assert_eq!(Ring::new(cells(4), 1, 0, 0).err(), Some(RingError::TooSmall));
-        let holding =
-            |head, reached, write| Ring::with_records(cells(4), 2, 2, RecordSpan { head, reached, write }).err();
+        assert_eq!(Ring::new(cells(3), 1, 1, RecordIndex::new(0)).err(), Some(RingError::NotAPowerOfTwo));
+        assert_eq!(Ring::new(cells(0), 0, 1, RecordIndex::new(0)).err(), Some(RingError::NotAPowerOfTwo));
+        assert_eq!(Ring::new(cells(4), 4, 1, RecordIndex::new(0)).err(), Some(RingError::TooSmall));
+        assert_eq!(Ring::new(cells(4), 1, 0, RecordIndex::new(0)).err(), Some(RingError::TooSmall));
+        let holding = |head, reached, write| {
+            let [head, reached, write] = [head, reached, write].map(RecordIndex::new);
+            Ring::with_records(cells(4), 2, 2, RecordSpan { head, reached, write }).err()
+        };
         assert_eq!(holding(u32::MAX, 1, 3), None);
         for (head, reached, write) in [(1, 0, 2), (0, 3, 4), (0, 2, 5), (0, 2, 1)] {
             assert_eq!(holding(head, reached, write), Some(RingError::InvalidSpan));
@@ -323,23 +327,32 @@ mod tests {
     #[test]
     fn a_second_pair_of_ends_goes_on_without_history() {
         let held: Box<[Cell<u32>]> = (0..4).map(Cell::new).collect();
-        let mut ring =
-            Ring::with_records(held, 2, 2, RecordSpan { head: u32::MAX, reached: 1, write: 2 }).expect("valid");
+        let mut ring = Ring::with_records(
+            held,
+            2,
+            2,
+            RecordSpan { head: RecordIndex::new(u32::MAX), reached: RecordIndex::new(1), write: RecordIndex::new(2) },
+        )
+        .expect("valid");
         let (mut producer, mut consumer) = ring.split();
         producer.push(7).expect("room");
         assert_eq!((consumer.retreat(), consumer.retreat(), consumer.retreat()), (Some(0), Some(3), None));
-        assert!(consumer.seek(2));
+        assert!(consumer.seek(RecordIndex::new(2)));
         let (_, mut consumer) = ring.split();
         assert_eq!((consumer.retreat(), consumer.advance(), consumer.advance()), (None, Some(7), None));
     }
 
     #[test]
     fn the_empty_ring_stops_at_once_in_both_directions() {
-        let mut ring = Ring::new(cells(4), 2, 2, 9).expect("valid");
+        let mut ring = Ring::new(cells(4), 2, 2, RecordIndex::new(9)).expect("valid");
         let (_, mut consumer) = ring.split();
         assert_eq!(consumer.retreat(), None);
         assert_eq!(consumer.advance(), None);
-        assert!(!consumer.seek(10) && !consumer.seek(8) && consumer.seek(9));
+        assert!(
+            !consumer.seek(RecordIndex::new(10))
+                && !consumer.seek(RecordIndex::new(8))
+                && consumer.seek(RecordIndex::new(9))
+        );
     }
 
     proptest! {
@@ -352,7 +365,7 @@ mod tests {
         ) {
             let n = 1u32 << exponent;
             prop_assume!(keep + look_ahead <= n);
-            let mut ring = Ring::new(cells(n as usize), keep, look_ahead, start).expect("valid");
+            let mut ring = Ring::new(cells(n as usize), keep, look_ahead, RecordIndex::new(start)).expect("valid");
             let (mut producer, mut consumer) = ring.split();
             let mut all: Vec<u32> = Vec::new();
             let (mut read, mut reached) = (0usize, 0usize);
@@ -376,17 +389,17 @@ mod tests {
                         prop_assert_eq!(consumer.retreat(), want);
                     }
                 }
-                prop_assert_eq!(consumer.read(), start.wrapping_add(read as u32));
-                prop_assert_eq!(consumer.reached(), start.wrapping_add(reached as u32));
-                prop_assert_eq!(consumer.head(), start.wrapping_add(reached.saturating_sub(keep as usize) as u32));
-                prop_assert_eq!(consumer.write(), start.wrapping_add(all.len() as u32));
+                prop_assert_eq!(consumer.read(), RecordIndex::new(start) + (read as u32));
+                prop_assert_eq!(consumer.reached(), RecordIndex::new(start) + (reached as u32));
+                prop_assert_eq!(consumer.head(), RecordIndex::new(start) + (reached.saturating_sub(keep as usize) as u32));
+                prop_assert_eq!(consumer.write(), RecordIndex::new(start) + (all.len() as u32));
             }
         }
     }
 
     #[test]
     fn two_threads_forward_and_back_read_what_was_pushed() {
-        let mut ring = Ring::new(cells(64), 40, 24, u32::MAX - 100).expect("valid");
+        let mut ring = Ring::new(cells(64), 40, 24, RecordIndex::new(u32::MAX - 100)).expect("valid");
         let (mut producer, mut consumer) = ring.split();
         std::thread::scope(|scope| {
             scope.spawn(move || {
@@ -409,7 +422,7 @@ mod tests {
                             while let Some(v) = consumer.retreat() {
                                 assert_eq!(Some(v), back.pop_back());
                             }
-                            assert_eq!(consumer.reached().wrapping_sub(consumer.head()), next.min(40));
+                            assert_eq!(consumer.reached().since(consumer.head()), next.min(40));
                             for v in next - next.min(40)..next {
                                 assert_eq!(consumer.advance(), Some(v));
                                 back.push_back(v);

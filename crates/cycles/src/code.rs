@@ -3,7 +3,7 @@
 //! Invariant: every instruction has its source line. Instructions read from arbitrary bytes are memory-safe to run,
 //! because the virtual machine checks every slot, index and jump again.
 
-use crate::cycle::{Parameter, Type};
+use crate::parameter::{Parameter, Type};
 
 /// A compiled source, before its calls are linked to the cycles that they name.
 #[derive(Clone, Debug, PartialEq, Default)]

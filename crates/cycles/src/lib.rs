@@ -33,17 +33,19 @@ mod diag;
 mod error_codes;
 mod host;
 mod library;
+mod parameter;
 pub mod stock;
 mod stored;
 mod vm;
 
 pub use alarm::{Alarm, AlarmText, CycleRunError, alarm_text};
 pub use builtin::shipped_source;
-pub use cycle::{ArgumentKind, Cycle, CycleId, Kind, Origin, Parameter, Type};
+pub use cycle::{ArgumentKind, Cycle, CycleId, Kind, Origin};
 pub use diag::{Diagnostic, Severity};
 pub use error_codes::ErrorCode;
 pub use host::{
     CycleBlock, CycleStoppedError, CycleWord, Host, Message, Query, StockCall, StockFeed, StockMove, StockPathError,
 };
 pub use library::{CycleLibrary, Folders, LibraryFinding};
+pub use parameter::{Parameter, Type};
 pub use vm::{Argument, Vm, VmLimits};

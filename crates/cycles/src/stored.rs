@@ -8,9 +8,9 @@
 
 use crate::code::{CallSite, Input, Op, Operand, Passed, Unit};
 use crate::compile::VERSION;
-use crate::cycle::{Parameter, Type};
 use crate::diag::Diagnostic;
 use crate::error_codes::ErrorCode;
+use crate::parameter::{Parameter, Type};
 use std::fmt;
 
 const MAGIC: &[u8; 8] = b"RETRCYC\x1a";

@@ -12,10 +12,11 @@ pub(crate) use block::is_known_m;
 
 use crate::alarm::{Alarm, CycleRunError};
 use crate::code::{Op, Passed, converted};
-use crate::cycle::{ArgumentKind, Cycle, CycleId, Type};
+use crate::cycle::{ArgumentKind, Cycle, CycleId};
 use crate::error_codes::ErrorCode;
 use crate::host::{CycleBlock, Host};
 use crate::library::CycleLibrary;
+use crate::parameter::Type;
 
 /// Argument of a call.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -416,8 +417,9 @@ impl<'r> VmRun<'r> {
 mod tests {
     use super::*;
     use crate::code::{Input, Operand};
-    use crate::cycle::{Kind, Origin, Parameter};
+    use crate::cycle::{Kind, Origin};
     use crate::host::CycleStoppedError;
+    use crate::parameter::Parameter;
     use proptest::prelude::*;
     use std::path::PathBuf;
 

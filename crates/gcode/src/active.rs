@@ -3,9 +3,10 @@
 //! Invariant: it is a value of a fixed size, read between two blocks. Two equal values mean the same modes, apart from
 //! the machine position and the state that a program has saved for itself.
 
-use crate::canon::{FeedMode, LengthUnit, PathControl, Plane};
+use crate::canon_modes::{FeedMode, LengthUnit, PathControl, Plane};
 use crate::compensation::Side;
-use crate::modal::{ArcCentres, DistanceMode, ModalState, MotionMode, SpindleRotation};
+use crate::modal::ModalState;
+use crate::modal_groups::{ArcCentres, DistanceMode, MotionMode, SpindleRotation};
 use crate::pose::Pose;
 use std::fmt;
 

@@ -4,6 +4,7 @@
 //! and calculated when the block is executed. Clearing and refilling a block allocates nothing once its buffers have
 //! grown.
 
+use crate::block_number::BlockNumber;
 use crate::comment::Comment;
 use crate::control::Control;
 use crate::cycle_call::CycleCall;
@@ -12,38 +13,8 @@ use crate::error_codes::ErrorCode;
 use crate::eval::{Environment, evaluate, to_whole_number};
 use crate::expr::Op;
 use crate::groups::{GroupG, GroupM, Tenths, group_of_g, group_of_m};
+use crate::number_range::LARGEST;
 use crate::params::NameId;
-use std::fmt;
-
-/// The N word of a line, with the number of digits as written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BlockNumber {
-    value: u64,
-    digits: u8,
-}
-
-impl BlockNumber {
-    pub(crate) const fn new(value: u64, digits: u8) -> BlockNumber {
-        BlockNumber { value, digits }
-    }
-
-    /// Value of the number.
-    #[must_use]
-    pub const fn value(self) -> u64 {
-        self.value
-    }
-
-    /// Number of digits as written.
-    pub(crate) const fn digits(self) -> u8 {
-        self.digits
-    }
-}
-
-impl fmt::Display for BlockNumber {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{:0width$}", self.value, width = usize::from(self.digits))
-    }
-}
 
 /// First byte, and byte after the last. A line is shorter than 256 bytes.
 pub(crate) type ByteRange = (u8, u8);
@@ -58,9 +29,6 @@ fn span(place: ByteRange) -> Span {
 
 /// Maximum number of M codes in one block.
 const MAX_M: u8 = 4;
-
-/// Maximum magnitude of a word and of an offset. Sums and squares of such values stay finite.
-pub(crate) const LARGEST: f64 = 1e15;
 
 /// The words of a block, with their values.
 #[derive(Clone, Debug)]

@@ -5,7 +5,7 @@
 
 use crate::compiled_code::{BY_NUMBER, CompiledCode, Jump};
 use crate::control::Label;
-use crate::prescan::Subs;
+use crate::subs::Subs;
 use std::sync::Arc;
 
 /// One row of the branch table.

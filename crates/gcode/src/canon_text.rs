@@ -2,7 +2,8 @@
 //!
 //! Invariant: the counter increases by one with every line except those of PRINT, which are printed unchanged.
 
-use crate::canon::{ArcFeed, Canon, CanonStep, FeedMode, LengthUnit, PathControl, Plane};
+use crate::canon::{ArcFeed, Canon, CanonStep};
+use crate::canon_modes::{FeedMode, LengthUnit, PathControl, Plane};
 use crate::output_text::{LineHead, TextBuffer, TextPiece};
 use crate::pose::{Axis, Pose};
 use crate::tool::Tool;

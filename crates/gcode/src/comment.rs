@@ -7,8 +7,8 @@ use crate::canon::Canon;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::eval::{EQUAL, Environment};
-use crate::expr::Reference;
 use crate::params::Names;
+use crate::params::Reference;
 use std::fmt::Write as _;
 use std::sync::Arc;
 

@@ -2,9 +2,14 @@
 //!
 //! Invariant: the radius is not negative; a negative diameter has swapped the side instead.
 
-use crate::canon::Plane;
-use crate::interp::{Point, UNSHIFTED};
+use crate::canon_modes::Plane;
 use crate::pose::Pose;
+
+/// A point of the plane of compensation: its first and its second axis.
+pub(crate) type Point = (f64, f64);
+
+/// No shift. Unlike zero, −0 does not change the sign of a zero.
+pub(crate) const UNSHIFTED: Point = (-0.0, -0.0);
 
 /// Side of the path on which the tool is, seen in the direction of motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

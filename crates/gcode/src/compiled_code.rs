@@ -3,7 +3,8 @@
 //! Invariant: a packed block equals the block that its line compiled to. Every jump stays within its region or goes to
 //! its end. Executing packed lines copies them into one working block and allocates nothing.
 
-use crate::block::{BlockNumber, DeferredValue, NcBlock, PackedWord};
+use crate::block::{DeferredValue, NcBlock, PackedWord};
+use crate::block_number::BlockNumber;
 use crate::comment::Comment;
 use crate::control::Label;
 use crate::cycle_call::CycleCall;
@@ -223,5 +224,22 @@ impl CompiledCode {
         let index = line as usize;
         let start = index.checked_sub(1).and_then(|before| self.lines.get(before)).map_or(0, &end);
         start as usize..self.lines.get(index).map_or(start, end) as usize
+    }
+}
+
+impl LineNumbers {
+    /// Collects the numbers of all lines of `code`. `starts` are the first lines of its subprograms for M98, in order.
+    pub(crate) fn collect(code: &CompiledCode, starts: Vec<u32>) -> LineNumbers {
+        let mut numbers = LineNumbers { lines: Vec::new(), parts: starts, loops: Vec::new() };
+        for line in 0..code.len() {
+            if let Some(number) = code.block_number(line) {
+                numbers.lines.push((numbers.part_of(line), number, line));
+            }
+            if let Some(Jump::While { end }) = code.jump(line) {
+                numbers.loops.push(line..end);
+            }
+        }
+        numbers.lines.sort_unstable();
+        numbers
     }
 }

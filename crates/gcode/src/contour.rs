@@ -5,60 +5,30 @@
 //! not contain is refused with the control's alarm (cycles, section 7.3). A path, once calculated, is cached with the
 //! pre-scan.
 
-use crate::canon::{ArcFeed, Canon, CanonStep, Plane};
-use crate::control::{Label, plain_name};
+use crate::canon::{ArcFeed, Canon, CanonStep};
+use crate::canon_modes::Plane;
+use crate::control::Label;
+use crate::control::subprogram_label;
 use crate::cycle_call::CycleCall;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::flow_controller::{FlowController, LineOutcome};
-use crate::interp::{Contours, Core, Interpreter, LineRead, PlannedContour};
+use crate::interp::{Contours, Core, Interpreter, LineRead};
 use crate::parse::LineReader;
+use crate::path_cache::PlannedContour;
 use crate::pose::{Axis, Pose};
 use crate::prescan::Prescan;
 use retrace_cycles::stock::{
     Axes, Corner, Element, Kind, MoveKind, Point, StockRemovalError, StockRemovalParams, ToolTip, Warning, plan,
 };
 use retrace_cycles::{StockCall, StockFeed, StockMove, StockPathError};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Maximum number of lines of a contour.
 const MAX_LINES: u32 = 10_000;
 /// Maximum number of elements read before the path is calculated, which accepts far fewer; also of canonical functions
 /// of a profile.
 const MAX_ELEMENTS: usize = 50_000;
-/// Maximum number of moves in all cached paths.
-const MAX_MOVES: usize = 500_000;
-/// Maximum number of cached paths.
-const MAX_PATHS: usize = 64;
-
-/// Cached paths, by their parameters.
-#[derive(Debug, Default)]
-pub(crate) struct PathCache(Mutex<Vec<(StockRemovalParams, PlannedContour)>>);
-
-impl Clone for PathCache {
-    /// Returns an empty cache; the paths are calculated again.
-    fn clone(&self) -> PathCache {
-        PathCache::default()
-    }
-}
-
-impl PathCache {
-    /// Returns the path for these parameters, calculated if it is not cached.
-    fn get_or_plan(&self, job: StockRemovalParams) -> Result<PlannedContour, StockPathError> {
-        // A thread that panicked while it held the list has left it intact.
-        let mut paths = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, path)) = paths.iter().find(|(known, _)| *known == job) {
-            return Ok(path.clone());
-        }
-        let path = planned(&job)?;
-        let moves: usize = paths.iter().map(|(_, path)| path.moves.len()).sum();
-        if paths.len() < MAX_PATHS && moves + path.moves.len() <= MAX_MOVES {
-            paths.push((job, path.clone()));
-        }
-        Ok(path)
-    }
-}
-
 /// Reader of contours for a cycle of a program.
 pub(crate) struct ContourReader<'a> {
     pub(crate) flow: &'a FlowController,
@@ -87,7 +57,7 @@ impl Contours for ContourReader<'_> {
             position: Some(point(&core.state.position, core.state.plane)),
         };
         match self.prescan {
-            Some(prescan) => prescan.paths.get_or_plan(job),
+            Some(prescan) => prescan.paths.get_or_plan(job, planned),
             None => planned(&job),
         }
     }
@@ -101,7 +71,7 @@ impl ContourReader<'_> {
             let lines = lines.ok_or_else(|| no_contour(name))?;
             return between(lines.0, &lines.1, &mut scratch, contour);
         }
-        if let Some(sub) = self.flow.subs.find(0, &label(name)) {
+        if let Some(sub) = self.flow.subs.find(0, &subprogram_label(name)) {
             return self.subprogram(self.flow.for_subprogram(sub), &mut scratch, contour);
         }
         let cycles = self.reader.cycles.as_deref();
@@ -146,7 +116,7 @@ impl ContourReader<'_> {
 /// Reads the lines of a text; `first` is the number of the first one.
 fn between(first: u32, text: &[u8], scratch: &mut Interpreter, contour: &mut Contour) -> Result<(), StockPathError> {
     let mut steps = Vec::new();
-    for (index, line) in crate::lines::SplitLines::new(text).enumerate() {
+    for (index, line) in crate::line_split::SplitLines::new(text).enumerate() {
         steps.clear();
         let number = first.saturating_add(index as u32);
         match scratch.read(number, line).map_err(|fault| wrong(&fault.message))? {
@@ -200,14 +170,6 @@ fn subprogram_steps(mut flow: FlowController, scratch: &mut Interpreter) -> Bloc
         }
     }
     Ok(None)
-}
-
-/// Returns the label of a subprogram of this name.
-pub(crate) fn label(name: &str) -> Label {
-    match name.parse() {
-        Ok(number) => Label::Number(number),
-        Err(_) => Label::Name(plain_name(name.as_bytes())),
-    }
 }
 
 fn no_contour(name: &str) -> StockPathError {

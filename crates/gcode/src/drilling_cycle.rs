@@ -3,7 +3,7 @@
 //! Invariant: lengths are in the program's units in force. Words are retained for blocks of the same cycle in the same
 //! plane only, the initial level for the whole series.
 
-use crate::canon::Plane;
+use crate::canon_modes::Plane;
 
 /// The drilling cycles of RS274/NGC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

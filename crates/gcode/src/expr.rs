@@ -7,6 +7,7 @@ use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::lex::Cursor;
 use crate::nearest::nearest;
+use crate::params::Reference;
 use crate::params::{NameId, Names};
 use crate::system::SystemParameter;
 
@@ -118,15 +119,6 @@ pub(crate) enum Operand {
     Constant(f64),
     /// Calculated by the operations that have been added.
     Calculated,
-}
-
-/// Parameter that a reference names.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Reference {
-    /// The number is calculated by the operations that have been added.
-    Numbered,
-    Named(NameId),
-    System(SystemParameter),
 }
 
 /// Compiler for the values of one line, which appends operations to a pool.

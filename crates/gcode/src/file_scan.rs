@@ -5,13 +5,15 @@
 
 use crate::bytes::byte_order_mark;
 use crate::compiled_code::{CompiledCode, Jump};
-use crate::control::{Control, Keyword, Label, may_be};
+use crate::control::{Control, Keyword, Label};
 use crate::control_flow::ControlFlowBuilder;
+use crate::control_parser::may_be;
 use crate::diag::{BlockError, Span};
 use crate::error_codes::ErrorCode as Number;
+use crate::lines::{is_percent, unreadable};
 use crate::parse::LineReader;
-use crate::prescan::{Prescan, Region, Sub};
-use crate::program::{is_percent, unreadable};
+use crate::prescan::Prescan;
+use crate::subs::{Region, Sub};
 use crate::text::{Text, TextLines};
 use std::io;
 
@@ -300,7 +302,7 @@ impl<'a> FileScan<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::interp::Setup;
+    use crate::setup::Setup;
 
     /// Memory is bounded however long a loop is. Lines outside of regions are not limited.
     #[test]

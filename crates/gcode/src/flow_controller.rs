@@ -13,8 +13,8 @@ use crate::interp::Interpreter;
 use crate::line_numbers::GotoError;
 use crate::loop_stack::LoopStack;
 use crate::params::Frame;
-use crate::prescan::{Sub, Subs, wrong_call};
 use crate::program_location::{CallFrame, LoopKind};
+use crate::subs::{Sub, Subs, wrong_call};
 use std::sync::Arc;
 
 /// Maximum number of nested calls, as in LinuxCNC.

@@ -3,7 +3,6 @@
 //! Invariant: a GOTO stays within its part of the file (the program or one subprogram of M98), and never enters a WHILE
 //! loop from outside. Of several lines with one number, the next one ahead counts, or otherwise the first.
 
-use crate::compiled_code::{CompiledCode, Jump};
 use crate::diag::{BlockError, Span};
 use crate::error_codes::ErrorCode;
 use crate::lex::Cursor;
@@ -14,11 +13,11 @@ use std::ops::Range;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LineNumbers {
     /// Part of the file, number, compiled line; sorted.
-    lines: Vec<(u32, u64, u32)>,
+    pub(crate) lines: Vec<(u32, u64, u32)>,
     /// First lines of the parts of the file after the first.
-    parts: Vec<u32>,
+    pub(crate) parts: Vec<u32>,
     /// WHILE loops, with the lines that begin them.
-    loops: Vec<Range<u32>>,
+    pub(crate) loops: Vec<Range<u32>>,
 }
 
 /// Reason why a GOTO has no target; the number is that of its line number.
@@ -94,22 +93,7 @@ impl SeenNumbers {
 }
 
 impl LineNumbers {
-    /// Collects the numbers of all lines of `code`. `starts` are the first lines of its subprograms for M98, in order.
-    pub(crate) fn collect(code: &CompiledCode, starts: Vec<u32>) -> LineNumbers {
-        let mut numbers = LineNumbers { lines: Vec::new(), parts: starts, loops: Vec::new() };
-        for line in 0..code.len() {
-            if let Some(number) = code.block_number(line) {
-                numbers.lines.push((numbers.part_of(line), number, line));
-            }
-            if let Some(Jump::While { end }) = code.jump(line) {
-                numbers.loops.push(line..end);
-            }
-        }
-        numbers.lines.sort_unstable();
-        numbers
-    }
-
-    fn part_of(&self, line: u32) -> u32 {
+    pub(crate) fn part_of(&self, line: u32) -> u32 {
         self.parts.partition_point(|start| *start <= line) as u32
     }
 

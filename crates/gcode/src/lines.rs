@@ -3,15 +3,12 @@
 //! Invariant: one line is held; a line that is too long is never held whole. In a streamed program, a line without its
 //! end is returned only where it ends the program: the sender may have been cut off inside it (DNC-10).
 
-use crate::bytes::line_feed;
+use crate::bytes::{byte_order_mark, line_feed};
 use crate::diag::{BlockError, Span};
 use crate::error_codes::ErrorCode;
-use crate::parse::MAX_LINE_LENGTH;
+use crate::line_split::MAX_HELD_LINE;
 use crate::text::{Text, TextLines};
 use std::io::{self, BufRead, Read as _};
-
-/// Maximum number of bytes held of a line: one more than the longest shows that it is too long, two are its end.
-pub(crate) const MAX_HELD_LINE: usize = MAX_LINE_LENGTH + 3;
 
 /// Maximum number of bytes skipped in a line; a longer line is not a program.
 const MAX_SKIPPED: usize = 1 << 20;
@@ -154,6 +151,16 @@ fn skip_line(input: &mut impl BufRead) -> io::Result<()> {
     }
 }
 
+/// Returns the error that the program cannot be read any further.
+pub(crate) fn unreadable(error: &std::io::Error) -> BlockError {
+    BlockError::new(ErrorCode::Unreadable, Span::default(), format!("{}: {error}", ErrorCode::Unreadable.title()))
+}
+
+/// Whether a line has a percent sign and nothing else.
+pub(crate) fn is_percent(text: &[u8]) -> bool {
+    text.contains(&b'%') && text[byte_order_mark(text)..].trim_ascii() == b"%"
+}
+
 /// Whether a last line without its end is nevertheless complete: exactly `M2`, `M30` or `%`, so that nothing relevant
 /// can be missing.
 pub(crate) fn is_program_end(line: &[u8]) -> bool {
@@ -161,50 +168,10 @@ pub(crate) fn is_program_end(line: &[u8]) -> bool {
     line == b"%" || line.eq_ignore_ascii_case(b"M2") || line.eq_ignore_ascii_case(b"M30")
 }
 
-/// Returns the length of the first line without its end, truncated when it is too long, and its full length; `None` for
-/// an empty text.
-#[inline]
-pub(crate) fn split(text: &[u8]) -> Option<(usize, usize)> {
-    if text.is_empty() {
-        return None;
-    }
-    let taken = line_feed(text).map_or(text.len(), |at| at + 1);
-    let held = text.get(..taken.min(MAX_HELD_LINE)).unwrap_or_default();
-    let line = match held {
-        [line @ .., b'\r', b'\n'] | [line @ .., b'\n'] => line.len(),
-        line => line.len(),
-    };
-    Some((line, taken))
-}
-
-/// Iterator over the lines of a text, without their ends, truncated when they are too long: the same as [`Lines`]
-/// returns.
-#[derive(Clone, Debug)]
-pub(crate) struct SplitLines<'a> {
-    rest: &'a [u8],
-}
-
-impl<'a> SplitLines<'a> {
-    pub(crate) fn new(text: &'a [u8]) -> SplitLines<'a> {
-        SplitLines { rest: text }
-    }
-}
-
-impl<'a> Iterator for SplitLines<'a> {
-    type Item = &'a [u8];
-
-    #[inline]
-    fn next(&mut self) -> Option<&'a [u8]> {
-        let (line, taken) = split(self.rest)?;
-        let text = self.rest;
-        self.rest = text.get(taken..).unwrap_or_default();
-        text.get(..line)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::line_split::SplitLines;
     use proptest::prelude::*;
 
     fn all(text: &[u8]) -> Vec<Vec<u8>> {

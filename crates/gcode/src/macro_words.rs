@@ -4,14 +4,15 @@
 //! Invariant: a condition is the first value of its line, and the number of a GOTO the last, so that both can be
 //! calculated.
 
+use crate::assignment::assignment;
 use crate::block::{NcBlock, Slot};
-use crate::control::{Control, Keyword, Label, MACRO_LOOP, comment};
+use crate::control::{Control, Keyword, Label, MACRO_LOOP};
+use crate::control_parser::comment;
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::expr::Compiler;
 use crate::lex::Cursor;
 use crate::params::Names;
-use crate::parse::assignment;
 
 /// Compiles a line that begins with one of these words. Otherwise returns false and consumes nothing.
 pub(crate) fn parse(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<bool> {

@@ -4,10 +4,18 @@
 
 use crate::diag::{BlockResult, Diagnostic, Span, fault};
 use crate::error_codes::ErrorCode;
-use crate::expr::Reference;
 use crate::system::SystemParameter;
 use std::collections::HashMap;
 use std::fmt::Write as _;
+
+/// Parameter that a reference names.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Reference {
+    /// The number is calculated by the operations that have been added.
+    Numbered,
+    Named(NameId),
+    System(SystemParameter),
+}
 
 /// Highest numbered parameter.
 const LAST: usize = 5601;

@@ -3,24 +3,25 @@
 //! Invariant: every character of an accepted line has a meaning. A refused line is reported with the position of the
 //! first character that has none.
 
-use crate::block::{BlockNumber, NcBlock, Slot, Words};
+use crate::assignment::assignment;
+use crate::block::{NcBlock, Slot, Words};
+use crate::block_number::BlockNumber;
 use crate::bytes::{byte_order_mark, is_plain, shown};
 use crate::comment::{Comment, refuse_python};
-use crate::control;
-use crate::cycle_call;
+use crate::control::Keyword;
+use crate::control_parser;
+use crate::cycle_call_parser;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
-use crate::expr::{Compiler, Operand, Reference};
-use crate::interp::Setup;
+use crate::expr::{Compiler, Operand};
 use crate::lex::Cursor;
+use crate::line_split::MAX_LINE_LENGTH;
 use crate::macro_words;
 use crate::params::Names;
 use crate::pose::{Axis, AxisSet};
+use crate::setup::Setup;
 use retrace_cycles::CycleLibrary;
 use std::sync::Arc;
-
-/// Maximum length of a line in bytes, without its end, as in LinuxCNC.
-pub(crate) const MAX_LINE_LENGTH: usize = 252;
 
 /// Compiler of lines, one after another.
 #[derive(Clone, Debug)]
@@ -63,7 +64,7 @@ impl LineReader {
         parse(text, self.axes, &mut self.names, self.cycles.as_deref(), &mut self.block)?;
         if self.disable_fanuc_subs
             && let Some(control) = &self.block.control
-            && matches!(control.keyword, control::Keyword::M98 | control::Keyword::M99 | control::Keyword::Start)
+            && matches!(control.keyword, Keyword::M98 | Keyword::M99 | Keyword::Start)
         {
             return fault(ErrorCode::FanucSubsDisabled, control.at, ErrorCode::FanucSubsDisabled.title());
         }
@@ -98,26 +99,28 @@ fn parse(
     check_text(text)?;
     let mut cursor = Cursor::new(text);
     cursor.eat(b'/');
-    if !cycle_call::begins_name(&mut cursor, cycles) {
+    if !cycle_call_parser::begins_name(&mut cursor, cycles) {
         block_number(&mut cursor, block)?;
     }
-    if cycle_call::begins_name(&mut cursor, cycles) {
+    if cycle_call_parser::begins_name(&mut cursor, cycles) {
         if macro_words::parse(&mut cursor, names, block)? {
             return Ok(());
         }
-        cycle_call::parse_label(&mut cursor);
-        if cycle_call::begins_name(&mut cursor, cycles) && cycle_call::parse(&mut cursor, names, cycles, block)? {
+        cycle_call_parser::parse_label(&mut cursor);
+        if cycle_call_parser::begins_name(&mut cursor, cycles)
+            && cycle_call_parser::parse(&mut cursor, names, cycles, block)?
+        {
             return Ok(());
         }
         block_number(&mut cursor, block)?;
     }
     if cursor.eat(b'o') {
-        return control::parse(&mut cursor, names, block);
+        return control_parser::parse(&mut cursor, names, block);
     }
     if cursor.peek() == b'm'
-        && let Some(keyword) = control::eat_m98_m99(&mut cursor)
+        && let Some(keyword) = control_parser::eat_m98_m99(&mut cursor)
     {
-        return control::parse_fanuc(keyword, &mut cursor, names, block);
+        return control_parser::parse_fanuc(keyword, &mut cursor, names, block);
     }
     loop {
         let letter = cursor.peek();
@@ -313,37 +316,6 @@ fn named(
 /// Whether the character before this position is a digit.
 fn follows_digit(cursor: &Cursor<'_>, at: usize) -> bool {
     cursor.byte(at.wrapping_sub(1)).is_some_and(|byte| byte.is_ascii_digit())
-}
-
-/// Compiles `#number=value` or `#<name>=value`.
-pub(crate) fn assignment(cursor: &mut Cursor<'_>, names: &mut Names, block: &mut NcBlock) -> BlockResult<()> {
-    let start = cursor.position();
-    let first_op = block.ops.len();
-    let mut compiler = Compiler::new(cursor, &mut block.ops, names);
-    let is_text =
-        compiler.cursor.peek_next().is_some_and(|next| next.is_ascii_alphabetic() || b"#!-=*".contains(&next));
-    let reference = match compiler.reference() {
-        Err(found) if is_text && matches!(found.code, ErrorCode::UnknownFunction | ErrorCode::NumberMissing) => {
-            compiler.cursor.finish();
-            return fault(ErrorCode::HashComment, compiler.cursor.span_from(start), ErrorCode::HashComment.title());
-        }
-        reference => reference?,
-    };
-    if !compiler.cursor.eat(b'=') {
-        return fault(ErrorCode::EqualsMissing, compiler.cursor.next_span(), "an equals sign is missing here");
-    }
-    let slot = match reference {
-        Reference::Numbered => Slot::Numbered,
-        Reference::Named(name) => Slot::Named(name),
-        Reference::System(_) => {
-            let at = compiler.cursor.span_from(start);
-            return fault(ErrorCode::ParameterReadOnly, at, "a predefined parameter is read-only");
-        }
-    };
-    compiler.value()?;
-    let at = cursor.span_from(start);
-    block.add_deferred(slot, first_op, at);
-    Ok(())
 }
 
 /// Compiles `(comment)`; of several in one block the last is passed on.

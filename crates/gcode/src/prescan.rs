@@ -5,18 +5,21 @@
 //! is looked up by name.
 
 use crate::branch::Branch;
-use crate::compiled_code::{CompiledCode, SubId};
-use crate::contour::{PathCache, label};
+use crate::compiled_code::CompiledCode;
 use crate::control::Label;
+use crate::control::subprogram_label;
 use crate::cycle_call::CycleArgument;
 use crate::diag::{BlockError, Diagnostic, Span};
 use crate::error_codes::ErrorCode as Number;
 use crate::file_scan::FileScan;
-use crate::interp::Setup;
-use crate::lines::SplitLines;
+use crate::line_split::SplitLines;
+use crate::lines::unreadable;
 use crate::nearest::nearest;
 use crate::parse::LineReader;
-use crate::program::unreadable;
+use crate::path_cache::PathCache;
+use crate::setup::Setup;
+use crate::sub_files::SubFiles;
+use crate::subs::{Region, Subs, wrong_call};
 use crate::text::{Text, TextLines};
 use retrace_cycles::{Cycle, Kind};
 use std::collections::{HashMap, HashSet};
@@ -24,89 +27,11 @@ use std::fmt::Debug;
 use std::io;
 use std::sync::Arc;
 
-/// Source of subprograms in files of their own.
-pub trait SubFiles: Debug + Send + Sync {
-    /// Returns the file of the subprogram of this name (in lower case), if it exists.
-    fn find(&self, name: &str) -> Option<SubFile>;
-}
-
-/// The file of a subprogram.
-#[derive(Clone, Debug)]
-pub struct SubFile {
-    /// Name of the file for messages.
-    pub name: String,
-    /// Text of the file, or why it cannot be read.
-    pub text: Result<Text, String>,
-}
-
 /// A file of a program.
 #[derive(Clone, Debug)]
 struct File {
     name: String,
     text: Text,
-}
-
-/// A compiled region of lines: a subprogram, a loop, a branch, a call.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Region {
-    /// First line in the file, and first line after it.
-    pub(crate) line: u32,
-    pub(crate) end_line: u32,
-    /// The same range in compiled lines.
-    pub(crate) start: u32,
-    pub(crate) end: u32,
-}
-
-/// A subprogram.
-#[derive(Clone, Debug)]
-pub(crate) struct Sub {
-    /// Index of its compiled lines: that of its file; in a streamed program, that of the region.
-    pub(crate) code: u32,
-    /// First compiled line.
-    pub(crate) entry: u32,
-    pub(crate) for_m98: bool,
-}
-
-/// All subprograms of a program, by file and label.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Subs {
-    pub(crate) list: Vec<Sub>,
-    by_label: HashMap<(u16, Label), SubId>,
-}
-
-impl Subs {
-    /// Adds a subprogram; false when the file has one of that label already.
-    pub(crate) fn add(&mut self, file: u16, label: Label, sub: Sub) -> bool {
-        let id = self.list.len() as SubId;
-        let is_new = !self.by_label.contains_key(&(file, label.clone()));
-        if is_new {
-            self.by_label.insert((file, label), id);
-            self.list.push(sub);
-        }
-        is_new
-    }
-
-    /// Removes all but the first `count`.
-    pub(crate) fn truncate(&mut self, count: usize) {
-        self.list.truncate(count);
-        self.by_label.retain(|_, id| (*id as usize) < count);
-    }
-
-    /// Returns the subprogram of a call in this file: one of the file itself, or one of the program.
-    pub(crate) fn find(&self, file: u16, label: &Label) -> Option<SubId> {
-        let key = |file| (file, label.clone());
-        self.by_label.get(&key(file)).or_else(|| self.by_label.get(&key(0))).copied()
-    }
-
-    pub(crate) fn get(&self, id: SubId) -> Option<&Sub> {
-        self.list.get(id as usize)
-    }
-
-    /// Returns the label of a subprogram.
-    pub(crate) fn label(&self, sub: &Sub) -> Option<&Label> {
-        let is_it = |id: &SubId| self.get(*id).is_some_and(|one| (one.code, one.entry) == (sub.code, sub.entry));
-        self.by_label.iter().find(|(_, id)| is_it(id)).map(|((_, label), _)| label)
-    }
 }
 
 /// Maximum number of bytes between two labels, more than any contour has.
@@ -321,7 +246,7 @@ impl Prescan {
                     lines.is_some()
                 }
                 None => {
-                    let label = label(name);
+                    let label = subprogram_label(name);
                     if self.subs.find(file, &label).is_none() && cycles.find(name).is_none() {
                         self.find_file(&label, files, file, *line, call.at);
                     }
@@ -395,15 +320,6 @@ impl Prescan {
     }
 }
 
-/// Returns the error for a subprogram of one kind that is called as the other.
-pub(crate) fn wrong_call(label: &Label, is_m98: bool, at: Span) -> BlockError {
-    let message = match is_m98 {
-        true => format!("{label} is a sub: call it with O… call"),
-        false => format!("{label} ends with M99: call it with M98"),
-    };
-    BlockError::new(Number::WrongCall, at, message)
-}
-
 /// Returns the positions and numbers of the lines with labels.
 fn find_label_places(text: &Text) -> io::Result<LabelPlaces> {
     let mut labels = LabelPlaces::new();
@@ -414,7 +330,7 @@ fn find_label_places(text: &Text) -> io::Result<LabelPlaces> {
             return Ok(labels);
         }
         number = number.saturating_add(1);
-        if let Some(label) = crate::cycle_call::label_of(lines.line()) {
+        if let Some(label) = crate::cycle_call_parser::label_of(lines.line()) {
             labels.entry(label).or_default().push((at, number));
         }
     }

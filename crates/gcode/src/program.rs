@@ -4,7 +4,7 @@
 //! compiled once, by the pre-scan or as they arrive.
 
 use crate::active::ActiveCodes;
-use crate::bytes::{byte_order_mark, shown};
+use crate::bytes::shown;
 use crate::canon::{Canon, CanonStep};
 use crate::contour::{self, ContourReader};
 use crate::control::{Control, Keyword};
@@ -12,12 +12,15 @@ use crate::cycle_call::CycleCall;
 use crate::diag::{BlockError, BlockResult, Diagnostic, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::flow_controller::{FlowController, LineOutcome};
-use crate::interp::{self, Interpreter, LineRead, Setup};
+use crate::interp;
+use crate::interp::{Interpreter, LineRead};
 use crate::line_numbers::{GotoError, parse_n_word};
 use crate::lines::Lines;
-use crate::modal_snapshot::check_mdi;
+use crate::lines::{is_percent, unreadable};
+use crate::mdi_check::check_mdi;
 use crate::prescan::Prescan;
 use crate::program_location::ProgramLocation;
+use crate::setup::Setup;
 use crate::stream_compiler::StreamCompiler;
 use crate::text::Text;
 use retrace_cycles::Kind;
@@ -523,18 +526,8 @@ impl<R: BufRead> Program<R> {
     }
 }
 
-/// Returns the error that the program cannot be read any further.
-pub(crate) fn unreadable(error: &std::io::Error) -> BlockError {
-    BlockError::new(ErrorCode::Unreadable, Span::default(), format!("{}: {error}", ErrorCode::Unreadable.title()))
-}
-
 fn emit(steps: &mut Vec<CanonStep>, canon: Canon) {
     steps.push(CanonStep { line: 0, number: None, canon });
-}
-
-/// Whether a line has a percent sign and nothing else.
-pub(crate) fn is_percent(text: &[u8]) -> bool {
-    text.contains(&b'%') && text[byte_order_mark(text)..].trim_ascii() == b"%"
 }
 
 /// Iterator over every canonical function of a program, in order. The diagnostics are complete at the end.

@@ -3,7 +3,7 @@
 //! Invariant: a [`SpindleTurn`] is a turning spindle; a stopped one has none.
 
 use crate::canon::Canon;
-use crate::modal::SpindleRotation;
+use crate::modal_groups::SpindleRotation;
 
 /// Direction of a turning spindle, seen from it towards the work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

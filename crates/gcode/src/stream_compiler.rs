@@ -11,8 +11,8 @@ use crate::flow_controller::FlowController;
 use crate::interp::Interpreter;
 use crate::line_numbers::SeenNumbers;
 use crate::lines::Lines;
-use crate::prescan::Sub;
-use crate::program::unreadable;
+use crate::lines::unreadable;
+use crate::subs::Sub;
 use std::io::BufRead;
 use std::sync::Arc;
 

@@ -2,9 +2,10 @@
 //!
 //! Invariant: they are read-only, and their values are those of LinuxCNC 2.9.
 
-use crate::canon::{FeedMode, Plane, Probing};
+use crate::canon_modes::{FeedMode, Plane, Probing};
 use crate::compensation::Side;
-use crate::modal::{ArcCentres, DistanceMode, ModalState, MotionMode, SpindleRotation};
+use crate::modal::ModalState;
+use crate::modal_groups::{ArcCentres, DistanceMode, MotionMode, SpindleRotation};
 use crate::pose::Axis;
 
 /// A predefined named parameter.

@@ -4,7 +4,7 @@
 //! compared with its checksum. The memory for a stored file is 8 bytes per 64 KiB and 8 bytes per 4096 lines.
 
 use crate::bytes::line_feed;
-use crate::lines::{MAX_HELD_LINE, split};
+use crate::line_split::{MAX_HELD_LINE, split};
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -127,7 +127,7 @@ impl Text {
     /// Returns the number of lines.
     pub(crate) fn lines(&self) -> u64 {
         match &self.0 {
-            TextKind::Held(bytes) => crate::lines::SplitLines::new(bytes).count() as u64,
+            TextKind::Held(bytes) => crate::line_split::SplitLines::new(bytes).count() as u64,
             TextKind::Stored(stored) => stored.lines,
         }
     }

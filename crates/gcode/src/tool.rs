@@ -2,10 +2,10 @@
 //!
 //! Invariant: each tool number occurs once; lengths are in machine units.
 
-use crate::block::LARGEST;
-use crate::canon::LengthUnit;
+use crate::canon_modes::LengthUnit;
 use crate::diag::{Diagnostic, Span};
 use crate::error_codes::ErrorCode;
+use crate::number_range::LARGEST;
 use crate::pose::{Axis, Pose};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

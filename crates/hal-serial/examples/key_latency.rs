@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Rate, Record};
+use retrace_core::{Rate, Record, RecordIndex};
 use retrace_hal_serial::{Address, Pty, SerialPort};
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings};
 use retrace_link::{CardSettings, HostCommand, LinkTimeouts, LinkedCard, MotionCard, PathStart};
@@ -59,7 +59,7 @@ fn main() {
         scope.spawn(|| serve(pty, begun, &slower, &ended));
         let port = SerialPort::open(&address).expect("the pseudo-terminal");
         let mut card = Box::new(LinkedCard::<AXES, _>::connect(port, 7, LinkTimeouts::default()).expect("a card"));
-        card.open(CardSettings::new(0, PathStart::at(0), 1000, limits)).expect("it opens");
+        card.open(CardSettings::new(0, PathStart::at(RecordIndex::new(0)), 1000, limits)).expect("it opens");
         let (ended, pressed) = (&ended, &pressed);
         scope.spawn(move || {
             let mut wait_us = 170_000;
@@ -74,7 +74,7 @@ fn main() {
         while latencies.len() < PRESSES {
             let high = card.status().high;
             let record = Record { increments: [50, 0, 0, 0], line: 1, ..Record::default() };
-            if high.wrapping_sub(card.status().place.record) < 1000
+            if high.since(card.status().place.record) < 1000
                 && card.send(HostCommand::Ahead { place: high, record }).is_ok()
             {
                 continue;

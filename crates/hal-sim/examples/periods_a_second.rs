@@ -5,7 +5,7 @@
 use std::time::Instant;
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Rate, Record};
+use retrace_core::{Rate, Record, RecordIndex};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{HostCommand, MotionCard};
 
@@ -18,12 +18,12 @@ fn main() {
         for pulses in [5, 50] {
             let mut best = f64::INFINITY;
             for _ in 0..5 {
-                let mut card = SimCard::<4>::new(0, limits, Clock::Virtual).expect("fits");
+                let mut card = SimCard::<4>::new(RecordIndex::new(0), limits, Clock::Virtual).expect("fits");
                 card.send(HostCommand::rate(rate)).expect("a rate");
                 let began = Instant::now();
                 for _ in 0..PERIODS {
                     let place = card.status().high;
-                    if place.wrapping_sub(card.status().place.record) < 2000 {
+                    if place.since(card.status().place.record) < 2000 {
                         let increments = [pulses, -pulses, pulses / 2, 0];
                         card.send(HostCommand::Ahead { place, record: Record { increments, ..Record::default() } })
                             .expect("room");

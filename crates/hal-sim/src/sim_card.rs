@@ -7,6 +7,7 @@ use std::fmt;
 use std::io::{self, Write};
 
 use retrace_card::{Card, InputLevels};
+use retrace_core::RecordIndex;
 use retrace_core::limits::RateLimits;
 use retrace_link::{
     Alarm, CardCore, CardFailure, CardIdentity, CardSettings, CardStatus, CommandRefusal, HostCommand, MotionCard,
@@ -118,7 +119,7 @@ impl<const A: usize> SimCard<A> {
     /// A card at rest without a plant. Its first record has the number `start`; its control period is 1 ms in virtual
     /// time. `None` where the average of the rate law is too long for a card.
     #[must_use]
-    pub fn new(start: u32, limits: RateLimits<A>, clock: Clock) -> Option<Self> {
+    pub fn new(start: RecordIndex, limits: RateLimits<A>, clock: Clock) -> Option<Self> {
         let settings = CardSettings::new(1, PathStart::at(start), clock.period_us().unwrap_or(1000), limits);
         Self::with_machine(settings, &PlantSettings::default(), clock).ok()
     }
@@ -254,7 +255,7 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
 mod tests {
     use super::*;
     use retrace_core::limits::PulseLimits;
-    use retrace_core::{Flags, Rate, Record};
+    use retrace_core::{Flags, Rate, Record, RecordIndex};
 
     fn limits<const A: usize>() -> RateLimits<A> {
         let axis = PulseLimits { velocity: 100 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
@@ -263,11 +264,11 @@ mod tests {
 
     #[test]
     fn counts_every_pulse_of_a_walk_there_and_back() {
-        let mut card = SimCard::<2>::new(0, limits(), Clock::Virtual).expect("fits");
+        let mut card = SimCard::<2>::new(RecordIndex::new(0), limits(), Clock::Virtual).expect("fits");
         for place in 0..100u32 {
             let flags = if place == 99 { Flags::REST } else { Flags::NONE };
             let record = Record { increments: [7, -(place as i16)], flags, ..Record::default() };
-            card.send(HostCommand::Ahead { place, record }).expect("room");
+            card.send(HostCommand::Ahead { place: RecordIndex::new(place), record }).expect("room");
         }
         card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
         for _ in 0..100 {
@@ -285,7 +286,7 @@ mod tests {
     #[test]
     fn wall_time_passes() {
         let begin = std::time::Instant::now();
-        let mut card = SimCard::<1>::new(0, limits(), Clock::wall(1000)).expect("fits");
+        let mut card = SimCard::<1>::new(RecordIndex::new(0), limits(), Clock::wall(1000)).expect("fits");
         for _ in 0..20 {
             card.run_period().expect("no fault");
         }

@@ -90,7 +90,7 @@ impl<W: Write, const A: usize> Trace<W, A> {
     /// The error of the writer.
     pub fn period(&mut self, at_ns: u64, status: &CardStatus<A>, edges: &[PinEdge], tick_hz: u32) -> io::Result<()> {
         let (vcd, card) = (&mut self.vcd, &self.card);
-        let place = f64::from(status.place.record) + status.place.fraction_of_record();
+        let place = f64::from(status.place.record.number()) + status.place.fraction_of_record();
         vcd.set_real(at_ns, card.place, place)?;
         vcd.set_real(at_ns, card.rate, f64::from(status.rate))?;
         vcd.set(at_ns, card.line, u64::from(status.line))?;

@@ -3,8 +3,8 @@
 //! Invariant: an entry is read as it was written or not at all: what a newer version has added is rejected, not
 //! guessed.
 
-use retrace_core::Place;
 use retrace_core::mode::Mode;
+use retrace_core::{Place, Rate, RecordIndex};
 use retrace_link::PathStart;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -80,7 +80,8 @@ pub struct JobHeader {
     /// Control period in microseconds.
     pub period_us: u32,
     /// Place where the path begins.
-    pub origin: u32,
+    #[serde(with = "record_index")]
+    pub origin: RecordIndex,
     /// Counts of the machine's axes there.
     pub counts: Vec<i64>,
     /// Outputs that were not 0 there, channel and value.
@@ -224,9 +225,11 @@ pub struct WiredCard {
 #[serde(deny_unknown_fields)]
 pub struct PlannedOverride {
     /// First record planned with it.
-    pub place: u32,
-    /// The factor, in units of 2⁻³².
-    pub planned: i64,
+    #[serde(with = "record_index")]
+    pub place: RecordIndex,
+    /// The override.
+    #[serde(with = "rate")]
+    pub planned: Rate,
 }
 
 /// Records that the program was cut off or rejected, and that the path was planned to rest there.
@@ -249,7 +252,8 @@ pub struct PositionEntry {
     #[serde(with = "place")]
     pub place: Place,
     /// The furthest place ever executed, as a record boundary.
-    pub reached: u32,
+    #[serde(with = "record_index")]
+    pub reached: RecordIndex,
     /// Number of the last exclusive instruction that was complete.
     pub executed: u32,
     /// Whether the cursor was at rest.
@@ -300,7 +304,8 @@ pub struct ResumeEntry {
     #[serde(with = "place")]
     pub place: Place,
     /// The furthest place ever executed, as a record boundary.
-    pub reached: u32,
+    #[serde(with = "record_index")]
+    pub reached: RecordIndex,
     /// Number of the last exclusive instruction that was complete.
     pub executed: u32,
     /// Counts of the machine's axes, in pulses.
@@ -346,6 +351,7 @@ mod mark {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     use crate::place_index::PlaceMark;
+    use retrace_core::RecordIndex;
 
     #[derive(Serialize, Deserialize)]
     #[serde(deny_unknown_fields)]
@@ -359,7 +365,7 @@ mod mark {
     pub(crate) fn serialize<S: Serializer>(mark: &PlaceMark, to: S) -> Result<S::Ok, S::Error> {
         let axes = mark.counts.iter().rposition(|&count| count != 0).map_or(0, |last| last + 1);
         let counts = mark.counts[..axes].to_vec();
-        Written { place: mark.place, block: mark.block, line: mark.line, counts }.serialize(to)
+        Written { place: mark.place.number(), block: mark.block, line: mark.line, counts }.serialize(to)
     }
 
     pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<PlaceMark, D::Error> {
@@ -367,7 +373,7 @@ mod mark {
         let mut counts = [0; 9];
         let there = counts.get_mut(..written.len()).ok_or_else(|| serde::de::Error::custom("more than nine axes"))?;
         there.copy_from_slice(&written);
-        Ok(PlaceMark { place, block, line, counts })
+        Ok(PlaceMark { place: RecordIndex::new(place), block, line, counts })
     }
 }
 
@@ -387,18 +393,46 @@ mod mode {
     }
 }
 
+/// Serialization of the index of a record as its number.
+mod record_index {
+    use retrace_core::RecordIndex;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(crate) fn serialize<S: Serializer>(index: &RecordIndex, to: S) -> Result<S::Ok, S::Error> {
+        index.number().serialize(to)
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<RecordIndex, D::Error> {
+        u32::deserialize(from).map(RecordIndex::new)
+    }
+}
+
+/// Serialization of a rate in units of 2⁻³².
+mod rate {
+    use retrace_core::Rate;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(crate) fn serialize<S: Serializer>(rate: &Rate, to: S) -> Result<S::Ok, S::Error> {
+        rate.units().serialize(to)
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Rate, D::Error> {
+        i64::deserialize(from).map(Rate::from_units)
+    }
+}
+
 /// Serialization of a place as record and fraction.
 mod place {
-    use retrace_core::Place;
+    use retrace_core::{Place, RecordIndex};
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     pub(crate) fn serialize<S: Serializer>(place: &Place, to: S) -> Result<S::Ok, S::Error> {
-        (place.record, place.fraction).serialize(to)
+        (place.record.number(), place.fraction).serialize(to)
     }
 
     pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Place, D::Error> {
         let (record, fraction) = Deserialize::deserialize(from)?;
-        Ok(Place { record, fraction })
+        Ok(Place { record: RecordIndex::new(record), fraction })
     }
 }
 
@@ -413,7 +447,7 @@ pub(crate) mod tests {
     }
 
     fn a_place() -> impl Strategy<Value = Place> {
-        (any::<u32>(), any::<u32>()).prop_map(|(record, fraction)| Place { record, fraction })
+        (any::<u32>(), any::<u32>()).prop_map(|(record, fraction)| Place { record: RecordIndex::new(record), fraction })
     }
 
     fn counts() -> impl Strategy<Value = Vec<i64>> {
@@ -424,7 +458,7 @@ pub(crate) mod tests {
         (any::<u32>(), any::<u64>(), any::<u32>(), counts()).prop_map(|(place, block, line, some)| {
             let mut counts = [0; 9];
             counts[..some.len()].copy_from_slice(&some);
-            place_index::PlaceMark { place, block, line, counts }
+            place_index::PlaceMark { place: RecordIndex::new(place), block, line, counts }
         })
     }
 
@@ -463,7 +497,7 @@ pub(crate) mod tests {
             }),
             card,
             period_us: 1000,
-            origin: 5,
+            origin: RecordIndex::new(5),
             counts: vec![1, -2, 3],
             outputs: vec![(64, 1)],
             executed: 0,
@@ -487,7 +521,7 @@ pub(crate) mod tests {
                     when,
                     period,
                     place,
-                    reached,
+                    reached: RecordIndex::new(reached),
                     executed,
                     at_rest,
                     counts,
@@ -512,14 +546,14 @@ pub(crate) mod tests {
                 retrace: "0.1.0".into(),
                 card,
                 place,
-                reached,
+                reached: RecordIndex::new(reached),
                 executed,
                 counts,
             },
         );
         prop_oneof![
             4 => marks().prop_map(JournalEntry::Mark),
-            1 => any::<(u32, i64)>().prop_map(|(place, planned)| JournalEntry::Override(PlannedOverride { place, planned })),
+            1 => any::<(u32, i64)>().prop_map(|(place, planned)| JournalEntry::Override(PlannedOverride { place: RecordIndex::new(place), planned: Rate::from_units(planned) })),
             1 => any::<u64>().prop_map(|block| JournalEntry::Rest(PlannedRest { block })),
             2 => ats().prop_map(|at| JournalEntry::Position(Box::new(at))),
             1 => value.prop_map(JournalEntry::Event),

@@ -7,7 +7,6 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use retrace_config::NumberedError;
-use retrace_core::place::is_before;
 use retrace_link::PathStart;
 use serde_json::Value;
 
@@ -120,7 +119,7 @@ impl JobRecord {
             }
             JournalEntry::Override(new) => {
                 // Overrides beyond this place belong to a plan that was discarded.
-                self.overrides.retain(|(_, old)| is_before(old.place, new.place));
+                self.overrides.retain(|(_, old)| old.place.is_before(new.place));
                 self.overrides.push((number, new));
             }
             JournalEntry::ToolLength(change) => self.lengths.push(change),
@@ -210,7 +209,7 @@ impl JobRecord {
             Ok((number, JournalEntry::Mark(mark))) => {
                 // Of the overrides behind the mark, the first one has the first place.
                 let next = overrides.get(overrides.partition_point(|(line, _)| *line < number));
-                let is_undone = next.is_some_and(|(_, planned)| is_before(planned.place, mark.place));
+                let is_undone = next.is_some_and(|(_, planned)| planned.place.is_before(mark.place));
                 (!is_undone).then_some(Ok(mark))
             }
             Ok(_) => None,
@@ -308,19 +307,19 @@ mod tests {
     use crate::place_index::{IndexEntry, IndexWriter};
     use crate::spool::SpoolWriter;
     use crate::timestamp::Timestamp;
-    use retrace_core::Place;
+    use retrace_core::{Place, Rate, RecordIndex};
     use serde_json::json;
 
     fn mark(place: u32) -> PlaceMark {
-        PlaceMark { place, line: place, ..PlaceMark::default() }
+        PlaceMark { place: RecordIndex::new(place), line: place, ..PlaceMark::default() }
     }
 
     fn at(record: u32) -> JournalEntry {
         JournalEntry::Position(Box::new(PositionEntry {
             when: Timestamp::from_ms(1),
             period: 9,
-            place: Place { record, fraction: 3 },
-            reached: record + 1,
+            place: Place { record: RecordIndex::new(record), fraction: 3 },
+            reached: RecordIndex::new(record + 1),
             executed: 2,
             at_rest: true,
             counts: vec![i64::from(record), 2, 3],
@@ -336,8 +335,8 @@ mod tests {
             when: Timestamp::from_ms(2),
             retrace: "0.1.0".into(),
             card: JobCard::Sim,
-            place: Place::start_of(record),
-            reached: record,
+            place: Place::start_of(RecordIndex::new(record)),
+            reached: RecordIndex::new(record),
             executed: 4,
             counts: vec![7, 8, 9],
         }))
@@ -354,7 +353,7 @@ mod tests {
     }
 
     fn planned(place: u32) -> JournalEntry {
-        JournalEntry::Override(PlannedOverride { place, planned: 5 })
+        JournalEntry::Override(PlannedOverride { place: RecordIndex::new(place), planned: Rate::from_units(5) })
     }
 
     /// Writes a journal of these entries to a file.
@@ -386,10 +385,10 @@ mod tests {
             let LastPosition { start, counts } = read(entries).last_position;
             (start.place.record, start.executed, counts)
         };
-        assert_eq!(stood(vec![]), (5, 0, vec![1, -2, 3]));
-        assert_eq!(stood(vec![at(8), at(9)]), (9, 2, vec![9, 2, 3]));
-        assert_eq!(stood(vec![at(8), resumed(7)]), (7, 4, vec![7, 8, 9]));
-        assert_eq!(stood(vec![at(8), resumed(7), at(6)]), (6, 2, vec![6, 2, 3]));
+        assert_eq!(stood(vec![]), (RecordIndex::new(5), 0, vec![1, -2, 3]));
+        assert_eq!(stood(vec![at(8), at(9)]), (RecordIndex::new(9), 2, vec![9, 2, 3]));
+        assert_eq!(stood(vec![at(8), resumed(7)]), (RecordIndex::new(7), 4, vec![7, 8, 9]));
+        assert_eq!(stood(vec![at(8), resumed(7), at(6)]), (RecordIndex::new(6), 2, vec![6, 2, 3]));
     }
 
     #[test]
@@ -407,10 +406,14 @@ mod tests {
         let counts = |entries: Vec<JournalEntry>| {
             let (_folder, path) = written(entries);
             let record = JobRecord::read(&path).expect("whole");
-            let marks: Vec<u32> = record.marks().expect("whole").map(|mark| mark.expect("whole").place).collect();
-            assert_eq!((record.marks, record.last_mark.map(|m| m.place)), (marks.len() as u64, marks.last().copied()));
-            assert_eq!(record.durable_place().place(), marks.last().copied().unwrap_or(5));
-            (marks, record.overrides().iter().map(|o| o.place).collect::<Vec<_>>())
+            let marks: Vec<u32> =
+                record.marks().expect("whole").map(|mark| mark.expect("whole").place.number()).collect();
+            assert_eq!(
+                (record.marks, record.last_mark.map(|m| m.place.number())),
+                (marks.len() as u64, marks.last().copied())
+            );
+            assert_eq!(record.durable_place().place(), RecordIndex::new(marks.last().copied().unwrap_or(5)));
+            (marks, record.overrides().iter().map(|o| o.place.number()).collect::<Vec<_>>())
         };
         assert_eq!(counts(vec![]), (vec![], vec![]));
         assert_eq!(counts(marks(&[10, 20, 30])), (vec![10, 20, 30], vec![]));

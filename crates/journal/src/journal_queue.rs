@@ -3,6 +3,7 @@
 //! Invariant: entries are taken in the order in which they were pushed. Entries that are needed to resume the job are
 //! never lost where the motion path follows the durable place.
 
+use retrace_core::RecordIndex;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -163,7 +164,7 @@ impl JournalQueue {
     }
 
     /// Records that the batch is saved, up to this place.
-    pub(crate) fn batch_saved(&self, place: Option<u32>) {
+    pub(crate) fn batch_saved(&self, place: Option<RecordIndex>) {
         if let Some(place) = place {
             self.0.durable.advance(place);
         }

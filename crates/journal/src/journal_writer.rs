@@ -5,6 +5,7 @@
 //! failing disk loses nothing that was durable: the rest is retained and written again, until it succeeds or the job
 //! ends.
 
+use retrace_core::RecordIndex;
 use std::collections::VecDeque;
 use std::io;
 use std::thread::{self, JoinHandle};
@@ -116,7 +117,7 @@ impl JournalWriter {
     /// The planning thread's end, which receives the index entries. A resumed job passes `known`, the place of the last
     /// mark in the journal, and the overrides there: entries up to there are in the journal already.
     #[must_use]
-    pub fn index_writer(&self, known: Option<u32>, overrides: &[PlannedOverride]) -> JournalIndexWriter {
+    pub fn index_writer(&self, known: Option<RecordIndex>, overrides: &[PlannedOverride]) -> JournalIndexWriter {
         JournalIndexWriter {
             queue: self.queue.clone(),
             recorded_until: known,
@@ -192,7 +193,7 @@ fn journal_error(why: impl std::fmt::Display) -> NumberedError {
 pub struct JournalIndexWriter {
     queue: JournalQueue,
     /// Place of the last mark that is in the journal already.
-    recorded_until: Option<u32>,
+    recorded_until: Option<RecordIndex>,
     overrides: VecDeque<PlannedOverride>,
 }
 
@@ -200,14 +201,14 @@ impl IndexWriter for JournalIndexWriter {
     fn write(&mut self, note: IndexEntry) {
         match note {
             IndexEntry::Mark(mark) => {
-                if self.recorded_until.is_none_or(|known| retrace_core::place::is_before(known, mark.place)) {
+                if self.recorded_until.is_none_or(|known| known.is_before(mark.place)) {
                     self.queue.push_index_entry(JournalEntry::Mark(mark));
                 }
             }
             IndexEntry::Length(change) => self.queue.push_index_entry(JournalEntry::ToolLength(change)),
             IndexEntry::Rest { block } => self.queue.push_index_entry(JournalEntry::Rest(PlannedRest { block })),
             IndexEntry::Override { place, planned } => {
-                let noted = PlannedOverride { place, planned: planned.units() };
+                let noted = PlannedOverride { place, planned };
                 if self.overrides.front() == Some(&noted) {
                     self.overrides.pop_front();
                     return;
@@ -252,7 +253,7 @@ struct EntryBatch {
     /// Sequence number of the line behind them.
     next: u64,
     /// Place of the last mark.
-    place: Option<u32>,
+    place: Option<RecordIndex>,
 }
 
 struct WriterThread<S> {
@@ -352,7 +353,7 @@ mod tests {
     use crate::journal_reader::JournalEntries;
     use crate::place_index::PlaceMark;
     use crate::timestamp::Timestamp;
-    use retrace_core::{Place, Rate};
+    use retrace_core::{Place, Rate, RecordIndex};
     use serde_json::{Value, json};
     use std::sync::{Arc, Mutex, MutexGuard};
     use std::time::Duration;
@@ -429,7 +430,7 @@ mod tests {
 
     fn mark(place: u32) -> PlaceMark {
         PlaceMark {
-            place,
+            place: RecordIndex::new(place),
             block: u64::from(place) * 2,
             line: place + 1,
             counts: [i64::from(place), -7, 0, 0, 0, 0, 0, 0, 0],
@@ -454,7 +455,8 @@ mod tests {
     }
 
     fn last_place(entries: &[JournalEntry]) -> Option<u32> {
-        let place = |entry: &JournalEntry| if let JournalEntry::Mark(mark) = entry { Some(mark.place) } else { None };
+        let place =
+            |entry: &JournalEntry| if let JournalEntry::Mark(mark) = entry { Some(mark.place.number()) } else { None };
         entries.iter().rev().find_map(place)
     }
 
@@ -474,15 +476,18 @@ mod tests {
                 handed.push(JournalEntry::Mark(mark(place)));
             }
             if n == 3 {
-                notes.write(IndexEntry::Override { place: 390, planned: Rate::ONE * 3 });
-                handed.push(JournalEntry::Override(PlannedOverride { place: 390, planned: 3 << 32 }));
+                notes.write(IndexEntry::Override { place: RecordIndex::new(390), planned: Rate::ONE * 3 });
+                handed.push(JournalEntry::Override(PlannedOverride {
+                    place: RecordIndex::new(390),
+                    planned: Rate::ONE * 3,
+                }));
             }
             journal.event_writer().write(event(n));
             handed.push(event(n));
             if n % 2 == 1 {
                 let _ = journal.wait_until_saved();
             }
-            let (place, platter) = (durable.place(), disk.disk());
+            let (place, platter) = (durable.place().number(), disk.disk());
             let after_a_power_cut = entries_of(&platter.bytes[..platter.synced]).expect("what is synced is whole");
             assert!(place <= last_place(&after_a_power_cut).unwrap_or(5), "{place} is not durable");
         }
@@ -574,12 +579,12 @@ mod tests {
                     while journal.wait_until_saved().is_err() {
                         let platter = disk.disk();
                         let safe = entries_of(&platter.bytes[..platter.synced]).expect("whole");
-                        assert!(durable.place() <= last_place(&safe).unwrap_or(5));
+                        assert!(durable.place().number() <= last_place(&safe).unwrap_or(5));
                         drop(platter);
                         thread::sleep(Duration::from_millis(1));
                     }
                 }
-                assert_eq!(durable.place(), 12);
+                assert_eq!(durable.place(), RecordIndex::new(12));
                 let news: Vec<_> = std::iter::from_fn(|| journal.event_writer().next_notice()).collect();
                 let told = |notice: &JournalNotice| matches!(notice, JournalNotice::Unwritable(error) if error.number == "E3020");
                 let failed = disk.disk().calls > first;
@@ -602,21 +607,21 @@ mod tests {
             disk.disk().bytes = whole[..cut].to_vec();
             let mut entries = JournalEntries::new(&whole[..cut]);
             let kept = entries.by_ref().count();
-            let start = Place { record: 9, fraction: 7 };
+            let start = Place { record: RecordIndex::new(9), fraction: 7 };
             let resumed = ResumeEntry {
                 when: Timestamp::from_ms(9),
                 retrace: "0.1.0".into(),
                 card: JobCard::Sim,
                 place: start,
-                reached: 11,
+                reached: RecordIndex::new(11),
                 executed: 2,
                 counts: vec![1],
             };
             let tail = entries.tail();
-            let durable = DurablePlace::starting_at(5);
+            let durable = DurablePlace::starting_at(RecordIndex::new(5));
             let journal = JournalWriter::reopen(disk.clone(), Durability::Synced, tail, durable, resumed.clone(), None)
                 .expect("it works");
-            journal.index_writer(Some(300), &[]).write(IndexEntry::Mark(mark(301)));
+            journal.index_writer(Some(RecordIndex::new(300)), &[]).write(IndexEntry::Mark(mark(301)));
             drop(journal);
             let mut expected = lines[..kept].to_vec();
             expected.extend([JournalEntry::Resumed(Box::new(resumed)), JournalEntry::Mark(mark(301))]);
@@ -628,18 +633,21 @@ mod tests {
     fn what_is_noted_again_is_not_written_again() {
         let disk = FakeDiskState::default();
         let journal = begin(&disk, Durability::Synced).expect("it works");
-        let known = [PlannedOverride { place: 20, planned: 7 }];
-        let mut notes = journal.index_writer(Some(30), &known);
+        let known = [PlannedOverride { place: RecordIndex::new(20), planned: Rate::from_units(7) }];
+        let mut notes = journal.index_writer(Some(RecordIndex::new(30)), &known);
         notes.write(IndexEntry::Mark(mark(10)));
-        notes.write(IndexEntry::Override { place: 20, planned: Rate::from_units(7) });
+        notes.write(IndexEntry::Override { place: RecordIndex::new(20), planned: Rate::from_units(7) });
         notes.write(IndexEntry::Mark(mark(30)));
         notes.write(IndexEntry::Mark(mark(31)));
-        notes.write(IndexEntry::Override { place: 40, planned: Rate::from_units(8) });
+        notes.write(IndexEntry::Override { place: RecordIndex::new(40), planned: Rate::from_units(8) });
         drop((notes, journal));
         let kept = entries_of(&disk.disk().bytes).expect("whole");
         assert_eq!(
             kept[1..],
-            [JournalEntry::Mark(mark(31)), JournalEntry::Override(PlannedOverride { place: 40, planned: 8 })]
+            [
+                JournalEntry::Mark(mark(31)),
+                JournalEntry::Override(PlannedOverride { place: RecordIndex::new(40), planned: Rate::from_units(8) })
+            ]
         );
     }
 

@@ -10,15 +10,14 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use retrace_core::Rate;
-use retrace_core::place::is_before;
+use retrace_core::{Rate, RecordIndex};
 use serde::{Deserialize, Serialize};
 
 /// State of the program where the records up to a place were planned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PlaceMark {
     /// Place, as a record boundary.
-    pub place: u32,
+    pub place: RecordIndex,
     /// Number of blocks that the decoder has executed up to the one of the record before the place: the block's
     /// instance.
     pub block: u64,
@@ -55,7 +54,7 @@ pub enum IndexEntry {
     /// From the record at `place` on, the plan uses this override, [`Rate::ONE`] or more.
     Override {
         /// First record planned with it.
-        place: u32,
+        place: RecordIndex,
         /// The factor, in units of 2⁻³².
         planned: Rate,
     },
@@ -112,20 +111,20 @@ pub struct DurablePlace(Arc<AtomicU32>);
 impl DurablePlace {
     /// Durable up to `place`, where the path begins.
     #[must_use]
-    pub fn starting_at(place: u32) -> Self {
-        Self(Arc::new(AtomicU32::new(place)))
+    pub fn starting_at(place: RecordIndex) -> Self {
+        Self(Arc::new(AtomicU32::new(place.number())))
     }
 
     /// The durable place: no record at or beyond it may be given to the card.
     #[must_use]
-    pub fn place(&self) -> u32 {
-        self.0.load(Ordering::Acquire)
+    pub fn place(&self) -> RecordIndex {
+        RecordIndex::new(self.0.load(Ordering::Acquire))
     }
 
     /// Advances the durable place. An earlier place changes nothing. Called from one thread only.
-    pub fn advance(&self, place: u32) {
-        if is_before(self.place(), place) {
-            self.0.store(place, Ordering::Release);
+    pub fn advance(&self, place: RecordIndex) {
+        if self.place().is_before(place) {
+            self.0.store(place.number(), Ordering::Release);
         }
     }
 }
@@ -136,11 +135,11 @@ mod tests {
 
     #[test]
     fn it_only_grows_also_over_the_wrap() {
-        let durable = DurablePlace::starting_at(u32::MAX - 1);
+        let durable = DurablePlace::starting_at(RecordIndex::new(u32::MAX - 1));
         let ahead = durable.clone();
         for (said, is) in [(u32::MAX, u32::MAX), (3, 3), (u32::MAX, 3), (2, 3), (4, 4)] {
-            ahead.advance(said);
-            assert_eq!(durable.place(), is);
+            ahead.advance(RecordIndex::new(said));
+            assert_eq!(durable.place(), RecordIndex::new(is));
         }
     }
 }

@@ -417,8 +417,8 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         writer.u16(self.rate_seq)?;
         let flags_at = writer.len();
         writer.u8(0)?;
-        writer.u32(status.low)?;
-        writer.count(u64::from(status.high.wrapping_sub(status.low)))?;
+        writer.u32(status.low.number())?;
+        writer.count(u64::from(status.high.since(status.low)))?;
         writer.u16(self.sent)?;
         let end = self.first.wrapping_add(self.count);
         let most = self.frames.max_payload() - STATE_CRC_BYTES;

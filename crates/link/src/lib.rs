@@ -84,7 +84,7 @@ pub trait MotionCard<const A: usize> {
 
     /// Returns the place after the last record that the card is known to hold. For a card on a serial line, the window
     /// in the status is larger: it includes the records that are in transit.
-    fn acknowledged_high(&self) -> u32 {
+    fn acknowledged_high(&self) -> retrace_core::RecordIndex {
         self.status().high
     }
 }
@@ -112,7 +112,7 @@ impl<const A: usize, C: MotionCard<A>> MotionCard<A> for &mut C {
         C::status(self)
     }
 
-    fn acknowledged_high(&self) -> u32 {
+    fn acknowledged_high(&self) -> retrace_core::RecordIndex {
         C::acknowledged_high(self)
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Invariant: every message has a fixed size; none contains a float.
 
-use retrace_core::{Place, Rate, RateTarget, Record};
+use retrace_core::{Place, Rate, RateTarget, Record, RecordIndex};
 
 use crate::{Alarm, CutterOff, PathStart, RepeatedInstruction};
 
@@ -40,7 +40,7 @@ pub struct OutputChange {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutputAction {
     /// Record at whose start it is executed.
-    pub place: u32,
+    pub place: RecordIndex,
     /// The output channel.
     pub channel: u8,
     /// Value before the action, which reverse run restores if actions are replayed.
@@ -72,7 +72,7 @@ pub struct Instruction {
     /// Number; instructions are executed, and reported as executed, in this order.
     pub number: u32,
     /// Place of the instruction: before this record.
-    pub place: u32,
+    pub place: RecordIndex,
     /// Output changes; the first `count` are valid.
     pub changes: [OutputChange; MAX_CHANGES],
     /// Number of valid `changes`.
@@ -122,14 +122,14 @@ pub enum HostCommand<const A: usize> {
     /// Adds the next record ahead of the window.
     Ahead {
         /// Record number: where the window ends now.
-        place: u32,
+        place: RecordIndex,
         /// The record.
         record: Record<A>,
     },
     /// Adds the next record behind the window.
     Behind {
         /// Record number: one before where the window begins now.
-        place: u32,
+        place: RecordIndex,
         /// The record.
         record: Record<A>,
         /// Whether the path is at rest before it.
@@ -138,12 +138,12 @@ pub enum HostCommand<const A: usize> {
     /// Drops the records from this place on; only records that the cursor cannot reach any more.
     Trim {
         /// New end of the window.
-        high: u32,
+        high: RecordIndex,
     },
     /// Drops the records before this place; only records behind the cursor. History ends here.
     Forget {
         /// New beginning of the window.
-        low: u32,
+        low: RecordIndex,
     },
     /// Adds an output action on the path of the window. It must arrive before its record.
     Action(OutputAction),
@@ -224,11 +224,11 @@ pub struct CardStatus<const A: usize> {
     /// Place of the cursor.
     pub place: Place,
     /// Furthest place ever executed, as a record boundary.
-    pub reached: u32,
+    pub reached: RecordIndex,
     /// First record held.
-    pub low: u32,
+    pub low: RecordIndex,
     /// Place after the last record held.
-    pub high: u32,
+    pub high: RecordIndex,
     /// Distance that the cursor moved in the period: the actual rate.
     pub rate: Rate,
     /// Whether the cursor is at rest, with no distance remaining.

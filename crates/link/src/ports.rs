@@ -9,7 +9,7 @@ use crate::{CardIdentity, CardSettings, CardStatus, CommandRefusal, HostCommand,
 /// Returns a check value of place and counts, by which host and card verify that they agree on the position.
 #[must_use]
 pub fn state_crc(place: Place, counts: &[i64], axes: u8) -> u32 {
-    let place = [place.record.to_le_bytes(), place.fraction.to_le_bytes()];
+    let place = [place.record.number().to_le_bytes(), place.fraction.to_le_bytes()];
     let start = place.iter().flatten().fold(crc::START, |register, &byte| crc::update(register, byte));
     let counts = counts.iter().take(usize::from(axes)).flat_map(|count| count.to_le_bytes());
     crc::finish(counts.fold(start, crc::update))

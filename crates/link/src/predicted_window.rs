@@ -2,9 +2,7 @@
 //!
 //! Invariant: the cells near the window's ends hold the records that were sent, so that a late report can still be
 //! evaluated.
-
-use retrace_core::place::is_before;
-use retrace_core::{Place, Record};
+use retrace_core::{Place, Record, RecordIndex};
 
 use crate::{CommandRefusal, HostCommand};
 
@@ -16,8 +14,8 @@ const MARGIN: u32 = 40;
 #[derive(Clone, Debug)]
 pub(crate) struct PredictedWindow<const A: usize, const N: usize> {
     cells: [Record<A>; N],
-    low: u32,
-    high: u32,
+    low: RecordIndex,
+    high: RecordIndex,
     window: u32,
     /// Records that the cursor may still pass after its reported place.
     lead: u32,
@@ -29,17 +27,17 @@ impl<const A: usize, const N: usize> PredictedWindow<A, N> {
     /// Creates an empty window of a card that can hold `window` records.
     ///
     /// `lead`: maximum number of records that the cursor passes before it is at rest.
-    pub(crate) fn new(place: u32, window: u32, lead: u32) -> Self {
+    pub(crate) fn new(place: RecordIndex, window: u32, lead: u32) -> Self {
         let () = Self::CHECKED;
         let window = window.clamp(4, N as u32 / 2);
         Self { cells: [Record::default(); N], low: place, high: place, window, lead: lead + MARGIN }
     }
 
-    pub(crate) fn low(&self) -> u32 {
+    pub(crate) fn low(&self) -> RecordIndex {
         self.low
     }
 
-    pub(crate) fn high(&self) -> u32 {
+    pub(crate) fn high(&self) -> RecordIndex {
         self.high
     }
 
@@ -48,13 +46,13 @@ impl<const A: usize, const N: usize> PredictedWindow<A, N> {
     }
 
     /// Returns the record of a number that is, or recently was, in the window.
-    pub(crate) fn record(&self, place: u32) -> Option<&Record<A>> {
-        let near = self.high.wrapping_sub(place).wrapping_add(self.window / 2) <= N as u32;
-        near.then(|| &self.cells[place as usize & (N - 1)])
+    pub(crate) fn record(&self, place: RecordIndex) -> Option<&Record<A>> {
+        let near = self.high.since(place).wrapping_add(self.window / 2) <= N as u32;
+        near.then(|| &self.cells[place.number() as usize & (N - 1)])
     }
 
     /// Sets the window that the card reported.
-    pub(crate) fn set_reported(&mut self, low: u32, high: u32) {
+    pub(crate) fn set_reported(&mut self, low: RecordIndex, high: RecordIndex) {
         (self.low, self.high) = (low, high);
     }
 
@@ -70,43 +68,43 @@ impl<const A: usize, const N: usize> PredictedWindow<A, N> {
                 if place != self.high {
                     return Err(CommandRefusal::OutOfOrder);
                 }
-                if self.high.wrapping_sub(self.low) == self.window {
-                    if is_before(cursor.record, self.low.wrapping_add(self.window / 4 + 1)) {
+                if self.high.since(self.low) == self.window {
+                    if cursor.record.is_before(self.low + (self.window / 4 + 1)) {
                         return Err(CommandRefusal::Full);
                     }
-                    self.low = self.low.wrapping_add(1);
+                    self.low += 1;
                 }
-                self.cells[place as usize & (N - 1)] = record;
-                self.high = place.wrapping_add(1);
+                self.cells[place.number() as usize & (N - 1)] = record;
+                self.high = place + 1;
             }
             HostCommand::Behind { place, record, .. } => {
-                if place != self.low.wrapping_sub(1) {
+                if place != self.low - 1 {
                     return Err(CommandRefusal::OutOfOrder);
                 }
-                if self.high.wrapping_sub(self.low) == self.window {
-                    let needed = cursor.boundary_ahead().wrapping_add(margin + self.window / 4 + 1);
-                    if is_before(self.high, needed) {
+                if self.high.since(self.low) == self.window {
+                    let needed = cursor.boundary_ahead() + (margin + self.window / 4 + 1);
+                    if self.high.is_before(needed) {
                         return Err(CommandRefusal::Full);
                     }
-                    self.high = self.high.wrapping_sub(1);
+                    self.high -= 1;
                 }
-                self.cells[place as usize & (N - 1)] = record;
+                self.cells[place.number() as usize & (N - 1)] = record;
                 self.low = place;
             }
             HostCommand::Trim { high } => {
-                if is_before(self.high, high) || is_before(high, self.low) {
+                if self.high.is_before(high) || high.is_before(self.low) {
                     return Err(CommandRefusal::OutOfOrder);
                 }
-                if is_before(high, cursor.boundary_ahead().wrapping_add(margin)) {
+                if high.is_before(cursor.boundary_ahead() + margin) {
                     return Err(CommandRefusal::InMotion);
                 }
                 self.high = high;
             }
             HostCommand::Forget { low } => {
-                if is_before(low, self.low) || is_before(self.high, low) {
+                if low.is_before(self.low) || self.high.is_before(low) {
                     return Err(CommandRefusal::OutOfOrder);
                 }
-                if is_before(cursor.record, low.wrapping_add(margin)) {
+                if cursor.record.is_before(low + margin) {
                     return Err(CommandRefusal::InMotion);
                 }
                 self.low = low;

@@ -9,7 +9,7 @@ use crate::{
     BytePort, CardFailure, CardSettings, CardStatus, CommandRefusal, Greeting, HostCommand, HostEndpoint, LinkError,
     MotionCard, PathStart,
 };
-use retrace_core::Rate;
+use retrace_core::{Rate, RecordIndex};
 
 /// Timeouts, in microseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -310,7 +310,7 @@ impl<const A: usize, P: BytePort> MotionCard<A> for LinkedCard<A, P> {
         self.host.status()
     }
 
-    fn acknowledged_high(&self) -> u32 {
+    fn acknowledged_high(&self) -> RecordIndex {
         self.host.acknowledged_high()
     }
 }

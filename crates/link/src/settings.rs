@@ -3,9 +3,8 @@
 //! Invariant: settings take effect only while the machine is at rest. Each opening has an epoch of its own, and frames
 //! of another epoch are ignored.
 
-use retrace_core::Place;
 use retrace_core::limits::RateLimits;
-use retrace_core::place::is_before;
+use retrace_core::{Place, RecordIndex};
 
 use crate::{CuttingSettings, OutputChange};
 
@@ -93,7 +92,7 @@ pub struct PathStart {
     /// true inside a record.
     pub rests: bool,
     /// The furthest place ever executed, as a record boundary; not before `place`.
-    pub reached: u32,
+    pub reached: RecordIndex,
     /// Number of the last completed exclusive instruction; the next one has the number after it.
     pub executed: u32,
 }
@@ -101,14 +100,14 @@ pub struct PathStart {
 impl PathStart {
     /// Returns the start of a path that begins with this record, with nothing executed.
     #[must_use]
-    pub const fn at(record: u32) -> Self {
+    pub const fn at(record: RecordIndex) -> Self {
         Self { place: Place::start_of(record), rests: true, reached: record, executed: 0 }
     }
 
     /// Whether the start is consistent: `reached` is not behind the place, and the path is in motion inside a record.
     #[must_use]
     pub const fn is_valid(&self) -> bool {
-        !is_before(self.reached, self.place.boundary_ahead()) && (self.place.fraction == 0 || !self.rests)
+        !self.reached.is_before(self.place.boundary_ahead()) && (self.place.fraction == 0 || !self.rests)
     }
 }
 

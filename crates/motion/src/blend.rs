@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 
 use crate::correction::{Correction, CorrectionEvent, CorrectionSum, MAX_G};
 use crate::curve::Curve;
-use crate::merge::LineMark;
+use crate::line_mark::LineMark;
 use crate::piece::{PathPiece, PieceJunction};
 
 /// A programmed move.

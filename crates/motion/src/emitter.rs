@@ -15,7 +15,7 @@ use crate::curve::Derivatives;
 use crate::glide::glide_segment::{GlideSample, GlideSegment};
 use crate::glide::ramp_pair::CELLS;
 use crate::limits::MachineLimits;
-use crate::merge::LineMark;
+use crate::line_mark::LineMark;
 use crate::piece::PathPiece;
 use crate::profile::{Profile, SIGNS};
 use crate::pulses::{counts_of, increment_of};

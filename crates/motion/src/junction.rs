@@ -7,8 +7,8 @@ use crate::blend::{Junction, PathSegment, size};
 use crate::correction::MAX_G;
 use crate::glide::tracks::FarEnd;
 use crate::limits::AxisLimits;
+use crate::limits::MAX_OVERRIDE;
 use crate::piece::PieceJunction;
-use crate::planner::MAX_OVERRIDE;
 use crate::run::smallest;
 
 /// Shares of the jerk that junctions may use: the first that allows full speed through the junction, otherwise the

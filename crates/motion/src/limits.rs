@@ -5,6 +5,9 @@
 
 use crate::error::LimitError;
 
+/// Highest feed override as a factor: 200 %.
+pub const MAX_OVERRIDE: f64 = 2.0;
+
 /// Limits of a machine with `A` axes. An axis unit is a millimetre, or a degree for a rotary axis.
 ///
 /// [`MachineLimits::validate`] checks the ranges given below.

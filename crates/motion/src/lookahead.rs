@@ -15,17 +15,8 @@
 use crate::envelope::{Envelope, PathBlock, gate_acceleration};
 use crate::profile::{KinematicState, PathLimits, Profile, ProfileError, fastest};
 use crate::rest_to_rest;
+use crate::span::Span;
 use std::fmt;
-
-/// Profile between two junctions of a path.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Span {
-    /// Junction at its start.
-    pub(crate) first: usize,
-    /// Junction at its end.
-    pub(crate) last: usize,
-    pub(crate) profile: Profile,
-}
 
 /// No plan exists within the limit of work, or none from this start state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -14,6 +14,7 @@
 
 use crate::blend::{PathSegment, size};
 use crate::curve::Curve;
+use crate::line_mark::LineMark;
 
 /// Share of the tolerance that merging uses where the program gives none: the rest makes corners fast.
 const SHARE: f64 = 0.05;
@@ -22,13 +23,6 @@ const SHARE: f64 = 0.05;
 const MAX_SHARE: f64 = 0.5;
 /// Largest number of lines that are merged: a bound on the memory.
 const MAX_LINES: usize = 4096;
-
-/// From `place` on, in mm from the start of a segment or piece, the program line is `tag`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct LineMark {
-    pub(crate) place: f64,
-    pub(crate) tag: u32,
-}
 
 /// A line that may be merged.
 #[derive(Clone, Copy, Debug)]

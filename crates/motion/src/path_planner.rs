@@ -17,7 +17,7 @@ use crate::glide::tracks::{FarEnd, Track, Tracks};
 use crate::glide::{Blending, source};
 use crate::junction::{glide_is_faster, join};
 use crate::limits::{AxisLimits, MachineLimits};
-use crate::merge::LineMark;
+use crate::line_mark::LineMark;
 use crate::piece::{PathPiece, PieceJunction, RAPID};
 use crate::profile::{KinematicState, fastest, stopping_distance};
 use crate::run::{PlanRun, smallest};

@@ -11,14 +11,13 @@ use crate::curve::{Arc, Curve};
 use crate::emitter::SetPoint;
 use crate::error::{LimitError, MoveError};
 use crate::glide::Blending;
+use crate::limits::MAX_OVERRIDE;
 use crate::limits::MachineLimits;
-use crate::merge::{LineMark, LinearMove, Merger, merging};
+use crate::line_mark::LineMark;
+use crate::merge::{LinearMove, Merger, merging};
 use crate::path_planner::PathPlanner;
 use crate::piece::RAPID;
 use crate::pulses::counts_of;
-
-/// Highest feed override as a factor: 200 %.
-pub const MAX_OVERRIDE: f64 = 2.0;
 
 /// Speed of a move.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,8 +4,8 @@
 //! any other plan, only slower.
 
 use crate::envelope::PathBlock;
-use crate::lookahead::Span;
 use crate::profile::{KinematicState, PathLimits, Profile, fastest};
+use crate::span::Span;
 
 /// Plans `blocks` from rest to rest and appends one span for each block to `out`.
 pub(crate) fn plan(blocks: &[PathBlock], out: &mut Vec<Span>) {

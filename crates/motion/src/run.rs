@@ -10,10 +10,11 @@ use crate::accel_split::{LimitOptions, LimitSelector};
 use crate::emitter::{Emitter, PlanItem};
 use crate::envelope::PathBlock;
 use crate::limits::AxisLimits;
-use crate::lookahead::{LookAhead, Span};
+use crate::lookahead::LookAhead;
 use crate::piece::{PathPiece, PieceJunction};
 use crate::profile::{KinematicState, PathLimits, Profile, fastest, lengthened, slowed};
 use crate::rest_to_rest;
+use crate::span::Span;
 
 /// Path since the last stop, as far as it is not committed.
 #[derive(Debug)]

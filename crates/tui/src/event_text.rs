@@ -2,9 +2,7 @@
 //!
 //! Invariant: an event without words of its own is shown as everywhere else.
 
-use retrace_controller::dnc_events::DncStep;
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::operator::{OperatorCommand, percent};
+use retrace_controller::{DncStep, Event, EventKind, OperatorCommand, rate_percent};
 use retrace_core::mode::Mode;
 use retrace_link::channel;
 
@@ -77,10 +75,10 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
     match command {
         OperatorCommand::Hold => "feed hold".into(),
         OperatorCommand::Resume | OperatorCommand::CycleStart => "cycle start".into(),
-        OperatorCommand::Reverse(rate) => format!("reverse run, {:.0} %", percent(*rate)),
-        OperatorCommand::Forward(rate) => format!("forward run, {:.0} %", percent(*rate)),
-        OperatorCommand::Override(rate) => format!("override {:.0} %", percent(*rate)),
-        OperatorCommand::RapidOverride(rate) => format!("rapid override {:.0} %", percent(*rate)),
+        OperatorCommand::Reverse(rate) => format!("reverse run, {:.0} %", rate_percent(*rate)),
+        OperatorCommand::Forward(rate) => format!("forward run, {:.0} %", rate_percent(*rate)),
+        OperatorCommand::Override(rate) => format!("override {:.0} %", rate_percent(*rate)),
+        OperatorCommand::RapidOverride(rate) => format!("rapid override {:.0} %", rate_percent(*rate)),
         OperatorCommand::Wheel { .. } => "handwheel".into(),
         OperatorCommand::Leave { ask: false } => "forward, then resume".into(),
         OperatorCommand::Leave { ask: true } => "forward, then resume, asking before outputs change".into(),

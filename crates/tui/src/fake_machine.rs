@@ -6,17 +6,12 @@ use std::io::Cursor;
 use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::event::{DifferingOutputs, Event, EventKind};
-use retrace_controller::job::{self, BlockDecoder, DecodedBlock, JobOptions, JobStart};
-use retrace_controller::manual::ManualTask;
-use retrace_controller::mdi;
-use retrace_controller::operator::{CommandError, OperatorCommand};
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::RunMode;
-use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::{
+    BlockDecoder, CommandError, CommandSources, DecodedBlock, DifferingOutputs, Event, EventKind, JobOptions, JobStart,
+    ManualTask, Observer, OperatorCommand, PeriodRecord, RunMode, ScriptPlayer, Telemetry, interpreter_setup, run_job,
+};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts as ModeFacts};
-use retrace_core::{Distance, Place, Rate};
+use retrace_core::{Distance, Place, Rate, RecordIndex};
 use retrace_gcode::{CanonStep, Program, Progress};
 use retrace_hal_sim::{Clock, PlantSettings, SimCard};
 use retrace_journal::{HoldReason, JournalConfig};
@@ -36,7 +31,7 @@ struct Decoder(Program<Cursor<Vec<u8>>>);
 
 impl Decoder {
     fn new(machine: &MachineConfig, text: &str) -> Self {
-        Self(Program::new(Cursor::new(text.as_bytes().to_vec()), mdi::setup(machine)))
+        Self(Program::new(Cursor::new(text.as_bytes().to_vec()), interpreter_setup(machine)))
     }
 }
 
@@ -73,14 +68,14 @@ impl FakePath {
     /// Runs the program once, at full speed.
     pub(crate) fn of(machine: &MachineConfig, text: &str) -> Self {
         let mut path = Self::default();
-        let settings = machine.card_settings(PathStart::at(0));
+        let settings = machine.card_settings(PathStart::at(RecordIndex::new(0)));
         if let Ok(card) = SimCard::<9>::with_machine(settings, &PlantSettings::default(), Clock::Virtual) {
             let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
             let run_mode = RunMode { wall_time: false, operator: false, real_time: false };
             let job_options =
                 JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
             // A program that cannot run leaves it empty.
-            let _ = job::run::<9, _>(machine, Decoder::new(machine, text), job_options, card, &mut path);
+            let _ = run_job::<9, _>(machine, Decoder::new(machine, text), job_options, card, &mut path);
         }
         path
     }
@@ -107,7 +102,7 @@ pub(crate) struct FakeMachine {
     period_s: f64,
     period: u64,
     cursor: Distance,
-    reached: u32,
+    reached: RecordIndex,
     rate: Rate,
     counts: [i64; 9],
     outputs: Vec<i32>,
@@ -128,7 +123,7 @@ impl FakeMachine {
             period_s,
             period: 0,
             cursor: Distance::ZERO,
-            reached: 0,
+            reached: RecordIndex::new(0),
             rate: Rate::ZERO,
             counts: [0; 9],
             outputs,
@@ -224,15 +219,15 @@ impl FakeMachine {
     /// Outputs that the program expects at the furthest place.
     fn expected(&self) -> Vec<i32> {
         let mut expected = vec![0; self.outputs.len()];
-        for (_, change) in self.path.changes.iter().filter(|(place, _)| *place < self.reached) {
+        for (_, change) in self.path.changes.iter().filter(|(place, _)| *place < self.reached.number()) {
             expected[usize::from(change.channel)] = change.value;
         }
         expected
     }
 
     fn event(&mut self, kind: EventKind) {
-        let place = Place::start_of(0).moved(self.cursor);
-        let line = self.path.records.get(place.record as usize).map_or(0, |record| record.0);
+        let place = Place::start_of(RecordIndex::new(0)).moved(self.cursor);
+        let line = self.path.records.get(place.record.number() as usize).map_or(0, |record| record.0);
         let event = Event { period: self.period, time_s: self.period as f64 * self.period_s, place, line, kind };
         Observer::<9>::on_telemetry(&mut self.live, &Telemetry::Event(event));
     }
@@ -244,10 +239,10 @@ impl FakeMachine {
         let is_way_on = !matches!(self.operation.mode(), Mode::Run | Mode::Reverse | Mode::Wheel);
         let expected = if is_way_on { self.expected() } else { Vec::new() };
         let facts = ModeFacts {
-            place: Place::start_of(0).moved(self.cursor),
+            place: Place::start_of(RecordIndex::new(0)).moved(self.cursor),
             at_rest: self.rate == Rate::ZERO,
             reached: self.reached,
-            oldest: 0,
+            oldest: RecordIndex::new(0),
             outputs_agree: expected.is_empty() || expected == self.outputs,
             wheel: Rate::percent(10 * i64::from(self.wheel.clamp(-10, 10))),
         };
@@ -275,7 +270,7 @@ impl FakeMachine {
         self.rate += (target - self.rate).clamp(-SLOPE, SLOPE);
         let increments = self.advance();
         self.publish(increments);
-        if is_job && self.reached as usize == self.path.records.len() && self.operation.mode() == Mode::Run {
+        if is_job && self.reached.number() as usize == self.path.records.len() && self.operation.mode() == Mode::Run {
             lock_model(&self.model).end("completed");
         }
     }
@@ -283,12 +278,13 @@ impl FakeMachine {
     /// Moves along the records. Returns the increments.
     fn advance(&mut self) -> [i32; 9] {
         let end = Distance::records(self.path.records.len() as i64);
-        let furthest = if self.operation.mode() == Mode::Run { end } else { Distance::records(self.reached.into()) };
+        let furthest =
+            if self.operation.mode() == Mode::Run { end } else { Distance::records(self.reached.number().into()) };
         let from = self.cursor;
         let mut to = (from + self.rate.over(1)).clamp(Distance::ZERO, furthest.max(from));
         // Rest is at a record boundary there, as on the real card.
         if to == from
-            && Place::start_of(0).moved(from).fraction != 0
+            && Place::start_of(RecordIndex::new(0)).moved(from).fraction != 0
             && self.operation.mode() != Mode::Run
             && furthest - from < Distance::RECORD
         {
@@ -310,11 +306,16 @@ impl FakeMachine {
         for (count, &step) in self.counts.iter_mut().zip(&sum) {
             *count += i64::from(step);
         }
-        let reached = Place::start_of(0).moved(self.cursor).boundary_ahead();
-        while self.reached < reached {
+        let reached = Place::start_of(RecordIndex::new(0)).moved(self.cursor).boundary_ahead();
+        while self.reached.is_before(reached) {
             self.reached += 1;
-            let due: Vec<OutputChange> =
-                self.path.changes.iter().filter(|(p, _)| *p + 1 == self.reached).map(|(_, c)| *c).collect();
+            let due: Vec<OutputChange> = self
+                .path
+                .changes
+                .iter()
+                .filter(|(p, _)| RecordIndex::new(*p + 1) == self.reached)
+                .map(|(_, c)| *c)
+                .collect();
             for change in due {
                 self.switch(change.channel, change.value);
                 self.event(EventKind::OutputChanged(change.channel, change.value));
@@ -324,8 +325,8 @@ impl FakeMachine {
     }
 
     fn publish(&mut self, increments: [i32; 9]) {
-        let place = Place::start_of(0).moved(self.cursor);
-        let planned = (self.reached + 500).min(self.path.records.len() as u32);
+        let place = Place::start_of(RecordIndex::new(0)).moved(self.cursor);
+        let planned = (self.reached.number() + 500).min(self.path.records.len() as u32);
         let standing = match (self.paused && self.rate == Rate::ZERO, self.operation.is_held()) {
             (true, _) => HoldReason::Paused,
             (_, true) => HoldReason::Hold,
@@ -335,11 +336,12 @@ impl FakeMachine {
             period: self.period,
             place,
             reached: self.reached,
-            oldest: 0,
-            planned,
-            window: [place.record.saturating_sub(200), (place.record + 250).min(planned)],
+            oldest: RecordIndex::new(0),
+            planned: RecordIndex::new(planned),
+            window: [place.record.number().saturating_sub(200), (place.record.number() + 250).min(planned)]
+                .map(RecordIndex::new),
             rate: self.rate,
-            line: self.path.records.get(place.record as usize).map_or(0, |record| record.0),
+            line: self.path.records.get(place.record.number() as usize).map_or(0, |record| record.0),
             increments,
             counts: self.counts,
             executed: 0,

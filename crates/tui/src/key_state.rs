@@ -3,9 +3,7 @@
 //! Invariant: a pure function of key, time and model. Space is feed hold whatever dialog is open, except while a line
 //! is typed where nothing runs: there it is a blank.
 
-use retrace_controller::manual::ManualTask;
-use retrace_controller::operator::OperatorCommand;
-use retrace_controller::tool_length::EnteredLength;
+use retrace_controller::{EnteredLength, ManualTask, OperatorCommand};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::channel;

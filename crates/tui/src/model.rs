@@ -5,9 +5,8 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use retrace_core::Place;
 use retrace_core::mode::Mode;
-use retrace_core::place::is_before;
+use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
 use retrace_link::channel;
 
@@ -166,13 +165,13 @@ pub struct ScreenModel {
     /// Place of the cursor.
     pub place: Place,
     /// Record of the furthest place executed.
-    pub reached: u32,
+    pub reached: RecordIndex,
     /// Record of the oldest place in the history.
-    pub oldest: u32,
+    pub oldest: RecordIndex,
     /// Place after the last planned record.
-    pub planned: u32,
+    pub planned: RecordIndex,
     /// Records that the card holds: first, and after the last.
-    pub window: [u32; 2],
+    pub window: [RecordIndex; 2],
     /// Rate; 1 is as recorded.
     pub rate: f64,
     /// Speed along the path, mm/min.
@@ -228,7 +227,7 @@ pub struct ScreenModel {
     /// Open question.
     pub question: Option<Question>,
     /// Of a resumed job: the oldest record in its history, and the length of the path from there, mm.
-    pub history_before: Option<(u32, f64)>,
+    pub history_before: Option<(RecordIndex, f64)>,
     /// Latest messages, the newest last.
     pub messages: VecDeque<Message>,
     /// Path of the tool.
@@ -449,6 +448,6 @@ impl ScreenModel {
 }
 
 /// Number of records from one place to a later one; 0 where it is not later.
-fn records_between(from: u32, to: u32) -> u32 {
-    if is_before(from, to) { to.wrapping_sub(from) } else { 0 }
+fn records_between(from: RecordIndex, to: RecordIndex) -> u32 {
+    if from.is_before(to) { to.since(from) } else { 0 }
 }

@@ -6,13 +6,11 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use retrace_config::AXIS_LETTERS;
-use retrace_controller::dnc_events::{DncEvent, DncStep};
-use retrace_controller::event::{CutterOffReason, Event, EventKind};
-use retrace_controller::operator::OperatorCommand;
-use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
-use retrace_core::Distance;
+use retrace_controller::{
+    CutterOffReason, DncEvent, DncStep, Event, EventKind, Observer, OperatorCommand, PeriodRecord, Telemetry,
+};
 use retrace_core::mode::Mode;
-use retrace_core::place::is_before;
+use retrace_core::{Distance, RecordIndex};
 use retrace_gcode::{FeedMode, MotionMode, Pose};
 use retrace_journal::HoldReason;
 use retrace_link::channel;
@@ -48,11 +46,11 @@ const MAX_MODES: usize = 4096;
 #[derive(Clone, Debug, Default)]
 struct ModeHistory {
     /// Modal states with the record from which each applies, in the order of the path.
-    states: VecDeque<(u32, ActiveAt)>,
+    states: VecDeque<(RecordIndex, ActiveAt)>,
     /// State that was reported since the last period.
     pending: Option<ActiveAt>,
     /// Record of the state that is shown.
-    shown: Option<u32>,
+    shown: Option<RecordIndex>,
     /// Tool offset and tool for which a length was entered, with the axis and distance by which the path is moved, mm.
     entered: Option<((Pose, u32), usize, f64)>,
     /// Tool offset and tool that were reported last.
@@ -68,7 +66,7 @@ struct ActiveAt {
 
 impl ModeHistory {
     /// History that starts with the state in the model, at this record.
-    fn from(place: u32, model: &ScreenModel) -> Self {
+    fn from(place: RecordIndex, model: &ScreenModel) -> Self {
         let now = ActiveAt { active: model.active.clone(), work_zero_mm: model.work_zero_mm.clone() };
         Self { states: VecDeque::from([(place, now)]), ..Self::default() }
     }
@@ -99,7 +97,7 @@ impl ModeHistory {
     }
 
     /// Ends a period with the cursor at `place` and the furthest place at `reached`: shows the state at the cursor.
-    fn show_state_at(&mut self, place: u32, reached: u32, model: &mut ScreenModel) {
+    fn show_state_at(&mut self, place: RecordIndex, reached: RecordIndex, model: &mut ScreenModel) {
         if let Some(new) = self.pending.take() {
             if self.states.back().is_some_and(|&(at, _)| at == reached) {
                 self.states.pop_back();
@@ -110,7 +108,7 @@ impl ModeHistory {
             }
             self.states.push_back((reached, new));
         }
-        let behind = self.states.partition_point(|&(at, _)| !is_before(place, at));
+        let behind = self.states.partition_point(|&(at, _)| !place.is_before(at));
         let Some((at, state)) = self.states.get(behind.saturating_sub(1)) else { return };
         if self.shown != Some(*at) {
             self.shown = Some(*at);

@@ -4,9 +4,7 @@
 //! has no end.
 
 use retrace_config::MachineConfig;
-use retrace_controller::job::{self, BlockDecoder};
-use retrace_controller::motion_sink::MotionSink;
-use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
+use retrace_controller::{BlockDecoder, Cancelled, MotionSink, PlanWriteError, SwitchInstruction, feed_program};
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
 
@@ -48,7 +46,7 @@ impl Preview {
         let space = ['x', 'y', 'z'].map(|name| machine.axes.iter().position(|a| a.name == name));
         let mut preview = Self { space, axes: machine.axes.len(), at_mm: machine.start_mm(), ..Self::default() };
         preview.draw(false);
-        job::feed_all::<9>(machine, program, &mut preview);
+        feed_program::<9>(machine, program, &mut preview);
         preview
     }
 

@@ -2,6 +2,7 @@
 //!
 //! Invariant: nothing here depends on the number of axes that the code is compiled for.
 
+use retrace_core::RecordIndex;
 use std::collections::BTreeMap;
 
 use retrace_config::{CutterConfig, MachineConfig, channel_name};
@@ -86,7 +87,7 @@ pub struct ProgramFacts {
     /// Duration of all motion at an override of 100 %.
     pub planned: Planned,
     /// Record at which the job's path starts.
-    pub first_place: u32,
+    pub first_place: RecordIndex,
     /// Path of the program, and the ends of its blocks.
     pub preview: Preview,
     /// Result of checking the program.

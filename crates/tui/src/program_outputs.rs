@@ -3,9 +3,8 @@
 //! Invariant: only switching by the program counts, not by the operator, a restart or the card; the oldest changes are
 //! dropped when the store is full.
 
+use retrace_core::RecordIndex;
 use std::collections::{BTreeMap, VecDeque};
-
-use retrace_core::place::is_before;
 
 /// Maximum number of stored changes.
 const MAX_CHANGES: usize = 4096;
@@ -14,7 +13,7 @@ const MAX_CHANGES: usize = 4096;
 #[derive(Clone, Copy, Debug)]
 struct ProgramChange {
     /// Record before which the change takes place.
-    place: u32,
+    place: RecordIndex,
     channel: u8,
     from: i32,
     to: i32,
@@ -50,14 +49,14 @@ impl ProgramOutputs {
     }
 
     /// An output changed, for any reason, with the cursor at this record.
-    pub(crate) fn output_changed(&mut self, place: u32, channel: u8, value: i32) {
+    pub(crate) fn output_changed(&mut self, place: RecordIndex, channel: u8, value: i32) {
         if self.is_switching {
             self.push_change(place, channel, value);
         }
     }
 
     /// The program switched an output before this record, which is the furthest.
-    pub(crate) fn push_change(&mut self, place: u32, channel: u8, value: i32) {
+    pub(crate) fn push_change(&mut self, place: RecordIndex, channel: u8, value: i32) {
         let from = self.here.insert(channel, value).unwrap_or(0);
         if self.changes.len() >= MAX_CHANGES {
             self.changes.pop_front();
@@ -68,18 +67,18 @@ impl ProgramOutputs {
     }
 
     /// Ends a period with the cursor in this record. Returns the outputs there.
-    pub(crate) fn outputs_at(&mut self, place: u32) -> &BTreeMap<u8, i32> {
+    pub(crate) fn outputs_at(&mut self, place: RecordIndex) -> &BTreeMap<u8, i32> {
         if self.is_complete {
             (self.is_switching, self.is_complete) = (false, false);
         }
         while let Some(change) = self.passed.checked_sub(1).and_then(|last| self.changes.get(last))
-            && is_before(place, change.place)
+            && place.is_before(change.place)
         {
             self.here.insert(change.channel, change.from);
             self.passed -= 1;
         }
         while let Some(change) = self.changes.get(self.passed)
-            && !is_before(place, change.place)
+            && !place.is_before(change.place)
         {
             self.here.insert(change.channel, change.to);
             self.passed += 1;
@@ -96,25 +95,25 @@ mod tests {
     fn the_outputs_of_the_program_are_found_again_on_the_way_back() {
         let mut outputs = ProgramOutputs::from(&BTreeMap::from([(7, 1)]));
         outputs.begin_instruction();
-        outputs.output_changed(10, 3, 1);
+        outputs.output_changed(RecordIndex::new(10), 3, 1);
         outputs.complete_instruction();
-        outputs.outputs_at(10);
+        outputs.outputs_at(RecordIndex::new(10));
         // The card or the operator switches it off and on: that is not the program.
-        outputs.output_changed(12, 3, 0);
-        outputs.push_change(20, 3, 0);
+        outputs.output_changed(RecordIndex::new(12), 3, 0);
+        outputs.push_change(RecordIndex::new(20), 3, 0);
         let at = |outputs: &mut ProgramOutputs, place| outputs.outputs_at(place).get(&3).copied().unwrap_or(0);
-        assert_eq!([25, 15, 5, 12, 20, 4].map(|place| at(&mut outputs, place)), [0, 1, 0, 1, 0, 0]);
-        assert_eq!(outputs.outputs_at(30).get(&7), Some(&1));
+        assert_eq!([25, 15, 5, 12, 20, 4].map(|place| at(&mut outputs, RecordIndex::new(place))), [0, 1, 0, 1, 0, 0]);
+        assert_eq!(outputs.outputs_at(RecordIndex::new(30)).get(&7), Some(&1));
     }
 
     #[test]
     fn what_is_kept_is_bounded() {
         let mut outputs = ProgramOutputs::default();
         for place in 0..3 * MAX_CHANGES as u32 {
-            outputs.push_change(place, 1, i32::from(place % 2 == 0));
+            outputs.push_change(RecordIndex::new(place), 1, i32::from(place % 2 == 0));
         }
         assert_eq!(outputs.changes.len(), MAX_CHANGES);
-        outputs.outputs_at(0);
-        assert_eq!(outputs.outputs_at(3 * MAX_CHANGES as u32).get(&1), Some(&0));
+        outputs.outputs_at(RecordIndex::new(0));
+        assert_eq!(outputs.outputs_at(RecordIndex::new(3 * MAX_CHANGES as u32)).get(&1), Some(&0));
     }
 }

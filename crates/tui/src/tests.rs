@@ -10,8 +10,8 @@ use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use retrace_config::MachineConfig;
-use retrace_core::Place;
 use retrace_core::mode::Mode;
+use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
 
 use crate::fake_machine::{self, FakeMachine, FakePath};
@@ -135,7 +135,7 @@ fn the_screens_are_as_they_were_looked_at() {
     bench.is_as("7-outputs-differ", 80, 24);
     bench.keys("y");
     bench.wait(500);
-    bench.machine.handle_command(&UiCommand::Deed(retrace_controller::operator::OperatorCommand::SpindleStart));
+    bench.machine.handle_command(&UiCommand::Deed(retrace_controller::OperatorCommand::SpindleStart));
     bench.keys("p");
     bench.wait(500);
     bench.keys("S");
@@ -269,10 +269,7 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     key_state.open = OpenDialog::Nothing;
     let command = "oclamp-\r".chars().map(|c| if c == '\r' { Key::Enter } else { Key::Char(c) });
     let command: Vec<_> = command.filter_map(|key| key_state.key(key, 0, &model)).collect();
-    assert_eq!(
-        command,
-        [UiCommand::Deed(retrace_controller::operator::OperatorCommand::Output { number: 5, on: false })]
-    );
+    assert_eq!(command, [UiCommand::Deed(retrace_controller::OperatorCommand::Output { number: 5, on: false })]);
     key_state.dry = true;
     assert!(shown(&model, &key_state).starts_with(" DRY RUNNING"), "{}", shown(&model, &key_state));
     (model.hold_reason, model.tool_change, model.at_rest) = (HoldReason::ProgramStop, Some(3), true);
@@ -321,7 +318,7 @@ fn a_person_backs_up_and_goes_on() {
         bench.key(Key::Left);
         bench.wait(40);
     }
-    assert!(bench.picture().place.record < at_rest.place.record, "the arrows turn the wheel");
+    assert!(bench.picture().place.record.is_before(at_rest.place.record), "the arrows turn the wheel");
     bench.key_state.mouse_wheel(true, &bench.picture()).expect("the mouse wheel is one, too");
     bench.keys("l");
     while bench.picture().mode != Mode::Run {
@@ -345,7 +342,7 @@ fn space_holds_whatever_is_open_while_a_job_runs() {
     let mut bench = ScreenFixture::new();
     bench.keys("c");
     bench.wait(1000);
-    let hold = Some(UiCommand::Deed(retrace_controller::operator::OperatorCommand::Hold));
+    let hold = Some(UiCommand::Deed(retrace_controller::OperatorCommand::Hold));
     for open in ["?", "T", "g", "b", "o", "q", "w", "r"] {
         bench.keys(open);
         bench.wait(300);
@@ -372,7 +369,7 @@ fn a_key_that_does_nothing_here_says_when_it_does() {
 }
 
 fn place() -> impl Strategy<Value = Place> {
-    (any::<u32>(), any::<u32>()).prop_map(|(record, fraction)| Place { record, fraction })
+    (any::<u32>(), any::<u32>()).prop_map(|(record, fraction)| Place { record: RecordIndex::new(record), fraction })
 }
 
 fn mode() -> impl Strategy<Value = Mode> {
@@ -404,7 +401,8 @@ prop_compose! {
             ..ProgramFacts::default()
         };
         let mut model = ScreenModel::new(Arc::new(facts));
-        (model.place, model.reached, model.oldest, model.planned) = (place, reached, oldest, planned);
+        model.place = place;
+    [model.reached, model.oldest, model.planned] = [reached, oldest, planned].map(RecordIndex::new);
         model.counts = counts[..axes].to_vec();
         (model.mode, model.line, model.reached_line, model.rate) = (mode, line, line / 2, rate);
         (model.override_rate, model.feed_mm_min, model.outputs) = (over, feed, outputs);
@@ -489,7 +487,7 @@ proptest! {
             now_ms += ms;
             let command = key_state.key(key, now_ms, &model);
             if key == Key::Char(' ') && model.stage == ScreenStage::Job && !model.is_at_program_end() {
-                prop_assert_eq!(command, Some(UiCommand::Deed(retrace_controller::operator::OperatorCommand::Hold)));
+                prop_assert_eq!(command, Some(UiCommand::Deed(retrace_controller::OperatorCommand::Hold)));
             }
             drawn(&model, &key_state, 80, 24, now_ms);
         }
@@ -516,7 +514,7 @@ fn measure_the_redraw() {
         let turn = f64::from(n) * 0.07;
         let at = [turn.cos() * 50.0, (turn * 1.37).sin() * 40.0, 0.0].map(|mm| mm as f32);
         model.trail.push(TrailPoint { along_mm: f64::from(n), at, rapid: false });
-        model.lengths.extend(Place::start_of(n + 1), 1.0, 0);
+        model.lengths.extend(Place::start_of(RecordIndex::new(n + 1)), 1.0, RecordIndex::new(0));
     }
     let shared = Mutex::new(model);
     let mut terminal = Terminal::new(TestBackend::new(200, 60)).expect("a terminal in memory");
@@ -525,7 +523,7 @@ fn measure_the_redraw() {
         {
             let mut model = lock_model(&shared);
             (model.line, model.reached_line) = (n * 499, n * 499);
-            (model.place, model.reached) = (Place::start_of(100_000), 200_000);
+            (model.place, model.reached) = (Place::start_of(RecordIndex::new(100_000)), RecordIndex::new(200_000));
             model.mode = Mode::Reverse;
         }
         let started = std::time::Instant::now();

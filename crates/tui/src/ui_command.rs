@@ -4,8 +4,7 @@
 
 use std::path::PathBuf;
 
-use retrace_controller::manual::ManualTask;
-use retrace_controller::operator::OperatorCommand;
+use retrace_controller::{ManualTask, OperatorCommand};
 
 /// Command of the operator at the screen.
 #[derive(Clone, Debug, PartialEq)]

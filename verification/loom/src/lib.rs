@@ -6,6 +6,8 @@
 //! Invariant: nothing here has an unsafe line of its own; the keyword stands in the ring's file alone.
 #![deny(unsafe_code)]
 
+use retrace_core::RecordIndex;
+
 #[path = "../../concurrent/coordination.rs"]
 pub mod coordination;
 pub mod explore;

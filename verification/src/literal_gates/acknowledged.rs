@@ -7,8 +7,8 @@
 //!
 //! Invariant: a state holds what rebuilds the gates, by the same calls that led to them.
 
-use retrace_core::Place;
 use retrace_core::gate::Gates;
+use retrace_core::{Place, RecordIndex};
 
 use super::Program;
 use super::card::{Act, Card, Failure, Line};
@@ -69,7 +69,7 @@ impl Acknowledged {
     }
 
     /// Front marker of the instruction that was accepted last.
-    fn marker(&self, state: &State) -> u32 {
+    fn marker(&self, state: &State) -> RecordIndex {
         place(self.program.markers[usize::from(state.taken) - 1])
     }
 
@@ -150,8 +150,8 @@ impl Acknowledged {
     }
 }
 
-fn place(record: u8) -> u32 {
-    START.wrapping_add(u32::from(record))
+fn place(record: u8) -> RecordIndex {
+    RecordIndex::new(START.wrapping_add(u32::from(record)))
 }
 
 /// Current report of the card; `held` where it is at rest within a record, which is possible only during one.

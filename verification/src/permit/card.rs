@@ -7,7 +7,7 @@ use crate::ledger::Size;
 use crate::native::Draw;
 use retrace_card::{Card, InputLevels};
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Distance, Flags, Place, Rate, Record};
+use retrace_core::{Distance, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     CardCore, CardIdentity, CardSettings, CardStatus, CutterOffCause, CuttingChannel, CuttingSettings, HostCommand,
     InputSetting, InputUse, Instruction, OutputAction, OutputChange, PROTOCOL, PathStart, RepeatedInstruction,
@@ -39,7 +39,7 @@ struct Observer {
     /// nothing then.
     keeps: bool,
     /// Places of actions that light the torch.
-    actions: Vec<u32>,
+    actions: Vec<RecordIndex>,
     lit: u64,
     put_out: u64,
 }
@@ -88,7 +88,7 @@ impl Observer {
         let axis = PulseLimits { velocity: 30 << 32, acceleration: 8 << 32, jerk: 1 << 32 };
         let limits = RateLimits::new(13, 1 << 15, [axis]).expect("valid");
         let epoch = self.epoch + 1;
-        let mut settings = CardSettings::new(epoch, PathStart::at(0), 1000, limits);
+        let mut settings = CardSettings::new(epoch, PathStart::at(RecordIndex::new(0)), 1000, limits);
         settings.watchdog_periods = WATCHDOG;
         settings.inputs[0] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
         settings.cutting = CuttingSettings { count: 1, handover_periods: HANDOVER, ..CuttingSettings::default() };
@@ -142,7 +142,7 @@ impl Observer {
             _ => {
                 for _ in 0..draw.below(30) {
                     let place = self.status().high;
-                    let flags = if place % 16 == 15 { Flags::REST } else { Flags::NONE };
+                    let flags = if place.number() % 16 == 15 { Flags::REST } else { Flags::NONE };
                     let record = Record { increments: [3], flags, ..Record::default() };
                     let _ = self.card.accept(HostCommand::Ahead { place, record });
                 }
@@ -201,7 +201,7 @@ impl Observer {
     fn passes_first(&self, before: &CardStatus<1>, to: Place) -> bool {
         self.actions.iter().any(|&place| {
             let at = Place::start_of(place);
-            place >= before.reached
+            !place.is_before(before.reached)
                 && before.place.distance_to(at) >= Distance::ZERO
                 && at.distance_to(to) > Distance::ZERO
         })

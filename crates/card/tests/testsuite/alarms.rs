@@ -8,7 +8,7 @@ use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, PULSE, STOP, STOPS_WITHIN, TestCard
 use common::{identity, levels, moved, opened, record, rests_before, settings};
 use retrace_card::{Card, InputLevels};
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Distance, Place, RapidCap, Rate, Record};
+use retrace_core::{Distance, Place, RapidCap, Rate, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CommandRefusal, HomingCommand, HostCommand, InputUse, InputWait, Instruction,
     OutputAction, OutputChange, channel,
@@ -20,7 +20,7 @@ fn running() -> TestCard {
     for place in 0..60 {
         // without planned stops, so that every stop has to be braked
         let record = Record { flags: retrace_core::Flags::NONE, ..record(place) };
-        card.accept(HostCommand::Ahead { place, record }).expect("room");
+        card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record }).expect("room");
     }
     card.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("an output");
     card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
@@ -28,7 +28,7 @@ fn running() -> TestCard {
         card.heard();
         card.run_period(levels(0));
     }
-    assert!(card.status().place.record >= 3 && card.status().outputs[3] == 1);
+    assert!(card.status().place.record.number() >= 3 && card.status().outputs[3] == 1);
     card
 }
 
@@ -69,7 +69,8 @@ fn every_cause_brakes_on_the_path_and_keeps_the_outputs_safe_until_it_is_gone_an
         assert_eq!(card.accept(HostCommand::ManualOutput(OutputChange { channel: 4, value: 1 })), Ok(()));
         assert_eq!(card.accept(HostCommand::Instruction(Instruction::default())), Err(CommandRefusal::Alarm));
         assert_eq!(card.accept(HostCommand::Home(HomingCommand::default())), Err(CommandRefusal::Alarm));
-        card.accept(HostCommand::Ahead { place: 60, record: record(60) }).expect("records are taken all the same");
+        card.accept(HostCommand::Ahead { place: RecordIndex::new(60), record: record(60) })
+            .expect("records are taken all the same");
         card.heard();
         card.run_period(levels(0));
         card.accept(HostCommand::ClearAlarm).expect("the cause has gone");
@@ -100,7 +101,7 @@ fn a_silent_host_stops_the_card_also_at_rest_and_opening_anew_does_not_clear_it(
     assert_eq!(card.status().alarm, Some(Alarm::HostSilent));
     assert_eq!(
         (card.status().place, card.accept(HostCommand::rate(Rate::ONE))),
-        (Place::start_of(500), Err(CommandRefusal::Alarm))
+        (Place::start_of(RecordIndex::new(500)), Err(CommandRefusal::Alarm))
     );
     let mut other = settings(3, 500);
     other.safe[0] = OutputChange { channel: 5, value: 9 };
@@ -125,7 +126,7 @@ fn a_silent_host_stops_the_card_also_at_rest_and_opening_anew_does_not_clear_it(
 fn a_door_may_be_open_while_nothing_moves_and_stops_what_is_about_to() {
     let mut card = opened(0);
     for place in 0..40 {
-        card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
+        card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record: record(place) }).expect("room");
         card.heard();
         assert_eq!(card.run_period(levels(DOOR)).alarm, None);
     }
@@ -157,7 +158,7 @@ fn a_limit_switch_that_was_cleared_lets_the_axis_leave_and_nothing_else() {
         card.accept(HostCommand::ClearAlarm).expect("at rest; only motion can open the switch");
         for place in 0..40 {
             let record = Record { increments: [increment, 7], ..Record::default() };
-            card.accept(HostCommand::Ahead { place, record }).expect("room");
+            card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record }).expect("room");
         }
         card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         card.heard();
@@ -185,7 +186,10 @@ fn a_record_with_too_many_pulses_is_refused_brakes_the_card_and_is_never_emitted
     for increment in [247, -247, i16::MIN] {
         let mut card = opened(0);
         assert_eq!(
-            card.accept(HostCommand::Ahead { place: 0, record: too_many(increment, RapidCap::PLANNED) }),
+            card.accept(HostCommand::Ahead {
+                place: RecordIndex::new(0),
+                record: too_many(increment, RapidCap::PLANNED)
+            }),
             Err(CommandRefusal::Unsupported)
         );
         assert_eq!(card.status().alarm, Some(Alarm::TooManyPulses { axis: 1 }));
@@ -231,10 +235,10 @@ fn an_action_that_is_passed_while_braking_does_not_undo_what_is_safe() {
     let mut card = opened(0);
     for place in 0..60 {
         for channel in [3, 4] {
-            let action = OutputAction { place, channel, before: 0, after: 1 };
+            let action = OutputAction { place: RecordIndex::new(place), channel, before: 0, after: 1 };
             card.accept(HostCommand::Action(action)).expect("room");
         }
-        card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
+        card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record: record(place) }).expect("room");
     }
     card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     card.run_period(levels(0));
@@ -283,10 +287,10 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
         assert_eq!(card.open(bad), Err(CommandRefusal::Unsupported), "number {number}");
     }
     assert_eq!(card.open(&no_output), Err(CommandRefusal::NoSuchChannel));
-    assert!(card.settings().is_none() && card.status().place == Place::start_of(0));
+    assert!(card.settings().is_none() && card.status().place == Place::start_of(RecordIndex::new(0)));
     let words: [HostCommand<2>; 5] = [
         HostCommand::rate(Rate::from_units(1)),
-        HostCommand::Ahead { place: 0, record: record(0) },
+        HostCommand::Ahead { place: RecordIndex::new(0), record: record(0) },
         HostCommand::ClearAlarm,
         HostCommand::ManualOutput(OutputChange::default()),
         HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() }),
@@ -298,8 +302,8 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
     card.open(&good).expect("fit");
     card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     let place = card.status().high;
-    card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
-    card.accept(HostCommand::Ahead { place: place + 1, record: record(place + 1) }).expect("room");
+    card.accept(HostCommand::Ahead { place, record: record(place.number()) }).expect("room");
+    card.accept(HostCommand::Ahead { place: place + 1, record: record(place.number() + 1) }).expect("room");
     card.accept(HostCommand::rate(Rate::ONE / 9)).expect("a rate");
     card.run_period(levels(0));
     assert_eq!(card.open(&settings(2, 0)), Err(CommandRefusal::InMotion));
@@ -307,7 +311,10 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
     let mut card = TestCard::new(identity()).expect("a memory");
     card.open(&one_axis).expect("fit");
     let both = Record { increments: [1, 1], ..Record::default() };
-    assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: both }), Err(CommandRefusal::Unsupported));
+    assert_eq!(
+        card.accept(HostCommand::Ahead { place: RecordIndex::new(0), record: both }),
+        Err(CommandRefusal::Unsupported)
+    );
     assert_eq!(card.status().alarm, None);
 }
 
@@ -315,7 +322,7 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
 fn an_epoch_begins_at_the_counts_as_they_are_with_nothing_on_the_window() {
     let mut card = opened(0);
     for place in 0..16 {
-        card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
+        card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record: record(place) }).expect("room");
     }
     card.accept(HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() })).expect("in order");
     card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
@@ -323,37 +330,47 @@ fn an_epoch_begins_at_the_counts_as_they_are_with_nothing_on_the_window() {
     for _ in 0..20 {
         card.run_period(levels(0));
     }
-    let counts = moved(0, Place::start_of(16));
+    let counts = moved(0, Place::start_of(RecordIndex::new(16)));
     assert_eq!((card.status().counts, card.status().executed), (counts, 1));
-    let start = u32::MAX - 5;
-    card.open(&settings(2, start)).expect("at rest");
+    let start = RecordIndex::new(u32::MAX - 5);
+    card.open(&settings(2, start.number())).expect("at rest");
     let status = *card.status();
     assert_eq!((status.counts, status.low, status.high, status.reached), (counts, start, start, start));
     assert_eq!((status.place, status.executed, status.period), (Place::start_of(start), 0, 20));
     assert_eq!(status.outputs[usize::from(channel::FLOOD)], 1);
     for n in 0..16 {
-        let place = start.wrapping_add(n);
-        card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
+        let place = start + n;
+        card.accept(HostCommand::Ahead { place: RecordIndex::new(place.number()), record: record(place.number()) })
+            .expect("room");
     }
     card.run_period(levels(0));
-    assert_eq!(card.status().place, Place::start_of(start), "the rate of the last epoch is gone");
-    card.accept(HostCommand::Behind { place: start - 1, record: record(start - 1), rests: rests_before(start - 1, 0) })
-        .expect("room");
+    assert_eq!(
+        card.status().place,
+        Place::start_of(RecordIndex::new(start.number())),
+        "the rate of the last epoch is gone"
+    );
+    card.accept(HostCommand::Behind {
+        place: start - 1,
+        record: record(start.number() - 1),
+        rests: rests_before(start.number() - 1, 0),
+    })
+    .expect("room");
 }
 
 #[test]
 fn actions_of_another_epoch_are_not_executed() {
     let mut card = opened(0);
-    card.accept(HostCommand::Action(OutputAction { place: 2, channel: 4, before: 0, after: 1 })).expect("room");
+    card.accept(HostCommand::Action(OutputAction { place: RecordIndex::new(2), channel: 4, before: 0, after: 1 }))
+        .expect("room");
     card.open(&settings(2, 0)).expect("at rest");
     for place in 0..16 {
-        card.accept(HostCommand::Ahead { place, record: record(place) }).expect("room");
+        card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record: record(place) }).expect("room");
     }
     card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     for _ in 0..20 {
         card.run_period(levels(0));
     }
-    assert_eq!((card.status().place, card.status().outputs[4]), (Place::start_of(16), 0));
+    assert_eq!((card.status().place, card.status().outputs[4]), (Place::start_of(RecordIndex::new(16)), 0));
 }
 
 #[test]
@@ -386,12 +403,15 @@ fn home(card: &mut TestCard, at: i64, farthest: u32, mut each: impl FnMut(&mut T
         let inputs = if position >= at { HOME | UPPER_LIMIT } else { 0 };
         let status = card.run_period(levels(inputs));
         position += i64::from(status.increments[0]);
-        assert_eq!((status.rate, status.increments[1], status.place), (Rate::ZERO, 0, Place::start_of(0)));
+        assert_eq!(
+            (status.rate, status.increments[1], status.place),
+            (Rate::ZERO, 0, Place::start_of(RecordIndex::new(0)))
+        );
         if status.at_rest {
             return position;
         }
         let path: [HostCommand<2>; 3] = [
-            HostCommand::Ahead { place: 0, record: record(0) },
+            HostCommand::Ahead { place: RecordIndex::new(0), record: record(0) },
             HostCommand::rate(Rate::ONE),
             HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() }),
         ];
@@ -420,11 +440,14 @@ fn homing_sets_the_count_at_the_switch_and_asks_for_a_new_epoch() {
         // the switch opened on the pulse below its edge, seen in the next period
         assert!((0..=1).contains(&(card.status().counts[0] - 1000 - (position - at))), "{:?}", card.status().counts);
         assert_eq!(card.accept(HostCommand::rate(Rate::ONE)), Err(CommandRefusal::Unsupported));
-        assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: record(0) }), Err(CommandRefusal::Unsupported));
+        assert_eq!(
+            card.accept(HostCommand::Ahead { place: RecordIndex::new(0), record: record(0) }),
+            Err(CommandRefusal::Unsupported)
+        );
         let counts = card.status().counts;
         card.open(&settings(2, 77)).expect("at rest");
-        assert_eq!((card.status().counts, card.status().low), (counts, 77));
-        card.accept(HostCommand::Ahead { place: 77, record: record(77) }).expect("an epoch is open");
+        assert_eq!((card.status().counts, card.status().low), (counts, RecordIndex::new(77)));
+        card.accept(HostCommand::Ahead { place: RecordIndex::new(77), record: record(77) }).expect("an epoch is open");
     }
 }
 
@@ -451,7 +474,10 @@ fn homing_ends_in_an_alarm_or_cleanly_and_always_at_rest() {
     };
     let position = home(&mut card, 5000, 100_000, stop);
     assert_eq!((card.status().alarm, card.status().counts[0]), (None, position));
-    assert_eq!(card.accept(HostCommand::Ahead { place: 0, record: record(0) }), Err(CommandRefusal::Unsupported));
+    assert_eq!(
+        card.accept(HostCommand::Ahead { place: RecordIndex::new(0), record: record(0) }),
+        Err(CommandRefusal::Unsupported)
+    );
 
     let mut card = opened(0);
     let order = HomingCommand {
@@ -472,7 +498,7 @@ fn homing_ends_in_an_alarm_or_cleanly_and_always_at_rest() {
         card.run_period(levels(LOWER_LIMIT));
     }
     assert!(card.status().at_rest && card.status().increments == [0, 0]);
-    card.accept(HostCommand::Ahead { place: 0, record: record(0) }).expect_err("a new epoch first");
+    card.accept(HostCommand::Ahead { place: RecordIndex::new(0), record: record(0) }).expect_err("a new epoch first");
 }
 
 #[test]
@@ -489,7 +515,7 @@ fn homing_needs_an_empty_window_and_a_card_at_rest() {
     let mut card = running();
     assert_eq!(card.accept(HostCommand::Home(order)), Err(CommandRefusal::InMotion));
     let mut card = opened(0);
-    card.accept(HostCommand::Ahead { place: 0, record: record(0) }).expect("room");
+    card.accept(HostCommand::Ahead { place: RecordIndex::new(0), record: record(0) }).expect("room");
     assert_eq!(card.accept(HostCommand::Home(order)), Err(CommandRefusal::InMotion));
     let mut card = opened(0);
     assert_eq!(
@@ -497,7 +523,8 @@ fn homing_needs_an_empty_window_and_a_card_at_rest() {
         Err(CommandRefusal::Unsupported)
     );
     assert_eq!(card.accept(HostCommand::Home(HomingCommand { axis: 9, ..order })), Err(CommandRefusal::Unsupported));
-    card.accept(HostCommand::Ahead { place: 0, record: record(0) }).expect("a refused order changes nothing");
+    card.accept(HostCommand::Ahead { place: RecordIndex::new(0), record: record(0) })
+        .expect("a refused order changes nothing");
 }
 
 /// What a microcontroller has to find room for.

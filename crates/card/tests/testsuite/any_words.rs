@@ -8,7 +8,7 @@ use common::{DOOR, HOME, LOWER_LIMIT, PLAIN, PULSE, STOP, STOPS_WITHIN, TestCard
 use common::{identity, moved, rates, record, rests_before, settings};
 use proptest::prelude::*;
 use retrace_card::{Edge, InputLevels, StepDirection};
-use retrace_core::{Distance, Flags, Place, Rate, RateTarget, Record};
+use retrace_core::{Distance, Flags, Place, Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings,
     HomingCommand, HostCommand, InputWait, Instruction, OutputAction, OutputChange, RepeatedInstruction, channel,
@@ -155,7 +155,7 @@ struct Witness {
     /// The instruction that was taken last and is not executed.
     instruction: Option<Instruction>,
     /// The place of the last instruction that is not executed, whatever became of it.
-    barrier: Option<u32>,
+    barrier: Option<RecordIndex>,
     /// The period after which it began.
     begun: Option<u64>,
     /// The value that the next instruction is known by.
@@ -264,18 +264,18 @@ impl Witness {
         match *deed {
             Deed::Ahead(count) => {
                 for n in 0..count {
-                    let place = status.high.wrapping_add(n);
-                    self.send(HostCommand::Ahead { place, record: record(place) });
+                    let place = status.high + n;
+                    self.send(HostCommand::Ahead { place, record: record(place.number()) });
                 }
             }
             Deed::Behind(count) => {
                 for n in 1..=count {
-                    let place = status.low.wrapping_sub(n);
-                    if place == self.start.wrapping_sub(1) {
+                    let place = status.low - n;
+                    if place == RecordIndex::new(self.start.wrapping_sub(1)) {
                         break;
                     }
-                    let rests = rests_before(place, self.start);
-                    self.send(HostCommand::Behind { place, record: record(place), rests });
+                    let rests = rests_before(place.number(), self.start);
+                    self.send(HostCommand::Behind { place, record: record(place.number()), rests });
                 }
             }
             Deed::Rate(target) => {
@@ -305,7 +305,7 @@ impl Witness {
                 }
             }
             Deed::Act { after, channel, after_value } => {
-                let place = status.place.record.wrapping_add(after);
+                let place = status.place.record + after;
                 let action = OutputAction { place, channel, before: i32::from(after_value == 0), after: after_value };
                 if self.send(HostCommand::Action(action)) {
                     self.cutting.actions.push(action);
@@ -322,10 +322,10 @@ impl Witness {
                 }
             }
             Deed::Trim(n) => {
-                self.send(HostCommand::Trim { high: status.high.wrapping_sub(n) });
+                self.send(HostCommand::Trim { high: (status.high - n) });
             }
             Deed::Forget(n) => {
-                self.send(HostCommand::Forget { low: status.low.wrapping_add(n) });
+                self.send(HostCommand::Forget { low: (status.low + n) });
             }
             Deed::Clear => self.clear(),
             Deed::Open(start) => self.open(start),
@@ -427,7 +427,7 @@ impl Witness {
                     let lights = action.channel == of.channel && action.after != 0;
                     let forward =
                         before.place.distance_to(at) >= Distance::ZERO && at.distance_to(now.place) > Distance::ZERO;
-                    let first = lights && forward && before.reached.wrapping_sub(action.place) as i32 <= 0;
+                    let first = lights && forward && before.reached.since(action.place) as i32 <= 0;
                     let backward =
                         now.place.distance_to(at) >= Distance::ZERO && at.distance_to(before.place) > Distance::ZERO;
                     let again = lights && forward || action.channel == of.channel && action.before != 0 && backward;
@@ -466,7 +466,7 @@ impl Witness {
 
     fn instruct(&mut self, after: u32, number: u32, periods: u32, at_most: Option<u32>, lights: Lights) {
         let status = self.status();
-        let place = status.place.boundary_ahead().wrapping_add(after);
+        let place = status.place.boundary_ahead() + after;
         let number = status.executed.wrapping_add(number);
         let until = at_most.map(|at_most| InputWait { input: 5, active: true, timeout_periods: at_most });
         let keeps_cutter = lights.keeps;
@@ -542,7 +542,9 @@ impl Witness {
         }
         self.check_cutting(&before, &now, kept || begins && lights.is_some_and(|of| of.keeps_cutter));
         assert!(
-            self.barrier.is_none_or(|place| now.place.distance_to(Place::start_of(place)) >= Distance::ZERO),
+            self.barrier.is_none_or(
+                |place| now.place.distance_to(Place::start_of(RecordIndex::new(place.number()))) >= Distance::ZERO
+            ),
             "passed"
         );
         self.check_alarm(&before, &now, levels);
@@ -662,7 +664,7 @@ proptest! {
         witness.clear();
         prop_assert_eq!(witness.status().alarm, None);
         witness.open(start);
-        prop_assert!(witness.status().low == start && witness.status().executed == 0);
+        prop_assert!(witness.status().low == RecordIndex::new(start) && witness.status().executed == 0);
         witness.deed(&Deed::Ahead(16));
         witness.deed(&Deed::Rate(RateTarget::both(Rate::ONE)));
         let end = (start | 15).wrapping_add(1).wrapping_sub(start).min(16);
@@ -670,7 +672,7 @@ proptest! {
             witness.heard();
             witness.period(0, false);
         }
-        prop_assert!(Place::start_of(start).distance_to(witness.status().place) >= Distance::records(end.into()));
+        prop_assert!(Place::start_of(RecordIndex::new(start)).distance_to(witness.status().place) >= Distance::records(end.into()));
     }
 }
 

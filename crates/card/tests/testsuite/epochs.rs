@@ -7,8 +7,7 @@ use crate::common;
 
 use common::{TestCard, levels, moved, opened, rates, record, rests_before, settings};
 use proptest::prelude::*;
-use retrace_core::place::is_before;
-use retrace_core::{Distance, Place, Rate};
+use retrace_core::{Distance, Place, Rate, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CommandRefusal, HostCommand, Instruction, OutputAction, OutputChange, PathStart,
     channel,
@@ -39,12 +38,12 @@ impl Host {
         let mut card = opened(first);
         // the counts are not 0 where a job begins
         card.accept(HostCommand::Ahead {
-            place: first,
+            place: RecordIndex::new(first),
             record: retrace_core::Record { increments: base.map(|b| b as i16), ..record(15) },
         })
         .expect("room");
         card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
-        while Place::start_of(first).distance_to(card.status().place) < Distance::RECORD {
+        while Place::start_of(RecordIndex::new(first)).distance_to(card.status().place) < Distance::RECORD {
             card.heard();
             card.run_period(levels(0));
         }
@@ -79,34 +78,43 @@ impl Host {
         let status = *self.card.status();
         let next = status.executed + 1;
         let gate = if next * EVERY > RECORDS { self.end() } else { self.place_of(next) };
-        if is_before(gate, self.end()) {
-            let mut instruction =
-                Instruction { number: next, place: gate, periods: next % 3, count: 1, ..Instruction::default() };
+        if RecordIndex::new(gate).is_before(RecordIndex::new(self.end())) {
+            let mut instruction = Instruction {
+                number: next,
+                place: RecordIndex::new(gate),
+                periods: next % 3,
+                count: 1,
+                ..Instruction::default()
+            };
             instruction.changes[0] = OutputChange { channel: channel::SPEED, value: next as i32 };
             let _ = self.card.accept(HostCommand::Instruction(instruction));
         }
         for _ in 0..20 {
             let place = self.card.status().high;
-            if place == gate {
+            if place == RecordIndex::new(gate) {
                 break;
             }
-            let offset = place.wrapping_sub(self.first);
+            let offset = place.since(RecordIndex::new(self.first));
             if offset.is_multiple_of(ACTS) {
                 let (before, after) = ((offset / ACTS) as i32, (offset / ACTS) as i32 + 1);
                 self.card
                     .accept(HostCommand::Action(OutputAction { place, channel: COUNTER, before, after }))
                     .expect("room");
             }
-            if self.card.accept(HostCommand::Ahead { place, record: self.record(place) }).is_err() {
+            if self.card.accept(HostCommand::Ahead { place, record: self.record(place.number()) }).is_err() {
                 break;
             }
         }
         for _ in 0..10 {
-            let place = self.card.status().low.wrapping_sub(1);
-            if is_before(place, self.first) {
+            let place = self.card.status().low - 1;
+            if place.is_before(RecordIndex::new(self.first)) {
                 break;
             }
-            let word = HostCommand::Behind { place, record: self.record(place), rests: self.rests_before(place) };
+            let word = HostCommand::Behind {
+                place,
+                record: self.record(place.number()),
+                rests: self.rests_before(place.number()),
+            };
             if self.card.accept(word).is_err() {
                 break;
             }
@@ -128,8 +136,8 @@ impl Host {
         }
         let walked = moved(self.first, now.place);
         assert_eq!(now.counts, [self.base[0] + walked[0], self.base[1] + walked[1]], "off the path at {:?}", now.place);
-        assert!(!is_before(now.reached, was.reached) && !is_before(now.reached, now.place.boundary_ahead()));
-        assert!(!is_before(now.executed, was.executed), "executed goes back");
+        assert!(!now.reached.is_before(was.reached) && !now.reached.is_before(now.place.boundary_ahead()));
+        assert!((now.executed.wrapping_sub(was.executed) as i32) >= 0, "executed goes back");
     }
 
     /// Stands, however it came to: by the host's word, or by its silence.
@@ -147,7 +155,7 @@ impl Host {
     fn begin(&mut self) {
         let said = *self.card.status();
         self.epoch += 1;
-        let rests = said.place.fraction == 0 && self.rests_before(said.place.record);
+        let rests = said.place.fraction == 0 && self.rests_before(said.place.record.number());
         let start = PathStart { place: said.place, rests, reached: said.reached, executed: said.executed };
         self.card.open(&CardSettings { start, ..settings(self.epoch, 0) }).expect("it stands");
         let now = *self.card.status();
@@ -202,7 +210,7 @@ proptest! {
             host.period(true);
         }
         let status = *host.card.status();
-        prop_assert_eq!(status.place, Place::start_of(host.end()));
+        prop_assert_eq!(status.place, Place::start_of(RecordIndex::new(host.end())));
         prop_assert_eq!(status.executed, RECORDS / EVERY);
         prop_assert_eq!(&host.switched, &(1..=status.executed as i32).collect::<Vec<_>>());
         prop_assert_eq!(&host.acted, &(1..=(RECORDS.div_ceil(ACTS)) as i32).collect::<Vec<_>>());
@@ -214,13 +222,13 @@ proptest! {
 fn a_start_that_contradicts_itself_is_refused() {
     let mut card = opened(7);
     let before = *card.status();
-    let inside = Place { record: 7, fraction: 1 };
-    let good = PathStart { place: inside, rests: false, reached: 8, executed: 5 };
+    let inside = Place { record: RecordIndex::new(7), fraction: 1 };
+    let good = PathStart { place: inside, rests: false, reached: RecordIndex::new(8), executed: 5 };
     let bad = [
-        PathStart { reached: 7, ..good },
-        PathStart { reached: 8u32.wrapping_sub(1 << 31), ..good },
+        PathStart { reached: RecordIndex::new(7), ..good },
+        PathStart { reached: RecordIndex::new(8u32.wrapping_sub(1 << 31)), ..good },
         PathStart { rests: true, ..good },
-        PathStart { place: Place::start_of(9), ..good },
+        PathStart { place: Place::start_of(RecordIndex::new(9)), ..good },
     ];
     for start in bad {
         assert_eq!(card.open(&CardSettings { start, ..settings(2, 0) }), Err(CommandRefusal::Unsupported), "{start:?}");
@@ -228,9 +236,12 @@ fn a_start_that_contradicts_itself_is_refused() {
     }
     card.open(&CardSettings { start: good, ..settings(2, 0) }).expect("good");
     let at = |number, place| HostCommand::Instruction(Instruction { number, place, ..Instruction::default() });
-    assert_eq!(card.accept(at(6, 7)), Err(CommandRefusal::OutOfOrder), "where it has been");
-    assert_eq!((card.accept(at(5, 8)), card.accept(at(7, 8))), (Err(CommandRefusal::Busy), Err(CommandRefusal::Busy)));
-    card.accept(at(6, 8)).expect("the next, at the furthest place");
+    assert_eq!(card.accept(at(6, RecordIndex::new(7))), Err(CommandRefusal::OutOfOrder), "where it has been");
+    assert_eq!(
+        (card.accept(at(5, RecordIndex::new(8))), card.accept(at(7, RecordIndex::new(8)))),
+        (Err(CommandRefusal::Busy), Err(CommandRefusal::Busy))
+    );
+    card.accept(at(6, RecordIndex::new(8))).expect("the next, at the furthest place");
 }
 
 /// In the middle of a motion the path is left with a ramp, at a planned stop at full rate: also where an epoch begins
@@ -239,11 +250,11 @@ fn a_start_that_contradicts_itself_is_refused() {
 fn a_path_in_motion_is_not_left_at_full_rate() {
     let rate_after = |rests: bool| -> Rate {
         let mut card = opened(0);
-        let start = PathStart { rests, ..PathStart::at(20) };
+        let start = PathStart { rests, ..PathStart::at(RecordIndex::new(20)) };
         card.open(&CardSettings { start, ..settings(2, 0) }).expect("good");
         for place in 20..84 {
             let record = retrace_core::Record { increments: [20, 0], ..record(0) };
-            card.accept(HostCommand::Ahead { place, record }).expect("room");
+            card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record }).expect("room");
         }
         card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         card.heard();

@@ -13,8 +13,7 @@ use std::collections::VecDeque;
 use common::{TestCard, levels, opened, rates};
 use proptest::prelude::*;
 use retrace_core::gate::Gates;
-use retrace_core::place::is_before;
-use retrace_core::{Distance, Flags, Place, Rate, Record};
+use retrace_core::{Distance, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{CardCore, CardStatus, HostCommand, InputWait, Instruction, OutputChange, channel};
 
 /// Records of a run; they fit the window, so that nothing has to be sent twice.
@@ -77,7 +76,8 @@ impl Host<'_> {
         let until = waits.map(|_| InputWait { input: 5, active: true, timeout_periods: 0 });
         let place = self.job.start.wrapping_add(offset);
         let number = n as u32 + 1;
-        let mut instruction = Instruction { number, place, periods, until, count: 1, ..Instruction::default() };
+        let mut instruction =
+            Instruction { number, place: RecordIndex::new(place), periods, until, count: 1, ..Instruction::default() };
         instruction.changes[0] = OutputChange { channel: channel::TOOL, value: number as i32 };
         instruction
     }
@@ -97,8 +97,8 @@ impl Host<'_> {
                 words.push(HostCommand::Instruction(instruction));
             }
         }
-        while self.sent != self.job.start.wrapping_add(RECORDS) && self.gates.b_open(self.sent) {
-            words.push(HostCommand::Ahead { place: self.sent, record: record(self.job, self.sent) });
+        while self.sent != self.job.start.wrapping_add(RECORDS) && self.gates.b_open(RecordIndex::new(self.sent)) {
+            words.push(HostCommand::Ahead { place: RecordIndex::new(self.sent), record: record(self.job, self.sent) });
             self.sent = self.sent.wrapping_add(1);
         }
         words
@@ -125,7 +125,7 @@ impl Judge<'_> {
         let Some(&(offset, periods, _)) = next else { return };
         let place = self.job.start.wrapping_add(offset);
         if now.outputs[usize::from(channel::TOOL)] == before_it.executed as i32 + 1 && self.begun.is_none() {
-            assert_eq!(before_it.place, Place::start_of(place), "it began beside its place");
+            assert_eq!(before_it.place, Place::start_of(RecordIndex::new(place)), "it began beside its place");
             self.begun = Some(before_it.period);
         }
         if let Some(begun) = self.begun {
@@ -136,7 +136,10 @@ impl Judge<'_> {
             assert!(!done || now.period - begun >= u64::from(periods));
         }
         if now.executed == before_it.executed {
-            assert!(now.place.distance_to(Place::start_of(place)) >= Distance::ZERO, "motion on the wrong side");
+            assert!(
+                now.place.distance_to(Place::start_of(RecordIndex::new(place))) >= Distance::ZERO,
+                "motion on the wrong side"
+            );
         } else {
             assert_eq!(now.executed, before_it.executed + 1);
             self.begun = None;
@@ -177,7 +180,7 @@ fn run(job: &Job) {
             heard = report;
         }
         if was.executed as usize == job.markers.len()
-            && was.place == Place::start_of(job.start.wrapping_add(RECORDS))
+            && was.place == Place::start_of(RecordIndex::new(job.start.wrapping_add(RECORDS)))
             && was.at_rest
         {
             break;
@@ -185,8 +188,8 @@ fn run(job: &Job) {
     }
     let status = card.status();
     assert_eq!(status.executed as usize, job.markers.len(), "it came to its end");
-    assert!(!is_before(status.reached, job.start.wrapping_add(RECORDS)) && status.alarm.is_none());
-    if status.place == Place::start_of(job.start.wrapping_add(RECORDS)) {
+    assert!(!status.reached.is_before(RecordIndex::new(job.start.wrapping_add(RECORDS))) && status.alarm.is_none());
+    if status.place == Place::start_of(RecordIndex::new(job.start.wrapping_add(RECORDS))) {
         assert_eq!(status.counts, [i64::from(RECORDS), -3 * i64::from(RECORDS)]);
     }
 }

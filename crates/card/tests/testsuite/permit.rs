@@ -7,7 +7,7 @@
 use crate::common;
 
 use common::{DOOR, PLAIN, STOP, TestCard, identity, levels, settings};
-use retrace_core::{Distance, Flags, Place, Rate, Record};
+use retrace_core::{Distance, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings, HostCommand,
     InputWait, Instruction, MAX_CHANGES, OutputAction, OutputChange, RepeatedInstruction, channel,
@@ -52,10 +52,10 @@ impl Bench {
     }
 
     fn fill(&mut self, to: u32) {
-        for place in self.status().high..to {
+        for place in self.status().high.number()..to {
             let flags = if place % 60 == 59 { Flags::REST } else { Flags::NONE };
             let record = Record { increments: [5, 0], flags, ..Record::default() };
-            self.send(HostCommand::Ahead { place, record });
+            self.send(HostCommand::Ahead { place: RecordIndex::new(place), record });
         }
     }
 
@@ -202,7 +202,7 @@ fn a_restart_with_nothing_to_repeat_releases_the_block() {
 #[test]
 fn records_that_come_late_do_not_start_motion_with_the_cutter_out() {
     let mut bench = Bench::cutting(false, TORCH);
-    while bench.status().high.wrapping_sub(bench.status().place.record) > 0 {
+    while bench.status().high.since(bench.status().place.record) > 0 {
         bench.period();
     }
     bench.rest();
@@ -212,13 +212,13 @@ fn records_that_come_late_do_not_start_motion_with_the_cutter_out() {
     assert_eq!((bench.value(TORCH), status.blocked), (0, true));
     bench.fill(90);
     bench.periods(30);
-    assert_eq!(bench.status().place, Place::start_of(60));
+    assert_eq!(bench.status().place, Place::start_of(RecordIndex::new(60)));
 }
 
 #[test]
 fn records_that_come_within_the_handover_go_on() {
     let mut bench = Bench::cutting(false, TORCH);
-    while bench.status().high.wrapping_sub(bench.status().place.record) > 0 {
+    while bench.status().high.since(bench.status().place.record) > 0 {
         bench.period();
     }
     bench.rest();
@@ -226,7 +226,7 @@ fn records_that_come_within_the_handover_go_on() {
     assert_eq!(bench.value(TORCH), 1);
     bench.fill(90);
     bench.periods(30);
-    assert!(bench.value(TORCH) == 1 && bench.status().place.record > 60);
+    assert!(bench.value(TORCH) == 1 && bench.status().place.record.number() > 60);
 }
 
 #[test]
@@ -300,7 +300,12 @@ fn a_jet_that_may_be_on_in_reverse_stays_on() {
 fn replayed(jet_lit_in_reverse: bool) -> Bench {
     let mut bench = Bench::new(jet_lit_in_reverse, false);
     for (place, channel, before) in [(5, JET, 0), (5, TORCH, 0), (20, JET, 1), (20, TORCH, 1), (30, ABRASIVE, 0)] {
-        bench.send(HostCommand::Action(OutputAction { place, channel, before, after: 1 - before }));
+        bench.send(HostCommand::Action(OutputAction {
+            place: RecordIndex::new(place),
+            channel,
+            before,
+            after: 1 - before,
+        }));
     }
     bench.send(HostCommand::Replay { on: true });
     bench.rate(Rate::ONE);
@@ -334,7 +339,7 @@ fn a_replayed_action_lights_a_jet_that_may_be_on_in_reverse_and_puts_others_out(
         seen |= bench.value(JET);
         assert_eq!(bench.value(TORCH), 0);
     }
-    assert_eq!((seen, bench.status().place, bench.value(JET)), (1, Place::start_of(0), 0));
+    assert_eq!((seen, bench.status().place, bench.value(JET)), (1, Place::start_of(RecordIndex::new(0)), 0));
     // forward again, the torch lit manually on the way: the action at 20 puts it out
     bench.rate(Rate::ONE);
     bench.periods(10);
@@ -419,7 +424,7 @@ fn a_dry_run_keeps_fire_and_auxiliary_channels_off_and_blocks_nothing() {
         let values = [TORCH, JET, ABRASIVE, 5].map(|channel| bench.value(channel));
         assert_eq!((values, status.cutter_off, status.blocked), ([0, 0, 0, 1], None, false));
     }
-    assert!(bench.status().place.record > 30);
+    assert!(bench.status().place.record.number() > 30);
     assert_eq!(
         bench.card.accept(HostCommand::ManualOutput(OutputChange { channel: ABRASIVE, value: 1 })),
         Err(CommandRefusal::Unsupported)

@@ -7,7 +7,7 @@ use crate::common;
 use common::{identity, levels, rates, settings};
 use proptest::prelude::*;
 use retrace_card::{Card, StepDirection};
-use retrace_core::{Flags, RapidCap, Rate, Record};
+use retrace_core::{Flags, RapidCap, Rate, Record, RecordIndex};
 use retrace_link::{Alarm, CardCore, CardSettings, CommandRefusal, HostCommand};
 
 /// A card with a longer window, so that high rates have room.
@@ -52,7 +52,7 @@ proptest! {
                 let share = 21 * 16 / i16::from(record.cap.get());
                 record.increments = record.increments.map(|i| i.clamp(-share, share));
             }
-            match card.accept(HostCommand::Ahead { place, record }) {
+            match card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record }) {
                 Ok(()) => place += 1,
                 refused => prop_assert_eq!(refused, Err(CommandRefusal::Full)),
             }
@@ -81,7 +81,7 @@ proptest! {
         let cap = RapidCap::sixteenths(cap);
         let record = Record { increments: [0, increment], cap, ..Record::default() };
         let place = if back { u32::MAX } else { 0 };
-        let word = if back { HostCommand::Behind { place, record, rests: true } } else { HostCommand::Ahead { place, record } };
+        let word = if back { HostCommand::Behind { place: RecordIndex::new(place), record, rests: true } } else { HostCommand::Ahead { place: RecordIndex::new(place), record } };
         let fits = i64::from(increment).abs() * i64::from(cap.get()) <= 246 * 16;
         prop_assert_eq!(card.accept(word), if fits { Ok(()) } else { Err(CommandRefusal::Unsupported) });
         prop_assert_eq!(card.status().alarm, (!fits).then_some(Alarm::TooManyPulses { axis: 1 }));

@@ -5,8 +5,7 @@
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use retrace_controller::command_queue::{CommandQueueFull, CommandReceiver, CommandSender, command_channel};
-use retrace_controller::operator::OperatorCommand;
+use retrace_controller::{CommandQueueFull, CommandReceiver, CommandSender, OperatorCommand, command_channel};
 use retrace_tui::{ScreenModel, UiCommand, lock_model};
 
 /// Routes commands from the screen.

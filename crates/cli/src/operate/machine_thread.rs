@@ -3,6 +3,7 @@
 //! Invariant: control periods continue while no job runs, so that the card hears from its host. Before each job a new
 //! path starts at the machine's position.
 
+use retrace_core::RecordIndex;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::sync::{Arc, Mutex};
@@ -10,14 +11,10 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::event::{CardError, Event, EventKind};
-use retrace_controller::manual::{ManualTask, ManualTaskDone, ManualTaskError, perform};
-use retrace_controller::mdi;
-use retrace_controller::operator::{self, ScriptInstruction};
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::{
+    CardError, CommandSources, Event, EventKind, ManualTask, ManualTaskDone, ManualTaskError, ModalContext, Observer,
+    Outcome, PeriodRecord, RunMode, ScriptInstruction, ScriptPlayer, Telemetry, parse_script, perform_manual_task,
+};
 use retrace_link::{Alarm, MotionCard, OutputChange, PathStart};
 use retrace_tui::{
     AlarmShown, ModelObserver, ProgramCheck, Question, ScreenModel, ScreenStage, UiCommand, diagnostic_lines,
@@ -27,10 +24,12 @@ use retrace_tui::{
 use super::command_router::CommandRouter;
 use super::{ResumingJob, preview_thread};
 use crate::args::{self, Reading};
+use crate::command_failure::CommandFailure;
 use crate::homing_notes::Homing;
 use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableKeeper;
-use crate::program::{CommandFailure, Program, ProgramStream};
+use crate::program::Program;
+use crate::program_stream::ProgramStream;
 use crate::resume_summary::ResumeSummary;
 use crate::run::{JobResult, JobSpec, MachineAndCard, TuiOptions};
 
@@ -63,7 +62,7 @@ pub(super) struct MachineThread<'m, const A: usize, C> {
     machine_and_card: MachineAndCard,
     card: &'m mut C,
     /// Modal state for MDI blocks and for the next program.
-    mdi_context: mdi::ModalContext,
+    mdi_context: ModalContext,
     table_keeper: TableKeeper,
     commands: Receiver<UiCommand>,
     router: &'m Arc<CommandRouter>,
@@ -91,7 +90,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     ) -> Self {
         let observer = ModelObserver::new(Arc::clone(&router.model));
         let exit = ExitState { ran: false, code: Outcome::Stopped.exit_code(), report: None, failure: None };
-        let (mdi_context, machine) = (mdi::ModalContext::new(program.setup().clone()), machine.clone());
+        let (mdi_context, machine) = (ModalContext::new(program.setup().clone()), machine.clone());
         let table_keeper = TableKeeper::new(&args.reading, program.setup());
         let optional_stop = args.operation.optional_stop.is_some_and(args::OnOff::is_on);
         lock_model(&router.model).optional_stop = optional_stop;
@@ -241,7 +240,14 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         let done = match unhomed {
             Some(refusal) => Err(refusal.into()),
             None => self.homing.perform_and_record(task, &machine, || {
-                perform(task, &machine, &mut self.mdi_context, self.card, (command_sources, run_mode), &mut shown)
+                perform_manual_task(
+                    task,
+                    &machine,
+                    &mut self.mdi_context,
+                    self.card,
+                    (command_sources, run_mode),
+                    &mut shown,
+                )
             }),
         };
         self.router.end_job();
@@ -339,7 +345,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Ok(program) => program,
             Err(why) => return self.show_refusal(&why),
         };
-        if let Err(fault) = self.card.begin_path(PathStart::at(0)) {
+        if let Err(fault) = self.card.begin_path(PathStart::at(RecordIndex::new(0))) {
             return self.emit(EventKind::Alarm(CardError::from(fault)));
         }
         let mut result = JobResult::default();
@@ -370,7 +376,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
     fn script_of_job(&self) -> Vec<ScriptInstruction> {
         let stops = if self.optional_stop { "at 0s optional stop on" } else { "" };
         // This text always parses.
-        let mut script = operator::parse(stops, "screen").unwrap_or_default();
+        let mut script = parse_script(stops, "screen").unwrap_or_default();
         script.extend(self.script.iter().copied());
         script
     }

@@ -11,20 +11,22 @@ mod machine_thread;
 mod preview_thread;
 mod signals;
 
+use retrace_core::RecordIndex;
 use std::io::IsTerminal;
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use retrace_config::{MachineConfig, NumberedError};
-use retrace_controller::operator::{OperatorCommand, ScriptInstruction};
+use retrace_controller::{OperatorCommand, ScriptInstruction};
 use retrace_link::MotionCard;
 use retrace_tui::{Screen, ScreenModel, lock_model};
 
 use crate::args;
-use crate::console::unwritable;
+use crate::command_failure::CommandFailure;
+use crate::files::unwritable;
 use crate::homing_notes::Homing;
-use crate::program::{CommandFailure, Program};
+use crate::program::Program;
 use crate::resume_summary::ConfirmResume;
 use crate::run::{MachineAndCard, TuiOptions};
 
@@ -81,7 +83,7 @@ pub type Resume<'f, const A: usize, C> =
 /// Job to resume when the screen opens.
 pub struct ResumingJob<'f, const A: usize, C> {
     /// Record at which its path starts.
-    pub origin: u32,
+    pub origin: RecordIndex,
     /// Whether the operator has confirmed already.
     pub is_confirmed: bool,
     /// Function that runs it.

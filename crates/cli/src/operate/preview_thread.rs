@@ -2,20 +2,21 @@
 //!
 //! Invariant: slow work runs in a thread of its own; the screen shows "calculating" until it is done.
 
+use retrace_core::RecordIndex;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 use retrace_config::MachineConfig;
-use retrace_controller::job::{BlockDecoder, DecodedBlock};
-use retrace_controller::program_analysis;
+use retrace_controller::{BlockDecoder, DecodedBlock, analyse_program};
 use retrace_gcode::{CanonStep, Setup};
 use retrace_tui::{
     Planned, Preview, ProgramCheck, ProgramFacts, ScreenModel, ScreenStage, diagnostic_lines, lock_model,
 };
 
-use crate::program::{Decoder, Program};
+use crate::decoder::Decoder;
+use crate::program::Program;
 
 /// Facts that are known at once.
 pub(super) fn facts(machine: &MachineConfig, program: &Program) -> ProgramFacts {
@@ -51,7 +52,7 @@ pub(super) fn show_program<const A: usize>(
 }
 
 /// Shows that a job whose path starts at this record is about to be resumed.
-pub(super) fn show_resuming(model: &Mutex<ScreenModel>, origin: u32) {
+pub(super) fn show_resuming(model: &Mutex<ScreenModel>, origin: RecordIndex) {
     let facts = ProgramFacts { first_place: origin, ..(*lock_model(model).facts).clone() };
     let mut model = lock_model(model);
     (model.facts, model.stage) = (Arc::new(facts), ScreenStage::Resuming);
@@ -78,7 +79,9 @@ pub(super) fn update_facts<const A: usize>(
     program: &Program,
 ) {
     let (new, old) = (facts(machine, program), Arc::clone(&lock_model(model).facts));
-    let is_same = new.program == old.program && new.start_position_mm == old.start_position_mm && old.first_place == 0;
+    let is_same = new.program == old.program
+        && new.start_position_mm == old.start_position_mm
+        && old.first_place == RecordIndex::new(0);
     if is_same && old.check == ProgramCheck::Ready {
         return;
     }
@@ -156,7 +159,7 @@ fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, jo
     let cancellable = |decoder| CancellableDecoder { decoder, number };
     let preview = Preview::of(&machine, &mut cancellable(program.decoder()));
     publish(model, number, |facts| ProgramFacts { preview, start_position_mm: stands_at_mm, ..facts });
-    let analysed = program_analysis::analyse_program::<A>(&machine, &mut cancellable(program.decoder()));
+    let analysed = analyse_program::<A>(&machine, &mut cancellable(program.decoder()));
     let planned = analysed.map_or(Planned::Unknown, |(_, _, analysis)| {
         Planned::Known(analysis.motion_periods as f64 * machine.period_s())
     });

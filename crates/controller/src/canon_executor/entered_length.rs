@@ -11,7 +11,7 @@ use super::CanonExecutor;
 impl CanonExecutor<'_> {
     /// Tool length offset in force along an axis, mm, including an entered length. None where there is no offset.
     #[must_use]
-    pub fn tool_length_mm(&self, axis: Axis) -> Option<f64> {
+    pub(crate) fn tool_length_mm(&self, axis: Axis) -> Option<f64> {
         let entered = self.correction.map_or(0.0, |correction| correction.mm());
         (self.tool != Pose::ZERO).then_some(self.tool[axis] + entered)
     }
@@ -19,7 +19,7 @@ impl CanonExecutor<'_> {
     /// Whether a path that was moved along the tool axis by an entered tool length ends before this function. Moves to
     /// machine coordinates, another tool and another offset are planned from the machine's position then.
     #[must_use]
-    pub fn ends_entered_length(&self, canon: &Canon) -> bool {
+    pub(crate) fn ends_entered_length(&self, canon: &Canon) -> bool {
         match canon {
             Canon::MachineCoordinates => true,
             Canon::ChangeTool { tool, was, .. } => tool != was,
@@ -31,7 +31,7 @@ impl CanonExecutor<'_> {
     /// Corrects the position: the machine is `mm` further along `axis` than the program's position, because a tool
     /// length was entered. From here on this is part of the tool offset, whenever that is in force, until another tool
     /// is loaded.
-    pub fn correct_length(&mut self, axis: Axis, mm: f64) {
+    pub(crate) fn correct_length(&mut self, axis: Axis, mm: f64) {
         match &mut self.correction {
             Some(correction) => correction.add(mm, self.tool),
             None => self.correction = Some(LengthCorrection::new(axis, mm, &self.at, self.tool)),

@@ -4,7 +4,6 @@
 //! Invariant: units, offsets and rotation are applied here and nowhere else. A move of an axis that the machine does
 //! not have is rejected, and an unsupported function is rejected by name.
 
-mod canon_error;
 mod entered_length;
 mod switching;
 
@@ -12,11 +11,11 @@ use retrace_config::MachineConfig;
 use retrace_gcode::{Axis, Canon, LengthUnit, Nurbs, PathControl, Plane, Pose};
 use retrace_motion::{Arc, FeedRate, PathMode};
 
+use crate::canon_error::CanonError;
 use crate::cutter_track::CutterTrack;
 use crate::motion_sink::MotionSink;
 use crate::spline::chords;
 
-pub use canon_error::CanonError;
 use entered_length::LengthCorrection;
 
 /// Minimum deviation of the chords of splines, mm.
@@ -56,7 +55,7 @@ impl WorkOffset {
 
 /// The state between canonical functions.
 #[derive(Clone, Debug)]
-pub struct CanonExecutor<'m> {
+pub(crate) struct CanonExecutor<'m> {
     machine: &'m MachineConfig,
     /// The machine's axes, as axes of a position.
     axes: Vec<Axis>,
@@ -90,7 +89,7 @@ pub struct CanonExecutor<'m> {
 impl<'m> CanonExecutor<'m> {
     /// Creates an executor at the machine's position, with the state in which every program begins.
     #[must_use]
-    pub fn new(machine: &'m MachineConfig) -> Self {
+    pub(crate) fn new(machine: &'m MachineConfig) -> Self {
         let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
         let at = axes.iter().zip(&machine.stands_at_mm).fold(Pose::ZERO, |at, (&axis, &mm)| at.with(axis, mm));
         Self {
@@ -119,7 +118,7 @@ impl<'m> CanonExecutor<'m> {
     ///
     /// # Errors
     /// The reason why it cannot be executed; nothing has been given to the sink then.
-    pub fn execute<const A: usize>(
+    pub(crate) fn execute<const A: usize>(
         &mut self,
         canon: &Canon,
         line: u32,
@@ -153,7 +152,7 @@ impl<'m> CanonExecutor<'m> {
 
     /// End of the last move: the coordinates of the machine's own axes, mm.
     #[must_use]
-    pub fn position<const A: usize>(&self) -> [f64; A] {
+    pub(crate) fn position<const A: usize>(&self) -> [f64; A] {
         let stands = self.actual_position();
         let mut own = [0.0; A];
         for (slot, &axis) in own.iter_mut().zip(&self.axes) {
@@ -169,7 +168,7 @@ impl<'m> CanonExecutor<'m> {
 
     /// The transformation between machine and program coordinates that is in force.
     #[must_use]
-    pub fn work_offset(&self) -> WorkOffset {
+    pub(crate) fn work_offset(&self) -> WorkOffset {
         WorkOffset {
             system: self.system,
             origin_mm: self.g5x.plus(&self.g92).plus(&self.tool),

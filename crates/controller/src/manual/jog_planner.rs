@@ -12,7 +12,7 @@ use std::time::Duration;
 use retrace_config::MachineConfig;
 use retrace_core::ring::{Cell, Consumer, Producer, Ring, RingError};
 use retrace_core::size::ring_cells;
-use retrace_core::{Flags, Record};
+use retrace_core::{Flags, Record, RecordIndex};
 use retrace_motion::{FeedRate, PathMode, Planner};
 
 use crate::approach::approach;
@@ -56,7 +56,7 @@ pub type Identify = Box<dyn FnMut() -> u64 + Send>;
 /// The machine's look-ahead is larger than any ring.
 pub(crate) fn ring<const A: usize>(
     machine: &MachineConfig,
-    start: u32,
+    start: RecordIndex,
 ) -> Result<Ring<Box<[Cell<Record<A>>]>>, RingError> {
     let cells = ring_cells(HISTORY_RECORDS, machine.look_ahead_records).ok_or(RingError::TooSmall)?;
     let cells: Box<[Cell<Record<A>>]> = (0..cells).map(|_| Cell::default()).collect();

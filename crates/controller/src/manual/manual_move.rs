@@ -4,12 +4,10 @@
 //! Invariant: it begins and ends at rest. When it is stopped, the rest of it is discarded, and the next one begins at
 //! the counts.
 
+use retrace_core::{Place, Rate, RecordIndex};
+use retrace_link::{HostCommand, MotionCard, PathStart};
 use std::thread;
 use std::time::Duration;
-
-use retrace_core::place::is_before;
-use retrace_core::{Place, Rate};
-use retrace_link::{HostCommand, MotionCard, PathStart};
 
 use super::jog_planner::{JogPlanner, JogRequest};
 
@@ -20,7 +18,7 @@ pub(crate) const REPORT_LATENCY_PERIODS: u32 = retrace_config::IN_FLIGHT_RECORDS
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ManualMove {
     /// Place at which it begins.
-    start: u32,
+    start: RecordIndex,
     /// Number of the last instruction that was executed; it does not change.
     executed: u32,
     state: ManualMoveState,
@@ -151,10 +149,10 @@ impl ManualMove {
 
     /// Whether enough is planned beyond `place`, or all of it. In virtual time the result must not depend on the
     /// planner's speed: this waits.
-    fn is_planned<const A: usize>(&self, jog_planner: &mut JogPlanner<'_, A>, place: u32) -> bool {
+    fn is_planned<const A: usize>(&self, jog_planner: &mut JogPlanner<'_, A>, place: RecordIndex) -> bool {
         loop {
             let done = jog_planner.is_done();
-            if done || jog_planner.ring.write().wrapping_sub(place) >= self.look_ahead_records {
+            if done || jog_planner.ring.write().since(place) >= self.look_ahead_records {
                 return true;
             }
             if self.wall_time {
@@ -169,18 +167,18 @@ impl ManualMove {
         self.is_planned(jog_planner, card.status().place.record);
         let end = jog_planner.ring.write();
         let mut place = card.status().high;
-        while is_before(place, end)
+        while place.is_before(end)
             && let Some(record) = jog_planner.ring.record(place)
             && card.send(HostCommand::Ahead { place, record }).is_ok()
         {
-            place = place.wrapping_add(1);
+            place += 1;
         }
     }
 
     /// Whether enough records are on the card to run at full rate.
     fn may_move<const A: usize, C: MotionCard<A>>(&self, jog_planner: &mut JogPlanner<'_, A>, card: &C) -> bool {
-        let (wanted, end) = (self.start.wrapping_add(self.look_ahead_records), jog_planner.ring.write());
-        let wanted = if is_before(end, wanted) { end } else { wanted };
-        !is_before(card.acknowledged_high(), wanted)
+        let (wanted, end) = ((self.start + self.look_ahead_records), jog_planner.ring.write());
+        let wanted = if end.is_before(wanted) { end } else { wanted };
+        !card.acknowledged_high().is_before(wanted)
     }
 }

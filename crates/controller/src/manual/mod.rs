@@ -2,11 +2,11 @@
 //!
 //! Invariant: every task begins and ends at rest, and moves within the soft limits.
 
-pub mod jog_planner;
+pub(crate) mod jog_planner;
 pub(crate) mod manual_move;
 mod perform;
 
-pub use perform::{ManualTaskDone, ManualTaskError, perform};
+pub use perform::{ManualTaskDone, ManualTaskError, perform_manual_task};
 
 /// A task of the operator.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,7 +4,7 @@
 //! Invariant: it begins and ends at rest. *Stop* or *hold* brings it to rest where it is, and the rest of it is
 //! discarded.
 
-use retrace_core::Rate;
+use retrace_core::{Rate, RecordIndex};
 use std::sync::PoisonError;
 use std::thread;
 
@@ -79,7 +79,7 @@ impl From<CardError> for ManualTaskError {
 ///
 /// # Errors
 /// The reason why it was not completed.
-pub fn perform<const A: usize, C: MotionCard<A>>(
+pub fn perform_manual_task<const A: usize, C: MotionCard<A>>(
     task: &ManualTask,
     machine: &MachineConfig,
     context: &mut ModalContext,
@@ -90,7 +90,7 @@ pub fn perform<const A: usize, C: MotionCard<A>>(
     if let Some(text) = block_of(task, machine)? {
         return perform_block(&text, machine, context, card, (operators, run_mode), observer);
     }
-    let mut ring = jog_planner::ring(machine, 0)
+    let mut ring = jog_planner::ring(machine, RecordIndex::new(0))
         .map_err(|_| NumberedError::new("E2112", "no ring for a move", "a shorter look_ahead_s"))?;
     let mail = jog_planner::JogStatus::default();
     let (hand, requests) = jog_planner::jog_channel(ring.split(), &mail);
@@ -144,7 +144,7 @@ fn perform_block<const A: usize, C: MotionCard<A>>(
     let (block, left) = block.with_result();
     let options =
         JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
-    let end = job::run(&machine, block, options, &mut *card, observer)
+    let end = job::run_job(&machine, block, options, &mut *card, observer)
         .map_err(|why| NumberedError::new("E2112", why.to_string(), "a shorter look_ahead_s in the machine file"))?;
     match end.outcome {
         Outcome::Completed => {

@@ -13,16 +13,17 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_config::MachineConfig;
+use retrace_core::place::number_is_before;
 use retrace_core::ring::Producer;
-use retrace_core::{Flags, Record};
+use retrace_core::{Flags, Record, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::{IndexEntry, IndexWriter, LengthChange, MarkDifference, PlaceMark};
 use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, FeedRate, MoveError, PathMode, Planner};
 
-use crate::limit_check::{LimitFinding, extremes};
 use crate::overrides::OverrideApplier;
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
+use crate::soft_limits::{LimitFinding, extremes};
 use crate::tool_length::LengthOffers;
 use tool_lengths::{Lengths, Planned};
 
@@ -146,7 +147,7 @@ pub struct PlanWriter<'r, const A: usize> {
     outputs: Outputs,
     index: Box<dyn IndexWriter>,
     /// Place of the last mark.
-    marked_until: u32,
+    marked_until: RecordIndex,
     /// The mark that would be made behind the last record.
     next_mark: PlaceMark,
     /// Marks of an earlier run, with which the plan is compared.
@@ -199,7 +200,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     #[must_use]
     pub fn with_expected_marks(self, marks: &[PlaceMark]) -> Self {
         let begins = self.next_mark.place;
-        let behind = |mark: &&PlaceMark| retrace_core::place::is_before(begins, mark.place);
+        let behind = |mark: &&PlaceMark| begins.is_before(mark.place);
         Self { expected_marks: marks.iter().filter(behind).copied().collect(), ..self }
     }
 
@@ -473,7 +474,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             self.send_active(serial)?;
             self.send_actions(serial)?;
             if let Some(Planned::Waiting { serial: end }) = self.lengths.last_end
-                && retrace_core::place::is_before(end, serial)
+                && number_is_before(end, serial)
             {
                 self.lengths.last_end = Some(Planned::Until(self.ring.write()));
             }
@@ -484,9 +485,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
 
     /// Origin of the move with that serial number. Moves before it will not come out of the planner again.
     fn origin_of(&mut self, serial: u32) -> SerialOrigin {
-        while self.origins.len() > 1
-            && self.origins.front().is_some_and(|o| retrace_core::place::is_before(o.serial, serial))
-        {
+        while self.origins.len() > 1 && self.origins.front().is_some_and(|o| number_is_before(o.serial, serial)) {
             self.origins.pop_front();
         }
         let unknown = SerialOrigin { serial, line: 0, block: 0, reach_mm: [0.0; 2] };
@@ -509,11 +508,11 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         for (count, &increment) in self.next_mark.counts.iter_mut().zip(&record.increments) {
             *count += i64::from(increment);
         }
-        if self.next_mark.place.wrapping_sub(self.marked_until) >= MAX_RECORDS_PER_MARK {
+        if self.next_mark.place.since(self.marked_until) >= MAX_RECORDS_PER_MARK {
             self.write_mark();
         }
         while let Some(&was) = self.expected_marks.front()
-            && !retrace_core::place::is_before(self.next_mark.place, was.place)
+            && !self.next_mark.place.is_before(was.place)
         {
             self.expected_marks.pop_front();
             if was != self.next_mark {
@@ -530,7 +529,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     fn send_active(&mut self, serial: u32) -> Result<(), Cancelled> {
         let mut last = None;
         while let Some((of, _)) = self.modes.front()
-            && !retrace_core::place::is_before(serial, *of)
+            && !number_is_before(serial, *of)
         {
             last = self.modes.pop_front();
         }
@@ -542,7 +541,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     fn send_actions(&mut self, serial: u32) -> Result<(), Cancelled> {
         while let Some(WaitingChange { serial: of, change, line, unchanged_in_reverse: lasts }) =
             self.waiting_changes.front().copied()
-            && !retrace_core::place::is_before(serial, of)
+            && !number_is_before(serial, of)
         {
             self.waiting_changes.pop_front();
             let value = &mut self.outputs[usize::from(change.channel)];

@@ -3,14 +3,14 @@
 //! Invariant: a stored length applies from behind the current block on, so that planning again gives the same path; a
 //! path that was moved ends at rest.
 
+use retrace_core::RecordIndex;
 use std::collections::VecDeque;
 
 use retrace_config::MachineConfig;
-use retrace_core::place::is_before;
 use retrace_journal::{IndexEntry, LengthChange};
 
 use super::{Cancelled, PlanWriter};
-use crate::limit_check::passed_limit;
+use crate::soft_limits::passed_limit;
 use crate::tool_length::{EnteredLength, LengthAnswer, LengthOffer, LengthOffers, LengthProposal, ToolLengthError};
 
 /// Place at which a path that was moved along the tool axis had to end last, moved or not.
@@ -22,7 +22,7 @@ pub(super) enum Planned {
         serial: u32,
     },
     /// The moves behind it begin at this place.
-    Until(u32),
+    Until(RecordIndex),
 }
 
 /// Tool lengths that are entered in a pause.
@@ -124,8 +124,8 @@ impl<const A: usize> PlanWriter<'_, A> {
             _ if self.lengths.block_has_end => true,
             None => false,
             // Where everything that exists is planned, the place behind it is the end of the ring.
-            Some(Planned::Waiting { .. }) => !self.origins.is_empty() || is_before(proposal.place, self.ring.write()),
-            Some(Planned::Until(place)) => is_before(proposal.place, place),
+            Some(Planned::Waiting { .. }) => !self.origins.is_empty() || proposal.place.is_before(self.ring.write()),
+            Some(Planned::Until(place)) => proposal.place.is_before(place),
         };
         if is_planned {
             return Err(ToolLengthError::Planned);

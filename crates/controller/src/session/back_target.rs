@@ -7,8 +7,7 @@
 //! boundary at or beyond it.
 
 use retrace_core::mode::{Mode, ModeCommand};
-use retrace_core::place::is_before;
-use retrace_core::{Place, Rate};
+use retrace_core::{Place, Rate, RecordIndex};
 use retrace_link::MotionCard;
 
 use super::Session;
@@ -42,9 +41,9 @@ enum TargetSearch {
     /// The search begins where the machine comes to rest.
     AtRest,
     /// No record before this boundary has been searched yet; with the remaining length in mm, or the line of the block.
-    From { from: u32, remaining_mm: f64, line: u32 },
+    From { from: RecordIndex, remaining_mm: f64, line: u32 },
     /// The target.
-    Found(u32),
+    Found(RecordIndex),
     /// The history starts before the target.
     Beyond,
 }
@@ -57,7 +56,7 @@ impl BackTarget {
 
     /// Target, once it is found. `None` also where the history starts before it: the run ends at the history start
     /// then.
-    pub(super) fn place(&self) -> Option<u32> {
+    pub(super) fn place(&self) -> Option<RecordIndex> {
         match self.search {
             TargetSearch::Found(place) => Some(place),
             _ => None,
@@ -65,7 +64,7 @@ impl BackTarget {
     }
 
     /// Whether `place` is the target.
-    pub(super) fn is_reached_at(&self, place: u32) -> bool {
+    pub(super) fn is_reached_at(&self, place: RecordIndex) -> bool {
         matches!(self.search, TargetSearch::Found(there) if there == place)
     }
 }
@@ -100,14 +99,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 on(mm + part.map_or(0.0, |length| length * (1.0 - share)), 0)
             }
             BackTargetKind::Block => {
-                let last = self.streamer.record(place.boundary_ahead().wrapping_sub(1));
+                let last = self.streamer.record(place.boundary_ahead() - 1);
                 on(0.0, last.map_or(0, |record| record.line))
             }
         })
     }
 
     /// Length of a record in mm.
-    fn record_length_mm(&self, place: u32) -> Option<f64> {
+    fn record_length_mm(&self, place: RecordIndex) -> Option<f64> {
         let record = self.streamer.record(place)?;
         let axes = record.increments.iter().zip(&self.mm_per_pulse);
         Some(axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt())
@@ -134,19 +133,19 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.back_target = Some(back);
     }
 
-    fn continue_search(&self, wanted: BackTargetKind, from: u32, left_mm: f64, line: u32) -> TargetSearch {
+    fn continue_search(&self, wanted: BackTargetKind, from: RecordIndex, left_mm: f64, line: u32) -> TargetSearch {
         let (mut from, mut left_mm, oldest) = (from, left_mm, self.streamer.oldest());
         for _ in 0..RECORDS_A_PERIOD {
-            let last = from.wrapping_sub(1);
+            let last = from - 1;
             let found = match wanted {
                 // Sums of lengths are exact except for a few of the last digits.
                 BackTargetKind::By(mm) => left_mm <= 1e-9 * mm,
-                _ => !is_before(last, oldest) && self.streamer.record(last).is_none_or(|record| record.line != line),
+                _ => !last.is_before(oldest) && self.streamer.record(last).is_none_or(|record| record.line != line),
             };
             if found {
                 return TargetSearch::Found(from);
             }
-            if !is_before(oldest, from) {
+            if !oldest.is_before(from) {
                 return TargetSearch::Beyond;
             }
             left_mm -= self.record_length_mm(last).unwrap_or(0.0);

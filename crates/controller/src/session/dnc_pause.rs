@@ -12,7 +12,7 @@ use retrace_core::interruption::{
     Breakpoint, Interruption, InterruptionAction, InterruptionEvent as Said, SpindleDirection, SpindleState,
 };
 use retrace_core::mode::{Mode, ModeOutput};
-use retrace_core::{Flags as RecordFlags, Place, Rate, RateTarget};
+use retrace_core::{Flags as RecordFlags, Place, Rate, RateTarget, RecordIndex};
 use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, PathStart, channel};
 
@@ -158,7 +158,7 @@ impl<'r, const A: usize> DncPause<'r, A> {
     }
 
     /// The furthest place on the program's path when it was left.
-    pub(super) fn reached(&self) -> Option<u32> {
+    pub(super) fn reached(&self) -> Option<RecordIndex> {
         self.path_start.map(|left| left.reached)
     }
 }
@@ -480,7 +480,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Position on the program's path, from which it is resumed. The machine is at rest.
     fn path_start(&self) -> PathStart {
         let CardStatus { place, reached, executed, .. } = *self.card.status();
-        let before = self.streamer.record(place.record.wrapping_sub(1));
+        let before = self.streamer.record(place.record - 1);
         let rests = place.fraction == 0 && before.is_some_and(|record| record.flags.contains(RecordFlags::REST));
         PathStart { place, rests, reached, executed }
     }

@@ -21,12 +21,12 @@ use std::time::Duration;
 use retrace_config::{IN_FLIGHT_RECORDS, MachineConfig, RetraceOutputs};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice};
 use retrace_core::wheel::Wheel;
-use retrace_core::{Place, Rate, RateTarget};
+use retrace_core::{Place, Rate, RateTarget, RecordIndex};
 use retrace_link::{CardStatus, HostCommand, MotionCard, Outputs, channel};
 
 use crate::command_queue::CommandSources;
 use crate::event::{CardError, CutterOffReason, EventKind};
-use crate::operator::percent;
+use crate::operator::rate_percent;
 use crate::overrides::OverrideRequester;
 use crate::plan_item::{ExclusiveKind, PlanEnd};
 use crate::record_streamer::{PassedItem, RecordStreamer};
@@ -93,7 +93,7 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     cutter_is_out: bool,
     leaving_run: LeavingRun,
     /// The cutter boundary that the operator has confirmed to pass backward with the cutter on.
-    passed_boundary: Option<u32>,
+    passed_boundary: Option<RecordIndex>,
     /// Whether this is a dry run.
     inhibits_outputs: bool,
     /// Whether a jet may cut while the path is retraced.
@@ -419,7 +419,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.acknowledge_instruction();
         if let Some(planned) = self.overrides.advance_to(status.reached) {
             // Overrides are requested in steps of a hundredth of a per cent.
-            self.emit(EventKind::OverridePlanned((100.0 * percent(planned)).round() / 100.0));
+            self.emit(EventKind::OverridePlanned((100.0 * rate_percent(planned)).round() / 100.0));
             self.apply_rate_override();
         }
         if let Some(off) = status.cutter_off {
@@ -454,7 +454,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.watch_streamer(status, mode);
         // Before a stop, and before the end, the look-ahead runs out as planned.
         if mode == Mode::Run && status.rate == Rate::ONE && self.streamer.continues_without_stop() {
-            self.stats.record_buffered(self.card.acknowledged_high().wrapping_sub(status.place.record));
+            self.stats.record_buffered(self.card.acknowledged_high().since(status.place.record));
         }
         self.emit_period(status);
         self.still_periods = if status.rate == Rate::ZERO && executing.is_none() { self.still_periods + 1 } else { 0 };

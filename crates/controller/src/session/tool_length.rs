@@ -7,9 +7,8 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_config::MachineConfig;
-use retrace_core::Place;
-use retrace_core::place::is_before;
 use retrace_core::playback::partial_increment;
+use retrace_core::{Place, RecordIndex};
 use retrace_link::MotionCard;
 
 use super::Session;
@@ -163,14 +162,14 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let mut count = count.saturating_sub(self.pulses_into_record(axis.index, place));
         let mut barred = place.record;
         while is_within(count)
-            && is_before(self.streamer.oldest(), barred)
-            && let Some(record) = self.streamer.record(barred.wrapping_sub(1))
+            && self.streamer.oldest().is_before(barred)
+            && let Some(record) = self.streamer.record(barred - 1)
         {
             count -= i64::from(record.increments[axis.index]);
-            barred = barred.wrapping_sub(1);
+            barred -= 1;
         }
         if !is_within(count) {
-            self.streamer.barrier_before(barred.wrapping_add(1), "the soft limit with the new tool length");
+            self.streamer.barrier_before(barred + 1, "the soft limit with the new tool length");
         }
     }
 
@@ -186,12 +185,12 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Counts of an axis behind each record from `place` up to `end`, where it has `counts` at `place`.
-    fn counts_ahead(&self, axis: usize, counts: [i64; A], place: Place, end: u32) -> impl Iterator<Item = i64> {
+    fn counts_ahead(&self, axis: usize, counts: [i64; A], place: Place, end: RecordIndex) -> impl Iterator<Item = i64> {
         let mut count = counts[axis] - self.pulses_into_record(axis, place);
         let mut at = place.record;
         std::iter::from_fn(move || {
-            let record = is_before(at, end).then(|| self.streamer.record(at))??;
-            at = at.wrapping_add(1);
+            let record = at.is_before(end).then(|| self.streamer.record(at))??;
+            at += 1;
             count += i64::from(record.increments[axis]);
             Some(count)
         })

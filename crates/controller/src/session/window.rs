@@ -4,8 +4,7 @@
 //! again.
 
 use retrace_core::mode::{Mode, ModeOutput};
-use retrace_core::place::is_before;
-use retrace_core::{Place, Rate, RateTarget};
+use retrace_core::{Place, Rate, RateTarget, RecordIndex};
 use retrace_link::{CardStatus, HostCommand, MotionCard};
 
 use super::Session;
@@ -15,16 +14,15 @@ use crate::record_streamer::SendHorizon;
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Oldest place that reverse run can reach, or the target of a reverse run.
-    pub(super) fn oldest(&self) -> u32 {
+    pub(super) fn oldest(&self) -> RecordIndex {
         let oldest = self.streamer.oldest();
         let there = self.back_target.as_ref().and_then(BackTarget::place);
-        let later = |oldest, other: Option<u32>| other.filter(|&place| is_before(oldest, place)).unwrap_or(oldest);
-        later(later(oldest, there), self.cutter_boundary())
+        [there, self.cutter_boundary()].into_iter().flatten().fold(oldest, RecordIndex::later)
     }
 
     /// The last place at which the program switched the cutter, where the path is retraced with the cutter manually on.
     /// Backward beyond it, material would be cut that the program does not cut, so the operator has to confirm there.
-    pub(super) fn cutter_boundary(&self) -> Option<u32> {
+    pub(super) fn cutter_boundary(&self) -> Option<RecordIndex> {
         let status = self.card.status();
         let lit =
             self.fire_channels.iter().any(|&c| status.outputs.get(usize::from(c)).is_some_and(|&value| value != 0));
@@ -42,11 +40,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if road == SendHorizon::Reached {
             let CardStatus { reached, low, high, .. } = *self.card.status();
             let oldest = self.oldest();
-            self.window_is_trimmed = !is_before(reached, high);
-            if is_before(reached, high) {
+            self.window_is_trimmed = !reached.is_before(high);
+            if reached.is_before(high) {
                 self.window_is_trimmed = self.card.send(HostCommand::Trim { high: reached }).is_ok();
             }
-            if is_before(low, oldest) && is_before(oldest, high) {
+            if low.is_before(oldest) && oldest.is_before(high) {
                 self.window_is_trimmed &= self.card.send(HostCommand::Forget { low: oldest }).is_ok();
             }
         } else {
@@ -91,15 +89,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         {
             return false;
         }
-        let wanted = status.place.record.wrapping_add(self.look_ahead_records);
-        let wanted = if is_before(status.high, wanted) { status.high } else { wanted };
-        is_before(self.card.acknowledged_high(), wanted)
+        let wanted = status.place.record + self.look_ahead_records;
+        let wanted = if status.high.is_before(wanted) { status.high } else { wanted };
+        self.card.acknowledged_high().is_before(wanted)
             || self.run_mode.wall_time && !self.streamer.has_lookahead(status, self.look_ahead_records)
     }
 
     /// Reports underruns, and the end of a single block.
     pub(super) fn watch_streamer(&mut self, status: &CardStatus<A>, mode: Mode) {
-        if self.single_block && self.streamer.block_end().is_some_and(|end| is_before(end, self.card.status().high)) {
+        if self.single_block && self.streamer.block_end().is_some_and(|end| end.is_before(self.card.status().high)) {
             // The card could not stop there any more: at the next end of a block, then.
             self.next_block();
         }

@@ -7,7 +7,7 @@ use retrace_core::Rate;
 use std::path::PathBuf;
 
 use retrace_config::MachineConfig;
-use retrace_controller::session::Outcome;
+use retrace_controller::Outcome;
 use retrace_hal_sim::CardSimulatorSettings;
 use wired::{Done, Path, Trial, ended_well, good_line, run};
 

@@ -4,16 +4,11 @@
 //! `RETRACE_WORDS` sets the length of the sequences; six are the campaign `dnc`.
 
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::dnc_events::{DncEvent, DncStep};
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job;
-use retrace_controller::job::{BlockDecoder, DecodedBlock, JobOptions, JobStart};
-use retrace_controller::operator;
-use retrace_controller::operator::CommandError;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_controller::{
+    BlockDecoder, CommandError, CommandSources, DecodedBlock, DncEvent, DncStep, Event, EventKind, JobOptions,
+    JobStart, Observer, Outcome, RunMode, ScriptPlayer, Telemetry, parse_script, run_job,
+};
+use retrace_core::RecordIndex;
 use retrace_core::interruption::{
     Breakpoint, Interruption, InterruptionAction, InterruptionError, InterruptionEvent, SpindleDirection, SpindleState,
 };
@@ -55,14 +50,15 @@ impl Observer<AXES> for Heard {
 /// Counts at the end, and the events.
 fn run(machine: &MachineConfig, script: &str) -> ([i64; AXES], Vec<Event>) {
     let mut heard = Heard::default();
-    let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
-    let script = operator::parse(script, "script").expect("known words");
+    let card = SimCard::<AXES>::new(RecordIndex::new(0), machine.rate_limits().expect("checked"), Clock::Virtual)
+        .expect("fits");
+    let script = parse_script(script, "script").expect("known words");
     let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
     let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
     let options =
         JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
     let decoder = Decoder(Program::new(PROGRAM.as_bytes(), Setup::default()));
-    let end = job::run(machine, decoder, options, card, &mut heard).expect("a job");
+    let end = run_job(machine, decoder, options, card, &mut heard).expect("a job");
     assert!(matches!(end.outcome, Outcome::Completed | Outcome::Stopped), "{:?}", end.outcome);
     (end.card.status().counts, heard.events)
 }

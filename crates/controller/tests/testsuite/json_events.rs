@@ -8,11 +8,12 @@ use std::collections::BTreeSet;
 
 use json_page::JsonPage;
 use retrace_config::ChannelNames;
-use retrace_controller::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
-use retrace_controller::event::{CardError, CutterOffReason, DifferingOutputs, Event, EventKind};
-use retrace_controller::operator::{CommandError, OperatorCommand};
-use retrace_core::Place;
+use retrace_controller::{
+    AxisCounts, CardError, CommandError, CutterOffReason, DifferingOutputs, DncEvent, DncFlags, DncStep, Event,
+    EventKind, OperatorCommand,
+};
 use retrace_core::mode::Mode;
+use retrace_core::{Place, RecordIndex};
 use retrace_journal::Timestamp;
 
 /// An example of each kind of event. The match has no other purpose than to fail to compile for a kind without an
@@ -89,7 +90,13 @@ fn the_page_lists_every_event_and_no_other() {
     let (page, names) = (JsonPage::read(), ChannelNames::default());
     let mut seen = BTreeSet::new();
     for kind in examples() {
-        let event = Event { period: 7, time_s: 0.007, place: Place { record: 5, fraction: 1 << 31 }, line: 2, kind };
+        let event = Event {
+            period: 7,
+            time_s: 0.007,
+            place: Place { record: RecordIndex::new(5), fraction: 1 << 31 },
+            line: 2,
+            kind,
+        };
         let json = event.to_json_naming(&names);
         page.check_event(&json).unwrap_or_else(|error| panic!("docs/json-events.md: {error}"));
         seen.insert(json["event"].as_str().expect("a name").to_owned());

@@ -4,15 +4,11 @@
 //! Invariant: expected values are written here manually, from the machine files and the programs.
 
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job;
-use retrace_controller::job::{BlockDecoder, DecodedBlock, JobEnd, JobOptions, JobStart};
-use retrace_controller::mdi::setup;
-use retrace_controller::operator;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_controller::{
+    BlockDecoder, CommandSources, DecodedBlock, Event, EventKind, JobEnd, JobOptions, JobStart, Observer, Outcome,
+    RunMode, ScriptPlayer, Telemetry, interpreter_setup, parse_script, run_job,
+};
+use retrace_core::RecordIndex;
 use retrace_core::mode::Mode;
 use retrace_gcode::{CanonStep, Program, Progress, Setup, Tool, ToolTable};
 use retrace_hal_sim::{Chance, Clock, PlantSettings, Process, SimCard};
@@ -61,7 +57,7 @@ fn run(
     script: &str,
     processes: &[Process],
 ) -> (JobEnd<SimCard<4>>, Seen) {
-    let settings = machine.card_settings::<4>(PathStart::at(0));
+    let settings = machine.card_settings::<4>(PathStart::at(RecordIndex::new(0)));
     // the switches a little outside of the soft limits
     let ends = |axis: usize| machine.axes[axis].travel_mm.map(|mm| machine.counts_of(axis, mm * 1.01));
     let travel: Vec<[i64; 2]> =
@@ -71,15 +67,15 @@ fn run(
     let card = SimCard::with_machine(settings, &wired, Clock::Virtual).expect("it opens");
     let mut tools = ToolTable::default();
     tools.insert(Tool { number: 1, ..Tool::default() });
-    let program = Program::new(program.as_bytes(), Setup { tools, ..setup(machine) });
-    let script = operator::parse(script, "script").expect("a script");
+    let program = Program::new(program.as_bytes(), Setup { tools, ..interpreter_setup(machine) });
+    let script = parse_script(script, "script").expect("a script");
     let run_mode = RunMode { wall_time: false, operator: !script.is_empty(), real_time: false };
     let player = ScriptPlayer::new(script, machine.period_us);
     let mut seen = Seen { outputs: [0; channel::COUNT], periods: Vec::new(), events: Vec::new() };
     let operators = CommandSources::from_script(player);
     let options =
         JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
-    let end = job::run(machine, Decoder(program), options, card, &mut seen).expect("a job");
+    let end = run_job(machine, Decoder(program), options, card, &mut seen).expect("a job");
     (end, seen)
 }
 

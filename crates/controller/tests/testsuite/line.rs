@@ -4,7 +4,7 @@ use crate::wired;
 use retrace_core::Rate;
 
 use retrace_config::MachineConfig;
-use retrace_controller::session::Outcome;
+use retrace_controller::Outcome;
 use retrace_hal_sim::{
     CardSimulatorSettings, Chance, FaultRates, InFlightPolicy, LineFault, Random, SerialChannelSettings,
 };

@@ -4,19 +4,13 @@ use std::sync::atomic::AtomicBool;
 use std::sync::mpsc;
 
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::event::{DifferingOutputs, Event, EventKind};
-use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::operator;
-use retrace_controller::plan_item::{ExclusiveKind, PlanEnd, PlanSummary};
-use retrace_controller::plan_writer::{PlanWriter, SwitchInstruction};
-use retrace_controller::record_streamer::RecordStreamer;
-use retrace_controller::run_stats::RunStats;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode, Session};
-use retrace_controller::telemetry::{Observer, Telemetry, telemetry_channel};
+use retrace_controller::{
+    CommandSources, DifferingOutputs, Event, EventKind, ExclusiveKind, LimitMonitor, LimitReport, MonitorLimits,
+    Observer, Outcome, PlanEnd, PlanSummary, PlanWriter, RecordStreamer, RunMode, RunStats, ScriptPlayer, Session,
+    SwitchInstruction, Telemetry, parse_script, telemetry_channel,
+};
 use retrace_core::ring::{Cell, Ring};
-use retrace_core::{Distance, Place, Rate, Record, size};
+use retrace_core::{Distance, Place, Rate, Record, RecordIndex, size};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{CardStatus, MotionCard, OutputChange, channel};
 use retrace_motion::{FeedRate, PathMode, Planner};
@@ -66,11 +60,13 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
     let start = u32::MAX - 2000;
     let cells = size::ring_cells(machine.history_records, machine.look_ahead_records).expect("fits");
     let cells: Box<[Cell<Record<3>>]> = (0..cells).map(|_| Cell::default()).collect();
-    let mut ring = Ring::new(cells, machine.history_records, machine.look_ahead_records, start).expect("fits");
+    let mut ring =
+        Ring::new(cells, machine.history_records, machine.look_ahead_records, RecordIndex::new(start)).expect("fits");
     let (producer, consumer) = ring.split();
     let (sender, receiver) = mpsc::sync_channel(64);
     let planner = Planner::new(machine.limits(), [0.0; 3]).expect("valid");
-    let card = SimCard::<3>::new(start, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
+    let card = SimCard::<3>::new(RecordIndex::new(start), machine.rate_limits().expect("checked"), Clock::Virtual)
+        .expect("fits");
     let axis = |i: usize| {
         let a = &machine.axes[i];
         MonitorLimits {
@@ -86,7 +82,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
         rows: Vec::new(),
         events: Vec::new(),
     };
-    let script = ScriptPlayer::new(operator::parse(script, "script").expect("valid"), machine.period_us);
+    let script = ScriptPlayer::new(parse_script(script, "script").expect("valid"), machine.period_us);
     let operators = CommandSources::from_script(script);
     let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
     let outputs = card.status().outputs;
@@ -102,7 +98,7 @@ fn run(script: &str, history_s: f64, program: impl FnOnce(&mut PlanWriter<'_, 3>
         });
         let (telemetry, telemetry_receiver) = telemetry_channel(false, machine.period_s());
         scope.spawn(|| telemetry_receiver.run(&mut log));
-        let streamer = RecordStreamer::new(consumer, receiver, start, outputs, 0);
+        let streamer = RecordStreamer::new(consumer, receiver, RecordIndex::new(start), outputs, 0);
         let session = Session::new(card, &machine, streamer, operators, run_mode, telemetry);
         let (outcome, stats, card) = session.run();
         cancel.store(true, std::sync::atomic::Ordering::Relaxed);
@@ -152,9 +148,12 @@ fn a_short_history_ends_reverse_run_at_its_oldest_record_and_says_so() {
     let run = run("at 8s reverse 100%\nafter 6s leave", 2.0, zigzag);
     is_exact(&run);
     let oldest = run.at(&EventKind::HistoryStartReached);
-    let reached =
-        run.rows[..oldest].iter().map(|(p, ..)| Place::start_of(u32::MAX - 2000).distance_to(*p)).max().expect("ran");
-    let stands = Place::start_of(u32::MAX - 2000).distance_to(run.rows[oldest - 1].0);
+    let reached = run.rows[..oldest]
+        .iter()
+        .map(|(p, ..)| Place::start_of(RecordIndex::new(u32::MAX - 2000)).distance_to(*p))
+        .max()
+        .expect("ran");
+    let stands = Place::start_of(RecordIndex::new(u32::MAX - 2000)).distance_to(run.rows[oldest - 1].0);
     let whole_records = |distance: Distance| distance.units() >> 32;
     let reached = whole_records(reached + Distance::from_units(u32::MAX.into()));
     assert_eq!(reached, whole_records(stands) + 2000, "history keeps 2000 records");

@@ -5,8 +5,8 @@ use crate::wired;
 
 use retrace_config::MachineConfig;
 use retrace_core::gate::Gates;
-use retrace_core::place::is_before;
-use retrace_core::{Flags, Place, Rate, Record};
+use retrace_core::place::number_is_before;
+use retrace_core::{Flags, Place, Rate, Record, RecordIndex};
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, InProcess, Random, SerialChannelSettings};
 use retrace_link::{
     HostCommand, Instruction, LinkError, LinkTimeouts, LinkedCard, LinkedCardError, MotionCard, OutputChange,
@@ -44,7 +44,8 @@ impl Tape {
 
     fn instruction(&self, number: u32) -> Instruction {
         let (place, periods) = self.markers[number as usize - 1];
-        let mut instruction = Instruction { number, place, periods, count: 1, ..Instruction::default() };
+        let mut instruction =
+            Instruction { number, place: RecordIndex::new(place), periods, count: 1, ..Instruction::default() };
         instruction.changes[0] = OutputChange { channel: channel::SPINDLE, value: number as i32 };
         instruction
     }
@@ -73,11 +74,11 @@ impl Policy for Acknowledged {
             self.next += 1;
         }
         if let Some(&(place, _)) = tape.markers.get(self.next as usize - 1) {
-            self.gates.accept(self.next, place);
+            self.gates.accept(self.next, RecordIndex::new(place));
         }
     }
     fn record_may_go(&self, place: u32) -> bool {
-        self.gates.b_open(place)
+        self.gates.b_open(RecordIndex::new(place))
     }
     fn due(&self, status: &retrace_link::CardStatus<AXES>) -> Option<u32> {
         self.gates.c_open(status.place, status.at_rest).then_some(self.next)
@@ -110,12 +111,12 @@ impl Policy for Sampled {
     }
     fn record_may_go(&self, place: u32) -> bool {
         // A front marker that is next closes B1; B = B1 and B2.
-        self.marker.is_none_or(|marker| is_before(place, marker)) && self.b1 && self.ready
+        self.marker.is_none_or(|marker| number_is_before(place, marker)) && self.b1 && self.ready
     }
     fn due(&self, status: &retrace_link::CardStatus<AXES>) -> Option<u32> {
         let marker = self.marker?;
         // Coarse interpolation has reached the marker (C1); fine interpolation has finished (C2); ready (B2).
-        let at_marker = status.high == marker;
+        let at_marker = status.high == RecordIndex::new(marker);
         (at_marker && status.at_rest && self.ready).then_some(self.next)
     }
     fn sent(&mut self) {
@@ -140,16 +141,16 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &CardSimulatorSettings) -> (
     let mut rig = CardSimulator::<AXES>::new(rig).expect("a card");
     let log = watched(&mut rig);
     let mut card = Box::new(LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("it answers"));
-    card.open(machine.card_settings(PathStart::at(0))).expect("it opens");
+    card.open(machine.card_settings(PathStart::at(RecordIndex::new(0)))).expect("it opens");
     card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     let end = tape.records.len() as u32;
     let mut ended = End::Hangs;
     for _ in 0..6_000 {
         let status = *card.status();
         policy.look(tape, &status);
-        while let Some(&record) = tape.records.get(card.status().high as usize) {
+        while let Some(&record) = tape.records.get(card.status().high.number() as usize) {
             let place = card.status().high;
-            if !policy.record_may_go(place) || card.send(HostCommand::Ahead { place, record }).is_err() {
+            if !policy.record_may_go(place.number()) || card.send(HostCommand::Ahead { place, record }).is_err() {
                 break;
             }
         }
@@ -164,7 +165,7 @@ fn play(tape: &Tape, policy: &mut impl Policy, rig: &CardSimulatorSettings) -> (
             break;
         }
         let status = card.status();
-        if status.place == Place::start_of(end) && status.executed as usize == tape.markers.len() {
+        if status.place == Place::start_of(RecordIndex::new(end)) && status.executed as usize == tape.markers.len() {
             ended = End::Complete;
             break;
         }

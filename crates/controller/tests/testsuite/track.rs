@@ -1,9 +1,9 @@
 //! From program text to moves in machine coordinates: units, offsets, rotation, feeds, switching.
 
 use retrace_config::MachineConfig;
-use retrace_controller::job::{BlockDecoder, CheckFinding, DecodedBlock, feed_all};
-use retrace_controller::motion_sink::MotionSink;
-use retrace_controller::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
+use retrace_controller::{
+    BlockDecoder, Cancelled, CheckFinding, DecodedBlock, MotionSink, PlanWriteError, SwitchInstruction, feed_program,
+};
 use retrace_gcode::{Axis, AxisSet, CanonStep, Program, Progress, Setup};
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
@@ -57,7 +57,7 @@ fn run_on(machine: &MachineConfig, text: &str) -> (Moves, Vec<CheckFinding>) {
     let axes = AxisSet::from_axes(&Axis::ALL);
     let program = Program::new(std::io::Cursor::new(text.as_bytes().to_vec()), Setup { axes, ..Setup::default() });
     let mut moves = Moves::default();
-    let (_, findings) = feed_all(machine, &mut Text(program), &mut moves);
+    let (_, findings) = feed_program(machine, &mut Text(program), &mut moves);
     (moves, findings)
 }
 

@@ -10,8 +10,8 @@
 
 use super::slope::{highest_acceleration, highest_jerk};
 use super::{DirectedWindow, RecordWindow};
-use crate::Distance;
 use crate::limits::{PulseLimits, RateLimits};
+use crate::{Distance, RecordIndex};
 
 /// Records per block.
 const BLOCK: u32 = 8;
@@ -59,12 +59,12 @@ impl<const A: usize> IncrementBounds<A> {
         let (first, count) = ahead.records_within(reach);
         let (mut min_cap, mut max_cap) = (u8::MAX, 16);
         for k in 0..count {
-            let cap = ahead.window.cap(first.wrapping_add(k)).get();
+            let cap = ahead.window.cap(first + k).get();
             (min_cap, max_cap) = (min_cap.min(cap), max_cap.max(cap));
         }
         let min_cap = min_cap.clamp(16, max_cap);
-        let start = (first & !(BLOCK - 1)).wrapping_sub(MARGIN * BLOCK);
-        let blocks = (first.wrapping_add(count).wrapping_sub(start)).div_ceil(BLOCK) + MARGIN;
+        let start = RecordIndex::new(first.number() & !(BLOCK - 1)) - MARGIN * BLOCK;
+        let blocks = (first + count).since(start).div_ceil(BLOCK) + MARGIN;
         let (differences, known) = max_differences(ahead, start, blocks);
         let mut axes = [AxisBounds::default(); A];
         for ((required, axis), differences_of_axis) in axes.iter_mut().zip(limits.axes()).zip(&differences) {
@@ -91,14 +91,14 @@ enum KnownBounds {
 /// Returns the largest differences of `blocks` blocks from record `start` on.
 fn max_differences<const A: usize>(
     ahead: &DirectedWindow<'_, A, impl RecordWindow<A>>,
-    start: u32,
+    start: RecordIndex,
     blocks: u32,
 ) -> ([IncrementDifferences; A], KnownBounds) {
     let mut differences = [IncrementDifferences::default(); A];
     let mut sums = [[0; A]; STORED_BLOCKS];
     let (mut held, mut missing) = (0, 0);
     for b in 0..blocks {
-        let Some(sum) = ahead.sum_increments(start.wrapping_add(b * BLOCK), BLOCK) else {
+        let Some(sum) = ahead.sum_increments(start + b * BLOCK, BLOCK) else {
             missing += 1;
             held = 0;
             continue;

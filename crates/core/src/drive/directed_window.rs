@@ -3,8 +3,7 @@
 //! Invariant: no record outside `low … high` is read.
 
 use super::RecordWindow;
-use crate::place::is_before;
-use crate::{Distance, Place, RapidCap};
+use crate::{Distance, Place, RapidCap, RecordIndex};
 use core::ops::Neg;
 
 /// Returns a rate or a distance with its sign inverted if `sign` is negative.
@@ -24,7 +23,7 @@ pub struct DirectedWindow<'r, const A: usize, R> {
 }
 
 impl<const A: usize, R: RecordWindow<A>> DirectedWindow<'_, A, R> {
-    fn end(&self) -> u32 {
+    fn end(&self) -> RecordIndex {
         if self.sign > 0 { self.window.high() } else { self.window.low() }
     }
 
@@ -49,31 +48,30 @@ impl<const A: usize, R: RecordWindow<A>> DirectedWindow<'_, A, R> {
             if self.window.rests_at(place) {
                 return Some(here);
             }
-            place = place.wrapping_sub(self.sign as u32);
+            place -= self.sign as u32;
         }
     }
 
-    fn holds(&self, n: u32) -> bool {
-        n.wrapping_sub(self.window.low()) < self.window.high().wrapping_sub(self.window.low())
+    fn holds(&self, n: RecordIndex) -> bool {
+        n.since(self.window.low()) < self.window.high().since(self.window.low())
     }
 
     /// Returns the cap of the k-th record ahead; the record under the cursor is the first.
     pub(super) fn cap(&self, k: u32) -> Option<RapidCap> {
-        let n =
-            if self.sign > 0 { self.at.record.wrapping_add(k) } else { self.at.boundary_ahead().wrapping_sub(k + 1) };
+        let n = if self.sign > 0 { self.at.record + k } else { self.at.boundary_ahead() - (k + 1) };
         self.holds(n).then(|| self.window.cap(n))
     }
 
     /// Returns the records of the window within `reach` of the cursor: the number of the first in path order, and the
     /// count.
-    pub(super) fn records_within(&self, reach: Distance) -> (u32, u32) {
+    pub(super) fn records_within(&self, reach: Distance) -> (RecordIndex, u32) {
         let count = ((reach.min(self.distance_to_end()).units() >> 32) + 2) as u32;
         let (ahead, behind) = (self.at.record, self.at.boundary_ahead());
         if self.sign > 0 {
-            (ahead, count.min(self.window.high().wrapping_sub(ahead)))
+            (ahead, count.min(self.window.high().since(ahead)))
         } else {
-            let count = count.min(behind.wrapping_sub(self.window.low()));
-            (behind.wrapping_sub(count), count)
+            let count = count.min(behind.since(self.window.low()));
+            (behind - count, count)
         }
     }
 
@@ -81,17 +79,17 @@ impl<const A: usize, R: RecordWindow<A>> DirectedWindow<'_, A, R> {
     ///
     /// Beyond an end of the window where the path is at rest, increments count as zero. Returns `None` if a record is
     /// not held otherwise.
-    pub(super) fn sum_increments(&self, first: u32, count: u32) -> Option<[i32; A]> {
+    pub(super) fn sum_increments(&self, first: RecordIndex, count: u32) -> Option<[i32; A]> {
         let mut sum = [0; A];
         for k in 0..count {
-            let n = first.wrapping_add(k);
+            let n = first + k;
             if self.holds(n) {
                 let increments = self.window.increments(n);
                 for (sum, increment) in sum.iter_mut().zip(increments) {
                     *sum += i32::from(increment);
                 }
             } else {
-                let end = if is_before(n, self.window.low()) { self.window.low() } else { self.window.high() };
+                let end = if n.is_before(self.window.low()) { self.window.low() } else { self.window.high() };
                 if !self.window.rests_at(end) {
                     return None;
                 }

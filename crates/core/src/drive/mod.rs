@@ -10,7 +10,7 @@
 
 use crate::limits::RateLimits;
 use crate::rate::{FilterLengths, RateFilter, RateTarget};
-use crate::{Distance, Place, RapidCap, Rate};
+use crate::{Distance, Place, RapidCap, Rate, RecordIndex};
 
 mod bounds;
 mod braking;
@@ -28,18 +28,18 @@ use directed_window::signed;
 /// The held records as the drive reads them: numbers `low … high`, `high` excluded, for `A` axes.
 pub trait RecordWindow<const A: usize> {
     /// Returns the number of the first record held.
-    fn low(&self) -> u32;
+    fn low(&self) -> RecordIndex;
     /// Returns the number after the last record held.
-    fn high(&self) -> u32;
+    fn high(&self) -> RecordIndex;
     /// Whether the path is at rest (a planned stop, or its very start) at the boundary before record `place`, `low ≤
     /// place ≤ high`.
-    fn rests_at(&self, place: u32) -> bool;
+    fn rests_at(&self, place: RecordIndex) -> bool;
     /// Returns the maximum rate at which record `place`, `low ≤ place < high`, may be retraced.
-    fn cap(&self, place: u32) -> RapidCap;
+    fn cap(&self, place: RecordIndex) -> RapidCap;
     /// Returns the increments of record `place`, `low ≤ place < high`, in pulses.
-    fn increments(&self, place: u32) -> [i16; A];
+    fn increments(&self, place: RecordIndex) -> [i16; A];
     /// Whether record `place`, `low ≤ place < high`, is rapid motion.
-    fn is_rapid(&self, place: u32) -> bool;
+    fn is_rapid(&self, place: RecordIndex) -> bool;
 }
 
 /// Drive of the cursor on a machine: how fast the rate may change, and how early it brakes, for a requested rate.
@@ -144,13 +144,13 @@ impl<const A: usize, const M: usize> Drive<A, M> {
         let lead = if self.at_rest() { fast.over(stopping) } else { self.lead().max(Distance::ZERO) };
         let spent = lead + settling - self.braking.length(slow);
         let needed = fast.over(1) + self.braking.length(fast) + spent;
-        let held = window.high().wrapping_sub(at.record);
+        let held = window.high().since(at.record);
         let mut clear = Distance::ZERO;
         for k in 0..held {
-            if clear >= needed || window.is_rapid(at.record.wrapping_add(k)) != rapid_is_fast {
+            if clear >= needed || window.is_rapid(at.record + k) != rapid_is_fast {
                 break;
             }
-            clear = at.distance_to(Place::start_of(at.record.wrapping_add(k + 1)));
+            clear = at.distance_to(Place::start_of(at.record + (k + 1)));
         }
         if clear == Distance::ZERO { slow } else { self.braking.max_rate_within(fast, clear - spent).clamp(slow, fast) }
     }
@@ -256,23 +256,23 @@ mod tests {
     }
 
     impl RecordWindow<1> for Strip {
-        fn low(&self) -> u32 {
-            self.low
+        fn low(&self) -> RecordIndex {
+            RecordIndex::new(self.low)
         }
-        fn high(&self) -> u32 {
-            self.high
+        fn high(&self) -> RecordIndex {
+            RecordIndex::new(self.high)
         }
-        fn rests_at(&self, place: u32) -> bool {
-            self.rests.contains(&place)
+        fn rests_at(&self, place: RecordIndex) -> bool {
+            self.rests.contains(&place.number())
         }
-        fn cap(&self, place: u32) -> RapidCap {
-            if self.slow.contains(&place) { RapidCap::PLANNED } else { RapidCap::MAX }
+        fn cap(&self, place: RecordIndex) -> RapidCap {
+            if self.slow.contains(&place.number()) { RapidCap::PLANNED } else { RapidCap::MAX }
         }
-        fn increments(&self, place: u32) -> [i16; 1] {
-            [if self.slow.contains(&place) { 100 } else { 12 }]
+        fn increments(&self, place: RecordIndex) -> [i16; 1] {
+            [if self.slow.contains(&place.number()) { 100 } else { 12 }]
         }
-        fn is_rapid(&self, place: u32) -> bool {
-            !self.slow.contains(&place)
+        fn is_rapid(&self, place: RecordIndex) -> bool {
+            !self.slow.contains(&place.number())
         }
     }
 
@@ -295,15 +295,15 @@ mod tests {
     #[test]
     fn planned_stops_cost_no_period() {
         let window = strip(0, 100, &[0, 10, 11, 50, 100]);
-        let (mut drive, mut at) = (drive(13), Place::start_of(0));
+        let (mut drive, mut at) = (drive(13), Place::start_of(RecordIndex::new(0)));
         for k in 1..=100 {
             at = drive.step(at, ONE, &window).to;
-            assert_eq!(at, Place::start_of(k));
+            assert_eq!(at, Place::start_of(RecordIndex::new(k)));
         }
         assert!(drive.at_rest());
         for k in (0..100).rev() {
             at = drive.step(at, -ONE, &window).to;
-            assert_eq!(at, Place::start_of(k));
+            assert_eq!(at, Place::start_of(RecordIndex::new(k)));
         }
         assert!(drive.at_rest());
     }
@@ -311,21 +311,21 @@ mod tests {
     #[test]
     fn an_end_that_is_no_planned_stop_is_reached_exactly_and_called_short() {
         let window = strip(0, 100, &[0]);
-        let (mut drive, mut at, mut short) = (drive(13), Place::start_of(0), false);
+        let (mut drive, mut at, mut short) = (drive(13), Place::start_of(RecordIndex::new(0)), false);
         for _ in 0..200 {
             let step = drive.step(at, ONE, &window);
             (at, short) = (step.to, short | step.starved);
         }
-        assert_eq!((at, short, drive.at_rest()), (Place::start_of(100), true, true));
+        assert_eq!((at, short, drive.at_rest()), (Place::start_of(RecordIndex::new(100)), true, true));
     }
 
     #[test]
     fn from_a_planned_stop_the_rate_jumps_as_far_as_the_road_allows() {
         let first = |high: u32, rests: &[u32], target: Rate| {
             let mut drive = drive(13);
-            let step = drive.step(Place::start_of(0), target, &strip(0, high, rests));
-            assert_eq!(drive.at_rest(), step.to == Place::start_of(0));
-            (Place::start_of(0).distance_to(step.to).per_period(), step.starved)
+            let step = drive.step(Place::start_of(RecordIndex::new(0)), target, &strip(0, high, rests));
+            assert_eq!(drive.at_rest(), step.to == Place::start_of(RecordIndex::new(0)));
+            (Place::start_of(RecordIndex::new(0)).distance_to(step.to).per_period(), step.starved)
         };
         // the lead at rate one is six records, and the commanded place advances by one
         assert_eq!(first(100, &[0], ONE), (ONE, false));
@@ -343,11 +343,11 @@ mod tests {
     fn standing_behind_a_planned_stop_but_not_on_it_the_rate_follows_the_law() {
         let window = strip(0, 100, &[0]);
         let mut drive = drive(13);
-        let mut at = drive.step(Place::start_of(0), ONE / 9, &window).to;
+        let mut at = drive.step(Place::start_of(RecordIndex::new(0)), ONE / 9, &window).to;
         while !drive.at_rest() {
             at = drive.step(at, Rate::ZERO, &window).to;
         }
-        assert!(at.record == 0 && at.fraction != 0);
+        assert!(at.record == RecordIndex::new(0) && at.fraction != 0);
         let to = drive.step(at, ONE, &window).to;
         // first to the next boundary, at the filter's pace
         let to_boundary = Distance::RECORD - Distance::from_units(at.fraction.into());
@@ -368,15 +368,15 @@ mod tests {
             let mut window = strip(0, 0, &[0, end]);
             window.slow = bounds.windows(2).step_by(2).flat_map(|bounds| bounds[0]..bounds[1]).collect();
             let slow = window.slow.iter().copied().collect::<std::collections::HashSet<u32>>();
-            let (mut drive, mut at) = (soft(average & !1 | 1, share), Place::start_of(0));
+            let (mut drive, mut at) = (soft(average & !1 | 1, share), Place::start_of(RecordIndex::new(0)));
             let target = RateTarget { feed, rapid };
             let slower = feed.min(rapid);
             for _ in 0..(u64::from(end) * UNITS as u64 / slower.units() as u64).min(20_000) {
-                window.high = window.high.max(at.record + ahead).min(end);
+                window.high = window.high.max(at.record.number() + ahead).min(end);
                 let requested = drive.within_overrides(at, target, &window);
                 prop_assert!((slower..=feed.max(rapid)).contains(&requested));
                 let to = drive.step(at, requested, &window).to;
-                for record in at.record..to.boundary_ahead() {
+                for record in at.record.number()..to.boundary_ahead().number() {
                     let most = if slow.contains(&record) { feed } else { rapid };
                     let moved = at.distance_to(to).per_period();
                     prop_assert!(moved <= most + Rate::from_units(1), "record {record}: {moved:?} above {most:?}");
@@ -392,7 +392,7 @@ mod tests {
         fn any_two_rates_are_taken(feed in any::<i64>(), rapid in prop_oneof![any::<i64>(), Just(0), Just(UNITS)], at in 0u32..100) {
             let (window, drive) = (strip(0, 100, &[0, 100]), soft(13, 1 << 15));
             let target = RateTarget { feed: Rate::from_units(feed), rapid: Rate::from_units(rapid) };
-            let rate = drive.within_overrides(Place::start_of(at), target, &window).units();
+            let rate = drive.within_overrides(Place::start_of(RecordIndex::new(at)), target, &window).units();
             prop_assert!(rate == 0 || rate.signum() == feed.signum() && rate.signum() == rapid.signum() || feed == 0 || rapid == 0);
             prop_assert!(rate.unsigned_abs() <= target.faster().units().unsigned_abs());
         }
@@ -403,13 +403,13 @@ mod tests {
         let mut window = strip(0, 6000, &[0, 6000]);
         window.slow = (0..1000).chain(4000..6000).collect();
         let (mut drive, mut at, mut fastest, mut rates) =
-            (soft(13, 1 << 15), Place::start_of(0), Distance::ZERO, Vec::new());
+            (soft(13, 1 << 15), Place::start_of(RecordIndex::new(0)), Distance::ZERO, Vec::new());
         let target = RateTarget { feed: ONE / 5, rapid: ONE };
-        while at != Place::start_of(6000) {
+        while at != Place::start_of(RecordIndex::new(6000)) {
             let to = drive.step(at, drive.within_overrides(at, target, &window), &window).to;
             fastest = fastest.max(at.distance_to(to));
             if at.distance_to(to) == Distance::RECORD {
-                rates.push(at.record);
+                rates.push(at.record.number());
             }
             at = to;
         }
@@ -425,8 +425,8 @@ mod tests {
             let mut window = strip(0, 3000, &[0, 3000]);
             window.slow = (1000..1010).collect();
             let (from, end) = if sign > 0 { (0, 3000) } else { (3000, 0) };
-            let (mut drive, mut at, mut periods) = (drive(13), Place::start_of(from), 0);
-            while at != Place::start_of(end) {
+            let (mut drive, mut at, mut periods) = (drive(13), Place::start_of(RecordIndex::new(from)), 0);
+            while at != Place::start_of(RecordIndex::new(end)) {
                 let to = drive.step(at, ONE * (20 * sign), &window).to;
                 within_caps(at, to, &window);
                 (at, periods) = (to, periods + 1);
@@ -442,16 +442,17 @@ mod tests {
             for ahead in [20, 40, 60, 90] {
                 let mut window = strip(10_000, 10_000, &[10_000]);
                 window.slow = (8_500..8_520).chain(11_500..11_520).collect();
-                let (mut drive, mut at, mut fastest) = (drive(13), Place::start_of(10_000), Distance::ZERO);
+                let (mut drive, mut at, mut fastest) =
+                    (drive(13), Place::start_of(RecordIndex::new(10_000)), Distance::ZERO);
                 for _ in 0..2200 {
-                    window.high = window.high.max(at.record + ahead).min(12_000);
-                    window.low = window.low.min(at.record - ahead).max(8_000);
+                    window.high = window.high.max(at.record.number() + ahead).min(12_000);
+                    window.low = window.low.min(at.record.number() - ahead).max(8_000);
                     let to = drive.step(at, Rate::MAX * sign, &window).to;
                     within_caps(at, to, &window);
                     fastest = fastest.max(at.distance_to(to).abs());
                     at = to;
                 }
-                assert_eq!(at.record, if sign > 0 { 12_000 } else { 8_000 });
+                assert_eq!(at.record, RecordIndex::new(if sign > 0 { 12_000 } else { 8_000 }));
                 // a request has effect for thirteen periods and four; a steady rate has a lead of six in addition
                 let (highest, lowest) = (ONE * i64::from(ahead) / 17, ONE * i64::from(ahead) / 23);
                 let fastest = fastest.per_period();
@@ -466,8 +467,8 @@ mod tests {
         let (low, high) = if at.distance_to(to) > Distance::ZERO { (at, to) } else { (to, at) };
         let mut n = low.record;
         while n != high.boundary_ahead() {
-            assert!(rate <= window.cap(n).rate() || rate <= ONE, "record {n} at rate {rate:?}");
-            n = n.wrapping_add(1);
+            assert!(rate <= window.cap(n).rate() || rate <= ONE, "record {n:?} at rate {rate:?}");
+            n += 1;
         }
     }
 
@@ -501,15 +502,15 @@ mod tests {
         ) {
             let mut drive = share.map_or_else(|| drive(2 * half + 1), |share| soft(2 * half + 3, share));
             let mut window = strip(start, start, &[start]);
-            let mut at = Place::start_of(start);
+            let mut at = Place::start_of(RecordIndex::new(start));
             // after rapid retrace a mean of one may be the mean of more and less
             let rapid = changes.iter().any(|d| matches!(d, HostChange::Run(rate, _) if rate.abs() > ONE));
             let mut last = Rate::ZERO;
             let run = |drive: &mut Drive<1, 64>, at: &mut Place, last: &mut Rate, window: &Strip, target: Rate, n: u32| {
                 for _ in 0..n {
                     let step = drive.step(*at, target, window);
-                    assert!(Place::start_of(window.low).distance_to(step.to) >= Distance::ZERO, "below the window");
-                    assert!(step.to.distance_to(Place::start_of(window.high)) >= Distance::ZERO, "beyond the window");
+                    assert!(Place::start_of(RecordIndex::new(window.low)).distance_to(step.to) >= Distance::ZERO, "below the window");
+                    assert!(step.to.distance_to(Place::start_of(RecordIndex::new(window.high))) >= Distance::ZERO, "beyond the window");
                     assert!(at.distance_to(step.to).abs() <= Distance::records(8));
                     within_caps(*at, step.to, window);
                     let rate = at.distance_to(step.to).per_period();
@@ -539,7 +540,7 @@ mod tests {
             let (target, end) = if forward { (ONE, window.high) } else { (-ONE, window.low) };
             let length = window.high.wrapping_sub(window.low);
             run(&mut drive, &mut at, &mut last, &window, target, 20 * length + 4000);
-            prop_assert_eq!(at, Place::start_of(end));
+            prop_assert_eq!(at, Place::start_of(RecordIndex::new(end)));
             prop_assert!(drive.at_rest());
         }
     }

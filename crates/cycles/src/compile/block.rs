@@ -6,9 +6,9 @@ use super::Compiler;
 use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use super::names::{Shape, Variable};
 use crate::code::Op;
-use crate::cycle::Type;
 use crate::error_codes::ErrorCode;
 use crate::host::{MAX_G, MAX_M, MAX_WORDS};
+use crate::parameter::Type;
 
 /// First letters of the words of a block.
 const ADDRESSES: &[u8] = b"GMSFXYZABCUVWIJKD";

@@ -6,8 +6,8 @@ use super::Compiler;
 use super::expression::Ty;
 use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use crate::code::{CallSite, Op, Passed};
-use crate::cycle::Type;
 use crate::error_codes::ErrorCode;
+use crate::parameter::Type;
 
 /// Number of arguments of STOCKPATH after the contour: MID, FALZ, FALX, FAL, VARI, DAM, _VRT.
 const STOCK_NUMBERS: usize = 7;

@@ -6,8 +6,8 @@ use super::Compiler;
 use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use super::names::{R_PARAMETERS, Shape, Variable};
 use crate::code::{Function, Op, Operator};
-use crate::cycle::Type;
 use crate::error_codes::ErrorCode;
+use crate::parameter::Type;
 
 /// Maximum nesting of parentheses and structures.
 pub(super) const MAX_NESTING: usize = 40;

@@ -7,8 +7,8 @@ use super::expression::MAX_NESTING;
 use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use super::names::{Shape, Variable};
 use crate::code::{Op, Operator};
-use crate::cycle::Type;
 use crate::error_codes::ErrorCode;
+use crate::parameter::Type;
 
 /// A structure that is not closed yet.
 #[derive(Debug)]

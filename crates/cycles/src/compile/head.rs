@@ -6,8 +6,8 @@ use super::Compiler;
 use super::lex::{CompileResult, Kind, Sign, Span, fault};
 use super::names::{Names, Shape, Variable};
 use crate::code::{Op, converted};
-use crate::cycle::{Parameter, Type};
 use crate::error_codes::ErrorCode;
+use crate::parameter::{Parameter, Type};
 
 /// Maximum number of parameters of a cycle.
 const MAX_PARAMETERS: usize = 64;

@@ -3,7 +3,7 @@
 //! Invariant: every variable has slots of its own within the frame.
 
 use crate::code::{Function, Operator};
-use crate::cycle::Type;
+use crate::parameter::Type;
 use std::collections::HashMap;
 
 /// Number of R parameters.

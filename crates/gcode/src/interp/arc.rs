@@ -3,10 +3,10 @@
 //! Invariant: an accepted arc has a radius, and its start and end are on it within the tolerances of LinuxCNC.
 
 use crate::angle::{plus_quarters, sweep};
-use crate::canon::LengthUnit;
+use crate::canon_modes::LengthUnit;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
-use crate::modal::ArcCentres;
+use crate::modal_groups::ArcCentres;
 use std::f64::consts::SQRT_2;
 
 /// Maximum relative difference of the radii, as a share of the greater one.

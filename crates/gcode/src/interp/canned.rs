@@ -4,15 +4,17 @@
 //! levels along its normal axis. After each hole the tool is above it: at the clearance with G99, and at the higher of
 //! the clearance and the initial level with G98.
 
+use super::interpreter_core::{Core, Emitter};
 use super::polar::PolarWords;
-use super::{Core, Emitter};
 use crate::block::Words;
-use crate::canon::{Canon, FeedMode, LengthUnit, PathControl};
+use crate::canon::Canon;
+use crate::canon_modes::{FeedMode, LengthUnit, PathControl};
 use crate::diag::{BlockResult, fault};
 use crate::drilling_cycle::{CycleWords, DrillingCycle, DrillingSeries};
 use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::{DistanceMode, ModalState, MotionMode};
+use crate::modal::ModalState;
+use crate::modal_groups::{DistanceMode, MotionMode};
 use crate::pose::{Axis, Pose};
 use crate::spindle::SpindleTurn;
 

@@ -2,52 +2,18 @@
 //!
 //! Invariant: every word of an accepted block is used, and its axis words belong to one code.
 
+use super::block_motion::{AXES, BlockMotion};
 use super::spindle::check_spindle_words;
 use super::thread::check_thread;
 use crate::block::{Words, letters, name_of_g};
-use crate::canon::Probing;
+use crate::canon_modes::Probing;
 use crate::diag::{BlockResult, Span, fault};
 use crate::drilling_cycle::DrillingCycle;
 use crate::error_codes::ErrorCode;
 use crate::eval::to_whole_number;
-use crate::groups::{GroupG, GroupM, Tenths};
-use crate::modal::{DistanceMode, ModalState, MotionMode};
-
-/// Letters of axis words and of polar coordinates.
-pub(super) const AXES: &[u8] = b"xyzabcuvw@^";
-
-/// Motion of the block; G80 is distinct from no motion.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum BlockMotion {
-    None,
-    Cancel,
-    Move(MotionMode),
-    /// G70, G71, G72 and their variants, in tenths: executed once, not modal.
-    Turn(Tenths),
-}
-
-impl BlockMotion {
-    fn is_arc(self) -> bool {
-        matches!(self, BlockMotion::Move(motion) if motion.is_arc())
-    }
-
-    /// Returns the drilling cycle of the block.
-    fn cycle(self) -> Option<DrillingCycle> {
-        match self {
-            BlockMotion::Move(MotionMode::Cycle(cycle)) => Some(cycle),
-            _ => None,
-        }
-    }
-
-    /// Whether this motion needs axis words.
-    fn needs_axes(self) -> bool {
-        let BlockMotion::Move(motion) = self else { return false };
-        matches!(
-            motion,
-            MotionMode::Cycle(_) | MotionMode::SpindleFeed | MotionMode::RigidTap | MotionMode::ThreadingCycle
-        )
-    }
-}
+use crate::groups::{GroupG, GroupM};
+use crate::modal::ModalState;
+use crate::modal_groups::{DistanceMode, MotionMode};
 
 const fn motion_of(tenths: u16) -> BlockMotion {
     match tenths {

@@ -3,8 +3,8 @@
 //! Invariant: only points are read and returned. The order of operations is that of LinuxCNC's interpreter, to the last
 //! digit: the residue near zero prints with its sign.
 
-use super::compensation_queue::Point;
 use crate::angle::{plus_quarters, times_sine};
+use crate::compensation::Point;
 use crate::compensation::Side;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;

@@ -3,47 +3,19 @@
 //! Invariant: each level of calls has one saved state. Restoring it emits the canonical functions of the codes that a
 //! program would need. The motion mode, the offsets of G52 and G92, and the tool in the spindle stay unchanged.
 
-use super::check::BlockMotion;
-use super::{Core, Emitter};
+use super::block_motion::BlockMotion;
+use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
-use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
+use crate::canon::Canon;
+use crate::canon_modes::{FeedMode, PathControl};
 use crate::compensation::Side;
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::GroupM;
-use crate::modal::{ArcCentres, DistanceMode, ModalState, SpindleRotation};
-use crate::pose::{Axis, Pose};
-
-/// Modes that M70 and M73 save. Lengths are in the units in force when they were saved.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct SavedState {
-    units: LengthUnit,
-    plane: Plane,
-    distance: DistanceMode,
-    arc_centres: ArcCentres,
-    feed_mode: FeedMode,
-    feed_rate: f64,
-    coordinate_system: u8,
-    tool_offset: Pose,
-    path_control: PathControl,
-    naivecam_tolerance: f64,
-    retract_to_r: bool,
-    lathe_diameter: bool,
-    spindle: SpindleRotation,
-    spindle_speed: f64,
-    constant_surface_speed: bool,
-    max_spindle_speed: f64,
-    /// Side and radius of cutter compensation.
-    compensation: Option<(Side, f64)>,
-    mist: bool,
-    flood: bool,
-    feed_override: bool,
-    speed_override: bool,
-    adaptive_feed: bool,
-    feed_hold: bool,
-    /// Whether the state is restored when the subprogram ends (M73).
-    on_return: bool,
-}
+use crate::modal::ModalState;
+use crate::modal_groups::{ArcCentres, DistanceMode, SpindleRotation};
+use crate::pose::Axis;
+use crate::saved_state::SavedState;
 
 /// Whether two values differ. A change of units and back changes the last digits.
 fn differs(saved: f64, now: f64) -> bool {

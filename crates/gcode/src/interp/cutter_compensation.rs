@@ -8,18 +8,20 @@ use super::compensation_corner::{
     CompensationCorner, CornerKind, Cutter, PriorArc, ProgrammedArc, check_arc, check_entry, entry_arc, entry_line,
     to_arc, to_line,
 };
-use super::compensation_queue::{Point, QueueRole};
+use super::interpreter_core::{Core, Emitter};
 use super::motion::straight_canon;
-use super::{Core, Emitter};
 use crate::angle::{sweep, turned_xy};
 use crate::block::{Words, name_of_g};
-use crate::canon::{ArcFeed, Canon, Plane};
+use crate::canon::{ArcFeed, Canon};
+use crate::canon_modes::Plane;
+use crate::compensation::Point;
 use crate::compensation::{Compensation, Side, tip_shift};
+use crate::compensation_queue::QueueRole;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::eval::to_whole_number;
 use crate::groups::GroupG;
-use crate::modal::MotionMode;
+use crate::modal_groups::MotionMode;
 use crate::pose::Pose;
 
 /// The move after a corner, as programmed.
@@ -321,7 +323,7 @@ impl Core {
 }
 
 fn move_span(words: &Words) -> Span {
-    match words.first_of(super::check::AXES) {
+    match words.first_of(super::block_motion::AXES) {
         Some(letter) => words.span(letter),
         None => words.g_span(GroupG::Motion),
     }

@@ -5,15 +5,19 @@
 //! wrong.
 
 use super::check;
+use super::contours::{Contours, NoContours};
 use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
-use crate::canon::{Canon, CanonStep, FeedMode, LengthUnit, PathControl, Plane};
+use crate::canon::{Canon, CanonStep};
+use crate::canon_modes::{FeedMode, LengthUnit, PathControl, Plane};
 use crate::compensation::Side;
 use crate::cycle_call::{CycleArgument, CycleCall};
 use crate::diag::{BlockError, BlockResult, Span, fault};
 use crate::drilling_cycle::DrillingSeries;
 use crate::error_codes::ErrorCode;
-use crate::modal::{ArcCentres, DistanceMode, ModalState, MotionMode, SpindleRotation};
+use crate::modal::ModalState;
+use crate::modal_groups::{ArcCentres, DistanceMode, MotionMode, SpindleRotation};
+use crate::path_cache::PlannedContour;
 use crate::pose::Axis;
 use retrace_cycles::{
     Argument, Cycle, CycleBlock, CycleLibrary, CycleRunError, CycleStoppedError, Host, Message, Query, StockCall,
@@ -130,31 +134,6 @@ impl SavedModes {
             state.naivecam_tolerance = self.naivecam_tolerance;
             emit.call(Canon::SetNaivecamTolerance(self.naivecam_tolerance));
         }
-    }
-}
-
-/// A path along a contour.
-#[derive(Clone, Debug)]
-pub(crate) struct PlannedContour {
-    pub(crate) moves: Arc<[StockMove]>,
-    pub(crate) warnings: Arc<[String]>,
-}
-
-/// Source of contours.
-pub(crate) trait Contours {
-    /// Returns the path of CYCLE95 along a contour.
-    ///
-    /// # Errors
-    /// The control's alarm.
-    fn stock(&self, core: &Core, call: &StockCall<'_>) -> Result<PlannedContour, StockPathError>;
-}
-
-/// A source without contours: a modal cycle has none.
-pub(crate) struct NoContours;
-
-impl Contours for NoContours {
-    fn stock(&self, _: &Core, _: &StockCall<'_>) -> Result<PlannedContour, StockPathError> {
-        Err(StockPathError { alarm: 61606, text: "a modal cycle cannot read a contour".to_owned() })
     }
 }
 

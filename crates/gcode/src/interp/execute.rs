@@ -3,16 +3,18 @@
 //! Invariant: comment, feed mode, F, S, T, M codes, then G codes with the motion last, and the stops after everything.
 //! The order does not depend on the order of the words in the line.
 
-use super::check::BlockMotion;
-use super::{Core, Emitter, ProgramFlow, unsupported};
+use super::block_motion::BlockMotion;
+use super::interpreter_core::{Core, Emitter};
+use super::{ProgramFlow, unsupported};
 use crate::angle::turned_xy;
 use crate::block::Words;
-use crate::canon::{Canon, FeedMode};
+use crate::canon::Canon;
+use crate::canon_modes::FeedMode;
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::eval::to_whole_number;
 use crate::groups::{GroupG, GroupM};
-use crate::modal::SpindleRotation;
+use crate::modal_groups::SpindleRotation;
 use crate::tool::Tool;
 
 impl Core {

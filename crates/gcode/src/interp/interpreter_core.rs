@@ -4,20 +4,22 @@
 //! Invariant: parameters and the tool table are in machine units, the state in program units. The conversion is done
 //! here only.
 
-use super::UserCodes;
-use super::compensation_queue::{CompensationQueue, QueueRole};
-use crate::block::{BlockNumber, LARGEST};
-use crate::canon::{Canon, CanonStep, LengthUnit};
+use crate::block_number::BlockNumber;
+use crate::canon::{Canon, CanonStep};
+use crate::canon_modes::LengthUnit;
+use crate::compensation_queue::{CompensationQueue, QueueRole};
 use crate::diag::Span;
 use crate::error_codes::ErrorCode;
 use crate::eval::Environment;
 use crate::modal::ModalState;
 use crate::nearest::nearest;
+use crate::number_range::LARGEST;
 use crate::params::{COORDINATE_SYSTEM, G92_ACTIVE, G92_OFFSET, NameId, Names, Parameters, system_origin};
 use crate::pose::{Axis, Pose};
 use crate::system::SystemParameter;
 use crate::tool::ToolTable;
 use crate::turning::Profile;
+use crate::user_codes::UserCodes;
 
 /// State and data that blocks work on.
 #[derive(Clone, Debug)]

@@ -4,11 +4,12 @@
 //! block leaves a diagnostic, and the next line is executed from the state that holds then.
 
 mod arc;
+mod block_motion;
 mod canned;
 mod check;
 mod compensation_corner;
-mod compensation_queue;
 mod context;
+mod contours;
 mod cutter_compensation;
 mod cycle_host;
 mod execute;
@@ -27,26 +28,24 @@ mod tool_data;
 mod turning;
 mod unsupported;
 
-pub(crate) use self::context::SavedState;
-pub use self::ports::UserCodes;
-
-pub(crate) use self::compensation_queue::{CompensationQueue, Point, UNSHIFTED};
-pub(crate) use self::cycle_host::{Contours, NoContours, PlannedContour};
+pub(crate) use self::contours::{Contours, NoContours};
 pub(crate) use self::interpreter_core::Core;
 use self::interpreter_core::{BlockEnvironment, Emitter};
-use crate::block::{Assignment, BlockNumber, Words, letters};
-use crate::canon::{Canon, CanonStep, LengthUnit};
+use crate::block::{Assignment, Words, letters};
+use crate::block_number::BlockNumber;
+use crate::canon::{Canon, CanonStep};
+use crate::compensation_queue::CompensationQueue;
 use crate::compiled_code::CompiledCode as CompiledLines;
 use crate::control::{Control, Keyword, MAX_ARGUMENTS};
 use crate::diag::{BlockError, BlockResult, Diagnostic, Severity, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::{ModalState, MotionMode};
+use crate::modal::ModalState;
+use crate::modal_groups::MotionMode;
 use crate::modal_snapshot::ModalSnapshot;
 use crate::params::{Frame, Names, Parameters, SHOW_DEBUG};
 use crate::parse::LineReader;
-use crate::pose::{AxisSet, Pose};
-use crate::prescan::SubFiles;
+use crate::setup::Setup;
 use crate::tool::ToolTable;
 use crate::turning::Profile;
 use retrace_cycles::CycleLibrary;
@@ -55,76 +54,6 @@ use std::sync::Arc;
 
 /// Number of errors after which checking stops, and maximum number of stored warnings.
 pub(crate) const MAX_ERRORS: usize = 100;
-
-/// Configuration of an interpreter.
-#[derive(Clone, Debug)]
-pub struct Setup {
-    /// Unit of the tool table, the parameters and [`Setup::position`].
-    pub machine_units: LengthUnit,
-    /// Unit in force before the program has G20 or G21.
-    pub program_units: LengthUnit,
-    /// Axes that a program may move.
-    pub axes: AxisSet,
-    /// Tool table.
-    pub tools: ToolTable,
-    /// Parameters that earlier programs have left.
-    pub parameters: Parameters,
-    /// Cycles that a program may call.
-    pub cycles: Option<Arc<CycleLibrary>>,
-    /// Source of subprograms in files of their own.
-    pub files: Option<Arc<dyn SubFiles>>,
-    /// Whether lines that begin with a slash are skipped.
-    pub block_delete: bool,
-    /// Position of the machine, in machine coordinates and machine units.
-    pub position: Pose,
-    /// User codes that are declared, of M100 … M199.
-    pub user_codes: UserCodes,
-    /// Angle added to the R word of M19, in degrees.
-    pub orient_offset_degrees: f64,
-    /// Whether M98, M99 and an O number alone are refused.
-    pub disable_fanuc_subs: bool,
-    /// Named read-only parameters, such as the numbers of an INI file; names in lower case.
-    pub fixed_values: Vec<(String, f64)>,
-    /// State that earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::continuing`] and
-    /// [`Setup::following`].
-    pub snapshot: Option<Arc<ModalSnapshot>>,
-}
-
-impl Default for Setup {
-    /// A metric machine with X, Y and Z at its zero.
-    fn default() -> Setup {
-        Setup {
-            machine_units: LengthUnit::Millimetre,
-            program_units: LengthUnit::Millimetre,
-            axes: AxisSet::XYZ,
-            tools: ToolTable::samples(LengthUnit::Millimetre),
-            parameters: Parameters::default(),
-            cycles: None,
-            files: None,
-            block_delete: false,
-            position: Pose::ZERO,
-            user_codes: UserCodes::default(),
-            orient_offset_degrees: 0.0,
-            disable_fanuc_subs: false,
-            fixed_values: Vec::new(),
-            snapshot: None,
-        }
-    }
-}
-
-impl Setup {
-    /// Returns the setup of LinuxCNC's `rs274` without an INI file: an inch machine with six axes, a program that
-    /// starts in millimetres.
-    #[must_use]
-    pub fn rs274() -> Setup {
-        Setup {
-            machine_units: LengthUnit::Inch,
-            axes: AxisSet::XYZABC,
-            tools: ToolTable::samples(LengthUnit::Inch),
-            ..Setup::default()
-        }
-    }
-}
 
 /// Whether a program continues after a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -428,7 +357,7 @@ impl Interpreter {
                 emit.call(canon);
             }
         }
-        let moves = matches!(motion, check::BlockMotion::Move(_)) && words.has_any(b"xyz@^");
+        let moves = matches!(motion, block_motion::BlockMotion::Move(_)) && words.has_any(b"xyz@^");
         let flow = self.core.execute(words, motion, &mut emit);
         let warning = emit.warning;
         self.core.state.waiting = waiting;
@@ -572,5 +501,13 @@ impl Interpreter {
             let BlockError { code, span, message } = BlockError::plain(ErrorCode::TooManyErrors, Span::default());
             self.diagnostics.push(Diagnostic { code, file: self.file, line: self.line, span, message });
         }
+    }
+}
+
+impl Interpreter {
+    /// Returns the state for the blocks after these.
+    #[must_use]
+    pub fn modal_snapshot(&self) -> ModalSnapshot {
+        ModalSnapshot::new(self.state().clone(), self.parameters(), self.tools(), self.names())
     }
 }

@@ -3,13 +3,15 @@
 //! Invariant: they are executed in a fixed order (dwell, plane, units, tool offset, coordinate system, path control,
 //! distance, retract), and before any code that uses coordinates.
 
-use super::{Core, Emitter, unsupported};
+use super::interpreter_core::{Core, Emitter};
+use super::unsupported;
 use crate::block::Words;
-use crate::canon::{Canon, FeedMode, LengthUnit, PathControl, Plane};
+use crate::canon::Canon;
+use crate::canon_modes::{FeedMode, LengthUnit, PathControl, Plane};
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::{ArcCentres, DistanceMode};
+use crate::modal_groups::{ArcCentres, DistanceMode};
 use crate::params::{COORDINATE_SYSTEM, system_origin};
 use crate::pose::{Axis, Pose};
 
@@ -155,7 +157,7 @@ impl Core {
     /// Returns the offset of G43.2: that of a tool, or given lengths, added to the offset in force.
     fn added_offset(&self, words: &Words, old: &Pose) -> BlockResult<Pose> {
         let at = words.g_span(GroupG::ToolOffset);
-        match (words.get(b'h'), words.first_of(super::check::AXES)) {
+        match (words.get(b'h'), words.first_of(super::block_motion::AXES)) {
             (Some(_), Some(_)) => fault(ErrorCode::TwoUseAxes, at, "G43.2 accepts an H word or axis words, not both"),
             (Some(number), None) => Ok(old.plus(&self.lengths_to_program(&self.tool(number, words, b'h')?.offset))),
             (None, Some(_)) => Ok(given_axes(words, old, |old, given| old + given)),

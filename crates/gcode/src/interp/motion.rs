@@ -4,14 +4,15 @@
 
 use super::arc::{ArcShape, Radii, from_centre, from_radius};
 use super::check::turns_of;
-use super::{Core, Emitter};
+use super::interpreter_core::{Core, Emitter};
 use crate::angle::rotate;
 use crate::block::{Words, letters};
-use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
+use crate::canon::{ArcFeed, Canon};
+use crate::canon_modes::{FeedMode, Plane};
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::{ArcCentres, DistanceMode, MotionMode};
+use crate::modal_groups::{ArcCentres, DistanceMode, MotionMode};
 use crate::pose::{Axis, Pose};
 
 /// Maximum duration of a feed move in minutes: one day.

@@ -2,8 +2,8 @@
 //!
 //! Invariant: only G28 and G30 move the machine; the other codes change the position in program coordinates.
 
+use super::interpreter_core::{Core, Emitter};
 use super::modes::given_axes;
-use super::{Core, Emitter};
 use crate::angle::rotate;
 use crate::block::Words;
 use crate::canon::Canon;
@@ -129,7 +129,7 @@ impl Core {
         emit.call(Canon::StraightTraverse(way));
         self.state.position = way;
         let home = self.relative(&self.pose_parameter(first));
-        let end = if words.has_any(super::check::AXES) {
+        let end = if words.has_any(super::block_motion::AXES) {
             let mut end = way;
             for axis in Axis::ALL {
                 if words.has(axis.letter().to_ascii_lowercase()) {

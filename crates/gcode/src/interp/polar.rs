@@ -2,14 +2,15 @@
 //!
 //! Invariant: they replace X and Y of a motion, and nothing else.
 
-use super::Core;
-use super::check::BlockMotion;
+use super::block_motion::BlockMotion;
+use super::interpreter_core::Core;
 use crate::block::{Words, letters};
-use crate::canon::Plane;
+use crate::canon_modes::Plane;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::{DistanceMode, ModalState, MotionMode};
+use crate::modal::ModalState;
+use crate::modal_groups::{DistanceMode, MotionMode};
 use crate::pose::{Axis, Pose};
 
 /// Checks that a block may have its polar words.

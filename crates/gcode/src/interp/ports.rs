@@ -2,7 +2,7 @@
 //!
 //! Invariant: an output or input is a number of at least 0. Only user codes that the machine has declared are executed.
 
-use super::{Core, Emitter};
+use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, WaitFor, WaitForInput, WaitInput};
 use crate::diag::{BlockResult, fault};
@@ -10,27 +10,6 @@ use crate::error_codes::ErrorCode;
 use crate::eval::to_whole_number;
 use crate::groups::GroupM;
 use crate::params::INPUT;
-
-/// User codes that a machine has declared, of M100 … M199.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct UserCodes(u128);
-
-impl UserCodes {
-    /// Adds a code. A number that is not a user code is ignored.
-    #[must_use]
-    pub const fn with(self, number: u8) -> UserCodes {
-        match number {
-            100..=199 => UserCodes(self.0 | 1 << (number - 100)),
-            _ => self,
-        }
-    }
-
-    /// Whether a code is declared.
-    #[must_use]
-    pub const fn has(self, number: u8) -> bool {
-        matches!(number, 100..=199) && self.0 & 1 << (number - 100) != 0
-    }
-}
 
 impl Core {
     /// Executes M62 … M68.

@@ -3,18 +3,19 @@
 //! Invariant: a probing move has a length above zero. Without a machine, the assumed result is that of LinuxCNC's
 //! stand-alone interpreter: the end was reached without contact, and the tool retracted by a hundredth of an inch.
 
-use super::{Core, Emitter};
+use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
-use crate::canon::{Canon, LengthUnit, Probing};
+use crate::canon::Canon;
+use crate::canon_modes::{LengthUnit, Probing};
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
-use crate::modal::MotionMode;
+use crate::modal_groups::MotionMode;
 use crate::params::{PROBE_POSITION, PROBE_TRIPPED};
 use crate::pose::{Axis, Pose};
 
 impl Core {
     pub(super) fn probe(&mut self, probing: Probing, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
-        let at = words.first_of(super::check::AXES).map_or_else(Default::default, |letter| words.span(letter));
+        let at = words.first_of(super::block_motion::AXES).map_or_else(Default::default, |letter| words.span(letter));
         if self.state.feed_rate == 0.0 {
             return fault(ErrorCode::ZeroFeed, at, "probing needs a feed rate, and none is set");
         }

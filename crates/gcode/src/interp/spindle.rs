@@ -2,15 +2,15 @@
 //!
 //! Invariant: the only spindle is number 0. A synchronised move is refused while the spindle is stopped.
 
-use super::check::BlockMotion;
-use super::{Core, Emitter};
+use super::block_motion::BlockMotion;
+use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::Canon;
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::eval::to_whole_number;
 use crate::groups::{GroupG, GroupM};
-use crate::modal::{MotionMode, SpindleRotation};
+use crate::modal_groups::{MotionMode, SpindleRotation};
 use crate::pose::Axis;
 
 /// Maximum speed in turns per minute under G96 without a D word: LinuxCNC's value for no limit.

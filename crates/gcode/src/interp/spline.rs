@@ -2,13 +2,14 @@
 //!
 //! Invariant: a spline begins at the position, ends at its last control point, and stays in the plane of X and Y.
 
-use super::{Core, Emitter};
+use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
-use crate::canon::{Canon, FeedMode, Plane};
+use crate::canon::Canon;
+use crate::canon_modes::{FeedMode, Plane};
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::MotionMode;
+use crate::modal_groups::MotionMode;
 use crate::pose::Axis;
 use crate::spline::{ControlPoint, Nurbs};
 

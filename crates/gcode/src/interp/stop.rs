@@ -3,10 +3,12 @@
 //! Invariant: after the end the modes are those of a new program, except for the units, the path control and the
 //! offsets of G92.
 
-use super::{Core, Emitter, ProgramFlow};
-use crate::canon::{Canon, FeedMode, Plane};
+use super::ProgramFlow;
+use super::interpreter_core::{Core, Emitter};
+use crate::canon::Canon;
+use crate::canon_modes::{FeedMode, Plane};
 use crate::diag::{BlockResult, Span};
-use crate::modal::{DistanceMode, MotionMode, SpindleRotation};
+use crate::modal_groups::{DistanceMode, MotionMode, SpindleRotation};
 use crate::params::{COORDINATE_SYSTEM, system_origin};
 
 impl Core {

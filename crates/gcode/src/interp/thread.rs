@@ -3,13 +3,13 @@
 //! Invariant: the passes are those of LinuxCNC 2.9: along Z in any plane, with decreasing depth increments when R is
 //! given, the last ones at the full depth. The tool returns to the drive line, on which the cycle began.
 
-use super::{Core, Emitter};
+use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::Canon;
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
-use crate::modal::MotionMode;
+use crate::modal_groups::MotionMode;
 use crate::pose::{Axis, Pose};
 
 /// Maximum number of passes; more indicates a mistake in the program.

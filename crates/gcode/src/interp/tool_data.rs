@@ -2,7 +2,7 @@
 //!
 //! Invariant: only the words of the block are changed. The tool offset in force stays until the next G43.
 
-use super::{Core, Emitter};
+use super::interpreter_core::{Core, Emitter};
 use crate::angle::rotate;
 use crate::block::Words;
 use crate::canon::Canon;

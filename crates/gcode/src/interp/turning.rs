@@ -3,13 +3,14 @@
 //! Invariant: the profile is drawn by the subprogram Q. The caller that runs subprograms sets it before the block is
 //! executed, and it is used once.
 
-use super::{Core, Emitter};
+use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
-use crate::canon::{ArcFeed, Canon, FeedMode, Plane};
+use crate::canon::{ArcFeed, Canon};
+use crate::canon_modes::{FeedMode, Plane};
 use crate::diag::{BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::{GroupG, Tenths};
-use crate::modal::{DistanceMode, MotionMode};
+use crate::modal_groups::{DistanceMode, MotionMode};
 use crate::pose::{Axis, Pose};
 use crate::turning::{Pockets, TurningJob, TurningMove, XzPoint, turn};
 

@@ -4,11 +4,12 @@
 //! certain place of the path.
 
 use crate::block::{Words, name_of_g};
-use crate::canon::Plane;
+use crate::canon_modes::Plane;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::{GroupG, GroupM};
-use crate::modal::{ModalState, MotionMode};
+use crate::modal::ModalState;
+use crate::modal_groups::MotionMode;
 
 /// Refuses the M codes, and another plane: these come before G40 in a block.
 ///

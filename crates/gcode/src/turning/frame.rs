@@ -2,9 +2,6 @@
 //!
 //! Invariant: a frame only mirrors and swaps axes, so that lengths and tangency are those of the program.
 
-use super::RoughingError;
-use super::profile::Profile;
-
 /// Length below which a value counts as zero; far below the last printed digit.
 pub(super) const TINY: f64 = 1e-9;
 
@@ -58,23 +55,13 @@ impl Point {
 /// Mirroring and swapping between program and frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
-    facing: bool,
+    pub(super) facing: bool,
     /// Signs of `a` and `h`.
-    along: f64,
-    above: f64,
+    pub(super) along: f64,
+    pub(super) above: f64,
 }
 
 impl Frame {
-    /// Creates the frame of a profile that is turned from `start`.
-    pub(super) fn new(profile: &Profile, start: XzPoint, facing: bool) -> Result<Frame, RoughingError> {
-        let Some(last) = profile.elements.last() else { return Err(RoughingError::Empty) };
-        let plain = Frame { facing, along: 1.0, above: 1.0 };
-        let (start, first, last) = (plain.point(start), plain.point(profile.first), plain.point(last.end()));
-        let along = if last.a < first.a { -1.0 } else { 1.0 };
-        let above = if start.h < first.h { -1.0 } else { 1.0 };
-        Ok(Frame { facing, along, above })
-    }
-
     pub(super) fn point(&self, place: XzPoint) -> Point {
         let (a, h) = if self.facing { (place.x, place.z) } else { (place.z, place.x) };
         Point { a: a * self.along, h: h * self.above }

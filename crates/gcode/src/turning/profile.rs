@@ -2,8 +2,10 @@
 //!
 //! Invariant: each element begins where the previous one ends.
 
+use super::RoughingError;
 use super::frame::{Frame, Segment, SegmentArc, XzPoint};
-use crate::canon::{Canon, CanonStep, Plane};
+use crate::canon::{Canon, CanonStep};
+use crate::canon_modes::Plane;
 use crate::pose::{Axis, Pose};
 
 /// A line or an arc of a profile.
@@ -94,4 +96,16 @@ impl Profile {
 
 fn place(pose: &Pose) -> XzPoint {
     XzPoint { x: pose[Axis::X], z: pose[Axis::Z] }
+}
+
+impl Frame {
+    /// Creates the frame of a profile that is turned from `start`.
+    pub(super) fn new(profile: &Profile, start: XzPoint, facing: bool) -> Result<Frame, RoughingError> {
+        let Some(last) = profile.elements.last() else { return Err(RoughingError::Empty) };
+        let plain = Frame { facing, along: 1.0, above: 1.0 };
+        let (start, first, last) = (plain.point(start), plain.point(profile.first), plain.point(last.end()));
+        let along = if last.a < first.a { -1.0 } else { 1.0 };
+        let above = if start.h < first.h { -1.0 } else { 1.0 };
+        Ok(Frame { facing, along, above })
+    }
 }

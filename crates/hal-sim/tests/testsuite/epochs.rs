@@ -6,9 +6,8 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::place::is_before;
 use retrace_core::playback::partial_increment;
-use retrace_core::{Flags, Place, Rate, Record};
+use retrace_core::{Flags, Place, Rate, Record, RecordIndex};
 use retrace_hal_sim::{
     CardSimulator, CardSimulatorSettings, Chance, Clock, FaultRates, InProcess, PlantSettings, Random,
     SerialChannelSettings, SimCard, SimCardError, SimulationFaults, wiring,
@@ -28,7 +27,7 @@ fn limits<const A: usize>() -> RateLimits<A> {
 }
 
 fn settings() -> CardSettings<3> {
-    CardSettings::new(0, PathStart::at(0), 1000, limits())
+    CardSettings::new(0, PathStart::at(RecordIndex::new(0)), 1000, limits())
 }
 
 fn record(place: u32) -> Record<3> {
@@ -41,12 +40,12 @@ fn record(place: u32) -> Record<3> {
 /// P of a place.
 fn position(place: Place) -> [i64; 3] {
     let mut sums = [0; 3];
-    for n in 0..place.record {
+    for n in 0..place.record.number() {
         for (sum, increment) in sums.iter_mut().zip(record(n).increments) {
             *sum += i64::from(increment);
         }
     }
-    for (sum, increment) in sums.iter_mut().zip(record(place.record).increments) {
+    for (sum, increment) in sums.iter_mut().zip(record(place.record.number()).increments) {
         *sum += i64::from(partial_increment(increment, place.fraction));
     }
     sums
@@ -56,25 +55,26 @@ fn position(place: Place) -> [i64; 3] {
 fn feed(card: &mut impl MotionCard<3>) {
     let next = card.status().executed + 1;
     let gate = ((next - 1) * EVERY).min(RECORDS);
-    if gate < RECORDS && !is_before(gate, card.status().reached) {
-        let mut instruction = Instruction { number: next, place: gate, periods: 3, count: 1, ..Instruction::default() };
+    if gate < RECORDS && !RecordIndex::new(gate).is_before(card.status().reached) {
+        let mut instruction =
+            Instruction { number: next, place: RecordIndex::new(gate), periods: 3, count: 1, ..Instruction::default() };
         instruction.changes[0] = OutputChange { channel: channel::SPEED, value: next as i32 };
-        if card.status().high == gate && card.acknowledged_high() == gate {
+        if card.status().high == RecordIndex::new(gate) && card.acknowledged_high() == RecordIndex::new(gate) {
             // A card in this process refuses an instruction that it already holds; over a serial line it must not be
             // sent twice.
             let _ = card.send(HostCommand::Instruction(instruction));
         }
     }
-    while card.status().high < gate {
+    while card.status().high.number() < gate {
         let place = card.status().high;
-        if card.send(HostCommand::Ahead { place, record: record(place) }).is_err() {
+        if card.send(HostCommand::Ahead { place, record: record(place.number()) }).is_err() {
             break;
         }
     }
     for _ in 0..20 {
-        let Some(place) = card.status().low.checked_sub(1) else { break };
+        let Some(place) = card.status().low.number().checked_sub(1) else { break };
         let rests = place.is_multiple_of(EVERY);
-        if card.send(HostCommand::Behind { place, record: record(place), rests }).is_err() {
+        if card.send(HostCommand::Behind { place: RecordIndex::new(place), record: record(place), rests }).is_err() {
             break;
         }
     }
@@ -116,7 +116,7 @@ impl<C: MotionCard<3>> MotionCard<3> for OncePerEpoch<C> {
         self.card.status()
     }
 
-    fn acknowledged_high(&self) -> u32 {
+    fn acknowledged_high(&self) -> retrace_core::RecordIndex {
         self.card.acknowledged_high()
     }
 }
@@ -128,14 +128,19 @@ fn run<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C, target: Rate, per
         feed(card);
         let status = *card.run_period().expect("no fault");
         assert_eq!(status.counts, position(status.place), "at {:?}", status.place);
-        if target > Rate::ZERO && status.at_rest && status.place == Place::start_of(RECORDS) {
+        if target > Rate::ZERO && status.at_rest && status.place == Place::start_of(RecordIndex::new(RECORDS)) {
             return;
         }
     }
 }
 
 fn start_of(place: Place, reached: u32, executed: u32) -> PathStart {
-    PathStart { place, rests: place.fraction == 0 && place.record.is_multiple_of(EVERY), reached, executed }
+    PathStart {
+        place,
+        rests: place.fraction == 0 && place.record.number().is_multiple_of(EVERY),
+        reached: RecordIndex::new(reached),
+        executed,
+    }
 }
 
 /// Stops, and begins the path again at the machine's position.
@@ -148,7 +153,7 @@ fn begin_anew<C: MotionCard<3, Fault: std::fmt::Debug>>(card: &mut C) {
         stood = if card.run_period().expect("no fault").at_rest { stood + 1 } else { 0 };
     }
     let was = *card.status();
-    card.begin_path(start_of(was.place, was.reached, was.executed)).expect("it stands");
+    card.begin_path(start_of(was.place, was.reached.number(), was.executed)).expect("it stands");
     let now = card.status();
     assert_eq!((now.place, now.reached, now.counts), (was.place, was.reached, was.counts));
     assert!(now.period >= was.period && now.executed >= was.executed && now.executed <= was.executed + 1);
@@ -167,7 +172,7 @@ fn legs(seed: u64) -> Vec<(Rate, u32)> {
 #[test]
 fn a_path_that_is_begun_anew_goes_on_exactly() {
     for seed in 0..20 {
-        let mut card = SimCard::<3>::new(0, limits(), Clock::Virtual).expect("fits");
+        let mut card = SimCard::<3>::new(RecordIndex::new(0), limits(), Clock::Virtual).expect("fits");
         for (rate, periods) in legs(seed) {
             run(&mut card, rate, periods);
             begin_anew(&mut card);
@@ -175,7 +180,7 @@ fn a_path_that_is_begun_anew_goes_on_exactly() {
         run(&mut card, Rate::ONE, 4000);
         assert_eq!(
             (card.status().counts, card.status().executed),
-            (position(Place::start_of(RECORDS)), RECORDS / EVERY)
+            (position(Place::start_of(RecordIndex::new(RECORDS))), RECORDS / EVERY)
         );
     }
 }
@@ -213,7 +218,10 @@ fn a_path_that_is_begun_anew_over_a_line_goes_on_exactly() {
         }
         run(&mut card, Rate::ONE, 4000);
         let rig = card.card.port().simulator();
-        assert_eq!((rig.status().counts, rig.status().executed), (position(Place::start_of(RECORDS)), RECORDS / EVERY));
+        assert_eq!(
+            (rig.status().counts, rig.status().executed),
+            (position(Place::start_of(RecordIndex::new(RECORDS))), RECORDS / EVERY)
+        );
         assert_eq!((rig.faults(), rig.pins().positions()), (SimulationFaults::default(), &rig.status().counts));
         assert_eq!(*log.lock().expect("whole"), (0..=RECORDS / EVERY).collect::<Vec<_>>(), "each once, in order");
     }
@@ -232,7 +240,7 @@ fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> OncePerEpoch<LinkedCard<3
     let said: Greeting<3> = *wired.greeting().expect("it was found by it");
     assert_eq!((said.place, said.reached, said.executed), (stood.place, stood.reached, stood.executed));
     assert_eq!((said.counts, said.counts), (stood.counts, position(said.place)));
-    let start = start_of(said.place, said.reached, said.executed);
+    let start = start_of(said.place, said.reached.number(), said.executed);
     wired.open(CardSettings { start, ..settings() }).expect("it takes the settings");
     assert_eq!(wired.status().alarm, Some(Alarm::HostSilent));
     wired.send(HostCommand::ClearAlarm).expect("taken");
@@ -260,7 +268,10 @@ fn a_host_that_was_killed_takes_its_job_up_again() {
         }
         run(&mut card, Rate::ONE, 6000);
         let rig = card.card.port().simulator();
-        assert_eq!((rig.status().counts, rig.status().alarm), (position(Place::start_of(RECORDS)), None));
+        assert_eq!(
+            (rig.status().counts, rig.status().alarm),
+            (position(Place::start_of(RecordIndex::new(RECORDS))), None)
+        );
         assert_eq!((rig.faults(), rig.pins().positions()), (SimulationFaults::default(), &rig.status().counts));
         assert_eq!(*log.lock().expect("whole"), (0..=RECORDS / EVERY).collect::<Vec<_>>(), "each once, in order");
     }
@@ -281,7 +292,7 @@ fn what_is_executed_meanwhile_is_executed() {
     card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     while card.run_period().expect("no fault").outputs[usize::from(channel::SPEED)] == 0 {}
     assert_eq!((card.status().executed, card.port().simulator().status().executed), (0, 1));
-    card.begin_path(PathStart { executed: 40, ..PathStart::at(9) }).expect("it stands");
+    card.begin_path(PathStart { executed: 40, ..PathStart::at(RecordIndex::new(9)) }).expect("it stands");
     assert_eq!((card.status().executed, card.port().simulator().status().executed), (41, 41));
 }
 
@@ -344,8 +355,8 @@ fn the_card_in_this_process_homes_stops_and_is_turned_as_a_served_one() {
     until(&mut card, |status| status.at_rest);
     let apart = card.status().counts[1] - card.counters().positions()[1];
     assert_eq!(apart, 50_000 + 2999, "the switch opens at −2999");
-    card.begin_path(PathStart::at(5)).expect("it stands");
-    card.send(HostCommand::Ahead { place: 5, record: record(1) }).expect("the path is begun anew");
+    card.begin_path(PathStart::at(RecordIndex::new(5))).expect("it stands");
+    card.send(HostCommand::Ahead { place: RecordIndex::new(5), record: record(1) }).expect("the path is begun anew");
     // the wheel
     card.machine().turn_wheel(-7);
     assert_eq!(card.run_period().expect("no fault").wheel, -7);
@@ -367,9 +378,9 @@ fn a_card_that_kept_its_position_stands_there_with_all_that_hangs_on_it() {
     outputs[3] = 1;
     let mut card = with_switches().with_position([3990, -50, 7], &outputs);
     assert_eq!((card.status().counts, card.status().outputs[3]), ([3990, -50, 7], 1));
-    card.begin_path(start_of(Place { record: 110, fraction: 1 << 30 }, 120, 2)).expect("it stands");
+    card.begin_path(start_of(Place { record: RecordIndex::new(110), fraction: 1 << 30 }, 120, 2)).expect("it stands");
     for place in 110..150 {
-        card.send(HostCommand::Ahead { place, record: record(place) }).expect("room");
+        card.send(HostCommand::Ahead { place: RecordIndex::new(place), record: record(place) }).expect("room");
     }
     card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     until(&mut card, |status| status.alarm.is_some());
@@ -456,22 +467,29 @@ fn a_path_is_not_begun_where_the_machine_has_moved_on() {
     let mut card = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
     card.open(settings()).expect("it takes the settings");
     for place in 0..EVERY {
-        card.send(HostCommand::Ahead { place, record: record(place) }).expect("room");
+        card.send(HostCommand::Ahead { place: RecordIndex::new(place), record: record(place) }).expect("room");
     }
     card.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     let was = *card.status();
-    assert_eq!((was.place, was.at_rest), (Place::start_of(0), true), "as far as the host knows");
+    assert_eq!((was.place, was.at_rest), (Place::start_of(RecordIndex::new(0)), true), "as far as the host knows");
     let epoch = card.port().simulator().status().period;
-    let fault = card.begin_path(PathStart::at(0)).expect_err("it has moved on");
+    let fault = card.begin_path(PathStart::at(RecordIndex::new(0))).expect_err("it has moved on");
     assert_eq!(fault, LinkedCardError::Host(LinkError::Moved));
     assert_eq!((fault.number(), fault.remedy()), ("E3021", "resume the job; check the line if it happens again"));
     let rig = card.port().simulator();
-    assert_eq!((rig.status().place, rig.status().at_rest), (Place::start_of(EVERY), true), "its own path goes on");
-    assert_eq!((rig.status().counts, rig.faults()), (position(Place::start_of(EVERY)), SimulationFaults::default()));
+    assert_eq!(
+        (rig.status().place, rig.status().at_rest),
+        (Place::start_of(RecordIndex::new(EVERY)), true),
+        "its own path goes on"
+    );
+    assert_eq!(
+        (rig.status().counts, rig.faults()),
+        (position(Place::start_of(RecordIndex::new(EVERY))), SimulationFaults::default())
+    );
     assert!(rig.status().period > epoch && rig.pins().positions() == &rig.status().counts);
     // After the report of its position it can be begun.
-    while card.status().place != Place::start_of(EVERY) {
+    while card.status().place != Place::start_of(RecordIndex::new(EVERY)) {
         card.run_period().expect("no fault");
     }
-    card.begin_path(PathStart::at(EVERY)).expect("it stands there");
+    card.begin_path(PathStart::at(RecordIndex::new(EVERY))).expect("it stands there");
 }

@@ -5,7 +5,7 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Flags, Place, Rate, Record};
+use retrace_core::{Flags, Place, Rate, Record, RecordIndex};
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, InProcess, NoFault};
 use retrace_link::{
     BytePort, CardSettings, HostCommand, LinkTimeouts, LinkedCard, MotionCard, OutputChange, PathStart,
@@ -72,18 +72,18 @@ fn find(rig: CardSimulator<3>, nonce: u32) -> (Host, Arc<Mutex<Recording>>) {
 fn open(host: &mut Host) {
     let axis = PulseLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
     let limits = RateLimits::new(13, 1 << 15, [axis; 3]).expect("valid");
-    host.open(CardSettings::new(0, PathStart::at(0), 1000, limits)).expect("it takes the settings");
+    host.open(CardSettings::new(0, PathStart::at(RecordIndex::new(0)), 1000, limits)).expect("it takes the settings");
 }
 
 /// Output 3 on, and 300 records forward.
 fn run(host: &mut Host) {
     host.send(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("room");
     host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
-    while host.status().place != Place::start_of(300) {
-        while host.status().high < 300 {
+    while host.status().place != Place::start_of(RecordIndex::new(300)) {
+        while host.status().high.number() < 300 {
             let place = host.status().high;
-            let flags = if place == 299 { Flags::REST } else { Flags::NONE };
-            let record = Record { increments: [7, -3, 1], flags, line: place, ..Record::default() };
+            let flags = if place == RecordIndex::new(299) { Flags::REST } else { Flags::NONE };
+            let record = Record { increments: [7, -3, 1], flags, line: place.number(), ..Record::default() };
             if host.send(HostCommand::Ahead { place, record }).is_err() {
                 break;
             }
@@ -176,7 +176,7 @@ fn replayed_greetings_and_reports_change_nothing_of_a_running_job() {
         tape.lock().expect("whole").injected.extend([&[0], &greetings[..], &old.heard, &[0]].concat());
         for _ in 0..10 {
             let place = host.status().high;
-            let record = Record { increments: [round, -3, 1], line: place, ..Record::default() };
+            let record = Record { increments: [round, -3, 1], line: place.number(), ..Record::default() };
             let _ = host.send(HostCommand::Ahead { place, record });
             host.run_period().expect("a recording ends nothing");
         }

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Flags, Rate, Record};
+use retrace_core::{Flags, Rate, Record, RecordIndex};
 use retrace_hal_sim::{
     CardSimulator, CardSimulatorSettings, Chance, FaultRates, InProcess, LineCounters, PlantSettings, Process,
     SerialChannelSettings, wiring,
@@ -16,7 +16,7 @@ use retrace_link::{
 type Host = LinkedCard<3, InProcess<3>>;
 
 fn settings() -> CardSettings<3> {
-    CardSettings::new(0, PathStart::at(0), 1000, limits())
+    CardSettings::new(0, PathStart::at(RecordIndex::new(0)), 1000, limits())
 }
 
 fn host(rig: &CardSimulatorSettings, settings: CardSettings<3>) -> Host {
@@ -55,12 +55,14 @@ fn run(host: &mut Host, target: Rate, to: u32, length: u32) -> CardStatus<3> {
     for _ in 0..200_000 {
         loop {
             let high = host.status().high;
-            if high >= length || host.send(HostCommand::Ahead { place: high, record: record(high, length) }).is_err() {
+            if high.number() >= length
+                || host.send(HostCommand::Ahead { place: high, record: record(high.number(), length) }).is_err()
+            {
                 break;
             }
         }
         let status = *host.run_period().expect("no fault");
-        if status.at_rest && status.place == retrace_core::Place::start_of(to) {
+        if status.at_rest && status.place == retrace_core::Place::start_of(RecordIndex::new(to)) {
             return status;
         }
     }
@@ -80,7 +82,7 @@ fn there_and_back_over_lines_good_and_bad() {
         let status = run(&mut host, Rate::ONE, 700, 700);
         assert_eq!(status.counts, position(700, 700));
         let status = run(&mut host, -Rate::ONE / 2, 0, 700);
-        assert_eq!((status.counts, status.reached), ([0; 3], 700));
+        assert_eq!((status.counts, status.reached), ([0; 3], RecordIndex::new(700)));
         let rig = host.port().simulator();
         assert_eq!(rig.faults(), retrace_hal_sim::SimulationFaults::default(), "chance {chance}");
         assert_eq!(rig.pins().positions(), &[0; 3]);
@@ -141,11 +143,11 @@ fn switch_and_run(process: Process) -> (CardStatus<3>, u64) {
     host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     for _ in 0..1000 {
         let high = host.status().high;
-        if high < 50 && host.status().executed == 1 {
-            host.send(HostCommand::Ahead { place: high, record: record(high, 50) }).expect("room");
+        if high.number() < 50 && host.status().executed == 1 {
+            host.send(HostCommand::Ahead { place: high, record: record(high.number(), 50) }).expect("room");
         }
         match host.run_period() {
-            Ok(status) if status.place.record == 50 && status.at_rest => break,
+            Ok(status) if status.place.record == RecordIndex::new(50) && status.at_rest => break,
             Ok(_) => {}
             Err(_) => break,
         }
@@ -176,8 +178,8 @@ fn a_limit_switch_stops_the_motion_on_the_path() {
     host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     for _ in 0..400 {
         let high = host.status().high;
-        if high < 300 {
-            host.send(HostCommand::Ahead { place: high, record: record(high, 300) }).expect("room");
+        if high.number() < 300 {
+            host.send(HostCommand::Ahead { place: high, record: record(high.number(), 300) }).expect("room");
         }
         if host.run_period().is_err() {
             break;
@@ -249,21 +251,22 @@ fn the_wheel_is_told_to_the_count() {
 fn a_silent_host_is_an_alarm() {
     let mut host = host(&CardSimulatorSettings::default(), settings());
     host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
-    while host.status().high < 2000 {
+    while host.status().high.number() < 2000 {
         let high = host.status().high;
-        if host.send(HostCommand::Ahead { place: high, record: record(high, 2000) }).is_err() {
+        if host.send(HostCommand::Ahead { place: high, record: record(high.number(), 2000) }).is_err() {
             host.run_period().expect("no fault");
         }
     }
-    while host.run_period().expect("no fault").place.record < 100 {}
+    while host.run_period().expect("no fault").place.record.number() < 100 {}
     let rig = host.port_mut().simulator_mut();
     rig.run(rig.now_us() + 600_000);
     let status = *rig.status();
     assert_eq!((status.alarm, status.at_rest), (Some(Alarm::HostSilent), true));
     let at = status.place.record;
-    assert!(at > 100 && at < 1000, "{at}");
-    let under = retrace_core::playback::partial_increment(record(at, 2000).increments[0], status.place.fraction);
-    assert_eq!(status.counts[0], position(at, 2000)[0] + i64::from(under));
+    assert!(at.number() > 100 && at.number() < 1000, "{at}");
+    let under =
+        retrace_core::playback::partial_increment(record(at.number(), 2000).increments[0], status.place.fraction);
+    assert_eq!(status.counts[0], position(at.number(), 2000)[0] + i64::from(under));
 }
 
 /// Bytes that the host writes, with their times in microseconds.
@@ -339,10 +342,10 @@ fn the_steps_in_which_time_passes_change_nothing() {
         let mut host = LinkedCard::connect(tap, 7, LinkTimeouts::default()).expect("a card answers");
         host.open(settings()).expect("it takes the settings");
         host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
-        while !(host.status().place.record == 150 && host.status().at_rest) {
+        while !(host.status().place.record == RecordIndex::new(150) && host.status().at_rest) {
             let high = host.status().high;
-            if high < 150 {
-                let _ = host.send(HostCommand::Ahead { place: high, record: record(high, 150) });
+            if high.number() < 150 {
+                let _ = host.send(HostCommand::Ahead { place: high, record: record(high.number(), 150) });
             }
             host.run_period().expect("no fault");
         }

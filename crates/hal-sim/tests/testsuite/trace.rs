@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::sync::{Arc, Mutex};
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Flags, Rate, Record};
+use retrace_core::{Flags, Rate, Record, RecordIndex};
 use retrace_hal_sim::{CardSimulator, CardSimulatorSettings, InProcess};
 use retrace_link::{
     CardSettings, CuttingChannel, CuttingSettings, HostCommand, Instruction, LinkTimeouts, LinkedCard, MotionCard,
@@ -66,15 +66,15 @@ fn traced() -> (String, [u64; 2]) {
     let mut rig = CardSimulator::<2>::new(&CardSimulatorSettings::default()).expect("a card");
     rig.trace(Box::new(file.clone()), &["x".to_owned(), "y".to_owned()]).expect("memory");
     let mut host = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
-    host.open(CardSettings::new(0, PathStart::at(0), 1000, limits())).expect("it takes the settings");
+    host.open(CardSettings::new(0, PathStart::at(RecordIndex::new(0)), 1000, limits())).expect("it takes the settings");
     for place in 0..60u32 {
         let flags = if place == 59 { Flags::REST } else { Flags::NONE };
         let record = Record { increments: [5, -((place % 9) as i16)], flags, line: place, ..Record::default() };
-        host.send(HostCommand::Ahead { place, record }).expect("room");
+        host.send(HostCommand::Ahead { place: RecordIndex::new(place), record }).expect("room");
     }
     for (target, end) in [(Rate::ONE, 60), (-Rate::ONE, 0)] {
         host.send(HostCommand::rate(target)).expect("a rate");
-        while host.run_period().is_ok_and(|status| status.place.record != end || !status.at_rest) {}
+        while host.run_period().is_ok_and(|status| status.place.record != RecordIndex::new(end) || !status.at_rest) {}
         host.send(HostCommand::ManualOutput(OutputChange { channel: channel::SPINDLE, value: -1 })).expect("a channel");
     }
     let rig = host.port().simulator();
@@ -136,7 +136,7 @@ fn torch(stops: impl Fn(&mut LinkedCard<2, InProcess<2>>)) -> HashMap<String, Ve
     let mut rig = CardSimulator::<2>::new(&CardSimulatorSettings::default()).expect("a card");
     rig.trace(Box::new(file.clone()), &["x".to_owned(), "y".to_owned()]).expect("memory");
     let mut host = LinkedCard::connect(InProcess::new(rig), 7, LinkTimeouts::default()).expect("a card answers");
-    let mut settings = CardSettings::new(0, PathStart::at(0), 1000, limits());
+    let mut settings = CardSettings::new(0, PathStart::at(RecordIndex::new(0)), 1000, limits());
     settings.watchdog_periods = 100;
     let torch = CuttingChannel { channel: channel::SPINDLE, fires: true, ..CuttingChannel::default() };
     settings.cutting = CuttingSettings { count: 1, handover_periods: 100, ..CuttingSettings::default() };
@@ -147,10 +147,10 @@ fn torch(stops: impl Fn(&mut LinkedCard<2, InProcess<2>>)) -> HashMap<String, Ve
     instruction.changes[0] = OutputChange { channel: channel::SPINDLE, value: 1 };
     host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     host.send(HostCommand::Instruction(instruction)).expect("room");
-    while host.run_period().is_ok_and(|status| status.place.record < 200) {
-        while host.status().executed == 1 && host.status().high < 1000 {
+    while host.run_period().is_ok_and(|status| status.place.record.number() < 200) {
+        while host.status().executed == 1 && host.status().high.number() < 1000 {
             let place = host.status().high;
-            let record = Record { increments: [5, 0], line: place, ..Record::default() };
+            let record = Record { increments: [5, 0], line: place.number(), ..Record::default() };
             if host.send(HostCommand::Ahead { place, record }).is_err() {
                 break;
             }

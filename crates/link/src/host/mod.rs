@@ -17,7 +17,7 @@ pub use fault::LinkError;
 
 use retrace_core::drive::Braking;
 use retrace_core::limits::RateLimits;
-use retrace_core::{Place, Rate, RateTarget};
+use retrace_core::{Place, Rate, RateTarget, RecordIndex};
 
 use crate::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE};
 use crate::frame_size::FrameSize;
@@ -99,7 +99,7 @@ pub struct HostEndpoint<const A: usize> {
     sent: u16,
     predicted: PredictedWindow<A, CELLS>,
     /// End of the window that the card reported.
-    reported_high: u32,
+    reported_high: RecordIndex,
     target: RateTarget,
     /// Rate that was sent last.
     sent_rate: Rate,
@@ -169,8 +169,8 @@ impl<const A: usize> HostEndpoint<A> {
             base: 0,
             count: 0,
             sent: 0,
-            predicted: PredictedWindow::new(0, 4, 0),
-            reported_high: 0,
+            predicted: PredictedWindow::new(RecordIndex::new(0), 4, 0),
+            reported_high: RecordIndex::new(0),
             target: RateTarget::ZERO,
             sent_rate: Rate::ZERO,
             rate_seq: 0,
@@ -180,8 +180,8 @@ impl<const A: usize> HostEndpoint<A> {
             waiting: 0,
             period_emitted: false,
             next_entry: 0,
-            newest_place: Place::start_of(0),
-            status: CardStatus::at_rest(PathStart::at(0)),
+            newest_place: Place::start_of(RecordIndex::new(0)),
+            status: CardStatus::at_rest(PathStart::at(RecordIndex::new(0))),
             reported_crc: None,
             report_missing: false,
             off_path: false,
@@ -300,7 +300,7 @@ impl<const A: usize> HostEndpoint<A> {
 
     /// Returns the place after the last record that the card reported to hold.
     #[must_use]
-    pub fn acknowledged_high(&self) -> u32 {
+    pub fn acknowledged_high(&self) -> RecordIndex {
         self.reported_high
     }
 

@@ -4,7 +4,6 @@
 //! error.
 
 use retrace_core::Distance;
-use retrace_core::place::is_before;
 use retrace_core::playback::emission;
 
 use super::{ENTRIES, HostEndpoint, LinkError};
@@ -84,11 +83,11 @@ impl<const A: usize> HostEndpoint<A> {
         for (count, increment) in status.counts.iter_mut().zip(increments) {
             *count += increment;
         }
-        let under = if distance < Distance::ZERO { to.record } else { to.boundary_ahead().wrapping_sub(1) };
+        let under = if distance < Distance::ZERO { to.record } else { to.boundary_ahead() - 1 };
         if let Some(record) = self.predicted.record(under) {
             status.line = record.line;
         }
-        if is_before(status.reached, to.boundary_ahead()) {
+        if status.reached.is_before(to.boundary_ahead()) {
             status.reached = to.boundary_ahead();
         }
         if self.waiting == 0

@@ -5,7 +5,7 @@
 use super::{AlarmClearing, ENTRIES, HostEndpoint, LinkError, Phase, StagedFrame, WORDS};
 use crate::frame::MAX_PAYLOAD;
 use crate::wire::{ByteReader, Greeting, ReportEntry, kind};
-use retrace_core::Distance;
+use retrace_core::{Distance, RecordIndex};
 
 /// Minimum time between two retransmissions of commands after a gap that the card reports.
 const GAP_US: u64 = 12_000;
@@ -92,7 +92,7 @@ impl<const A: usize> HostEndpoint<A> {
         if self.phase == Phase::Opening {
             self.phase = Phase::Open;
         }
-        let (flags, low, length) = (reader.u8()?, reader.u32()?, reader.count32()?);
+        let (flags, low, length) = (reader.u8()?, RecordIndex::new(reader.u32()?), reader.count32()?);
         let first = reader.u16()?;
         (self.times.received, self.probing) = (self.times.now, false);
         self.push_entries(&mut reader, first, flags & 2 != 0)?;
@@ -100,7 +100,7 @@ impl<const A: usize> HostEndpoint<A> {
             self.fault.get_or_insert(LinkError::ReportLost);
         }
         self.update_clearing(next_word, flags & 2 != 0);
-        self.acknowledge_commands(next_word, low, low.wrapping_add(length));
+        self.acknowledge_commands(next_word, low, low + length);
         if now_seen.wrapping_sub(self.acked_rate_seq) as i16 > 0 {
             self.acked_rate_seq = now_seen;
         }
@@ -158,7 +158,7 @@ impl<const A: usize> HostEndpoint<A> {
 
     /// Handles the acknowledgement that the card received all commands before `next_word`; its window was `low … high`
     /// then.
-    fn acknowledge_commands(&mut self, next_word: u16, low: u32, high: u32) {
+    fn acknowledge_commands(&mut self, next_word: u16, low: RecordIndex, high: RecordIndex) {
         let taken = next_word.wrapping_sub(self.base);
         if taken > self.count {
             return;

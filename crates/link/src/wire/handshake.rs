@@ -3,8 +3,8 @@
 //! Invariant: a greeting of another protocol version is still read as far as its version, so that the version can be
 //! reported.
 
-use retrace_core::Place;
 use retrace_core::limits::{PulseLimits, RateLimits};
+use retrace_core::{Place, RecordIndex};
 
 use super::entry::{read_alarm, write_alarm};
 use super::message::{read_change, write_change};
@@ -30,7 +30,7 @@ pub struct Greeting<const A: usize> {
     /// Whether it is at rest.
     pub at_rest: bool,
     /// The furthest place of the last epoch that was executed, as a record boundary.
-    pub reached: u32,
+    pub reached: RecordIndex,
     /// Number of the last exclusive instruction of that epoch that is complete.
     pub executed: u32,
     /// Net pulses of each axis; those beyond the card's axes are zero.
@@ -55,10 +55,10 @@ impl<const A: usize> Greeting<A> {
         writer.u16(of.memory)?;
         writer.u16(self.epoch)?;
         writer.u16(self.last_epoch)?;
-        writer.u32(self.place.record)?;
+        writer.u32(self.place.record.number())?;
         writer.u32(self.place.fraction)?;
         writer.u8(u8::from(self.at_rest))?;
-        writer.u32(self.reached)?;
+        writer.u32(self.reached.number())?;
         writer.u32(self.executed)?;
         write_alarm(writer, self.alarm)?;
         self.counts.iter().take(usize::from(of.axes)).try_for_each(|&count| writer.signed(count))
@@ -90,9 +90,9 @@ impl<const A: usize> Greeting<A> {
             memory: reader.u16()?,
         };
         let (epoch, last_epoch) = (reader.u16()?, reader.u16()?);
-        let place = Place { record: reader.u32()?, fraction: reader.u32()? };
+        let place = Place { record: RecordIndex::new(reader.u32()?), fraction: reader.u32()? };
         let at_rest = reader.u8()? != 0;
-        let (reached, executed) = (reader.u32()?, reader.u32()?);
+        let (reached, executed) = (RecordIndex::new(reader.u32()?), reader.u32()?);
         let alarm = read_alarm(reader)?;
         let mut counts = [0; A];
         for axis in 0..usize::from(axes) {
@@ -228,15 +228,20 @@ fn read_cutting(reader: &mut ByteReader<'_>) -> Option<CuttingSettings> {
 }
 
 fn write_start(writer: &mut ByteWriter<'_>, start: &PathStart) -> Option<()> {
-    for value in [start.place.record, start.place.fraction, start.reached, start.executed] {
+    for value in [start.place.record.number(), start.place.fraction, start.reached.number(), start.executed] {
         writer.u32(value)?;
     }
     writer.u8(u8::from(start.rests))
 }
 
 fn read_start(reader: &mut ByteReader<'_>) -> Option<PathStart> {
-    let place = Place { record: reader.u32()?, fraction: reader.u32()? };
-    Some(PathStart { place, reached: reader.u32()?, executed: reader.u32()?, rests: reader.u8()? != 0 })
+    let place = Place { record: RecordIndex::new(reader.u32()?), fraction: reader.u32()? };
+    Some(PathStart {
+        place,
+        reached: RecordIndex::new(reader.u32()?),
+        executed: reader.u32()?,
+        rests: reader.u8()? != 0,
+    })
 }
 
 /// Reads the limits of `told` axes; the others get the limits of the first.

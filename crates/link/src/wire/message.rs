@@ -7,6 +7,7 @@ use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
     HomingCommand, HostCommand, InputWait, Instruction, MAX_CHANGES, OutputAction, OutputChange, RepeatedInstruction,
 };
+use retrace_core::RecordIndex;
 
 mod tag {
     pub(super) const PLACE_AHEAD: u8 = 0x01;
@@ -50,15 +51,15 @@ fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, wo
         }
         HostCommand::Trim { high } => {
             writer.u8(tag::TRIM)?;
-            writer.u32(*high)
+            writer.u32(high.number())
         }
         HostCommand::Forget { low } => {
             writer.u8(tag::FORGET)?;
-            writer.u32(*low)
+            writer.u32(low.number())
         }
         HostCommand::Action(action) => {
             writer.u8(tag::ACTION)?;
-            writer.u32(action.place)?;
+            writer.u32(action.place.number())?;
             writer.u8(action.channel)?;
             writer.signed(i64::from(action.before))?;
             writer.signed(i64::from(action.after))
@@ -96,12 +97,12 @@ fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, wo
 fn place_of<const A: usize>(
     writer: &mut ByteWriter<'_>,
     run: &mut RecordRun<A>,
-    place: u32,
+    place: RecordIndex,
     behind: bool,
 ) -> Option<()> {
     if run.needs_place(place, behind) {
         writer.u8(if behind { tag::PLACE_BEHIND } else { tag::PLACE_AHEAD })?;
-        writer.u32(place)?;
+        writer.u32(place.number())?;
         run.set_place(place, behind);
     }
     Some(())
@@ -114,17 +115,17 @@ pub fn read_word<const A: usize>(reader: &mut ByteReader<'_>, run: &mut RecordRu
         return Some(match reader.u8()? {
             record if record & RECORD != 0 => return run.read(reader, record),
             tag::PLACE_AHEAD => {
-                run.set_place(reader.u32()?, false);
+                run.set_place(RecordIndex::new(reader.u32()?), false);
                 continue;
             }
             tag::PLACE_BEHIND => {
-                run.set_place(reader.u32()?, true);
+                run.set_place(RecordIndex::new(reader.u32()?), true);
                 continue;
             }
-            tag::TRIM => HostCommand::Trim { high: reader.u32()? },
-            tag::FORGET => HostCommand::Forget { low: reader.u32()? },
+            tag::TRIM => HostCommand::Trim { high: RecordIndex::new(reader.u32()?) },
+            tag::FORGET => HostCommand::Forget { low: RecordIndex::new(reader.u32()?) },
             tag::ACTION => {
-                let (place, channel) = (reader.u32()?, reader.u8()?);
+                let (place, channel) = (RecordIndex::new(reader.u32()?), reader.u8()?);
                 HostCommand::Action(OutputAction {
                     place,
                     channel,
@@ -155,7 +156,7 @@ pub(super) fn read_change(reader: &mut ByteReader<'_>) -> Option<OutputChange> {
 
 fn write_instruction(writer: &mut ByteWriter<'_>, instruction: &Instruction) -> Option<()> {
     writer.u32(instruction.number)?;
-    writer.u32(instruction.place)?;
+    writer.u32(instruction.place.number())?;
     let Instruction { periods, until, keeps_cutter, .. } = *instruction;
     write_switching(writer, periods, instruction.changes(), until, keeps_cutter)
 }
@@ -184,7 +185,8 @@ fn write_switching(
 }
 
 fn read_instruction(reader: &mut ByteReader<'_>) -> Option<Instruction> {
-    let (number, place, periods, counts) = (reader.u32()?, reader.u32()?, reader.count32()?, reader.u8()?);
+    let (number, place) = (reader.u32()?, RecordIndex::new(reader.u32()?));
+    let (periods, counts) = (reader.count32()?, reader.u8()?);
     let count = counts & !(AWAITS | KEEPS_CUTTER);
     let changes = read_changes(reader, count)?;
     let until = read_until(reader, counts)?;

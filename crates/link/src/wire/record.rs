@@ -9,7 +9,7 @@
 //!
 //! Invariant: a run begins in each payload with a record number of its own and differences from zero.
 
-use retrace_core::{Flags, RapidCap, Record};
+use retrace_core::{Flags, RapidCap, Record, RecordIndex};
 
 use super::{ByteReader, ByteWriter};
 use crate::HostCommand;
@@ -32,7 +32,7 @@ pub struct RecordRun<const A: usize> {
 
 #[derive(Clone, Copy, Debug)]
 struct PreviousRecord<const A: usize> {
-    place: u32,
+    place: RecordIndex,
     record: Record<A>,
 }
 
@@ -45,18 +45,18 @@ impl<const A: usize> RecordRun<A> {
 
     /// Whether a record at this place needs an explicit record number.
     #[must_use]
-    pub fn needs_place(&self, place: u32, behind: bool) -> bool {
+    pub fn needs_place(&self, place: RecordIndex, behind: bool) -> bool {
         self.next_place(behind) != Some(place)
     }
 
     /// Sets the record number at which the records continue.
-    pub fn set_place(&mut self, place: u32, behind: bool) {
-        let before = if behind { place.wrapping_add(1) } else { place.wrapping_sub(1) };
+    pub fn set_place(&mut self, place: RecordIndex, behind: bool) {
+        let before = if behind { place + 1 } else { place - 1 };
         self.last = Some(PreviousRecord { place: before, record: Record::default() });
     }
 
-    fn next_place(&self, behind: bool) -> Option<u32> {
-        self.last.map(|last| if behind { last.place.wrapping_sub(1) } else { last.place.wrapping_add(1) })
+    fn next_place(&self, behind: bool) -> Option<RecordIndex> {
+        self.last.map(|last| if behind { last.place - 1 } else { last.place + 1 })
     }
 
     /// Writes a record that follows the last one. Returns `None` if there is no space.

@@ -6,7 +6,7 @@ use crate::dice;
 use dice::Dice;
 use proptest::prelude::*;
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Distance, Flags, Place, Rate, Record};
+use retrace_core::{Distance, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     CardCore, CardEndpoint, CardFailure, CardIdentity, CardSettings, CardStatus, CommandRefusal, CutterOff,
     CutterOffCause, HostCommand, HostEndpoint, Instruction, LinkError, OutputChange, PROTOCOL, PathStart, channel,
@@ -43,7 +43,7 @@ impl Works {
             max_pulses_hz: 1_000_000,
         };
         let records = vec![Record::default(); WINDOW as usize];
-        let status = CardStatus { counts: [5, -6, 7], ..CardStatus::at_rest(PathStart::at(0)) };
+        let status = CardStatus { counts: [5, -6, 7], ..CardStatus::at_rest(PathStart::at(RecordIndex::new(0))) };
         Self { identity, status, records, target: Rate::ZERO, open: false, log: Vec::new(), by_hand: Vec::new() }
     }
 
@@ -54,8 +54,8 @@ impl Works {
             (from.distance_to(Place::start_of(status.high)), from.distance_to(Place::start_of(status.low)));
         let to = from.moved(self.target.over(1).clamp(behind, ahead));
         let records = &self.records;
-        let increments =
-            retrace_core::playback::emission(from, to, |n| records.get((n % WINDOW) as usize)).expect("in the window");
+        let increments = retrace_core::playback::emission(from, to, |n| records.get((n.number() % WINDOW) as usize))
+            .expect("in the window");
         status.period += 1;
         (status.place, status.rate) = (to, from.distance_to(to).per_period());
         status.at_rest = status.rate == Rate::ZERO;
@@ -94,28 +94,28 @@ impl CardCore<3> for Works {
     fn record_host_frame(&mut self) {}
     fn accept(&mut self, word: HostCommand<3>) -> Result<(), CommandRefusal> {
         let status = &mut self.status;
-        let full = status.high.wrapping_sub(status.low) == WINDOW;
+        let full = status.high.since(status.low) == WINDOW;
         match word {
             HostCommand::Ahead { place, record } => {
                 if place != status.high {
                     return Err(CommandRefusal::OutOfOrder);
                 }
-                if full && status.place.record.wrapping_sub(status.low) <= WINDOW / 4 {
+                if full && status.place.record.since(status.low) <= WINDOW / 4 {
                     return Err(CommandRefusal::Full);
                 }
-                status.low = status.low.wrapping_add(u32::from(full));
-                self.records[(place % WINDOW) as usize] = record;
-                status.high = place.wrapping_add(1);
+                status.low += u32::from(full);
+                self.records[(place.number() % WINDOW) as usize] = record;
+                status.high = place + 1;
             }
             HostCommand::Behind { place, record, .. } => {
-                if place != status.low.wrapping_sub(1) {
+                if place != status.low - 1 {
                     return Err(CommandRefusal::OutOfOrder);
                 }
-                if full && status.high.wrapping_sub(status.place.boundary_ahead()) <= WINDOW / 4 {
+                if full && status.high.since(status.place.boundary_ahead()) <= WINDOW / 4 {
                     return Err(CommandRefusal::Full);
                 }
-                status.high = status.high.wrapping_sub(u32::from(full));
-                self.records[(place % WINDOW) as usize] = record;
+                status.high -= u32::from(full);
+                self.records[(place.number() % WINDOW) as usize] = record;
                 status.low = place;
             }
             HostCommand::Rate(target) => self.target = target.feed,
@@ -170,7 +170,7 @@ impl Bench {
         };
         bench.until(|b| b.host.greeting().is_some());
         let smoothing = limits();
-        bench.host.open(CardSettings::new(0, PathStart::at(start), 1000, smoothing));
+        bench.host.open(CardSettings::new(0, PathStart::at(RecordIndex::new(start)), 1000, smoothing));
         bench.until(|b| b.host.is_open());
         bench
     }
@@ -216,11 +216,11 @@ impl Bench {
         loop {
             let status = self.host.status();
             let (low, high) = (status.low, status.high);
-            let sent = if forward && retrace_core::place::is_before(high, end) {
-                self.host.send(HostCommand::Ahead { place: high, record: record(high) })
-            } else if !forward && retrace_core::place::is_before(oldest, low) {
-                let place = low.wrapping_sub(1);
-                self.host.send(HostCommand::Behind { place, record: record(place), rests: false })
+            let sent = if forward && high.is_before(RecordIndex::new(end)) {
+                self.host.send(HostCommand::Ahead { place: high, record: record(high.number()) })
+            } else if !forward && RecordIndex::new(oldest).is_before(low) {
+                let place = low - 1;
+                self.host.send(HostCommand::Behind { place, record: record(place.number()), rests: false })
             } else {
                 return;
             };
@@ -236,7 +236,7 @@ impl Bench {
             self.fill(oldest, end, target > Rate::ZERO);
             self.host.send(HostCommand::rate(target)).expect("a rate is always taken");
             self.step_period();
-            let left = self.host.status().place.distance_to(Place::start_of(to));
+            let left = self.host.status().place.distance_to(Place::start_of(RecordIndex::new(to)));
             if left == Distance::ZERO || left.signum() != target.signum() {
                 return;
             }
@@ -302,7 +302,7 @@ proptest! {
         bench.until(|b| b.host.status().executed == 1 && b.host.status().outputs[3] == 7);
         agrees(&bench);
         prop_assert_eq!(&bench.works.by_hand, &[1, 7]);
-        prop_assert_eq!(bench.works.status.place, Place::start_of(at(1500)));
+        prop_assert_eq!(bench.works.status.place, Place::start_of(RecordIndex::new(at(1500))));
         // and it is over in good order
         bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
         bench.until(|b| b.host.status().at_rest);
@@ -338,7 +338,7 @@ fn a_stop_cuts_a_long_frame_short() {
     for place in 150..200 {
         let wild = (place as i16).wrapping_mul(7919);
         let record = Record { increments: [wild, !wild, wild / 3], line: place * 1000, ..Record::default() };
-        bench.host.send(HostCommand::Ahead { place, record }).expect("room");
+        bench.host.send(HostCommand::Ahead { place: RecordIndex::new(place), record }).expect("room");
     }
     let mut bytes = [0; 30];
     assert_eq!(bench.host.transmit(bench.now_us, &mut bytes), 30, "the beginning of a long frame");
@@ -348,10 +348,10 @@ fn a_stop_cuts_a_long_frame_short() {
     bytes.iter().for_each(|&byte| bench.end.receive(byte, &mut bench.works));
     assert_eq!(
         (bench.works.target, bench.works.status.high),
-        (Rate::ZERO, 150),
+        (Rate::ZERO, RecordIndex::new(150)),
         "the stop is there before the records"
     );
-    bench.until(|b| b.works.status.high == 200);
+    bench.until(|b| b.works.status.high == RecordIndex::new(200));
 }
 
 /// A pulse that the card has lost, or made, is seen by the next report.

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Distance, Flags, Place, RapidCap, Record};
+use retrace_core::{Distance, Flags, Place, RapidCap, Record, RecordIndex};
 use retrace_link::frame::MAX_PAYLOAD;
 use retrace_link::wire::{ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, read_word, write_word};
 use retrace_link::{
@@ -35,22 +35,31 @@ fn instruction() -> impl Strategy<Value = Instruction> {
         let mut changes = [OutputChange::default(); MAX_CHANGES];
         changes[..list.len()].copy_from_slice(&list);
         let until = until.map(|(input, active, at_most)| InputWait { input, active, timeout_periods: at_most });
-        Instruction { number: n[0], place: n[1], changes, count: list.len() as u8, periods: n[2], until, keeps_cutter }
+        Instruction {
+            number: n[0],
+            place: RecordIndex::new(n[1]),
+            changes,
+            count: list.len() as u8,
+            periods: n[2],
+            until,
+            keeps_cutter,
+        }
     })
 }
 
 fn word() -> impl Strategy<Value = HostCommand<4>> {
     prop_oneof![
-        (any::<u32>(), record()).prop_map(|(place, record)| HostCommand::Ahead { place, record }),
+        (any::<u32>(), record())
+            .prop_map(|(place, record)| HostCommand::Ahead { place: RecordIndex::new(place), record }),
         (any::<u32>(), record(), any::<bool>()).prop_map(|(place, record, rests)| HostCommand::Behind {
-            place,
+            place: RecordIndex::new(place),
             record,
             rests
         }),
-        any::<u32>().prop_map(|high| HostCommand::Trim { high }),
-        any::<u32>().prop_map(|low| HostCommand::Forget { low }),
+        any::<u32>().prop_map(|high| HostCommand::Trim { high: RecordIndex::new(high) }),
+        any::<u32>().prop_map(|low| HostCommand::Forget { low: RecordIndex::new(low) }),
         (any::<u32>(), 0u8..69, any::<i32>(), any::<i32>()).prop_map(|(place, channel, before, after)| {
-            HostCommand::Action(OutputAction { place, channel, before, after })
+            HostCommand::Action(OutputAction { place: RecordIndex::new(place), channel, before, after })
         }),
         any::<bool>().prop_map(|on| HostCommand::Replay { on }),
         instruction().prop_map(HostCommand::Instruction),
@@ -104,8 +113,8 @@ proptest! {
             // runs, as they usually come
             for (place, word) in (start..).zip(&mut words) {
                 match word {
-                    HostCommand::Ahead { place: p, .. } => *p = place,
-                    HostCommand::Behind { place: p, .. } => *p = 0u32.wrapping_sub(place),
+                    HostCommand::Ahead { place: p, .. } => *p = RecordIndex::new(place),
+                    HostCommand::Behind { place: p, .. } => *p = RecordIndex::new(0u32.wrapping_sub(place)),
                     _ => {}
                 }
             }
@@ -185,9 +194,9 @@ fn handshakes_are_read_back() {
         identity,
         epoch: 3,
         last_epoch: 3,
-        place: Place { record: u32::MAX, fraction: 5 },
+        place: Place { record: RecordIndex::new(u32::MAX), fraction: 5 },
         at_rest: true,
-        reached: 1,
+        reached: RecordIndex::new(1),
         executed: u32::MAX - 6,
         counts: [1, -2, i64::MAX, 0],
         alarm: Some(Alarm::LimitSwitch { axis: 2, upper: true }),
@@ -200,9 +209,13 @@ fn handshakes_are_read_back() {
     bytes[0] = PROTOCOL + 1;
     assert_eq!(Greeting::<4>::read(&mut ByteReader::new(&bytes[..length])), Some(Err(PROTOCOL + 1)));
 
-    let mut settings = CardSettings::<4>::new(9, PathStart::at(77), 1000, limits());
-    settings.start =
-        PathStart { place: Place { record: 70, fraction: 1 << 31 }, rests: false, reached: 77, executed: 12 };
+    let mut settings = CardSettings::<4>::new(9, PathStart::at(RecordIndex::new(77)), 1000, limits());
+    settings.start = PathStart {
+        place: Place { record: RecordIndex::new(70), fraction: 1 << 31 },
+        rests: false,
+        reached: RecordIndex::new(77),
+        executed: 12,
+    };
     settings.backlash_pulses = [0, 300, u16::MAX, 7];
     settings.inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
     settings.inputs[15] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
@@ -225,7 +238,7 @@ fn handshakes_are_read_back() {
 fn the_longest_opening_of_four_axes_fits_a_frame() {
     let axis = PulseLimits { velocity: 2000 << 32, acceleration: 2000 << 32, jerk: 2000 << 32 };
     let limits = RateLimits::new(255, 1 << 15, [axis; 4]).expect("valid");
-    let mut settings = CardSettings::<4>::new(9, PathStart::at(77), 10_000, limits);
+    let mut settings = CardSettings::<4>::new(9, PathStart::at(RecordIndex::new(77)), 10_000, limits);
     settings.backlash_pulses = [u16::MAX; 4];
     settings.inputs = [InputSetting { used_for: InputUse::Door, active_low: true }; 16];
     settings.safe_count = 16;

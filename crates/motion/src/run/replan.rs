@@ -17,8 +17,8 @@ use super::{GROUP, PlanRun};
 use crate::accel_split::LimitOptions;
 use crate::emitter::{Emitter, PlanItem};
 use crate::envelope::PathBlock;
-use crate::lookahead::Span;
 use crate::profile::{KinematicState, PathLimits, Profile, stopping_distance};
+use crate::span::Span;
 
 /// Distance in which a state is brought down to lower limits, over its stopping distance.
 const SLOWING_DISTANCE: f64 = 1.05;

@@ -110,7 +110,7 @@ fn programmed(model: &ScreenModel) -> String {
 }
 
 fn buffer_text(model: &ScreenModel) -> String {
-    let held = model.window[1].wrapping_sub(model.window[0]);
+    let held = model.window[1].since(model.window[0]);
     match model.underruns {
         0 => format!("card holds {held}"),
         n => format!("card {held} · {n} x dry"),

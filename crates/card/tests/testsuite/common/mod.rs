@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use retrace_card::{Card, InputLevels};
 use retrace_core::drive::Braking;
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Distance, Flags, Place, RapidCap, Rate, Record};
+use retrace_core::{Distance, Flags, Place, RapidCap, Rate, Record, RecordIndex};
 use retrace_link::{
     CardCore, CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, OutputChange, PROTOCOL, PathStart,
     channel,
@@ -55,7 +55,7 @@ pub(crate) fn settings(epoch: u16, start: u32) -> CardSettings<2> {
     let limits = RateLimits::new(13, 1 << 15, [axis; 2]).expect("valid");
     let braking = Braking::<32>::new(&limits).expect("brakes");
     assert_eq!(braking.periods() + 13, STOPS_WITHIN, "what the law says of these limits");
-    let mut settings = CardSettings::new(epoch, PathStart::at(start), 1000, limits);
+    let mut settings = CardSettings::new(epoch, PathStart::at(RecordIndex::new(start)), 1000, limits);
     let uses = [
         InputUse::Limit { axis: 0, upper: true },
         InputUse::Limit { axis: 0, upper: false },
@@ -104,8 +104,8 @@ pub(crate) fn rests_before(place: u32, start: u32) -> bool {
 pub(crate) fn moved(start: u32, to: Place) -> [i64; 2] {
     let mut sum = [0i64; 2];
     let mut place = start;
-    let forward = Place::start_of(start).distance_to(to) >= Distance::ZERO;
-    while place != to.record {
+    let forward = Place::start_of(RecordIndex::new(start)).distance_to(to) >= Distance::ZERO;
+    while place != to.record.number() {
         let n = if forward { place } else { place.wrapping_sub(1) };
         for (axis, sum) in sum.iter_mut().enumerate() {
             let increment = i64::from(record(n).increments[axis]);
@@ -115,7 +115,7 @@ pub(crate) fn moved(start: u32, to: Place) -> [i64; 2] {
     }
     for (axis, sum) in sum.iter_mut().enumerate() {
         // half away from zero, in 128 bits
-        let increment = i128::from(record(to.record).increments[axis]);
+        let increment = i128::from(record(to.record.number()).increments[axis]);
         let doubled = 2 * increment.abs() * i128::from(to.fraction) + (1 << 32);
         let part = (doubled / (2 * (1 << 32))) as i64;
         *sum += if increment < 0 { -part } else { part };

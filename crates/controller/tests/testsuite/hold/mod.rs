@@ -2,8 +2,8 @@
 
 use proptest::prelude::*;
 use retrace_config::MachineConfig;
-use retrace_controller::limit_monitor::{LimitMonitor, MonitorLimits};
-use retrace_core::{Flags, Place, Rate, Record};
+use retrace_controller::{LimitMonitor, MonitorLimits};
+use retrace_core::{Flags, Place, Rate, Record, RecordIndex};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_link::{CardStatus, HostCommand, MotionCard};
 use retrace_motion::{Arc, FeedRate, PathMode, Planner};
@@ -126,7 +126,7 @@ impl Played {
             }
         };
         let limits = machine.rate_limits().expect("checked");
-        let card = SimCard::new(0, limits, Clock::Virtual).expect("fits");
+        let card = SimCard::new(RecordIndex::new(0), limits, Clock::Virtual).expect("fits");
         let monitor = Box::new(LimitMonitor::new(&std::array::from_fn(axis), machine.period_s()));
         Self { card, monitor, records, log: Vec::new(), asked: Rate::ZERO }
     }
@@ -138,13 +138,13 @@ impl Played {
     /// Slides the card's window as far as possible in the requested direction.
     fn feed(&mut self) {
         loop {
-            let (low, high) = (self.status().low, self.status().high as usize);
+            let (low, high) = (self.status().low.number(), self.status().high.number() as usize);
             let word = if self.asked >= Rate::ZERO && high < self.records.len() {
-                HostCommand::Ahead { place: high as u32, record: self.records[high] }
+                HostCommand::Ahead { place: RecordIndex::new(high as u32), record: self.records[high] }
             } else if self.asked < Rate::ZERO && low > 0 {
                 let n = low as usize - 1;
                 let rests = n == 0 || self.records[n - 1].flags.contains(Flags::REST);
-                HostCommand::Behind { place: n as u32, record: self.records[n], rests }
+                HostCommand::Behind { place: RecordIndex::new(n as u32), record: self.records[n], rests }
             } else {
                 return;
             };
@@ -173,7 +173,7 @@ impl Played {
         let end = if target < Rate::ZERO { 0 } else { self.records.len() as u32 };
         self.ask(target, 0);
         for _ in 0..4 * LONGEST {
-            if self.status().at_rest && self.status().place == Place::start_of(end) {
+            if self.status().at_rest && self.status().place == Place::start_of(RecordIndex::new(end)) {
                 return;
             }
             self.period();
@@ -218,7 +218,7 @@ impl Played {
     }
 
     pub(crate) fn at_end(&self) -> bool {
-        self.status().place == Place::start_of(self.records.len() as u32)
+        self.status().place == Place::start_of(RecordIndex::new(self.records.len() as u32))
     }
 
     /// Violations that the limit monitor has found so far.

@@ -2,8 +2,7 @@
 //!
 //! Invariant: the requested place is compared with a plain run, never with the code that searched it.
 
-use retrace_controller::event::EventKind;
-use retrace_controller::operator::CommandError;
+use retrace_controller::{CommandError, EventKind};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::MotionCard;
@@ -36,13 +35,14 @@ fn back_by_a_length_stands_at_the_first_boundary_at_or_beyond_it() {
         let there = log.event(|h| *h == EventKind::BackTargetReached);
         assert_eq!((there.place.fraction, asked.place.fraction), (0, 0));
         let (from, to) = (asked.place.record, there.place.record);
-        let (length, shorter) = (length_mm(&plain, to, from), length_mm(&plain, to + 1, from));
+        let (length, shorter) =
+            (length_mm(&plain, to.number(), from.number()), length_mm(&plain, to.number() + 1, from.number()));
         assert!(length >= mm - 1e-9 && shorter < mm, "{mm}: {shorter} {length}");
         let stood =
             log.periods.iter().filter(|p| p.mode == Mode::Reverse && p.place == there.place && p.rate == Rate::ZERO);
         assert!(stood.count() > 5000, "it stands there until told otherwise");
-        let oldest = log.periods.iter().map(|p| p.place.record).skip_while(|&r| r < from).min();
-        assert_eq!(oldest, Some(to), "and goes no further back");
+        let oldest = log.periods.iter().map(|p| p.place.record.number()).skip_while(|&r| r < from.number()).min();
+        assert_eq!(oldest, Some(to.number()), "and goes no further back");
     }
 }
 
@@ -74,7 +74,7 @@ fn back_to_the_block_and_from_its_beginning_to_the_one_before() {
                 let passed = log.periods.iter().find(|p| p.mode == Mode::Run && p.place == boundary(record));
                 passed.expect("passed at rate 1").line
             };
-            [line(e.place.record), line(e.place.record + 1)]
+            [line(e.place.record.number()), line(e.place.record.number() + 1)]
         })
         .collect();
     assert_eq!(lines, [[6, 7], [5, 6], [3, 5]]);

@@ -7,10 +7,8 @@ use std::sync::mpsc::{Sender, channel};
 use std::thread;
 use std::time::Duration;
 
-use retrace_controller::job;
-use retrace_controller::job::JobStart;
-use retrace_core::Rate;
-use retrace_core::place::is_before;
+use retrace_controller::{JobStart, run_job};
+use retrace_core::{Rate, RecordIndex};
 use retrace_journal::{DurablePlace, IndexEntry, IndexWriter, JournalConfig, PlaceMark};
 use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
 
@@ -39,7 +37,7 @@ impl<C: MotionCard<AXES>> MotionCard<AXES> for Strict<C> {
     }
     fn send(&mut self, word: HostCommand<AXES>) -> Result<(), CommandRefusal> {
         if let HostCommand::Ahead { place, .. } = word {
-            assert!(is_before(place, self.1.place()), "record {place}, durable up to {}", self.1.place());
+            assert!(place.is_before(self.1.place()), "record {place}, durable up to {}", self.1.place());
         }
         self.0.send(word)
     }
@@ -57,7 +55,7 @@ impl<C: MotionCard<AXES>> MotionCard<AXES> for Strict<C> {
 /// Runs with an index that takes `slow` to become durable. Returns the telemetry and the entries.
 fn kept(script: &str, slow: Duration) -> (Log, Vec<IndexEntry>, [i64; AXES]) {
     let machine = machine(60.0);
-    let durable = DurablePlace::starting_at(0);
+    let durable = DurablePlace::starting_at(RecordIndex::new(0));
     let (sender, receiver) = channel();
     let ahead = durable.clone();
     let keeper = thread::spawn(move || {
@@ -75,7 +73,7 @@ fn kept(script: &str, slow: Duration) -> (Log, Vec<IndexEntry>, [i64; AXES]) {
     let options = options(&machine, script, JobStart::First, keeping);
     let mut log = Log::default();
     let strict = Strict(card(&machine), durable);
-    let end = job::run(&machine, Decoder::new(PROGRAM), options, strict, &mut log).expect("a job");
+    let end = run_job(&machine, Decoder::new(PROGRAM), options, strict, &mut log).expect("a job");
     (log, keeper.join().expect("it ends"), end.card.status().counts)
 }
 
@@ -98,8 +96,8 @@ fn marks_come_in_order_often_enough_and_say_what_holds_there() {
         notes.iter().filter_map(|note| if let IndexEntry::Mark(mark) = note { Some(*mark) } else { None }).collect();
     let mut last = PlaceMark::default();
     for mark in &marks {
-        assert!((1..=64).contains(&(mark.place - last.place)), "{last:?} {mark:?}");
-        let there = log.periods.iter().find(|p| p.place == boundary(mark.place)).expect("it was run");
+        assert!((1..=64).contains(&mark.place.since(last.place)), "{last:?} {mark:?}");
+        let there = log.periods.iter().find(|p| p.place == boundary(mark.place.number())).expect("it was run");
         assert_eq!((mark.counts[..AXES].to_vec(), mark.line), (there.counts.to_vec(), there.line));
         assert!(mark.block >= last.block && mark.block == u64::from(mark.line), "{mark:?}");
         last = *mark;
@@ -114,8 +112,8 @@ fn an_override_is_noted_where_it_counts() {
     let noted = notes.iter().position(|note| matches!(note, IndexEntry::Override { .. })).expect("a note");
     let IndexEntry::Override { place, planned } = notes[noted] else { unreachable!() };
     assert_eq!(planned, (Rate::ONE * 7 + Rate::from_units(2)) / 5);
-    let told = log.event(|h| matches!(h, retrace_controller::event::EventKind::OverridePlanned(_)));
+    let told = log.event(|h| matches!(h, retrace_controller::EventKind::OverridePlanned(_)));
     assert_eq!(told.place.record, place);
-    let marked_before = |note: &IndexEntry| matches!(note, IndexEntry::Mark(mark) if !is_before(place, mark.place));
+    let marked_before = |note: &IndexEntry| matches!(note, IndexEntry::Mark(mark) if !place.is_before(mark.place));
     assert!(notes[..noted].iter().all(marked_before), "before any mark beyond it");
 }

@@ -3,15 +3,11 @@
 //! Invariant: time is virtual, so that a run is the same at any speed.
 
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job;
-use retrace_controller::job::{JobEnd, JobOptions, JobStart};
-use retrace_controller::operator;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
-use retrace_core::Place;
+use retrace_controller::{
+    CommandSources, Event, EventKind, JobEnd, JobOptions, JobStart, Observer, Outcome, PeriodRecord, RunMode,
+    ScriptPlayer, Telemetry, parse_script, run_job,
+};
+use retrace_core::{Place, RecordIndex};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_journal::JournalConfig;
 
@@ -58,12 +54,12 @@ pub(super) fn machine(history_s: f64) -> MachineConfig {
 
 /// A card at record 0, all counts 0.
 pub(super) fn card(machine: &MachineConfig) -> SimCard<AXES> {
-    SimCard::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits")
+    SimCard::new(RecordIndex::new(0), machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits")
 }
 
 /// Options of a job with a script in virtual time.
 pub(super) fn options(machine: &MachineConfig, script: &str, begin: JobStart, keeping: JournalConfig) -> JobOptions {
-    let script = operator::parse(script, "script").expect("a script");
+    let script = parse_script(script, "script").expect("a script");
     let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
     JobOptions {
         start: begin,
@@ -77,7 +73,7 @@ pub(super) fn options(machine: &MachineConfig, script: &str, begin: JobStart, ke
 pub(super) fn run(machine: &MachineConfig, text: &str, script: &str) -> (JobEnd<SimCard<AXES>>, Log) {
     let mut log = Log::default();
     let options = options(machine, script, JobStart::First, JournalConfig::default());
-    let end = job::run(machine, Decoder::new(text), options, card(machine), &mut log).expect("a job");
+    let end = run_job(machine, Decoder::new(text), options, card(machine), &mut log).expect("a job");
     (end, log)
 }
 
@@ -90,5 +86,5 @@ pub(super) fn complete(machine: &MachineConfig, text: &str, script: &str) -> (Jo
 
 /// Place of a record boundary.
 pub(super) fn boundary(record: u32) -> Place {
-    Place::start_of(record)
+    Place::start_of(RecordIndex::new(record))
 }

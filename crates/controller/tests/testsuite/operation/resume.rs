@@ -6,12 +6,10 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
-use retrace_controller::event::EventKind;
-use retrace_controller::job;
-use retrace_controller::job::{JobEnd, JobStart, JobStartError};
-use retrace_controller::resume::{ResumeError, ResumePlan, ResumePoint};
-use retrace_controller::session::Outcome;
-use retrace_core::Rate;
+use retrace_controller::{
+    EventKind, JobEnd, JobStart, JobStartError, Outcome, ResumeError, ResumePlan, ResumePoint, resume_job, run_job,
+};
+use retrace_core::{Rate, RecordIndex};
 use retrace_hal_sim::{Random, SimCard};
 use retrace_journal::{IndexEntry, IndexWriter, JournalConfig, PlaceMark};
 use retrace_link::{MotionCard, Outputs, PathStart, channel};
@@ -37,7 +35,7 @@ impl Kept {
         notes.iter().filter_map(|note| if let IndexEntry::Mark(mark) = note { Some(*mark) } else { None }).collect()
     }
 
-    fn overrides(&self) -> Vec<(u32, Rate)> {
+    fn overrides(&self) -> Vec<(RecordIndex, Rate)> {
         let notes = self.0.lock().expect("done");
         let changed = |note: &IndexEntry| {
             if let IndexEntry::Override { place, planned } = note { Some((*place, *planned)) } else { None }
@@ -48,7 +46,7 @@ impl Kept {
     fn resumption(&self, left: &Card) -> ResumePoint {
         let status = left.status();
         let start = PathStart { place: status.place, rests: false, reached: status.reached, executed: status.executed };
-        ResumePoint { overrides: self.overrides(), marks: self.marks(), ..ResumePoint::at(start, 0) }
+        ResumePoint { overrides: self.overrides(), marks: self.marks(), ..ResumePoint::at(start, RecordIndex::new(0)) }
     }
 }
 
@@ -57,7 +55,7 @@ fn part(machine: &MachineConfig, text: &str, script: &str, begin: JobStart, card
     let (mut log, kept) = (Log::default(), Kept::default());
     let keeping = JournalConfig { index: Box::new(kept.clone()), durable: None };
     let options = options(machine, script, begin, keeping);
-    let end = job::run(machine, Decoder::new(text), options, card, &mut log).expect("a job");
+    let end = run_job(machine, Decoder::new(text), options, card, &mut log).expect("a job");
     (end, log, kept)
 }
 
@@ -103,7 +101,7 @@ fn whatever_is_cut_off_anywhere_goes_on_as_if_it_had_not_been() {
             let status = *card.status();
             cuts += 1;
             inside += u32::from(status.place.fraction != 0);
-            behind += u32::from(status.place.record.wrapping_add(1) < status.reached);
+            behind += u32::from((status.place.record + 1).is_before(status.reached));
             begin = JobStart::At(Box::new(kept.resumption(&card)));
         }
         let status = card.status();
@@ -124,7 +122,7 @@ fn prepared(
 ) -> (Option<ResumePlan<AXES>>, Result<JobEnd<Card>, JobStartError>) {
     let mut seen = None;
     let options = options(machine, "", JobStart::At(Box::new(at)), JournalConfig::default());
-    let end = job::resume(machine, Decoder::new(text), options, card, &mut Log::default(), |prepared| {
+    let end = resume_job(machine, Decoder::new(text), options, card, &mut Log::default(), |prepared| {
         seen = Some(prepared.clone());
         false
     });
@@ -162,7 +160,10 @@ fn what_will_be_done_is_told_before_anything_moves() {
     let (status, at) = (*end.card.status(), kept.resumption(&end.card));
     let (seen, again) = prepared(&machine, LAPS, at, end.card);
     let (seen, again) = (seen.expect("it was asked"), again.expect("a job"));
-    assert_eq!((seen.counts(), seen.oldest(), seen.planned_override()), (status.counts, 0, Rate::ONE));
+    assert_eq!(
+        (seen.counts(), seen.oldest(), seen.planned_override()),
+        (status.counts, RecordIndex::new(0), Rate::ONE)
+    );
     // the stop has switched the spindle off
     let spindle = usize::from(channel::SPINDLE);
     let mut expected = status.outputs;
@@ -222,7 +223,7 @@ fn what_is_not_the_same_is_refused_with_the_reason() {
     let mut far = at.clone();
     far.marks.push(PlaceMark { place: at.start.reached + 501, ..PlaceMark::default() });
     assert_eq!(unfound(LAPS, &far), ResumeError::NoSuchPlace, "farther than anything was planned");
-    let nowhere = PathStart { reached: at.start.place.record.wrapping_sub(1), ..at.start };
+    let nowhere = PathStart { reached: (at.start.place.record - 1), ..at.start };
     assert_eq!(unfound(LAPS, &ResumePoint { start: nowhere, ..unmarked.clone() }), ResumeError::NoSuchPlace);
     // The counts differ: this is detected, and the job does not continue by itself.
     let elsewhere = card(&machine).with_position([1, 0, 0, 0], &outputs);

@@ -3,10 +3,7 @@
 //! Invariant: the count is of the motion path's own thread.
 
 use allocation_counter::{AllocationInfo, measure};
-use retrace_controller::job;
-use retrace_controller::job::JobStart;
-use retrace_controller::session::Outcome;
-use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_controller::{JobStart, Observer, Outcome, Telemetry, run_job};
 use retrace_journal::JournalConfig;
 
 use super::jobs::{AXES, Decoder, card, machine, options};
@@ -26,7 +23,7 @@ fn allocated(program: &str, script: &str) -> (AllocationInfo, u64) {
     let options = options(&machine, script, JobStart::First, JournalConfig::default());
     let mut counted = Counted(0);
     let mut end = None;
-    let info = measure(|| end = Some(job::run(&machine, decoder, options, card, &mut counted).expect("a job")));
+    let info = measure(|| end = Some(run_job(&machine, decoder, options, card, &mut counted).expect("a job")));
     assert_eq!(end.map(|end| end.outcome), Some(Outcome::Completed));
     (info, counted.0)
 }

@@ -2,7 +2,7 @@
 //!
 //! Invariant: they follow from the seed alone.
 
-use retrace_controller::operator::OperatorCommand;
+use retrace_controller::OperatorCommand;
 use retrace_core::Rate;
 use retrace_hal_sim::Random;
 

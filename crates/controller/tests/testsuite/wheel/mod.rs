@@ -12,16 +12,12 @@ use std::collections::{HashMap, VecDeque};
 
 use hand::{Moment, Setting, moments};
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::{CommandSender, CommandSources, command_channel};
-use retrace_controller::event::EventKind;
-use retrace_controller::job;
-use retrace_controller::job::{JobOptions, JobStart};
-use retrace_controller::operator::OperatorCommand;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, PeriodRecord, Telemetry};
+use retrace_controller::{
+    CommandSender, CommandSources, EventKind, JobOptions, JobStart, Observer, OperatorCommand, Outcome, PeriodRecord,
+    RunMode, ScriptPlayer, Telemetry, command_channel, run_job,
+};
 use retrace_core::mode::Mode;
-use retrace_core::{Distance, Place, Rate};
+use retrace_core::{Distance, Place, Rate, RecordIndex};
 use retrace_hal_sim::{Clock, Random, SimCard, SimCardError};
 use retrace_journal::{HoldReason, JournalConfig};
 use retrace_link::{CardStatus, CommandRefusal, HostCommand, MotionCard, PathStart};
@@ -140,7 +136,8 @@ fn run(seed: u64) -> Case {
     let program = wired::program(&mut random, 24);
     let path = Path::of(&machine, &program);
     let moments = moments(&mut random, setting);
-    let mut card = SimCard::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
+    let mut card =
+        SimCard::new(RecordIndex::new(0), machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
     // at any value of the free-running counter, near its wrap more often than not
     card.machine().turn_wheel(pick(&mut random, &[0, -1, -6, 300, 32_760, -32_760]));
     let (orders, heard) = command_channel();
@@ -153,7 +150,7 @@ fn run(seed: u64) -> Case {
     let options =
         JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
     let mut log = Log::default();
-    let end = job::run(&machine, Decoder::new(&program), options, card, &mut log).expect("a job");
+    let end = run_job(&machine, Decoder::new(&program), options, card, &mut log).expect("a job");
     assert_eq!(end.outcome, Outcome::Completed);
     assert_eq!(end.stats.underruns, 0);
     assert_eq!(Some(&end.card.status().counts), path.counts.last(), "where it ends without an operator");
@@ -226,8 +223,8 @@ impl Case {
             "{period:?}"
         );
         // as far back as the machine file requires, and at most one record beyond
-        let depth = period.reached - period.oldest;
-        let promised = self.machine.history_records.min(period.reached);
+        let depth = period.reached.since(period.oldest);
+        let promised = self.machine.history_records.min(period.reached.number());
         assert!((promised..=promised + 1).contains(&depth), "{depth} records of {promised}: {period:?}");
     }
 
@@ -245,7 +242,7 @@ impl Case {
             "{rate:?} of {low:?}…{high:?}: {period:?}"
         );
         let record = period.place.record;
-        let is_near = period.reached.wrapping_sub(record) < NEAR || record.wrapping_sub(period.oldest) < NEAR;
+        let is_near = period.reached.since(record) < NEAR || record.since(period.oldest) < NEAR;
         if period.mode == Mode::Wheel && !is_near {
             assert!(
                 (low - Rate::from_units(2)..=high + Rate::from_units(2)).contains(&rate),
@@ -280,7 +277,7 @@ impl Case {
             period: period.period,
             line: u64::from(period.line),
             rate_nano: ((i128::from(period.rate.units()) * 1_000_000_000) >> 32) as i64,
-            record: u64::from(period.place.record),
+            record: u64::from(period.place.record.number()),
             fraction: u64::from(period.place.fraction),
             increments: period.increments.iter().take(self.machine.axes.len()).map(|&i| i64::from(i)).collect(),
             retrace_switched: String::new(),

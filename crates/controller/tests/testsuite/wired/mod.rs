@@ -6,17 +6,12 @@
 use std::sync::{Arc, Mutex};
 
 use retrace_config::MachineConfig;
-use retrace_controller::command_queue::CommandSources;
-use retrace_controller::event::{Event, EventKind};
-use retrace_controller::job;
-use retrace_controller::job::{BlockDecoder, DecodedBlock, JobOptions, JobStart};
-use retrace_controller::limit_monitor::{LimitMonitor, LimitReport, MonitorLimits};
-use retrace_controller::operator;
-use retrace_controller::script::ScriptPlayer;
-use retrace_controller::session::{Outcome, RunMode};
-use retrace_controller::telemetry::{Observer, Telemetry};
+use retrace_controller::{
+    BlockDecoder, CommandSources, DecodedBlock, Event, EventKind, JobOptions, JobStart, LimitMonitor, LimitReport,
+    MonitorLimits, Observer, Outcome, RunMode, ScriptPlayer, Telemetry, parse_script, run_job,
+};
 use retrace_core::playback::partial_increment;
-use retrace_core::{Distance, Place, Rate};
+use retrace_core::{Distance, Place, Rate, RecordIndex};
 use retrace_gcode::{AxisSet, CanonStep, Program, Progress, Setup};
 use retrace_hal_sim::{
     CardSimulator, CardSimulatorSettings, Clock, InFlightPolicy, InProcess, NoFault, Random, SerialChannelSettings,
@@ -70,29 +65,32 @@ impl Path {
                 match told {
                     Telemetry::Period(period) => {
                         assert_eq!(period.place.fraction, 0, "at rate 1 from record to record");
-                        if period.place.record as usize == self.0.len() {
+                        if period.place.record.number() as usize == self.0.len() {
                             self.0.push(period.counts);
                         }
                     }
-                    Telemetry::Event(Event { kind: EventKind::Switching(_), place, .. }) => self.1.push(place.record),
+                    Telemetry::Event(Event { kind: EventKind::Switching(_), place, .. }) => {
+                        self.1.push(place.record.number())
+                    }
                     _ => {}
                 }
             }
         }
         let mut rows = Rows(vec![[0; AXES]], Vec::new());
-        let card = SimCard::<AXES>::new(0, machine.rate_limits().expect("checked"), Clock::Virtual).expect("fits");
+        let card = SimCard::<AXES>::new(RecordIndex::new(0), machine.rate_limits().expect("checked"), Clock::Virtual)
+            .expect("fits");
         let run_mode = RunMode { wall_time: false, operator: false, real_time: false };
         let operators = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
         let options =
             JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
-        let end = job::run(machine, Decoder::new(text), options, card, &mut rows).expect("a job");
+        let end = run_job(machine, Decoder::new(text), options, card, &mut rows).expect("a job");
         assert_eq!(end.outcome, Outcome::Completed);
         Self { counts: rows.0, markers: rows.1, in_passing: text.contains("M62") || text.contains("M63") }
     }
 
     /// Position of the axes at a place: P(x).
     pub(crate) fn position(&self, place: Place) -> [i64; AXES] {
-        let at = place.record as usize;
+        let at = place.record.number() as usize;
         let mut counts = self.counts[at];
         if place.fraction != 0 {
             for (count, &next) in counts.iter_mut().zip(&self.counts[at + 1]) {
@@ -265,14 +263,14 @@ pub(crate) fn run(trial: Trial<'_>) -> Result<Done, String> {
     let taps = trial.tapped.then(Default::default);
     let cable = Cable { port: InProcess::new(rig), pulled, taps };
     let mut card = Box::new(LinkedCard::connect(cable, 7, LinkTimeouts::default()).map_err(|fault| fault.to_string())?);
-    card.open(trial.machine.card_settings(PathStart::at(0))).map_err(|fault| fault.to_string())?;
+    card.open(trial.machine.card_settings(PathStart::at(RecordIndex::new(0)))).map_err(|fault| fault.to_string())?;
     let mut watch = Watch { periods: 0, events: Vec::new() };
-    let script = operator::parse(trial.script, "script").expect("a script");
+    let script = parse_script(trial.script, "script").expect("a script");
     let operators = CommandSources::from_script(ScriptPlayer::new(script, trial.machine.period_us));
     let run_mode = RunMode { wall_time: false, operator: true, real_time: false };
     let options =
         JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
-    let end = job::run(trial.machine, Decoder::new(trial.program), options, &mut *card, &mut watch).expect("a job");
+    let end = run_job(trial.machine, Decoder::new(trial.program), options, &mut *card, &mut watch).expect("a job");
     let (outcome, stats) = (end.outcome, end.stats);
     if outcome == Outcome::Completed {
         card.close().map_err(|fault| format!("not closed: {fault}"))?;
@@ -321,7 +319,7 @@ pub(crate) fn on_the_path(path: &Path, done: &Done) -> Result<(), String> {
 pub(crate) fn in_order(markers: &[u32], log: &[Period]) -> Result<(), String> {
     let (mut executed, mut outputs) = (0, None);
     for period in log {
-        let at = |number: u32| markers.get(number as usize - 1).map(|&place| Place::start_of(place));
+        let at = |number: u32| markers.get(number as usize - 1).map(|&place| Place::start_of(RecordIndex::new(place)));
         if period.executed != executed {
             if period.executed != executed + 1 || at(period.executed) != Some(period.place) || period.rate != Rate::ZERO
             {

@@ -5,14 +5,13 @@
 //! once. Elements leave in the order in which they entered. The queue allocates nothing once its buffer has grown.
 
 use crate::angle::sweep;
-use crate::block::BlockNumber;
-use crate::canon::{Canon, CanonStep, LengthUnit, Plane};
+use crate::block_number::BlockNumber;
+use crate::canon::{Canon, CanonStep};
+use crate::canon_modes::{LengthUnit, Plane};
+use crate::compensation::{Point, UNSHIFTED};
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::pose::Pose;
-
-/// A point of the plane of compensation: its first and its second axis.
-pub(crate) type Point = (f64, f64);
 
 /// N word of the block that releases an element. LinuxCNC prints that one, not the number of the originating block.
 pub(crate) type Number = Option<BlockNumber>;
@@ -39,9 +38,6 @@ pub(crate) enum QueueRole {
 
 /// Maximum number of queued functions: a streamed program may never reach its next corner.
 const MAX_WAITING: usize = 10_000;
-
-/// No shift. Unlike zero, −0 does not change the sign of a zero.
-pub(crate) const UNSHIFTED: Point = (-0.0, -0.0);
 
 #[derive(Clone, Debug, PartialEq)]
 struct QueuedFunction {

@@ -4,13 +4,13 @@
 
 use retrace_motion::MoveError;
 
-use crate::job::CheckFinding;
-use crate::limit_check::LimitFinding;
+use crate::check_finding::CheckFinding;
 use crate::plan_writer::PlanWriteError;
+use crate::soft_limits::LimitFinding;
 
 /// Reason why a canonical function cannot be executed on this machine.
 #[derive(Clone, Debug, PartialEq)]
-pub enum CanonError {
+pub(crate) enum CanonError {
     /// E4301: an axis is moved that the machine does not have.
     NoSuchAxis(char),
     /// E4302: a canonical function that is not supported yet.
@@ -51,14 +51,14 @@ impl CanonError {
 
     /// Number, cause and remedy in one line.
     #[must_use]
-    pub fn explain(&self) -> String {
+    pub(crate) fn explain(&self) -> String {
         let (number, what, remedy) = self.parts();
         format!("error[{number}]: {what}; {remedy}")
     }
 
     /// The error as a finding of program line `line`.
     #[must_use]
-    pub fn finding(&self, line: u32) -> CheckFinding {
+    pub(crate) fn finding(&self, line: u32) -> CheckFinding {
         let (number, what, remedy) = self.parts();
         let word = match self {
             Self::NoSuchAxis(axis) => Some(*axis),
