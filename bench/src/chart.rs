@@ -24,7 +24,8 @@ const STRIDE: f64 = WIDTH + LEFT + 14.0;
 pub(super) fn draw(panels: &[Panel], names: &[&str], across: &str, up: &str) -> String {
     let (width, height) = (STRIDE * panels.len() as f64 + 8.0, TOP + HEIGHT + 46.0);
     let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" \
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
+            height=\"{height}\" \
          font-family=\"sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
     );
     for (index, name) in names.iter().enumerate() {
@@ -96,7 +97,8 @@ fn line(points: &[(f64, f64)], style: usize) -> String {
     let places: Vec<String> = points.iter().map(|(x, y)| format!("{x:.1},{y:.1}")).collect();
     let points = places.join(" ");
     format!(
-        "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.8\" stroke-dasharray=\"{dashes}\"/>"
+        "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.8\" \
+            stroke-dasharray=\"{dashes}\"/>"
     )
 }
 

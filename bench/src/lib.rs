@@ -30,7 +30,8 @@ pub struct Bench {
 pub const BENCHES: &[Bench] = &[
     Bench {
         name: "programs",
-        purpose: "decoding compared with rs274, over program length, and from standard input; writes docs/bench-programs.md",
+        purpose: "decoding compared with rs274, over program length, and from standard input; writes \
+            docs/bench-programs.md",
         run: programs::run,
     },
     Bench {
@@ -40,7 +41,8 @@ pub const BENCHES: &[Bench] = &[
     },
     Bench {
         name: "motion",
-        purpose: "plans compared with optima, limits and LinuxCNC's planners, and the speed of planning; writes docs/bench-motion.md",
+        purpose: "plans compared with optima, limits and LinuxCNC's planners, and the speed of planning; writes \
+            docs/bench-motion.md",
         run: motion::run,
     },
 ];

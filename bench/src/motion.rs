@@ -69,9 +69,12 @@ fn of_bench(root: &Path, package: &str, bench: &str, full: bool) -> Result<Vec<R
 fn page(root: &Path, rows: &[Row], remarks: &[String]) -> String {
     let mut page = String::from(
         "# Motion: figures\n\n\
-         Written by `cargo xtask bench motion`; `--full` uses the full sizes. All rows are for the built-in machine (100 mm/s,\n\
-         1 000 mm/s², 20 000 mm/s³ each axis, 1 ms, a reserve of 10 % of acceleration and jerk) unless a row says otherwise.\n\
-         Times are in whole periods. The bench generates paths from formulas and fixed seeds; LinuxCNC's times were measured\n\
+         Written by `cargo xtask bench motion`; `--full` uses the full sizes. All rows are for the built-in machine \
+         (100 mm/s,\n\
+         1 000 mm/s², 20 000 mm/s³ each axis, 1 ms, a reserve of 10 % of acceleration and jerk) unless a row says \
+         otherwise.\n\
+         Times are in whole periods. The bench generates paths from formulas and fixed seeds; LinuxCNC's times were \
+         measured\n\
          once, under the conditions given below. rsruckig's time (S1) shows how fast the computer was in this run.\n\n",
     );
     let _ = writeln!(page, "{}\n", circumstances(root));

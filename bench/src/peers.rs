@@ -31,8 +31,10 @@ const PEERS: &[Peer] = &[
     Peer { program: "daisy", trapezoid_s: 30.8, s_curve_s: 40.4 },
 ];
 
-const CONDITIONS: &str = "reference times: LinuxCNC 2.10-pre, its planner code off line; 100 mm/s along the path, each axis 100 mm/s, \
-                          1 000 mm/s², 20 000 mm/s³, 1 ms, G64 without P 0.05 mm; ours with the reserve of 10 %, LinuxCNC without any";
+const CONDITIONS: &str = "reference times: LinuxCNC 2.10-pre, its planner code off line; 100 mm/s along the path, \
+    each axis 100 mm/s, \
+                          1 000 mm/s², 20 000 mm/s³, 1 ms, G64 without P 0.05 mm; ours with the reserve of 10 %, \
+                          LinuxCNC without any";
 
 /// Rows of Q5 and Q6, and the emitted records as a part of Q7.
 pub(super) fn rows(

@@ -74,16 +74,21 @@ fn plot(rows: &[Row]) -> String {
 fn page(root: &Path, rows: &[Row]) -> String {
     let mut page = String::from(
         "# What precompiled cycles and the pre-scan save\n\n\
-         Written by `cargo xtask bench pre9`. Programs of 10 000 lines with a growing share of lines that call a cycle (`CYCLE81`)\n\
-         or a subprogram (20 of them, with two blocks each, behind M2), the rest feed moves, are decoded to the text of their\n\
+         Written by `cargo xtask bench pre9`. Programs of 10 000 lines with a growing share of lines that call a \
+         cycle (`CYCLE81`)\n\
+         or a subprogram (20 of them, with two blocks each, behind M2), the rest feed moves, are decoded to the text \
+         of their\n\
          canonical functions in four ways:\n\n\
-         - **line by line**: at every call the cycle is read from its file and compiled; a call of a subprogram searches the\n  \
+         - **line by line**: at every call the cycle is read from its file and compiled; a call of a subprogram \
+         searches the\n  \
          text for it, from the current line and then from the beginning, and its lines are read again each time;\n\
          - **precompiled cycles** (PRE-1 to PRE-3): the cycle is compiled once, before the program;\n\
-         - **pre-scan** (PRE-5, PRE-6): every jump has its target, and the lines of subprograms are compiled, when the program is\n  \
+         - **pre-scan** (PRE-5, PRE-6): every jump has its target, and the lines of subprograms are compiled, when \
+         the program is\n  \
          opened, which is part of the time; the cycle is still compiled at every call;\n\
          - **both**: what `retrace` does.\n\n\
-         Reading, executing and printing a block are the same code in all four, and a test checks that their canonical functions are\n\
+         Reading, executing and printing a block are the same code in all four, and a test checks that their \
+         canonical functions are\n\
          the same. In the last third of the table the share is that of each kind: at 50 % every line is a call.\n\n",
     );
     let _ = writeln!(page, "{} Medians of 7 runs in turn, milliseconds.\n", circumstances(root));
@@ -104,8 +109,10 @@ fn page(root: &Path, rows: &[Row]) -> String {
         );
         let _ = writeln!(
             page,
-            "\nBoth effects grow with the share. With half of the lines calls of a cycle, precompiling makes decoding {:.1} times as fast;\n\
-             with half of them calls of a subprogram, the pre-scan makes it {:.1} times as fast. A program without either takes {:.2} times\n\
+            "\nBoth effects grow with the share. With half of the lines calls of a cycle, precompiling makes decoding \
+                {:.1} times as fast;\n\
+             with half of them calls of a subprogram, the pre-scan makes it {:.1} times as fast. A program without \
+             either takes {:.2} times\n\
              as long with the pre-scan, which reads each line once more.",
             cycles.taken[0] / cycles.taken[1],
             jumps.taken[0] / jumps.taken[2],

@@ -79,7 +79,8 @@ fn cases() -> Vec<Case> {
         ),
         made(
             "half calls, 10 behind M2",
-            "the same with 10 subprograms: the peer searches for each of them once, through the rest of the program, so the ratio \
+            "the same with 10 subprograms: the peer searches for each of them once, through the rest of the program, \
+                so the ratio \
              grows with their number and with the length of the program",
             generate::calls(50_000, 10, Subs::BehindTheEnd),
             0.0,
@@ -197,12 +198,17 @@ fn growth(ours: &Path, folder: &Path, rounds: usize) -> Result<Vec<(u64, f64)>, 
 fn page(root: &Path, rows: &[Row], growth: &[(u64, f64)], streamed: &stream::Streamed) -> String {
     let mut page = String::from(
         "# Decoding programs: figures\n\n\
-         Written by `cargo xtask bench programs`; `--full` uses the full sizes. `retrace canon FILE` is compared with `rs274 -g FILE` of\n\
-         LinuxCNC, alternately, with discarded output: processor time of the whole process, less the time for a program of one\n\
+         Written by `cargo xtask bench programs`; `--full` uses the full sizes. `retrace canon FILE` is compared with \
+         `rs274 -g FILE` of\n\
+         LinuxCNC, alternately, with discarded output: processor time of the whole process, less the time for a \
+         program of one\n\
          line. The bench generates the programs from fixed seeds.\n\n",
     );
     let _ = writeln!(page, "{} Medians of {ROUNDS} rounds.\n", circumstances(root));
-    page.push_str("| program | lines | retrace, ms | million lines/s | rs274, ms | ratio | goal |\n|---|--:|--:|--:|--:|--:|--:|\n");
+    page.push_str(
+        "| program | lines | retrace, ms | million lines/s | rs274, ms | ratio | goal \
+        |\n|---|--:|--:|--:|--:|--:|--:|\n",
+    );
     for row in rows {
         let speed = row.lines as f64 / row.ours / 1e6;
         let (peer, ratio) = row.peer.map_or(("not installed".into(), "-".into()), |peer| {

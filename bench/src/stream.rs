@@ -33,7 +33,8 @@ impl Streamed {
 
     pub(super) fn text(&self) -> String {
         format!(
-            "`retrace canon -` fed {:.3} GiB ({} lines) on standard input: {:.2} million lines a second of wall time (goal ≥ 1), \
+            "`retrace canon -` fed {:.3} GiB ({} lines) on standard input: {:.2} million lines a second of wall time \
+                (goal ≥ 1), \
              {:.1} MiB\nresident at most (goal ≤ {MAX_MIB}).\n",
             self.bytes as f64 / f64::from(1 << 30),
             self.lines,

@@ -20,7 +20,8 @@ fn main() {
         _ => panic!("choose one microcontroller: --features f405, f401 or f411"),
     };
     let map = format!(
-        "MEMORY {{\n  FLASH : ORIGIN = 0x08000000, LENGTH = {flash}K\n  RAM : ORIGIN = 0x20000000, LENGTH = {ram}K\n}}\n"
+        "MEMORY {{\n  FLASH : ORIGIN = 0x08000000, LENGTH = {flash}K\n  RAM : ORIGIN = 0x20000000, LENGTH = \
+            {ram}K\n}}\n"
     );
     let folder = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     fs::write(folder.join("memory.x"), map).expect("OUT_DIR can be written to");

@@ -179,9 +179,12 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    const PAGE: &str = "## Every event\n\n| field | type |\n|---|---|\n| `event` | string | | |\n\n## Events\n\n### `one`\n\n\
-        | `list` | array of object | | |\n| `list[].n` | integer | | |\n\n### `two`\n\n| `x` | number or null | mm | |\n\n\
-        ## DNC events\n\n| `flag` | boolean | | |\n\n### `three`\n\n## Report\n\n| `by` | object | | |\n| `by.<axis>` | number | | |\n";
+    const PAGE: &str = "## Every event\n\n| field | type |\n|---|---|\n| `event` | string | | |\n\n## Events\n\n### \
+        `one`\n\n\
+        | `list` | array of object | | |\n| `list[].n` | integer | | |\n\n### `two`\n\n| `x` | number or null | mm | \
+        |\n\n\
+        ## DNC events\n\n| `flag` | boolean | | |\n\n### `three`\n\n## Report\n\n| `by` | object | | |\n| `by.<axis>` \
+        | number | | |\n";
 
     #[test]
     fn objects_are_held_against_the_page() {

@@ -43,7 +43,8 @@ pub fn long_job(minutes: u32) -> String {
         let z = f64::from(lap) / f64::from(laps) * -10.0;
         let _ = writeln!(
             program,
-            "G1 X90 Z{z:.4}\nG3 X100 Y10 I0 J10\nG1 Y50\nG3 X90 Y60 I-10 J0\nG1 X10\nG3 X0 Y50 I0 J-10\nG1 Y10\nG3 X10 Y0 I10 J0"
+            "G1 X90 Z{z:.4}\nG3 X100 Y10 I0 J10\nG1 Y50\nG3 X90 Y60 I-10 J0\nG1 X10\nG3 X0 Y50 I0 J-10\nG1 Y10\nG3 \
+                X10 Y0 I10 J0"
         );
     }
     program.push_str("M2\n");

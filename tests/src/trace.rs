@@ -93,7 +93,8 @@ mod tests {
     #[test]
     fn instructions_and_outputs_are_told_from_the_rest() {
         let (mut names, mut switched) = (HashMap::new(), Switched::default());
-        let text = "$scope module x $end\n$var wire 1 ! step $end\n$var integer 32 \" executed $end\n$var wire 1 # out7 $end\n\
+        let text = "$scope module x $end\n$var wire 1 ! step $end\n$var integer 32 \" executed $end\n$var wire 1 # \
+            out7 $end\n\
             $var integer 32 $ line $end\n#0\n0!\n0#\nb0 \"\n#5\n1!\nb11 $\nb10 \"\n1#\n0#\n";
         text.lines().for_each(|line| parse_line(line.as_bytes(), &mut names, &mut switched));
         let outputs = [("out7", true), ("out7", false)].map(|(name, on)| (name.to_owned(), on)).to_vec();

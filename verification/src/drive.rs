@@ -378,11 +378,18 @@ impl RecordWindow<1> for Wavy {
 pub const ROWS: &[Row] = &[
     Row {
         name: "drive-road",
-        says: "For any requested rates and any braking, the cursor never leaves the record window, never runs against its direction, and with a rate requested comes to rest exactly at the end of the window, fraction 0",
+        says: "For any requested rates and any braking, the cursor never leaves the record window, never runs against \
+            its direction, and with a rate requested comes to rest exactly at the end of the window, fraction 0",
         requirement: "REV, Beyond the source, *Braking to a place*",
-        bound: "one period from any state in windows of up to 2 records with any planned stops, any requested and braked rates in 0 … 1: an average of 1 period to the last bit, of 3 in sixteenths of a record; a jump from a planned stop with one of 5; to rest within 3 periods (1), the commanded place moving in every period (3), in sixteenths",
-        assumes: "the cursor's invariant, which a cursor at rest satisfies; the window may grow, and shrinks only behind the commanded place (the card's window refuses anything else)",
-        suffices: "one step from every state is an induction; slopes, braking and blending only choose the requested and the braked rate, and all of them are covered; the cursor uses only the end of the window, its last planned stop and its own place",
+        bound: "one period from any state in windows of up to 2 records with any planned stops, any requested and \
+            braked rates in 0 … 1: an average of 1 period to the last bit, of 3 in sixteenths of a record; a jump \
+            from a planned stop with one of 5; to rest within 3 periods (1), the commanded place moving in every \
+            period (3), in sixteenths",
+        assumes: "the cursor's invariant, which a cursor at rest satisfies; the window may grow, and shrinks only \
+            behind the commanded place (the card's window refuses anything else)",
+        suffices: "one step from every state is an induction; slopes, braking and blending only choose the requested \
+            and the braked rate, and all of them are covered; the cursor uses only the end of the window, its last \
+            planned stop and its own place",
         harnesses: &["drive_road_1", "drive_road_3", "drive_starts_5", "drive_rests_1", "drive_presses_3"],
         searches: &[],
         models: &[],
@@ -433,11 +440,16 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "drive-braking",
-        says: "A commanded rate that can be braked before the end of the window can be braked by the slopes that are legal anywhere on the machine, remains so while it follows them, and reaches the end",
+        says: "A commanded rate that can be braked before the end of the window can be braked by the slopes that are \
+            legal anywhere on the machine, remains so while it follows them, and reaches the end",
         requirement: "REV, Beyond the source, *Braking to a place*",
-        bound: "any rate up to 1 in steps of 2⁻¹⁶ for the step down; in steps of 2⁻¹² with the length of its ramp and up to a quarter of a record more for what follows, searched, not proved; on two machines: 69 % and 92 % of the limits used by the plan",
+        bound: "any rate up to 1 in steps of 2⁻¹⁶ for the step down; in steps of 2⁻¹² with the length of its ramp and \
+            up to a quarter of a record more for what follows, searched, not proved; on two machines: 69 % and 92 % \
+            of the limits used by the plan",
         assumes: "nothing",
-        suffices: "the step covers every rate between, as lengths are linear over each interval of the rate, of which there are 8 here and 32 in a drive; machines differ by the table alone, and drawn ones are tested in the core's own tests",
+        suffices: "the step covers every rate between, as lengths are linear over each interval of the rate, of which \
+            there are 8 here and 32 in a drive; machines differ by the table alone, and drawn ones are tested in the \
+            core's own tests",
         harnesses: &["braking_covers_soft", "braking_covers_tight"],
         searches: &[Search { name: "braking-keeps", run: braking_keeps_its_promise }],
         models: &[],
@@ -467,7 +479,8 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "drive-slope",
-        says: "A change of the commanded rate, times the speed of any record that the cursor reaches while it is in the average, is within the axis' acceleration, or within the slope that is legal anywhere",
+        says: "A change of the commanded rate, times the speed of any record that the cursor reaches while it is in \
+            the average, is within the axis' acceleration, or within the slope that is legal anywhere",
         requirement: "REV, Beyond the source, *Rate law*",
         bound: "drawn runs of 3 000 periods over drawn records, averages of 3 to 33 periods",
         assumes: "nothing of the records",
@@ -494,7 +507,8 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "drive-stops",
-        says: "A planned stop costs no period: the cursor runs into it at rate one and leaves it at rate one, in either direction",
+        says: "A planned stop costs no period: the cursor runs into it at rate one and leaves it at rate one, in \
+            either direction",
         requirement: "REV, Beyond the source, *Braking to a place*",
         bound: "2 records with a planned stop between or none, both directions, any braked rates",
         assumes: "the window ends in a planned stop",
@@ -506,7 +520,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "every stop is braked to",
                 file: CURSOR,
-                find: "let last_rest = if within < requested || free < Distance::ZERO { ahead.last_planned_stop() } else { None };",
+                find: "let last_rest = if within < requested || free < Distance::ZERO { ahead.last_planned_stop() } \
+                    else { None };",
                 put: "let last_rest = if ahead.sign == 0 { ahead.last_planned_stop() } else { None };",
                 killer: "drive_stops_forward",
             },
@@ -521,11 +536,15 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "drive-acceleration",
-        says: "For every record sequence within V pulses a period and steps of a, neighbouring periods at rates r₁, r₂ differ by at most V·|r₂ − r₁| + a·min(r₁, r₂) pulses, and 2 for rounding",
+        says: "For every record sequence within V pulses a period and steps of a, neighbouring periods at rates r₁, \
+            r₂ differ by at most V·|r₂ − r₁| + a·min(r₁, r₂) pulses, and 2 for rounding",
         requirement: "REV, Beyond the source, *Rate law* (velocity and acceleration hold always)",
         bound: "any three records with V = 7 and a = 2, any place on them, any two rates in 0 … 1",
-        assumes: "the planner stays within its share: |q| ≤ V and |Δq| ≤ αA on every axis (checked on every run by the limit monitor)",
-        suffices: "two periods of |rate| ≤ 1 touch at most three records, and V and a only scale; with the slopes (row drive-slope; core's test that playback stays within acceleration and jerk) it follows that A holds, but for the rounding that the interface allows",
+        assumes: "the planner stays within its share: |q| ≤ V and |Δq| ≤ αA on every axis (checked on every run by \
+            the limit monitor)",
+        suffices: "two periods of |rate| ≤ 1 touch at most three records, and V and a only scale; with the slopes \
+            (row drive-slope; core's test that playback stays within acceleration and jerk) it follows that A holds, \
+            but for the rounding that the interface allows",
         harnesses: &["drive_acceleration"],
         searches: &[],
         models: &[],

@@ -93,9 +93,11 @@ fn every_period(size: Size) -> String {
 pub const ROWS: &[Row] = &[
     Row {
         name: "fine-pulses",
-        says: "A period of S slots yields exactly p pulses at spacings that differ by at most one slot; slot 0 stays empty for the direction to be set up while p < S/2",
+        says: "A period of S slots yields exactly p pulses at spacings that differ by at most one slot; slot 0 stays \
+            empty for the direction to be set up while p < S/2",
         requirement: "GMC-1 (fine interpolation), design idea 1",
-        bound: "periods of up to 16 slots, any p ≤ S; natively up to 300 (full: 1 000) slots, compared with the closed form",
+        bound: "periods of up to 16 slots, any p ≤ S; natively up to 300 (full: 1 000) slots, compared with the \
+            closed form",
         assumes: "p ≤ S, which holds for the machine file's fastest axis",
         suffices: "the accumulator is a remainder modulo S; S enters by comparison and subtraction only",
         harnesses: &["fine_8", "fine_16"],
@@ -120,7 +122,8 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "size",
-        says: "The sizes of REV-4 never wrap, give the source's example, and the number of the ring's cells is the least sufficient power of two",
+        says: "The sizes of REV-4 never wrap, give the source's example, and the number of the ring's cells is the \
+            least sufficient power of two",
         requirement: "REV-4",
         bound: "any bytes, axes and history at T = 2.5 ms; any keep and look-ahead",
         assumes: "nothing",

@@ -189,11 +189,13 @@ const CRC: &str = "crates/link/src/crc.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "frames-identity",
-        says: "A payload is what its frame decodes to, and what is accepted as a payload is its frame and no other bytes; no byte of a frame but the last is zero",
+        says: "A payload is what its frame decodes to, and what is accepted as a payload is its frame and no other \
+            bytes; no byte of a frame but the last is zero",
         requirement: "GMC-2, over a line that can damage bytes",
         bound: "any payload of up to 6 bytes; for the converse, any 9 bytes that begin with the length of 2",
         assumes: "nothing",
-        suffices: "a payload byte acts by being zero or not and by its distance to the next zero; lengths up to 200 are drawn in frames_long",
+        suffices: "a payload byte acts by being zero or not and by its distance to the next zero; lengths up to 200 \
+            are drawn in frames_long",
         harnesses: &[
             "frames_identity_1",
             "frames_identity_2",
@@ -231,11 +233,13 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "frames-resynchronise",
-        says: "Any bytes: no panic; a zero ends any frame, only as many bytes as the payload needs are ever accepted, and the next good frame is decoded",
+        says: "Any bytes: no panic; a zero ends any frame, only as many bytes as the payload needs are ever accepted, \
+            and the next good frame is decoded",
         requirement: "GMC-2, over a line that can damage bytes",
         bound: "a decoder of 2 bytes; any up to 10 bytes since the last zero, then any good frame of 2",
         assumes: "nothing",
-        suffices: "after the ninth byte without a zero the decoder waits for one, and a zero resets it: longer input leads to no further state; frames_long does it at 200 bytes",
+        suffices: "after the ninth byte without a zero the decoder waits for one, and a zero resets it: longer input \
+            leads to no further state; frames_long does it at 200 bytes",
         harnesses: &["frames_find_back"],
         searches: &[],
         models: &[],
@@ -265,11 +269,15 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "frames-check",
-        says: "The check is CRC-32C over the bytes of the line; no error of up to 3 bits, proved, or up to 5, counted, and no burst of up to 32 bits cancels out",
+        says: "The check is CRC-32C over the bytes of the line; no error of up to 3 bits, proved, or up to 5, \
+            counted, and no burst of up to 32 bits cancels out",
         requirement: "GMC-2, over a line that can damage bytes",
-        bound: "proofs: length and body of 5 bytes with their check, any error of up to 3 bits, any burst; counting: the longest frame of the format, 255 bytes with their check, every error of up to 5 bits and every burst",
-        assumes: "the zeros of the line are not changed; an error that makes or destroys one can yield a tail that passes, with a chance of 2⁻³² for noise (frame.rs says what holds then)",
-        suffices: "by linearity the bytes struck do not matter, and row frames-identity shows that nothing passes without its check",
+        bound: "proofs: length and body of 5 bytes with their check, any error of up to 3 bits, any burst; counting: \
+            the longest frame of the format, 255 bytes with their check, every error of up to 5 bits and every burst",
+        assumes: "the zeros of the line are not changed; an error that makes or destroys one can yield a tail that \
+            passes, with a chance of 2⁻³² for noise (frame.rs says what holds then)",
+        suffices: "by linearity the bytes struck do not matter, and row frames-identity shows that nothing passes \
+            without its check",
         harnesses: &["frames_linear", "frames_divide", "frames_see_flips", "frames_see_burst"],
         searches: &[Search { name: "frames_distance", run: distance }],
         models: &[],

@@ -81,7 +81,8 @@ const GATE: &str = "crates/core/src/gate.rs";
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {
     name: "gates-states",
-    says: "B and C are never open together: no record behind a marker passes before its instruction is acknowledged, and the instruction passes once, with the cursor at rest on the marker; one is accepted at a time",
+    says: "B and C are never open together: no record behind a marker passes before its instruction is acknowledged, \
+        and the instruction passes once, with the cursor at rest on the marker; one is accepted at a time",
     requirement: "GMC-4, GMC-5, GMC-6",
     bound: "none: any state, any event, any record, any report",
     assumes: "records are within 2³¹ of the marker",

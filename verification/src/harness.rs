@@ -6,7 +6,8 @@
 /// Makes harnesses of properties: `name, unwind N => property;`. A second group, behind `[without kani]`, is left out
 /// of the Kani list: it divides 64-bit numbers, on which Kani's bit-level solver does not end in useful time.
 macro_rules! harnesses {
-    ($($name:ident, unwind $unwind:literal => $body:expr;)* $([without kani] $($other:ident, unwind $other_unwind:literal => $other_body:expr;)*)?) => {
+    ($($name:ident, unwind $unwind:literal => $body:expr;)* $([without kani] $($other:ident,
+        unwind $other_unwind:literal => $other_body:expr;)*)?) => {
         /// The proofs of this module, in Kani.
         #[cfg(kani)]
         pub mod on_kani {
@@ -19,11 +20,13 @@ macro_rules! harnesses {
         #[cfg(verify_wasm)]
         mod on_cbmc {
             use super::*;
-            $(#[unsafe(export_name = concat!("h_", stringify!($name), "__u", stringify!($unwind)))] extern "C" fn $name() {
+            $(#[unsafe(export_name = concat!("h_", stringify!($name), "__u",
+                stringify!($unwind)))] extern "C" fn $name() {
                 let property: crate::choice::Property<crate::choice::Cbmc> = $body;
                 property(&mut crate::choice::Cbmc);
             })*
-            $($(#[unsafe(export_name = concat!("h_", stringify!($other), "__u", stringify!($other_unwind)))] extern "C" fn $other() {
+            $($(#[unsafe(export_name = concat!("h_", stringify!($other), "__u",
+                stringify!($other_unwind)))] extern "C" fn $other() {
                 let property: crate::choice::Property<crate::choice::Cbmc> = $other_body;
                 property(&mut crate::choice::Cbmc);
             })*)?
@@ -31,8 +34,10 @@ macro_rules! harnesses {
         /// The harnesses of this module, for the native engine and the ledger.
         #[cfg(not(any(kani, verify_wasm)))]
         pub const HARNESSES: &[crate::native::Harness] = &[
-            $(crate::native::Harness { name: stringify!($name), module: module_path!(), unwind: $unwind, kani: true, enumerate: $body, draw: $body, replay: $body },)*
-            $($(crate::native::Harness { name: stringify!($other), module: module_path!(), unwind: $other_unwind, kani: false, enumerate: $other_body, draw: $other_body, replay: $other_body },)*)?
+            $(crate::native::Harness { name: stringify!($name), module: module_path!(), unwind: $unwind, kani: true,
+                enumerate: $body, draw: $body, replay: $body },)*
+            $($(crate::native::Harness { name: stringify!($other), module: module_path!(), unwind: $other_unwind,
+                kani: false, enumerate: $other_body, draw: $other_body, replay: $other_body },)*)?
         ];
     };
 }

@@ -314,11 +314,15 @@ mod search {
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {
     name: "ring-literal",
-    says: "The source's machine of three cells and two crossing flags and the ring of place numbers give equal answers to every question, after every sequence of operations, whatever the planner has added since; the empty ring, which the source leaves undefined, stops at once",
+    says: "The source's machine of three cells and two crossing flags and the ring of place numbers give equal \
+        answers to every question, after every sequence of operations, whatever the planner has added since; the \
+        empty ring, which the source leaves undefined, stops at once",
     requirement: "REV-2, REV-3, REV-5, REV-6, REV-7",
-    bound: "histories of 1 to 5 records (the search: 8) from any state that mirrors, any place number; every reachable state from empty, on the real ring",
+    bound: "histories of 1 to 5 records (the search: 8) from any state that mirrors, any place number; every \
+        reachable state from empty, on the real ring",
     assumes: "records are stored in normal run only, at the newest (REV-5)",
-    suffices: "every step from every state preserves the mirror (a simulation), so every sequence does; either machine depends on the size only by wrapping at it",
+    suffices: "every step from every state preserves the mirror (a simulation), so every sequence does; either \
+        machine depends on the size only by wrapping at it",
     harnesses: &["literal_1", "literal_2", "literal_3", "literal_4", "literal_5"],
     searches: &[Search { name: "literal-search", run: search::breadth_first }],
     models: &[],

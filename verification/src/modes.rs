@@ -134,11 +134,14 @@ const MODE: &str = "crates/core/src/mode.rs";
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {
     name: "modes",
-    says: "Look-ahead is in the record window in normal run only; normal run is left through rest and entered again, and resumes after a stop, only at the furthest place, at rest, with outputs that agree or are restored by command; a hold persists in every mode; a refused command changes nothing",
+    says: "Look-ahead is in the record window in normal run only; normal run is left through rest and entered again, \
+        and resumes after a stop, only at the furthest place, at rest, with outputs that agree or are restored by \
+        command; a hold persists in every mode; a refused command changes nothing",
     requirement: "REV-8, REV-9, REV-10, REV-11, REV-13",
     bound: "any three commands and reports from the beginning; long drawn runs",
     assumes: "nothing of the card's reports",
-    suffices: "three commands lead to every combination of mode, hold, turned, confirmed and reported; the rest is two rates, which are passed on",
+    suffices: "three commands lead to every combination of mode, hold, turned, confirmed and reported; the rest is \
+        two rates, which are passed on",
     harnesses: &["modes_3"],
     searches: &[Search { name: "modes-long", run: long_runs }],
     models: &[],

@@ -168,10 +168,14 @@ const CARD: &str = "crates/card/src/card.rs";
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {
     name: "permit",
-    says: "No state and no sequence of commands has a cutting output on without the permit: epoch open, no alarm, host alive, no dry run, not backward, not at rest for longer than handover and grace; and where the grace ran out nothing moves before a restart",
+    says: "No state and no sequence of commands has a cutting output on without the permit: epoch open, no alarm, \
+        host alive, no dry run, not backward, not at rest for longer than handover and grace; and where the grace ran \
+        out nothing moves before a restart",
     requirement: "CUT-3, CUT-4, CUT-6, CUT-8",
-    bound: "one period of any channel from any state, and any six periods from power-on; drawn states of two channels and their outputs, drawn commands on a whole card",
-    assumes: "a timer within its bounds, which every period preserves; that the card applies the rule to each channel, last in every period, is tested with drawn commands and not proved",
+    bound: "one period of any channel from any state, and any six periods from power-on; drawn states of two channels \
+        and their outputs, drawn commands on a whole card",
+    assumes: "a timer within its bounds, which every period preserves; that the card applies the rule to each \
+        channel, last in every period, is tested with drawn commands and not proved",
     suffices: "one step from every state is an induction; the channels of a card do not depend on each other",
     harnesses: &["permit_one_channel", "permit_history_6"],
     searches: &[

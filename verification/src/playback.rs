@@ -180,7 +180,8 @@ const PLAYBACK: &str = "crates/core/src/playback.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "playback-places",
-        says: "Places moved forward and back are the same, distances add up over the wrap, and a period passes at most one record boundary at |rate| ≤ 1 and at most ⌈cap⌉ in rapid retrace",
+        says: "Places moved forward and back are the same, distances add up over the wrap, and a period passes at \
+            most one record boundary at |rate| ≤ 1 and at most ⌈cap⌉ in rapid retrace",
         requirement: "REV, Beyond the source, *Exactness* and *Rapid retrace*",
         bound: "none: any place, any distance below 2³⁰ records",
         assumes: "places on one path are less than 2³¹ records apart (a ring has at most 2³⁰ cells)",
@@ -207,11 +208,14 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "playback-sums",
-        says: "A period emits P(x′) − P(x): the sums of any walk telescope, a cursor that returns to a place has emitted zero in total, and the sum over a record is the record",
+        says: "A period emits P(x′) − P(x): the sums of any walk telescope, a cursor that returns to a place has \
+            emitted zero in total, and the sum over a record is the record",
         requirement: "REV, Beyond the source, *Exactness*",
-        bound: "any three places on 2 records of up to 3 pulses, in sixteenths; any i16 increments for whole records, on 3; from place 0 and over the wrap",
+        bound: "any three places on 2 records of up to 3 pulses, in sixteenths; any i16 increments for whole records, \
+            on 3; from place 0 and over the wrap",
         assumes: "the records between the places exist; where one is missing nothing is emitted (row drive-road)",
-        suffices: "a walk of more places is a sum of such triples; emission adds parts and records, whatever their size, one by one and each axis by itself",
+        suffices: "a walk of more places is a sum of such triples; emission adds parts and records, whatever their \
+            size, one by one and each axis by itself",
         harnesses: &["playback_telescopes", "playback_whole"],
         searches: &[],
         models: &[],
@@ -234,11 +238,14 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "playback-parts",
-        says: "The part of a record is rounded half away from zero, never more than the record, and grows with the fraction; nothing overflows for any increments over any history",
+        says: "The part of a record is rounded half away from zero, never more than the record, and grows with the \
+            fraction; nothing overflows for any increments over any history",
         requirement: "REV, Beyond the source, *Exactness*",
-        bound: "rounding up to 63 pulses at any fraction; order, and no more than the record, up to 7 pulses at any fraction; natively every increment around the turns of its rounding; the longest history is run",
+        bound: "rounding up to 63 pulses at any fraction; order, and no more than the record, up to 7 pulses at any \
+            fraction; natively every increment around the turns of its rounding; the longest history is run",
         assumes: "a history has at most 2³⁰ records",
-        suffices: "a part is one product, one sum and one shift, in 64 bits, where 2¹⁵·2³² + 2³¹ fits; 2³⁰ records of 2¹⁵ pulses are 2⁴⁵",
+        suffices: "a part is one product, one sum and one shift, in 64 bits, where 2¹⁵·2³² + 2³¹ fits; 2³⁰ records of \
+            2¹⁵ pulses are 2⁴⁵",
         harnesses: &["playback_part", "playback_within", "playback_order"],
         searches: &[
             Search { name: "playback-every", run: every_increment },

@@ -272,11 +272,15 @@ const RATE: &str = "crates/core/src/rate.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "rate-rest",
-        says: "The cursor comes to rest exactly at the commanded place and never beyond, nothing commanded is lost; the rate never overshoots its targets and reaches one that is held",
+        says: "The cursor comes to rest exactly at the commanded place and never beyond, nothing commanded is lost; \
+            the rate never overshoots its targets and reaches one that is held",
         requirement: "REV-12; REV, Beyond the source, *Rate law*",
-        bound: "averages of 1+1 (any targets up to rate 8), 1+3, 2+2 and 4+2 periods (targets of up to 15 last bits, where the rounding is) from any state; drawn runs up to 4 096 periods and rate 8",
+        bound: "averages of 1+1 (any targets up to rate 8), 1+3, 2+2 and 4+2 periods (targets of up to 15 last bits, \
+            where the rounding is) from any state; drawn runs up to 4 096 periods and rate 8",
         assumes: "the targets in the memory have one sign (row drive-road: a change of direction passes through rest)",
-        suffices: "every reachable state is covered, as the remainder is determined by the memory; sums of targets are linear and have no size at which they change, up to the 2⁵⁹ that 64 bits hold; the code depends on the lengths only by wrapping at them and by their product",
+        suffices: "every reachable state is covered, as the remainder is determined by the memory; sums of targets \
+            are linear and have no size at which they change, up to the 2⁵⁹ that 64 bits hold; the code depends on \
+            the lengths only by wrapping at them and by their product",
         harnesses: &[
             "law_pending_1_1",
             "law_pending_2_2",
@@ -321,11 +325,15 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "rate-change",
-        says: "For any targets at any time, the change of the rate at a rate r is at most that of a plain step from 0 to 1 at that rate",
+        says: "For any targets at any time, the change of the rate at a rate r is at most that of a plain step from 0 \
+            to 1 at that rate",
         requirement: "REV, Beyond the source, *Rate law*",
-        bound: "averages of 2+2 and 4+2 periods in fixed point, a full rate being 63 last bits; all lengths up to 8 in exact numbers",
+        bound: "averages of 2+2 and 4+2 periods in fixed point, a full rate being 63 last bits; all lengths up to 8 \
+            in exact numbers",
         assumes: "targets in 0 … 1: rapid retrace has caps of its own",
-        suffices: "the weights of two averages rise, remain constant and fall for all lengths; the drive averages over 1 and n periods, for which this means |r′| ≤ 1/n; slopes provide what the axes' limits require beyond that (rows drive-slope, drive-braking)",
+        suffices: "the weights of two averages rise, remain constant and fall for all lengths; the drive averages \
+            over 1 and n periods, for which this means |r′| ≤ 1/n; slopes provide what the axes' limits require \
+            beyond that (rows drive-slope, drive-braking)",
         harnesses: &["law_change_2_2", "law_change_4_2"],
         searches: &[Search { name: "law-corners", run: change_at_every_corner }],
         models: &[],

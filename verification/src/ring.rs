@@ -244,9 +244,12 @@ const POSITIONS: &str = "crates/core/src/ring_indices.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "ring-positions",
-        says: "Every operation keeps head ≤ read ≤ reached ≤ write; reverse ends after exactly the retained records, forward exactly at what is planned, storing is refused exactly where the look-ahead is full; reached and floor only grow",
+        says: "Every operation keeps head ≤ read ≤ reached ≤ write; reverse ends after exactly the retained records, \
+            forward exactly at what is planned, storing is refused exactly where the look-ahead is full; reached and \
+            floor only grow",
         requirement: "REV-2, REV-3, REV-6, REV-7; Beyond the source, *The ring, completed*",
-        bound: "none: any capacity up to 2³⁰, any keep and look-ahead, any place numbers over the wrap of u32, each side's knowledge of the other arbitrarily old",
+        bound: "none: any capacity up to 2³⁰, any keep and look-ahead, any place numbers over the wrap of u32, each \
+            side's knowledge of the other arbitrarily old",
         assumes: "the state satisfies the invariant, which `new` and `holding` establish",
         suffices: "one step from every valid state is an induction over sequences of any length",
         harnesses: &["ring_push", "ring_forward", "ring_backward", "ring_follow", "ring_look"],
@@ -285,7 +288,8 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "ring-apart",
-        says: "The cell that the planner writes is none that the motion path may read, now or later, before it releases it",
+        says: "The cell that the planner writes is none that the motion path may read, now or later, before it \
+            releases it",
         requirement: "REV, Beyond the source, *Threads*",
         bound: "none: any power of two of cells up to 2³⁰, any valid state",
         assumes: "keep + look-ahead ≤ cells, which `holding` checks",
@@ -303,11 +307,14 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "ring-content",
-        says: "What is read forward or backward is what was pushed under that place number; the empty and the full ring stop where they must",
+        says: "What is read forward or backward is what was pushed under that place number; the empty and the full \
+            ring stop where they must",
         requirement: "REV-3, REV-6, REV-7",
-        bound: "the real ring of 4 cells, 3 operations, and of 8 cells, 2 operations, from any held records, any place number",
+        bound: "the real ring of 4 cells, 3 operations, and of 8 cells, 2 operations, from any held records, any \
+            place number",
         assumes: "cell contents as after pushes; a cell without a record has any content",
-        suffices: "the positions are proved without bound (ring-positions); a cell's index is the place modulo a power of two",
+        suffices: "the positions are proved without bound (ring-positions); a cell's index is the place modulo a \
+            power of two",
         harnesses: &["ring_content_4", "ring_content_8"],
         searches: &[],
         models: &[],

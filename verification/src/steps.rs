@@ -308,11 +308,16 @@ const FILE: &str = "crates/core/src/interruption.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "dnc-order",
-        says: "The core answers every event as the flags of the requirements do: the same events are accepted, the three flags, the latch and reading are the same after each, what is commanded is what was latched; a refused event changes nothing",
+        says: "The core answers every event as the flags of the requirements do: the same events are accepted, the \
+            three flags, the latch and reading are the same after each, what is commanded is what was latched; a \
+            refused event changes nothing",
         requirement: "DNC-1 … DNC-8; Beyond the source, *A wrong order of steps*",
-        bound: "none in the states, events and numbers: any program number, any counts of 4 axes, any speed; the search: 2 axes, a few values, every sequence of events",
-        assumes: "the machine follows its commands, and reports *arrived* with the counts at which its axes are at rest",
-        suffices: "every state is one that the events of the order lead to, and every event leads to such a state again: an induction over sequences of any length",
+        bound: "none in the states, events and numbers: any program number, any counts of 4 axes, any speed; the \
+            search: 2 axes, a few values, every sequence of events",
+        assumes: "the machine follows its commands, and reports *arrived* with the counts at which its axes are at \
+            rest",
+        suffices: "every state is one that the events of the order lead to, and every event leads to such a state \
+            again: an induction over sequences of any length",
         harnesses: &["steps_order"],
         searches: &[Search { name: "steps-search", run: search::breadth_first }],
         models: &[],
@@ -328,14 +333,16 @@ pub const ROWS: &[Row] = &[
                 name: "a second pause moves the breakpoint",
                 file: FILE,
                 find: "(Some((latch, step)), event) => (*latch,",
-                put: "(Some((_, step)), InterruptionEvent::Pause(latch)) => (latch, Self::transition(&latch, *step, event)),\n            (Some((latch, step)), event) => (*latch,",
+                put: "(Some((_, step)), InterruptionEvent::Pause(latch)) => (latch, Self::transition(&latch, *step, \
+                    event)),\n            (Some((latch, step)), event) => (*latch,",
                 killer: "steps_order",
             },
             Mutant {
                 name: "a refused word changes the step",
                 file: FILE,
                 find: "            Err(reason) => Err(reason),",
-                put: "            Err(reason) => {\n                self.breakpoint = Some((latch, Step::SpindleStopped));\n                Err(reason)\n            }",
+                put: "            Err(reason) => {\n                self.breakpoint = Some((latch, \
+                    Step::SpindleStopped));\n                Err(reason)\n            }",
                 killer: "steps-search",
             },
             Mutant {
@@ -349,11 +356,14 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "dnc-way-back",
-        says: "The program is read again by *arrived* alone, at exactly the latched counts, and since the last pause the spindle was stopped and started (where it turned), on-line mode restored and the cycle started with the same program, in this order",
+        says: "The program is read again by *arrived* alone, at exactly the latched counts, and since the last pause \
+            the spindle was stopped and started (where it turned), on-line mode restored and the cycle started with \
+            the same program, in this order",
         requirement: "DNC-3 … DNC-8",
         bound: "none, as dnc-order",
         assumes: "as dnc-order",
-        suffices: "each accepted event leads to the next step, to itself, or back, from every state; so the events since the last pause are the whole order wherever reading begins",
+        suffices: "each accepted event leads to the next step, to itself, or back, from every state; so the events \
+            since the last pause are the whole order wherever reading begins",
         harnesses: &["steps_way_back"],
         searches: &[],
         models: &[],
@@ -361,8 +371,10 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "cycle start before on-line mode is restored",
                 file: FILE,
-                find: "(Step::SpindleRestored, InterruptionEvent::CycleStart { .. }) => Err(InterruptionError::NotOnline)",
-                put: "(Step::SpindleRestored, InterruptionEvent::CycleStart { .. }) => Ok((Step::Approaching, InterruptionAction::Approach(latch.counts)))",
+                find: "(Step::SpindleRestored, InterruptionEvent::CycleStart { .. }) => \
+                    Err(InterruptionError::NotOnline)",
+                put: "(Step::SpindleRestored, InterruptionEvent::CycleStart { .. }) => Ok((Step::Approaching, \
+                    InterruptionAction::Approach(latch.counts)))",
                 killer: "steps_way_back",
             },
             Mutant {

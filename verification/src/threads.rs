@@ -38,7 +38,8 @@ fn acknowledged_gates_hold(size: Size) -> String {
         assert!(counts.failure.is_none() && counts.stuck == 0, "{counts:?}");
     }
     format!(
-        "all {} states of {} programs with up to {delay} reports under way, none stuck; the literal gates without delay: {} states",
+        "all {} states of {} programs with up to {delay} reports under way, none stuck; the literal gates without \
+            delay: {} states",
         ours.states, ours.programs, intended.states
     )
 }
@@ -59,11 +60,16 @@ const COORDINATION: &str = "verification/concurrent/coordination.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "ring-threads",
-        says: "Planner and motion path never touch a cell that the other may touch, and what the motion path reads, forward, backward and by place, is what was pushed, under every interleaving and every order that the memory model allows",
+        says: "Planner and motion path never touch a cell that the other may touch, and what the motion path reads, \
+            forward, backward and by place, is what was pushed, under every interleaving and every order that the \
+            memory model allows",
         requirement: "REV, Beyond the source, *Threads*",
-        bound: "rings of 2 and 4 cells with histories of 0 to 3 records, 4 and 5 records, place numbers from 0 and over the wrap; preemption bound 2 (full: 3); 2 cells and 3 (full: 4) records without a bound",
-        assumes: "the memory model as loom has it: coherence and release–acquire, no load buffering; shuttle explores sequentially consistent interleavings only",
-        suffices: "either side decides by two indices that only grow; a lost order shows within one turn of the ring, which every model makes (a cell is written again from N + 1 records on)",
+        bound: "rings of 2 and 4 cells with histories of 0 to 3 records, 4 and 5 records, place numbers from 0 and \
+            over the wrap; preemption bound 2 (full: 3); 2 cells and 3 (full: 4) records without a bound",
+        assumes: "the memory model as loom has it: coherence and release–acquire, no load buffering; shuttle explores \
+            sequentially consistent interleavings only",
+        suffices: "either side decides by two indices that only grow; a lost order shows within one turn of the ring, \
+            which every model makes (a cell is written again from N + 1 records on)",
         harnesses: &[],
         searches: &[],
         models: &[
@@ -123,9 +129,12 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "gates-literal",
-        says: "The gates as the source defines them let motion pass an instruction that is not complete: with flags that are sampled and late, and, where \"empty\" is read as a level, with no delay at all (both are shown to FAIL)",
+        says: "The gates as the source defines them let motion pass an instruction that is not complete: with flags \
+            that are sampled and late, and, where \"empty\" is read as a level, with no delay at all (both are shown \
+            to FAIL)",
         requirement: "GMC-4, GMC-5, GMC-6; Beyond the source, both defects",
-        bound: "the shortest traces over all programs of up to 2 records and 2 markers; checked in under verification/counterexamples",
+        bound: "the shortest traces over all programs of up to 2 records and 2 markers; checked in under \
+            verification/counterexamples",
         assumes: "the card and its reports as in the requirement; at most one report under way",
         suffices: "one counterexample refutes",
         harnesses: &[],
@@ -141,9 +150,12 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "gates-order",
-        says: "With the acknowledged gates no record behind an exclusive marker reaches the card's motion before the instruction is complete, and no instruction begins before the motion ahead of it is complete, under every delay; the end can be reached from every state",
+        says: "With the acknowledged gates no record behind an exclusive marker reaches the card's motion before the \
+            instruction is complete, and no instruction begins before the motion ahead of it is complete, under every \
+            delay; the end can be reached from every state",
         requirement: "GMC-3 to GMC-6; Beyond the source, *Safety* and *Liveness*",
-        bound: "every program of up to 4 records and 3 markers in any places, up to 2 (full: 4) reports under way, every interleaving",
+        bound: "every program of up to 4 records and 3 markers in any places, up to 2 (full: 4) reports under way, \
+            every interleaving",
         assumes: "the card reports honestly and in order; frames are not lost (the link's task)",
         suffices: "the gates handle one marker at a time and drop it with its acknowledgement (row gates-states)",
         harnesses: &[],
@@ -175,9 +187,11 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "gates-threads",
-        says: "With the coarse and the coordinator thread on one mutex and one condition variable, order holds in the card's own time line, no wake-up is lost and no thread sleeps for ever",
+        says: "With the coarse and the coordinator thread on one mutex and one condition variable, order holds in the \
+            card's own time line, no wake-up is lost and no thread sleeps for ever",
         requirement: "GMC-7; Beyond the source, *Liveness*",
-        bound: "loom: up to 3 records and 2 instructions, including wake-ups without a cause, preemption bound 2 (full: 3); shuttle: 40 records, 6 instructions, every lag, random and PCT schedules",
+        bound: "loom: up to 3 records and 2 instructions, including wake-ups without a cause, preemption bound 2 \
+            (full: 3); shuttle: 40 records, 6 instructions, every lag, random and PCT schedules",
         assumes: "the mutex and condition variable as the standard library specifies them",
         suffices: "the threads share one state under one mutex; a third instruction only repeats the second",
         harnesses: &[],
@@ -203,7 +217,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the notice comes before the change",
                 file: COORDINATION,
-                find: "        let mut state = self.state();\n        state.report = report;\n        if state.k() {\n            self.changed.notify_all();\n        }",
+                find: "        let mut state = self.state();\n        state.report = report;\n        if state.k() \
+                    {\n            self.changed.notify_all();\n        }",
                 put: "        self.changed.notify_all();\n        self.state().report = report;",
                 killer: FORTY,
             },
@@ -224,8 +239,10 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the coordinator looks outside of the mutex",
                 file: COORDINATION,
-                find: "        let mut state = self.state();\n        while !state.is_due() {\n            state = self.sleep(state);",
-                put: "        let due = self.state().is_due();\n        let mut state = self.state();\n        if !due {\n            state = self.sleep(state);",
+                find: "        let mut state = self.state();\n        while !state.is_due() {\n            state = \
+                    self.sleep(state);",
+                put: "        let due = self.state().is_due();\n        let mut state = self.state();\n        if \
+                    !due {\n            state = self.sleep(state);",
                 killer: FORTY,
             },
         ],

@@ -65,7 +65,8 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "line",
-        purpose: "whatever the line does, a job ends exactly or in a latched alarm, on the path; and every single fault at every frame",
+        purpose: "whatever the line does, a job ends exactly or in a latched alarm, on the path; and every single \
+            fault at every frame",
         test: ["retrace-controller", "testsuite", "line::"],
         asked: BY_SEED,
         full: 1000,
@@ -73,7 +74,8 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "order",
-        purpose: "no motion is executed on the wrong side of an instruction, for any delay of the line; with the source's literal gates it is",
+        purpose: "no motion is executed on the wrong side of an instruction, for any delay of the line; with the \
+            source's literal gates it is",
         test: ["retrace-controller", "testsuite", "order::"],
         asked: BY_SEED,
         full: 10_000,
@@ -81,7 +83,8 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "wheel",
-        purpose: "whatever the handwheel is turned like, motion follows the mean of its counts between the ends of the history, within the limits",
+        purpose: "whatever the handwheel is turned like, motion follows the mean of its counts between the ends of \
+            the history, within the limits",
         test: ["retrace-controller", "testsuite", "wheel::"],
         asked: BY_SEED,
         full: 3000,
@@ -89,7 +92,8 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "drip",
-        purpose: "a program from a socket that stalls, is cut and reconnects: bounded memory, exact counts, pauses resumed exactly",
+        purpose: "a program from a socket that stalls, is cut and reconnects: bounded memory, exact counts, pauses \
+            resumed exactly",
         test: ["retrace-tests", "e2e", "drip::"],
         asked: BY_SEED,
         full: 1_000_000,
@@ -97,7 +101,8 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "dnc",
-        purpose: "every sequence of up to so many words of a pause: what the order allows is done and ends exactly, all else is refused",
+        purpose: "every sequence of up to so many words of a pause: what the order allows is done and ends exactly, \
+            all else is refused",
         test: ["retrace-controller", "testsuite", "interruption::"],
         asked: ["RETRACE_WORDS", "RETRACE_FIRST_SEED"],
         full: 6,
@@ -105,7 +110,8 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "kill",
-        purpose: "a host killed at any moment of a job: resumed, the job ends exactly, every instruction once, or is refused with the reason",
+        purpose: "a host killed at any moment of a job: resumed, the job ends exactly, every instruction once, or is \
+            refused with the reason",
         test: ["retrace-tests", "e2e", "kill::"],
         asked: BY_SEED,
         full: 1000,
@@ -113,7 +119,8 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "off",
-        purpose: "jobs on jet, plasma, laser and router, stopped, held, paused, killed, cut off and resumed: the cutter is off outside of a cut",
+        purpose: "jobs on jet, plasma, laser and router, stopped, held, paused, killed, cut off and resumed: the \
+            cutter is off outside of a cut",
         test: ["retrace-tests", "e2e", "off::"],
         asked: BY_SEED,
         full: 2000,

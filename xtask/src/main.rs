@@ -36,7 +36,8 @@ Tasks:
            --list          name the campaigns and leave
   verify   every property of verification/ by every engine that is here; docs/verification.md says what that shows
            --quick         what a test run has time for; without it the ledger verification/LEDGER.md is written
-           --engine NAME   this engine only; may be given more than once or as a list: native, stub, loom, shuttle, cbmc, kani,
+           --engine NAME   this engine only; may be given more than once or as a list: native, stub, loom, shuttle, \
+           cbmc, kani,
                            mutants, cbmc-mutants
            --require NAMES engines whose absence is a failure: kani,cbmc
            --row NAME      this row only; may be given more than once

@@ -167,7 +167,8 @@ mod tests {
         /// Nothing panics, and no period holds more than fits.
         #[test]
         fn any_numbers_are_borne(
-            increments in prop::collection::vec(-500i32..=500, 1..40), whole in any::<u16>(), velocity in any::<u64>(), acceleration in any::<u64>(),
+            increments in prop::collection::vec(-500i32..=500, 1..40), whole in any::<u16>(),
+                velocity in any::<u64>(), acceleration in any::<u64>(),
         ) {
             let mut backlash = AxisBacklash::NEW;
             let limits = PulseLimits { velocity, acceleration, jerk: 1 };

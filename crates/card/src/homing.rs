@@ -207,7 +207,8 @@ mod tests {
         /// edge of the switch, to within the way of one slow period.
         #[test]
         fn the_count_refers_to_the_edge(
-            upper in any::<bool>(), at in -300i64..1900, fast in 1..40 * PULSE, slow in PULSE / 50..3 * PULSE, acceleration in PULSE / 200..PULSE,
+            upper in any::<bool>(), at in -300i64..1900, fast in 1..40 * PULSE, slow in PULSE / 50..3 * PULSE,
+                acceleration in PULSE / 200..PULSE,
         ) {
             let order = order(upper, fast, slow, acceleration);
             // slow enough searches take for ever

@@ -773,15 +773,18 @@ mod tests {
                     let status = *player.status();
                     let record = |n: u32| Record { increments: [increments[n as usize]], ..Record::default() };
                     if target > 0 && (status.high.number() as usize) < increments.len() {
-                        let _ = player.accept(HostCommand::Ahead { place: status.high, record: record(status.high.number()) });
+                        let _ = player.accept(HostCommand::Ahead { place: status.high,
+                            record: record(status.high.number()) });
                     } else if target < 0 && status.low.number() > 0 {
                         let place = status.low - 1;
-                        let _ = player.accept(HostCommand::Behind { place, record: record(place.number()), rests: place == RecordIndex::new(0) });
+                        let _ = player.accept(HostCommand::Behind { place, record: record(place.number()),
+                            rests: place == RecordIndex::new(0) });
                     }
                     player.run_period();
                     let status = player.status();
                     let n = status.place.record.number() as usize;
-                    let under = increments.get(n).map_or(0, |&i| retrace_core::playback::partial_increment(i, status.place.fraction));
+                    let under = increments.get(n).map_or(0,
+                        |&i| retrace_core::playback::partial_increment(i, status.place.fraction));
                     prop_assert_eq!(status.counts[0], sums[n] + i64::from(under));
                 }
             }

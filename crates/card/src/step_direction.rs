@@ -341,7 +341,8 @@ mod tests {
         /// Long sequences: the net position is the sum of the increments, and up to the most everything fits.
         #[test]
         fn any_sequence_is_emitted_to_the_pulse(
-            period in 8u32..900, pulse in 1u32..6, setup in 1u32..12, seed in prop::collection::vec(any::<i32>(), 1..60),
+            period in 8u32..900, pulse in 1u32..6, setup in 1u32..12,
+                seed in prop::collection::vec(any::<i32>(), 1..60),
         ) {
             let timing = StepTiming::new(period, pulse, setup);
             prop_assume!(timing.is_some());
@@ -350,7 +351,8 @@ mod tests {
             let (mut output, mut scope, mut sum) = (StepDirection::new(timing), Scope::new(timing), 0i64);
             for number in seed {
                 // often slow, often as fast as can be
-                let increment = match number & 3 { 0 => 0, 1 => most * (number >> 2).signum(), _ => (number >> 2) % (most + 1) };
+                let increment = match number & 3 { 0 => 0, 1 => most * (number >> 2).signum(),
+                    _ => (number >> 2) % (most + 1) };
                 prop_assert_eq!(run(&mut output, &mut scope, increment), Ok(()));
                 sum += i64::from(increment);
             }
@@ -359,7 +361,8 @@ mod tests {
 
         /// No increment panics.
         #[test]
-        fn hostile_increments_are_refused(increment in any::<i32>(), period in 1u32..1 << 31, pulse in 1u32..99, setup in 1u32..99) {
+        fn hostile_increments_are_refused(increment in any::<i32>(), period in 1u32..1 << 31, pulse in 1u32..99,
+            setup in 1u32..99) {
             if let Some(timing) = StepTiming::new(period, pulse, setup) {
                 let mut output = StepDirection::new(timing);
                 let fits = output.begin_period(increment).is_ok();

@@ -55,7 +55,8 @@ impl<const A: usize> CheckReport<'_, A> {
             let most = self.machine.path_velocity_mm_s * 60.0;
             let _ = write!(
                 text,
-                "\n  warning: line {line} programs a feed of {feed:.1} mm/min; the machine's maximum is {most:.1} mm/min"
+                "\n  warning: line {line} programs a feed of {feed:.1} mm/min; the machine's maximum is {most:.1} \
+                    mm/min"
             );
         }
         for room in analysis.travel_left() {
@@ -63,7 +64,8 @@ impl<const A: usize> CheckReport<'_, A> {
             let limits = self.machine.axes.iter().find(|one| one.name == axis).map_or([0.0; 2], |axis| axis.travel_mm);
             let _ = write!(
                 text,
-                "\n  {} {least:.3} … {greatest:.3} mm, within the soft limits {} … {} mm: margin {below:.3} below, {above:.3} above",
+                "\n  {} {least:.3} … {greatest:.3} mm, within the soft limits {} … {} mm: margin {below:.3} below, \
+                    {above:.3} above",
                 axis.to_ascii_uppercase(),
                 limits[0],
                 limits[1]

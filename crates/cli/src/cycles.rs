@@ -188,7 +188,8 @@ mod tests {
     fn a_finding_shows_its_line_and_a_mark_below_what_is_meant() {
         let library = CycleLibrary::of_sources(&[("TEST", "R1=1\n\tR2=R1+WRONG")]);
         let shown = rendered(&library.findings()[0], Some("\tR2=R1+WRONG"));
-        let expected = "error[E1906]: WRONG is neither a variable nor a function\n --> TEST:2:8\n  |\n2 | \tR2=R1+WRONG\n  | \t      ^^^^^\n  = help: ";
+        let expected = "error[E1906]: WRONG is neither a variable nor a function\n --> TEST:2:8\n  |\n2 | \
+            \tR2=R1+WRONG\n  | \t      ^^^^^\n  = help: ";
         assert!(shown.starts_with(expected), "{shown}");
     }
 

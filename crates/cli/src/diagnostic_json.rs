@@ -77,7 +77,8 @@ fn of_finding(program: &Program, finding: &CheckFinding) -> DiagnosticPrinter {
     let mark = " ".repeat(column - 1);
     let level = if finding.is_error() { "error" } else { "warning" };
     let text = format!(
-        "{level}[{number}]: {what}\n{gutter}--> {}:{line}:{column}\n{gutter} |\n{line} | {source}\n{gutter} | {mark}^\n{gutter} |\n\
+        "{level}[{number}]: {what}\n{gutter}--> {}:{line}:{column}\n{gutter} |\n{line} | {source}\n{gutter} | \
+            {mark}^\n{gutter} |\n\
          {gutter} = help: {remedy}",
         escape::name(program.name())
     );

@@ -70,7 +70,8 @@ impl WakeUps {
             .map(|(class, count)| json!({"up_to_us": CLASSES_US.get(class), "count": count}))
             .collect();
         let late: Vec<Value> = self.late.iter().map(|(at, us)| json!({"at_s": at, "late_us": us})).collect();
-        json!({"count": self.total, "worst_us": self.worst_us, "p99_99_us": self.quantile_us(999_900), "classes": classes, "late": late})
+        json!({"count": self.total, "worst_us": self.worst_us, "p99_99_us": self.quantile_us(999_900),
+            "classes": classes, "late": late})
     }
 }
 
@@ -147,12 +148,14 @@ pub fn run(args: &args::Doctor) -> Result<(), CommandFailure> {
 }
 
 /// How to permit real-time scheduling, in one line.
-pub const GRANT: &str = "to permit it: a file in /etc/security/limits.d with `@realtime - rtprio 90` and `@realtime - memlock unlimited`, \
+pub const GRANT: &str = "to permit it: a file in /etc/security/limits.d with `@realtime - rtprio 90` and `@realtime - \
+    memlock unlimited`, \
     and your user in the group realtime; or `sudo setcap cap_sys_nice,cap_ipc_lock+ep` on the retrace binary";
 
 /// Cause of a late line on a prompt computer.
 const LATE_LINE: &str = "the line is late although this computer wakes promptly: on Linux an ordinary kernel \
-    worker (kworker/u…, events_unbound) forwards the bytes of every tty; run fewer programs, keep a core free, or raise the workers' priority (`chrt -f -p 45 PID`)";
+    worker (kworker/u…, events_unbound) forwards the bytes of every tty; run fewer programs, keep a core free, or \
+    raise the workers' priority (`chrt -f -p 45 PID`)";
 
 /// Sleeps from period to period, under SCHED_FIFO where that is permitted.
 fn wake_ups(period: Duration, length: Duration) -> WakeUps {
@@ -235,7 +238,8 @@ impl PeriodVerdict {
         let held = self.held_us.map_or(String::new(), |us| format!(", the card holds records for {} ms", us / 1000));
         let fits = if self.fits { "fits" } else { "does not fit" };
         format!(
-            "T = {period} ms {fits}: the host may be silent for {worst:.1} ms{held}, the watchdog of the machine file is {} ms\n\
+            "T = {period} ms {fits}: the host may be silent for {worst:.1} ms{held}, the watchdog of the machine file \
+                is {} ms\n\
              proposed: [card] watchdog_ms = {}",
             self.has_watchdog_ms, self.watchdog_ms
         )

@@ -380,7 +380,8 @@ fn report_text<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> S
     let value = report.to_json();
     let seconds = |key: &str| value[key].as_f64().unwrap_or(0.0);
     let times = format!(
-        "  motion {:.3} s · dwell {:.3} s · switching {:.3} s · held {:.3} s · retracing {:.3} s · {} periods in {:.2} s of real time",
+        "  motion {:.3} s · dwell {:.3} s · switching {:.3} s · held {:.3} s · retracing {:.3} s · {} periods in \
+            {:.2} s of real time",
         seconds("motion_s"),
         seconds("dwell_s"),
         seconds("switch_s"),

@@ -70,7 +70,8 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
             misfits.push(format!("axis {name} needs up to {pulses:.0} pulses per second, the card supports {most}"));
         } else if pulses > max_hz * (1.0 + 1e-9) {
             misfits.push(format!(
-                "axis {name} needs up to {pulses:.0} pulses per second, the card supports {max_hz:.0} with this step_pulse_us and direction_setup_us"
+                "axis {name} needs up to {pulses:.0} pulses per second, the card supports {max_hz:.0} with this \
+                    step_pulse_us and direction_setup_us"
             ));
         }
     }

@@ -162,7 +162,8 @@ fn create(path: &Path, text: &str) -> io::Result<()> {
 /// Summary of a machine, in a few lines.
 fn described(machine: &MachineConfig) -> String {
     let mut text = format!(
-        "machine `{}`: T = {} ms, path velocity {} mm/s, stops within {:.3} s of a hold, within {:.3} s on a straight run",
+        "machine `{}`: T = {} ms, path velocity {} mm/s, stops within {:.3} s of a hold, within {:.3} s on a straight \
+            run",
         machine.name,
         f64::from(machine.period_us) / 1000.0,
         machine.path_velocity_mm_s,

@@ -102,7 +102,8 @@ fn on_card<const A: usize>(
     if args.port.is_simulated() {
         let mut card = simulated::<A>(machine, Clock::Virtual)?;
         eprintln!(
-            "note: the simulated card in this process does not keep its position; one served by `retrace card serve --pty` does"
+            "note: the simulated card in this process does not keep its position; one served by `retrace card serve \
+                --pty` does"
         );
         return perform_on(args, machine, task, modal_context, &mut card, &Homing::simulated());
     }

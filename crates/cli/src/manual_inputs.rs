@@ -6,7 +6,8 @@ use retrace_hal_sim::CardSimulator;
 use retrace_link::{InputSetting, InputUse};
 
 /// Syntax of the lines.
-const SYNTAX: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press probe`, \
+const SYNTAX: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press \
+    probe`, \
     `input 5 on`, `input 5 off`";
 
 /// Manual input.

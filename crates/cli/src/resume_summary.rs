@@ -115,7 +115,8 @@ impl<const A: usize> ResumeSummary<'_, A> {
             .map(|(number, is, to)| format!("{} from {is} to {to}", self.machine.channel_name(*number)))
             .collect();
         if self.is_older_place {
-            let text = "the last one in the journal, up to one second of motion before the machine stopped; that motion is repeated";
+            let text = "the last one in the journal, up to one second of motion before the machine stopped; that \
+                motion is repeated";
             words.push(("note", text.into()));
         }
         if !self.approach.is_empty() {

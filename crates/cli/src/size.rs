@@ -46,7 +46,8 @@ fn of_machine(machine: &MachineConfig) -> String {
     let kept = u64::from(machine.history_records);
     let cells = size::ring_cells(machine.history_records, machine.look_ahead_records).map_or(0, u64::from);
     format!(
-        "machine `{}`: {} axes, T = {} ms: {} records of {record} bytes kept ({:.3} h, {:.1} MiB) and {} of look-ahead;\n\
+        "machine `{}`: {} axes, T = {} ms: {} records of {record} bytes kept ({:.3} h, {:.1} MiB) and {} of \
+            look-ahead;\n\
          the ring has {} cells, {:.1} MiB",
         machine.name,
         machine.axes.len(),

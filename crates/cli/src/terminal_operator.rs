@@ -101,7 +101,8 @@ impl TerminalOperator {
         match self.keyboard {
             Keyboard::Terminal if in_foreground() => "press Enter to resume, Ctrl-C to stop".into(),
             Keyboard::Terminal => format!(
-                "this command runs in the background: bring it to the foreground (fg) and press Enter, or stop it with `kill {pid}`{kept}"
+                "this command runs in the background: bring it to the foreground (fg) and press Enter, or stop it \
+                    with `kill {pid}`{kept}"
             ),
             Keyboard::None => format!("no terminal to press Enter at: stop it with `kill {pid}`{kept}"),
             Keyboard::Program => {

@@ -227,7 +227,8 @@ mod tests {
     #[test]
     fn what_is_written_is_what_the_card_is_told() {
         let text = "control_period_ms = 2.0\ncutting_outputs = [4]\n[card]\nwatchdog_ms = 300\nstep_pulse_us = 3.5\n\
-            inverted_axes = [\"Y\"]\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\nactive_low = true\n\
+            inverted_axes = [\"Y\"]\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\nactive_low = \
+            true\n\
             [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
         let settings = machine(text).expect("valid").card_settings::<4>(PathStart::at(RecordIndex::new(7)));
         assert_eq!((settings.start, settings.axes, settings.period_us), (PathStart::at(RecordIndex::new(7)), 3, 2000));
@@ -243,7 +244,8 @@ mod tests {
     fn backlash_is_told_in_pulses() {
         let axis = |name: &str, mm: f64| {
             format!(
-                "[[axis]]\nname = \"{name}\"\npulses_per_mm = 800\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+                "[[axis]]\nname = \"{name}\"\npulses_per_mm = 800\nmax_velocity_mm_per_s = \
+                    100\nmax_acceleration_mm_per_s2 = 1000\n\
                 max_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 100]\nbacklash_mm = {mm:?}\n"
             )
         };

@@ -78,7 +78,8 @@ mod tests {
 
     #[test]
     fn what_was_changed_is_named_by_axis_and_key() {
-        let job = "name = \"mill\"\n[card]\nwatchdog_ms = 20\n[[axis]]\nname = \"x\"\npulses_per_mm = 100\n[[axis]]\nname = \"y\"\ntravel_mm = [0, 5]\n";
+        let job = "name = \"mill\"\n[card]\nwatchdog_ms = 20\n[[axis]]\nname = \"x\"\npulses_per_mm = \
+            100\n[[axis]]\nname = \"y\"\ntravel_mm = [0, 5]\n";
         let now = job.replace("100", "200").replace("[0, 5]", "[0, 6]").replace("watchdog_ms", "window_ms");
         assert_eq!(
             machine_changes(job, &now),

@@ -215,8 +215,10 @@ mod tests {
     fn every_wrong_figure_of_a_file_has_an_error_of_its_own() {
         let text = "control_period_ms = 0\nhistory_hours = 99\nretract_mm = 9999\n\
             [card]\nwatchdog_ms = 1\ninverted_axes = [\"a\", \"b\"]\n[[card.input]]\nnumber = 16\nuse = \"door\"\n\
-            [[card.input]]\nnumber = 1\nuse = \"home\"\n[code.M3]\nduration_ms = -1\n[code.M6]\nclass = \"synchronous\"\n\
-            [[cutter]]\nname = \"\"\nkind = \"torch\"\nfire = 1\n[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 99\n\
+            [[card.input]]\nnumber = 1\nuse = \"home\"\n[code.M3]\nduration_ms = -1\n[code.M6]\nclass = \
+            \"synchronous\"\n\
+            [[cutter]]\nname = \"\"\nkind = \"torch\"\nfire = 1\n[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = \
+            99\n\
             [[output]]\nnumber = 70\nname = \"fan\"\n[[output]]\nnumber = 7\nname = \"\"\n";
         let found = errors(text);
         for part in [
@@ -242,7 +244,8 @@ mod tests {
 
     #[test]
     fn every_misspelt_key_has_its_own_line_and_the_rest_is_checked_too() {
-        let text = "nam = \"mill\"\nhistory_hours = 99\n[crad]\nwatchdog_ms = 3\n[wheel]\nmean_over_m = 3\nfull_rate_counts_per_s = \"x\"\n";
+        let text = "nam = \"mill\"\nhistory_hours = 99\n[crad]\nwatchdog_ms = 3\n[wheel]\nmean_over_m = \
+            3\nfull_rate_counts_per_s = \"x\"\n";
         let found = errors(text);
         let parts = [
             "line 1, column 1: unknown field `nam`",
@@ -261,7 +264,8 @@ mod tests {
 
     #[test]
     fn an_error_of_several_parts_together_is_found() {
-        let axis = "[[axis]]\nname = \"x\"\npulses_per_mm = 100\nmax_velocity_mm_per_s = 1e3\nmax_acceleration_mm_per_s2 = 1e4\n\
+        let axis = "[[axis]]\nname = \"x\"\npulses_per_mm = 100\nmax_velocity_mm_per_s = \
+            1e3\nmax_acceleration_mm_per_s2 = 1e4\n\
             max_jerk_mm_per_s3 = 1e6\ntravel_mm = [0, 1]\n";
         assert_eq!(errors(&axis.repeat(2)).len(), 1);
         let home = "home = { switch = \"lower\" }\n";
@@ -277,7 +281,8 @@ mod tests {
 
     #[test]
     fn an_input_that_is_waited_for_and_not_declared_is_named_with_its_code() {
-        let text = "[code.M3]\nwaits_for = { input = 5 }\n[code.M4]\nwaits_for = { input = 5 }\n[code.M8]\nwaits_for = { input = 6 }\n\
+        let text = "[code.M3]\nwaits_for = { input = 5 }\n[code.M4]\nwaits_for = { input = 5 }\n[code.M8]\nwaits_for \
+            = { input = 6 }\n\
             [[card.input]]\nnumber = 6\nuse = \"plain\"\n";
         let machine = MachineConfig::parse(text, "m.toml").expect("valid");
         assert_eq!(machine.undeclared_inputs(), BTreeMap::from([(5, "M3")]));

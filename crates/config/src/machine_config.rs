@@ -122,7 +122,8 @@ impl MachineConfig {
         let stopping = limits.as_ref().and_then(StoppingTimes::from_limits).ok_or_else(|| {
             NumberedError::new(
                 "E2113",
-                "the axes brake too slowly for a control period this short: the rate law does not fit the card's memory",
+                "the axes brake too slowly for a control period this short: the rate law does not fit the card's \
+                    memory",
                 "a longer control_period_ms, a lower max_velocity_mm_per_s or a higher max_acceleration_mm_per_s2",
             )
         })?;
@@ -382,7 +383,8 @@ mod tests {
         assert!(what("control_period_ms = 0").contains("control_period_ms = 0"));
         assert!(what("history_hours = nan").contains("history_hours"));
         assert!(what("axis = []").contains("no [[axis]]"));
-        let axis = "[[axis]]\nname = \"x\"\npulses_per_mm = 1e6\nmax_velocity_mm_per_s = 1e3\nmax_acceleration_mm_per_s2 = 1e4\nmax_jerk_mm_per_s3 = 1e6\ntravel_mm = [0, 1]\n";
+        let axis = "[[axis]]\nname = \"x\"\npulses_per_mm = 1e6\nmax_velocity_mm_per_s = \
+            1e3\nmax_acceleration_mm_per_s2 = 1e4\nmax_jerk_mm_per_s3 = 1e6\ntravel_mm = [0, 1]\n";
         assert!(what(axis).contains("pulses"), "{}", what(axis));
         assert!(what(&axis.replace("[0, 1]", "[1, 0]")).contains("travel_mm"));
         assert!(what(&axis.repeat(2).replace("1e6", "1e2")).contains("twice"));

@@ -136,11 +136,14 @@ mod tests {
     use super::*;
     use crate::machine_config::MachineConfig;
 
-    const AXES: &str = "[[axis]]\nname = \"x\"\npulses_per_mm = 400\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
-        max_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 300]\nhome = { switch = \"lower\", position_mm = -2.5, search_mm_per_s = 30, latch_mm_per_s = 1.5 }\n\
+    const AXES: &str = "[[axis]]\nname = \"x\"\npulses_per_mm = 400\nmax_velocity_mm_per_s = \
+        100\nmax_acceleration_mm_per_s2 = 1000\n\
+        max_jerk_mm_per_s3 = 20000\ntravel_mm = [0, 300]\nhome = { switch = \"lower\", position_mm = -2.5, \
+        search_mm_per_s = 30, latch_mm_per_s = 1.5 }\n\
         [[axis]]\nname = \"z\"\npulses_per_mm = 400\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
         max_jerk_mm_per_s3 = 20000\ntravel_mm = [-100, 0]\nhome = { switch = \"upper\" }\n\
-        [[card.input]]\nnumber = 1\nuse = \"home\"\naxis = \"x\"\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\n";
+        [[card.input]]\nnumber = 1\nuse = \"home\"\naxis = \"x\"\n[[card.input]]\nnumber = 2\nuse = \
+        \"upper-limit\"\naxis = \"z\"\n";
 
     fn machine(before: &str, after: &str) -> Result<MachineConfig, NumberedError> {
         MachineConfig::parse(&format!("{before}{AXES}{after}"), "m.toml")

@@ -72,7 +72,8 @@ mod tests {
     fn machine(before: &str) -> MachineConfig {
         let axis = |name: &str, pulses: u32, travel: &str| {
             format!(
-                "[[axis]]\nname = \"{name}\"\npulses_per_mm = {pulses}\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+                "[[axis]]\nname = \"{name}\"\npulses_per_mm = {pulses}\nmax_velocity_mm_per_s = \
+                    100\nmax_acceleration_mm_per_s2 = 1000\n\
                  max_jerk_mm_per_s3 = 20000\ntravel_mm = {travel}\n"
             )
         };
@@ -133,7 +134,8 @@ mod tests {
             }
             let moves = approach(&machine, from, to).expect("both are within the limits");
             prop_assert!(moves.len() <= 3 && moves.last().copied().unwrap_or(from) == to);
-            let least = plane.map_or(i64::MIN, |share| machine.counts_of(tool, at(tool, share))).max(from[tool]).max(to[tool]);
+            let over_plane = plane.map_or(i64::MIN, |share| machine.counts_of(tool, at(tool, share)));
+            let least = over_plane.max(from[tool]).max(to[tool]);
             let mut here = from;
             for end in moves {
                 prop_assert_ne!(here, end);

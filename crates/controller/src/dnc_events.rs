@@ -126,10 +126,12 @@ impl DncEvent {
                 json!({"event": "spindle_started", "spindle": spindle, "speed_rpm": revolutions(*speed)})
             }
             DncStep::Jogged { axis, mm, cut_short, off } => json!({
-                "event": "jogged", "axis": axis.to_string(), "mm": mm, "cut_short": cut_short, "off_breakpoint": off.get(),
+                "event": "jogged", "axis": axis.to_string(), "mm": mm, "cut_short": cut_short,
+                    "off_breakpoint": off.get(),
             }),
             DncStep::ToolLength { axis, by_mm, by_counts, length_mm } => json!({
-                "event": "tool_length", "axis": axis.to_string(), "by_mm": by_mm, "by_counts": by_counts, "length_mm": length_mm,
+                "event": "tool_length", "axis": axis.to_string(), "by_mm": by_mm, "by_counts": by_counts,
+                    "length_mm": length_mm,
             }),
             DncStep::Online => json!({"event": "online"}),
             DncStep::Approaching => json!({"event": "approaching"}),

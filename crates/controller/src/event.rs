@@ -334,7 +334,9 @@ impl Event {
             EventKind::HistoryStartReached => "at the history start: no further reverse run".into(),
             EventKind::RetraceBarrier(code) => format!("at rest behind {code}, which cannot be passed backward"),
             EventKind::CutterBoundary => {
-                "at rest where the program switched the cutter, and it is on: `cutter off`, or `reverse` again to cut on".into()
+                "at rest where the program switched the cutter, and it is on: `cutter off`, or `reverse` again to cut \
+                    on"
+                .into()
             }
             EventKind::BackTargetReached => "at the target of the reverse run".into(),
             EventKind::HistoryEndReached => "at the furthest place executed".into(),

@@ -20,9 +20,12 @@ use crate::motion_sink::MotionSink;
 use crate::plan_writer::{Cancelled, PlanWriteError, SwitchInstruction};
 
 /// Lines, arcs, a helix, a spline, wide and narrow blends, exact stops, inverse time, a loop with functions.
-const PROGRAM: &str = "G21 G17 G90 G94 F3000\nG64 P0.05\nG0 X3.7 Y-1.3 Z2\nG1 X11.3 Y4.1 Z-0.25\nX12.9 Y9.7\nX12.95 Y9.8\nX13.1\n\
-    G2 X19.3 Y3.6 I3.1 J-3.1 F5200\nG3 X16.2 Y0.5 Z-3.3 I-3.1 J0\nG5 X21.4 Y6.6 I2.2 J0.7 P-1.1 Q-2.9\nG64 P0.5\nG1 X25.1 Y-2.2\nX17.3\n\
-    #1 = 0\nO100 while [#1 LT 12]\nG1 X[17.3 + 2.9 * COS[#1 * 27.7]] Y[2.9 * SIN[#1 * 27.7]] Z[#1 / 7]\n#1 = [#1 + 1]\nO100 endwhile\n\
+const PROGRAM: &str = "G21 G17 G90 G94 F3000\nG64 P0.05\nG0 X3.7 Y-1.3 Z2\nG1 X11.3 Y4.1 Z-0.25\nX12.9 Y9.7\nX12.95 \
+    Y9.8\nX13.1\n\
+    G2 X19.3 Y3.6 I3.1 J-3.1 F5200\nG3 X16.2 Y0.5 Z-3.3 I-3.1 J0\nG5 X21.4 Y6.6 I2.2 J0.7 P-1.1 Q-2.9\nG64 P0.5\nG1 \
+    X25.1 Y-2.2\nX17.3\n\
+    #1 = 0\nO100 while [#1 LT 12]\nG1 X[17.3 + 2.9 * COS[#1 * 27.7]] Y[2.9 * SIN[#1 * 27.7]] Z[#1 / 7]\n#1 = [#1 + \
+    1]\nO100 endwhile\n\
     G61.1\nX1 Y1\nG61\nX2.2 Y3.3 F900\nG93 X9 Y9 F20\nG94 G64 P0.02 F6000\nG0 X0 Y0 Z0\nM2\n";
 
 /// Fingerprint of this version.

@@ -127,7 +127,8 @@ pub fn run_job<const A: usize, C: MotionCard<A>>(
     resume_job(machine, program, options, card, observer, ResumePlan::matches_card)
 }
 
-/// Runs a program as [`run_job`] does. Where the job is resumed, `confirm` is called before anything moves, and the job is
+/// Runs a program as [`run_job`] does. Where the job is resumed, `confirm` is called before anything moves, and the job
+/// is
 /// stopped immediately where it returns false. Where the card's counts differ from those of the place, the axes then
 /// move there in the order of DNC-6. `machine.stands_at_mm` is the position where the job began, not where it was left.
 ///

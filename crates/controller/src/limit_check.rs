@@ -165,7 +165,14 @@ mod tests {
 
     #[test]
     fn an_arc_is_looked_at_where_it_goes_furthest() {
-        let machine = MachineConfig::parse("[[axis]]\nname = \"x\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-5, 12]\n[[axis]]\nname = \"y\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-12, 12]\n", "m").expect("valid");
+        let machine = MachineConfig::parse(
+            "[[axis]]\nname = \"x\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = \
+            100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-5, 12]\n[[axis]]\nname \
+            = \"y\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = \
+            1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-12, 12]\n",
+            "m",
+        )
+        .expect("valid");
         let mut scan = LimitCheck::<2>::new(&machine);
         let mode = PathMode::ExactPath;
         scan.straight([10.0, 0.0], FeedRate::Rapid, mode, 1).expect("looks only");

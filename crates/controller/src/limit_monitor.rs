@@ -527,7 +527,8 @@ mod tests {
         fn the_stream_is_judged_as_the_whole_is(
             stretches in prop::collection::vec((1_usize..150, rates(), -120_i32..120, -3_i32..4), 1..6),
         ) {
-            let axes = [AXIS, MonitorLimits { pulses_per_mm: 320.0, velocity_mm_s: 40.0, acceleration_mm_s2: 300.0, jerk_mm_s3: 4_000.0 }];
+            let axes = [AXIS, MonitorLimits { pulses_per_mm: 320.0, velocity_mm_s: 40.0, acceleration_mm_s2: 300.0,
+                jerk_mm_s3: 4_000.0 }];
             let mut monitor = LimitMonitor::new(&axes, PERIOD_S);
             let (mut increments, mut played) = (Vec::new(), Vec::new());
             for (periods, rate, x, y) in stretches {

@@ -413,7 +413,8 @@ mod tests {
 
     #[test]
     fn reads_every_instruction_of_the_interface() {
-        let text = "at 1.5s   hold\nafter 1s  resume  # cycle start\n\nat 2.0s reverse 100%\nafter 300 periods forward 50%\n\
+        let text = "at 1.5s   hold\nafter 1s  resume  # cycle start\n\nat 2.0s reverse 100%\nafter 300 periods \
+            forward 50%\n\
             at line 40 override 60%\nafter 1s wheel -120 for 2s\nafter 1s leave\nafter 0s leave ask\nafter 0s agree\n\
             after 0s output 3 on\nafter 0s single\nat 9s stop\nafter 0s cycle start\n";
         let script = parse_script(text, "script").expect("all known");
@@ -437,8 +438,11 @@ mod tests {
 
     #[test]
     fn every_deed_reads_back_as_it_is_written() {
-        let deeds = "hold|resume|reverse 100%|forward 50%|override 160%|wheel -120 for 2s|leave|leave ask|agree|output 3 on|single|\
-            stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 off|rapid override 25%";
+        let deeds = "hold|resume|reverse 100%|forward 50%|override 160%|wheel -120 for 2s|leave|leave \
+            ask|agree|output 3 on|single|\
+            stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x \
+            -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 \
+            off|rapid override 25%";
         for written in deeds.split('|') {
             let script = parse_script(&format!("after 0s {written}"), "script").expect(written);
             assert_eq!(script[0].command.to_string(), written);

@@ -78,11 +78,13 @@ impl fmt::Display for ToolLengthError {
             Self::NoToolAxis => write!(f, "the machine has no tool axis: tool_axis in the machine file names it"),
             Self::NoOffset => write!(
                 f,
-                "no tool length offset (G43) is in force: enter the difference of the tool lengths, as in `tool length by 1.5`"
+                "no tool length offset (G43) is in force: enter the difference of the tool lengths, as in `tool \
+                    length by 1.5`"
             ),
             Self::Planned => write!(
                 f,
-                "a move to machine coordinates (G53, G28, G30), a tool change or another tool offset is planned already: resume until it is \
+                "a move to machine coordinates (G53, G28, G30), a tool change or another tool offset is planned \
+                    already: resume until it is \
                  passed, or stop the job"
             ),
             Self::BeyondLimit(axis) => {

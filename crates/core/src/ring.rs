@@ -391,7 +391,8 @@ mod tests {
                 }
                 prop_assert_eq!(consumer.read(), RecordIndex::new(start) + (read as u32));
                 prop_assert_eq!(consumer.reached(), RecordIndex::new(start) + (reached as u32));
-                prop_assert_eq!(consumer.head(), RecordIndex::new(start) + (reached.saturating_sub(keep as usize) as u32));
+                prop_assert_eq!(consumer.head(), RecordIndex::new(start)
+                    + (reached.saturating_sub(keep as usize) as u32));
                 prop_assert_eq!(consumer.write(), RecordIndex::new(start) + (all.len() as u32));
             }
         }

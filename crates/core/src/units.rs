@@ -1,6 +1,7 @@
 //! Rate and distance along the recorded path.
 //!
-//! Invariant: both are fixed-point numbers with 32 fractional bits. A rate becomes a distance only by a number of control
+//! Invariant: both are fixed-point numbers with 32 fractional bits. A rate becomes a distance only by a number of
+//! control
 //! periods ([`Rate::over`], [`Distance::per_period`]).
 
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};

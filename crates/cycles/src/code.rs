@@ -108,7 +108,8 @@ impl Function {
 named! {
     /// Operators between two numbers, and the two unary ones.
     Operator {
-        Add "+", Subtract "-", Multiply "*", Divide "/", WholeDivide "DIV", Modulo "MOD", Equal "==", Unequal "<>", Less "<",
+        Add "+", Subtract "-", Multiply "*", Divide "/", WholeDivide "DIV", Modulo "MOD", Equal "==", Unequal "<>",
+            Less "<",
         LessEqual "<=", Greater ">", GreaterEqual ">=", And "AND", Or "OR", Xor "XOR", Not "NOT", Negate "NEGATE",
     }
 }
@@ -116,8 +117,10 @@ named! {
 named! {
     /// System variables without an index, or with a constant one.
     System {
-        Feed "$P_F", Speed "$P_S", SpindleDirection "$P_SDIR", Offset "$P_TOOL", ToolRadius "$P_TOOLR", ModalCycle "$P_MC",
-        EdgePosition "$P_AD[2]", Radius "$P_AD[6]", ClearanceAngle "$P_AD[24]", MotionGroup "$P_GG[1]", PlaneGroup "$P_GG[6]",
+        Feed "$P_F", Speed "$P_S", SpindleDirection "$P_SDIR", Offset "$P_TOOL", ToolRadius "$P_TOOLR",
+            ModalCycle "$P_MC",
+        EdgePosition "$P_AD[2]", Radius "$P_AD[6]", ClearanceAngle "$P_AD[24]", MotionGroup "$P_GG[1]",
+            PlaneGroup "$P_GG[6]",
         CompensationGroup "$P_GG[7]", UnitsGroup "$P_GG[13]", DistanceGroup "$P_GG[14]", FeedGroup "$P_GG[15]",
         DiameterGroup "$P_GG[29]",
     }

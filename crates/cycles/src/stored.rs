@@ -215,8 +215,10 @@ mod tests {
     use super::*;
     use crate::compile::compile;
 
-    const SOURCE: &str = "PROC CY(REAL AA, STRING[9] BB, INT CC=-3) SAVE PATTERN\nDEF REAL DD[2,2]=(1,2,3,4), X\nIF AA>0\n\
-        MSG(\"aa\" << AA)\nELSE\nOTHER(AA,,BB)\nENDIF\nDD[1,1]=STOCKPATH(BB,1,2,3,4,5,6,7)\nG1 AX[3]=$P_AD[24] SPOS=5\nM17\n";
+    const SOURCE: &str = "PROC CY(REAL AA, STRING[9] BB, INT CC=-3) SAVE PATTERN\nDEF REAL DD[2,2]=(1,2,3,4), X\nIF \
+        AA>0\n\
+        MSG(\"aa\" << AA)\nELSE\nOTHER(AA,,BB)\nENDIF\nDD[1,1]=STOCKPATH(BB,1,2,3,4,5,6,7)\nG1 AX[3]=$P_AD[24] \
+        SPOS=5\nM17\n";
 
     fn form() -> (Unit, Vec<Diagnostic>) {
         let compiled = compile(SOURCE.as_bytes(), "CY");

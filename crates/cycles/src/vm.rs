@@ -464,12 +464,15 @@ mod tests {
             let ops = instructions(&bytes);
             let name = "ANY".to_owned();
             let parameters = vec![Parameter { name: "P".to_owned(), value_type: Type::Real, default: 1.0 }];
-            let call = crate::code::CallSite { name: name.clone(), line: 1, start: 0, end: 0, arguments: vec![Passed::Number] };
-            let unit = crate::code::Unit { name, parameters, slots, lines: vec![1; ops.len()], ops, calls: vec![call], ..Default::default() };
+            let call = crate::code::CallSite { name: name.clone(), line: 1, start: 0, end: 0,
+                arguments: vec![Passed::Number] };
+            let unit = crate::code::Unit { name, parameters, slots, lines: vec![1; ops.len()], ops, calls: vec![call],
+                ..Default::default() };
             let (path, kind, origin) = (PathBuf::new(), Kind::Parameters, Origin::User);
             let cycle = Cycle { unit, callees: vec![CycleId(0)], kind, origin, path, is_from_cache: false };
             let limits = VmLimits { steps: 2000, blocks: 200, depth: 5 };
-            let _ = Vm::new(limits).run(&CycleLibrary::of_cycles(vec![cycle]), CycleId(0), &[Argument::Number(2.0)], &mut PermissiveHost);
+            let _ = Vm::new(limits).run(&CycleLibrary::of_cycles(vec![cycle]), CycleId(0), &[Argument::Number(2.0)],
+                &mut PermissiveHost);
         }
     }
 }

@@ -174,7 +174,8 @@ mod tests {
         #[test]
         fn drives_count_what_was_ordered(
             runs in prop::collection::vec(
-                (0u32..4, 1u16..25_000, 1u16..25_000, 0u16..16, prop::collection::vec(prop::array::uniform4(-9i32..=9), 0..9)),
+                (0u32..4, 1u16..25_000, 1u16..25_000, 0u16..16,
+                    prop::collection::vec(prop::array::uniform4(-9i32..=9), 0..9)),
                 1..6,
             ),
         ) {

@@ -118,13 +118,15 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_first_line_feed_is_found(text in prop::collection::vec(prop::sample::select(b"\n\x0b\t\x8a a".to_vec()), 0..40), blanks in 0_usize..40) {
+        fn the_first_line_feed_is_found(text in prop::collection::vec(prop::sample::select(b"\n\x0b\t\x8a \
+            a".to_vec()), 0..40), blanks in 0_usize..40) {
             let text = [&vec![b' '; blanks][..], &text].concat();
             prop_assert_eq!(line_feed(&text), text.iter().position(|byte| *byte == b'\n'));
         }
 
         #[test]
-        fn what_is_not_printable_is_seen(text in "[ -~]{0,40}", strange in any::<u8>(), at in any::<prop::sample::Index>()) {
+        fn what_is_not_printable_is_seen(text in "[ \
+            -~]{0,40}", strange in any::<u8>(), at in any::<prop::sample::Index>()) {
             prop_assert!(is_plain(text.as_bytes()));
             let mut text = text.into_bytes();
             text.insert(at.index(text.len() + 1), strange);
@@ -132,7 +134,8 @@ mod tests {
         }
 
         #[test]
-        fn a_short_number_is_what_its_characters_say(before in "[a-z]{0,9}", text in "[0-9.]{0,9}", behind in "[ -/:-~]?[ -~\u{e9}]{0,9}") {
+        fn a_short_number_is_what_its_characters_say(before in "[a-z]{0,9}", text in "[0-9.]{0,9}", behind in "[ \
+            -/:-~]?[ -~\u{e9}]{0,9}") {
             let whole = format!("{before}{text}{behind}");
             let at = before.len();
             let run: String = whole[at..].chars().take_while(|c| c.is_ascii_digit() || *c == '.').collect();

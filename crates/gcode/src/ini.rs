@@ -118,7 +118,8 @@ mod tests {
 
     #[test]
     fn numbers_can_be_asked_for_and_the_rest_is_kept_apart() {
-        let text = "# c\n[RS274NGC]\nFEATURES = 12\nSUBROUTINE_PATH = a:b\nPARAMETER_FILE = x.var\n[FOO]\nBAR=1.5\nBAR=2\nbaz=3\nTXT=4 mm\n";
+        let text = "# c\n[RS274NGC]\nFEATURES = 12\nSUBROUTINE_PATH = a:b\nPARAMETER_FILE = \
+            x.var\n[FOO]\nBAR=1.5\nBAR=2\nbaz=3\nTXT=4 mm\n";
         let ini = Ini::read(text).expect("an INI file");
         assert_eq!(ini.values, [("_ini[rs274ngc]features".to_owned(), 12.0), ("_ini[foo]bar".to_owned(), 1.5)]);
         assert_eq!(ini.subroutine_path, ["a", "b"]);
@@ -127,7 +128,8 @@ mod tests {
 
     #[test]
     fn keys_of_the_interpreter_are_taken_and_others_are_noted() {
-        let text = "[RS274NGC]\nORIENT_OFFSET = 12.5\nDISABLE_G92_PERSISTENCE = 1\nDISABLE_FANUC_STYLE_SUB=1\nLOG_LEVEL=9\n[TRAJ]\nX=1\n";
+        let text = "[RS274NGC]\nORIENT_OFFSET = 12.5\nDISABLE_G92_PERSISTENCE = \
+            1\nDISABLE_FANUC_STYLE_SUB=1\nLOG_LEVEL=9\n[TRAJ]\nX=1\n";
         let ini = Ini::read(text).expect("an INI file");
         assert_eq!(ini.orient_offset_degrees, 12.5);
         assert!(ini.disable_g92_persistence && ini.disable_fanuc_subs);

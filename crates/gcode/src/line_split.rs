@@ -25,7 +25,8 @@ pub(crate) fn split(text: &[u8]) -> Option<(usize, usize)> {
     Some((line, taken))
 }
 
-/// Iterator over the lines of a text, without their ends, truncated when they are too long: the same as [`Lines`](crate::lines::Lines)
+/// Iterator over the lines of a text, without their ends, truncated when they are too long: the same as
+/// [`Lines`](crate::lines::Lines)
 /// returns.
 #[derive(Clone, Debug)]
 pub(crate) struct SplitLines<'a> {

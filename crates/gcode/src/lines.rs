@@ -185,7 +185,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_text_has_the_same_lines_at_once_and_as_it_arrives(text in prop::collection::vec(prop::sample::select(b"\r\nab".to_vec()), 0..40), long in 0_usize..600) {
+        fn a_text_has_the_same_lines_at_once_and_as_it_arrives(
+            text in prop::collection::vec(prop::sample::select(b"\r\nab".to_vec()), 0..40), long in 0_usize..600,
+        ) {
             let text = [&text[..], &vec![b'x'; long], b"\r\n", &text, b"\n"].concat();
             let mut at_hand = Lines::<&[u8]>::of_text(text.as_slice().into());
             for line in all(&text) {

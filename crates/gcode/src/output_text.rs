@@ -283,13 +283,15 @@ mod tests {
         fn a_number_is_rounded_from_its_exact_value(value in any::<f64>(), scale in -1_000_000_000..1_000_000_000_i64) {
             // Ties and their neighbours, and arbitrary values.
             let tie = scale as f64 / 20_000.0;
-            for value in [value, tie, tie.next_up(), tie.next_down(), scale as f64 / 32.0, scale as f64 * 1e-9, tie * 1e-3] {
+            for value in [value, tie, tie.next_up(), tie.next_down(), scale as f64 / 32.0, scale as f64 * 1e-9,
+                tie * 1e-3] {
                 prop_assert_eq!(text(value), format!("{value:.4}"));
             }
         }
 
         #[test]
-        fn a_block_number_has_its_digits_and_seven_places(value in any::<u64>(), short in 0..2000_u64, digits in 1..19_u8) {
+        fn a_block_number_has_its_digits_and_seven_places(value in any::<u64>(), short in 0..2000_u64,
+            digits in 1..19_u8) {
             for value in [value % 1_000_000_000_000_000_000, short] {
                 let mut out = TextBuffer::new();
                 block_number(&mut out, value, digits.into());

@@ -375,7 +375,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_parameter_file_gives_the_same_values_back(values in prop::collection::vec((31_usize..5000, -1e6..1e6_f64), 0..20)) {
+        fn a_parameter_file_gives_the_same_values_back(values in prop::collection::vec((31_usize..5000,
+            -1e6..1e6_f64), 0..20)) {
             let mut parameters = Parameters::default();
             for (number, value) in values {
                 parameters.set(number, value);

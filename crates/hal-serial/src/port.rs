@@ -46,7 +46,8 @@ impl CardFailure for PortLost {
     }
 
     fn remedy(&self) -> &'static str {
-        "check cable and power; the card stops by itself, on the path, and reports its position when it is connected again"
+        "check cable and power; the card stops by itself, on the path, and reports its position when it is connected \
+            again"
     }
 }
 

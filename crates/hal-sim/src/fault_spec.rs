@@ -7,8 +7,10 @@ use crate::random::{Chance, Random};
 use crate::serial_channel::SerialChannelSettings;
 
 /// List of the valid items, for the error message.
-const ITEMS: &str = "seed=N, baud=N, latency-us=N, jitter-us=N, stall-ms=N, rate=P, flip=P, drop=P, duplicate=P, cut=P, stall=P, \
-    flip@BYTE.BIT, drop@BYTE, duplicate@BYTE, cut@BYTE[+BYTES], stall@BYTE+MS, lose@BYTE+MS, each with `up.` or `down.` before it for one \
+const ITEMS: &str = "seed=N, baud=N, latency-us=N, jitter-us=N, stall-ms=N, rate=P, flip=P, drop=P, duplicate=P, \
+    cut=P, stall=P, \
+    flip@BYTE.BIT, drop@BYTE, duplicate@BYTE, cut@BYTE[+BYTES], stall@BYTE+MS, lose@BYTE+MS, each with `up.` or \
+    `down.` before it for one \
     direction; P is a probability a byte";
 
 /// Parses the faults of a serial line: those from host to card, and those from card to host. Items are separated by

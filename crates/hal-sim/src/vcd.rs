@@ -137,7 +137,8 @@ mod tests {
         vcd.set_real(30, rate, -0.5).expect("memory");
         let text = String::from_utf8(vcd.into_inner()).expect("text");
         let expected = "$version retrace $end\n$timescale 1 ns $end\n$scope module x $end\n$var wire 1 ! step $end\n\
-            $upscope $end\n$scope module card $end\n$var integer 32 \" line $end\n$var real 64 # rate $end\n$upscope $end\n\
+            $upscope $end\n$scope module card $end\n$var integer 32 \" line $end\n$var real 64 # rate $end\n$upscope \
+            $end\n\
             $enddefinitions $end\n#0\n0!\n#10\n1!\n#12\n0!\n1!\nb110 \"\n#20\nr-0.5 #\n";
         assert_eq!(text, expected);
     }

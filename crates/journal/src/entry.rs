@@ -553,7 +553,10 @@ pub(crate) mod tests {
         );
         prop_oneof![
             4 => marks().prop_map(JournalEntry::Mark),
-            1 => any::<(u32, i64)>().prop_map(|(place, planned)| JournalEntry::Override(PlannedOverride { place: RecordIndex::new(place), planned: Rate::from_units(planned) })),
+            1 => any::<(u32, i64)>().prop_map(|(place, planned)| {
+                let planned = Rate::from_units(planned);
+                JournalEntry::Override(PlannedOverride { place: RecordIndex::new(place), planned })
+            }),
             1 => any::<u64>().prop_map(|block| JournalEntry::Rest(PlannedRest { block })),
             2 => ats().prop_map(|at| JournalEntry::Position(Box::new(at))),
             1 => value.prop_map(JournalEntry::Event),
@@ -561,7 +564,8 @@ pub(crate) mod tests {
             1 => any::<u64>().prop_map(|entries| JournalEntry::Lost(LostEntries { entries })),
             1 => resumed.prop_map(|resumed| JournalEntry::Resumed(Box::new(resumed))),
             1 => (stamp(), ending, any::<u8>(), report)
-                .prop_map(|(when, outcome, exit_code, report)| JournalEntry::End(Box::new(EndEntry { when, outcome, exit_code, report }))),
+                .prop_map(|(when, outcome, exit_code,
+                    report)| JournalEntry::End(Box::new(EndEntry { when, outcome, exit_code, report }))),
         ]
     }
 

@@ -193,7 +193,8 @@ mod tests {
 
     fn machine(more: &str) -> MachineConfig {
         let text = format!(
-            "[[axis]]\nname = \"x\"\n{AXIS}[[axis]]\nname = \"z\"\n{AXIS}[[card.input]]\nnumber = 1\nuse = \"home\"\naxis = \"x\"\n\
+            "[[axis]]\nname = \"x\"\n{AXIS}[[axis]]\nname = \"z\"\n{AXIS}[[card.input]]\nnumber = 1\nuse = \
+                \"home\"\naxis = \"x\"\n\
              [[card.input]]\nnumber = 2\nuse = \"home\"\naxis = \"z\"\n{more}"
         );
         MachineConfig::parse(&text, "m.toml").expect("valid")

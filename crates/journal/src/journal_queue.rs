@@ -183,7 +183,8 @@ impl JournalQueue {
         if state.write_error.is_none() {
             let remedy = match self.0.durability {
                 Durability::Synced => {
-                    "free space on its disk, or repair it: the machine stops on the path until the journal can be written, and resumes automatically"
+                    "free space on its disk, or repair it: the machine stops on the path until the journal can be \
+                        written, and resumes automatically"
                 }
                 Durability::Written => {
                     "free space on its disk, or repair it: the job continues, but it cannot be resumed from here"

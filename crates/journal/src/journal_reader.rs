@@ -75,7 +75,8 @@ impl JournalError {
     /// The numbered error for the user.
     #[must_use]
     pub fn numbered_error(&self, journal: &Path) -> NumberedError {
-        let again = "the job cannot be resumed; home the machine if in doubt, and begin at a line with `retrace run --start-line`";
+        let again = "the job cannot be resumed; home the machine if in doubt, and begin at a line with `retrace run \
+            --start-line`";
         let (number, remedy) = match self {
             Self::NoBeginning => ("E2204", "nothing has moved in this job: run the program"),
             Self::Damaged { .. } | Self::Gap { .. } => ("E2203", again),
@@ -310,7 +311,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_journal_of_anything_is_read_as_it_was_written(batches in prop::collection::vec(prop::collection::vec(entries(), 1..4), 0..4)) {
+        fn a_journal_of_anything_is_read_as_it_was_written(
+            batches in prop::collection::vec(prop::collection::vec(entries(), 1..4), 0..4),
+        ) {
             let (bytes, ends, all) = journal(&batches);
             let (found, tail, flaw) = read(&bytes);
             prop_assert!(flaw.is_none());

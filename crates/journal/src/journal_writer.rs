@@ -586,7 +586,10 @@ mod tests {
                 }
                 assert_eq!(durable.place(), RecordIndex::new(12));
                 let news: Vec<_> = std::iter::from_fn(|| journal.event_writer().next_notice()).collect();
-                let told = |notice: &JournalNotice| matches!(notice, JournalNotice::Unwritable(error) if error.number == "E3020");
+                let told = |notice: &JournalNotice| {
+                    matches!(notice,
+                    JournalNotice::Unwritable(error) if error.number == "E3020")
+                };
                 let failed = disk.disk().calls > first;
                 assert_eq!(news.iter().filter(|h| told(h)).count() > 0, failed);
                 assert_eq!(news.len() % 2, 0, "every alarm is followed by the message that all is well: {news:?}");

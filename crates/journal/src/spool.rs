@@ -379,7 +379,8 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
         fn a_part_goes_on_with_the_same_program_and_with_no_other(
-            bytes in 0..PROGRAM.len(), piece in 1..40_usize, trusted in 0..=PROGRAM.len(), at in 0..PROGRAM.len(), short in 0..PROGRAM.len(),
+            bytes in 0..PROGRAM.len(), piece in 1..40_usize, trusted in 0..=PROGRAM.len(), at in 0..PROGRAM.len(),
+                short in 0..PROGRAM.len(),
         ) {
             let folder = Folder::new();
             let path = folder.file();
@@ -387,7 +388,8 @@ mod tests {
             // The journal may record less than the file has.
             let length = std::fs::metadata(&path).expect("a spool").len();
             let said = SpooledBytes { bytes: length.min(trusted as u64), ended: false };
-            let open = |again: Vec<u8>| SpoolReplay::open(&path, said, Some(BufReader::with_capacity(piece, io::Cursor::new(again))));
+            let open = |again: Vec<u8>| SpoolReplay::open(&path, said,
+                Some(BufReader::with_capacity(piece, io::Cursor::new(again))));
 
             let mut other = PROGRAM.to_vec();
             other[at] = b'#';
@@ -402,7 +404,8 @@ mod tests {
             drop(open(PROGRAM.to_vec()));
 
             if (short as u64) < said.bytes {
-                let why = all(open(PROGRAM[..short].to_vec()).expect("it is a part").0).expect_err("too short").to_string();
+                let why = all(open(PROGRAM[..short].to_vec()).expect("it is a part").0).expect_err("too \
+                    short").to_string();
                 prop_assert!(why.contains("ends before"), "{}", why);
             }
 

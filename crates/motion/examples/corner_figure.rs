@@ -63,7 +63,8 @@ fn corner(degrees: f64, glide: &[SetPoint<2>], number: usize) -> String {
     let bar = 0.1 * scale;
     let _ = writeln!(
         out,
-        "<path d=\"M 14 {y} h {bar:.1}\" stroke=\"#000\" stroke-width=\"2\"/><text x=\"{x:.1}\" y=\"{t}\">0.1 mm</text>",
+        "<path d=\"M 14 {y} h {bar:.1}\" stroke=\"#000\" stroke-width=\"2\"/><text x=\"{x:.1}\" y=\"{t}\">0.1 \
+            mm</text>",
         y = PANEL.1 - 14.0,
         x = 20.0 + bar,
         t = PANEL.1 - 10.0,
@@ -103,7 +104,8 @@ fn main() {
     let (gap, top) = (30.0, 40.0);
     let (width, height) = (3.0 * PANEL.0 + 4.0 * gap, 2.0 * PANEL.1 + 2.0 * gap + top);
     println!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"12\">\n\
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" \
+            font-size=\"12\">\n\
          <rect width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>"
     );
     for (number, degrees) in [30.0, 90.0, 135.0].into_iter().enumerate() {

@@ -542,7 +542,8 @@ pub(crate) mod tests {
         #![proptest_config(ProptestConfig::with_cases(1000))]
 
         #[test]
-        fn plans_are_legal_from_rest_and_from_their_own_gates(blocks in block_path(), pick in any::<prop::sample::Index>()) {
+        fn plans_are_legal_from_rest_and_from_their_own_gates(blocks in block_path(),
+            pick in any::<prop::sample::Index>()) {
             let (mut look_ahead, mut spans) = (LookAhead::default(), Vec::new());
             if look_ahead.plan(&blocks, (0.0, 0.0), KinematicState::default(), &mut spans).is_err() {
                 prop_assert!(spans.is_empty());
@@ -554,7 +555,8 @@ pub(crate) mod tests {
             prop_assert!(total >= bound * (1.0 - 1e-9), "faster than the envelope: {} < {}", total, bound);
             let gate = spans[pick.index(spans.len())];
             let mut fresh = Vec::new();
-            if look_ahead.plan(&blocks[gate.first..], (gate.profile.v0, gate.profile.a0), KinematicState::default(), &mut fresh).is_ok() {
+            if look_ahead.plan(&blocks[gate.first..], (gate.profile.v0, gate.profile.a0), KinematicState::default(),
+                &mut fresh).is_ok() {
                 let start = KinematicState::moving(gate.profile.v0, gate.profile.a0);
                 prop_assert_eq!(check(&blocks[gate.first..], &fresh, start), Ok(()));
             }

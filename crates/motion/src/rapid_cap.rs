@@ -130,7 +130,8 @@ mod tests {
     proptest! {
         /// The cap is the largest that all shares allow, for any guess.
         #[test]
-        fn a_cap_is_the_largest_that_is_allowed(sizes in [-4.0..0.1f64, -7.0..0.1f64, -10.0..0.1f64], near in 0u8..=255) {
+        fn a_cap_is_the_largest_that_is_allowed(sizes in [-4.0..0.1f64, -7.0..0.1f64, -10.0..0.1f64],
+            near in 0u8..=255) {
             let shares = sizes.map(|x| 10f64.powf(x));
             let rate = shares[0].recip().min(shares[1].recip().sqrt()).min(shares[2].recip().cbrt());
             let found = f64::from(cap(shares, RapidCap::sixteenths(near)).get()) / 16.0;
@@ -147,7 +148,8 @@ mod tests {
         ) {
             let [first, second, third] = bounds;
             let ([v, a, j], bounds) = (motion, Derivatives { first, second, third });
-            let per_most = Derivatives { first: [0.1, 0.2, 0.3], second: [0.01, 0.05, 0.02], third: [1e-3, 3e-3, 2e-3] };
+            let per_most = Derivatives { first: [0.1, 0.2, 0.3], second: [0.01, 0.05, 0.02],
+                third: [1e-3, 3e-3, 2e-3] };
             let all = SpeedCap::of(&bounds, &per_most).shares(v, a, j);
             for i in 0..3 {
                 let own = Derivatives {
@@ -155,7 +157,8 @@ mod tests {
                     second: [first[i] * a + second[i] * v * v],
                     third: [first[i] * j + 3.0 * second[i] * v * a + third[i] * v * v * v],
                 };
-                let per = Derivatives { first: [per_most.first[i]], second: [per_most.second[i]], third: [per_most.third[i]] };
+                let per = Derivatives { first: [per_most.first[i]], second: [per_most.second[i]],
+                    third: [per_most.third[i]] };
                 for (own, all) in shares_of(&own, &per).into_iter().zip(all) {
                     prop_assert!(own <= all * (1.0 + 1e-12));
                 }

@@ -252,10 +252,12 @@ mod tests {
                 match item {
                     Item::Lines { lines, pen } => {
                         for [x, y] in lines.iter().flatten() {
-                            prop_assert!((0.0..=width as f32).contains(x) && (0.0..=height as f32).contains(y), "{x} {y}");
+                            prop_assert!((0.0..=width as f32).contains(x) && (0.0..=height as f32).contains(y), "{x} \
+                                {y}");
                         }
                         // Lines of the strip have two points, and so do marks; both begin at their upper end.
-                        let is_lead = |line: &&Vec<Point>| *pen == style::LEADER && (line.len() == 3 || line[1][1] - line[0][1] < 8.0);
+                        let is_lead = |line: &&Vec<Point>| *pen == style::LEADER
+                            && (line.len() == 3 || line[1][1] - line[0][1] < 8.0);
                         leads += lines.iter().filter(is_lead).count();
                     }
                     Item::Area { .. } | Item::Text(_) => {}

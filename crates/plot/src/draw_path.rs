@@ -153,7 +153,8 @@ mod tests {
             let path = ToolPath { title: "a program with a long name".repeat(4), strokes };
             let extents = path.extents().expect("there is a point");
             for view in [View::Xy, View::Xz, View::Yz, View::Iso] {
-                let room = DrawingArea { left: LEFT, right: width as f32 - RIGHT, top: ABOVE, bottom: height as f32 - BELOW };
+                let room = DrawingArea { left: LEFT, right: width as f32 - RIGHT, top: ABOVE,
+                    bottom: height as f32 - BELOW };
                 let sheet = Sheet::fitting(&path, view, &extents, room);
                 let per_mm = |scale: &Scale| f64::from((scale.high_px - scale.low_px).abs()) / (scale.high - scale.low);
                 let (across, up) = (per_mm(&sheet.across), per_mm(&sheet.up));

@@ -112,7 +112,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn marks_lie_within_and_are_never_too_many(low in -1e6..1e6_f64, length in 1e-6..1e6_f64, most in 1.0..50.0_f64) {
+        fn marks_lie_within_and_are_never_too_many(low in -1e6..1e6_f64, length in 1e-6..1e6_f64,
+            most in 1.0..50.0_f64) {
             let ticks = Ticks::within(low, low + length, most);
             prop_assert!(ticks.values.len() as f64 <= most + 1.0);
             let slack = length * 1e-6;

@@ -54,7 +54,8 @@ mod tests {
 
     #[test]
     fn a_diagnostic_is_a_line_without_frame_and_mark() {
-        let rendered = "error[E4304]: axis X would go too far\n --> a:/b.ngc:3:4\n  |\n3 | G1 X9999\n  |    ^\n  |\n  = help: move it\n\
+        let rendered = "error[E4304]: axis X would go too far\n --> a:/b.ngc:3:4\n  |\n3 | G1 X9999\n  |    ^\n  |\n  \
+            = help: move it\n\
             error[E1508]: no feed\n  --> MDI:12:1\n   |\n12 | G1 X1\n   | ^^\n   |\n   = help: F before it";
         let said = diagnostic_lines(rendered);
         assert_eq!(said, ["E4304: axis X would go too far (b.ngc line 3) · move it", "E1508: no feed · F before it"]);

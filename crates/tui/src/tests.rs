@@ -408,7 +408,8 @@ prop_compose! {
         (model.override_rate, model.feed_mm_min, model.outputs) = (over, feed, outputs);
         model.stage = [ScreenStage::Setup, ScreenStage::Job, ScreenStage::Ended(words.clone())][stage as usize].clone();
         model.hold_reason = [
-            HoldReason::None, HoldReason::Hold, HoldReason::ProgramStop, HoldReason::SingleBlock, HoldReason::Paused, HoldReason::Ended,
+            HoldReason::None, HoldReason::Hold, HoldReason::ProgramStop, HoldReason::SingleBlock, HoldReason::Paused,
+                HoldReason::Ended,
         ][standing as usize];
         if alarm {
             let (number, cause, remedy) = ("E3012".into(), words.clone(), words.repeat(9));
@@ -441,7 +442,8 @@ fn any_open() -> impl Strategy<Value = OpenDialog> {
 fn any_key() -> impl Strategy<Value = Key> {
     let known: Vec<Key> = TABLE.iter().flat_map(|row| row.keys).copied().collect();
     let others = vec![Key::Enter, Key::Esc, Key::Backspace, Key::Char('n'), Key::Char('3')];
-    prop_oneof![4 => prop::sample::select(known), 2 => prop::sample::select(others), 1 => any::<char>().prop_map(Key::Char)]
+    prop_oneof![4 => prop::sample::select(known), 2 => prop::sample::select(others),
+        1 => any::<char>().prop_map(Key::Char)]
 }
 
 proptest! {
@@ -464,7 +466,8 @@ proptest! {
         for pane in [panes.program, panes.path, panes.position, panes.motion, panes.state] {
             let (right, bottom) = (pane.right() - 1, pane.bottom() - 1);
             let at = |x, y| out.cell((x, y)).map_or("", |cell| cell.symbol());
-            prop_assert_eq!([at(pane.x, pane.y), at(right, pane.y), at(pane.x, bottom), at(right, bottom)], ["┌", "┐", "└", "┘"]);
+            prop_assert_eq!([at(pane.x, pane.y), at(right, pane.y), at(pane.x, bottom), at(right, bottom)],
+                ["┌", "┐", "└", "┘"]);
             for y in pane.y + 1..bottom {
                 prop_assert_eq!([at(pane.x, y), at(right, y)], ["│", "│"]);
             }

@@ -29,11 +29,13 @@ fn blocks() -> impl Strategy<Value = Block> {
         5 => ([lengths(), lengths(), lengths()], prop::option::weighted(0.8, feeds()))
             .prop_map(|(to, feed)| Block::Line { to, feed }),
         3 => ([lengths(), lengths()], 1.001..5.0_f64, any::<bool>(), any::<bool>(), feeds())
-            .prop_map(|(to, excess, is_clockwise, is_long, feed)| Block::Arc { to, excess, is_clockwise, is_long, feed }),
+            .prop_map(|(to, excess, is_clockwise, is_long, feed)| Block::Arc { to, excess, is_clockwise, is_long,
+                feed }),
         1 => ([lengths(), lengths()], lengths(), any::<bool>(), feeds())
             .prop_map(|(centre, climb, is_clockwise, feed)| Block::Circle { centre, climb, is_clockwise, feed }),
         3 => prop::sample::select(vec![
-            "G61", "G61.1", "G64 P0.05", "G64 P0.5", "G64", "M62 P3", "M63 P3", "M8", "M9", "G4 P0.05", "S1200 M3", "M5",
+            "G61", "G61.1", "G64 P0.05", "G64 P0.5", "G64", "M62 P3", "M63 P3", "M8", "M9", "G4 P0.05", "S1200 \
+                M3", "M5",
         ]).prop_map(Block::Other),
     ]
 }

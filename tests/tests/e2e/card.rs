@@ -150,7 +150,8 @@ fn ports_are_listed() {
 }
 
 /// Corners, an arc, a dwell, spindle and coolant, a synchronous output; two seconds of motion.
-const WORK: &str = "G21 G90 G64 P0.05\nF1800\nM3 S900\nG1 X8 Y2\nG2 X12 Y6 I0 J4\nM62 P2\nG1 X4 Y8\nM8\nG4 P0.1\nG1 X1 Y1\nM9\nM5\n\
+const WORK: &str = "G21 G90 G64 P0.05\nF1800\nM3 S900\nG1 X8 Y2\nG2 X12 Y6 I0 J4\nM62 P2\nG1 X4 Y8\nM8\nG4 P0.1\nG1 \
+    X1 Y1\nM9\nM5\n\
     G0 Z2\nG1 X0\nM2\n";
 
 /// For any commands of the operator on a card behind a serial line, the job ends on the counts that it has in this
@@ -159,7 +160,8 @@ const WORK: &str = "G21 G90 G64 P0.05\nF1800\nM3 S900\nG1 X8 Y2\nG2 X12 Y6 I0 J4
 fn holds_reversals_and_switching_on_a_served_card_end_exactly() {
     let bench = Bench::new();
     bench.file("work.ngc", WORK);
-    let script = "at 0.25s hold\nafter 0.2s resume\nafter 0.2s reverse 100%\nafter 0.4s forward 60%\nafter 0.1s reverse 150%\n\
+    let script = "at 0.25s hold\nafter 0.2s resume\nafter 0.2s reverse 100%\nafter 0.4s forward 60%\nafter 0.1s \
+        reverse 150%\n\
         after 0.2s leave\nafter 0.3s wheel -120 for 0.3s\nafter 0.1s leave\nat line 10 hold\nafter 0.1s resume\n";
     bench.file("work.op", script);
     let served = ServedCard::with(&["--faults", "baud=1000000,latency-us=200"]);
@@ -236,7 +238,8 @@ fn an_emergency_stop_is_pressed_by_hand() {
 fn a_machine_that_the_card_does_not_fit_is_refused() {
     let bench = Bench::new();
     bench.file("square.ngc", SQUARE);
-    let axis = "[[axis]]\nname = \"x\"\npulses_per_mm = 30000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+    let axis = "[[axis]]\nname = \"x\"\npulses_per_mm = 30000\nmax_velocity_mm_per_s = \
+        100\nmax_acceleration_mm_per_s2 = 1000\n\
         max_jerk_mm_per_s3 = 20000\ntravel_mm = [-10, 10]\n";
     let file = [axis.to_owned(), axis.replace("\"x\"", "\"y\"").replace("30000", "1000")].concat();
     bench.file("fine.toml", file);

@@ -31,8 +31,13 @@ fn the_time_told_is_the_time_run_for_every_example() {
 fn extents_room_tools_ranges_and_barriers_are_told_in_both_forms() {
     let bench = Bench::new();
     bench.file("tools.tbl", "T1 P1 Z40 D6 ; end mill\nT2 P2 Z55.5 D3\n");
-    bench.file("m.toml", "[code.M3]\nduration_ms = 250\n[code.M101]\noutput = 1\nin_reverse = \"barrier\"\n[[output]]\nnumber = 1\nname = \"air\"\n");
-    let program = "G10 L2 P2 X100 Y-50\nT1 M6\nS8000 M3\nG55 G43 G0 X0 Y0 Z10\nG2 X20 I10 F600\nM101\nG4 P1.5\nM0\nT2 M6\nS3000\nG1 X-5 F90\nM2\n";
+    bench.file(
+        "m.toml",
+        "[code.M3]\nduration_ms = 250\n[code.M101]\noutput = 1\nin_reverse = \
+        \"barrier\"\n[[output]]\nnumber = 1\nname = \"air\"\n",
+    );
+    let program = "G10 L2 P2 X100 Y-50\nT1 M6\nS8000 M3\nG55 G43 G0 X0 Y0 Z10\nG2 X20 I10 F600\nM101\nG4 P1.5\nM0\nT2 \
+        M6\nS3000\nG1 X-5 F90\nM2\n";
     bench.file("p.ngc", program);
     let with = ["p.ngc", "--tools", "tools.tbl", "--machine", "m.toml"];
     let said = bench.retrace([&["check", "--json"][..], &with].concat());
@@ -78,7 +83,8 @@ fn lengths_pierces_time_per_tool_and_feeds_beyond_the_machine_are_told() {
     let bench = Bench::new();
     bench.file("m.toml", "cutting_outputs = [3]\n");
     // 10 mm of rapid, 30 mm and a half circle of 10 mm radius of feed; the output is switched on twice
-    let program = "G21 G90\nT1 M6\nG0 X10\nM64 P3\nG1 X30 F600\nG3 X10 I-10 J0 F9000\nM65 P3\nT2 M6\nM64 P3\nM64 P3\nG1 X20\nM65 P3\nM2\n";
+    let program = "G21 G90\nT1 M6\nG0 X10\nM64 P3\nG1 X30 F600\nG3 X10 I-10 J0 F9000\nM65 P3\nT2 M6\nM64 P3\nM64 \
+        P3\nG1 X20\nM65 P3\nM2\n";
     bench.file("p.ngc", program);
     let said = bench.retrace(["check", "p.ngc", "--machine", "m.toml", "--json"]);
     assert_eq!(said.code, Some(0), "{}", said.err);

@@ -9,8 +9,10 @@ use retrace_tests::command::{Bench, cases};
 use serde_json::Value;
 
 /// Blends, a loop in a subprogram, codes with a duration and synchronous ones.
-const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.5\nM3 S1000\nG1 X10\nM62 P10\nX12 Y5\nX5 Y9\nM63 P10\nO100 sub\nO101 repeat [3]\nG91\nM62 P12\nG1 X3 Y1\n\
-    X-3 Y2 Z-0.5\nM63 P12\nX1\nG90\nO101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X6 Y-4\nG3 X12 Y2 I0 J6\nM9\nG1 X0 Y0 Z0\nX11.111 Y7.007 Z-3.3\nM5\nM2\n";
+const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.5\nM3 S1000\nG1 X10\nM62 P10\nX12 Y5\nX5 Y9\nM63 P10\nO100 sub\nO101 \
+    repeat [3]\nG91\nM62 P12\nG1 X3 Y1\n\
+    X-3 Y2 Z-0.5\nM63 P12\nX1\nG90\nO101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X6 Y-4\nG3 X12 Y2 I0 \
+    J6\nM9\nG1 X0 Y0 Z0\nX11.111 Y7.007 Z-3.3\nM5\nM2\n";
 /// Its end, in pulses.
 const END: [i64; 3] = [11_111, 7_007, -3_300];
 

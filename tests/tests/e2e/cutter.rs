@@ -12,7 +12,8 @@ use serde_json::json;
 fn machine(cutter: &str, more: &str) -> String {
     let axis = |name: &str| {
         format!(
-            "[[axis]]\nname = \"{name}\"\npulses_per_mm = 200\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = 200\nmax_velocity_mm_per_s = \
+                100\nmax_acceleration_mm_per_s2 = 1000\n\
              max_jerk_mm_per_s3 = 20000\ntravel_mm = [-50, 500]\n"
         )
     };
@@ -140,7 +141,8 @@ fn every_other_stop_puts_the_torch_out_as_well() {
         (TORCH_PROGRAM, "at line 4 single\nafter 3s single\nafter 0s recover\n", "single"),
         (
             TORCH_PROGRAM,
-            "at line 4 override 100%\nafter 0.3s pause\nafter 1s spindle stop\nafter 0s spindle start\nafter 0s online\nafter 0s cycle start\n",
+            "at line 4 override 100%\nafter 0.3s pause\nafter 1s spindle stop\nafter 0s spindle start\nafter 0s \
+                online\nafter 0s cycle start\n",
             "pause",
         ),
     ];
@@ -191,7 +193,8 @@ fn outputs_that_were_switched_by_hand_are_asked_about_at_every_restart() {
     let spindle = machine(SPINDLE, "");
     let program = TORCH_PROGRAM.replace("M3\nG1 X70", "M3 M64 P5\nG1 X70");
     let held = "at line 4 override 100%\nafter 0.3s hold\nafter 1s output 5 off\nafter 0s resume\nafter 1s agree\n";
-    let paused = "at line 4 override 100%\nafter 0.3s pause\nafter 1s output 5 off\nafter 0s spindle stop\nafter 0s spindle start\n\
+    let paused = "at line 4 override 100%\nafter 0.3s pause\nafter 1s output 5 off\nafter 0s spindle stop\nafter 0s \
+        spindle start\n\
         after 0s online\nafter 0s cycle start\nafter 4s agree\n";
     for script in [held, paused] {
         let (run, pins) = run(&spindle, &program, script, &[]);
@@ -297,7 +300,8 @@ fn a_dry_run_keeps_the_cutter_and_its_gas_off_and_nothing_else() {
 #[test]
 fn a_cutter_is_switched_off_by_hand_at_any_time_and_on_only_where_it_may_cut() {
     let cutting_jet = format!("{JET}retrace_cut = true\n");
-    let script = "at line 5 override 100%\nafter 1s cutter off\nafter 1s output 3 on\nafter 0s cutter on\nafter 0s reverse 50%\n\
+    let script = "at line 5 override 100%\nafter 1s cutter off\nafter 1s output 3 on\nafter 0s cutter on\nafter 0s \
+        reverse 50%\n\
         after 0.5s cutter on\nafter 0.3s output 3 off\nafter 0s leave\n";
     let (run, pins) = run(&machine(&cutting_jet, ""), JET_PROGRAM, script, &[]);
     run.assert_exact_and_legal();
@@ -462,7 +466,8 @@ fn a_stream_that_is_refused_in_the_cut_leaves_the_cutter_off() {
 /// From the pause to the kerf the jet is off, while a length is entered and during the return with it.
 #[test]
 fn a_tool_length_in_a_pause_lights_nothing_before_the_kerf() {
-    let script = "at line 5 override 100%\nafter 0.5s pause\nafter 1s jog z 5\nafter 0s tool length by 1.5\nafter 1s online\n\
+    let script = "at line 5 override 100%\nafter 0.5s pause\nafter 1s jog z 5\nafter 0s tool length by 1.5\nafter 1s \
+        online\n\
         after 0s cycle start\nafter 3s recover\n";
     let (run, samples) = run(&machine(JET, ""), JET_PROGRAM, script, &[]);
     assert_eq!(run.output.code, Some(0), "{}\n{}", run.output.err, run.output.out);

@@ -5,7 +5,8 @@ use retrace_tests::command::Bench;
 use retrace_tests::run::Run;
 
 /// Edge of a pocket with the spindle on, arcs and corners, and outputs switched in motion.
-const EDGE: &str = "G21 G90 G17 G64 P0.05\nG0 Z5\nT1 M6\nS12000 M3\nG0 X10 Y10\nG1 Z-2 F600\nG1 X40 F1500\nG3 X50 Y20 J10 I0\n\
+const EDGE: &str = "G21 G90 G17 G64 P0.05\nG0 Z5\nT1 M6\nS12000 M3\nG0 X10 Y10\nG1 Z-2 F600\nG1 X40 F1500\nG3 X50 Y20 \
+    J10 I0\n\
     G1 Y40\nM62 P3\nG1 X10\nG1 Y10\nM63 P3\nG0 Z5\nM5\nM2\n";
 
 /// The sequence of the interface.
@@ -90,8 +91,10 @@ fn paused_while_retracing_and_at_a_program_stop_it_goes_on_where_it_was() {
 #[test]
 fn a_pause_on_the_way_back_stops_the_axes_and_keeps_the_breakpoint() {
     let plain = run(EDGE, "");
-    let script = "at line 7 pause\nafter 0s spindle stop\nafter 0s jog z 60\nafter 0s jog x 80\nafter 5s spindle start\nafter 0s online\n\
-        after 0s cycle start\nafter 0.4s spindle stop\nafter 0s pause\nafter 1s cycle start\nafter 0s spindle stop\nafter 0s spindle start\n\
+    let script = "at line 7 pause\nafter 0s spindle stop\nafter 0s jog z 60\nafter 0s jog x 80\nafter 5s spindle \
+        start\nafter 0s online\n\
+        after 0s cycle start\nafter 0.4s spindle stop\nafter 0s pause\nafter 1s cycle start\nafter 0s spindle \
+        stop\nafter 0s spindle start\n\
         after 0s online\nafter 0s cycle start\n";
     let run = run(EDGE, script);
     assert_eq!((run.output.code, run.counts()), (Some(0), plain.counts()), "{}\n{}", run.output.err, run.output.out);

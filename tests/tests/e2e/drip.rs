@@ -118,7 +118,8 @@ fn paused_at_any_moment_it_is_taken_up_where_it_was_left_and_ends_at_the_same_co
         let mm = mm as f64 / 10.0 - if axis == 2 { 0.0 } else { 10.0 };
         let _ = writeln!(
             script,
-            "after {}s pause\nafter 1s spindle stop\nafter 0s jog z 5\nafter 1.5s jog {} {mm}\nafter 1.5s spindle start\n\
+            "after {}s pause\nafter 1s spindle stop\nafter 0s jog z 5\nafter 1.5s jog {} {mm}\nafter 1.5s spindle \
+                start\n\
              after 0s online\nafter 0s cycle start\nafter 3s override 100%",
             wait as f64 / 1000.0,
             ["x", "y", "z"][axis],

@@ -68,7 +68,8 @@ fn a_raised_override_acts_within_half_a_second_and_a_lowered_one_at_once() {
 #[test]
 fn a_run_with_overrides_can_be_repeated_to_the_pulse() {
     let program = std::fs::read_to_string(root().join("examples/03-arcs.ngc")).expect("an example");
-    let script = "at 0s override 130%\nat 1s override 180%\nafter 0.1s override 40%\nafter 0.3s override 200%\nafter 2s reverse 100%\n\
+    let script = "at 0s override 130%\nat 1s override 180%\nafter 0.1s override 40%\nafter 0.3s override 200%\nafter \
+        2s reverse 100%\n\
                   after 1s leave\nafter 1s override 110%\n";
     let first = run(&program, script);
     first.assert_exact_and_legal();

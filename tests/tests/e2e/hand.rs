@@ -43,13 +43,15 @@ fn blocks_by_hand_go_on_from_each_other_over_the_parameter_file() {
 }
 
 /// A machine whose axes x and z have home switches.
-const HOMED: &str = "homed = true\n[[axis]]\nname = \"x\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+const HOMED: &str = "homed = true\n[[axis]]\nname = \"x\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = \
+    100\nmax_acceleration_mm_per_s2 = 1000\n\
     max_jerk_mm_per_s3 = 20000\ntravel_mm = [-20, 300]\nhome = { switch = \"lower\", position_mm = -2.5 }\n\
     [[axis]]\nname = \"y\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
     max_jerk_mm_per_s3 = 20000\ntravel_mm = [-20, 300]\n\
     [[axis]]\nname = \"z\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
     max_jerk_mm_per_s3 = 20000\ntravel_mm = [-100, 20]\nhome = { switch = \"upper\" }\n\
-    [[card.input]]\nnumber = 1\nuse = \"home\"\naxis = \"x\"\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\n";
+    [[card.input]]\nnumber = 1\nuse = \"home\"\naxis = \"x\"\n[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis \
+    = \"z\"\n";
 
 #[test]
 fn an_axis_without_a_switch_is_not_homed() {

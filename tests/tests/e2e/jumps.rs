@@ -54,7 +54,8 @@ fn every_jump_stands_in_the_table_and_what_leads_nowhere_is_refused_before_anyth
     bench.file("part.ngc", "o<part> sub\nG0 X1\no<part> endsub\n");
     bench.file(
         "main.ngc",
-        "o1 if [#1 EQ 0]\no<part> call\no1 else\nCYCLE81(10,0,2,-5)\no1 endif\no2 repeat [2]\nG0 X2\no2 endrepeat\nM2\n",
+        "o1 if [#1 EQ 0]\no<part> call\no1 else\nCYCLE81(10,0,2,-5)\no1 endif\no2 repeat [2]\nG0 X2\no2 \
+            endrepeat\nM2\n",
     );
     let said = bench.retrace(["check", "main.ngc", "--table"]);
     assert_eq!(said.code, Some(0), "{}", said.err);

@@ -16,11 +16,14 @@ use retrace_tests::trace::{Switched, piped};
 use serde_json::Value;
 
 /// A straight run, blends, a loop in a subprogram, codes with a duration and synchronous ones, a dwell, an arc.
-const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.1\nM3 S1000\nG1 X20\nM62 P10\nX25 Y5\nX12 Y9\nM63 P10\nO100 sub\nO101 repeat [3]\nG91\nM62 P12\nG1 X3 Y1\n\
-    M101\nX-3 Y2 Z-0.5\nM63 P12\nM102\nX1\nG90\nO101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X30 Y-4\nM64 P14\nG3 X36 Y2 I0 J6\nO100 call\n\
+const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.1\nM3 S1000\nG1 X20\nM62 P10\nX25 Y5\nX12 Y9\nM63 P10\nO100 \
+    sub\nO101 repeat [3]\nG91\nM62 P12\nG1 X3 Y1\n\
+    M101\nX-3 Y2 Z-0.5\nM63 P12\nM102\nX1\nG90\nO101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X30 Y-4\nM64 \
+    P14\nG3 X36 Y2 I0 J6\nO100 call\n\
     M9\nM62 P11\nG1 X15 Y5 Z0\nX11.111 Y7.007 Z-3.3\nM65 P14\nM5\nM2\n";
 /// Duration of the codes, and a watchdog that tolerates a computer under load.
-const MACHINE: &str = "[card]\nwatchdog_ms = 2000\n[code.M3]\nduration_ms = 200\n[code.M8]\nduration_ms = 150\n[code.M101]\noutput = 20\n\
+const MACHINE: &str = "[card]\nwatchdog_ms = 2000\n[code.M3]\nduration_ms = 200\n[code.M8]\nduration_ms = \
+    150\n[code.M101]\noutput = 20\n\
     class = \"synchronous\"\n[code.M102]\noutput = 20\noff = true\nduration_ms = 60\n";
 /// An operator who goes back and forward again, in a straight run and in the loop's second call.
 const OPERATOR: &str =

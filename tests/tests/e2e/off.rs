@@ -206,7 +206,8 @@ fn the_cutter_is_off_outside_of_a_cut_whatever_happens() {
         let tally = tally.lock().expect("no panic");
         let Tally { ends, ignitions, steps_on, steps_back, alarms } = &*tally;
         println!(
-            "{jobs} jobs in {:.0} s: hosts {ends:?}; {ignitions} ignitions, {steps_on} steps with the cutter on, {steps_back} backward, {alarms} alarms",
+            "{jobs} jobs in {:.0} s: hosts {ends:?}; {ignitions} ignitions, {steps_on} steps with the cutter on, \
+                {steps_back} backward, {alarms} alarms",
             begun.elapsed().as_secs_f64()
         );
     };

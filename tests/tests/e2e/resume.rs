@@ -12,8 +12,10 @@ use retrace_tests::served::ServedCard;
 use serde_json::Value;
 
 /// Straight runs, blends, a loop in a subprogram, switching with a duration.
-const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.1\nM3 S1000\nG1 X20\nX25 Y5\nX5 Y9\nO100 sub\nO101 repeat [4]\nG91\nG1 X3 Y1\nX-3 Y2 Z-0.5\nG90\n\
-    O101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X30 Y-4\nG3 X40 Y6 I0 J10\nO100 call\nM9\nG1 X0 Y0 Z0\nX11.111 Y7.007 Z-3.3\nM5\nM2\n";
+const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.1\nM3 S1000\nG1 X20\nX25 Y5\nX5 Y9\nO100 sub\nO101 repeat \
+    [4]\nG91\nG1 X3 Y1\nX-3 Y2 Z-0.5\nG90\n\
+    O101 endrepeat\nO100 endsub\nO100 call\nM8\nG4 P0.3\nG1 X30 Y-4\nG3 X40 Y6 I0 J10\nO100 call\nM9\nG1 X0 Y0 \
+    Z0\nX11.111 Y7.007 Z-3.3\nM5\nM2\n";
 /// Its end, in pulses.
 const END: [i64; 3] = [11_111, 7_007, -3_300];
 const PATIENT: &str = "[card]\nwatchdog_ms = 2000\n";
@@ -298,7 +300,8 @@ fn after_a_restart_of_the_card_homing_is_enough_where_every_axis_has_a_switch() 
     let bench = bench();
     let axis = |name: &str, travel: &str, home: &str| {
         format!(
-            "[[axis]]\nname = \"{name}\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = \
+                100\nmax_acceleration_mm_per_s2 = 1000\n\
              max_jerk_mm_per_s3 = 20000\ntravel_mm = {travel}\nhome = {home}\n"
         )
     };

@@ -288,7 +288,8 @@ fn ctrl_c_sigterm_and_sighup_stop_work_by_hand() {
     let switch = "[[card.input]]\nnumber = 2\nuse = \"upper-limit\"\naxis = \"z\"\n";
     let axis = |name: &str, home: &str| {
         format!(
-            "[[axis]]\nname = \"{name}\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = \
+                100\nmax_acceleration_mm_per_s2 = 1000\n\
             max_jerk_mm_per_s3 = 20000\ntravel_mm = [-20, 900]\n{home}"
         )
     };

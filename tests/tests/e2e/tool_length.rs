@@ -12,11 +12,13 @@ use serde_json::Value;
 /// Two tools of 10 and 20 mm.
 const TOOLS: &str = "T1 P1 Z10 D2 ;first\nT2 P2 Z20 D2 ;second\n";
 /// A square with tool 1; line 7 takes five seconds.
-const SQUARE: &str = "G21 G90 G17 G61.1\nT1 M6 G43 H1\nG0 Z5\nS1000 M3\nG0 X10 Y10\nG1 Z-2 F600\nG1 X60\nG1 Y40\nG1 X10\nG0 Z5\nM5\nM2\n";
+const SQUARE: &str = "G21 G90 G17 G61.1\nT1 M6 G43 H1\nG0 Z5\nS1000 M3\nG0 X10 Y10\nG1 Z-2 F600\nG1 X60\nG1 Y40\nG1 \
+    X10\nG0 Z5\nM5\nM2\n";
 
 fn pause(length: &str) -> String {
     format!(
-        "at line 7 override 100%\nafter 1s pause\nafter 0s spindle stop\nafter 0s jog z 30\nafter 0s {length}\nafter 0s spindle start\n\
+        "at line 7 override 100%\nafter 1s pause\nafter 0s spindle stop\nafter 0s jog z 30\nafter 0s {length}\nafter \
+            0s spindle start\n\
          after 0s online\nafter 0s cycle start\n"
     )
 }
@@ -84,7 +86,8 @@ fn the_way_back_and_the_path_go_by_the_new_length_backward_too() {
 fn machine_coordinates_are_those_of_the_machine_and_another_offset_ends_the_length() {
     let program = SQUARE.replace(
         "G0 Z5\nM5\nM2\n",
-        "G53 G0 Z0\nG0 X0\nG0 X5 Z5\nG1 Z-1\nG53 G0 X1\nG1 Z-2\nG43 H1\nG18 G2 X3 Z-2 I1 K0\nT2 M6 G43 H2\nG0 X7\nG28 X0\nG0 Z5\nM5\nM2\n",
+        "G53 G0 Z0\nG0 X0\nG0 X5 Z5\nG1 Z-1\nG53 G0 X1\nG1 Z-2\nG43 H1\nG18 G2 X3 Z-2 I1 K0\nT2 M6 G43 H2\nG0 X7\nG28 \
+            X0\nG0 Z5\nM5\nM2\n",
     );
     let (run, records) = run(&program, &pause("tool length 12.5"));
     assert_eq!((run.output.code, refusals(&run)), (Some(0), vec![]), "{}\n{}", run.output.err, run.output.out);
@@ -117,7 +120,8 @@ fn the_same_tool_and_offset_again_have_the_new_length() {
 #[test]
 fn where_machine_coordinates_are_planned_already_it_is_refused() {
     let program = SQUARE.replace("G1 Y40\n", "G53 G0 Z0\nG1 Y40\n");
-    let script = "at line 7 override 100%\nafter 4.7s pause\nafter 0s spindle stop\nafter 0s tool length 12.5\nafter 0s spindle start\n\
+    let script = "at line 7 override 100%\nafter 4.7s pause\nafter 0s spindle stop\nafter 0s tool length 12.5\nafter \
+        0s spindle start\n\
         after 0s online\nafter 0s cycle start\n";
     let (run, records) = run(&program, script);
     assert_eq!(run.output.code, Some(0), "{}\n{}", run.output.err, run.output.out);
@@ -130,10 +134,14 @@ fn where_machine_coordinates_are_planned_already_it_is_refused() {
 }
 
 /// Z ends at 20 mm.
-const LOW: &str = "[[axis]]\nname = \"x\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\n\
-    max_jerk_mm_per_s3 = 20000\ntravel_mm = [-100, 100]\n[[axis]]\nname = \"y\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\n\
-    max_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-100, 100]\n[[axis]]\nname = \"z\"\npulses_per_mm = 1000\n\
-    max_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-100, 20]\n";
+const LOW: &str = "[[axis]]\nname = \"x\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = \
+    100\nmax_acceleration_mm_per_s2 = 1000\n\
+    max_jerk_mm_per_s3 = 20000\ntravel_mm = [-100, 100]\n[[axis]]\nname = \"y\"\npulses_per_mm = \
+    1000\nmax_velocity_mm_per_s = 100\n\
+    max_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-100, 100]\n[[axis]]\nname = \
+    \"z\"\npulses_per_mm = 1000\n\
+    max_velocity_mm_per_s = 100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-100, \
+    20]\n";
 
 #[test]
 fn no_move_leaves_the_soft_limits_by_it() {
@@ -199,7 +207,8 @@ fn a_job_with_a_new_tool_length_is_resumed_with_it() {
     for (ends, stands) in scripts.into_iter().zip([None, Some(10_500)]) {
         let to_zero = bench.retrace(["mdi", "G0 X0 Y0 Z0", "--card", &card.port, "--machine", "machine.toml"]);
         assert_eq!(to_zero.code, Some(0), "{}", to_zero.err);
-        let begin = "at line 7 override 100%\nafter 0.3s pause\nafter 0s spindle stop\nafter 0s jog z 30\nafter 0s tool length 12.5\n";
+        let begin = "at line 7 override 100%\nafter 0.3s pause\nafter 0s spindle stop\nafter 0s jog z 30\nafter 0s \
+            tool length 12.5\n";
         bench.file("shift.op", format!("{begin}{ends}"));
         let run =
             ["run", "part.ngc", "--card", &card.port, "--machine", "machine.toml", "--tools", "tools.tbl", "--json"];

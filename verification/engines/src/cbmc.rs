@@ -12,8 +12,10 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 /// Meaning of a proof of this lane, and its limits.
-pub(crate) const MEANING: &str = "No panic, overflow or failed assertion in the LLVM-optimised wasm32 code, where usize has 32 bits, for every \
-     value the harness asks about. rustc, LLVM, wasm2c and verification/cbmc/environment.c are trusted; undefined behaviour is not \
+pub(crate) const MEANING: &str = "No panic, overflow or failed assertion in the LLVM-optimised wasm32 code, where \
+    usize has 32 bits, for every \
+     value the harness asks about. rustc, LLVM, wasm2c and verification/cbmc/environment.c are trusted; undefined \
+     behaviour is not \
      looked for.";
 
 /// Time limit of a harness, in a full run and in a quick one.

@@ -289,7 +289,10 @@ mod tests {
 
     #[test]
     fn a_quick_run_proves_what_was_cheap() {
-        let result = |check: &str, seconds: f64| json!({"engine": "cbmc", "check": check, "verdict": "proved", "seconds": seconds});
+        let result = |check: &str, seconds: f64| {
+            json!({"engine": "cbmc", "check": check, "verdict": "proved",
+            "seconds": seconds})
+        };
         let book =
             json!({"rows": [{"results": [result("a", 79.0), result("b", 0.5)]}, {"results": [result("c", 0.5)]}]});
         assert_eq!(cheapest(&book), BTreeSet::from(["a".into(), "b".into(), "c".into()]));

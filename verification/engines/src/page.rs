@@ -28,7 +28,8 @@ fn head(page: &mut String, book: &Value) {
     let _ = writeln!(page, "# The proof ledger\n");
     let _ = writeln!(
         page,
-        "Written by `cargo xtask verify` at commit {}, {}{quick}, in {} s. How to read it: [docs/verification.md](../docs/verification.md).\n",
+        "Written by `cargo xtask verify` at commit {}, {}{quick}, in {} s. How to read it: \
+            [docs/verification.md](../docs/verification.md).\n",
         text(&book["commit"]),
         text(&book["date"]),
         book["seconds"]
@@ -96,10 +97,12 @@ mod tests {
 
     #[test]
     fn the_page_names_what_did_not_run_and_what_every_row_showed() {
-        let row = json!({"name": "a-row", "says": "It holds", "status": "passed (native)", "mutants_killed": 1, "mutants_run": 2,
+        let row = json!({"name": "a-row", "says": "It holds", "status": "passed \
+            (native)", "mutants_killed": 1, "mutants_run": 2,
             "mutants_run_by_cbmc": 0, "seconds": 1.5, "harnesses": [{"name": "h", "unwind": 3}],
             "results": [{"engine": "cbmc", "check": "h", "words": "a | b", "seconds": 0.5}]});
-        let book = json!({"commit": "abc", "date": "2026-01-01", "not_run": [{"engine": "kani", "why": "not here"}], "rows": [row]});
+        let book = json!({"commit": "abc", "date": "2026-01-01", "not_run": [{"engine": "kani", "why": "not \
+            here"}], "rows": [row]});
         let page = render(&book);
         for line in [
             "- **NOT RUN: kani** (not here)",

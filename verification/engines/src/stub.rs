@@ -172,7 +172,8 @@ mod tests {
         let native = "#[cfg(not(any(kani, verify_wasm)))]";
         let text = format!(
             "fn a() {{ assert_eq!(1, 1); }}\n{native}\nmod search {{\n fn b() -> Vec<u8> {{ vec![] }}\n}}\n// Vec\n\
-             {native}\npub const ROWS: &[Row] = &[Row {{ x: vec }}];\nfn c() -> f64 {{ 0.0 }}\nharnesses! {{ }}\n#[cfg(test)]\nmod t {{ fn d() {{ format!(1); }} }}\n"
+             {native}\npub const ROWS: &[Row] = &[Row {{ x: vec }}];\nfn c() -> f64 {{ 0.0 }}\nharnesses! {{ \
+             }}\n#[cfg(test)]\nmod t {{ fn d() {{ format!(1); }} }}\n"
         );
         let tree = Tree::of(&[
             ("verification/src/a.rs", &text),

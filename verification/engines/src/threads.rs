@@ -145,9 +145,12 @@ fn without_seconds(report: &str) -> String {
 mod tests {
     use super::*;
 
-    const SAMPLE: &str = "running 4 tests\ntest ring::short ... ok\ntest ring::long ... ok\ntest c ... FAILED\ntest d ... ok\n\n\
-        successes:\n\n---- ring::short stdout ----\nLOOM short: 2141 executions, outcomes {0, 1}, 0.25 s, preemption bound 3\n\n\
-        ---- ring::long stdout ----\nLOOM long: 1 executions, outcomes {0}, 0.1 s, preemption bound 3\n\n\nsuccesses:\n    ring::short\n\n\
+    const SAMPLE: &str = "running 4 tests\ntest ring::short ... ok\ntest ring::long ... ok\ntest c ... FAILED\ntest d \
+        ... ok\n\n\
+        successes:\n\n---- ring::short stdout ----\nLOOM short: 2141 executions, outcomes {0, 1}, 0.25 s, preemption \
+        bound 3\n\n\
+        ---- ring::long stdout ----\nLOOM long: 1 executions, outcomes {0}, 0.1 s, preemption bound \
+        3\n\n\nsuccesses:\n    ring::short\n\n\
         failures:\n\n---- c stdout ----\nWARNING: x\n\nthread 'c' panicked at x.rs:1:\ndeadlock\n\nfailures:\n    c\n\n\
         test result: FAILED. 3 passed; 1 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.1s\n";
 

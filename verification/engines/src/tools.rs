@@ -28,7 +28,8 @@ pub(crate) struct CbmcTools {
 const WASM: &str = "wasm32-unknown-unknown";
 
 /// Installation of the tools of the CBMC lane.
-pub(crate) const GET_CBMC: &str = "rustup target add wasm32-unknown-unknown; then cbmc (6.x) and wabt (1.0.32) from your distribution, on PATH \
+pub(crate) const GET_CBMC: &str = "rustup target add wasm32-unknown-unknown; then cbmc (6.x) and wabt (1.0.32) from \
+    your distribution, on PATH \
      (docs/verification.md, Engines)";
 /// Installation of Kani.
 pub(crate) const GET_KANI: &str =

@@ -30,7 +30,8 @@ fn check(name: &str, shape: Tape, run: fn(Tape) -> Outcome, start: u32, known: &
 
 /// A test of either consumer for a shape: `keep + look_ahead`, records, turn, outcomes.
 macro_rules! shapes {
-    ($($name:ident: $keep:literal + $look_ahead:literal, $records:literal records, turn $turn:literal, $known:expr;)*) => {$(
+    ($($name:ident: $keep:literal + $look_ahead:literal, $records:literal records, turn $turn:literal,
+        $known:expr;)*) => {$(
         mod $name {
             use super::*;
 

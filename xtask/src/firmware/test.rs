@@ -104,7 +104,8 @@ fn emulation(root: &Path) -> Result<bool, String> {
     let found = Diagnostics::read(&image, &mut emulator)?;
     let depth = diagnostics::stack_depth(&image, &mut emulator)?;
     println!(
-        "emulation: {} control periods, {} late, {} bytes lost, {} orders refused; the longest took {} instructions, the \
+        "emulation: {} control periods, {} late, {} bytes lost, {} orders refused; the longest took {} instructions, \
+            the \
          step interrupt {} a slot; stack {depth} bytes",
         found.periods,
         found.late_periods,

@@ -28,7 +28,10 @@ fn build(root: &Path) -> Result<(), String> {
     let mdbook = std::env::var_os("RETRACE_MDBOOK").map_or_else(|| PathBuf::from("mdbook"), PathBuf::from);
     let built = Command::new(mdbook).arg("build").arg(&folder).status();
     let status = built.map_err(|error| {
-        format!("mdbook cannot be run: {error}; `cargo install mdbook --locked` installs it, RETRACE_MDBOOK names another one")
+        format!(
+            "mdbook cannot be run: {error}; `cargo install mdbook --locked` installs it, RETRACE_MDBOOK names \
+            another one"
+        )
     })?;
     if !status.success() {
         return Err("mdbook failed".to_owned());

@@ -132,7 +132,8 @@ fn third_party(root: &Path) -> Result<String, String> {
     let metadata = output(&mut cargo(root, &["metadata", "--format-version", "1", "--locked"]))?;
     let metadata: Value = serde_json::from_str(&metadata).map_err(|error| format!("cargo metadata: {error}"))?;
     let mut text = String::from(
-        "Libraries in the binary `retrace`, and the macros that generated parts of it, with their licences. Each one is used unchanged; its source is at https://crates.io/crates/NAME/VERSION.\n",
+        "Libraries in the binary `retrace`, and the macros that generated parts of it, with their licences. Each one \
+            is used unchanged; its source is at https://crates.io/crates/NAME/VERSION.\n",
     );
     for package in metadata["packages"].as_array().into_iter().flatten().filter(|package| package["source"].is_string())
     {

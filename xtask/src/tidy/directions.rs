@@ -158,9 +158,11 @@ mod tests {
 
     #[test]
     fn an_arrow_that_points_back_is_refused_in_every_spelling() {
-        let text = "[package]\nname = \"x\"\n[dependencies]\nretrace-core.workspace = true\nretrace-motion = { path = \"..\" }\n\
+        let text = "[package]\nname = \"x\"\n[dependencies]\nretrace-core.workspace = true\nretrace-motion = { path = \
+            \"..\" }\n\
                     m = { package = \"retrace-motion\" }\n[dependencies.retrace-gcode]\npath = \"..\"\n\
-                    [dev-dependencies]\nretrace-card.workspace = true\n[target.'cfg(unix)'.dependencies]\n\"retrace-cli\" = \"1\"\n";
+                    [dev-dependencies]\nretrace-card.workspace = \
+                    true\n[target.'cfg(unix)'.dependencies]\n\"retrace-cli\" = \"1\"\n";
         assert_eq!(lines("crates/link/Cargo.toml", text), [5, 6, 7, 10, 12]);
     }
 

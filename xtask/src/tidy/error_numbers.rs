@@ -81,7 +81,8 @@ mod tests {
 
     #[test]
     fn a_number_without_a_row_and_a_row_without_a_number_are_refused() {
-        let source = "A => \"E1001\", D => \"E3001: it broke\", B => \"W1002\", C => \"E5001\"\n#[cfg(test)]\nmod tests {\n\"E1999\"\n}\n";
+        let source = "A => \"E1001\", D => \"E3001: it broke\", B => \"W1002\", C => \"E5001\"\n#[cfg(test)]\nmod \
+            tests {\n\"E1999\"\n}\n";
         assert_eq!(
             messages(source, "| `E1001` | x |\n| E3001 | z |\n| E2001 | y |\n"),
             ["W1002 has no row in docs/errors.md", "E2001 is used nowhere in the code"]

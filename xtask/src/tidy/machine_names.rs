@@ -66,7 +66,8 @@ mod tests {
     fn absolute_paths_are_refused_and_relative_ones_are_not() {
         let slash = "/";
         let text = format!(
-            "see {slash}work/x\nin `{slash}tmp`\n../work/y\nhttps://a.org{slash}home/b\n{slash}workshop\nx{slash}root\n\"{slash}home/me\"\n"
+            "see {slash}work/x\nin `{slash}tmp`\n../work/y\nhttps://a.org{slash}home/b\n\
+             {slash}workshop\nx{slash}root\n\"{slash}home/me\"\n"
         );
         assert_eq!(lines("README.md", &text), [1, 2, 7]);
     }
@@ -75,7 +76,8 @@ mod tests {
     fn private_hosts_are_refused_and_public_ones_are_not() {
         let mark = ":/";
         let text = format!(
-            "http{mark}/10.0.0.1:80/x\nhttps{mark}/docs.rs/x\nhttp{mark}/me@mirror.internal\nhttp{mark}/localhost:1\nx://\n"
+            "http{mark}/10.0.0.1:80/x\nhttps{mark}/docs.rs/x\nhttp{mark}/me@mirror.internal\n\
+             http{mark}/localhost:1\nx://\n"
         );
         assert_eq!(lines("a.toml", &text), [1, 3, 4]);
     }

@@ -8,6 +8,7 @@ mod error_catalogue;
 mod error_numbers;
 mod error_types;
 mod figures;
+mod line_width;
 mod links;
 mod machine_names;
 mod module_docs;
@@ -73,6 +74,7 @@ pub(crate) const CHECKS: &[Check] = &[
     Check { name: "error-types", rule: "every error type implements Error", find: error_types::find },
     Check { name: "module-docs", rule: "every module opens with what its job is", find: module_docs::find },
     Check { name: "sizes", rule: "a file stays short enough to be one noun", find: sizes::find },
+    Check { name: "width", rule: "no line of Rust exceeds 120 columns", find: line_width::find },
     Check { name: "machine", rule: "no path or host of one machine is in the tree", find: machine_names::find },
     Check { name: "book", rule: "every page of docs/ is a chapter of the book", find: book_pages::find },
     Check { name: "links", rule: "every relative link in Markdown leads somewhere", find: links::find },

@@ -44,7 +44,8 @@ mod tests {
 
     #[test]
     fn a_path_that_there_is_none_of_is_refused() {
-        let text = "`crates/a/src/b.rs` `crates/a/src/c.rs` in a new file `docs/d.md`, `crates/NAME/x y`, `tests/`, `xtask/e/`\n\
+        let text = "`crates/a/src/b.rs` `crates/a/src/c.rs` in a new file `docs/d.md`, `crates/NAME/x y`, `tests/`, \
+            `xtask/e/`\n\
                     ```\n`docs/f.md`\n```\n";
         let tree = Tree::of(&[("README.md", text), ("crates/a/src/b.rs", "")]);
         let found: Vec<_> = find(&tree).into_iter().map(|finding| finding.message).collect();

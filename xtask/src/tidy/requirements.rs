@@ -232,7 +232,8 @@ mod tests {
             assert_eq!(messages(&wrong_rows(&rows, TWO)), [page(&format!("@1: {expected}"))], "{row}");
         }
         let rows = page(
-            "| @1 | s | built | `a.rs` | `b.rs::c` |\n| @2 | s | partly: x | `a.rs` | [r](../verification/LEDGER.md#r) |",
+            "| @1 | s | built | `a.rs` | `b.rs::c` |\n| @2 | s | partly: x | `a.rs` | \
+                [r](../verification/LEDGER.md#r) |",
         );
         assert_eq!(messages(&wrong_rows(&rows, TWO)), [""; 0]);
     }
@@ -243,7 +244,8 @@ mod tests {
         let tree = Tree::of(&[("crates/a.rs", code), (LEDGER, "\"name\": \"row\"")]);
         let held = "`crates/a.rs` `crates` `REV` `crates/a.rs::there` [row](../verification/LEDGER.md#row)";
         assert_eq!(messages(&missing_evidence(&tree, held)), [""; 0]);
-        let missing = "`crates/b.rs` `crates/b.rs::there`\n`crates/a.rs::helper` `crates/a.rs::ther`\n[x](../verification/LEDGER.md#x)";
+        let missing = "`crates/b.rs` `crates/b.rs::there`\n`crates/a.rs::helper` \
+            `crates/a.rs::ther`\n[x](../verification/LEDGER.md#x)";
         let expected = [
             "crates/b.rs does not exist",
             "crates/b.rs does not exist",

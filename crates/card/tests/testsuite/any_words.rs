@@ -119,8 +119,10 @@ fn deeds() -> impl Strategy<Value = Vec<Deed>> {
         6 => (1u32..50).prop_map(Deed::Ahead),
         2 => (1u32..50).prop_map(Deed::Behind),
         3 => rate.clone().prop_map(RateTarget::both).prop_map(Deed::Rate),
-        1 => (rate.clone(), 0..=16i64).prop_map(|(feed, part)| Deed::Rate(RateTarget { feed, rapid: feed / 16 * part })),
-        1 => (0..=16i64, rate.clone()).prop_map(|(part, rapid)| Deed::Rate(RateTarget { feed: rapid / 16 * part, rapid })),
+        1 => (rate.clone(), 0..=16i64)
+            .prop_map(|(feed, part)| Deed::Rate(RateTarget { feed, rapid: feed / 16 * part })),
+        1 => (0..=16i64, rate.clone())
+            .prop_map(|(part, rapid)| Deed::Rate(RateTarget { feed: rapid / 16 * part, rapid })),
         1 => (rate.clone(), rate.clone()).prop_map(|(feed, rapid)| Deed::Rate(RateTarget { feed, rapid })),
         4 => instruct,
         3 => repeat,
@@ -672,7 +674,8 @@ proptest! {
             witness.heard();
             witness.period(0, false);
         }
-        prop_assert!(Place::start_of(RecordIndex::new(start)).distance_to(witness.status().place) >= Distance::records(end.into()));
+        let executed = Place::start_of(RecordIndex::new(start)).distance_to(witness.status().place);
+        prop_assert!(executed >= Distance::records(end.into()));
     }
 }
 

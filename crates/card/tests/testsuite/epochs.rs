@@ -188,7 +188,8 @@ proptest! {
         first in any::<u32>(),
         base in prop::array::uniform2(-200i64..200),
         legs in prop::collection::vec(
-            (prop_oneof![3 => Just(Rate::ONE), 2 => Just(-Rate::ONE), 1 => Just(Rate::ONE / 2), 2 => rates(-1, 2)], 1u32..120, any::<bool>(), prop::bool::weighted(0.6)),
+            (prop_oneof![3 => Just(Rate::ONE), 2 => Just(-Rate::ONE), 1 => Just(Rate::ONE / 2), 2 => rates(-1, 2)],
+                1u32..120, any::<bool>(), prop::bool::weighted(0.6)),
             1..14,
         ),
     ) {

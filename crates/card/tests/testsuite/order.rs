@@ -34,7 +34,8 @@ struct Job {
 }
 
 fn jobs() -> impl Strategy<Value = Job> {
-    let rate = prop_oneof![3 => Just(Rate::ONE), 2 => Just(Rate::ZERO), 2 => Just(-Rate::ONE), 1 => Just(Rate::ONE / 5), 1 => rates(-2, 2)];
+    let rate = prop_oneof![3 => Just(Rate::ONE), 2 => Just(Rate::ZERO), 2 => Just(-Rate::ONE),
+        1 => Just(Rate::ONE / 5), 1 => rates(-2, 2)];
     let waits = prop_oneof![2 => Just(None), 1 => (0u32..12).prop_map(Some)];
     let markers = prop::collection::btree_map(0..=RECORDS, (0u32..9, waits), 0..6);
     let rates = prop::collection::vec((rate, 1u32..30), 0..30);

@@ -33,7 +33,8 @@ proptest! {
     #[test]
     fn what_is_accepted_can_be_emitted(
         records in records(),
-        words in prop::collection::vec((prop_oneof![Just(Rate::ONE), Just(Rate::ONE * 8), Just(Rate::ONE * -8), rates(-8, 8)], 1u32..60), 1..12),
+        words in prop::collection::vec((prop_oneof![Just(Rate::ONE), Just(Rate::ONE * 8), Just(Rate::ONE * -8),
+            rates(-8, 8)], 1u32..60), 1..12),
     ) {
         let mut card = LongCard::new(identity()).expect("a memory");
         // 100 ticks: (100 − 9) / 4 pulses
@@ -81,7 +82,8 @@ proptest! {
         let cap = RapidCap::sixteenths(cap);
         let record = Record { increments: [0, increment], cap, ..Record::default() };
         let place = if back { u32::MAX } else { 0 };
-        let word = if back { HostCommand::Behind { place: RecordIndex::new(place), record, rests: true } } else { HostCommand::Ahead { place: RecordIndex::new(place), record } };
+        let word = if back { HostCommand::Behind { place: RecordIndex::new(place), record,
+            rests: true } } else { HostCommand::Ahead { place: RecordIndex::new(place), record } };
         let fits = i64::from(increment).abs() * i64::from(cap.get()) <= 246 * 16;
         prop_assert_eq!(card.accept(word), if fits { Ok(()) } else { Err(CommandRefusal::Unsupported) });
         prop_assert_eq!(card.status().alarm, (!fits).then_some(Alarm::TooManyPulses { axis: 1 }));

@@ -35,7 +35,8 @@ pub struct Plot {
     pub reading: Reading,
     /// Draw the history of a job from its journal instead of a program: its name or a unique prefix; by default the
     /// newest.
-    #[arg(long, value_name = "JOB", num_args = 0..=1, conflicts_with_all = ["program", "machine", "operator", "profile"])]
+    #[arg(long, value_name = "JOB", num_args = 0..=1,
+        conflicts_with_all = ["program", "machine", "operator", "profile"])]
     pub job: Option<Option<String>>,
     #[command(flatten)]
     pub jobs: JobsFolder,

@@ -24,7 +24,8 @@ pub enum Machine {
     },
     /// Write the JSON schema of the machine file, with which an editor completes and checks keys.
     #[command(
-        after_help = "Example:\n  retrace machine schema -o machine-file.schema.json\n\nThen the first line of a machine file is:\n  \
+        after_help = "Example:\n  retrace machine schema -o machine-file.schema.json\n\nThen the first line of a \
+            machine file is:\n  \
         #:schema ./machine-file.schema.json"
     )]
     Schema {
@@ -34,7 +35,8 @@ pub enum Machine {
     },
     /// Check a machine file: one line per error and warning, then a summary of the machine.
     #[command(after_help = "Examples:\n  retrace machine check examples/02-back-up.toml\n  \
-        retrace machine check mill.toml --card /dev/ttyUSB0\n\nExit codes: 0 usable, with warnings or without · 2 errors · \
+        retrace machine check mill.toml --card /dev/ttyUSB0\n\nExit codes: 0 usable, with warnings or without · 2 \
+        errors · \
         3 the card does not answer")]
     Check {
         /// The machine file.

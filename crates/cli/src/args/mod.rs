@@ -36,7 +36,8 @@ use crate::shell_files::ShellFiles;
 #[derive(Debug, Parser)]
 #[command(name = "retrace", version, about, arg_required_else_help = true)]
 #[command(
-    after_help = "Example:\n  retrace run examples/01-first-cut.ngc\n\nExit codes: 0 completed · 1 the program has errors · \
+    after_help = "Example:\n  retrace run examples/01-first-cut.ngc\n\nExit codes: 0 completed · 1 the program has \
+        errors · \
     2 wrong usage or machine file · 3 alarm or card fault · 4 stopped by the operator"
 )]
 pub struct Cli {
@@ -50,18 +51,21 @@ pub struct Cli {
 pub enum Command {
     /// Run a program: on the simulated card unless --card names a port.
     #[command(
-        after_help = "Examples:\n  retrace run examples/02-back-up.ngc --operator examples/02-back-up.op --records out.csv --json\n  \
+        after_help = "Examples:\n  retrace run examples/02-back-up.ngc --operator examples/02-back-up.op --records \
+            out.csv --json\n  \
         retrace run --tui --card /dev/ttyUSB0 --machine mill.toml"
     )]
     #[command(mut_arg("program", |program| {
         let any_text = clap::builder::OsStringValueParser::new().map(PathBuf::from);
         let help = "NC program; `-` is standard input; with --tui it can be loaded at the screen";
-        program.value_parser(any_text).required(false).required_unless_present("tui").default_value_if("tui", "true", "").help(help)
+        program.value_parser(any_text).required(false).required_unless_present("tui").default_value_if("tui", "true",
+            "").help(help)
     }))]
     Run(Run),
     /// Decode and pre-scan only: every diagnostic, with line and column; nothing moves.
     #[command(
-        after_help = "Examples:\n  retrace check examples/01-first-cut.ngc\n  retrace check examples/01-first-cut.ngc --table\n  \
+        after_help = "Examples:\n  retrace check examples/01-first-cut.ngc\n  retrace check examples/01-first-cut.ngc \
+            --table\n  \
         retrace check examples/01-first-cut.ngc --json"
     )]
     Check(Check),
@@ -103,16 +107,16 @@ pub enum Command {
     Machine(Machine),
     /// Home the machine over the card's switches: one axis, or all in the machine file's order.
     #[command(
-        after_help = "Examples:\n  retrace home --card /dev/ttyUSB0 --machine mill.toml\n  retrace home z --card my-card --machine mill.toml"
+        after_help = "Examples:\n  retrace home --card /dev/ttyUSB0 --machine mill.toml\n  retrace home z --card \
+            my-card --machine mill.toml"
     )]
     Home(Home),
     /// Jog an axis by a distance in mm (degrees) at its jog speed; the move ends at the soft limit.
     #[command(after_help = "Example:\n  retrace jog x -12.5 --card /dev/ttyUSB0 --machine mill.toml")]
     Jog(Jog),
     /// Execute one MDI block.
-    #[command(
-        after_help = "Examples:\n  retrace mdi 'G0 X10' --card /dev/ttyUSB0\n  retrace mdi 'G10 L20 P1 X0 Y0' --params mill.var"
-    )]
+    #[command(after_help = "Examples:\n  retrace mdi 'G0 X10' --card /dev/ttyUSB0\n  retrace mdi 'G10 L20 P1 X0 Y0' \
+            --params mill.var")]
     Mdi(Mdi),
     /// Measure how fast this computer and the line to a card respond, and whether the control period suits them.
     #[command(after_help = "Examples:\n  retrace doctor\n  retrace doctor /dev/ttyUSB0 --machine mill.toml")]

@@ -217,7 +217,8 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
 
     /// Whether a task is an MDI block that moves the machine.
     fn moves_machine(&self, task: &ManualTask, machine: &MachineConfig) -> bool {
-        matches!(task, ManualTask::Mdi(block) if self.mdi_context.block(machine, block).is_ok_and(|block| block.moves()))
+        let ManualTask::Mdi(block) = task else { return false };
+        self.mdi_context.block(machine, block).is_ok_and(|block| block.moves())
     }
 
     /// Returns to setup after a job.

@@ -38,16 +38,19 @@ impl fmt::Display for TapeError {
         match self {
             Self::Damaged => write!(
                 f,
-                "E2305: a character with wrong parity or framing arrived; check the cable, and baud and format on both sides"
+                "E2305: a character with wrong parity or framing arrived; check the cable, and baud and format on \
+                    both sides"
             ),
             Self::UnknownEiaCode(code) => write!(
                 f,
-                "E2307: code {code:02X}h has no meaning in EIA RS-244, which has no brackets and no #: send macros in ISO code"
+                "E2307: code {code:02X}h has no meaning in EIA RS-244, which has no brackets and no #: send macros in \
+                    ISO code"
             ),
             Self::NoEndOfBlock => {
                 write!(
                     f,
-                    "E2308: no end of block in the first {MAX_LEADER} characters; check baud, format and code on both sides"
+                    "E2308: no end of block in the first {MAX_LEADER} characters; check baud, format and code on both \
+                        sides"
                 )
             }
         }

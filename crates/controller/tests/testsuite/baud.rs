@@ -104,7 +104,8 @@ fn backward_at_full_rate_nothing_runs_dry_either() {
         let back = done.log.iter().filter(|period| period.rate < Rate::ZERO).count();
         let [up, down] = cost(&done);
         println!(
-            "back for {back} periods of {period_ms} ms over {baud} baud: {dry} held down; {up:.2} + {down:.2} bytes a period"
+            "back for {back} periods of {period_ms} ms over {baud} baud: {dry} held down; {up:.2} + {down:.2} bytes a \
+                period"
         );
         assert_eq!(dry, 0);
         assert!(up + down <= 12.0);

@@ -136,7 +136,8 @@ fn a_plain_run_takes_the_planned_periods_and_ends_exactly() {
 #[test]
 fn holds_overrides_and_retracing_change_nothing_in_the_end() {
     let script = "at 1s hold\nafter 1s resume\nafter 0.5s override 40%\nafter 1s override 100%\nafter 1s reverse 100%\n\
-        after 1s forward 60%\nafter 500 periods reverse 100%\nafter 4s wheel -120 for 1s\nafter 0.2s wheel 70 for 2s\nafter 0.5s leave\n";
+        after 1s forward 60%\nafter 500 periods reverse 100%\nafter 4s wheel -120 for 1s\nafter 0.2s wheel 70 for \
+        2s\nafter 0.5s leave\n";
     let run = run(script, 60.0, zigzag);
     is_exact(&run);
     assert!(run.stats.retracing > 5000 && run.stats.held > 500, "{:?}", run.stats);

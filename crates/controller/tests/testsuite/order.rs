@@ -212,7 +212,8 @@ fn no_motion_stands_on_the_wrong_side_of_an_instruction() {
         }
     }
     println!(
-        "{cases} runs in order; with the literal gates {literal_wrong} out of order, {literal_refused} with an instruction lost"
+        "{cases} runs in order; with the literal gates {literal_wrong} out of order, {literal_refused} with an \
+            instruction lost"
     );
     assert!(literal_wrong > cases / 50 && literal_refused > cases / 20, "the literal gates are expected to fail");
 }

@@ -82,7 +82,8 @@ fn rates(low: i64, high: i64) -> impl Strategy<Value = Rate> {
 /// Requests of an operator: a target, and for how many periods.
 fn requests() -> impl Strategy<Value = Vec<(Rate, u32)>> {
     let target = prop_oneof![
-        4 => Just(Rate::ONE), 2 => Just(Rate::ZERO), 2 => Just(-Rate::ONE), 1 => rates(-1, 1), 1 => Just(-Rate::MAX), 1 => rates(1, 8),
+        4 => Just(Rate::ONE), 2 => Just(Rate::ZERO), 2 => Just(-Rate::ONE), 1 => rates(-1, 1), 1 => Just(-Rate::MAX),
+            1 => rates(1, 8),
         1 => Just(Rate::ONE / 20),
     ];
     prop::collection::vec((target, prop_oneof![1u32..12, 1u32..120, 100u32..900]), 1..24)

@@ -202,12 +202,14 @@ mod tests {
     proptest! {
         /// S(u) ≥ u⁻ + S(u⁻), except for the last bits.
         #[test]
-        fn the_length_covers_a_step_down(braking in braking(), rate in prop_oneof![0..=ONE, 0..=STRETCH], k in 0..=32i64) {
+        fn the_length_covers_a_step_down(braking in braking(), rate in prop_oneof![0..=ONE, 0..=STRETCH],
+            k in 0..=32i64) {
             for rate in [rate, k * STRETCH, k * STRETCH + (rate & 0xFFFF)] {
                 let rate = Rate::from_units(rate.min(ONE));
                 let less = (rate - braking.slope(rate, 16)).max(Rate::ZERO);
                 let last_bits = Distance::from_units(2);
-                prop_assert!(braking.length(rate) + last_bits >= less.over(1) + braking.length(less), "{rate:?} {less:?}");
+                prop_assert!(braking.length(rate) + last_bits >= less.over(1) + braking.length(less), "{rate:?} \
+                    {less:?}");
                 let found = braking.max_braking_rate(rate.over(1) + braking.length(rate)).units() - rate.units();
                 prop_assert!((-3..=1).contains(&found), "{found} off {rate:?}");
             }

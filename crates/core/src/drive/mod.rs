@@ -360,7 +360,8 @@ mod tests {
         #[test]
         fn each_kind_of_motion_keeps_its_own_override(
             average in 2u16..30, share in 500u16..30_000,
-            (feed, rapid) in (rates(1..=UNITS), rates(1..=UNITS)), lengths in prop::collection::vec(1u32..400, 2..6), ahead in 8u32..600,
+            (feed, rapid) in (rates(1..=UNITS), rates(1..=UNITS)), lengths in prop::collection::vec(1u32..400, 2..6),
+                ahead in 8u32..600,
         ) {
             let mut bounds = vec![0u32];
             lengths.iter().for_each(|length| bounds.push(bounds[bounds.len() - 1] + length));
@@ -389,11 +390,13 @@ mod tests {
     proptest! {
         /// For any host request: no overflow, and no rate beyond the requested one.
         #[test]
-        fn any_two_rates_are_taken(feed in any::<i64>(), rapid in prop_oneof![any::<i64>(), Just(0), Just(UNITS)], at in 0u32..100) {
+        fn any_two_rates_are_taken(feed in any::<i64>(), rapid in prop_oneof![any::<i64>(), Just(0), Just(UNITS)],
+            at in 0u32..100) {
             let (window, drive) = (strip(0, 100, &[0, 100]), soft(13, 1 << 15));
             let target = RateTarget { feed: Rate::from_units(feed), rapid: Rate::from_units(rapid) };
             let rate = drive.within_overrides(Place::start_of(RecordIndex::new(at)), target, &window).units();
-            prop_assert!(rate == 0 || rate.signum() == feed.signum() && rate.signum() == rapid.signum() || feed == 0 || rapid == 0);
+            prop_assert!(rate == 0 || rate.signum() == feed.signum() && rate.signum() == rapid.signum() || feed == 0
+                || rapid == 0);
             prop_assert!(rate.unsigned_abs() <= target.faster().units().unsigned_abs());
         }
     }
@@ -498,7 +501,8 @@ mod tests {
         /// record boundary.
         #[test]
         fn never_leaves_the_road_and_rests_on_its_end(
-            half in 0u16..8, share in prop_oneof![Just(None), (1u16..60_000).prop_map(Some)], start in any::<u32>(), changes in host_changes(), forward in any::<bool>(),
+            half in 0u16..8, share in prop_oneof![Just(None), (1u16..60_000).prop_map(Some)], start in any::<u32>(),
+                changes in host_changes(), forward in any::<bool>(),
         ) {
             let mut drive = share.map_or_else(|| drive(2 * half + 1), |share| soft(2 * half + 3, share));
             let mut window = strip(start, start, &[start]);
@@ -506,11 +510,14 @@ mod tests {
             // after rapid retrace a mean of one may be the mean of more and less
             let rapid = changes.iter().any(|d| matches!(d, HostChange::Run(rate, _) if rate.abs() > ONE));
             let mut last = Rate::ZERO;
-            let run = |drive: &mut Drive<1, 64>, at: &mut Place, last: &mut Rate, window: &Strip, target: Rate, n: u32| {
+            let run = |drive: &mut Drive<1, 64>, at: &mut Place, last: &mut Rate, window: &Strip, target: Rate,
+                n: u32| {
                 for _ in 0..n {
                     let step = drive.step(*at, target, window);
-                    assert!(Place::start_of(RecordIndex::new(window.low)).distance_to(step.to) >= Distance::ZERO, "below the window");
-                    assert!(step.to.distance_to(Place::start_of(RecordIndex::new(window.high))) >= Distance::ZERO, "beyond the window");
+                    assert!(Place::start_of(RecordIndex::new(window.low)).distance_to(step.to) >= Distance::ZERO,
+                        "below the window");
+                    assert!(step.to.distance_to(Place::start_of(RecordIndex::new(window.high))) >= Distance::ZERO,
+                        "beyond the window");
                     assert!(at.distance_to(step.to).abs() <= Distance::records(8));
                     within_caps(*at, step.to, window);
                     let rate = at.distance_to(step.to).per_period();

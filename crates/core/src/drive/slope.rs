@@ -122,7 +122,8 @@ mod tests {
         /// uniform bounds.
         #[test]
         fn what_is_played_keeps_acceleration_and_jerk(
-            (limits, required) in scene(), requested in prop::collection::vec((prop_oneof![Just(0), Just(ONE), 0..=ONE], 1usize..150), 1..12),
+            (limits, required) in scene(), requested in prop::collection::vec((prop_oneof![Just(0), Just(ONE),
+                0..=ONE], 1usize..150), 1..12),
         ) {
             let bounds = IncrementBounds { axes: [required], min_cap: 16, max_cap: 16 };
             let (n, axis) = (usize::from(limits.average()), limits.axes()[0]);
@@ -141,9 +142,11 @@ mod tests {
                     played.push(sum as f64 / n as f64 / ONE as f64);
                 }
             }
-            let [velocity, acceleration, jerk] = [required.velocity, required.acceleration, required.jerk].map(|x| x as f64);
+            let [velocity, acceleration, jerk] = [required.velocity, required.acceleration,
+                required.jerk].map(|x| x as f64);
             for r in played.windows(3) {
-                let (rate, change, bend) = ((r[0] + r[1] + r[2]) / 3.0, (r[2] - r[1]).abs().max((r[1] - r[0]).abs()), r[2] - 2.0 * r[1] + r[0]);
+                let (rate, change, bend) = ((r[0] + r[1] + r[2]) / 3.0, (r[2] - r[1]).abs().max((r[1] - r[0]).abs()),
+                    r[2] - 2.0 * r[1] + r[0]);
                 let faster = r[1].max(r[2]);
                 let accelerated = acceleration * faster * faster + velocity * (r[2] - r[1]).abs();
                 prop_assert!(accelerated <= 1.001 * axis.acceleration as f64, "{accelerated} of {axis:?}");
@@ -155,7 +158,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_ratio_is_rounded_down_and_good_to_thirty_bits(numerator in 0u64..1 << 51, bits in 0u32..40, low in any::<u64>()) {
+        fn a_ratio_is_rounded_down_and_good_to_thirty_bits(numerator in 0u64..1 << 51, bits in 0u32..40,
+            low in any::<u64>()) {
             let denominator = (low >> (63 - bits)).max(1);
             for (a, b) in [(numerator, denominator), (numerator >> bits, denominator)] {
                 let exact = ((u128::from(a) << 32) / u128::from(b)).min(1 << 32) as i64;

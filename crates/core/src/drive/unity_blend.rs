@@ -59,7 +59,8 @@ mod tests {
         /// From any state the commanded place reaches a boundary exactly when the deficit becomes zero, within the time
         /// of three such ramps.
         #[test]
-        fn a_boundary_is_hit(share in 0..=ONE, passed in 0..ONE, slope in prop_oneof![1i64 << 16..ONE / 8, Just(ONE), Just(ONE / 3)]) {
+        fn a_boundary_is_hit(share in 0..=ONE, passed in 0..ONE,
+            slope in prop_oneof![1i64 << 16..ONE / 8, Just(ONE), Just(ONE / 3)]) {
             let from = max_deficit(Rate::from_units(slope)).units();
             let next = |deficit: i64, passed: i64| {
                 let (deficit, passed) = (Rate::from_units(deficit), Distance::from_units(passed));

@@ -337,8 +337,10 @@ mod tests {
             if let Some(unit) = compiled.unit {
                 let length = unit.ops.len() as u32;
                 prop_assert_eq!(unit.lines.len(), unit.ops.len());
-                let inside = |op: &Op| !matches!(op, Op::Jump(to) | Op::JumpIf(to) | Op::JumpIfNot(to) if *to >= length);
-                prop_assert!(unit.ops.iter().all(inside));
+                let leaves = |op: &Op| {
+                    matches!(op, Op::Jump(to) | Op::JumpIf(to) | Op::JumpIfNot(to) if *to >= length)
+                };
+                prop_assert!(!unit.ops.iter().any(leaves));
             }
         }
     }

@@ -154,7 +154,8 @@ proptest! {
             let length = lines.get(diagnostic.line.saturating_sub(1) as usize).map_or(0, |line| line.len());
             prop_assert!(diagnostic.start <= diagnostic.end && diagnostic.end as usize <= length, "{diagnostic:?}");
         }
-        prop_assert_eq!(library.find("TEST").is_none(), library.findings().iter().any(|f| f.diagnostic.number().starts_with('E')));
+        prop_assert_eq!(library.find("TEST").is_none(),
+            library.findings().iter().any(|f| f.diagnostic.number().starts_with('E')));
         run_all(&library, number);
     }
 
@@ -209,7 +210,8 @@ proptest! {
     #[test]
     fn drilling_stays_between_its_planes(
         which in prop::sample::select(vec!["CYCLE81", "CYCLE82", "CYCLE83", "CYCLE84", "CYCLE85", "CYCLE89"]),
-        rfp in -50.0..50.0_f64, up in 0.1..50.0_f64, sdis in 0.0..5.0_f64, depth in 0.1..100.0_f64, first in 0.5..60.0_f64,
+        rfp in -50.0..50.0_f64, up in 0.1..50.0_f64, sdis in 0.0..5.0_f64, depth in 0.1..100.0_f64,
+            first in 0.5..60.0_f64,
         dam in -1.0..10.0_f64, vari in 0..2, flip in any::<bool>(),
     ) {
         let side = if flip { -1.0 } else { 1.0 };
@@ -229,7 +231,8 @@ proptest! {
             prop_assert!((deepest + depth).abs() < 1e-5, "{} goes to {}", call, deepest);
             prop_assert!((heights[0] - sdis).abs() < 1e-5, "{}: {:?}", call, heights);
             prop_assert!((heights[heights.len() - 1] - up - sdis).abs() < 1e-5);
-            prop_assert!(heights[..heights.len() - 1].iter().all(|height| *height < sdis + 1e-5), "{}: {:?}", call, heights);
+            prop_assert!(heights[..heights.len() - 1].iter().all(|height| *height < sdis + 1e-5), "{}: \
+                {:?}", call, heights);
         } else {
             prop_assert!(which == "CYCLE83", "{}", call);
         }

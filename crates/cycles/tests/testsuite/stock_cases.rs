@@ -466,7 +466,8 @@ proptest! {
                 if element.centre.u < 0.0 { element.kind = Kind::Line; }
                 let radius = du.hypot(dv);
                 let side = if element.centre.v > 0.0 { 1.0 } else { -1.0 };
-                element.centre = Point::new(at.u - du / 2.0 - side * dv * radius / 20.0, at.v + dv / 2.0 - side * du * radius / 20.0);
+                element.centre = Point::new(at.u - du / 2.0 - side * dv * radius / 20.0,
+                    at.v + dv / 2.0 - side * du * radius / 20.0);
             }
             at = element.end;
         }
@@ -479,9 +480,11 @@ proptest! {
             Ok(path) => {
                 prop_assert!(path.moves.len() <= MAX_MOVES);
                 for step in &path.moves {
-                    prop_assert!([step.end.u, step.end.v, step.centre.u, step.centre.v].iter().all(|value| value.is_finite()), "{step:?}");
+                    prop_assert!([step.end.u, step.end.v, step.centre.u,
+                        step.centre.v].iter().all(|value| value.is_finite()), "{step:?}");
                 }
-                prop_assert!([mid, fal_z, fal_x, fal, dam, vrt, nose_radius, clearance_angle].iter().all(|value| value.is_finite()));
+                prop_assert!([mid, fal_z, fal_x, fal, dam, vrt, nose_radius,
+                    clearance_angle].iter().all(|value| value.is_finite()));
             }
             Err(fault) => prop_assert!(fault.number() > 0 && !fault.to_string().is_empty()),
         }

@@ -226,7 +226,8 @@ proptest! {
                     let across = radius * f64::from(share) / 20.0;
                     let below = centre.v - (radius * radius - across * across).max(0.0).sqrt();
                     let (low, _) = case.part.rough_around(centre.u + across);
-                    prop_assert!(below >= low - 10.0 * CLOSE, "nose of {radius} at {centre:?} is at {below} in {low}: {step:?} {tip:?} {:?} {:?}", case.part.allowance, case.part.edges);
+                    prop_assert!(below >= low - 10.0 * CLOSE, "nose of {radius} at {centre:?} is at {below} in {low}: \
+                        {step:?} {tip:?} {:?} {:?}", case.part.allowance, case.part.edges);
                 }
             }
         }

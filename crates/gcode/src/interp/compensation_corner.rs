@@ -334,7 +334,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn two_lines_meet_at_the_radius_from_both(side in side(), radius in 0.1..5.0_f64, from in -3.0..3.0_f64, turn in -3.0..3.0_f64) {
+        fn two_lines_meet_at_the_radius_from_both(side in side(), radius in 0.1..5.0_f64, from in -3.0..3.0_f64,
+            turn in -3.0..3.0_f64) {
             let cutter = Cutter { side, radius };
             let corner = CompensationCorner { programmed: ORIGIN, centre: tool(cutter, from), arc: None };
             let to = polar(ORIGIN, 50.0, from + turn);
@@ -365,7 +366,8 @@ mod tests {
             let next = ProgrammedArc { centre, end, turns };
             let corner = CompensationCorner { programmed: ORIGIN, centre: tool(cutter, from), arc: None };
             if let Ok((to_centre, kind)) = to_arc(cutter, &corner, &next, Span::default()) {
-                prop_assert!((distance(to_centre, centre) - path).abs() < 1e-9 && (distance(to_centre, end) - radius).abs() < 1e-9);
+                prop_assert!((distance(to_centre, centre) - path).abs() < 1e-9
+                    && (distance(to_centre, end) - radius).abs() < 1e-9);
                 match kind {
                     CornerKind::Smooth => prop_assert!(turn.abs() < 0.050_001),
                     CornerKind::Convex(point) => prop_assert!(distance(point, tool(cutter, from + turn)) < 1e-9),
@@ -379,7 +381,8 @@ mod tests {
             let (centre, path) = arc(cutter, from, size, turns);
             let prior = PriorArc { centre, radius: path, turns };
             let corner = CompensationCorner { programmed: ORIGIN, centre: tool(cutter, from), arc: Some(prior) };
-            if let Ok((_, CornerKind::Concave(point))) = to_line(cutter, &corner, polar(ORIGIN, 9.0, from + turn), Span::default()) {
+            if let Ok((_, CornerKind::Concave(point))) = to_line(cutter, &corner, polar(ORIGIN, 9.0, from + turn),
+                Span::default()) {
                 prop_assert!((distance(point, centre) - path).abs() < 1e-9);
                 prop_assert!((distance_from_line(cutter, from + turn, point) - radius).abs() < 1e-8);
             }
@@ -394,14 +397,17 @@ mod tests {
 
         #[test]
         fn the_entry_arc_begins_where_the_tool_is_and_ends_beside_the_path(
-            side in side(), radius in 0.1..5.0_f64, size in 5.1..40.0_f64, turns in prop_oneof![Just(1), Just(-1)], sweep in 1.0..5.0_f64,
+            side in side(), radius in 0.1..5.0_f64, size in 5.1..40.0_f64, turns in prop_oneof![Just(1), Just(-1)],
+                sweep in 1.0..5.0_f64,
         ) {
             let cutter = Cutter { side, radius };
             let (centre, _) = arc(cutter, 0.3, size, turns);
             let end = polar(centre, size, direction(centre, ORIGIN) + sweep * f64::from(turns));
-            if let Ok((to, new_centre)) = entry_arc(cutter, ORIGIN, &ProgrammedArc { centre, end, turns }, Span::default()) {
+            if let Ok((to, new_centre)) = entry_arc(cutter, ORIGIN, &ProgrammedArc { centre, end, turns },
+                Span::default()) {
                 let size = distance(new_centre, to);
-                prop_assert!((distance(to, end) - radius).abs() < 1e-9 && (distance(new_centre, ORIGIN) - size).abs() < 1e-9 * (1.0 + size));
+                prop_assert!((distance(to, end) - radius).abs() < 1e-9
+                    && (distance(new_centre, ORIGIN) - size).abs() < 1e-9 * (1.0 + size));
             }
         }
     }

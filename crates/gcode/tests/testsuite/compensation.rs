@@ -41,7 +41,8 @@ fn steps(program: &str) -> Vec<CanonStep> {
 /// As `rs274 -g` prints it.
 #[test]
 fn a_move_waits_for_its_end_and_what_belongs_to_its_place_waits_behind_it() {
-    let program = "F100 G1 X0\nT1 M6\nG41 D1\n(a)\nG1 X10 Y0\nM3 S100\n(b)\nT2\nY10\n(debug, #<_x> #<_y> #5420 #5421 #<_ccomp>)\n\
+    let program = "F100 G1 X0\nT1 M6\nG41 D1\n(a)\nG1 X10 Y0\nM3 S100\n(b)\nT2\nY10\n(debug, #<_x> #<_y> #5420 #5421 \
+        #<_ccomp>)\n\
         X0\nM8\nG40\nX-5\nM2\n";
     let wanted = [
         "SET_FEED_RATE(100.0000)",
@@ -165,7 +166,8 @@ fn each_block_that_cannot_be_is_refused_by_its_number() {
 
 #[test]
 fn a_fault_is_told_once_and_the_path_is_found_again() {
-    let program = "F100 G1 X0\nG41.1 D2\nX20\nY.5\nX0\nY20\nX-20\nG3 X-20.5 Y20.5 R.5\nG1 Y40\nX-80\nY39.7\nG40\nX0\nG41.1 D1\nX9\nM2\n";
+    let program = "F100 G1 X0\nG41.1 D2\nX20\nY.5\nX0\nY20\nX-20\nG3 X-20.5 Y20.5 R.5\nG1 \
+        Y40\nX-80\nY39.7\nG40\nX0\nG41.1 D1\nX9\nM2\n";
     assert_eq!(faults(program), [("E1658", 5), ("E1659", 8), ("E1658", 12)]);
 }
 
@@ -281,7 +283,8 @@ proptest! {
     /// On either side of a polygon the tool touches it everywhere and cuts into it nowhere, except for corners of less
     /// than 0.05 rad, which count as smooth.
     #[test]
-    fn the_tool_is_at_its_radius_from_a_polygon(reaches in prop::collection::vec(40.0..60.0_f64, 4..12), side in 0..2, radius in 0.1..2.0_f64) {
+    fn the_tool_is_at_its_radius_from_a_polygon(reaches in prop::collection::vec(40.0..60.0_f64, 4..12), side in 0..2,
+        radius in 0.1..2.0_f64) {
         let corners = reaches.len();
         let corner = |(index, reach): (usize, &f64)| {
             let angle = std::f64::consts::TAU * index as f64 / corners as f64;
@@ -292,7 +295,8 @@ proptest! {
         let last = polygon[corners - 1];
         let middle = (0.5 * (polygon[0].0 + last.0), 0.5 * (polygon[0].1 + last.1));
         let towards = ((middle.0 - last.0) * 0.5 + last.0, (middle.1 - last.1) * 0.5 + last.1);
-        let mut program = format!("F100\nG0 X{:.9} Y{:.9}\nG4{}.1 D{:.9}\nG1 X{:.9} Y{:.9}\n", towards.0, towards.1, side + 1, 2.0 * radius, middle.0, middle.1);
+        let mut program = format!("F100\nG0 X{:.9} Y{:.9}\nG4{}.1 D{:.9}\nG1 X{:.9} \
+            Y{:.9}\n", towards.0, towards.1, side + 1, 2.0 * radius, middle.0, middle.1);
         for (x, y) in polygon.iter().chain([&middle]) {
             program += &format!("X{x:.9} Y{y:.9}\n");
         }
@@ -303,7 +307,8 @@ proptest! {
         let edges: Vec<_> = (0..corners).map(|corner| (polygon[corner], polygon[(corner + 1) % corners])).collect();
         for point in points {
             let nearest = edges.iter().map(|edge| distance(point, *edge)).fold(f64::INFINITY, f64::min);
-            prop_assert!((nearest - radius).abs() < 1e-6 + 0.001_3 * radius, "{point:?} is {nearest} from the polygon, not {radius}\n{program}");
+            prop_assert!((nearest - radius).abs() < 1e-6 + 0.001_3 * radius, "{point:?} is {nearest} from the \
+                polygon, not {radius}\n{program}");
         }
     }
 }

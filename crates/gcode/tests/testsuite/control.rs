@@ -135,7 +135,8 @@ fn recursion_and_loops_without_end_are_found() {
 
 #[test]
 fn comments_show_the_values_of_parameters() {
-    let program = "#1=-0.0000009 #2=12.5 #<Some Name>=-3\n(debug,a#1 b#2 #<somename>#<none> # c)\n(PRINT,#2)\n#5599=0\n(debug,x)\nM2\n";
+    let program = "#1=-0.0000009 #2=12.5 #<Some Name>=-3\n(debug,a#1 b#2 #<somename>#<none> # \
+        c)\n(PRINT,#2)\n#5599=0\n(debug,x)\nM2\n";
     let (text, failed) = canon_text(program);
     assert!(!failed);
     assert!(text.contains("MESSAGE(\"a0.000000 b12.500000 -3.000000###### # c\")\n12.500000\n"), "{text}");
@@ -176,7 +177,8 @@ fn exists_of_a_number_that_is_none_is_0_and_its_inside_is_evaluated() {
 
 #[test]
 fn loops_of_fanuc_macros_are_carried_out() {
-    let nested = "#1=0\nWHILE [#1 LT 2] DO1\n#1=[#1+1]\n#2=0\nN20 WHILE[#2LT2]DO2 (inner)\n#2=[#2+1]\nG0 X[10*#1+#2]\nEND2\nEND1\n";
+    let nested = "#1=0\nWHILE [#1 LT 2] DO1\n#1=[#1+1]\n#2=0\nN20 WHILE[#2LT2]DO2 (inner)\n#2=[#2+1]\nG0 \
+        X[10*#1+#2]\nEND2\nEND1\n";
     assert_eq!(moves(nested), ["11", "12", "21", "22"]);
     // The next loop may have the same number.
     let twice = "#1=0\nwhile [#1 lt 1] do1\n#1=1\nG0 X5\nend1\nWHILE [#1 LT 3] DO1\n#1=[#1+1]\nG0 X#1\nEND1";

@@ -103,17 +103,20 @@ fn deep_holes_break_the_chip_or_take_it_out() {
     for (call, path) in [
         (
             "CYCLE83(10,0,2,-57,,,20,5,,,0.5)",
-            "T2 F50 -20 F100 -19 F100 -35 F100 -34 F100 -45 F100 -44 F100 -50 F100 -49 F100 -53.5 F100 -52.5 F100 -57 T10",
+            "T2 F50 -20 F100 -19 F100 -35 F100 -34 F100 -45 F100 -44 F100 -50 F100 -49 F100 -53.5 F100 -52.5 F100 -57 \
+                T10",
         ),
         (
             "CYCLE83(10,0,2,-57,,,20,5,,,1,1)",
-            "T2 F100 -20 T2 T-19.4 F100 -35 T2 T-34.3 F100 -45 T2 T-44.1 F100 -50 T2 T-49 F100 -53.5 T2 T-52.43 F100 -57 T10",
+            "T2 F100 -20 T2 T-19.4 F100 -35 T2 T-34.3 F100 -45 T2 T-44.1 F100 -50 T2 T-49 F100 -53.5 T2 T-52.43 F100 \
+                -57 T10",
         ),
         // Factor 0.5, never below 4: 20, 30, 35, 39, 43, 47; the last takes the remaining 3. Dwells: 1 s at depths, 2 s
         // above, 3 s below.
         (
             "CYCLE83(10,0,2,-46,,-20,,-0.5,1,2,1,1,3,4,,3,2)",
-            "T2 F100 -20 P1 T2 P2 T-18 F100 -30 P1 T2 P2 T-28 F100 -35 P1 T2 P2 T-33 F100 -39 P1 T2 P2 T-37 F100 -43 P1 T2 P2 T-41 \
+            "T2 F100 -20 P1 T2 P2 T-18 F100 -30 P1 T2 P2 T-28 F100 -35 P1 T2 P2 T-33 F100 -39 P1 T2 P2 T-37 F100 -43 \
+                P1 T2 P2 T-41 \
              F100 -46 P3 T10",
         ),
         // No degression: 20, 40, and 17 remain: below twice 20, two strokes share the depth that remains after the
@@ -133,7 +136,8 @@ fn taps_and_bores_handle_the_spindle() {
     // Oriented stop, M3 with SST, in and out synchronised, RTP; then S and the direction of SDAC.
     let tap = |pitch: &str, start: &str, speed: &str, after: &str| {
         format!(
-            "G0 1 2 2\nORIENT_SPINDLE(0, 90.0000, 0)\nSET_SPINDLE_MODE(0 0.0000)\nS {speed}\n{start}\nSTART_SPEED_FEED_SYNC({pitch},0)\n\
+            "G0 1 2 2\nORIENT_SPINDLE(0, 90.0000, 0)\nSET_SPINDLE_MODE(0 0.0000)\nS \
+                {speed}\n{start}\nSTART_SPEED_FEED_SYNC({pitch},0)\n\
              RIGID_TAP(1.0000, 2.0000, -20.0000)\nSTOP_SPEED_FEED_SYNCH()\nG0 1 2 10\nS 500\n{after}"
         )
     };
@@ -150,7 +154,8 @@ fn taps_and_bores_handle_the_spindle() {
     assert_eq!(
         drilled("", "CYCLE86(10,0,2,-20,,1,4,1,-1,1,45)"),
         format!(
-            "{ccw}\nG0 1 2 2\nG1 1 2 -20\nG4 1\nORIENT_SPINDLE(0, 45.0000, 0)\nG0 2 1 -19\nG0 2 1 2\nG0 2 1 10\nG0 1 2 10"
+            "{ccw}\nG0 1 2 2\nG1 1 2 -20\nG4 1\nORIENT_SPINDLE(0, 45.0000, 0)\nG0 2 1 -19\nG0 2 1 2\nG0 2 1 10\nG0 1 \
+                2 10"
         )
     );
 }
@@ -168,10 +173,12 @@ fn a_machine_without_cycles_knows_none() {
 
 /// Returns the state as a program reads it through its parameters: modes, plane, feed and speed.
 fn state(modes: &str, motion: &str, call: &str) -> String {
-    let shown = "#<_motion_mode> #<_plane> #<_absolute> #<_units_per_minute> #<_units_per_rev> #<_feed> #<_rpm> #<_spindle_rpm_mode> \
+    let shown = "#<_motion_mode> #<_plane> #<_absolute> #<_units_per_minute> #<_units_per_rev> #<_feed> #<_rpm> \
+        #<_spindle_rpm_mode> \
                  #<_spindle_css_mode> #<_lathe_diameter_mode> #<_ijk_absolute_mode> #<_ccomp> #<_coord_system>";
     let program = format!(
-        "T9 M6\nM3 S500\n{modes}\nF77\nG0 X1 Y2 Z50\n{motion} X2\n(BEGIN)\n{call}\n(DEBUG, {shown})\n(PRINT, {shown})\n(END)\nM2\nO<part> sub\nG1 X5 Z0\nZ-10\nX9 Z-14\nX12\nO<part> endsub\n"
+        "T9 M6\nM3 S500\n{modes}\nF77\nG0 X1 Y2 Z50\n{motion} X2\n(BEGIN)\n{call}\n(DEBUG, {shown})\n(PRINT, \
+            {shown})\n(END)\nM2\nO<part> sub\nG1 X5 Z0\nZ-10\nX9 Z-14\nX12\nO<part> endsub\n"
     );
     let (text, failed) = canon_text_with(&program, setup());
     assert!(!failed, "{program}\n{text}");
@@ -238,7 +245,8 @@ fn the_machine_is_told_what_is_in_force_again() {
 /// Returns the holes of a modal call along Z, one stroke of CYCLE81(5,0,1,-3) each, by their X and Y.
 fn holes(program: &str) -> Vec<String> {
     let text = calls(&format!(
-        "T1 M6\nF100\nG0 X0 Y0 Z50\n(BEGIN)\n{program}\n(END)\nM2\nO5 sub\nG0 X7\nO5 endsub\nO6 sub\nMCALL CYCLE81(5,0,1,-4)\nG0 X8\nO6 endsub\n"
+        "T1 M6\nF100\nG0 X0 Y0 Z50\n(BEGIN)\n{program}\n(END)\nM2\nO5 sub\nG0 X7\nO5 endsub\nO6 sub\nMCALL \
+            CYCLE81(5,0,1,-4)\nG0 X8\nO6 endsub\n"
     ));
     let feeds = text.lines().filter_map(|line| line.strip_prefix("G1 "));
     feeds.map(str::to_owned).collect()
@@ -310,9 +318,12 @@ fn alarms_come_before_any_motion() {
     ] {
         let plane = if call.contains("CYCLE95") { "G18" } else { "G17" };
         let program = format!(
-            "T1 M6\nM3 S500 F100\n{plane} G0 X80 Y0 Z80\n(BEGIN)\n{call}\nM2\nO<part> sub\nG1 X5 Z0\nZ-10\nX9 Z-14\nX12\nO<part> endsub\n\
-             O<thread> sub\nG1 X5 Z0\nZ-10\nG33 Z-12 K1\nG1 X12\nO<thread> endsub\nO<two> sub\nG1 X5 Z0\nX12\nO<two> endsub\n\
-             O<left> sub\nG41 G1 X5 Z0\nZ-10\nX9\nX12\nO<left> endsub\nO<axis> sub\nG1 X5\nZ-10\nX9\nX12\nO<axis> endsub\n\
+            "T1 M6\nM3 S500 F100\n{plane} G0 X80 Y0 Z80\n(BEGIN)\n{call}\nM2\nO<part> sub\nG1 X5 Z0\nZ-10\nX9 \
+                Z-14\nX12\nO<part> endsub\n\
+             O<thread> sub\nG1 X5 Z0\nZ-10\nG33 Z-12 K1\nG1 X12\nO<thread> endsub\nO<two> sub\nG1 X5 Z0\nX12\nO<two> \
+             endsub\n\
+             O<left> sub\nG41 G1 X5 Z0\nZ-10\nX9\nX12\nO<left> endsub\nO<axis> sub\nG1 X5\nZ-10\nX9\nX12\nO<axis> \
+             endsub\n\
              O<tool> sub\nG1 X5 Z0\nZ-10\nT1 M6\nX12\nO<tool> endsub\n"
         );
         let found = retrace_gcode::check(program.as_bytes(), setup());

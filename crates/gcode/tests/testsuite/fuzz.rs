@@ -58,7 +58,8 @@ proptest! {
     }
 
     #[test]
-    fn changed_programs(seed in any::<u64>(), changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0..3), 1..12)) {
+    fn changed_programs(seed in any::<u64>(), changes in prop::collection::vec((any::<prop::sample::Index>(),
+        any::<u8>(), 0..3), 1..12)) {
         let mut text = Writer::case(seed).program.into_bytes();
         for (place, byte, change) in changes {
             let at = place.index(text.len());
@@ -92,7 +93,8 @@ proptest! {
                 let mut next = retrace_gcode::Interpreter::new(Setup { parameters, tools, ..Setup::rs274() });
                 next.set_state(whole.state().clone());
                 let (mut here, mut there) = (Vec::new(), Vec::new());
-                prop_assert_eq!(next.line(line.as_bytes(), &mut there).is_ok(), whole.line(line.as_bytes(), &mut here).is_ok());
+                prop_assert_eq!(next.line(line.as_bytes(), &mut there).is_ok(),
+                    whole.line(line.as_bytes(), &mut here).is_ok());
                 let here: Vec<_> = here.into_iter().map(|step| step.canon).collect();
                 let there: Vec<_> = there.into_iter().map(|step| step.canon).collect();
                 prop_assert_eq!(here, there);
@@ -113,7 +115,8 @@ proptest! {
             let mut next = Interpreter::new(Setup { parameters: whole.parameters().clone(), ..setup() });
             next.set_state(whole.state().clone());
             let (mut here, mut there) = (Vec::new(), Vec::new());
-            prop_assert_eq!(next.line(line.as_bytes(), &mut there).is_ok(), whole.line(line.as_bytes(), &mut here).is_ok());
+            prop_assert_eq!(next.line(line.as_bytes(), &mut there).is_ok(),
+                whole.line(line.as_bytes(), &mut here).is_ok());
             let here: Vec<_> = here.into_iter().map(|step| step.canon).collect();
             let there: Vec<_> = there.into_iter().map(|step| step.canon).collect();
             prop_assert_eq!(here, there);
@@ -121,7 +124,8 @@ proptest! {
     }
 
     #[test]
-    fn changed_outlines(seed in any::<u64>(), changes in prop::collection::vec((any::<prop::sample::Index>(), 0x20_u8..0x7f), 1..9)) {
+    fn changed_outlines(seed in any::<u64>(), changes in prop::collection::vec((any::<prop::sample::Index>(),
+        0x20_u8..0x7f), 1..9)) {
         let mut text = Outline::program(seed).into_bytes();
         for (place, byte) in changes {
             let at = place.index(text.len());

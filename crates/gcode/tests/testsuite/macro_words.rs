@@ -72,7 +72,8 @@ fn a_subprogram_of_m98_has_line_numbers_of_its_own() {
 
 #[test]
 fn loops_may_be_left_and_not_entered() {
-    let left = "#1=0\nWHILE [1] DO1\n#2=0\nWHILE [1] DO2\n#2=[#2+1]\nIF [#2 EQ 2] GOTO 5\nG0 X#2\nEND2\nN5 #1=[#1+1]\nIF [#1 GT 2] GOTO 6\nEND1\nN6 G0 X9\nM2\n";
+    let left = "#1=0\nWHILE [1] DO1\n#2=0\nWHILE [1] DO2\n#2=[#2+1]\nIF [#2 EQ 2] GOTO 5\nG0 X#2\nEND2\nN5 \
+        #1=[#1+1]\nIF [#1 GT 2] GOTO 6\nEND1\nN6 G0 X9\nM2\n";
     assert_eq!(moves(left), [1, 1, 1, 9]);
     assert_eq!(errors("GOTO 5\nWHILE [#1 LT 1] DO1\nN5 #1=1\nEND1\nM2\n").first(), Some(&("E1817", 1)));
     assert_eq!(errors("#2=5\nGOTO #2\nWHILE [#1 LT 1] DO1\nN5 #1=1\nEND1\nM2\n").first(), Some(&("E1817", 2)));
@@ -124,7 +125,8 @@ fn a_program_that_arrives_goes_forward_and_never_back() {
     assert_eq!(arriving("G0 X1\nGOTO 20\nG0 X2\nM2\n"), Err(("E1816", 2)));
     assert_eq!(arriving("%\nG0 X1\nGOTO 20\nG0 X2\n%\n"), Err(("E1816", 3)));
     // inside a loop it jumps in both directions, and out of it forward
-    let looped = "#1=0\nWHILE [1] DO1\nN1 #1=[#1+1]\nG0 X#1\nIF [#1 LT 2] GOTO 1\nIF [#1 GT 3] GOTO 9\nEND1\nG0 X50\nN9 G0 X6\nM2\n";
+    let looped = "#1=0\nWHILE [1] DO1\nN1 #1=[#1+1]\nG0 X#1\nIF [#1 LT 2] GOTO 1\nIF [#1 GT 3] GOTO 9\nEND1\nG0 \
+        X50\nN9 G0 X6\nM2\n";
     assert_eq!(arriving(looped), Ok(vec![1, 2, 3, 4, 6]));
     assert_eq!(moves(looped), [1, 2, 3, 4, 6]);
 }
@@ -160,10 +162,12 @@ fn lines() -> impl Strategy<Value = Vec<Line>> {
     let line = prop_oneof![
         4 => register.clone().prop_map(Line::Move),
         3 => (register.clone(), -2..4i64).prop_map(|(of, by)| Line::Add(of, by)),
-        1 => (any::<prop::sample::Index>(), any::<bool>()).prop_map(|(to, calculated)| Line::GoTo(to.index(1000), calculated)),
+        1 => (any::<prop::sample::Index>(), any::<bool>()).prop_map(|(to, calculated)| Line::GoTo(to.index(1000),
+            calculated)),
         2 => (register.clone(), -2..6i64, any::<prop::sample::Index>(), any::<bool>())
             .prop_map(|(of, below, to, calculated)| Line::IfGoTo(of, below, to.index(1000), calculated)),
-        2 => (register.clone(), -2..6i64, register.clone(), -3..9i64).prop_map(|(of, below, to, value)| Line::IfThen(of, below, to, value)),
+        2 => (register.clone(), -2..6i64, register.clone(),
+            -3..9i64).prop_map(|(of, below, to, value)| Line::IfThen(of, below, to, value)),
         2 => (register, -1..6i64).prop_map(|(of, below)| Line::While(of, below)),
         2 => Just(Line::End),
     ];

@@ -12,7 +12,8 @@ struct Folder;
 
 impl SubFiles for Folder {
     fn find(&self, name: &str) -> Option<SubFile> {
-        let text = "O<shift> sub\nO1 repeat [#1]\nG91 G0 X1\nO1 endrepeat\nG90\n#<_shifted> = [#<_shifted> + #1]\nO<shift> endsub\nM2\n";
+        let text = "O<shift> sub\nO1 repeat [#1]\nG91 G0 X1\nO1 endrepeat\nG90\n#<_shifted> = [#<_shifted> + \
+            #1]\nO<shift> endsub\nM2\n";
         (name == "shift").then(|| SubFile { name: "shift.ngc".into(), text: Ok(text.into()) })
     }
 }

@@ -122,7 +122,8 @@ fn cycles_are_named() {
     assert_eq!(seen, ["part.ngc line 2, in G81", "part.ngc line 3, in G81", "part.ngc line 4"]);
     let library = retrace_gcode::cycles::CycleLibrary::shipped();
     let setup = Setup { cycles: Some(Arc::new(library)), ..Setup::default() };
-    let text = "F100 S100 M3\nCYCLE81(10, 0, 2, -5) (mark)\nMCALL CYCLE81(10, 0, 2, -5)\nG0 X2 (mark)\nMCALL (off)\nG0 X3 (mark)\nM2\n";
+    let text = "F100 S100 M3\nCYCLE81(10, 0, 2, -5) (mark)\nMCALL CYCLE81(10, 0, 2, -5)\nG0 X2 (mark)\nMCALL \
+        (off)\nG0 X3 (mark)\nM2\n";
     let seen = at_marks(prescanned(text, setup), |program| program.location().to_string());
     // A region of compiled lines begins and ends with a step of its own, which reads no line.
     let mut lines = seen;

@@ -99,7 +99,8 @@ fn moves(program: &str) -> Vec<String> {
 /// A program that calls CYCLE95 with a contour as a subprogram.
 fn program(tool: &str, call: &str, contour: &str) -> String {
     format!(
-        "T{tool} M6\nG18 M3 S500 F100\nG90 G0 X80 Z80\n(BEGIN)\n{call}\n(END)\nM2\nO<part> sub\n{contour}O<part> endsub\n"
+        "T{tool} M6\nG18 M3 S500 F100\nG90 G0 X80 Z80\n(BEGIN)\n{call}\n(END)\nM2\nO<part> sub\n{contour}O<part> \
+            endsub\n"
     )
 }
 
@@ -191,7 +192,8 @@ fn allowances_move_the_rough_contour_and_cuts_are_interrupted() {
     let found = moves(&program("9", "CYCLE95(\"part\",4,0.1,0.2,,90,50,20,1,2,6)", &contour(Lay { vari: 1 }, RISING)));
     let wanted = meant(
         Lay { vari: 1 },
-        "T:1.1,13.2 T:1.1,8.7 90:-4.9,8.7 90:-10.9,8.7 90:-13.4,8.7 90:-13.9,9.2 90:-19.9,9.2 90:-19.9,12.2 T:-18.9,13.2 T:1.1,13.2 \
+        "T:1.1,13.2 T:1.1,8.7 90:-4.9,8.7 90:-10.9,8.7 90:-13.4,8.7 90:-13.9,9.2 90:-19.9,9.2 90:-19.9,12.2 \
+            T:-18.9,13.2 T:1.1,13.2 \
          T:1.1,5.2 90:-4.9,5.2 90:-9.9,5.2 90:-13.4,8.7 T:-12.4,9.7 T:1.1,9.7 T:1.1,13.2",
     );
     assert_eq!(found.iter().filter(|word| *word != "P2").cloned().collect::<Vec<_>>(), wanted);
@@ -275,7 +277,8 @@ fn a_contour_may_stand_in_many_places() {
     let wanted = meant(Lay { vari: 1 }, ROUGH_RISING);
     let contour_text = contour(Lay { vari: 1 }, RISING);
     let labels = format!(
-        "T9 M6\nG18 M3 S500 F100\nG0 X80 Z80\n(BEGIN)\nCYCLE95(\"FROM:TO\",4,,,,90,50,20,1)\n(END)\nM2\nFROM:\n{contour_text}TO:\n"
+        "T9 M6\nG18 M3 S500 F100\nG0 X80 \
+            Z80\n(BEGIN)\nCYCLE95(\"FROM:TO\",4,,,,90,50,20,1)\n(END)\nM2\nFROM:\n{contour_text}TO:\n"
     );
     assert_eq!(moves(&labels), wanted);
     let incremental =

@@ -255,7 +255,8 @@ fn a_shoulder_is_roughed_in_levels_and_followed_at_last() {
     // Along X: levels at Z2, 0 and -2, each as far as the shaft.
     assert_eq!(
         turned("G0 X8 Z-4|G1 X4 Z-4|X4 Z0", "G72 Q1 X8 Z0 I2 R.5"),
-        "T8 0, T8 0, T8 0, F4 0, T4.5 0.5, T7.5 0.5, T8 0, T8 -2, F4 -2, T4.5 -1.5, T7.5 -1.5, T8 -2, T8 -4, F4 -4, F4 0"
+        "T8 0, T8 0, T8 0, F4 0, T4.5 0.5, T7.5 0.5, T8 0, T8 -2, F4 -2, T4.5 -1.5, T7.5 -1.5, T8 -2, T8 -4, F4 -4, \
+            F4 0"
     );
 }
 
@@ -305,7 +306,8 @@ fn rounded(moves: &str) -> String {
 #[test]
 fn the_allowance_is_left_at_the_shoulder_where_a_profile_ends() {
     let shaft = "G0 X4 Z0|G1 Z-4";
-    let wanted = "T8 2, T8 2, T8 2, F8 -3.5, T8.5 -3, T8.5 1.5, T8 2, T6 0.8571, F6 -3.5, T6.5 -3, T6.5 0.3571, T6 0.8571, T4.5 0, F4.5 -3.5, F8 -3.5";
+    let wanted = "T8 2, T8 2, T8 2, F8 -3.5, T8.5 -3, T8.5 1.5, T8 2, T6 0.8571, F6 -3.5, T6.5 -3, T6.5 0.3571, T6 \
+        0.8571, T4.5 0, F4.5 -3.5, F8 -3.5";
     assert_eq!(rounded(&turned(shaft, "G71 Q1 X8 Z2 I2 R.5 D.5")), wanted);
     assert_eq!(rounded(&turned("G0 X4 Z0|G1 Z-4|X8", "G71 Q1 X8 Z2 I2 R.5 D.5")), wanted);
     // Along X too, and without an allowance as far as the profile extends.

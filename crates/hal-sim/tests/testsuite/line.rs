@@ -89,7 +89,8 @@ proptest! {
     #[test]
     fn every_byte_is_accounted_for_however_it_is_read(
         settings in settings(),
-        bursts in prop::collection::vec((0u64..3_000_000, prop::collection::vec(any::<u8>(), 0..60), any::<bool>()), 1..30),
+        bursts in prop::collection::vec((0u64..3_000_000, prop::collection::vec(any::<u8>(), 0..60), any::<bool>()),
+            1..30),
     ) {
         let (mut often, mut seldom) = (SerialChannel::new(&settings), SerialChannel::new(&settings));
         let (mut now, mut read, mut all) = (0, Vec::new(), 0);
@@ -121,7 +122,8 @@ proptest! {
         latency_us in 0u32..500,
         bursts in prop::collection::vec((0u64..3_000_000, 1usize..60), 1..30),
     ) {
-        let mut line = SerialChannel::new(&SerialChannelSettings { baud, latency_us, ..SerialChannelSettings::default() });
+        let mut line = SerialChannel::new(&SerialChannelSettings { baud, latency_us,
+            ..SerialChannelSettings::default() });
         let (mut now, mut free, mut due) = (0u64, 0u64, Vec::new());
         for (pause, count) in bursts {
             now += pause;
@@ -142,8 +144,10 @@ proptest! {
 
     /// Delays alone lose nothing and change no order.
     #[test]
-    fn delays_keep_bytes_and_order(jitter_us in 0u32..5000, seed: u64, pauses in prop::collection::vec(0u64..2_000_000, 1..100)) {
-        let mut line = SerialChannel::new(&SerialChannelSettings { baud: 1_000_000, jitter_us, seed, ..SerialChannelSettings::default() });
+    fn delays_keep_bytes_and_order(jitter_us in 0u32..5000, seed: u64,
+        pauses in prop::collection::vec(0u64..2_000_000, 1..100)) {
+        let mut line = SerialChannel::new(&SerialChannelSettings { baud: 1_000_000, jitter_us, seed,
+            ..SerialChannelSettings::default() });
         let mut now = 0;
         for (number, pause) in pauses.iter().enumerate() {
             now += pause;

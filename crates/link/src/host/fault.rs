@@ -52,7 +52,8 @@ impl CardFailure for LinkError {
             }
             Self::Restarted | Self::StateMismatch => "home the machine before it is moved again",
             Self::ReportLost => {
-                "check the cable and the computer's load; `retrace resume` continues at the position that the card reports"
+                "check the cable and the computer's load; `retrace resume` continues at the position that the card \
+                    reports"
             }
             Self::Refused(_) => "check the card's alarm, and run the program again; please report this",
             Self::Protocol(_) => "install matching versions of the card's firmware and this program",

@@ -1,7 +1,8 @@
 //! Entries of a card's reports, in the order in which the events happened.
 //!
 //! ```text
-//! kind in three bits; of periods: t t s r n   t t: they ran 0, +1, −1, or a rate that follows; s: starved; r: at rest after;
+//! kind in three bits; of periods: t t s r n   t t: they ran 0, +1, −1, or a rate that follows; s: starved; r: at rest
+//! after;
 //!                                             n: more than one; how many follows
 //! ```
 //!

@@ -1,8 +1,9 @@
 //! Records, each encoded as the difference from the previous one on the path.
 //!
 //! ```text
-//! 1 b s s l f c r    b: behind (else ahead)      s s: size of the differences of the increments: none, 4, 8, 16 bits each
-//!                    l: the line differs; signed  f: flags follow   c: the cap differs; it follows   r: rests before it (behind)
+//! 1 b s s l f c r    b: behind (else ahead)      s s: size of the differences of the increments: none, 4, 8, 16 bits
+//! each
+//! l: the line differs; signed  f: flags follow   c: the cap differs; it follows   r: rests before it (behind)
 //! ```
 //! then the increments' differences (of 4 bits: two per byte, the first axis low), line, flags, cap. Constant speed
 //! costs one byte per record; acceleration that of its differences, which at usual limits fit four bits.

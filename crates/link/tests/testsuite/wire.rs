@@ -107,7 +107,8 @@ fn entry() -> impl Strategy<Value = ReportEntry> {
 
 proptest! {
     #[test]
-    fn words_are_read_back(words in prop::collection::vec(word(), 1..12), follow in any::<bool>(), start in any::<u32>()) {
+    fn words_are_read_back(words in prop::collection::vec(word(), 1..12), follow in any::<bool>(),
+        start in any::<u32>()) {
         let mut words = words;
         if follow {
             // runs, as they usually come
@@ -152,7 +153,8 @@ proptest! {
     fn a_word_without_room_leaves_no_trace(words in prop::collection::vec(word(), 1..12), room in 0usize..120) {
         let mut bytes = [0; 120];
         let (mut writer, mut run) = (ByteWriter::new(&mut bytes[..room]), RecordRun::new(4));
-        let written: Vec<&HostCommand<4>> = words.iter().filter(|word| write_word(&mut writer, &mut run, word).is_some()).collect();
+        let written: Vec<&HostCommand<4>> = words.iter().filter(|word| write_word(&mut writer, &mut run,
+            word).is_some()).collect();
         let length = writer.len();
         let (mut reader, mut run) = (ByteReader::new(&bytes[..length]), RecordRun::new(4));
         for word in written {

@@ -61,7 +61,8 @@ pub(crate) fn windows(full: bool) -> Vec<Row> {
             *worst = if ratio > worst.0 { (ratio, name) } else { *worst };
         }
     }
-    note += "a block here is a part of the blended path, several to a programmed move; at least half the window is retained";
+    note += "a block here is a part of the blended path, several to a programmed move; at least half the window is \
+        retained";
     let row = |what, figure, note| Row { name: "Q4", what, figure, unit: "", goal: Goal::AtMost(1.002), note };
     vec![
         row(

@@ -184,7 +184,8 @@ mod tests {
         /// backward the same tracks have the same glide.
         #[test]
         fn glides_are_legal_and_the_same_from_every_side(
-            heading in -3.0..3.0f64, turn in 0.1..2.6f64, sizes in [-1.0..1.3f64, -1.0..1.3f64], rest in any::<[bool; 2]>(),
+            heading in -3.0..3.0f64, turn in 0.1..2.6f64, sizes in [-1.0..1.3f64, -1.0..1.3f64],
+                rest in any::<[bool; 2]>(),
             tolerance in 0.003..0.1f64,
         ) {
             let axes = MachineLimits::built_in().planned();

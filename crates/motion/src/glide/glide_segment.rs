@@ -88,7 +88,8 @@ mod tests {
             let [out, into] = ramps.ends();
             let (start, end) = (passage.at(0, 0.0), passage.at(CELLS - 1, passage.duration()));
             prop_assert!((start.position[0] - (1.0 - out.s)).abs() < 1e-12 && (start.position[1] - 2.0).abs() < 1e-12);
-            prop_assert!((start.by_time.first[0] - out.v).abs() < 1e-9 && (start.by_time.second[0] + out.a).abs() < 1e-9);
+            prop_assert!((start.by_time.first[0] - out.v).abs() < 1e-9
+                && (start.by_time.second[0] + out.a).abs() < 1e-9);
             prop_assert!((end.position[1] - (2.0 + 0.8 * into.s)).abs() < 1e-9);
             prop_assert!((end.by_time.first[0] - 0.6 * into.v).abs() < 1e-9);
             prop_assert!((end.by_time.second[1] - 0.8 * into.a).abs() < 1e-8);

@@ -167,7 +167,8 @@ mod tests {
             c in prop::collection::vec(-1.0..1.0f64, 2),
         ) {
             let mut rows = rows;
-            for (row, most) in [(vec![1.0, 0.0], 3.0), (vec![-1.0, 0.0], 3.0), (vec![0.0, 1.0], 3.0), (vec![0.0, -1.0], 3.0)] {
+            for (row, most) in [(vec![1.0, 0.0], 3.0), (vec![-1.0, 0.0], 3.0), (vec![0.0, 1.0], 3.0),
+                (vec![0.0, -1.0], 3.0)] {
                 rows.push((row, most));
             }
             let z = solve(&rows, &c);

@@ -152,7 +152,8 @@ mod tests {
             };
             prop_assert!((after.duration() - before.duration() - more).abs() <= 1e-12);
             let end = after.end();
-            prop_assert!((end.s - length).abs() <= 1e-11 && (end.v - to.v).abs() <= 1e-9 && (end.a - to.a).abs() <= 1e-6);
+            prop_assert!((end.s - length).abs() <= 1e-11 && (end.v - to.v).abs() <= 1e-9
+                && (end.a - to.a).abs() <= 1e-6);
             prop_assert!(after.jerk <= LIMITS.j);
             for k in 0..=100 {
                 let is = after.at(after.duration() * f64::from(k) / 100.0);

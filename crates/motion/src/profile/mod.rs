@@ -240,7 +240,8 @@ mod tests {
                     prop_assert!((-1e-9..=LIMITS.v * (1.0 + 1e-9)).contains(&v) && a.abs() <= LIMITS.a * (1.0 + 1e-9));
                 }
                 // The reversed profile takes as long.
-                let back = fastest(KinematicState::moving(to.v, -to.a), KinematicState::moving(from.v, -from.a), length, LIMITS);
+                let back = fastest(KinematicState::moving(to.v, -to.a), KinematicState::moving(from.v, -from.a),
+                    length, LIMITS);
                 if let Ok(back) = back {
                     prop_assert!((back.duration() - duration).abs() <= 1e-9 * (1.0 + duration));
                 }
@@ -254,7 +255,8 @@ mod tests {
         /// profile.
         #[test]
         fn any_two_states_are_connected(from in state(), to in state(), signs in 0..4, length in -50.0..50.0f64) {
-            let turned = |state: KinematicState, turn: bool| if turn { KinematicState::moving(-state.v, -state.a) } else { state };
+            let turned = |state: KinematicState, turn: bool| if turn { KinematicState::moving(-state.v,
+                -state.a) } else { state };
             let (from, to) = (turned(from, signs & 1 != 0), turned(to, signs & 2 != 0));
             let profile = fastest_any_way(from, to, length, LIMITS);
             prop_assert!(profile.is_ok());
@@ -283,7 +285,8 @@ mod tests {
                     (state, duration) = (next, duration + t);
                 }
             }
-            let takes = |to: KinematicState| fastest_any_way(from, to, state.s, LIMITS).map_or(f64::MAX, |p| p.duration());
+            let takes = |to: KinematicState| fastest_any_way(from, to, state.s, LIMITS).map_or(f64::MAX,
+                |p| p.duration());
             // Where the acceleration only just keeps its sign, the last digits of the speed decide whether it can.
             let near = |part: f64| takes(KinematicState { v: state.v * (1.0 + part), ..state });
             let is_as_fast = takes(state) <= duration * (1.0 + 1e-9) + 1e-9;

@@ -216,7 +216,8 @@ mod tests {
         fn the_ramps_of_what_is_found_fit(track in track(), step in step(), first in 0.01..500.0f64, rounds in 0..60u32,
                                           share in 0.0..1.0f64, kind in 0..4) {
             let variant =
-                [SearchVariant::Plain, SearchVariant::CheckFirst, SearchVariant::Raise(share), SearchVariant::Fill(share)][kind as usize];
+                [SearchVariant::Plain, SearchVariant::CheckFirst, SearchVariant::Raise(share),
+                    SearchVariant::Fill(share)][kind as usize];
             let found = SpeedSearch { first, step, variant, rounds }.find(&track);
             if let Some(SearchOutcome { v, ramps, constant }) = found {
                 prop_assert!(ramps <= track.length && ramps == track.ramps(v) && v >= track.start.max(track.end));
@@ -230,7 +231,8 @@ mod tests {
 
         /// The bound that the spec requires, against the closed form.
         #[test]
-        fn the_plain_search_comes_within_a_step_of_the_closed_form(track in track(), step in step(), first in 0.01..500.0f64) {
+        fn the_plain_search_comes_within_a_step_of_the_closed_form(track in track(), step in step(),
+            first in 0.01..500.0f64) {
             let found = SpeedSearch { first, step, variant: SearchVariant::Plain, rounds: ROUNDS }.find(&track);
             let best = closed_form(&track, 1e5);
             if let (Some(found), Some(best)) = (found, best) {
@@ -267,7 +269,8 @@ mod tests {
         /// constant speed.
         #[test]
         fn small_steps_come_to_the_closed_form(track in track()) {
-            let search = SpeedSearch { first: 50.0, step: SearchStep::Geometric(1e-3), variant: SearchVariant::Fill(1.0), rounds: 20_000 };
+            let search = SpeedSearch { first: 50.0, step: SearchStep::Geometric(1e-3),
+                variant: SearchVariant::Fill(1.0), rounds: 20_000 };
             if let (Some(found), Some(best)) = (search.find(&track), closed_form(&track, track.limits.v)) {
                 prop_assert!((found.v - best).abs() <= 1.1e-3 * best);
             }

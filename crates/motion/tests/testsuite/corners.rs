@@ -67,7 +67,8 @@ proptest! {
 
     #[test]
     fn no_corner_is_slower_than_stopping(
-        degrees in 0.1..180.0f64, one in -1.3..1.5f64, two in -1.3..1.5f64, feed in 0.3..2.0f64, tolerance in -2.3..-1.0f64,
+        degrees in 0.1..180.0f64, one in -1.3..1.5f64, two in -1.3..1.5f64, feed in 0.3..2.0f64,
+            tolerance in -2.3..-1.0f64,
     ) {
         let power = |x: f64| 10f64.powf(x);
         let feed = FeedRate::PerSecond(power(feed));

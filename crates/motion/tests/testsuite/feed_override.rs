@@ -64,7 +64,8 @@ proptest! {
 
     #[test]
     fn whatever_the_override_does_everything_is_kept(
-        steps in prop::collection::vec(step(), 1..40), mode in mode(), changes in changes(), most in prop_oneof![Just(usize::MAX), 0usize..40],
+        steps in prop::collection::vec(step(), 1..40), mode in mode(), changes in changes(),
+            most in prop_oneof![Just(usize::MAX), 0usize..40],
     ) {
         let limits = MachineLimits::built_in();
         let moves = program(&steps, mode);

@@ -101,7 +101,8 @@ proptest! {
     /// Long chains of short lines, some nearly straight, some rough: re-planned and cut many times.
     #[test]
     fn dense_chains_keep_everything_too(
-        seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64, most in 0usize..9,
+        seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64,
+            most in 0usize..9,
     ) {
         let moves = wandering(seed, size, wander, PathMode::blend(tolerance_mm));
         let limits = MachineLimits::built_in();
@@ -115,7 +116,8 @@ proptest! {
     /// Merging as the program requests it (G64 Q): within P whatever Q is.
     #[test]
     fn dense_chains_stay_within_the_tolerance_however_much_is_merged(
-        seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64, merge in 0.0..0.1f64,
+        seed in any::<u32>(), size in -2.5..-0.3f64, wander in -3.0..0.3f64, tolerance_mm in 0.005..0.1f64,
+            merge in 0.0..0.1f64,
     ) {
         let moves = wandering(seed, size, wander, PathMode::Blend { tolerance_mm, merge_mm: Some(merge) });
         let limits = MachineLimits::built_in();
@@ -154,7 +156,8 @@ proptest! {
     fn any_machine_keeps_its_limits(
         steps in prop::collection::vec(step(), 1..30), mode in mode(),
         v in [0.5..2.5f64, 0.5..2.5f64, 0.5..2.5f64], a in [1.0..4.0f64, 1.0..4.0f64, 1.0..4.0f64],
-        j in [2.0..6.0f64, 2.0..6.0f64, 2.0..6.0f64], ppm in 1.0..3.3f64, path in 0.7..3.0f64, period_s in 2e-4..4e-3f64,
+        j in [2.0..6.0f64, 2.0..6.0f64, 2.0..6.0f64], ppm in 1.0..3.3f64, path in 0.7..3.0f64,
+            period_s in 2e-4..4e-3f64,
         reserve in 0.0..0.5f64,
     ) {
         let power = |x: [f64; 3]| x.map(|x| 10f64.powf(x));
@@ -362,7 +365,8 @@ proptest! {
     /// positions.
     #[test]
     fn what_follows_a_displacement_begins_where_the_machine_stands(
-        ends in prop::array::uniform3(prop::array::uniform3(-50.0..50.0f64)), pulses in prop::array::uniform3(-9_000i64..9_000),
+        ends in prop::array::uniform3(prop::array::uniform3(-50.0..50.0f64)),
+            pulses in prop::array::uniform3(-9_000i64..9_000),
     ) {
         let limits = MachineLimits::built_in();
         let mut planner = Planner::new(limits, [0.0; 3]).expect("limits");

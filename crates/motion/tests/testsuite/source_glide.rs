@@ -20,7 +20,8 @@ proptest! {
 
     #[test]
     fn limits_ends_and_paths_are_kept(
-        steps in prop::collection::vec(step(), 1..40), tolerance in 0.002..0.5f64, value in 0.01..1.0f64, of in ratio_of(),
+        steps in prop::collection::vec(step(), 1..40), tolerance in 0.002..0.5f64, value in 0.01..1.0f64,
+            of in ratio_of(),
     ) {
         let limits = MachineLimits::built_in();
         let moves = program(&steps, PathMode::blend(tolerance));

@@ -10,7 +10,8 @@ use retrace_link::MotionCard;
 use super::jobs::{Log, boundary, complete, machine, run};
 
 /// Lines of 20 mm with corners, the jet on from line 4 to line 9, a rapid move behind it.
-const CUT: &str = "G21 G90 G64 P0.05 F1200\nG0 X5\nG1 X10\nM64 P1\nG1 X30\nG1 Y20\nG1 X10\nG1 Y0 Z1\nM65 P1\nG0 X0 Y0\nG1 X40 F3000\nM2\n";
+const CUT: &str = "G21 G90 G64 P0.05 F1200\nG0 X5\nG1 X10\nM64 P1\nG1 X30\nG1 Y20\nG1 X10\nG1 Y0 Z1\nM65 P1\nG0 X0 \
+    Y0\nG1 X40 F3000\nM2\n";
 
 fn counts_at(log: &Log, record: u32) -> Option<[i64; 4]> {
     log.periods.iter().find(|p| p.place == boundary(record)).map(|p| p.counts)
@@ -127,7 +128,8 @@ fn whoever_is_going_back_already_goes_on_from_where_he_comes_to_rest() {
 #[test]
 fn the_wheel_says_when_it_has_come_forward_to_its_end() {
     let machine = machine(600.0);
-    let script = "at line 7 wheel -100 for 1s\nafter 0.5s wheel 100 for 3s\nafter 1s wheel -100 for 0.2s\nafter 1s wheel 100 for 2s\nafter 1s leave\n";
+    let script = "at line 7 wheel -100 for 1s\nafter 0.5s wheel 100 for 3s\nafter 1s wheel -100 for 0.2s\nafter 1s \
+        wheel 100 for 2s\nafter 1s leave\n";
     let (_, log) = complete(&machine, CUT, script);
     assert_eq!(log.count(|h| *h == EventKind::HistoryEndReached), 2);
 }

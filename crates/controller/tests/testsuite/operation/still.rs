@@ -33,17 +33,23 @@ fn eventful(times: usize) -> (String, String) {
     let mut program = String::from("G21 G64 P0.05 F3000\n");
     for k in 0..times {
         program += &format!(
-            "M3 S{}\n(MSG, lap {k})\nG1 X{}\nM62 P2\nG1 Y5\nM63 P2\nM64 P1\nG1 X0\nM65 P1\nG4 P0.01\nM8\nG1 Y0\nM9\nM5\n(MSG, done)\nM0\n",
+            "M3 S{}\n(MSG, lap {k})\nG1 X{}\nM62 P2\nG1 Y5\nM63 P2\nM64 P1\nG1 X0\nM65 P1\nG4 P0.01\nM8\nG1 \
+                Y0\nM9\nM5\n(MSG, done)\nM0\n",
             1000 + k,
             20 + k
         );
     }
     program += "M2\n";
-    let once = "after 0.3s hold\nafter 0.3s resume\nafter 0.1s override 40%\nafter 0.2s override 150%\nafter 0.2s override 100%\n\
-        after 0.2s reverse 100%\nafter 0.2s output 5 on\nafter 0.1s back 1 mm\nafter 0.5s wheel -90 for 0.2s\nafter 0.2s wheel 80 for 2s\n\
-        after 0.1s leave ask\nafter 1s agree\nafter 0.1s single\nafter 1s cycle start\nafter 0.2s single\nafter 0.5s pause\n\
-        after 0.5s spindle stop\nafter 0.1s jog x 1\nafter 0.5s spindle start\nafter 0.2s online\nafter 0.2s cycle start\n\
-        after 1s back to pierce\nafter 0.5s back to block\nafter 0.3s leave\nafter 0.3s cycle start\nafter 0.3s resume\n";
+    let once = "after 0.3s hold\nafter 0.3s resume\nafter 0.1s override 40%\nafter 0.2s override 150%\nafter 0.2s \
+        override 100%\n\
+        after 0.2s reverse 100%\nafter 0.2s output 5 on\nafter 0.1s back 1 mm\nafter 0.5s wheel -90 for 0.2s\nafter \
+        0.2s wheel 80 for 2s\n\
+        after 0.1s leave ask\nafter 1s agree\nafter 0.1s single\nafter 1s cycle start\nafter 0.2s single\nafter 0.5s \
+        pause\n\
+        after 0.5s spindle stop\nafter 0.1s jog x 1\nafter 0.5s spindle start\nafter 0.2s online\nafter 0.2s cycle \
+        start\n\
+        after 1s back to pierce\nafter 0.5s back to block\nafter 0.3s leave\nafter 0.3s cycle start\nafter 0.3s \
+        resume\n";
     (program, once.repeat(times) + &"after 0.5s cycle start\n".repeat(60))
 }
 

@@ -155,7 +155,8 @@ pub(crate) fn tables(bytes: &[u8]) {
         Ok(ini) => setup.fixed_values = ini.values,
         Err(found) => place(found),
     }
-    let using = "T1 M6 G43\nG0 X1 Y1 Z1\nT2 M6 G43 H1\nG54 G0 X0\nG55 G0 X1\nG28\nG41 D2\nF9 G1 X90\nX99 Y9\nG40\nG1 X0 Y0\n\
+    let using = "T1 M6 G43\nG0 X1 Y1 Z1\nT2 M6 G43 H1\nG54 G0 X0\nG55 G0 X1\nG28\nG41 D2\nF9 G1 X90\nX99 Y9\nG40\nG1 \
+        X0 Y0\n\
                  CYCLE81(10,0,2,-20)\nG10 L1 P1 R1\nM2\n";
     let mut program = Program::new(using.as_bytes(), setup);
     run(&mut program);

@@ -30,7 +30,8 @@ const EXAMPLES: &[&str] = &[
 const DRILLING: &str = "G21 G17 T1 M6 G43\nS500 M3 F100\nCYCLE81(10,0,2,-20)\nCYCLE82(10,0,2,,20,1.5)\n\
     MCALL CYCLE83(10,0,2,-57,,,20,5,1,1,0.5,1)\nX1 Y2\nHOLES1(0,0,30,5,10,4)\nHOLES2(0,0,20,0,0,6)\nMCALL\n\
     CYCLE84(10,0,2,-12,,0,3,6,,90,300,200)\nCYCLE85(10,0,2,-20,,1,50,80)\nCYCLE86(10,0,2,-20,,1,3,1,-1,1,45)\n\
-    CYCLE87(10,0,2,-20,,3)\nCYCLE88(10,0,2,-20,,1,4)\nCYCLE89(10,0,2,-20,,1)\nG20 G18 G91 G95 F.1\nCYCLE83(1,0,.1,-2,,,.5,-.8,-2,-1,1,0,1,.05)\nM2\n";
+    CYCLE87(10,0,2,-20,,3)\nCYCLE88(10,0,2,-20,,1,4)\nCYCLE89(10,0,2,-20,,1)\nG20 G18 G91 G95 \
+    F.1\nCYCLE83(1,0,.1,-2,,,.5,-.8,-2,-1,1,0,1,.05)\nM2\n";
 
 const TURNING: &str = "G18 G21 G90 T2 M6 G43\nS500 M3 F.2 G95\nG0 X60 Z10\n\
     CYCLE95(\"PART\",2.8,0.1,0.2,,0.3,0.15,0.1,9)\nG7\nCYCLE95(\"PART\",1,0,0,0.1,0.3,0.15,0.1,2,1,5,0.5)\nG8\n\
@@ -42,17 +43,25 @@ const LABELS: &str = "G18 G21 G90 T9 M6\nF100\nG0 X60 Z10\nCYCLE95(\"START:END\"
     CYCLE95(\"START:END\",3,,,,90,50,20,207)\nCYCLE95(\"F1\",3,,,,90,50,20,4)\nCYCLE95(\"PART\",3,,,,90,50,20,4)\nM2\n\
     START:\nG1 X20 Z0\nZ-10\nG2 X24 Z-14 I4 K0\nG1 X30\nX28 Z-20\nZ-30\nX40 Z-40\nEND:\n";
 
-const FLOW: &str = "#1=0\nO1 while [#1 LT 5]\n#1=[#1+1]\nO2 if [#1 MOD 2]\nG0 X#1\nO2 elseif [#1 GT 3]\nO1 continue\nO2 else\nG0 Y#1\nO2 endif\n\
-    O3 repeat [3]\nG91 G0 X1\nO3 endrepeat\nO1 endwhile\nO4 do\n#1=[#1-1]\nO4 while [#1 GT 0]\nO<part> call [1] [2]\nO<f1> call\nM98 P20 L3\nM2\n\
-    O<part> sub\nG90 G0 X#1 Y#2 Z#<_x>\n(DEBUG, #1 #<_value>)\nO5 if [#1 GT 0]\nO<part> call [#1-1] [3]\nO5 endif\nO<part> endsub [#1]\n\
+const FLOW: &str = "#1=0\nO1 while [#1 LT 5]\n#1=[#1+1]\nO2 if [#1 MOD 2]\nG0 X#1\nO2 elseif [#1 GT 3]\nO1 \
+    continue\nO2 else\nG0 Y#1\nO2 endif\n\
+    O3 repeat [3]\nG91 G0 X1\nO3 endrepeat\nO1 endwhile\nO4 do\n#1=[#1-1]\nO4 while [#1 GT 0]\nO<part> call [1] \
+    [2]\nO<f1> call\nM98 P20 L3\nM2\n\
+    O<part> sub\nG90 G0 X#1 Y#2 Z#<_x>\n(DEBUG, #1 #<_value>)\nO5 if [#1 GT 0]\nO<part> call [#1-1] [3]\nO5 \
+    endif\nO<part> endsub [#1]\n\
     O20\nG0 X1\nM99\n";
 
-const MACROS: &str = "#1=0\nN10 #1=[#1+1]\nIF [#1 GT 20] GOTO 90\nWHILE [#2 LT 3] DO1\n#2=[#2+1]\nG0 X[#1+#2]\nIF [#2 EQ 2] GOTO 30\n\
-    IF [#1 LT 5] THEN #3=#2\nEND1\nN30 G1 Y#3 F100\nM98 P20\nGOTO [5*2]\nN90 M2\nO20\nIF [#1 MOD 2] GOTO 10\nG0 Z1\nN10 G0 Z0\nM99\n";
+const MACROS: &str = "#1=0\nN10 #1=[#1+1]\nIF [#1 GT 20] GOTO 90\nWHILE [#2 LT 3] DO1\n#2=[#2+1]\nG0 X[#1+#2]\nIF [#2 \
+    EQ 2] GOTO 30\n\
+    IF [#1 LT 5] THEN #3=#2\nEND1\nN30 G1 Y#3 F100\nM98 P20\nGOTO [5*2]\nN90 M2\nO20\nIF [#1 MOD 2] GOTO 10\nG0 \
+    Z1\nN10 G0 Z0\nM99\n";
 
-const SPLINES: &str = "F100\nG5 X10 Y0 I1 J2 P-3 Q-4\nG5 X10 Y5 P1 Q1\nG5.1 X2 Y0 I1 J3\nG5.2 P1 L4\nX2 Y1 P2\nX3 Y0 P.5\nX4 Y0 P1\nG5.3\n\
-    G33 Z-4 K2\nM3 S100\nG33.1 Z-4 K2\nG76 P2 Z-9 I-2 J.5 K1 H1\nG38.2 Z-5\nG83 X1 Z-3 R1 Q.01\nG73 X2 L3\nG81 X1 Y1 Z-1 R1 L5\n\
-    G68\nG10 L2 P1 R30 X1\nG52 X1\nG92 Y1\nG28.1\nG30 X1\nG96 S100 D500\n@5 ^30\nG2 X1 Y1 R5 P3\nG20\nM70\nM72\nG64 P.1 Q.1\nM2\n";
+const SPLINES: &str = "F100\nG5 X10 Y0 I1 J2 P-3 Q-4\nG5 X10 Y5 P1 Q1\nG5.1 X2 Y0 I1 J3\nG5.2 P1 L4\nX2 Y1 P2\nX3 Y0 \
+    P.5\nX4 Y0 P1\nG5.3\n\
+    G33 Z-4 K2\nM3 S100\nG33.1 Z-4 K2\nG76 P2 Z-9 I-2 J.5 K1 H1\nG38.2 Z-5\nG83 X1 Z-3 R1 Q.01\nG73 X2 L3\nG81 X1 Y1 \
+    Z-1 R1 L5\n\
+    G68\nG10 L2 P1 R30 X1\nG52 X1\nG92 Y1\nG28.1\nG30 X1\nG96 S100 D500\n@5 ^30\nG2 X1 Y1 R5 P3\nG20\nM70\nM72\nG64 \
+    P.1 Q.1\nM2\n";
 
 const TABLES: &[&str] = &[
     TOOLS,
@@ -62,7 +71,8 @@ const TABLES: &[&str] = &[
 ];
 
 const CYCLES: &[&str] = &[
-    "PROC FUZZ(REAL A, REAL B, INT C) SAVE\nDEF INT K\nDEF REAL R[10]\nIF A>0\nG0 G90 AX[3]=A\nELSE\nG1 X=B F100\nENDIF\n\
+    "PROC FUZZ(REAL A, REAL B, INT C) SAVE\nDEF INT K\nDEF REAL R[10]\nIF A>0\nG0 G90 AX[3]=A\nELSE\nG1 X=B \
+        F100\nENDIF\n\
      FOR K=0 TO 5\nR[K]=SIN(K*B)+SQRT(ABS(C))\nG1 AX[1]=R[K]\nENDFOR\nWHILE C<20\nC=C+1\nENDWHILE\n\
      LOOP\nGOTOF OUT\nENDLOOP\nOUT:\nCYCLE81(10,0,2,,5)\nMSG(\"A=\" << A)\nM17\n",
     include_str!("../../../../cycles/cycles/CYCLE81.SPF"),

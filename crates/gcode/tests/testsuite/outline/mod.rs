@@ -5,8 +5,10 @@ use std::f64::consts::{PI, TAU};
 
 /// The tools of these programs: mills, lathe tools, one of diameter zero, one with a negative diameter. LinuxCNC's
 /// CHANGE_TOOL prints the position in the table, so each has the number of its line.
-pub(crate) const TOOLS: &str = "T1 P1 Z0.511 D0.125\nT2 P2 Z0.1 D0.0625\nT3 P3 Z1.273 D0.201\nT4 P4 D-0.0625\nT5 P5 D0\n\
-    T6 P6 D0.05 Q9\nT7 P7 D0.06 Q1\nT8 P8 D0.06 Q2\nT9 P9 D0.06 Q3\nT10 P10 D0.07 Q4\nT11 P11 D0.08 Q5\nT12 P12 D0.08 Q6\n\
+pub(crate) const TOOLS: &str = "T1 P1 Z0.511 D0.125\nT2 P2 Z0.1 D0.0625\nT3 P3 Z1.273 D0.201\nT4 P4 D-0.0625\nT5 P5 \
+    D0\n\
+    T6 P6 D0.05 Q9\nT7 P7 D0.06 Q1\nT8 P8 D0.06 Q2\nT9 P9 D0.06 Q3\nT10 P10 D0.07 Q4\nT11 P11 D0.08 Q5\nT12 P12 D0.08 \
+    Q6\n\
     T13 P13 D-0.08 Q7\nT14 P14 D0.08 Q8\n";
 
 /// Writer of random outlines.

@@ -316,7 +316,8 @@ pub(crate) fn compare(name: &str, case_of: impl Fn(u64) -> Case + Sync) {
     }
     let Tally { refused, differing, known, roundings, errors } = tally.into_inner().expect("a tally");
     println!(
-        "{name}: {count} programs from seed {first}, {refused} of them refused, {differing} differ, {known} by a fault of the peer, {roundings} in roundings alone; refusals: {errors:?}"
+        "{name}: {count} programs from seed {first}, {refused} of them refused, {differing} differ, {known} by a \
+            fault of the peer, {roundings} in roundings alone; refusals: {errors:?}"
     );
     assert!(roundings <= 1 + count / 5_000, "more than roundings: {roundings} of {count} programs");
     assert_eq!(differing, 0, "of {count} programs");

@@ -64,7 +64,8 @@ mod tests {
         /// of them is fully used.
         #[test]
         fn a_pace_keeps_the_limits_and_wastes_none(
-            headings in [-3.0..3.0f64, 0.2..2.9f64], speeds in [0.1..90.0f64, 0.1..90.0f64], a in 100.0..1e4f64, j in 1e3..1e6f64,
+            headings in [-3.0..3.0f64, 0.2..2.9f64], speeds in [0.1..90.0f64, 0.1..90.0f64], a in 100.0..1e4f64,
+                j in 1e3..1e6f64,
         ) {
             let mut limits = MachineLimits::<3>::built_in();
             limits.acceleration_mm_s2[1] = a;

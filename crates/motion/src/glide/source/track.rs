@@ -46,8 +46,10 @@ mod tests {
             let axes = MachineLimits::<3>::built_in().planned();
             let track = Track::new([0.6, 0.8, 0.0], 10f64.powf(length), FarEnd::Rest, feed, &axes);
             let Parameters { length, speed } = Parameters::of(&track).expect("from rest to rest there is a plan");
-            let search = SpeedSearch { first: track.limits.v, step: SearchStep::Geometric(1e-3), variant: SearchVariant::Fill(1.0), rounds: 20_000 };
-            let found = search.find(&Ramped { length, start: 0.0, end: 0.0, limits: track.limits }).expect("there is a speed");
+            let search = SpeedSearch { first: track.limits.v, step: SearchStep::Geometric(1e-3),
+                variant: SearchVariant::Fill(1.0), rounds: 20_000 };
+            let found = search.find(&Ramped { length, start: 0.0, end: 0.0, limits: track.limits }).expect("there is \
+                a speed");
             prop_assert!((found.v - speed).abs() <= 1.1e-3 * speed, "{} mm/s, {} mm/s", found.v, speed);
         }
 
