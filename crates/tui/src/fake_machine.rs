@@ -142,7 +142,7 @@ impl FakeMachine {
             UiCommand::Task(ManualTask::ClearAlarm) => lock_model(&self.model).clear_alarm(),
             UiCommand::Task(ManualTask::Jog { axis, mm }) => self.jog(*axis, *mm),
             UiCommand::Task(task) => self.event(EventKind::Message(format!("{task:?}"))),
-            UiCommand::Deed(command) => {
+            UiCommand::Job(command) => {
                 self.event(EventKind::Operator(*command));
                 if let Err(why) = self.apply_command(*command) {
                     self.event(EventKind::CommandRejected(why));

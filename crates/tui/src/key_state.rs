@@ -296,7 +296,7 @@ impl KeyState {
                 return None;
             }
         };
-        Some(UiCommand::Deed(command))
+        Some(UiCommand::Job(command))
     }
 
     /// Handles functions that send no command: dialogs and the drawing.
@@ -404,7 +404,7 @@ impl KeyState {
             // Jogs of a paused program are steps, each of which is recorded.
             _ if is_paused => {
                 let mm = step.unwrap_or(10.0);
-                UiCommand::Deed(OperatorCommand::Jog { axis: letter, mm: if up { mm } else { -mm } })
+                UiCommand::Job(OperatorCommand::Jog { axis: letter, mm: if up { mm } else { -mm } })
             }
             Some(mm) => UiCommand::Task(ManualTask::Jog { axis: letter, mm: if up { mm } else { -mm } }),
             None => UiCommand::Task(ManualTask::JogOn { axis: letter, up }),
@@ -417,7 +417,7 @@ impl KeyState {
         let is_job = model.stage == ScreenStage::Job && !model.is_at_program_end();
         if key == Key::Char(' ') && (is_job || !matches!(self.open, OpenDialog::Prompt(..))) {
             self.open = OpenDialog::Nothing;
-            return (!matches!(model.stage, ScreenStage::Ended(_))).then_some(UiCommand::Deed(OperatorCommand::Hold));
+            return (!matches!(model.stage, ScreenStage::Ended(_))).then_some(UiCommand::Job(OperatorCommand::Hold));
         }
         let is_text_prompt = matches!(&self.open, OpenDialog::Prompt(ask, ..) if *ask != PendingQuestion::Stop);
         if matches!(key, Key::Char('x' | 'X')) && !is_text_prompt {
@@ -438,7 +438,7 @@ impl KeyState {
         };
         *wrong = None;
         let done = match (*ask, key) {
-            (PendingQuestion::Stop, Key::Char('y') | Key::Interrupt) => Ok(UiCommand::Deed(OperatorCommand::Stop)),
+            (PendingQuestion::Stop, Key::Char('y') | Key::Interrupt) => Ok(UiCommand::Job(OperatorCommand::Stop)),
             (PendingQuestion::Stop, _) | (_, Key::Esc | Key::Interrupt) => {
                 self.open = OpenDialog::Nothing;
                 return None;
@@ -485,7 +485,7 @@ impl KeyState {
 fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCommand, String> {
     match ask {
         PendingQuestion::BackBy => match text.parse::<f64>() {
-            Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(UiCommand::Deed(OperatorCommand::BackBy(mm))),
+            Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(UiCommand::Job(OperatorCommand::BackBy(mm))),
             _ => Err("enter a distance above 0 mm, such as 20".into()),
         },
         PendingQuestion::Output => output(text, model),
@@ -506,14 +506,14 @@ fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCom
             Ok(mm) if (0.0..=10_000.0).contains(&mm) => Ok(tool_length(EnteredLength::To(mm))),
             _ => Err("enter a length in mm such as 84.2, or a difference such as +0.35".into()),
         },
-        PendingQuestion::Stop => Ok(UiCommand::Deed(OperatorCommand::Stop)),
+        PendingQuestion::Stop => Ok(UiCommand::Job(OperatorCommand::Stop)),
         PendingQuestion::Program if text.is_empty() => Err("enter the path of a program file".into()),
         PendingQuestion::Program => Ok(UiCommand::Load(files::expanded(text))),
     }
 }
 
 fn tool_length(length: EnteredLength) -> UiCommand {
-    UiCommand::Deed(OperatorCommand::ToolLength(length))
+    UiCommand::Job(OperatorCommand::ToolLength(length))
 }
 
 /// Parses an output command: `3+` switches output 3 on, `3-` off; a name may replace the number. Without a sign the
@@ -531,7 +531,7 @@ fn output(text: &str, model: &ScreenModel) -> Result<UiCommand, String> {
         _ => return Err("add + for on or - for off".into()),
     };
     Ok(match model.stage {
-        ScreenStage::Job => UiCommand::Deed(OperatorCommand::Output { number, on }),
+        ScreenStage::Job => UiCommand::Job(OperatorCommand::Output { number, on }),
         _ => UiCommand::Task(ManualTask::Output(number, i32::from(on))),
     })
 }

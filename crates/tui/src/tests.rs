@@ -135,7 +135,7 @@ fn the_screens_are_as_they_were_looked_at() {
     bench.is_as("7-outputs-differ", 80, 24);
     bench.keys("y");
     bench.wait(500);
-    bench.machine.handle_command(&UiCommand::Deed(retrace_controller::OperatorCommand::SpindleStart));
+    bench.machine.handle_command(&UiCommand::Job(retrace_controller::OperatorCommand::SpindleStart));
     bench.keys("p");
     bench.wait(500);
     bench.keys("S");
@@ -269,7 +269,7 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     key_state.open = OpenDialog::Nothing;
     let command = "oclamp-\r".chars().map(|c| if c == '\r' { Key::Enter } else { Key::Char(c) });
     let command: Vec<_> = command.filter_map(|key| key_state.key(key, 0, &model)).collect();
-    assert_eq!(command, [UiCommand::Deed(retrace_controller::OperatorCommand::Output { number: 5, on: false })]);
+    assert_eq!(command, [UiCommand::Job(retrace_controller::OperatorCommand::Output { number: 5, on: false })]);
     key_state.dry = true;
     assert!(shown(&model, &key_state).starts_with(" DRY RUNNING"), "{}", shown(&model, &key_state));
     (model.hold_reason, model.tool_change, model.at_rest) = (HoldReason::ProgramStop, Some(3), true);
@@ -342,7 +342,7 @@ fn space_holds_whatever_is_open_while_a_job_runs() {
     let mut bench = ScreenFixture::new();
     bench.keys("c");
     bench.wait(1000);
-    let hold = Some(UiCommand::Deed(retrace_controller::OperatorCommand::Hold));
+    let hold = Some(UiCommand::Job(retrace_controller::OperatorCommand::Hold));
     for open in ["?", "T", "g", "b", "o", "q", "w", "r"] {
         bench.keys(open);
         bench.wait(300);
@@ -490,7 +490,7 @@ proptest! {
             now_ms += ms;
             let command = key_state.key(key, now_ms, &model);
             if key == Key::Char(' ') && model.stage == ScreenStage::Job && !model.is_at_program_end() {
-                prop_assert_eq!(command, Some(UiCommand::Deed(retrace_controller::OperatorCommand::Hold)));
+                prop_assert_eq!(command, Some(UiCommand::Job(retrace_controller::OperatorCommand::Hold)));
             }
             drawn(&model, &key_state, 80, 24, now_ms);
         }

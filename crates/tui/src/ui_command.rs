@@ -10,7 +10,7 @@ use retrace_controller::{ManualTask, OperatorCommand};
 #[derive(Clone, Debug, PartialEq)]
 pub enum UiCommand {
     /// Command to the running job.
-    Deed(OperatorCommand),
+    Job(OperatorCommand),
     /// Manual task while no job runs. A continuous motion ends with [`OperatorCommand::Hold`].
     Task(ManualTask),
     /// The handwheel was turned by this number of counts.

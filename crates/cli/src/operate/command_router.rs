@@ -39,7 +39,7 @@ impl CommandRouter {
     /// Routes a command from the screen.
     pub(super) fn route(&self, command: UiCommand) {
         match command {
-            UiCommand::Deed(command) => self.send_to_job(command),
+            UiCommand::Job(command) => self.send_to_job(command),
             UiCommand::Turn(counts) => {
                 if let Some(job) = &*self.job() {
                     job.turn_wheel(counts);

@@ -145,7 +145,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
                 Ok(UiCommand::CloseRefusal) => self.close_refusal(),
                 Ok(UiCommand::DryRun(on)) => self.machine.inhibits_outputs = on,
                 // Commands to a job that has just ended, or an answer to its question.
-                Ok(UiCommand::Deed(_) | UiCommand::Turn(_) | UiCommand::Answer(_)) => {}
+                Ok(UiCommand::Job(_) | UiCommand::Turn(_) | UiCommand::Answer(_)) => {}
                 Ok(UiCommand::Quit) | Err(TryRecvError::Disconnected) => return self.exit_state(),
                 Err(TryRecvError::Empty) => self.idle_period(),
             }

@@ -6,9 +6,9 @@ use retrace_core::mode::{Mode, ModeCommand};
 use retrace_core::{Place, Rate};
 use retrace_link::{MotionCard, OutputChange, channel};
 
-use super::Session;
 use super::back_target::BackTargetKind;
 use super::restart::LeavingRun;
+use super::{ProgramStop, Session};
 use crate::event::{CutterOffReason, EventKind};
 use crate::operator::{CommandError, OperatorCommand};
 
@@ -62,7 +62,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::Hold => self.mode_controller.apply(ModeCommand::Hold)?,
             OperatorCommand::Confirm => self.mode_controller.apply(ModeCommand::Confirm)?,
             OperatorCommand::Stop => {
-                self.stopping = true;
+                self.phase.stop();
                 self.mode_controller.apply(ModeCommand::Hold)?;
             }
             OperatorCommand::Wheel { .. } if self.mode_controller.mode() == Mode::Wheel => {}
@@ -96,7 +96,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Switches an output manually. An output of a cutter is switched as by *cutter off* and *cutter on*.
     fn switch_output(&mut self, number: u8, on: bool) -> Result<(), CommandError> {
-        if self.fire_channels.contains(&number) {
+        if self.config.fire_channels.contains(&number) {
             return if on {
                 self.cutter_on()
             } else {
@@ -124,10 +124,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     fn cutter_off(&mut self) {
         self.cancel_restart();
         let expected = self.streamer.expected();
-        let cuts = self.fire_channels.iter().any(|&c| expected.get(usize::from(c)).is_some_and(|&value| value != 0));
+        let cuts =
+            self.config.fire_channels.iter().any(|&c| expected.get(usize::from(c)).is_some_and(|&value| value != 0));
         self.switch_cutters_off(CutterOffReason::Operator);
-        if cuts && self.hold_program() {
-            self.cutter_is_out = true;
+        if cuts {
+            self.hold_program();
         }
     }
 
@@ -144,7 +145,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// *Cutter on*: executes again the instructions that light the cutter, where the machine retraces and may cut. It
     /// goes out again where the machine does not move (CUT-9).
     fn cutter_on(&mut self) -> Result<(), CommandError> {
-        if self.inhibits_outputs {
+        if self.config.inhibits_outputs {
             return Err(CommandError::NotNow("this is a dry run: the cutter stays off"));
         }
         match self.mode_controller.mode() {
@@ -152,7 +153,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 let why = "the cutter is started with the motion: `recover` starts it and resumes";
                 return Err(CommandError::NotNow(why));
             }
-            _ if !self.retrace_cuts => {
+            _ if !self.config.retrace_cuts => {
                 let why = "only a jet whose [[cutter]] has retrace_cut = true can cut while the path is retraced";
                 return Err(CommandError::NotNow(why));
             }
@@ -181,8 +182,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Continues from a program stop or the end of a block.
     fn continue_from_stop(&mut self) {
-        if self.program_stop {
-            self.continue_requested = true;
+        if self.program_stop != ProgramStop::No {
+            self.program_stop = ProgramStop::Continued;
         } else if self.single_stop {
             self.next_block();
         }
@@ -190,7 +191,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// *Cycle start*: at a program stop, at the end of a block, after a hold.
     fn cycle_start(&mut self) -> Result<(), CommandError> {
-        let stands = self.program_stop || self.single_stop;
+        let stands = self.program_stop != ProgramStop::No || self.single_stop;
         if self.mode_controller.is_held() || !stands {
             self.mode_controller.apply(ModeCommand::Resume)?;
         } else {

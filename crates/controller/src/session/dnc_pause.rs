@@ -303,7 +303,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// Whether M3 lights a torch, a jet or a beam on this machine.
     fn spindle_is_a_cutter(&self) -> bool {
-        self.fire_channels.contains(&channel::SPINDLE)
+        self.config.fire_channels.contains(&channel::SPINDLE)
     }
 
     fn switch_manually(&mut self, channel: u8, value: i32) {
@@ -334,7 +334,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn begin_manual_move(&mut self, request: JogRequest<A>, aim: ManualMovePurpose<A>) -> Result<(), CommandError> {
         let executed = self.dnc.path_start.map_or(self.card.status().executed, |left| left.executed);
         let hand = self.dnc.jog_planner.as_mut().ok_or(NO_HAND)?;
-        let trip = ManualMove::begin(hand, request, executed, self.look_ahead_records, self.run_mode.wall_time);
+        let trip =
+            ManualMove::begin(hand, request, executed, self.config.look_ahead_records, self.config.run_mode.wall_time);
         self.dnc.manual_move = Some((trip, aim));
         Ok(())
     }
@@ -369,7 +370,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let status = self.card.status();
         let stands = status.at_rest && self.executing.is_none();
         self.dnc.rest_periods = if stands { self.dnc.rest_periods + 1 } else { 0 };
-        if self.dnc.rest_periods <= if self.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 1 } {
+        if self.dnc.rest_periods <= if self.config.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 1 } {
             return;
         }
         // A cutter went out when the machine came to rest: the outputs to return to are those the program expects.
@@ -389,7 +390,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn watch_identifying(&mut self) {
         let Some(hand) = &self.dnc.jog_planner else { return };
         // In virtual time the result must not depend on how long that takes.
-        while !self.run_mode.wall_time && !hand.is_done() {
+        while !self.config.run_mode.wall_time && !hand.is_done() {
             thread::sleep(Duration::from_micros(20));
         }
         if !hand.is_done() {
@@ -459,7 +460,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let line = self.dnc_line();
         if let Some(start) = self.dnc.path_start.take() {
             self.card.begin_path(start)?;
-            let _ = self.card.send(HostCommand::Replay { on: self.replays_outputs });
+            let _ = self.card.send(HostCommand::Replay { on: self.config.replays_outputs });
         }
         self.target = None;
         let flags = DncFlags::from_interruption(&self.dnc.interruption);
@@ -474,7 +475,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn only_cutters_differ(&self) -> bool {
         let want = self.streamer.expected();
         let are = self.outputs_compared_with(want);
-        (0..channel::COUNT).all(|at| are[at] == want[at] || self.fire_channels.contains(&(at as u8)))
+        (0..channel::COUNT).all(|at| are[at] == want[at] || self.config.fire_channels.contains(&(at as u8)))
     }
 
     /// Position on the program's path, from which it is resumed. The machine is at rest.
@@ -505,7 +506,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if let Some(outcome) = self.alarm(&status) {
             return Ok(Some(outcome));
         }
-        let is_over = self.stopping || self.is_abandoned();
+        let is_over = self.phase.is_stopping() || self.is_abandoned();
         Ok((is_over && status.at_rest && !self.dnc.is_moving()).then_some(Outcome::Stopped))
     }
 

@@ -10,6 +10,7 @@ mod dnc_pause;
 mod manual_outputs;
 mod restart;
 mod return_path;
+mod session_config;
 mod switching;
 mod telemetry;
 mod tool_length;
@@ -18,7 +19,7 @@ mod window;
 use std::thread;
 use std::time::Duration;
 
-use retrace_config::{IN_FLIGHT_RECORDS, MachineConfig, RetraceOutputs};
+use retrace_config::MachineConfig;
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice};
 use retrace_core::wheel::Wheel;
 use retrace_core::{Place, Rate, RateTarget, RecordIndex};
@@ -37,6 +38,8 @@ use back_target::BackTarget;
 use dnc_pause::DncPause;
 use manual_outputs::ManualOutputs;
 use restart::{LeavingRun, OutputRestart};
+pub use session_config::RunMode;
+use session_config::SessionConfig;
 use tool_length::ToolLengthEntry;
 
 /// How a run ended.
@@ -52,19 +55,45 @@ pub enum Outcome {
     Alarm(&'static str, String, String),
 }
 
-/// Timing and attendance of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RunMode {
-    /// Whether the run is in wall time. In virtual time the motion path waits for the planner instead.
-    pub wall_time: bool,
-    /// Whether an operator is there to press cycle start at a program stop. Without one, the stop is passed.
-    pub operator: bool,
-    /// Whether the motion thread is scheduled under SCHED_FIFO, where that is permitted.
-    pub real_time: bool,
-}
-
 /// Time at rest (s), with the operator's script at its end, after which the job ends because nobody will resume it.
 const NOBODY_THERE_S: f64 = 10.0;
+
+/// Progress of a job. It ends when the machine is at rest in a phase that is stopping.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum JobPhase {
+    Running,
+    /// Everything was executed once; the job waits for its release.
+    ProgramEnded,
+    /// The job was stopped before the end of its program.
+    Stopping,
+    /// The job was released after the end of its program.
+    Released,
+}
+
+impl JobPhase {
+    /// Stops or releases the job.
+    fn stop(&mut self) {
+        *self = if self.program_has_ended() { Self::Released } else { Self::Stopping };
+    }
+
+    fn is_stopping(self) -> bool {
+        matches!(self, Self::Stopping | Self::Released)
+    }
+
+    fn program_has_ended(self) -> bool {
+        matches!(self, Self::ProgramEnded | Self::Released)
+    }
+}
+
+/// Whether the machine is at rest at a program stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ProgramStop {
+    No,
+    /// Until cycle start.
+    Waiting,
+    /// Cycle start was pressed; the instruction has not been sent yet.
+    Continued,
+}
 
 /// A job that is executed on a card.
 pub struct Session<'r, const A: usize, C: MotionCard<A>> {
@@ -74,50 +103,27 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     commands: CommandSources,
     overrides: OverrideRequester,
     wheel: Box<Wheel<512>>,
-    run_mode: RunMode,
-    period_s: f64,
-    look_ahead_records: u32,
-    /// Periods to wait at rest for records, in wall time.
-    max_wait_periods: u64,
-    /// The fire channels of torches, jets and beams.
-    fire_channels: Vec<u8>,
-    /// The channels of the cutters, in the order of the card's settings.
-    cutter_channels: Vec<u8>,
-    /// Channels that the end of a job switches off.
-    off_at_end: Vec<u8>,
+    config: SessionConfig<A>,
     /// Restart of the outputs before motion resumes.
     restart: OutputRestart,
     /// Outputs that were switched manually and are not reported yet.
     manual_outputs: ManualOutputs,
-    /// Whether the cutter went out because the machine came to rest, and is not restored yet.
-    cutter_is_out: bool,
     leaving_run: LeavingRun,
     /// The cutter boundary that the operator has confirmed to pass backward with the cutter on.
     passed_boundary: Option<RecordIndex>,
-    /// Whether this is a dry run.
-    inhibits_outputs: bool,
-    /// Whether a jet may cut while the path is retraced.
-    retrace_cuts: bool,
     /// Whether M1 stops.
     optional_stop: bool,
-    replays_outputs: bool,
     /// The outputs as they were reported last.
     outputs: Outputs,
-    mm_per_pulse: [f64; A],
     telemetry: TelemetrySender<A>,
     stats: RunStats,
     /// Kind of the instruction that the card is executing.
     executing: Option<ExclusiveKind>,
-    /// Whether the machine is at rest at a program stop until cycle start.
-    program_stop: bool,
-    /// Whether cycle start was pressed there.
-    continue_requested: bool,
+    program_stop: ProgramStop,
     /// Whether the machine is at rest at the end of a block until cycle start.
     single_stop: bool,
     single_block: bool,
-    stopping: bool,
-    /// Whether everything was executed once and the job waits for its release.
-    program_ended: bool,
+    phase: JobPhase,
     /// State of a DNC pause.
     dnc: DncPause<'r, A>,
     /// Entry of a tool length in progress.
@@ -145,10 +151,6 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         run_mode: RunMode,
         telemetry: TelemetrySender<A>,
     ) -> Self {
-        let mut mm_per_pulse = [0.0; A];
-        for (slot, axis) in mm_per_pulse.iter_mut().zip(&machine.axes) {
-            *slot = axis.pulses_per_mm.recip();
-        }
         Self {
             stats: RunStats::new(card.status().place.record),
             streamer: streamer.with_fire_channels(&machine.cutting_outputs),
@@ -157,32 +159,19 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             commands,
             overrides: OverrideRequester::default(),
             wheel: Box::new(Wheel::new(machine.wheel_periods, machine.wheel_counts)),
-            run_mode,
-            period_s: machine.period_s(),
-            look_ahead_records: machine.stopping.look_ahead_records + IN_FLIGHT_RECORDS,
-            max_wait_periods: u64::from(machine.look_ahead_records),
-            fire_channels: machine.cutting_outputs.clone(),
-            cutter_channels: machine.cutting_channels(),
-            off_at_end: machine.off_at_end(),
+            config: SessionConfig::new(machine, run_mode),
             restart: OutputRestart::new(),
             manual_outputs: ManualOutputs::new(),
-            cutter_is_out: false,
             leaving_run: LeavingRun::No,
             passed_boundary: None,
-            inhibits_outputs: machine.inhibits_outputs,
-            retrace_cuts: machine.cutters.iter().any(|cutter| cutter.retrace_cut),
             optional_stop: false,
-            replays_outputs: machine.retrace_outputs == RetraceOutputs::Replayed,
             outputs: [0; channel::COUNT],
-            mm_per_pulse,
             telemetry,
             executing: None,
-            program_stop: false,
-            continue_requested: false,
+            program_stop: ProgramStop::No,
             single_stop: false,
             single_block: false,
-            stopping: false,
-            program_ended: false,
+            phase: JobPhase::Running,
             dnc: DncPause::new(machine),
             tool_length: ToolLengthEntry::new(machine),
             back_target: None,
@@ -204,7 +193,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Runs the job to its end.
     pub fn run(mut self) -> (Outcome, RunStats, C) {
         // Every card accepts this command; it changes only what retracing does.
-        let _ = self.card.send(HostCommand::Replay { on: self.replays_outputs });
+        let _ = self.card.send(HostCommand::Replay { on: self.config.replays_outputs });
         self.apply_rate_override();
         self.telemetry.send_output_changes(&self.card.status().outputs);
         self.emit(EventKind::Started);
@@ -240,7 +229,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         counts: [i64; A],
         agree: impl FnOnce(&ResumePlan<A>) -> bool,
     ) -> Result<(Outcome, RunStats, C), ResumeError> {
-        let prepared = PlanReplay::new(&mut self.streamer, at, counts, self.mm_per_pulse).run(self.card.status())?;
+        let prepared =
+            PlanReplay::new(&mut self.streamer, at, counts, self.config.mm_per_pulse).run(self.card.status())?;
         if !agree(&prepared) {
             return Ok((Outcome::Stopped, self.stats, self.card));
         }
@@ -262,9 +252,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.mode_controller = ModeController::rejoining();
         self.stats = RunStats::new(at.start.reached);
         // Before anything moves in the work, its tool has to turn; cutters are lit only at the furthest place.
-        let cutting = std::mem::take(&mut self.fire_channels);
+        let cutting = std::mem::take(&mut self.config.fire_channels);
         self.begin_restart(|channel| !cutting.contains(&channel));
-        self.fire_channels = cutting;
+        self.config.fire_channels = cutting;
         Ok(self.run())
     }
 
@@ -315,8 +305,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn poll_planner(&mut self) {
         self.streamer.poll_planner();
         let mut spins = 0u32;
-        while !self.run_mode.wall_time
-            && !self.streamer.has_lookahead(self.card.status(), self.look_ahead_records)
+        while !self.config.run_mode.wall_time
+            && !self.streamer.has_lookahead(self.card.status(), self.config.look_ahead_records)
             && !self.commands.stop_requested()
         {
             spins += 1;
@@ -329,7 +319,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         if self.streamer.planner_is_gone() || self.telemetry.receiver_is_gone() {
             // A defect in the planning thread, which is propagated when the machine is at rest.
-            self.stopping = true;
+            self.phase.stop();
             let _ = self.mode_controller.apply(ModeCommand::Hold);
         }
     }
@@ -359,7 +349,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let mut demand = self.mode_controller.advance_period(&facts);
         // An instruction in progress is completed before a pause.
         let pauses = self.dnc.is_pausing() && self.executing.is_none();
-        let stops = self.program_stop && !self.continue_requested || self.single_stop;
+        let stops = self.program_stop == ProgramStop::Waiting || self.single_stop;
         let leaves_run = !self.has_left_run();
         if pauses || stops || leaves_run || self.back_target.as_ref().is_some_and(BackTarget::is_searching) {
             demand.target = RateTarget::ZERO;
@@ -380,7 +370,6 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.watch_wheel(&facts);
         if demand.restore_outputs {
-            self.cutter_is_out = false;
             self.begin_restart(|_| true);
         }
         if !self.restart.permits_rate() {
@@ -426,7 +415,10 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.cutter_went_off(off);
         }
         let mode = self.mode_controller.mode();
-        let held = self.mode_controller.is_held() || self.program_stop || self.single_stop || self.waits_for_release();
+        let held = self.mode_controller.is_held()
+            || self.program_stop != ProgramStop::No
+            || self.single_stop
+            || self.waits_for_release();
         let executing = executing.or(self.restart.is_active().then_some(ExclusiveKind::Switch));
         if self.dnc.is_paused() {
             self.stats.count_paused();
@@ -466,9 +458,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if !status.at_rest || self.executing.is_some() {
             return None;
         }
-        if self.stopping {
+        if self.phase.is_stopping() {
             // Everything was executed, wherever the operator has reversed to since.
-            return Some(if self.program_ended { Outcome::Completed } else { Outcome::Stopped });
+            return Some(if self.phase.program_has_ended() { Outcome::Completed } else { Outcome::Stopped });
         }
         if self.restart.is_active() {
             return None;
@@ -493,8 +485,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// Keeps the job open at the end of the program, so that reverse run is possible while the part is still clamped.
     fn wait_for_release(&mut self) {
-        if !self.program_ended {
-            self.program_ended = true;
+        if self.phase == JobPhase::Running {
+            self.phase = JobPhase::ProgramEnded;
             self.emit(EventKind::ProgramEnd);
             self.switch_off_at_end(CutterOffReason::ProgramEnd);
         }
@@ -502,7 +494,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
 
     /// Whether the machine is at rest at the end of the program, until the operator releases the job or reverses.
     fn waits_for_release(&self) -> bool {
-        self.program_ended && self.mode_controller.mode() == Mode::Run && !self.dnc.is_on()
+        self.phase.program_has_ended() && self.mode_controller.mode() == Mode::Run && !self.dnc.is_on()
     }
 
     /// Whether the job waits for an operator who will not come. A stream or a link may stall for any time.
@@ -512,9 +504,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             || self.mode_controller.is_held()
             || self.mode_controller.override_rate() == Rate::ZERO
             || self.mode_controller.rapid_override() == Rate::ZERO
-            || self.program_stop
+            || self.program_stop != ProgramStop::No
             || self.single_stop;
-        let nobody = waits && self.commands.waits_for_motion() && (!self.run_mode.wall_time || self.run_mode.operator);
-        nobody && self.still_periods as f64 * self.period_s > NOBODY_THERE_S
+        let nobody = waits
+            && self.commands.waits_for_motion()
+            && (!self.config.run_mode.wall_time || self.config.run_mode.operator);
+        nobody && self.still_periods as f64 * self.config.period_s > NOBODY_THERE_S
     }
 }

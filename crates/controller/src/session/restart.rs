@@ -149,21 +149,20 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Handles a cutting output that the card has switched off by itself. Where the machine was at rest, the job is
     /// interrupted.
     pub(super) fn cutter_went_off(&mut self, off: CutterOff) {
-        for at in (0..self.cutter_channels.len()).filter(|at| off.channels >> at & 1 != 0) {
-            let channel = self.cutter_channels[at];
+        for at in (0..self.config.cutter_channels.len()).filter(|at| off.channels >> at & 1 != 0) {
+            let channel = self.config.cutter_channels[at];
             self.emit(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });
         }
         if off.cause == CutterOffCause::Standing && self.mode_controller.mode() == Mode::Run {
             // never rejected
             let _ = self.mode_controller.apply(retrace_core::mode::ModeCommand::Hold);
-            self.cutter_is_out = true;
         }
     }
 
     /// Switches every cutting output off immediately.
     pub(super) fn switch_cutters_off(&mut self, reason: CutterOffReason) {
-        for at in 0..self.fire_channels.len() {
-            self.switch_off(self.fire_channels[at], reason);
+        for at in 0..self.config.fire_channels.len() {
+            self.switch_off(self.config.fire_channels[at], reason);
         }
     }
 
@@ -177,8 +176,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Switches off immediately what the end of a program switches off.
     pub(super) fn switch_off_at_end(&mut self, reason: CutterOffReason) {
-        for at in 0..self.off_at_end.len() {
-            self.switch_off(self.off_at_end[at], reason);
+        for at in 0..self.config.off_at_end.len() {
+            self.switch_off(self.config.off_at_end[at], reason);
         }
     }
 
@@ -190,7 +189,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let mut outputs = self.card.status().outputs;
         self.switch_off_at_end(reason);
         for _ in 0..MAX_PERIODS_TO_REPORT {
-            if !self.off_at_end.iter().any(|channel| is_on(&outputs, channel)) {
+            if !self.config.off_at_end.iter().any(|channel| is_on(&outputs, channel)) {
                 return;
             }
             let Ok(status) = self.card.run_period() else { return };
@@ -226,7 +225,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let outputs = self.card.status().outputs;
         let lit = |&channel: &u8| outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
-        if self.leaving_run == LeavingRun::SwitchingOff && !self.fire_channels.iter().any(lit) {
+        if self.leaving_run == LeavingRun::SwitchingOff && !self.config.fire_channels.iter().any(lit) {
             self.leaving_run = LeavingRun::No;
         }
         self.leaving_run == LeavingRun::No

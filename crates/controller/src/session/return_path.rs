@@ -29,8 +29,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.card.begin_path(begins)?;
         self.emit_return_step(DncStep::Approaching);
         let request = JogRequest::Approach { from, to };
-        let mut trip =
-            ManualMove::begin(&mut hand, request, executed, self.look_ahead_records, self.run_mode.wall_time);
+        let mut trip = ManualMove::begin(
+            &mut hand,
+            request,
+            executed,
+            self.config.look_ahead_records,
+            self.config.run_mode.wall_time,
+        );
         let ended = loop {
             let turned = trip.advance(&mut hand, &mut self.card)?;
             if let Some(ended) = turned {

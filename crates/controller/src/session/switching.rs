@@ -7,7 +7,7 @@ use retrace_core::Rate;
 use retrace_core::mode::{Mode, ModeCommand, ModeOutput};
 use retrace_link::{HostCommand, Instruction, MotionCard, OutputChange, channel};
 
-use super::Session;
+use super::{ProgramStop, Session};
 use crate::event::{CardError, EventKind};
 use crate::plan_item::ExclusiveKind;
 
@@ -27,9 +27,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             ExclusiveKind::OptionalStop => self.optional_stop,
             ExclusiveKind::Switch | ExclusiveKind::Dwell => false,
         };
-        if stops && !self.continue_requested && self.run_mode.operator {
-            if !self.program_stop {
-                self.program_stop = true;
+        if stops && self.program_stop != ProgramStop::Continued && self.config.run_mode.operator {
+            if self.program_stop == ProgramStop::No {
+                self.program_stop = ProgramStop::Waiting;
                 let tool = exclusive.changes.iter().find(|change| change.channel == channel::TOOL);
                 let kind = match (kind, tool) {
                     (ExclusiveKind::ToolChange, Some(change)) => EventKind::ToolChange(change.value),
@@ -41,7 +41,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place, until) = (self.streamer.instruction_number(), exclusive.place, exclusive.until);
-        let fires = |change: &OutputChange| self.fire_channels.contains(&change.channel);
+        let fires = |change: &OutputChange| self.config.fire_channels.contains(&change.channel);
         let keeps_cutter = kind == ExclusiveKind::Dwell || changes[..usize::from(count)].iter().any(fires);
         let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter };
         // The rate comes first: while it is still zero, the card would keep the instruction for a period.
@@ -51,7 +51,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             cause: format!("the card rejected {code}: {refusal:?}"),
             remedy: "the machine is at the position that the card reports; check the card, then resume".into(),
         })?;
-        (self.program_stop, self.continue_requested) = (false, false);
+        self.program_stop = ProgramStop::No;
         self.streamer.mark_sent();
         self.executing = Some(kind);
         self.stats.switch_events += u64::from(kind == ExclusiveKind::Switch);

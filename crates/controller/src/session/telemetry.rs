@@ -7,7 +7,7 @@ use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
 use retrace_link::{CardStatus, MotionCard, channel};
 
-use super::Session;
+use super::{ProgramStop, Session};
 use crate::event::{DifferingOutputs, Event, EventKind};
 use crate::telemetry::{PeriodRecord, Telemetry};
 
@@ -29,11 +29,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Reports outputs that were switched because the path is retraced and outputs are replayed.
     pub(super) fn watch_replayed_outputs(&mut self, status: &CardStatus<A>) {
         let before = std::mem::replace(&mut self.outputs, status.outputs);
-        if !self.replays_outputs || self.mode_controller.mode() == Mode::Run || status.rate == Rate::ZERO {
+        if !self.config.replays_outputs || self.mode_controller.mode() == Mode::Run || status.rate == Rate::ZERO {
             return;
         }
         for at in (0..channel::COUNT).filter(|&at| before[at] != status.outputs[at]) {
-            if !self.fire_channels.contains(&(at as u8)) {
+            if !self.config.fire_channels.contains(&(at as u8)) {
                 self.emit(EventKind::RetraceSwitched(at as u8, status.outputs[at]));
             }
         }
@@ -46,7 +46,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             HoldReason::Ended
         } else if self.mode_controller.is_held() {
             HoldReason::Hold
-        } else if self.program_stop {
+        } else if self.program_stop != ProgramStop::No {
             HoldReason::ProgramStop
         } else if self.single_stop {
             HoldReason::SingleBlock
@@ -76,7 +76,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     pub(super) fn emit_at(&mut self, line: u32, kind: EventKind) {
         let status = self.card.status();
-        let time_s = status.period as f64 * self.period_s;
+        let time_s = status.period as f64 * self.config.period_s;
         let event = Event { period: status.period, time_s, place: status.place, line, kind };
         self.telemetry.send(Telemetry::Event(event));
     }

@@ -97,7 +97,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
                 (Some(LengthAnswer::No(why)), _) => self.reject_tool_length(why),
                 // In virtual time the result must not depend on how long that takes. A planner that is gone does not
                 // answer.
-                (None, _) if !self.run_mode.wall_time && !self.streamer.planner_is_gone() => {
+                (None, _) if !self.config.run_mode.wall_time && !self.streamer.planner_is_gone() => {
                     self.streamer.poll_planner();
                     thread::sleep(Duration::from_micros(20));
                 }

@@ -24,10 +24,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Backward beyond it, material would be cut that the program does not cut, so the operator has to confirm there.
     pub(super) fn cutter_boundary(&self) -> Option<RecordIndex> {
         let status = self.card.status();
-        let lit =
-            self.fire_channels.iter().any(|&c| status.outputs.get(usize::from(c)).is_some_and(|&value| value != 0));
+        let lit = self
+            .config
+            .fire_channels
+            .iter()
+            .any(|&c| status.outputs.get(usize::from(c)).is_some_and(|&value| value != 0));
         let backward = matches!(self.mode_controller.mode(), Mode::Reverse | Mode::Wheel);
-        if !lit || !backward || self.replays_outputs {
+        if !lit || !backward || self.config.replays_outputs {
             return None;
         }
         self.streamer.cut_change_before(status.place, self.passed_boundary)
@@ -63,7 +66,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     pub(super) fn set_rate(&mut self, demand: ModeOutput) {
         let outputs = &self.card.status().outputs;
-        let cutting = self.fire_channels.iter().any(|&c| outputs.get(usize::from(c)).is_some_and(|&v| v != 0));
+        let cutting = self.config.fire_channels.iter().any(|&c| outputs.get(usize::from(c)).is_some_and(|&v| v != 0));
         // Rapid retrace only with the cutting outputs off.
         let RateTarget { feed, rapid } = demand.target;
         let within = |rate: Rate| if cutting { rate.clamp(-Rate::ONE, Rate::ONE) } else { rate };
@@ -80,19 +83,22 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let status = self.card.status();
         let stands = status.at_rest && self.mode_controller.mode() == Mode::Run;
         // A lit cutter burns where the machine is at rest: what has arrived is enough to begin with.
-        let lit =
-            self.fire_channels.iter().any(|&c| status.outputs.get(usize::from(c)).is_some_and(|&value| value != 0));
+        let lit = self
+            .config
+            .fire_channels
+            .iter()
+            .any(|&c| status.outputs.get(usize::from(c)).is_some_and(|&value| value != 0));
         if !stands
             || lit
             || status.place.boundary_ahead() != status.reached
-            || self.still_periods >= self.max_wait_periods
+            || self.still_periods >= self.config.max_wait_periods
         {
             return false;
         }
-        let wanted = status.place.record + self.look_ahead_records;
+        let wanted = status.place.record + self.config.look_ahead_records;
         let wanted = if status.high.is_before(wanted) { status.high } else { wanted };
         self.card.acknowledged_high().is_before(wanted)
-            || self.run_mode.wall_time && !self.streamer.has_lookahead(status, self.look_ahead_records)
+            || self.config.run_mode.wall_time && !self.streamer.has_lookahead(status, self.config.look_ahead_records)
     }
 
     /// Reports underruns, and the end of a single block.
