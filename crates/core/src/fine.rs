@@ -5,6 +5,16 @@
 //! set up before it.
 
 /// Generator of the evenly spaced pulses of one axis in one control period, slot by slot.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::fine::PulseSlots;
+///
+/// let mut slots = PulseSlots::new(3, 9);
+/// let pulses: Vec<bool> = (0..9).map(|_| slots.next_slot()).collect();
+/// assert_eq!(pulses.iter().filter(|&&pulse| pulse).count(), 3);
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct PulseSlots {
     pulses: u32,

@@ -19,6 +19,22 @@ struct PendingInstruction {
 }
 
 /// State of the gates A, B and C.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::gate::Gates;
+/// use retrace_core::{Place, RecordIndex};
+///
+/// let (marker, behind) = (RecordIndex::new(100), RecordIndex::new(101));
+/// let mut gates = Gates::default();
+/// gates.accept(1, marker);
+/// assert!(!gates.b_open(behind), "motion waits for the instruction");
+/// assert!(gates.c_open(Place::start_of(marker), true), "at rest at the marker");
+/// gates.mark_sent();
+/// assert_eq!(gates.acknowledge(1), Some(1));
+/// assert!(gates.b_open(behind));
+/// ```
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Gates {
     pending: Option<PendingInstruction>,

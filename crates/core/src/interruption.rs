@@ -165,6 +165,16 @@ enum Step {
 }
 
 /// Interruption state of an on-line program: being read, or interrupted at a breakpoint.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::interruption::{Interruption, InterruptionError, InterruptionEvent};
+///
+/// let mut program = Interruption::<3>::reading();
+/// assert!(program.may_read());
+/// assert_eq!(program.apply(InterruptionEvent::Online), Err(InterruptionError::NotPaused));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Interruption<const A: usize> {
     breakpoint: Option<(Breakpoint<A>, Step)>,

@@ -24,6 +24,17 @@ impl PulseLimits {
 
 /// Everything that the rate law needs to know about a machine with `A` axes. Plain numbers, so that they can be sent to
 /// a card.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::limits::{PulseLimits, RateLimits};
+///
+/// // 100 pulses per period, 1 per period², 1/50 per period³
+/// let axis = PulseLimits { velocity: 100 << 32, acceleration: 1 << 32, jerk: (1 << 32) / 50 };
+/// assert!(RateLimits::new(51, 58_982, [axis]).is_some());
+/// assert!(RateLimits::new(49, 58_982, [axis]).is_none(), "too short an average for this jerk");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RateLimits<const A: usize> {
     average: u16,

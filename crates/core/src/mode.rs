@@ -160,6 +160,27 @@ enum Resuming {
 }
 
 /// Controller of the operating mode.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::mode::{Mode, ModeCommand, ModeController, MotionFacts};
+/// use retrace_core::{Place, Rate, RecordIndex};
+///
+/// let facts = MotionFacts {
+///     place: Place::start_of(RecordIndex::new(50)),
+///     at_rest: true,
+///     reached: RecordIndex::new(50),
+///     oldest: RecordIndex::new(0),
+///     outputs_agree: true,
+///     wheel: Rate::ZERO,
+/// };
+/// let mut modes = ModeController::default();
+/// modes.apply(ModeCommand::Reverse(Rate::ONE / 2))?;
+/// let output = modes.advance_period(&facts);
+/// assert_eq!((modes.mode(), output.target.feed), (Mode::Reverse, -Rate::ONE / 2));
+/// # Ok::<(), retrace_core::mode::ModeError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ModeController {
     mode: Mode,

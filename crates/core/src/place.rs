@@ -8,6 +8,17 @@ use core::fmt;
 use core::ops::{Add, AddAssign, Sub, SubAssign};
 
 /// Index of a record on the recorded path. It wraps at 2³²; sums and differences wrap with it.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::RecordIndex;
+///
+/// let last = RecordIndex::new(u32::MAX);
+/// let next = last + 2;
+/// assert!(last.is_before(next));
+/// assert_eq!((next.number(), next.since(last)), (1, 2));
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct RecordIndex(u32);
 
@@ -88,6 +99,17 @@ impl Sub<u32> for RecordIndex {
 }
 
 /// Place on the recorded path (REV, *Exactness*): `fraction`/2³² of record `record` is behind it.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::{Distance, Place, RecordIndex};
+///
+/// let start = Place::start_of(RecordIndex::new(7));
+/// let place = start.moved(Distance::RECORD * 5 / 2);
+/// assert_eq!((place.record, place.fraction), (RecordIndex::new(9), 1 << 31));
+/// assert_eq!(place.moved(place.distance_to(start)), start);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Place {
     /// Index of the record under the place.

@@ -18,6 +18,20 @@ pub const fn partial_increment(increment: i16, fraction: u32) -> i32 {
 ///
 /// Returns `None` if a record between the places is missing; a place with fraction 0 does not need the record under it.
 /// The sums do not overflow for any history that fits into a ring.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::playback::emission;
+/// use retrace_core::{Distance, Place, Record, RecordIndex};
+///
+/// let records = [4, 10].map(|pulses| Record { increments: [pulses], ..Record::default() });
+/// let record = |index: RecordIndex| records.get(index.number() as usize);
+/// let start = Place::start_of(RecordIndex::new(0));
+/// let middle = start.moved(Distance::RECORD * 3 / 2);
+/// assert_eq!(emission(start, middle, record), Some([4 + 5]));
+/// assert_eq!(emission(middle, start, record), Some([-9]), "backward, exact to the pulse");
+/// ```
 pub fn emission<'a, const A: usize>(
     from: Place,
     to: Place,

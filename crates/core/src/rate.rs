@@ -149,6 +149,24 @@ impl<const M: usize> MovingAverage<M> {
 }
 
 /// State of the rate law: the memory of both averages, for lengths up to `M`.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::rate::{FilterLengths, RateFilter};
+/// use retrace_core::{Distance, Rate};
+///
+/// let mut filter = RateFilter::<8>::new(FilterLengths::new(1, 5).unwrap()).unwrap();
+/// let speeding_up: Vec<Distance> = (0..5).map(|_| filter.step(Rate::ONE)).collect();
+/// assert!(speeding_up.is_sorted());
+/// assert_eq!(speeding_up[4], Distance::RECORD);
+/// // from here on it stops exactly where the commanded place has stopped
+/// let (lead, mut run) = (filter.lead(), Distance::ZERO);
+/// while !filter.at_rest() {
+///     run += filter.step(Rate::ZERO);
+/// }
+/// assert_eq!(run, lead);
+/// ```
 #[derive(Clone, Debug)]
 pub struct RateFilter<const M: usize> {
     lengths: FilterLengths,

@@ -97,6 +97,16 @@ impl Default for RapidCap {
 }
 
 /// Motion record of one control period for `A` axes (REV-1).
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::{Flags, Record};
+///
+/// // one period of motion of three axes, at the end of which the path is at rest
+/// let record = Record { increments: [12, -3, 0], line: 7, flags: Flags::REST, ..Record::default() };
+/// assert!(record.flags.contains(Flags::REST));
+/// ```
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Record<const A: usize> {

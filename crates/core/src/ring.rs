@@ -36,6 +36,24 @@ impl<R> Cell<R> {
 unsafe impl<R: Send> Sync for Cell<R> {}
 
 /// Storage and shared positions of a ring; [`Ring::split`] returns its two ends.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::RecordIndex;
+/// use retrace_core::ring::{Cell, Ring};
+///
+/// // four records of history, four of look-ahead
+/// let cells: Vec<Cell<u32>> = (0..8).map(|_| Cell::default()).collect();
+/// let mut ring = Ring::new(cells, 4, 4, RecordIndex::new(0))?;
+/// let (mut planner, mut motion) = ring.split();
+/// assert!((10..14).all(|record| planner.push(record).is_ok()));
+/// assert_eq!(planner.push(14), Err(14), "the look-ahead is full");
+/// assert_eq!((motion.advance(), motion.advance()), (Some(10), Some(11)));
+/// assert_eq!(motion.retreat(), Some(11), "the same record, backward");
+/// assert_eq!(motion.advance(), Some(11), "and forward again");
+/// # Ok::<(), retrace_core::ring::RingError>(())
+/// ```
 #[derive(Debug)]
 pub struct Ring<S> {
     cells: S,

@@ -6,6 +6,20 @@
 use crate::Rate;
 
 /// Moving mean of count differences over at most `M` periods.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::Rate;
+/// use retrace_core::wheel::Wheel;
+///
+/// // the mean of four periods; 20 counts in that time are rate one
+/// let mut wheel = Wheel::<8>::new(4, 20);
+/// wheel.push_difference(-5);
+/// assert_eq!(wheel.rate(), -Rate::ONE / 4);
+/// (0..4).for_each(|_| wheel.push_difference(0));
+/// assert_eq!(wheel.rate(), Rate::ZERO);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Wheel<const M: usize> {
     differences: [i16; M],

@@ -144,6 +144,18 @@ enum Expected {
 
 /// Decoder of frames with payloads of up to `N` bytes (1 … 253) in a stream, byte by byte. Each byte takes the same few
 /// steps.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_link::frame::{FrameDecoder, encode};
+///
+/// let mut wire = [0; 16];
+/// let bytes = encode(b"rate", &mut wire).expect("it fits");
+/// let mut decoder = FrameDecoder::<8>::new();
+/// let payload = bytes.iter().find_map(|&byte| decoder.push(byte).map(|frame| frame.map(<[u8]>::to_vec)));
+/// assert_eq!(payload, Some(Ok(b"rate".to_vec())));
+/// ```
 #[derive(Clone, Debug)]
 pub struct FrameDecoder<const N: usize> {
     expected: Expected,

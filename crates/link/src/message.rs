@@ -117,6 +117,18 @@ impl Instruction {
 }
 
 /// Command from host to card.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::{Rate, Record, RecordIndex};
+/// use retrace_link::HostCommand;
+///
+/// let record = Record { increments: [12, -3], ..Record::default() };
+/// let ahead = HostCommand::Ahead { place: RecordIndex::new(0), record };
+/// let reverse = HostCommand::<2>::rate(-Rate::ONE / 2);
+/// assert_ne!(ahead, reverse);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HostCommand<const A: usize> {
     /// Adds the next record ahead of the window.

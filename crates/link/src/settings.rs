@@ -83,6 +83,17 @@ pub struct InputSetting {
 }
 
 /// Start of an epoch: the place of the machine on the path to be played, and what was already executed of that path.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::RecordIndex;
+/// use retrace_link::PathStart;
+///
+/// let start = PathStart::at(RecordIndex::new(100));
+/// assert!(start.rests && start.is_valid());
+/// assert!(!PathStart { reached: RecordIndex::new(99), ..start }.is_valid(), "it has been there already");
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PathStart {
     /// Place of the cursor; the counts are unchanged. Inside a record, the cursor is at rest until that record has

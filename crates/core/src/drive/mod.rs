@@ -43,6 +43,34 @@ pub trait RecordWindow<const A: usize> {
 }
 
 /// Drive of the cursor on a machine: how fast the rate may change, and how early it brakes, for a requested rate.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::drive::{Drive, RecordWindow};
+/// use retrace_core::limits::{PulseLimits, RateLimits};
+/// use retrace_core::{Place, RapidCap, Rate, RecordIndex};
+///
+/// /// A hundred records of one axis; the path is at rest at their beginning only.
+/// struct Window;
+/// impl RecordWindow<1> for Window {
+///     fn low(&self) -> RecordIndex { RecordIndex::new(0) }
+///     fn high(&self) -> RecordIndex { RecordIndex::new(100) }
+///     fn rests_at(&self, index: RecordIndex) -> bool { index.number() == 0 }
+///     fn cap(&self, _: RecordIndex) -> RapidCap { RapidCap::PLANNED }
+///     fn increments(&self, _: RecordIndex) -> [i16; 1] { [12] }
+///     fn is_rapid(&self, _: RecordIndex) -> bool { false }
+/// }
+///
+/// let axis = PulseLimits { velocity: 100 << 32, acceleration: 3 << 32, jerk: 1 << 32 };
+/// let mut drive = Drive::<1, 16>::new(RateLimits::new(13, 1 << 15, [axis]).unwrap()).unwrap();
+/// let mut place = Place::start_of(RecordIndex::new(0));
+/// for _ in 0..1000 {
+///     place = drive.step(place, Rate::ONE, &Window).to;
+/// }
+/// // nothing more is held: the cursor has braked and rests exactly at the end
+/// assert_eq!((place, drive.at_rest()), (Place::start_of(RecordIndex::new(100)), true));
+/// ```
 #[derive(Clone, Debug)]
 pub struct Drive<const A: usize, const M: usize> {
     cursor: Cursor<M>,

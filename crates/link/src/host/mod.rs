@@ -76,6 +76,19 @@ pub struct LineCounts {
 }
 
 /// The host's endpoint, for up to `A` axes.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_link::HostEndpoint;
+///
+/// let mut host = HostEndpoint::<3>::new(7);
+/// let mut bytes = [0; 64];
+/// let count = host.transmit(0, &mut bytes);
+/// assert!(count > 0, "it asks the card for its greeting");
+/// host.receive(b"not a frame", 1000);
+/// assert!(host.greeting().is_none() && !host.is_open());
+/// ```
 #[derive(Clone, Debug)]
 pub struct HostEndpoint<const A: usize> {
     phase: Phase,
