@@ -73,7 +73,7 @@ fn folder(binary: &Path, name: &str) -> Result<PathBuf, String> {
 
 /// Date, commit and machine, in general words, as a line of a page.
 fn circumstances(root: &Path) -> String {
-    let said = |program: &str, arguments: &[&str]| {
+    let result = |program: &str, arguments: &[&str]| {
         let output = Command::new(program).args(arguments).current_dir(root).output();
         output.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned()).unwrap_or_default()
     };
@@ -82,8 +82,8 @@ fn circumstances(root: &Path) -> String {
     let load = load.split_whitespace().next().unwrap_or("?").to_owned();
     format!(
         "Measured on {}, after commit {}, {} with {cores} cores, load {load} at the end.",
-        said("date", &["+%Y-%m-%d"]),
-        said("git", &["rev-parse", "--short=10", "HEAD"]),
+        result("date", &["+%Y-%m-%d"]),
+        result("git", &["rev-parse", "--short=10", "HEAD"]),
         std::env::consts::ARCH,
     )
 }

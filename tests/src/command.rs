@@ -107,11 +107,11 @@ impl Bench {
     /// # Panics
     /// Where it cannot be run.
     #[must_use]
-    pub fn start(&self, arguments: &[&str], input: Stdio, said: &str) -> Child {
+    pub fn start(&self, arguments: &[&str], input: Stdio, result: &str) -> Child {
         let mut command = Command::new(binary());
         command.args(arguments).current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
         command.env("XDG_CONFIG_HOME", self.path("config")).env("XDG_CACHE_HOME", self.path("cache"));
-        let out = File::create(self.path(said)).expect("a file of the test");
+        let out = File::create(self.path(result)).expect("a file of the test");
         command.stdin(input).stdout(out).stderr(Stdio::null()).spawn().expect("the retrace command runs")
     }
 
@@ -143,12 +143,12 @@ impl Bench {
         command.env("XDG_CONFIG_HOME", self.path("config")).env("XDG_CACHE_HOME", self.path("cache"));
         let code = finished(&mut command, &input_path, &out, &err).expect("the retrace command runs");
         let text = |path: &Path| String::from_utf8_lossy(&fs::read(path).unwrap_or_default()).into_owned();
-        let said = CommandOutput { code, out: text(&out), err: text(&err) };
+        let result = CommandOutput { code, out: text(&out), err: text(&err) };
         // A diagnostic may show a line of the program with these words; it does not begin with them.
-        let has_panicked = said.err.lines().any(|line| line.starts_with("thread '") && line.contains("panicked at"));
-        assert!(!has_panicked && said.code != Some(PANICKED), "the command panicked:\n{}", said.err);
-        assert_documented(&arguments, &said.out);
-        said
+        let has_panicked = result.err.lines().any(|line| line.starts_with("thread '") && line.contains("panicked at"));
+        assert!(!has_panicked && result.code != Some(PANICKED), "the command panicked:\n{}", result.err);
+        assert_documented(&arguments, &result.out);
+        result
     }
 }
 

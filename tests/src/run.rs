@@ -27,9 +27,9 @@ impl Run {
     /// Where the report or the records are missing: both are required, however the run ends.
     #[must_use]
     pub fn of(bench: &Bench, program: &Path, more: &[&str]) -> Self {
-        let said = Self::said(bench, program, more, b"");
+        let result = Self::result(bench, program, more, b"");
         let text = fs::read_to_string(bench.path("records.csv")).expect("the records");
-        Self::parse(said, &text)
+        Self::parse(result, &text)
     }
 
     /// Runs the program given on standard input.
@@ -38,12 +38,12 @@ impl Run {
     /// As [`Run::of`].
     #[must_use]
     pub fn of_input(bench: &Bench, program: &[u8], more: &[&str]) -> Self {
-        let said = Self::said(bench, Path::new("-"), more, program);
+        let result = Self::result(bench, Path::new("-"), more, program);
         let text = fs::read_to_string(bench.path("records.csv")).expect("the records");
-        Self::parse(said, &text)
+        Self::parse(result, &text)
     }
 
-    fn said(bench: &Bench, program: &Path, more: &[&str], input: &[u8]) -> CommandOutput {
+    fn result(bench: &Bench, program: &Path, more: &[&str], input: &[u8]) -> CommandOutput {
         let records = bench.path("records.csv");
         let mut arguments = vec!["run".as_ref(), program.as_os_str(), "--json".as_ref()];
         arguments.extend(["--records".as_ref(), records.as_os_str()]);

@@ -42,9 +42,9 @@ impl ServedCard {
     /// Where no card answers.
     #[must_use]
     pub fn identify(&self, bench: &Bench) -> Value {
-        let said = bench.retrace(["card", "identify", &self.port, "--json"]);
-        assert_eq!(said.code, Some(0), "{}", said.err);
-        serde_json::from_str(&said.out).expect("one JSON object")
+        let result = bench.retrace(["card", "identify", &self.port, "--json"]);
+        assert_eq!(result.code, Some(0), "{}", result.err);
+        serde_json::from_str(&result.out).expect("one JSON object")
     }
 
     /// Runs a program on it, with a watchdog that tolerates a computer under load: the watchdog is tested elsewhere.

@@ -105,7 +105,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
 
     /// Records that a complete frame of the open epoch has arrived, so the host is alive. To be called before the
     /// commands of the frame are accepted.
-    pub const fn heard(&mut self) {
+    pub const fn keep_alive(&mut self) {
         self.safety.record_host_frame();
     }
 
@@ -227,8 +227,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
 
     /// Accepts a command that concerns the path, the motion or an instruction, while an epoch is open and the counts
     /// are on its path.
-    fn accept_path_command(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
-        if let HostCommand::Ahead { record, .. } | HostCommand::Behind { record, .. } = &word
+    fn accept_path_command(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal> {
+        if let HostCommand::Ahead { record, .. } | HostCommand::Behind { record, .. } = &command
             && let Some(Err(against)) = self.settings.as_ref().map(|settings| settings.check_record(record))
         {
             if let Some(alarm) = against {
@@ -236,7 +236,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
             }
             return Err(CommandRefusal::Unsupported);
         }
-        let until = match &word {
+        let until = match &command {
             HostCommand::Instruction(instruction) => instruction.until,
             HostCommand::Repeat(repeated) => repeated.until,
             _ => None,
@@ -244,7 +244,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         if until.is_some_and(|until| until.input >= self.identity.inputs.min(16)) {
             return Err(CommandRefusal::Unsupported);
         }
-        self.player.accept(word)
+        self.player.accept(command)
     }
 }
 
@@ -285,17 +285,17 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> CardCo
         self.safety.record_host_frame();
     }
 
-    fn accept(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
-        if let HostCommand::Rate(RateTarget::ZERO) = word {
+    fn accept(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal> {
+        if let HostCommand::Rate(RateTarget::ZERO) = command {
             if let Some(search) = &mut self.homing {
                 search.stop();
             }
-            return self.player.accept(word);
+            return self.player.accept(command);
         }
         let Some(settings) = &self.settings else { return Err(CommandRefusal::Unsupported) };
         let (axes, most) = (settings.settings().axes, settings.max_increment());
         let latched = self.safety.alarm().is_some();
-        match word {
+        match command {
             HostCommand::ClearAlarm => self.clear_alarm(),
             HostCommand::Home(_) | HostCommand::Rate(_) | HostCommand::Instruction(_) | HostCommand::Repeat(_)
                 if latched =>
@@ -306,9 +306,9 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> CardCo
             HostCommand::ManualOutput(change) if !self.player.may_switch(change, self.permit_denial()) => {
                 Err(CommandRefusal::Unsupported)
             }
-            HostCommand::ManualOutput(_) | HostCommand::Replay { .. } => self.player.accept(word),
+            HostCommand::ManualOutput(_) | HostCommand::Replay { .. } => self.player.accept(command),
             _ if self.epoch_required => Err(CommandRefusal::Unsupported),
-            _ => self.accept_path_command(word),
+            _ => self.accept_path_command(command),
         }
     }
 

@@ -237,9 +237,9 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     ///
     /// # Errors
     /// Returns the reason for the rejection; nothing has changed then.
-    pub fn accept(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
+    pub fn accept(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal> {
         let place = self.status.place;
-        match word {
+        match command {
             HostCommand::Ahead { place: n, record } => self.window.push_ahead(n, record, place)?,
             HostCommand::Behind { place: n, record, rests } => {
                 self.window.push_behind(n, record, rests, self.stopping_place())?
@@ -762,12 +762,12 @@ mod tests {
         #[test]
         fn counts_are_a_function_of_the_place(
             increments in prop::collection::vec(-30i16..30, 300),
-            words in prop::collection::vec((-2i64 << 32..2 << 32, 1u32..60), 1..40),
+            commands in prop::collection::vec((-2i64 << 32..2 << 32, 1u32..60), 1..40),
         ) {
             let mut player = player();
             let mut sums = vec![0i64];
             for &i in &increments { sums.push(sums[sums.len() - 1] + i64::from(i)); }
-            for (target, periods) in words {
+            for (target, periods) in commands {
                 player.accept(HostCommand::rate(Rate::from_units(target))).expect("a rate");
                 for _ in 0..periods {
                     let status = *player.status();

@@ -128,11 +128,11 @@ fn clear(address: &str, machine: Option<&Path>) -> Result<(), CommandFailure> {
     let mut card = linked_card::find::<MAX_AXES>(address)?;
     card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(address, &fault))?;
     // The place on the path is kept: an interrupted job may be resumed there.
-    let start = card.greeting().map_or(PathStart::at(RecordIndex::new(0)), |said| PathStart {
-        place: said.place,
+    let start = card.greeting().map_or(PathStart::at(RecordIndex::new(0)), |result| PathStart {
+        place: result.place,
         rests: false,
-        reached: said.reached,
-        executed: said.executed,
+        reached: result.reached,
+        executed: result.executed,
     });
     card.open(machine.card_settings(start)).map_err(|fault| linked_card::card_error(address, &fault))?;
     let Some(alarm) = card.status().alarm else {

@@ -396,15 +396,21 @@ mod tests {
 
     #[test]
     fn events_are_said_in_a_few_words() {
-        let said = |event: Value| event_label(&event).map(|(_, words)| words);
-        assert_eq!(said(json!({"event": "operator", "command": "override 60%"})).as_deref(), Some("override 60%"));
-        assert_eq!(said(json!({"event": "output_changed", "channel": 3, "value": 0})).as_deref(), Some("output 3 off"));
+        let result = |event: Value| event_label(&event).map(|(_, words)| words);
+        assert_eq!(result(json!({"event": "operator", "command": "override 60%"})).as_deref(), Some("override 60%"));
         assert_eq!(
-            said(json!({"event": "output_changed", "channel": 65, "value": 7})).as_deref(),
+            result(json!({"event": "output_changed", "channel": 3, "value": 0})).as_deref(),
+            Some("output 3 off")
+        );
+        assert_eq!(
+            result(json!({"event": "output_changed", "channel": 65, "value": 7})).as_deref(),
             Some("spindle speed 7")
         );
-        assert_eq!(said(json!({"event": "alarm", "number": "E3001", "cause": "x"})).as_deref(), Some("ALARM E3001: x"));
-        assert_eq!(said(json!({"event": "mode", "mode": "reverse"})), None);
-        assert_eq!(said(json!({})), None);
+        assert_eq!(
+            result(json!({"event": "alarm", "number": "E3001", "cause": "x"})).as_deref(),
+            Some("ALARM E3001: x")
+        );
+        assert_eq!(result(json!({"event": "mode", "mode": "reverse"})), None);
+        assert_eq!(result(json!({})), None);
     }
 }

@@ -422,11 +422,11 @@ mod tests {
 
     #[test]
     fn outputs_are_said_as_an_operator_would() {
-        let said: Vec<String> = [(64, -1), (65, 12_500), (66, 1), (68, 3), (5, 1), (5, 7)]
+        let result: Vec<String> = [(64, -1), (65, 12_500), (66, 1), (68, 3), (5, 1), (5, 7)]
             .map(|(n, v)| output_text(&ChannelNames::default(), n, v))
             .into();
         assert_eq!(
-            said,
+            result,
             ["spindle counterclockwise", "12.5 rev/min", "mist on", "tool 3", "output 5 on", "output 5 7"]
         );
     }

@@ -137,7 +137,7 @@ impl JournaledJob {
     /// Writes the end of the job; its recorder has ended. Returns the lines to print. A write error changes nothing of
     /// the result.
     pub fn end(self, outcome: &Outcome, report: &Value) -> Vec<String> {
-        let mut said = Vec::new();
+        let mut result = Vec::new();
         let ending = match outcome {
             Outcome::Completed => JobEnding::Completed,
             Outcome::Stopped | Outcome::BlockError(_) => JobEnding::Stopped,
@@ -146,25 +146,25 @@ impl JournaledJob {
         let exit_code = report["exit_code"].as_u64().map_or(outcome.exit_code(), |code| code as u8);
         let end = EndEntry { when: Timestamp::now(), outcome: ending, exit_code, report: report.clone() };
         if let Err(refusal) = self.writer.end(end) {
-            said.push(refusal.to_string());
+            result.push(refusal.to_string());
         }
         let path = self.folder.report();
         if let Err(error) = state_file::replace(&path, format!("{report:#}\n").as_bytes(), FileAccess::Private) {
-            said.push(format!("note: {} cannot be written: {error}", path.display()));
+            result.push(format!("note: {} cannot be written: {error}", path.display()));
         }
         if let Outcome::BlockError(_) = outcome
             && self.folder.stream().exists()
         {
-            said.push(format!(
+            result.push(format!(
                 "breakpoint saved: `retrace resume {} --program FILE` continues with the whole program",
                 self.folder.id()
             ));
         }
         if matches!(outcome.exit_code(), 3 | 4) {
-            said.push(format!("breakpoint saved: `retrace resume {}` resumes the job there", self.folder.id()));
+            result.push(format!("breakpoint saved: `retrace resume {}` resumes the job there", self.folder.id()));
         }
         self.jobs.prune();
-        said
+        result
     }
 }
 

@@ -303,11 +303,11 @@ impl ResumeStep<'_> {
             Homing::of(address, is).check(&self.machine)?;
             return Ok(stood.start);
         }
-        let said =
+        let result =
             PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
         let is_behind =
-            said.reached.is_before(stood.start.reached) || number_is_before(said.executed, stood.start.executed);
-        let is_off_path = said.place.record.since(self.record.job.origin) >= MANUAL_PLACE_OFFSET;
+            result.reached.is_before(stood.start.reached) || number_is_before(result.executed, stood.start.executed);
+        let is_off_path = result.place.record.since(self.record.job.origin) >= MANUAL_PLACE_OFFSET;
         let was_stopped = self.record.end.as_ref().is_some_and(|end| end.outcome == JobEnding::Stopped);
         // The card's place is on another path, or does not matter: use the journal's place, where the card came to
         // rest.
@@ -315,7 +315,7 @@ impl ResumeStep<'_> {
             return Ok(stood.start);
         }
         self.by_card.set(true);
-        Ok(said)
+        Ok(result)
     }
 
     /// The card was restarted: its counts are the machine position only where every axis was homed since, or the

@@ -146,8 +146,8 @@ impl CommandSources {
 
     /// Next command of a live operator or a stop source. Script commands are not returned here.
     pub fn next_live_command(&mut self) -> Option<OperatorCommand> {
-        let said = self.live.as_mut().and_then(CommandReceiver::next_command);
-        said.or_else(|| if self.stop_requested() { self.next_stop.take() } else { None })
+        let result = self.live.as_mut().and_then(CommandReceiver::next_command);
+        result.or_else(|| if self.stop_requested() { self.next_stop.take() } else { None })
     }
 
     /// Whether a stop command from a source other than an operator is pending. For callers that wait outside of the

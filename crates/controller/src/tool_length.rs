@@ -107,8 +107,8 @@ pub(crate) enum LengthAnswer {
 
 /// Creates the motion path's and the planning thread's end.
 pub(crate) fn length_channel() -> (LengthEntry, LengthOffers) {
-    let ((said, heard), (answers, answered)) = (sync_channel(2), sync_channel(2));
-    (LengthEntry { requests: said, answers: answered }, LengthOffers { requests: heard, answers })
+    let ((result, heard), (answers, answered)) = (sync_channel(2), sync_channel(2));
+    (LengthEntry { requests: result, answers: answered }, LengthOffers { requests: heard, answers })
 }
 
 /// The motion path's end.

@@ -213,8 +213,8 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         WINDOW as u32
     }
 
-    fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
-        self.card.accept(word)
+    fn send(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal> {
+        self.card.accept(command)
     }
 
     fn run_period(&mut self) -> Result<&CardStatus<A>, SimCardError> {
@@ -224,7 +224,7 @@ impl<const A: usize> MotionCard<A> for SimCard<A> {
         self.clock.wait(number);
         let now_us = number * u64::from(self.settings.period_us);
         let inputs = self.inputs(now_us);
-        self.card.heard();
+        self.card.keep_alive();
         self.card.run_period(inputs);
         let (status, pulses) = (self.card.status(), self.card.pulses());
         if !self.counters.emit(pulses) {

@@ -452,10 +452,10 @@ mod tests {
         let mut bytes = std::fs::read(&path).expect("a file");
         let first = bytes.iter().position(|&byte| byte == b'\n').expect("a line");
         // Batches behind the first line show that the job has begun.
-        for (at, said) in [(20, "E2203"), (first + 20, "E2203")] {
+        for (at, result) in [(20, "E2203"), (first + 20, "E2203")] {
             bytes[at] ^= 1;
             std::fs::write(&path, &bytes).expect("a file");
-            assert_eq!(number(&path), said);
+            assert_eq!(number(&path), result);
             bytes[at] ^= 1;
         }
         for beginning in [&b""[..], &bytes[..first / 2]] {

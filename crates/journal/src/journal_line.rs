@@ -67,9 +67,9 @@ pub(crate) fn parse(bytes: &[u8]) -> Option<JournalLine<'_>> {
         Some(json) => (true, json),
         None => (false, json.strip_prefix(b" ")?),
     };
-    let said = u32::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok()?;
+    let result = u32::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok()?;
     let sequence = std::str::from_utf8(sequence).ok()?.parse().ok()?;
-    (said == crc32c(rest)).then_some(JournalLine { sequence, begins_batch: begins, json })
+    (result == crc32c(rest)).then_some(JournalLine { sequence, begins_batch: begins, json })
 }
 
 /// The first valid line with which these bytes end. Where a line feed was damaged, a valid line follows the damaged

@@ -263,10 +263,10 @@ mod tests {
                 match flaw {
                     // Batches behind a first line that is damaged show that the job has begun.
                     Some(JournalError::NoBeginning) => panic!("byte {at}, bit {bit}: the job has begun"),
-                    Some(JournalError::Damaged { line: said, byte }) => {
+                    Some(JournalError::Damaged { line: result, byte }) => {
                         assert!(at < last_batch);
                         let begins = line.checked_sub(1).map_or(0, |before| ends[before] as u64);
-                        assert_eq!((said, byte), (line as u64 + 1, begins));
+                        assert_eq!((result, byte), (line as u64 + 1, begins));
                     }
                     None => {
                         assert!(at >= last_batch, "byte {at}, bit {bit}: damage before the last batch is not a tear");

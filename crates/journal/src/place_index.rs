@@ -137,8 +137,8 @@ mod tests {
     fn it_only_grows_also_over_the_wrap() {
         let durable = DurablePlace::starting_at(RecordIndex::new(u32::MAX - 1));
         let ahead = durable.clone();
-        for (said, is) in [(u32::MAX, u32::MAX), (3, 3), (u32::MAX, 3), (2, 3), (4, 4)] {
-            ahead.advance(RecordIndex::new(said));
+        for (result, is) in [(u32::MAX, u32::MAX), (3, 3), (u32::MAX, 3), (2, 3), (4, 4)] {
+            ahead.advance(RecordIndex::new(result));
             assert_eq!(durable.place(), RecordIndex::new(is));
         }
     }

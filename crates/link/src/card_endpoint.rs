@@ -11,7 +11,7 @@ use retrace_core::{Rate, RateTarget};
 
 use crate::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE, encode_with_key};
 use crate::frame_size::FrameSize;
-use crate::wire::{ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, kind, read_word};
+use crate::wire::{ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, kind, read_command};
 use crate::{CardCore, CardStatus, HostCommand, OutputChange, Outputs, channel, next_epoch, session_key, state_crc};
 
 /// Bytes reserved at the end of a report for the state check.
@@ -130,38 +130,38 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
     }
 
     /// Processes a byte from the line.
-    pub fn receive(&mut self, byte: u8, deck: &mut impl CardCore<A>) {
+    pub fn receive(&mut self, byte: u8, card: &mut impl CardCore<A>) {
         let Some(Ok(payload)) = self.decoder.push(byte) else { return };
         let mut copy = [0; MAX_PAYLOAD];
         let length = payload.len();
         copy[..length].copy_from_slice(payload);
         // The rest of a payload after a parse error is ignored; its commands are retransmitted.
         let has_key = self.decoder.has_key();
-        let _ = self.handle_payload(ByteReader::new(&copy[..length]), has_key, deck);
+        let _ = self.handle_payload(ByteReader::new(&copy[..length]), has_key, card);
     }
 
-    fn handle_payload(&mut self, mut reader: ByteReader<'_>, has_key: bool, deck: &mut impl CardCore<A>) -> Option<()> {
+    fn handle_payload(&mut self, mut reader: ByteReader<'_>, has_key: bool, card: &mut impl CardCore<A>) -> Option<()> {
         match (reader.u8()?, has_key) {
             (kind::HELLO, false) => self.greeting = Some(reader.u32()?),
             (kind::OPEN, false) => {
                 let (boot, nonce) = (reader.u32()?, reader.u32()?);
-                self.open(boot, nonce, &Opening::read(&mut reader)?, deck);
+                self.open(boot, nonce, &Opening::read(&mut reader)?, card);
             }
-            (kind::STREAM, true) if self.receive_session_frame(&mut reader, deck)? => {
+            (kind::STREAM, true) if self.receive_session_frame(&mut reader, card)? => {
                 self.acknowledge(reader.u16()?);
-                self.receive_commands(reader, deck)?;
+                self.receive_commands(reader, card)?;
             }
-            (kind::RATE, true) if self.receive_session_frame(&mut reader, deck)? => {
+            (kind::RATE, true) if self.receive_session_frame(&mut reader, card)? => {
                 self.acknowledge(reader.u16()?);
-                self.receive_rate(reader, deck)?;
+                self.receive_rate(reader, card)?;
             }
-            (kind::NAK, true) if self.receive_session_frame(&mut reader, deck)? => {
+            (kind::NAK, true) if self.receive_session_frame(&mut reader, card)? => {
                 self.acknowledge(reader.u16()?);
                 self.retransmit_reports();
-                self.receive_rate(reader, deck)?;
+                self.receive_rate(reader, card)?;
             }
             (kind::CLOSE, true) => {
-                if self.receive_session_frame(&mut reader, deck)? && deck.close().is_ok() {
+                if self.receive_session_frame(&mut reader, card)? && card.close().is_ok() {
                     self.epoch = 0;
                     (self.count, self.sent) = (0, self.first);
                 }
@@ -174,22 +174,22 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
     }
 
     /// Returns whether the frame belongs to the open epoch, and resets the watchdog if so.
-    fn receive_session_frame(&mut self, reader: &mut ByteReader<'_>, deck: &mut impl CardCore<A>) -> Option<bool> {
+    fn receive_session_frame(&mut self, reader: &mut ByteReader<'_>, card: &mut impl CardCore<A>) -> Option<bool> {
         let open = reader.u16()? == self.epoch && self.epoch != 0;
         if open {
             self.frame_received = true;
-            deck.record_host_frame();
+            card.record_host_frame();
         }
         Some(open)
     }
 
     /// Handles an opening. An opening for this start of the card with the next epoch number begins a new epoch. One
     /// that is already open is only answered, and any other is late or a recording.
-    fn open(&mut self, boot: u32, nonce: u32, opening: &Opening<A>, deck: &mut impl CardCore<A>) {
+    fn open(&mut self, boot: u32, nonce: u32, opening: &Opening<A>, card: &mut impl CardCore<A>) {
         let settings = &opening.0;
-        let is_next = boot == deck.identity().boot && settings.epoch == next_epoch(self.last_epoch);
-        if is_next && deck.open(settings).is_ok() {
-            let status = deck.status();
+        let is_next = boot == card.identity().boot && settings.epoch == next_epoch(self.last_epoch);
+        if is_next && card.open(settings).is_ok() {
+            let status = card.status();
             (self.epoch, self.last_epoch, self.axes) = (settings.epoch, settings.epoch, settings.axes);
             (self.nonce, self.key, self.frame_received) = (nonce, session_key(boot, nonce, settings.epoch), false);
             self.decoder.set_key(self.key);
@@ -200,10 +200,10 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             self.retransmit_periods = (40_000 / settings.period_us.max(1)).max(2 + 2 * u32::from(self.report_periods));
             self.staged = (0, 0);
             self.reported = ReportedState::new(status.executed);
-            deck.record_host_frame();
+            card.record_host_frame();
         } else if self.epoch != 0 && (settings.epoch, nonce) == (self.epoch, self.nonce) && !self.frame_received {
             // The host has not received the answer yet, and is alive.
-            deck.record_host_frame();
+            card.record_host_frame();
         }
         self.greeting = Some(nonce);
     }
@@ -228,7 +228,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         self.urgent = true;
     }
 
-    fn receive_commands(&mut self, mut reader: ByteReader<'_>, deck: &mut impl CardCore<A>) -> Option<()> {
+    fn receive_commands(&mut self, mut reader: ByteReader<'_>, card: &mut impl CardCore<A>) -> Option<()> {
         let mut number = reader.u16()?;
         if (number.wrapping_sub(self.next_command) as i16) > 0 {
             self.command_gap = true;
@@ -237,11 +237,11 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         }
         let mut run = RecordRun::new(self.axes);
         while !reader.is_empty() {
-            let word = read_word(&mut reader, &mut run)?;
+            let command = read_command(&mut reader, &mut run)?;
             if number == self.next_command {
                 self.next_command = self.next_command.wrapping_add(1);
                 self.command_gap = false;
-                match (deck.accept(word), word) {
+                match (card.accept(command), command) {
                     (Err(_), HostCommand::Instruction(instruction)) => {
                         self.push(ReportEntry::Refused(instruction.number))
                     }
@@ -254,13 +254,13 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         Some(())
     }
 
-    fn receive_rate(&mut self, mut reader: ByteReader<'_>, deck: &mut impl CardCore<A>) -> Option<()> {
+    fn receive_rate(&mut self, mut reader: ByteReader<'_>, card: &mut impl CardCore<A>) -> Option<()> {
         let number = reader.u16()?;
         let (feed, rapid) = (Rate::from_units(reader.signed()?), Rate::from_units(reader.signed()?));
         if (number.wrapping_sub(self.rate_seq) as i16) > 0 {
             self.rate_seq = number;
             // A latched alarm rejects it; an entry reports the alarm to the host.
-            let _ = deck.accept(HostCommand::Rate(RateTarget { feed, rapid }));
+            let _ = card.accept(HostCommand::Rate(RateTarget { feed, rapid }));
         }
         Some(())
     }
@@ -350,11 +350,11 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
     }
 
     /// Writes bytes for the line to `out`, as many as are available and fit, and returns their number.
-    pub fn transmit(&mut self, deck: &impl CardCore<A>, out: &mut [u8]) -> usize {
+    pub fn transmit(&mut self, card: &impl CardCore<A>, out: &mut [u8]) -> usize {
         let mut given = 0;
         while given < out.len() {
             if self.staged.0 == self.staged.1 {
-                self.stage_next_frame(deck);
+                self.stage_next_frame(card);
                 if self.staged.1 == 0 {
                     break;
                 }
@@ -369,17 +369,17 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
     }
 
     /// Stages the next frame, if one is due.
-    fn stage_next_frame(&mut self, deck: &impl CardCore<A>) {
+    fn stage_next_frame(&mut self, card: &impl CardCore<A>) {
         self.staged = (0, 0);
         let mut payload = [0; MAX_PAYLOAD];
         let mut writer = ByteWriter::new(&mut payload);
         let mut key = 0;
         let written = if let Some(nonce) = self.greeting.take() {
-            self.write_greeting(&mut writer, nonce, deck)
+            self.write_greeting(&mut writer, nonce, card)
         } else if self.epoch != 0 && (self.urgent || self.since_report >= u32::from(self.report_periods)) {
             (self.urgent, self.since_report) = (false, 0);
             key = self.key;
-            self.write_report(&mut writer, deck.status())
+            self.write_report(&mut writer, card.status())
         } else {
             None
         };
@@ -391,11 +391,11 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         }
     }
 
-    fn write_greeting(&self, writer: &mut ByteWriter<'_>, nonce: u32, deck: &impl CardCore<A>) -> Option<()> {
-        let status = deck.status();
+    fn write_greeting(&self, writer: &mut ByteWriter<'_>, nonce: u32, card: &impl CardCore<A>) -> Option<()> {
+        let status = card.status();
         let greeting = Greeting {
             nonce,
-            identity: *deck.identity(),
+            identity: *card.identity(),
             epoch: self.epoch,
             last_epoch: self.last_epoch,
             place: status.place,

@@ -59,7 +59,7 @@ pub trait MotionCard<const A: usize> {
     ///
     /// # Errors
     /// Returns the reason why the card rejected it; nothing has changed then.
-    fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal>;
+    fn send(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal>;
 
     /// Runs one control period and returns its status. A card in virtual time computes it, a card in wall time waits
     /// for it.
@@ -96,8 +96,8 @@ impl<const A: usize, C: MotionCard<A>> MotionCard<A> for &mut C {
         C::window(self)
     }
 
-    fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
-        C::send(self, word)
+    fn send(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal> {
+        C::send(self, command)
     }
 
     fn run_period(&mut self) -> Result<&CardStatus<A>, Self::Fault> {

@@ -40,7 +40,7 @@ pub trait CardCore<const A: usize> {
     ///
     /// # Errors
     /// Returns the reason for the rejection; nothing has changed then.
-    fn accept(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal>;
+    fn accept(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal>;
 
     /// Returns the status of the last period.
     fn status(&self) -> &CardStatus<A>;

@@ -61,9 +61,14 @@ impl<const A: usize, const N: usize> PredictedWindow<A, N> {
     ///
     /// # Errors
     /// Returns the reason for which the card would reject it.
-    pub(crate) fn predict(&mut self, word: &HostCommand<A>, cursor: Place, runs: bool) -> Result<(), CommandRefusal> {
+    pub(crate) fn predict(
+        &mut self,
+        command: &HostCommand<A>,
+        cursor: Place,
+        runs: bool,
+    ) -> Result<(), CommandRefusal> {
         let margin = if runs { self.lead } else { 0 };
-        match *word {
+        match *command {
             HostCommand::Ahead { place, record } => {
                 if place != self.high {
                     return Err(CommandRefusal::OutOfOrder);

@@ -265,8 +265,8 @@ impl<const A: usize, P: BytePort> MotionCard<A> for LinkedCard<A, P> {
         self.host.window()
     }
 
-    fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
-        self.host.send(word)
+    fn send(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal> {
+        self.host.send(command)
     }
 
     fn run_period(&mut self) -> Result<&CardStatus<A>, Self::Fault> {

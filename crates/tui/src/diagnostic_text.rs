@@ -6,25 +6,25 @@
 /// text is.
 #[must_use]
 pub fn diagnostic_lines(rendered: &str) -> Vec<String> {
-    let mut said: Vec<String> = Vec::new();
+    let mut result: Vec<String> = Vec::new();
     for line in rendered.lines().map(str::trim_end).filter(|line| !line.trim().is_empty()) {
         let bare = line.trim_start();
         if let Some((number, what)) = heading(line) {
-            said.push(format!("{number}: {what}"));
+            result.push(format!("{number}: {what}"));
         } else if let Some(at) = bare.strip_prefix("--> ") {
-            if let (Some(last), Some(place)) = (said.last_mut(), place_of(at)) {
+            if let (Some(last), Some(place)) = (result.last_mut(), place_of(at)) {
                 *last = format!("{last} ({place})");
             }
         } else if let Some(help) = bare.strip_prefix("= help: ").or_else(|| bare.strip_prefix("help: ")) {
-            match said.last_mut() {
+            match result.last_mut() {
                 Some(last) => *last = format!("{last} · {help}"),
-                None => said.push(help.to_owned()),
+                None => result.push(help.to_owned()),
             }
         } else if !is_frame(bare) {
-            said.push(bare.to_owned());
+            result.push(bare.to_owned());
         }
     }
-    said
+    result
 }
 
 /// Number and text of a heading such as `error[E1101]: what is wrong`.
@@ -57,8 +57,8 @@ mod tests {
         let rendered = "error[E4304]: axis X would go too far\n --> a:/b.ngc:3:4\n  |\n3 | G1 X9999\n  |    ^\n  |\n  \
             = help: move it\n\
             error[E1508]: no feed\n  --> MDI:12:1\n   |\n12 | G1 X1\n   | ^^\n   |\n   = help: F before it";
-        let said = diagnostic_lines(rendered);
-        assert_eq!(said, ["E4304: axis X would go too far (b.ngc line 3) · move it", "E1508: no feed · F before it"]);
+        let result = diagnostic_lines(rendered);
+        assert_eq!(result, ["E4304: axis X would go too far (b.ngc line 3) · move it", "E1508: no feed · F before it"]);
     }
 
     #[test]

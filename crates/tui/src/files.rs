@@ -90,6 +90,6 @@ mod tests {
         assert_eq!(completed("g"), ("größe/".into(), None));
         assert_eq!(completed(".h"), (".hidden".into(), None));
         assert_eq!(completed("other.ngc"), ("other.ngc".into(), None));
-        assert!(completed("x").1.is_some_and(|said| said.contains("no file")));
+        assert!(completed("x").1.is_some_and(|result| result.contains("no file")));
     }
 }

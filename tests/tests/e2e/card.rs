@@ -10,9 +10,9 @@ use serde_json::Value;
 /// A square of 2 mm, and back to its corner at (1, 1).
 const SQUARE: &str = "G21 G90\nG1 X1 Y1 F1200\nG1 X3\nM62 P1\nG1 Y3\nM3 S100\nG1 X1\nG1 Y1\nM2\n";
 
-fn report(said: &CommandOutput) -> Value {
-    let line = said.out.lines().last().unwrap_or_default();
-    serde_json::from_str(line).unwrap_or_else(|_| panic!("no report: {}\n{}", said.out, said.err))
+fn report(result: &CommandOutput) -> Value {
+    let line = result.out.lines().last().unwrap_or_default();
+    serde_json::from_str(line).unwrap_or_else(|_| panic!("no report: {}\n{}", result.out, result.err))
 }
 
 #[test]
@@ -33,11 +33,11 @@ fn a_program_on_a_served_card_ends_where_it_ends_in_process() {
     assert_ne!(after["last_epoch"], before["last_epoch"]);
     let again = report(&served.run(&bench, "square.ngc"));
     assert_eq!(again["position_counts"], in_process["position_counts"]);
-    let told = served.end();
-    assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
+    let summary = served.end();
+    assert_eq!((&summary["counted"], &summary["periods_apart"]), (&summary["counts"], &0.into()));
     // the runs are 5 mm and 4 mm of X, at 1000 pulses a millimetre, and a little at rounded corners
-    let pulses = told["pulses"][0].as_u64().expect("a count");
-    assert!((9000..9500).contains(&pulses), "{told}");
+    let pulses = summary["pulses"][0].as_u64().expect("a count");
+    assert!((9000..9500).contains(&pulses), "{summary}");
     let trace = std::fs::read_to_string(vcd).expect("a trace");
     let step = trace.lines().find(|line| line.ends_with(" step $end")).expect("a step wire");
     let code = step.split_whitespace().nth(3).expect("its short name");
@@ -52,8 +52,8 @@ fn a_line_with_faults_changes_nothing_but_the_time() {
     let served = ServedCard::with(&["--faults", "rate=1e-4,stall-ms=20,seed=3,baud=1000000"]);
     let wired = report(&served.run(&bench, "square.ngc"));
     assert_eq!((&wired["outcome"], &wired["position_counts"]["x"]), (&"completed".into(), &1000.into()), "{wired}");
-    let told = served.end();
-    assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
+    let summary = served.end();
+    assert_eq!((&summary["counted"], &summary["periods_apart"]), (&summary["counts"], &0.into()));
 }
 
 /// A host that runs a long program on the card.
@@ -90,8 +90,8 @@ fn a_host_that_is_killed_leaves_a_machine_at_rest() {
         }
         assert_eq!((&who["at_rest"], &who["alarm"]["number"]), (&true.into(), &"E3011".into()), "{who}");
         assert!(x > 0 && x < 1_000_000, "{who}");
-        let told = served.end();
-        assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
+        let summary = served.end();
+        assert_eq!((&summary["counted"], &summary["periods_apart"]), (&summary["counts"], &0.into()));
         return;
     }
     panic!("no host came to move anything");
@@ -119,13 +119,13 @@ fn a_port_that_is_in_use_or_not_there_is_refused_with_what_to_do() {
         (["card", "identify", "@9600"], "E2148"),
         (["run", "long.ngc", "--card=/dev/no-such-port"], "E2141"),
     ] {
-        let said = bench.retrace(arguments);
-        assert_eq!(said.code, Some(2), "{arguments:?}: {}", said.err);
-        assert!(said.err.contains(&format!("error[{number}]")) && said.err.contains("help: "), "{}", said.err);
+        let result = bench.retrace(arguments);
+        assert_eq!(result.code, Some(2), "{arguments:?}: {}", result.err);
+        assert!(result.err.contains(&format!("error[{number}]")) && result.err.contains("help: "), "{}", result.err);
     }
     for arguments in [["--faults", "flip=2"], ["--speed", "0"], ["--link", "long.ngc"]] {
-        let said = bench.retrace([&["card", "serve", "--pty"][..], &arguments].concat());
-        assert!(said.code == Some(2) && said.err.contains("error[E2149]"), "{arguments:?}: {}", said.err);
+        let result = bench.retrace([&["card", "serve", "--pty"][..], &arguments].concat());
+        assert!(result.code == Some(2) && result.err.contains("error[E2149]"), "{arguments:?}: {}", result.err);
     }
 }
 
@@ -143,8 +143,8 @@ fn a_link_gives_the_card_a_name() {
 #[test]
 fn ports_are_listed() {
     let bench = Bench::new();
-    let said = bench.retrace(["card", "ports", "--json"]);
-    let ports: Value = serde_json::from_str(&said.out).expect("one JSON object");
+    let result = bench.retrace(["card", "ports", "--json"]);
+    let ports: Value = serde_json::from_str(&result.out).expect("one JSON object");
     assert!(ports["ports"].is_array());
     assert!(!bench.retrace(["card", "ports"]).out.is_empty());
 }
@@ -182,8 +182,8 @@ fn holds_reversals_and_switching_on_a_served_card_end_exactly() {
         let place = (columns[3].to_owned(), columns[4].to_owned());
         assert_eq!(*positions.entry(place).or_insert(at), at, "a place with two positions: {row}");
     }
-    let told = served.end();
-    assert_eq!((&told["counted"], &told["periods_apart"]), (&told["counts"], &0.into()));
+    let summary = served.end();
+    assert_eq!((&summary["counted"], &summary["periods_apart"]), (&summary["counts"], &0.into()));
 }
 
 /// A latched alarm keeps the next job from moving, and is cleared by a command.
@@ -244,7 +244,11 @@ fn a_machine_that_the_card_does_not_fit_is_refused() {
     let file = [axis.to_owned(), axis.replace("\"x\"", "\"y\"").replace("30000", "1000")].concat();
     bench.file("fine.toml", file);
     let served = ServedCard::with(&[]);
-    let said = bench.retrace(["run", "square.ngc", "--machine", "fine.toml", "--card", &served.port]);
-    assert_eq!(said.code, Some(3), "{}", said.err);
-    assert!(said.err.contains("E3008") && said.err.contains("axis X") && said.err.contains("2000000"), "{}", said.err);
+    let result = bench.retrace(["run", "square.ngc", "--machine", "fine.toml", "--card", &served.port]);
+    assert_eq!(result.code, Some(3), "{}", result.err);
+    assert!(
+        result.err.contains("E3008") && result.err.contains("axis X") && result.err.contains("2000000"),
+        "{}",
+        result.err
+    );
 }

@@ -15,12 +15,12 @@ fn the_time_told_is_the_time_run_for_every_example() {
     let bench = Bench::new();
     let mut seen = 0;
     for path in examples() {
-        let said = bench.retrace(["check".as_ref(), path.as_os_str(), "--json".as_ref()]);
-        assert_eq!(said.code, Some(0), "{}", said.err);
-        let told = last(&said.out);
+        let result = bench.retrace(["check".as_ref(), path.as_os_str(), "--json".as_ref()]);
+        assert_eq!(result.code, Some(0), "{}", result.err);
+        let summary = last(&result.out);
         let ran = last(&bench.retrace(["run".as_ref(), path.as_os_str(), "--json".as_ref()]).out);
         for key in ["blocks", "motion_s", "dwell_s", "switch_s"] {
-            assert_eq!(told[key], ran[key], "{key} of {}", path.display());
+            assert_eq!(summary[key], ran[key], "{key} of {}", path.display());
         }
         seen += 1;
     }
@@ -40,27 +40,31 @@ fn extents_room_tools_ranges_and_barriers_are_told_in_both_forms() {
         M6\nS3000\nG1 X-5 F90\nM2\n";
     bench.file("p.ngc", program);
     let with = ["p.ngc", "--tools", "tools.tbl", "--machine", "m.toml"];
-    let said = bench.retrace([&["check", "--json"][..], &with].concat());
-    assert_eq!((said.code, said.err.as_str()), (Some(0), ""));
-    let told = last(&said.out);
-    assert_eq!(told["extents_mm"]["x"], serde_json::json!([95.0, 120.0]));
-    assert_eq!(told["extents_mm"]["y"], serde_json::json!([-50.0, -40.0]));
-    assert_eq!(told["travel_left_mm"]["x"], serde_json::json!([2095.0, 1880.0]));
-    assert_eq!(told["work_offsets"][0]["system"], "G55");
-    assert_eq!(told["work_offsets"][0]["extents_mm"]["y"], serde_json::json!([0.0, 10.0]));
-    assert_eq!(told["work_offsets"][0]["extents_mm"]["x"], serde_json::json!([-5.0, 20.0]));
+    let result = bench.retrace([&["check", "--json"][..], &with].concat());
+    assert_eq!((result.code, result.err.as_str()), (Some(0), ""));
+    let summary = last(&result.out);
+    assert_eq!(summary["extents_mm"]["x"], serde_json::json!([95.0, 120.0]));
+    assert_eq!(summary["extents_mm"]["y"], serde_json::json!([-50.0, -40.0]));
+    assert_eq!(summary["travel_left_mm"]["x"], serde_json::json!([2095.0, 1880.0]));
+    assert_eq!(summary["work_offsets"][0]["system"], "G55");
+    assert_eq!(summary["work_offsets"][0]["extents_mm"]["y"], serde_json::json!([0.0, 10.0]));
+    assert_eq!(summary["work_offsets"][0]["extents_mm"]["x"], serde_json::json!([-5.0, 20.0]));
     assert_eq!(
-        told["tools"][0],
+        summary["tools"][0],
         serde_json::json!({"number": 1, "name": "end mill", "length_mm": 40.0, "diameter_mm": 6.0})
     );
-    assert_eq!((&told["tools"][1]["number"], &told["tools"][1]["name"]), (&Value::from(2), &Value::Null));
-    assert_eq!(told["feed_mm_per_min"], serde_json::json!([90.0, 600.0]));
-    assert_eq!(told["speed_rpm"], serde_json::json!([3000.0, 8000.0]));
-    let barriers: Vec<_> =
-        told["barriers"].as_array().expect("a list").iter().map(|b| (b["line"].clone(), b["code"].clone())).collect();
+    assert_eq!((&summary["tools"][1]["number"], &summary["tools"][1]["name"]), (&Value::from(2), &Value::Null));
+    assert_eq!(summary["feed_mm_per_min"], serde_json::json!([90.0, 600.0]));
+    assert_eq!(summary["speed_rpm"], serde_json::json!([3000.0, 8000.0]));
+    let barriers: Vec<_> = summary["barriers"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .map(|b| (b["line"].clone(), b["code"].clone()))
+        .collect();
     assert_eq!(barriers, [(2.into(), "M6".into()), (6.into(), "M101".into()), (9.into(), "M6".into())]);
     assert_eq!(
-        (&told["stops"], &told["dwell_s"], &told["switch_s"]),
+        (&summary["stops"], &summary["dwell_s"], &summary["switch_s"]),
         (&serde_json::json!([8]), &1.5.into(), &0.25.into())
     );
     let text = bench.retrace([&["check"][..], &with].concat()).out;
@@ -86,22 +90,22 @@ fn lengths_pierces_time_per_tool_and_feeds_beyond_the_machine_are_told() {
     let program = "G21 G90\nT1 M6\nG0 X10\nM64 P3\nG1 X30 F600\nG3 X10 I-10 J0 F9000\nM65 P3\nT2 M6\nM64 P3\nM64 \
         P3\nG1 X20\nM65 P3\nM2\n";
     bench.file("p.ngc", program);
-    let said = bench.retrace(["check", "p.ngc", "--machine", "m.toml", "--json"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
-    let told = last(&said.out);
+    let result = bench.retrace(["check", "p.ngc", "--machine", "m.toml", "--json"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
+    let summary = last(&result.out);
     let is = |key: &str, value: f64| {
-        let found = told[key].as_f64().unwrap_or(f64::NAN);
-        assert!((found - value).abs() < 1e-6, "{key}: {found}, not {value}: {told}");
+        let found = summary[key].as_f64().unwrap_or(f64::NAN);
+        assert!((found - value).abs() < 1e-6, "{key}: {found}, not {value}: {summary}");
     };
     is("rapid_mm", 10.0);
     is("cutting_mm", 30.0 + std::f64::consts::PI * 10.0);
     is("pierces", 2.0);
-    let total = ["motion_s", "dwell_s", "switch_s"].map(|key| told[key].as_f64().expect(key)).iter().sum::<f64>();
+    let total = ["motion_s", "dwell_s", "switch_s"].map(|key| summary[key].as_f64().expect(key)).iter().sum::<f64>();
     is("total_s", total);
-    let tools = told["tool_motion_s"].as_object().expect("tools");
+    let tools = summary["tool_motion_s"].as_object().expect("tools");
     let sum = tools.values().filter_map(Value::as_f64).sum::<f64>();
-    assert!((sum - told["motion_s"].as_f64().expect("a time")).abs() < 1e-6 && tools.contains_key("2"), "{told}");
-    assert_eq!(told["feed_above_limit"], serde_json::json!({"line": 6, "feed_mm_per_min": 9000.0}));
+    assert!((sum - summary["motion_s"].as_f64().expect("a time")).abs() < 1e-6 && tools.contains_key("2"), "{summary}");
+    assert_eq!(summary["feed_above_limit"], serde_json::json!({"line": 6, "feed_mm_per_min": 9000.0}));
     let text = bench.retrace(["check", "p.ngc", "--machine", "m.toml"]).out;
     for part in [
         "at 100 %: 0:00:",
@@ -117,20 +121,21 @@ fn lengths_pierces_time_per_tool_and_feeds_beyond_the_machine_are_told() {
 fn errors_and_warnings_are_in_the_json_with_their_range() {
     let bench = Bench::new();
     bench.file("e.ngc", "G21\nG0 (\u{fc}) X1 X2\nO1 repeat [3]\nG1 X3\nO1 endrepeat\nM2\n");
-    let said = bench.retrace(["check", "e.ngc", "--json"]);
-    let told = last(&said.out);
-    assert_eq!((said.code, &told["event"]), (Some(1), &Value::from("check")), "{}", said.err);
-    let found: Vec<_> = told["diagnostics"].as_array().expect("a list").iter().map(|d| d["number"].clone()).collect();
+    let result = bench.retrace(["check", "e.ngc", "--json"]);
+    let summary = last(&result.out);
+    assert_eq!((result.code, &summary["event"]), (Some(1), &Value::from("check")), "{}", result.err);
+    let found: Vec<_> =
+        summary["diagnostics"].as_array().expect("a list").iter().map(|d| d["number"].clone()).collect();
     assert_eq!(found, ["E1407", "E1508"]);
-    let first = &told["diagnostics"][0];
+    let first = &summary["diagnostics"][0];
     assert_eq!(first["file"], "e.ngc");
     let range = serde_json::json!({"start": {"line": 2, "column": 11}, "end": {"line": 2, "column": 13}});
     assert_eq!((&first["range"], &first["severity"]), (&range, &Value::from("error")));
     assert_eq!((&first["cause"], &first["remedy"]), (&Value::from("X is given twice"), &Value::from("Remove one.")));
-    assert!(said.err.contains("error[E1407]"), "{}", said.err);
+    assert!(result.err.contains("error[E1407]"), "{}", result.err);
     bench.file("w.ngc", "M3\nM5\nM2\n");
-    let told = last(&bench.retrace(["check", "w.ngc", "--json"]).out);
-    assert_eq!((&told["diagnostics"][0]["number"], &told["blocks"]), (&Value::from("W1002"), &Value::from(2)));
+    let summary = last(&bench.retrace(["check", "w.ngc", "--json"]).out);
+    assert_eq!((&summary["diagnostics"][0]["number"], &summary["blocks"]), (&Value::from("W1002"), &Value::from(2)));
 }
 
 #[test]
@@ -145,8 +150,8 @@ fn loops_without_end_are_found_whatever_the_command() {
     ] {
         bench.file(name, &text);
         for command in ["check", "canon", "run"] {
-            let said = bench.retrace([command, name]);
-            assert!(said.code == Some(1) && said.err.contains("E1806"), "{command} {name}: {}", said.err);
+            let result = bench.retrace([command, name]);
+            assert!(result.code == Some(1) && result.err.contains("E1806"), "{command} {name}: {}", result.err);
         }
     }
 }
@@ -155,24 +160,24 @@ fn loops_without_end_are_found_whatever_the_command() {
 fn a_production_loop_is_a_warning_of_check_and_a_fault_in_a_loop_comes_first() {
     let bench = Bench::new();
     bench.file("p.ngc", "O1 while [1]\nG0 X1\nG0 X0\nO1 endwhile\nM2\n");
-    let said = bench.retrace(["check", "p.ngc", "--max-loop-blocks", "20000"]);
-    assert!(said.code == Some(0) && said.err.contains("W1004"), "{}", said.err);
-    assert!(said.err.contains("checking stopped here after 20000 blocks"), "{}", said.err);
-    assert!(!said.err.contains("W1001"), "{}", said.err);
+    let result = bench.retrace(["check", "p.ngc", "--max-loop-blocks", "20000"]);
+    assert!(result.code == Some(0) && result.err.contains("W1004"), "{}", result.err);
+    assert!(result.err.contains("checking stopped here after 20000 blocks"), "{}", result.err);
+    assert!(!result.err.contains("W1001"), "{}", result.err);
     // Its own two million blocks are not executed where a line is wrong.
     bench.file("f.ngc", "O1 while [1]\nG0 X1\nG0 X0\nG0 Y1 Y2\nO1 endwhile\nM2\n");
-    let said = bench.retrace(["check", "f.ngc"]);
-    assert!(said.code == Some(1) && said.err.contains("E1407") && !said.err.contains("W1004"), "{}", said.err);
+    let result = bench.retrace(["check", "f.ngc"]);
+    assert!(result.code == Some(1) && result.err.contains("E1407") && !result.err.contains("W1004"), "{}", result.err);
 }
 
 #[test]
 fn what_a_loop_gives_again_and_again_is_told_once() {
     let bench = Bench::new();
     bench.file("g.ngc", "F100\nO1 repeat [150]\nG38.2 Z-5\nG0 Z0\nO1 endrepeat\nM2\n");
-    let said = bench.retrace(["check", "g.ngc"]);
-    assert_eq!(said.code, Some(1));
-    assert_eq!(said.err.matches("error[").count(), 1, "{}", said.err);
-    assert!(!said.err.contains("W1001"), "{}", said.err);
+    let result = bench.retrace(["check", "g.ngc"]);
+    assert_eq!(result.code, Some(1));
+    assert_eq!(result.err.matches("error[").count(), 1, "{}", result.err);
+    assert!(!result.err.contains("W1001"), "{}", result.err);
 }
 
 #[test]
@@ -183,8 +188,8 @@ fn moves_of_any_length_are_refused_in_bounded_time() {
     for (name, number) in [("slow.ngc", "E1512"), ("far.ngc", "E4304")] {
         for command in ["check", "run"] {
             let began = std::time::Instant::now();
-            let said = bench.retrace([command, name]);
-            assert!(said.code == Some(1) && said.err.contains(number), "{command} {name}: {}", said.err);
+            let result = bench.retrace([command, name]);
+            assert!(result.code == Some(1) && result.err.contains(number), "{command} {name}: {}", result.err);
             assert!(began.elapsed().as_secs() < 20, "{command} {name} took {:?}", began.elapsed());
         }
     }
@@ -195,9 +200,9 @@ fn a_machine_file_gets_a_line_for_every_finding() {
     let bench = Bench::new();
     let text = "nam = \"mill\"\nhistory_hours = 99\n[card]\nwatchdog_ms = 1\n[code.M3]\nduration_ms = -1\n[code.M33]\n";
     bench.file("bad.toml", text);
-    let said = bench.retrace(["machine", "check", "bad.toml"]);
-    assert_eq!((said.code, said.out.as_str()), (Some(2), ""), "{}", said.err);
-    let lines: Vec<&str> = said.err.lines().collect();
+    let result = bench.retrace(["machine", "check", "bad.toml"]);
+    assert_eq!((result.code, result.out.as_str()), (Some(2), ""), "{}", result.err);
+    let lines: Vec<&str> = result.err.lines().collect();
     for part in [
         "error[E2111]: bad.toml: line 1, column 1: unknown field `nam`; help: did you mean `name`?",
         "error[E2112]: bad.toml: history_hours = 99",
@@ -206,9 +211,9 @@ fn a_machine_file_gets_a_line_for_every_finding() {
         "error[E2111]: bad.toml: [code.M33]",
         "bad.toml: 5 errors",
     ] {
-        assert_eq!(lines.iter().filter(|line| line.starts_with(part)).count(), 1, "{part} in\n{}", said.err);
+        assert_eq!(lines.iter().filter(|line| line.starts_with(part)).count(), 1, "{part} in\n{}", result.err);
     }
-    assert_eq!(lines.len(), 6, "{}", said.err);
+    assert_eq!(lines.len(), 6, "{}", result.err);
     let json = last(&bench.retrace(["machine", "check", "bad.toml", "--json"]).out);
     assert_eq!(json["errors"].as_array().map(Vec::len), Some(5), "{json}");
     assert_eq!((&json["errors"][0]["number"], &json["warnings"]), (&"E2111".into(), &serde_json::json!([])));
@@ -226,21 +231,21 @@ fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
     let axes = axis("x", 2480.0) + &axis("y", 2600.0) + &axis("z", 30_000.0);
     let text = format!("{axes}[code.M3]\nwaits_for = {{ input = 5 }}\n[[card.input]]\nnumber = 3\nuse = \"door\"\n");
     bench.file("m.toml", text);
-    let said = bench.retrace(["machine", "check", "m.toml"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
-    assert!(said.out.contains("X: 2480 pulses/mm"), "{}", said.out);
-    let lines: Vec<&str> = said.err.lines().collect();
-    assert_eq!(lines.len(), 4, "{}", said.err);
-    assert!(lines[0].starts_with("warning[W2115]: m.toml: code.M3 waits for input 5, which"), "{}", said.err);
-    assert!(lines[1].starts_with("warning[W2116]: m.toml: axis y needs up to 260000 pulses"), "{}", said.err);
-    assert!(lines[2].starts_with("warning[W2116]: m.toml: axis z needs up to 3000000 pulses"), "{}", said.err);
+    let result = bench.retrace(["machine", "check", "m.toml"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
+    assert!(result.out.contains("X: 2480 pulses/mm"), "{}", result.out);
+    let lines: Vec<&str> = result.err.lines().collect();
+    assert_eq!(lines.len(), 4, "{}", result.err);
+    assert!(lines[0].starts_with("warning[W2115]: m.toml: code.M3 waits for input 5, which"), "{}", result.err);
+    assert!(lines[1].starts_with("warning[W2116]: m.toml: axis y needs up to 260000 pulses"), "{}", result.err);
+    assert!(lines[2].starts_with("warning[W2116]: m.toml: axis z needs up to 3000000 pulses"), "{}", result.err);
     assert_eq!(lines[3], "m.toml: 3 warnings");
     // The same against a card: the limits of its clock and pulses, and its own bound.
     let served = ServedCard::with(&[]);
-    let said = bench.retrace(["machine", "check", "m.toml", "--card", &served.port]);
-    assert_eq!(said.code, Some(2), "{}", said.err);
-    let errors: Vec<&str> = said.err.lines().filter(|line| line.starts_with("error[E3008]: m.toml, ")).collect();
-    assert_eq!(errors.len(), 3, "{}", said.err);
+    let result = bench.retrace(["machine", "check", "m.toml", "--card", &served.port]);
+    assert_eq!(result.code, Some(2), "{}", result.err);
+    let errors: Vec<&str> = result.err.lines().filter(|line| line.starts_with("error[E3008]: m.toml, ")).collect();
+    assert_eq!(errors.len(), 3, "{}", result.err);
     assert!(
         errors[0].contains("axis X needs up to 248000 pulses per second, the card supports 246000 with"),
         "{}",

@@ -8,12 +8,12 @@ fn every_command_has_help_with_an_example() {
     let bench = Bench::new();
     for command in ["", "run", "check", "canon", "plot", "size", "cycles", "card"] {
         let arguments: Vec<&str> = [command, "--help"].into_iter().filter(|word| !word.is_empty()).collect();
-        let said = bench.retrace(&arguments);
-        assert_eq!(said.code, Some(0), "{command}: {}", said.err);
+        let result = bench.retrace(&arguments);
+        assert_eq!(result.code, Some(0), "{command}: {}", result.err);
         assert!(
-            said.out.contains("Example") && said.out.contains(&format!("retrace {command}")),
+            result.out.contains("Example") && result.out.contains(&format!("retrace {command}")),
             "{command}: {}",
-            said.out
+            result.out
         );
     }
 }
@@ -22,12 +22,12 @@ fn every_command_has_help_with_an_example() {
 fn the_examples_that_help_names_are_there() {
     let bench = Bench::new();
     for command in ["run", "check", "canon", "plot"] {
-        let said = bench.retrace([command, "--help"]);
-        let named = said.out.split_whitespace().filter(|word| word.starts_with("examples/"));
+        let result = bench.retrace([command, "--help"]);
+        let named = result.out.split_whitespace().filter(|word| word.starts_with("examples/"));
         for path in named.clone() {
             assert!(root().join(path).is_file(), "{command}: {path}");
         }
-        assert!(named.count() > 0, "{command}: {}", said.out);
+        assert!(named.count() > 0, "{command}: {}", result.out);
     }
 }
 
@@ -40,8 +40,8 @@ fn every_example_checks_without_a_word_on_standard_error() {
         if machine.exists() {
             arguments.extend(["--machine".as_ref(), machine.as_os_str()]);
         }
-        let said = bench.retrace(arguments);
-        assert_eq!((said.code, said.err.as_str()), (Some(0), ""), "{}", program.display());
+        let result = bench.retrace(arguments);
+        assert_eq!((result.code, result.err.as_str()), (Some(0), ""), "{}", program.display());
     }
 }
 
@@ -49,8 +49,8 @@ fn every_example_checks_without_a_word_on_standard_error() {
 fn canon_prints_canonical_functions_one_a_line() {
     let bench = Bench::new();
     bench.file("a.ngc", "G21 G90\nN20 G0 X25.4\nG1 Y50.8 F2540\nG20 G0 Z1\nM2\n");
-    let said = bench.retrace(["canon", "a.ngc"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
+    let result = bench.retrace(["canon", "a.ngc"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
     for call in [
         "USE_LENGTH_UNITS(CANON_UNITS_MM)",
         "STRAIGHT_TRAVERSE(25.4000, 0.0000, 0.0000, 0.0000, 0.0000, 0.0000)",
@@ -60,9 +60,9 @@ fn canon_prints_canonical_functions_one_a_line() {
         "STRAIGHT_TRAVERSE(1.0000, 2.0000, 1.0000, 0.0000, 0.0000, 0.0000)",
         "PROGRAM_END()",
     ] {
-        assert!(said.out.lines().any(|line| line.ends_with(&format!(" {call}"))), "{call}: {}", said.out);
+        assert!(result.out.lines().any(|line| line.ends_with(&format!(" {call}"))), "{call}: {}", result.out);
     }
-    for (index, line) in said.out.lines().enumerate() {
+    for (index, line) in result.out.lines().enumerate() {
         let number = line.get(..5).and_then(|field| field.trim().parse::<usize>().ok());
         assert_eq!(number, Some(index + 1), "{line}");
     }
@@ -90,19 +90,19 @@ fn canon_equals_rs274_where_that_is_installed() {
             println!("not run: rs274 is not installed");
             return;
         };
-        let said = bench.retrace(["canon".as_ref(), program.as_os_str()]);
-        assert_eq!(said.out, String::from_utf8_lossy(&output.stdout), "{}", program.display());
+        let result = bench.retrace(["canon".as_ref(), program.as_os_str()]);
+        assert_eq!(result.out, String::from_utf8_lossy(&output.stdout), "{}", program.display());
     }
 }
 
 #[test]
 fn size_gives_the_requirements_own_example() {
-    let said = Bench::new().retrace(["size", "--axes", "3", "--hours", "0.5", "--period-ms", "2.5", "--bytes", "2"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
+    let result = Bench::new().retrace(["size", "--axes", "3", "--hours", "0.5", "--period-ms", "2.5", "--bytes", "2"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
     // REV-4.
     let digits: String =
-        said.out.lines().next().unwrap_or_default().chars().filter(|letter| !letter.is_whitespace()).collect();
-    assert!(digits.contains("4320000"), "{}", said.out);
+        result.out.lines().next().unwrap_or_default().chars().filter(|letter| !letter.is_whitespace()).collect();
+    assert!(digits.contains("4320000"), "{}", result.out);
 }
 
 #[test]
@@ -114,8 +114,8 @@ fn plots_are_drawn_in_both_formats_and_of_both_kinds() {
     let draw = |name: &str, more: &[&str]| {
         let mut arguments = vec!["plot", &program, "-o", name];
         arguments.extend(more);
-        let said = bench.retrace(arguments);
-        assert_eq!(said.code, Some(0), "{name}: {}", said.err);
+        let result = bench.retrace(arguments);
+        assert_eq!(result.code, Some(0), "{name}: {}", result.err);
         std::fs::read(bench.path(name)).expect("the drawing")
     };
     let plain = String::from_utf8(draw("path.svg", &[])).expect("text");
@@ -129,8 +129,8 @@ fn plots_are_drawn_in_both_formats_and_of_both_kinds() {
     let profile = String::from_utf8(draw("profile.svg", &["--profile"])).expect("text");
     assert!(profile.contains("jerk") && profile.contains("axis limit"));
     for wrong in ["path.bmp", "absent/path.svg"] {
-        let said = bench.retrace(["plot", &program, "-o", wrong]);
-        assert_eq!(said.code, Some(2), "{wrong}: {}", said.err);
+        let result = bench.retrace(["plot", &program, "-o", wrong]);
+        assert_eq!(result.code, Some(2), "{wrong}: {}", result.err);
     }
 }
 
@@ -140,8 +140,8 @@ fn a_profile_is_drawn_of_a_range_of_program_lines() {
     let program = "G21 G90 G64\nG1 X10 F3000\nG1 X20\nG1 X20 Y10\nG4 P1\nG1 X0 Y0\nM2\n";
     bench.file("p.ngc", program);
     let draw = |more: &[&str]| {
-        let said = bench.retrace([&["plot", "p.ngc", "--profile", "-o", "p.svg"][..], more].concat());
-        (said, std::fs::read_to_string(bench.path("p.svg")).unwrap_or_default())
+        let result = bench.retrace([&["plot", "p.ngc", "--profile", "-o", "p.svg"][..], more].concat());
+        (result, std::fs::read_to_string(bench.path("p.svg")).unwrap_or_default())
     };
     // The summary begins with the duration.
     let seconds = |svg: &str| -> f64 {
@@ -153,8 +153,8 @@ fn a_profile_is_drawn_of_a_range_of_program_lines() {
             .expect("a number")
     };
     let all = seconds(&draw(&[]).1);
-    let (said, middle) = draw(&["--from", "3", "--to", "4"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
+    let (result, middle) = draw(&["--from", "3", "--to", "4"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
     assert!(middle.contains("p.ngc, lines 3 to 4"), "the title names the range");
     let parts = [draw(&["--to", "2"]).1, middle, draw(&["--from", "5"]).1].map(|svg| seconds(&svg));
     assert!(parts.iter().all(|&part| part > 0.2 && part < all), "{parts:?} of {all}");
@@ -166,12 +166,12 @@ fn a_profile_is_drawn_of_a_range_of_program_lines() {
         (&["--from", "5", "--to", "5"], "nothing moves there"),
         (&["--from", "100"], "nothing moves there"),
     ] {
-        let (said, svg) = draw(wrong);
-        assert!(said.code == Some(2) && said.err.contains("E2143") && said.err.contains(part), "{}", said.err);
+        let (result, svg) = draw(wrong);
+        assert!(result.code == Some(2) && result.err.contains("E2143") && result.err.contains(part), "{}", result.err);
         assert_eq!(svg, "", "nothing is drawn");
     }
-    let said = bench.retrace(["plot", "p.ngc", "--from", "2", "-o", "p.svg"]);
-    assert_eq!(said.code, Some(2), "a range needs --profile: {}", said.err);
+    let result = bench.retrace(["plot", "p.ngc", "--from", "2", "-o", "p.svg"]);
+    assert_eq!(result.code, Some(2), "a range needs --profile: {}", result.err);
 }
 
 #[test]
@@ -179,9 +179,9 @@ fn a_reader_that_goes_away_stops_nothing_and_is_no_panic() {
     let program = root().join("examples/03-arcs.ngc");
     let program = program.to_string_lossy();
     for arguments in [&["run", &program, "--json"][..], &["run", &program], &["canon", &program]] {
-        let said = read_one_line_of(arguments);
-        assert_eq!((said.code, said.err.as_str()), (Some(0), ""), "{arguments:?}");
-        assert!(!said.out.is_empty());
+        let result = read_one_line_of(arguments);
+        assert_eq!((result.code, result.err.as_str()), (Some(0), ""), "{arguments:?}");
+        assert!(!result.out.is_empty());
     }
 }
 
@@ -192,22 +192,22 @@ fn cycles_are_listed_checked_compiled_and_shown() {
     bench.file("mine/BOX.SPF", "PROC BOX(REAL WW) SAVE\nG1 X=WW\nY=HH\n");
     let folders = ["--cycles", "mine", "--compiled", "kept"];
     let cycles = |words: &[&str]| bench.retrace(["cycles"].iter().chain(words).chain(&folders));
-    let said = cycles(&["check"]);
-    assert_eq!((said.code, said.out.as_str()), (Some(1), ""));
+    let result = cycles(&["check"]);
+    assert_eq!((result.code, result.out.as_str()), (Some(1), ""));
     assert!(
-        said.err.contains("error[E1906]: HH is neither a variable") && said.err.contains("BOX.SPF:3:3"),
+        result.err.contains("error[E1906]: HH is neither a variable") && result.err.contains("BOX.SPF:3:3"),
         "{}",
-        said.err
+        result.err
     );
     bench.file("mine/BOX.SPF", "PROC BOX(REAL WW) SAVE\nG1 X=WW\n");
     assert!(cycles(&["compile"]).out.starts_with("13 cycles: 13 compiled now, 0 up to date"));
-    let said = cycles(&[]);
-    let row = |name: &str| said.out.lines().find(|line| line.starts_with(name)).unwrap_or_default().to_owned();
-    assert!(row("BOX ").contains("up to date") && row("CYCLE95").contains(" 3     shipped"), "{}", said.out);
+    let result = cycles(&[]);
+    let row = |name: &str| result.out.lines().find(|line| line.starts_with(name)).unwrap_or_default().to_owned();
+    assert!(row("BOX ").contains("up to date") && row("CYCLE95").contains(" 3     shipped"), "{}", result.out);
     assert!(cycles(&["show", "cycle81"]).out.contains("PROC CYCLE81(REAL RTP"));
-    let said = cycles(&["show", "CYCLE80"]);
-    assert_eq!(said.code, Some(2));
-    assert!(said.err.contains("error[E1931]") && said.err.contains("help"), "{}", said.err);
+    let result = cycles(&["show", "CYCLE80"]);
+    assert_eq!(result.code, Some(2));
+    assert!(result.err.contains("error[E1931]") && result.err.contains("help"), "{}", result.err);
 }
 
 #[test]
@@ -218,12 +218,12 @@ fn keys_of_the_ini_file_are_taken_and_others_are_noted() {
     bench.file("m.ini", ini);
     bench.file("p.var", "5210\t1\n5211\t3\n5220\t1\n");
     bench.file("a.ngc", "(debug,#5210 #5211)\nM19 R350 P1\nM2\n");
-    let said = bench.retrace(["canon", "a.ngc", "--ini", "m.ini", "--params", "p.var"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
-    assert!(said.out.contains("MESSAGE(\"0.000000 0.000000\")"), "{}", said.out);
-    assert!(said.out.contains("ORIENT_SPINDLE(0, 370.0000, 1)"), "{}", said.out);
-    assert!(said.err.contains("without effect in [RS274NGC] of m.ini: LOG_LEVEL = 3"), "{}", said.err);
+    let result = bench.retrace(["canon", "a.ngc", "--ini", "m.ini", "--params", "p.var"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
+    assert!(result.out.contains("MESSAGE(\"0.000000 0.000000\")"), "{}", result.out);
+    assert!(result.out.contains("ORIENT_SPINDLE(0, 370.0000, 1)"), "{}", result.out);
+    assert!(result.err.contains("without effect in [RS274NGC] of m.ini: LOG_LEVEL = 3"), "{}", result.err);
     bench.file("b.ngc", "M98 P1\nM2\nO1\nM99\n");
-    let said = bench.retrace(["canon", "b.ngc", "--ini", "m.ini"]);
-    assert!(said.code == Some(1) && said.err.contains("E1732"), "{}", said.err);
+    let result = bench.retrace(["canon", "b.ngc", "--ini", "m.ini"]);
+    assert!(result.code == Some(1) && result.err.contains("E1732"), "{}", result.err);
 }

@@ -29,9 +29,9 @@ fn interrupted_job(program: &str, operator: &str, stood: &str) -> InterruptedJob
     bench.file("part.ngc", PROGRAM);
     bench.file("stop.op", operator);
     let input = if program == "-" { PROGRAM } else { "" };
-    let said = bench
+    let result = bench
         .retrace_reading(["run", program, "--operator", "stop.op", "--json", "--journal", "jobs"], input.as_bytes());
-    assert_eq!(said.code, Some(4), "{}\n{}", said.out, said.err);
+    assert_eq!(result.code, Some(4), "{}\n{}", result.out, result.err);
     let mut jobs = fs::read_dir(bench.path("jobs")).expect("a folder of jobs");
     let folder = jobs.next().expect("a job").expect("a job").path();
     let journal = fs::read(folder.join("journal")).expect("a journal");
@@ -62,23 +62,23 @@ impl InterruptedJob {
         let _ = fs::remove_dir_all(&jobs);
         copy(&self.folder, &jobs.join(self.folder.file_name().expect("a name")), &self.journal[..length]);
         let resume = ["resume", "--yes", "--json", "--journal", "cut"];
-        let mut said = self.bench.retrace(resume);
+        let mut result = self.bench.retrace(resume);
         let mut how = "completed".to_owned();
-        if said.code != Some(0) && said.err.contains("E2208") {
-            said = self.bench.retrace(resume.into_iter().chain(["--program", "part.ngc"]));
+        if result.code != Some(0) && result.err.contains("E2208") {
+            result = self.bench.retrace(resume.into_iter().chain(["--program", "part.ngc"]));
             how = "completed, sent again".to_owned();
         }
-        let told = format!("cut to {length} of {}: {}\n{}", self.journal.len(), said.out, said.err);
-        if said.code == Some(0) {
-            let report: Value = serde_json::from_str(said.out.lines().last().unwrap_or_default()).expect("a report");
+        let told = format!("cut to {length} of {}: {}\n{}", self.journal.len(), result.out, result.err);
+        if result.code == Some(0) {
+            let report: Value = serde_json::from_str(result.out.lines().last().unwrap_or_default()).expect("a report");
             let counts = ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64());
             assert_eq!((counts, report["outcome"].as_str()), (END.map(Some), Some("completed")), "{told}");
             assert_eq!(report["limit_violations"], 0, "{told}");
             return how;
         }
-        let number = ["E2204", "E2209"].into_iter().find(|number| said.err.contains(number));
+        let number = ["E2204", "E2209"].into_iter().find(|number| result.err.contains(number));
         let number = number.unwrap_or_else(|| panic!("{told}"));
-        assert!(said.code == Some(2) && said.err.contains("help:"), "{told}");
+        assert!(result.code == Some(2) && result.err.contains("help:"), "{told}");
         // only a job that never began cannot be resumed
         let begins = self.journal.iter().position(|&byte| byte == b'\n').map_or(0, |at| at + 1);
         assert!(length < begins, "{told}");

@@ -356,19 +356,19 @@ fn what_a_program_does_with_its_cutter_is_checked_before_the_run() {
     };
     // a rapid with the jet on, and on a machine that allows it
     let rapid = "G21 G90 F1800\nM64 P3\nG1 X10\nG0 X20\nM65 P3\nM2\n";
-    let said = check(Some(machine(JET, "")), rapid);
-    assert!(said.code == Some(1) && said.err.contains("E4306") && said.err.contains(":4:"), "{}", said.err);
+    let result = check(Some(machine(JET, "")), rapid);
+    assert!(result.code == Some(1) && result.err.contains("E4306") && result.err.contains(":4:"), "{}", result.err);
     assert_eq!(check(Some(machine(&format!("{JET}rapid_lit = true\n"), "")), rapid).code, Some(0));
     // left on at the end
-    let said = check(Some(machine(JET, "")), "G21 G90 F1800\nM64 P3\nG1 X10\nM2\n");
+    let result = check(Some(machine(JET, "")), "G21 G90 F1800\nM64 P3\nG1 X10\nM2\n");
     assert!(
-        said.code == Some(0) && said.err.contains("warning[W4101]: jet") && said.err.contains(":2:"),
+        result.code == Some(0) && result.err.contains("warning[W4101]: jet") && result.err.contains(":2:"),
         "{}",
-        said.err
+        result.err
     );
     // an output that cuts, perhaps, and a machine that declares nothing
-    let said = check(None, JET_PROGRAM);
-    assert!(said.code == Some(0) && said.err.contains("warning[W4102]: output 3"), "{}", said.err);
+    let result = check(None, JET_PROGRAM);
+    assert!(result.code == Some(0) && result.err.contains("warning[W4102]: output 3"), "{}", result.err);
     assert!(!check(Some(machine(JET, "")), JET_PROGRAM).err.contains("W410"));
     let named = machine("", "[[output]]\nnumber = 3\nname = \"air\"\n");
     assert!(!check(Some(named), JET_PROGRAM).err.contains("W410"));
@@ -430,8 +430,12 @@ fn a_wrong_cutter_is_refused_by_name() {
     for (text, number, what) in cases {
         let bench = Bench::new();
         let file = bench.file("m.toml", machine(text, "")).display().to_string();
-        let said = bench.retrace(["machine", "check", &file]);
-        assert!(said.code == Some(2) && said.err.contains(number) && said.err.contains(what), "{text}: {}", said.err);
+        let result = bench.retrace(["machine", "check", &file]);
+        assert!(
+            result.code == Some(2) && result.err.contains(number) && result.err.contains(what),
+            "{text}: {}",
+            result.err
+        );
     }
 }
 

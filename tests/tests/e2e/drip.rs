@@ -59,9 +59,9 @@ fn run(bench: &Bench, program: &str, more: &[&str]) -> (Value, Vec<Value>) {
         }
         sleep(Duration::from_millis(20));
     }
-    let said = std::fs::read_to_string(&out).unwrap_or_default();
+    let result = std::fs::read_to_string(&out).unwrap_or_default();
     let err = std::fs::read_to_string(&err).unwrap_or_default();
-    let last = said.lines().last().unwrap_or_else(|| panic!("no report: {err}"));
+    let last = result.lines().last().unwrap_or_else(|| panic!("no report: {err}"));
     let report: Value = serde_json::from_str(last).expect("JSON");
     assert_eq!((&report["event"], &report["outcome"]), (&"report".into(), &"completed".into()), "{err}\n{last}");
     assert_eq!((&report["limit_violations"], &report["underruns"]), (&0.into(), &0.into()), "{report}");
@@ -69,7 +69,7 @@ fn run(bench: &Bench, program: &str, more: &[&str]) -> (Value, Vec<Value>) {
         let of = |what: &str| report[what][axis].as_f64().unwrap_or_else(|| panic!("{what}: {report}"));
         assert_eq!(of("position_counts"), (of("commanded_mm") * of("pulses_per_mm")).round(), "{report}");
     }
-    let told = said.lines().map(|line| serde_json::from_str::<Value>(line).expect("JSON"));
+    let told = result.lines().map(|line| serde_json::from_str::<Value>(line).expect("JSON"));
     let of_pauses =
         |event: &Value| ["paused", "arrived", "command_rejected"].contains(&event["event"].as_str().unwrap_or(""));
     (report, told.filter(of_pauses).collect())

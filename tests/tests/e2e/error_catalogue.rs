@@ -10,12 +10,12 @@ use retrace_tests::served::ServedCard;
 
 const PROGRAM: &str = "G21 F600\nG1 X100\nX0\nM2\n";
 
-fn assert_number(said: &CommandOutput, code: i32, number: &str) {
+fn assert_number(result: &CommandOutput, code: i32, number: &str) {
     assert!(
-        said.code == Some(code) && said.err.contains(&format!("[{number}]")),
+        result.code == Some(code) && result.err.contains(&format!("[{number}]")),
         "{number}: {:?}\n{}",
-        said.code,
-        said.err
+        result.code,
+        result.err
     );
 }
 
@@ -53,9 +53,9 @@ fn tables_and_files_beside_the_program() {
     let bench = Bench::new();
     bench.file("part.ngc", PROGRAM);
     bench.file("bad.tbl", "T1 P1 Q\n");
-    let said = bench.retrace(["check", "part.ngc", "--tools", "bad.tbl"]);
-    assert_number(&said, 2, "E1702");
-    assert_number(&said, 2, "E2106");
+    let result = bench.retrace(["check", "part.ngc", "--tools", "bad.tbl"]);
+    assert_number(&result, 2, "E1702");
+    assert_number(&result, 2, "E2106");
     bench.file("bad.var", "5221 zero\n");
     assert_number(&bench.retrace(["check", "part.ngc", "--params", "bad.var"]), 2, "E1703");
     bench.file("call.ngc", "O<hole> call\nM2\n");
@@ -76,8 +76,8 @@ fn a_program_whose_reading_fails() {
     let folder = File::open("/").expect("a folder");
     let mut command = Command::new(binary());
     let output = command.args(["canon", "-"]).stdin(Stdio::from(folder)).output().expect("the command runs");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(1) && said.contains("[E1011]"), "{said}");
+    let result = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && result.contains("[E1011]"), "{result}");
 }
 
 #[test]
@@ -96,8 +96,8 @@ fn arguments_and_machine_files() {
     let mut command = Command::new(binary());
     command.arg("jobs").env_remove("XDG_STATE_HOME").env_remove("HOME").env_remove("USERPROFILE");
     let output = command.output().expect("the command runs");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(2) && said.contains("[E2201]"), "{said}");
+    let result = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && result.contains("[E2201]"), "{result}");
 }
 
 /// CRC-32C, as `docs/journal.md` describes it.
@@ -125,8 +125,8 @@ fn stopped_job() -> Bench {
     let bench = Bench::new();
     bench.file("part.ngc", PROGRAM);
     bench.file("stop.op", "at 2s stop\n");
-    let said = bench.retrace(["run", "part.ngc", "--operator", "stop.op"]);
-    assert_eq!(said.code, Some(4), "{}", said.err);
+    let result = bench.retrace(["run", "part.ngc", "--operator", "stop.op"]);
+    assert_eq!(result.code, Some(4), "{}", result.err);
     bench
 }
 
@@ -151,11 +151,11 @@ fn cards_that_do_not_answer_or_go_away() {
     drop(port);
     bench.file("part.ngc", PROGRAM);
     let served = ServedCard::with(&["--seconds", "3"]);
-    let said = bench.retrace(["run", "part.ngc", "--card", &served.port]);
+    let result = bench.retrace(["run", "part.ngc", "--card", &served.port]);
     assert!(
-        said.code == Some(3) && format!("{}{}", said.out, said.err).contains("E3009"),
+        result.code == Some(3) && format!("{}{}", result.out, result.err).contains("E3009"),
         "{}\n{}",
-        said.out,
-        said.err
+        result.out,
+        result.err
     );
 }

@@ -3,9 +3,10 @@
 use retrace_tests::command::{Bench, CommandOutput};
 use serde_json::Value;
 
-fn counts(said: &CommandOutput) -> Vec<i64> {
-    let last = said.out.lines().last().unwrap_or_default();
-    let report: Value = serde_json::from_str(last).unwrap_or_else(|_| panic!("no report: {}\n{}", said.out, said.err));
+fn counts(result: &CommandOutput) -> Vec<i64> {
+    let last = result.out.lines().last().unwrap_or_default();
+    let report: Value =
+        serde_json::from_str(last).unwrap_or_else(|_| panic!("no report: {}\n{}", result.out, result.err));
     ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64().expect("a count")).to_vec()
 }
 
@@ -73,20 +74,20 @@ fn a_served_card_is_homed_jogged_and_moved_by_a_block_and_keeps_its_position() {
     let path = bench.file("mill.toml", format!("{HOMED}[card]\nwatchdog_ms = 2000\n"));
     let path = path.to_string_lossy().into_owned();
     let served = ServedCard::with(&["--machine", &path]);
-    let said = |arguments: &[&str]| {
+    let result = |arguments: &[&str]| {
         let usual = ["--card", served.port.as_str(), "--machine", &path, "--json"];
-        let said = bench.retrace(arguments.iter().chain(&usual));
-        assert_eq!(said.code, Some(0), "{arguments:?}: {}\n{}", said.out, said.err);
-        counts(&said)
+        let result = bench.retrace(arguments.iter().chain(&usual));
+        assert_eq!(result.code, Some(0), "{arguments:?}: {}\n{}", result.out, result.err);
+        counts(&result)
     };
-    let homed = said(&["home"]);
+    let homed = result(&["home"]);
     // The switch opens at its count; the axis comes to rest a little beyond.
     assert!((homed[0] - -2_500).abs() < 1_000 && (homed[2] - 20_000).abs() < 1_000 && homed[1] == 0, "{homed:?}");
-    let jogged = said(&["jog", "x", "7.25"]);
+    let jogged = result(&["jog", "x", "7.25"]);
     assert_eq!(jogged, [homed[0] + 7_250, 0, homed[2]]);
-    let moved = said(&["mdi", "G0 X10 Y4"]);
+    let moved = result(&["mdi", "G0 X10 Y4"]);
     assert_eq!(moved, [10_000, 4_000, homed[2]]);
-    assert_eq!(said(&["jog", "z", "-3"]), [10_000, 4_000, homed[2] - 3_000]);
+    assert_eq!(result(&["jog", "z", "-3"]), [10_000, 4_000, homed[2] - 3_000]);
 }
 
 /// The machine that has to be homed: all of its axes can be.
@@ -109,18 +110,18 @@ fn no_program_moves_a_machine_before_it_was_homed_since_its_card_was_switched_on
     let bench = Bench::new();
     let path = bench.file("mill.toml", unhomed()).to_string_lossy().into_owned();
     bench.file("part.ngc", "G0 X5 Y5\nM2\n");
-    let said = |served: &ServedCard, arguments: &[&str], file: &str| {
+    let result = |served: &ServedCard, arguments: &[&str], file: &str| {
         bench.retrace(arguments.iter().chain(&["--card", served.port.as_str(), "--machine", file, "--json"]))
     };
     let refused = |served: &ServedCard, arguments: &[&str], axes: &str| {
-        let said = said(served, arguments, &path);
-        assert_eq!(said.code, Some(2), "{arguments:?}: {}\n{}", said.out, said.err);
-        assert!(said.err.contains("E2162") && said.err.contains(axes), "{arguments:?}: {}", said.err);
-        assert!(said.err.contains(&format!("retrace home --card {}", served.port)), "{}", said.err);
+        let result = result(served, arguments, &path);
+        assert_eq!(result.code, Some(2), "{arguments:?}: {}\n{}", result.out, result.err);
+        assert!(result.err.contains("E2162") && result.err.contains(axes), "{arguments:?}: {}", result.err);
+        assert!(result.err.contains(&format!("retrace home --card {}", served.port)), "{}", result.err);
     };
     let done = |served: &ServedCard, arguments: &[&str], file: &str| {
-        let said = said(served, arguments, file);
-        assert_eq!(said.code, Some(0), "{arguments:?}: {}\n{}", said.out, said.err);
+        let result = result(served, arguments, file);
+        assert_eq!(result.code, Some(0), "{arguments:?}: {}\n{}", result.out, result.err);
     };
     let served = ServedCard::with(&["--machine", &path]);
     refused(&served, &["run", "part.ngc"], "axes Z, X, Y were");

@@ -3,9 +3,9 @@
 use retrace_tests::command::{Bench, CommandOutput};
 
 /// The lines of the canonical functions that move.
-fn moves(said: &CommandOutput) -> Vec<String> {
-    assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
-    let moves = said.out.lines().filter(|line| line.contains("STRAIGHT_") || line.contains("ARC_FEED"));
+fn moves(result: &CommandOutput) -> Vec<String> {
+    assert_eq!(result.code, Some(0), "{}\n{}", result.out, result.err);
+    let moves = result.out.lines().filter(|line| line.contains("STRAIGHT_") || line.contains("ARC_FEED"));
     moves.map(|line| line.get(13..).unwrap_or_default().to_owned()).collect()
 }
 
@@ -28,7 +28,7 @@ fn subprograms_are_found_behind_the_end_in_files_and_in_named_folders() {
     bench.file("library/far.ngc", "o<far> sub\nG0 Z7\no<far> endsub\n");
     bench.file("300.ngc", "O300\nG0 X0.5\nM99\n");
     bench.file("main.ngc", "G21\no<part> call [3]\no9 call\nM98 P300 L2\no<far> call\nM2\no9 sub\nG0 Z1\no9 endsub\n");
-    let said = bench.retrace(["canon", "main.ngc", "--subs", "library"]);
+    let result = bench.retrace(["canon", "main.ngc", "--subs", "library"]);
     let wanted = [
         traverse(3.0, 0.0, 0.0),
         traverse(3.0, 4.0, 0.0),
@@ -37,10 +37,10 @@ fn subprograms_are_found_behind_the_end_in_files_and_in_named_folders() {
         traverse(0.5, 4.0, 1.0),
         traverse(0.5, 4.0, 7.0),
     ];
-    assert_eq!(moves(&said), wanted);
+    assert_eq!(moves(&result), wanted);
     // What the card executes belongs to lines of the program itself, also in files that it calls.
-    let said = bench.retrace(["run", "main.ngc", "--subs", "library", "--records", "records.csv"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
+    let result = bench.retrace(["run", "main.ngc", "--subs", "library", "--records", "records.csv"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
     let records = std::fs::read_to_string(bench.path("records.csv")).expect("records");
     let lines: std::collections::BTreeSet<&str> =
         records.lines().skip(1).filter_map(|row| row.split(',').nth(1)).collect();
@@ -57,9 +57,9 @@ fn every_jump_stands_in_the_table_and_what_leads_nowhere_is_refused_before_anyth
         "o1 if [#1 EQ 0]\no<part> call\no1 else\nCYCLE81(10,0,2,-5)\no1 endif\no2 repeat [2]\nG0 X2\no2 \
             endrepeat\nM2\n",
     );
-    let said = bench.retrace(["check", "main.ngc", "--table"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
-    let rows: Vec<Vec<&str>> = said.out.lines().take(7).map(|line| line.split_whitespace().collect()).collect();
+    let result = bench.retrace(["check", "main.ngc", "--table"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
+    let rows: Vec<Vec<&str>> = result.out.lines().take(7).map(|line| line.split_whitespace().collect()).collect();
     let wanted = [
         vec!["1", "main.ngc:1", "if", "->", "main.ngc:3"],
         vec!["2", "main.ngc:2", "call", "O<part>", "->", "part.ngc:2"],
@@ -72,12 +72,12 @@ fn every_jump_stands_in_the_table_and_what_leads_nowhere_is_refused_before_anyth
     assert_eq!(rows, wanted);
 
     bench.file("bad.ngc", "G21\nG0 X1\no5 call\no1 if [1]\nG0 X2 X3\no1 endif\nCYCLE99(1)\no7 while [1]\nM2\n");
-    let said = bench.retrace(["run", "bad.ngc", "--records", "records.csv"]);
-    assert_eq!(said.code, Some(1), "{}", said.err);
+    let result = bench.retrace(["run", "bad.ngc", "--records", "records.csv"]);
+    assert_eq!(result.code, Some(1), "{}", result.err);
     for (number, place) in
         [("E1804", "bad.ngc:3:1"), ("E1407", "bad.ngc:5:7"), ("E1821", "bad.ngc:7:1"), ("E1802", "bad.ngc:8:1")]
     {
-        assert!(said.err.contains(number) && said.err.contains(place), "{number} at {place}: {}", said.err);
+        assert!(result.err.contains(number) && result.err.contains(place), "{number} at {place}: {}", result.err);
     }
     assert!(!bench.path("records.csv").exists(), "nothing may run");
 }
@@ -86,11 +86,11 @@ fn every_jump_stands_in_the_table_and_what_leads_nowhere_is_refused_before_anyth
 fn a_program_that_arrives_calls_what_has_arrived() {
     let bench = Bench::new();
     let known = "G21\no1 sub\nG0 X#1\no1 endsub\no2 repeat [2]\no1 call [4]\no2 endrepeat\nM2\n";
-    let said = bench.retrace_reading(["canon", "-"], known.as_bytes());
-    assert_eq!(moves(&said), [traverse(4.0, 0.0, 0.0), traverse(4.0, 0.0, 0.0)]);
-    let said = bench.retrace_reading(["canon", "-"], "G21\no1 call\nM2\no1 sub\no1 endsub\n".as_bytes());
-    assert_eq!(said.code, Some(1));
-    assert!(said.err.contains("E1811"), "{}", said.err);
+    let result = bench.retrace_reading(["canon", "-"], known.as_bytes());
+    assert_eq!(moves(&result), [traverse(4.0, 0.0, 0.0), traverse(4.0, 0.0, 0.0)]);
+    let result = bench.retrace_reading(["canon", "-"], "G21\no1 call\nM2\no1 sub\no1 endsub\n".as_bytes());
+    assert_eq!(result.code, Some(1));
+    assert!(result.err.contains("E1811"), "{}", result.err);
 }
 
 #[test]
@@ -129,24 +129,24 @@ fn cycles_of_the_users_folder_are_called_and_run_on_the_card() {
 fn an_alarm_of_a_cycle_moves_nothing() {
     let bench = Bench::new();
     bench.file("main.ngc", "G21 F100\nG0 Z5\nCYCLE81(-10,0,2,-20)\nM2\n");
-    let said = bench.retrace(["run", "main.ngc", "--records", "records.csv"]);
-    assert_eq!(said.code, Some(1), "{}", said.err);
-    assert!(said.err.contains("61101") && said.err.contains("main.ngc:3:1"), "{}", said.err);
+    let result = bench.retrace(["run", "main.ngc", "--records", "records.csv"]);
+    assert_eq!(result.code, Some(1), "{}", result.err);
+    assert!(result.err.contains("61101") && result.err.contains("main.ngc:3:1"), "{}", result.err);
     assert!(!bench.path("records.csv").exists(), "nothing may run");
 }
 
 #[test]
 fn user_codes_switch_the_outputs_that_the_machine_file_declares() {
     let bench = Bench::new();
-    let said = bench.retrace(["machine", "new"]);
-    bench.file("mill.toml", said.out + "\n[code.M101]\noutput = 3\n[code.M102]\noutput = 3\noff = true\n");
+    let result = bench.retrace(["machine", "new"]);
+    bench.file("mill.toml", result.out + "\n[code.M101]\noutput = 3\n[code.M102]\noutput = 3\noff = true\n");
     bench.file("main.ngc", "G21 F600\nG1 X1\nM101\nG1 X2\nM102\nM2\n");
-    let said = bench.retrace(["run", "main.ngc", "--machine", "mill.toml", "--json"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
-    assert!(said.out.contains("M101") && said.out.contains("M102"), "{}", said.out);
-    let said = bench.retrace(["run", "main.ngc"]);
-    assert_eq!(said.code, Some(1), "{}", said.err);
-    assert!(said.err.contains("M101") && said.err.contains("main.ngc:3"), "{}", said.err);
+    let result = bench.retrace(["run", "main.ngc", "--machine", "mill.toml", "--json"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
+    assert!(result.out.contains("M101") && result.out.contains("M102"), "{}", result.out);
+    let result = bench.retrace(["run", "main.ngc"]);
+    assert_eq!(result.code, Some(1), "{}", result.err);
+    assert!(result.err.contains("M101") && result.err.contains("main.ngc:3"), "{}", result.err);
 }
 
 #[test]
@@ -165,7 +165,7 @@ fn a_run_logs_and_keeps_its_parameters_and_a_check_does_neither() {
     // A program that does not reach its end does not change them.
     bench.file("main.ngc", "G21\n#40 = 99\nG0 X1\nM2\n");
     bench.file("stop.op", "at 0s stop\n");
-    let said = bench.retrace(["run", "main.ngc", "--params", "kept.var", "--operator", "stop.op"]);
-    assert_eq!(said.code, Some(4), "{}", said.err);
+    let result = bench.retrace(["run", "main.ngc", "--params", "kept.var", "--operator", "stop.op"]);
+    assert_eq!(result.code, Some(4), "{}", result.err);
     assert_eq!(std::fs::read_to_string(bench.path("kept.var")).expect("parameters"), kept);
 }

@@ -125,16 +125,16 @@ fn whole(kind: Kind) -> UninterruptedRun {
     for _ in 0..TRIES {
         let (place, begun) = (JobPlace::new(), Instant::now());
         let input = if kind.streamed { PROGRAM } else { "" };
-        let said = place.bench.retrace_reading(place.run(kind), input.as_bytes());
+        let result = place.bench.retrace_reading(place.run(kind), input.as_bytes());
         let takes = begun.elapsed();
         let (counts, switched) = place.ended();
-        if said.code == Some(0) {
+        if result.code == Some(0) {
             assert_eq!(ends_at(&counts), END);
             return UninterruptedRun { takes, switched };
         }
         // The load of a moment, or another program that still has the card open that had this port's name before; any
         // other reason is a failure.
-        assert!(said.code == Some(3) || said.err.contains("E2144"), "{}\n{}", said.out, said.err);
+        assert!(result.code == Some(3) || result.err.contains("E2144"), "{}\n{}", result.out, result.err);
     }
     panic!("no run came to its end")
 }
@@ -144,8 +144,8 @@ fn ends_at(counts: &Value) -> [i64; 3] {
 }
 
 /// Number of a refusal or an alarm in the output.
-fn number(said: &CommandOutput) -> String {
-    let text = format!("{}\n{}", said.err, said.out.lines().last().unwrap_or_default());
+fn number(result: &CommandOutput) -> String {
+    let text = format!("{}\n{}", result.err, result.out.lines().last().unwrap_or_default());
     let at = text.match_indices('E').map(|(at, _)| at + 1);
     let mut digits = at.filter_map(|at| text.get(at..at + 4)).filter(|four| four.bytes().all(|b| b.is_ascii_digit()));
     digits.next().map_or_else(|| format!("no number: {text}"), |four| format!("E{four}"))
@@ -167,17 +167,17 @@ fn case(seed: u64, wholes: &[UninterruptedRun; 2]) -> Result<String, String> {
         place.killed(&["resume", "--yes", "--json"], file, second);
     }
     let mut notes = torn.map_or(String::new(), |_| " with a torn journal".to_owned());
-    let mut said = place.bench.retrace(["resume", "--yes", "--json"]);
+    let mut result = place.bench.retrace(["resume", "--yes", "--json"]);
     for _ in 0..TRIES {
-        let what = number(&said);
-        match (said.code, what.as_str()) {
+        let what = number(&result);
+        match (result.code, what.as_str()) {
             (Some(0), _) => break,
-            (Some(3), _) => said = place.bench.retrace(["resume", "--yes", "--json"]),
+            (Some(3), _) => result = place.bench.retrace(["resume", "--yes", "--json"]),
             (_, "E2208") if kind.streamed => {
-                said = place.bench.retrace(["resume", "--yes", "--json", "--program", "part.ngc"]);
+                result = place.bench.retrace(["resume", "--yes", "--json", "--program", "part.ngc"]);
             }
             // a killed process holds the folder for a moment
-            (_, "E2206") => said = place.bench.retrace(["resume", "--yes", "--json"]),
+            (_, "E2206") => result = place.bench.retrace(["resume", "--yes", "--json"]),
             _ => break,
         }
         notes = format!("{notes}, after {what}");
@@ -186,7 +186,8 @@ fn case(seed: u64, wholes: &[UninterruptedRun; 2]) -> Result<String, String> {
         "{kind:?}, killed at {first:?}{}",
         if again { format!(", again at {second:?}") } else { String::new() }
     );
-    let detail = format!("seed {seed}: {how}{notes}\n{}\n{}", said.out.lines().last().unwrap_or_default(), said.err);
+    let detail =
+        format!("seed {seed}: {how}{notes}\n{}\n{}", result.out.lines().last().unwrap_or_default(), result.err);
     let (counts, switched) = place.ended();
     let counts = ends_at(&counts);
     let is_whole = counts == END && switched.outputs == whole.switched.outputs && in_order(&switched, &whole.switched);
@@ -200,7 +201,7 @@ fn case(seed: u64, wholes: &[UninterruptedRun; 2]) -> Result<String, String> {
             whole.switched.outputs
         ))
     };
-    match (said.code, number(&said).as_str()) {
+    match (result.code, number(&result).as_str()) {
         (Some(0), _) if is_whole => Ok(format!("completed{notes}")),
         (Some(0), _) => wrong(),
         (Some(2), "E2209") if is_whole => Ok("had come to its end".into()),
@@ -208,7 +209,7 @@ fn case(seed: u64, wholes: &[UninterruptedRun; 2]) -> Result<String, String> {
             let nothing = counts == [0; 3] && switched.executed.iter().all(|&number| number == 0);
             if nothing { Ok(format!("refused with {number}, nothing had moved")) } else { wrong() }
         }
-        (_, number) if number.starts_with("E2") && said.err.contains("help:") => {
+        (_, number) if number.starts_with("E2") && result.err.contains("help:") => {
             Ok(format!("refused with {number}\n{detail}"))
         }
         _ => Err(detail),

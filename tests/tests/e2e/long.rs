@@ -7,10 +7,10 @@ use retrace_tests::programs::long_job;
 fn an_hour_is_planned_and_played_in_well_under_a_minute() {
     let bench = Bench::new();
     let program = bench.file("long.ngc", long_job(60));
-    let said = bench.retrace(["run".as_ref(), program.as_os_str(), "--json".as_ref()]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
+    let result = bench.retrace(["run".as_ref(), program.as_os_str(), "--json".as_ref()]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
     let report: serde_json::Value =
-        serde_json::from_str(said.out.lines().last().unwrap_or_default()).expect("a report");
+        serde_json::from_str(result.out.lines().last().unwrap_or_default()).expect("a report");
     let (motion_s, wall_s) = (report["motion_s"].as_f64().expect("motion"), report["wall_s"].as_f64().expect("wall"));
     println!("{motion_s} s of motion in {wall_s} s");
     assert!(motion_s > 3600.0 && wall_s < 30.0, "{report}");
@@ -25,10 +25,10 @@ fn drip_feed_takes_no_more_memory_for_a_longer_program() {
         let bench = Bench::new();
         let machine = bench.file("m.toml", "history_hours = 0.01\n");
         let arguments = ["run", "-", "--json", "--machine", &machine.to_string_lossy()];
-        let said = bench.retrace_reading(arguments, long_job(minutes).as_bytes());
-        assert_eq!(said.code, Some(0), "{}", said.err);
+        let result = bench.retrace_reading(arguments, long_job(minutes).as_bytes());
+        assert_eq!(result.code, Some(0), "{}", result.err);
         let report: serde_json::Value =
-            serde_json::from_str(said.out.lines().last().unwrap_or_default()).expect("a report");
+            serde_json::from_str(result.out.lines().last().unwrap_or_default()).expect("a report");
         report["peak_rss_mib"].as_f64()
     };
     if let (Some(short), Some(long)) = (peak(5), peak(60)) {

@@ -86,8 +86,13 @@ fn devices_and_endless_tables_are_refused() {
     let file = File::create(bench.path("huge.tbl")).expect("a file");
     file.set_len(10 << 30).expect("a hole");
     let refused = |arguments: &[&str], number: &str| {
-        let said = bench.retrace(arguments);
-        assert!(said.code == Some(2) && said.err.contains(number), "{arguments:?}: {:?} {}", said.code, said.err);
+        let result = bench.retrace(arguments);
+        assert!(
+            result.code == Some(2) && result.err.contains(number),
+            "{arguments:?}: {:?} {}",
+            result.code,
+            result.err
+        );
     };
     refused(&["check", "p.ngc", "--machine", "/dev/zero"], "E2312");
     refused(&["check", "p.ngc", "--machine", "/"], "E2102");

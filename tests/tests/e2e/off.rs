@@ -109,10 +109,10 @@ fn script(chance: &mut TestRandom) -> String {
 
 /// The template of a kind, for a machine that need not be homed and is where the program may go.
 fn machine(bench: &Bench, kind: &Kind) -> String {
-    let said = bench.retrace(["machine", "new", kind.template]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
+    let result = bench.retrace(["machine", "new", kind.template]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
     let watchdog = format!("watchdog_ms = {WATCHDOG_MS:.1}");
-    said.out.replace("allow_unhomed = false", "allow_unhomed = true").replace("watchdog_ms = 250.0", &watchdog)
+    result.out.replace("allow_unhomed = false", "allow_unhomed = true").replace("watchdog_ms = 250.0", &watchdog)
 }
 
 /// One job: results of the hosts, and of the observation of the pins.

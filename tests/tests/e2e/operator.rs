@@ -185,8 +185,8 @@ fn events_call_outputs_by_the_names_that_the_machine_file_gives_them() {
         assert!(text.out.contains(part), "{part} is not in\n{}", text.out);
     }
     assert!(!text.out.contains("output 1 ") && !text.out.contains("output 3 "), "{}", text.out);
-    let said = bench.retrace([&run[..], &["--json"]].concat());
-    let events: Vec<Value> = said.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
+    let result = bench.retrace([&run[..], &["--json"]].concat());
+    let events: Vec<Value> = result.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     let passing: Vec<_> = events.iter().filter(|event| event["event"] == "output_changed").collect();
     assert_eq!((&passing[0]["channel"], &passing[0]["name"]), (&1.into(), &"air".into()), "{passing:?}");
     let differ = events.iter().find(|event| event["event"] == "outputs_differ").expect("it asks");

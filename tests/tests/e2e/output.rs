@@ -40,9 +40,13 @@ fn a_command_whose_output_is_lost_fails() {
         &["card", "ports"],
     ];
     for arguments in commands {
-        let said = to_a_full_device(&bench, arguments);
-        assert_eq!(said.code, Some(2), "{arguments:?}: {}", said.err);
-        assert!(said.err.contains("E2105") && said.err.contains("standard output"), "{arguments:?}: {}", said.err);
+        let result = to_a_full_device(&bench, arguments);
+        assert_eq!(result.code, Some(2), "{arguments:?}: {}", result.err);
+        assert!(
+            result.err.contains("E2105") && result.err.contains("standard output"),
+            "{arguments:?}: {}",
+            result.err
+        );
         assert_eq!(bench.retrace(arguments).code, Some(0), "{arguments:?}");
     }
     assert_eq!(to_a_full_device(&bench, &["check", "wrong.ngc"]).code, Some(1));
@@ -53,9 +57,9 @@ fn a_job_whose_output_is_lost_is_finished_and_says_so() {
     let bench = bench();
     bench.file("stop.op", "at 0.05s stop\n");
     for more in [&[][..], &["--json"]] {
-        let said = to_a_full_device(&bench, &[&["run", "part.ngc"], more].concat());
-        assert_eq!(said.code, Some(2), "{}", said.err);
-        assert!(said.err.contains("E2105"), "{}", said.err);
+        let result = to_a_full_device(&bench, &[&["run", "part.ngc"], more].concat());
+        assert_eq!(result.code, Some(2), "{}", result.err);
+        assert!(result.err.contains("E2105"), "{}", result.err);
         let jobs = bench.retrace(["jobs", "--all", "--json"]);
         let jobs: serde_json::Value = serde_json::from_str(&jobs.out).expect("JSON");
         let id = jobs["jobs"][0]["id"].as_str().expect("a job").to_owned();
@@ -66,14 +70,14 @@ fn a_job_whose_output_is_lost_is_finished_and_says_so() {
         assert!(report["output_lost"].as_str().is_some_and(|what| what.contains("standard output")), "{report}");
     }
     // every other exit code is unchanged
-    let said = to_a_full_device(&bench, &["run", "part.ngc", "--operator", "stop.op"]);
-    assert_eq!(said.code, Some(4), "{}", said.err);
-    let said = to_a_full_device(&bench, &["resume", "--yes"]);
-    assert_eq!(said.code, Some(2), "{}", said.err);
+    let result = to_a_full_device(&bench, &["run", "part.ngc", "--operator", "stop.op"]);
+    assert_eq!(result.code, Some(4), "{}", result.err);
+    let result = to_a_full_device(&bench, &["resume", "--yes"]);
+    assert_eq!(result.code, Some(2), "{}", result.err);
     // records are output, too
-    let said = bench.retrace(["run", "part.ngc", "--records", "/dev/full", "--json"]);
-    assert!(said.code == Some(2) && said.err.contains("the records"), "{}", said.err);
-    assert!(said.out.lines().last().is_some_and(|line| line.contains("\"completed\"")), "{}", said.out);
+    let result = bench.retrace(["run", "part.ngc", "--records", "/dev/full", "--json"]);
+    assert!(result.code == Some(2) && result.err.contains("the records"), "{}", result.err);
+    assert!(result.out.lines().last().is_some_and(|line| line.contains("\"completed\"")), "{}", result.out);
 }
 
 #[test]
@@ -81,8 +85,8 @@ fn a_closed_pipe_is_no_error() {
     let bench = bench();
     let part = bench.path("part.ngc");
     for arguments in [["canon", &part.to_string_lossy()], ["machine", "new"], ["cycles", "list"]] {
-        let said = read_one_line_of(&arguments);
-        assert_eq!((said.code, said.err.as_str()), (Some(0), ""), "{arguments:?}");
+        let result = read_one_line_of(&arguments);
+        assert_eq!((result.code, result.err.as_str()), (Some(0), ""), "{arguments:?}");
     }
 }
 
@@ -90,10 +94,10 @@ fn a_closed_pipe_is_no_error() {
 fn no_empty_machine_file_is_left_or_taken() {
     let bench = bench();
     bench.file("empty.toml", " \n");
-    let said = bench.retrace(["check", "part.ngc", "--machine", "empty.toml"]);
-    assert!(said.code == Some(2) && said.err.contains("E2114"), "{}", said.err);
-    let said = bench.retrace(["machine", "check", "empty.toml"]);
-    assert!(said.code == Some(2) && said.err.contains("E2114"), "{}", said.err);
+    let result = bench.retrace(["check", "part.ngc", "--machine", "empty.toml"]);
+    assert!(result.code == Some(2) && result.err.contains("E2114"), "{}", result.err);
+    let result = bench.retrace(["machine", "check", "empty.toml"]);
+    assert!(result.code == Some(2) && result.err.contains("E2114"), "{}", result.err);
     // a folder whose disk is full cannot be simulated; a file that may not grow can
     let mut command = Command::new("sh");
     command.args(["-c", "ulimit -f 0; exec \"$0\" machine new -o new.toml"]).arg(binary()).current_dir(bench.path(""));

@@ -90,11 +90,11 @@ fn programs_of_others_end_exactly_and_within_the_limits() -> std::io::Result<()>
     assert!(!programs.is_empty());
     for program in programs {
         let bench = Bench::new();
-        let said = bench.retrace(["check".as_ref(), program.as_os_str()]);
-        if said.code == Some(1) {
+        let result = bench.retrace(["check".as_ref(), program.as_os_str()]);
+        if result.code == Some(1) {
             // Refused with an error number before anything moves, which is required where words are not supported yet.
-            assert!(said.err.contains("error[E1"), "{}: {}", program.display(), said.err);
-            println!("{:<28} refused: {}", name(&program), said.err.lines().next().unwrap_or_default());
+            assert!(result.err.contains("error[E1"), "{}: {}", program.display(), result.err);
+            println!("{:<28} refused: {}", name(&program), result.err.lines().next().unwrap_or_default());
             continue;
         }
         let run = Run::of(&bench, &program, &[]);

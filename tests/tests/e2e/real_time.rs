@@ -9,9 +9,9 @@ use retrace_tests::served::ServedCard;
 use serde_json::Value;
 
 fn doctor(bench: &Bench, more: &[&str]) -> Value {
-    let said = bench.retrace([&["doctor", "--seconds", "0.5", "--json"], more].concat());
-    assert_eq!(said.code, Some(0), "{}", said.err);
-    serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {}", said.out))
+    let result = bench.retrace([&["doctor", "--seconds", "0.5", "--json"], more].concat());
+    assert_eq!(result.code, Some(0), "{}", result.err);
+    serde_json::from_str(&result.out).unwrap_or_else(|error| panic!("{error}: {}", result.out))
 }
 
 #[test]
@@ -28,8 +28,8 @@ fn the_doctor_measures_the_computer_and_the_line() {
     let trip = &with_card["round_trip_us"];
     assert!(trip["typical"].as_u64() > Some(0) && trip["typical"].as_u64() <= trip["worst"].as_u64(), "{with_card}");
     assert!(with_card["watchdog_ms"].as_u64() >= Some(50), "{with_card}");
-    let said = bench.retrace(["doctor", "--seconds", "0.2"]);
-    assert!(said.out.contains("wake-up latency") && said.out.contains("watchdog_ms ="), "{}", said.out);
+    let result = bench.retrace(["doctor", "--seconds", "0.2"]);
+    assert!(result.out.contains("wake-up latency") && result.out.contains("watchdog_ms ="), "{}", result.out);
     assert_eq!(bench.retrace(["doctor", "/dev/no-such-port", "--seconds", "0.1"]).code, Some(2));
 }
 

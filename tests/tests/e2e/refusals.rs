@@ -3,12 +3,12 @@
 use retrace_tests::command::{Bench, CommandOutput, root};
 
 /// Checks a refusal: exit code, error number, a place, and help; and not a pulse was emitted.
-fn assert_refused(bench: &Bench, said: &CommandOutput, code: i32, words: &[&str]) {
-    assert_eq!(said.code, Some(code), "{}\n{}", said.out, said.err);
-    assert!(said.err.contains("error[E"), "no number: {}", said.err);
-    assert!(said.err.contains("help"), "no help: {}", said.err);
+fn assert_refused(bench: &Bench, result: &CommandOutput, code: i32, words: &[&str]) {
+    assert_eq!(result.code, Some(code), "{}\n{}", result.out, result.err);
+    assert!(result.err.contains("error[E"), "no number: {}", result.err);
+    assert!(result.err.contains("help"), "no help: {}", result.err);
     for word in words {
-        assert!(said.err.contains(word), "`{word}` is missing: {}", said.err);
+        assert!(result.err.contains(word), "`{word}` is missing: {}", result.err);
     }
     let records = std::fs::read_to_string(bench.path("records.csv")).unwrap_or_default();
     assert!(
@@ -65,8 +65,8 @@ fn errors_of_a_program_with_line_and_column() {
         let bench = Bench::new();
         bench.file("wrong.ngc", text);
         println!("{what}");
-        let said = run(&bench, "wrong.ngc", &[]);
-        assert_refused(&bench, &said, 1, &["wrong.ngc", &format!("wrong.ngc:{line}:")]);
+        let result = run(&bench, "wrong.ngc", &[]);
+        assert_refused(&bench, &result, 1, &["wrong.ngc", &format!("wrong.ngc:{line}:")]);
         let checked = bench.retrace(["check", "wrong.ngc"]);
         assert_eq!(checked.code, Some(1), "{what}: {}", checked.err);
     }
@@ -93,10 +93,10 @@ fn a_move_beyond_the_soft_limits_with_its_line() {
 fn several_errors_are_told_at_once() {
     let bench = Bench::new();
     bench.file("wrong.ngc", "G21 G90\nG1 X1 F100\nG77 X1\nG1 X2\nY[1 / 0]\nX3 W\nM2\n");
-    let said = bench.retrace(["check", "wrong.ngc"]);
-    assert_eq!(said.code, Some(1));
+    let result = bench.retrace(["check", "wrong.ngc"]);
+    assert_eq!(result.code, Some(1));
     for line in [3, 5, 6] {
-        assert!(said.err.contains(&format!("wrong.ngc:{line}:")), "line {line}: {}", said.err);
+        assert!(result.err.contains(&format!("wrong.ngc:{line}:")), "line {line}: {}", result.err);
     }
 }
 
@@ -105,13 +105,13 @@ fn a_machine_file_with_a_misspelt_key() {
     let bench = Bench::new();
     bench.file("m.toml", "name = \"mill\"\ncontrol_perod_ms = 2\n");
     let program = root().join("examples/01-first-cut.ngc");
-    let said = run(&bench, &program.to_string_lossy(), &["--machine", "m.toml"]);
-    assert_refused(&bench, &said, 2, &["m.toml", "line 2", "control_perod_ms", "control_period_ms"]);
+    let result = run(&bench, &program.to_string_lossy(), &["--machine", "m.toml"]);
+    assert_refused(&bench, &result, 2, &["m.toml", "line 2", "control_perod_ms", "control_period_ms"]);
     bench.file("m.toml", "control_period_ms = -1\n");
-    let said = run(&bench, &program.to_string_lossy(), &["--machine", "m.toml"]);
-    assert_refused(&bench, &said, 2, &["control_period_ms"]);
-    let said = run(&bench, &program.to_string_lossy(), &["--machine", "absent.toml"]);
-    assert_refused(&bench, &said, 2, &["absent.toml"]);
+    let result = run(&bench, &program.to_string_lossy(), &["--machine", "m.toml"]);
+    assert_refused(&bench, &result, 2, &["control_period_ms"]);
+    let result = run(&bench, &program.to_string_lossy(), &["--machine", "absent.toml"]);
+    assert_refused(&bench, &result, 2, &["absent.toml"]);
 }
 
 #[test]
@@ -119,16 +119,16 @@ fn an_operator_who_is_not_understood() {
     let bench = Bench::new();
     bench.file("s.op", "at 1s hold\nafter 1s revers 100%\n");
     let program = root().join("examples/01-first-cut.ngc");
-    let said = run(&bench, &program.to_string_lossy(), &["--operator", "s.op"]);
-    assert_refused(&bench, &said, 2, &["s.op", "line 2", "reverse"]);
+    let result = run(&bench, &program.to_string_lossy(), &["--operator", "s.op"]);
+    assert_refused(&bench, &result, 2, &["s.op", "line 2", "reverse"]);
 }
 
 #[test]
 fn a_start_line_that_the_program_does_not_have() {
     let bench = Bench::new();
     let program = root().join("examples/01-first-cut.ngc");
-    let said = run(&bench, &program.to_string_lossy(), &["--start-line", "600"]);
-    assert_refused(&bench, &said, 2, &["600"]);
+    let result = run(&bench, &program.to_string_lossy(), &["--start-line", "600"]);
+    assert_refused(&bench, &result, 2, &["600"]);
 }
 
 #[test]
@@ -136,10 +136,10 @@ fn wrong_usage() {
     for arguments in
         [&["run"][..], &["fly"], &["run", "--sideways", "x.ngc"], &["plot", "x.ngc"], &["size", "--axes", "x"], &[]]
     {
-        let said = Bench::new().retrace(arguments);
-        assert_eq!(said.code, Some(2), "{arguments:?}: {}", said.err);
-        assert!(said.err.contains("--help") || said.err.contains("Usage"), "{arguments:?}: {}", said.err);
-        assert!(said.out.is_empty(), "{arguments:?}: {}", said.out);
+        let result = Bench::new().retrace(arguments);
+        assert_eq!(result.code, Some(2), "{arguments:?}: {}", result.err);
+        assert!(result.err.contains("--help") || result.err.contains("Usage"), "{arguments:?}: {}", result.err);
+        assert!(result.out.is_empty(), "{arguments:?}: {}", result.out);
     }
 }
 
@@ -147,7 +147,7 @@ fn wrong_usage() {
 fn a_refused_run_with_json_reports_nothing_as_done() {
     let bench = Bench::new();
     bench.file("wrong.ngc", "G21\nG1 X10\nM2\n");
-    let said = run(&bench, "wrong.ngc", &["--json"]);
-    assert_eq!(said.code, Some(1));
-    assert!(!said.out.contains("completed"), "{}", said.out);
+    let result = run(&bench, "wrong.ngc", &["--json"]);
+    assert_eq!(result.code, Some(1));
+    assert!(!result.out.contains("completed"), "{}", result.out);
 }

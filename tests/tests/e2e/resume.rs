@@ -20,31 +20,31 @@ const PROGRAM: &str = "G21 G90 G94 F3000\nG64 P0.1\nM3 S1000\nG1 X20\nX25 Y5\nX5
 const END: [i64; 3] = [11_111, 7_007, -3_300];
 const PATIENT: &str = "[card]\nwatchdog_ms = 2000\n";
 
-fn report(said: &CommandOutput) -> Value {
-    let last = said.out.lines().last().unwrap_or_default();
-    serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
+fn report(result: &CommandOutput) -> Value {
+    let last = result.out.lines().last().unwrap_or_default();
+    serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", result.out, result.err))
 }
 
 fn counts(report: &Value) -> [i64; 3] {
     ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64().unwrap_or_else(|| panic!("counts in {report}")))
 }
 
-fn assert_completed(said: &CommandOutput) {
-    assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
-    let report = report(said);
+fn assert_completed(result: &CommandOutput) {
+    assert_eq!(result.code, Some(0), "{}\n{}", result.out, result.err);
+    let report = report(result);
     assert_eq!((report["outcome"].as_str(), counts(&report)), (Some("completed"), END));
     assert_eq!(report["limit_violations"], 0);
 }
 
 #[track_caller]
-fn assert_refused(said: &CommandOutput, number: &str) {
+fn assert_refused(result: &CommandOutput, number: &str) {
     assert!(
-        said.code.is_some_and(|code| code != 0) && said.err.contains(number),
+        result.code.is_some_and(|code| code != 0) && result.err.contains(number),
         "{number}: {}\n{}",
-        said.out,
-        said.err
+        result.out,
+        result.err
     );
-    assert!(said.err.contains("help:"), "{}", said.err);
+    assert!(result.err.contains("help:"), "{}", result.err);
 }
 
 /// Runs the program on the card and kills the host after so many control periods of motion are likely to have passed.
@@ -71,21 +71,21 @@ fn bench() -> Bench {
 fn a_simulated_job_that_was_stopped_goes_on_any_number_of_times() {
     let bench = bench();
     bench.file("stop.op", "at 0.9s stop\n");
-    let said = bench.retrace(["run", "part.ngc", "--operator", "stop.op", "--json"]);
-    assert_eq!(said.code, Some(4), "{}", said.err);
-    assert!(said.err.contains("retrace resume "), "{}", said.err);
+    let result = bench.retrace(["run", "part.ngc", "--operator", "stop.op", "--json"]);
+    assert_eq!(result.code, Some(4), "{}", result.err);
+    assert!(result.err.contains("retrace resume "), "{}", result.err);
     for _ in 0..2 {
-        let said = bench.retrace(["resume", "--yes", "--json", "--operator", "stop.op"]);
-        assert_eq!(said.code, Some(4), "{}\n{}", said.out, said.err);
-        assert!(said.out.contains("\"event\":\"resume\""), "{}", said.out);
+        let result = bench.retrace(["resume", "--yes", "--json", "--operator", "stop.op"]);
+        assert_eq!(result.code, Some(4), "{}\n{}", result.out, result.err);
+        assert!(result.out.contains("\"event\":\"resume\""), "{}", result.out);
     }
     // the history for reverse run reaches to the job's beginning
     bench.file("back.op", "at 0.2s hold\nafter 0.5s reverse 100%\nafter 8s leave\n");
-    let said = bench.retrace(["resume", "--yes", "--json", "--operator", "back.op"]);
-    assert_completed(&said);
-    assert!(said.out.contains("history_start_reached"), "{}", said.out);
-    let said = bench.retrace(["resume"]);
-    assert_refused(&said, "E2209");
+    let result = bench.retrace(["resume", "--yes", "--json", "--operator", "back.op"]);
+    assert_completed(&result);
+    assert!(result.out.contains("history_start_reached"), "{}", result.out);
+    let result = bench.retrace(["resume"]);
+    assert_refused(&result, "E2209");
 }
 
 #[test]
@@ -93,10 +93,10 @@ fn nobody_who_agrees_means_nothing_moves() {
     let bench = bench();
     bench.file("stop.op", "at 0.9s stop\n");
     let _ = bench.retrace(["run", "part.ngc", "--operator", "stop.op", "--json"]);
-    let said = bench.retrace(["resume"]);
-    assert_eq!(said.code, Some(2));
-    assert_refused(&said, "E2215");
-    assert!(said.out.contains("history") && said.out.contains("line"), "{}", said.out);
+    let result = bench.retrace(["resume"]);
+    assert_eq!(result.code, Some(2));
+    assert_refused(&result, "E2215");
+    assert!(result.out.contains("history") && result.out.contains("line"), "{}", result.out);
     // and the journal is unchanged
     assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
 }
@@ -166,9 +166,9 @@ fn another_card_is_refused_and_a_machine_that_was_moved_goes_back_to_the_breakpo
     assert_eq!(card.run(&bench, "away.ngc").code, Some(0));
     let other = ServedCard::with(&[]);
     assert_refused(&bench.retrace(["resume", &id, "--yes", "--json", "--card", &other.port]), "E2213");
-    let said = bench.retrace(["resume", &id]);
-    assert!(said.code == Some(2) && said.out.contains("approach"), "{}\n{}", said.out, said.err);
-    assert!(said.out.contains("note       the last one in the journal"), "{}", said.out);
+    let result = bench.retrace(["resume", &id]);
+    assert!(result.code == Some(2) && result.out.contains("approach"), "{}\n{}", result.out, result.err);
+    assert!(result.out.contains("note       the last one in the journal"), "{}", result.out);
     assert_completed(&bench.retrace(["resume", &id, "--yes", "--json"]));
 }
 
@@ -208,20 +208,20 @@ fn a_tool_that_was_moved_away_in_a_pause_goes_back_in_the_safe_order() {
     bench.file("mill.toml", RETRACTS);
     bench.file("away.op", "at line 6 pause\nafter 0.1s jog z 2\nafter 0s jog x 3\nafter 0s jog y -1\nafter 1s stop\n");
     let on_card = ["--card", &card.port, "--machine", "mill.toml", "--json", "--operator", "away.op"];
-    let said = bench.retrace(["run", "part.ngc"].iter().chain(&on_card));
-    assert_eq!(said.code, Some(4), "{}\n{}", said.out, said.err);
-    let stands = counts(&report(&said));
-    assert_eq!(stands[2], 2_000, "{}", said.out);
-    let said = bench.retrace(["resume"]);
+    let result = bench.retrace(["run", "part.ngc"].iter().chain(&on_card));
+    assert_eq!(result.code, Some(4), "{}\n{}", result.out, result.err);
+    let stands = counts(&report(&result));
+    assert_eq!(stands[2], 2_000, "{}", result.out);
+    let result = bench.retrace(["resume"]);
     assert!(
-        said.code == Some(2) && said.out.contains("approach   Z to 10.000, then X to"),
+        result.code == Some(2) && result.out.contains("approach   Z to 10.000, then X to"),
         "{}\n{}",
-        said.out,
-        said.err
+        result.out,
+        result.err
     );
-    let said = bench.retrace(["resume", "--yes", "--json", "--records", "records.csv"]);
-    assert_completed(&said);
-    let shown: Value = serde_json::from_str(said.out.lines().next().expect("a line")).expect("JSON");
+    let result = bench.retrace(["resume", "--yes", "--json", "--records", "records.csv"]);
+    assert_completed(&result);
+    let shown: Value = serde_json::from_str(result.out.lines().next().expect("a line")).expect("JSON");
     let back: Vec<[i64; 3]> = serde_json::from_value(shown["return_path"].clone()).expect("counts");
     assert_eq!((back.len(), back[0], back[2][2]), (3, [stands[0], stands[1], 10_000], 0), "{shown}");
     assert_safe_order(&rows(&bench), stands, 10_000, back[2]);
@@ -234,8 +234,8 @@ fn a_machine_that_was_jogged_after_its_host_was_killed_goes_back() {
     killed(&bench, &run, Stdio::null(), Duration::from_millis(1200));
     assert_eq!(bench.retrace(["card", "clear", &card.port, "--machine", "patient.toml"]).code, Some(0));
     for (axis, mm) in [("z", "4"), ("x", "-7.5")] {
-        let said = bench.retrace(["jog", axis, mm, "--card", &card.port, "--machine", "patient.toml"]);
-        assert_eq!(said.code, Some(0), "{}", said.err);
+        let result = bench.retrace(["jog", axis, mm, "--card", &card.port, "--machine", "patient.toml"]);
+        assert_eq!(result.code, Some(0), "{}", result.err);
     }
     assert_completed(&bench.retrace(["resume", "--yes", "--json"]));
 }
@@ -268,12 +268,16 @@ fn after_a_restart_of_the_card_the_position_has_to_be_confirmed() {
     drop(card);
     let card = ServedCard::with(&[]);
     let resume = ["resume", "--yes", "--json", "--card", &card.port];
-    let said = bench.retrace(resume);
-    assert_refused(&said, "E2213");
-    assert!(said.err.contains("--assume-position") && said.err.contains("X 0.000 Y 0.000 Z 0.000"), "{}", said.err);
-    let said = bench.retrace(resume.iter().chain(&["--assume-position", "--records", "records.csv"]));
-    assert_completed(&said);
-    let shown: Value = serde_json::from_str(said.out.lines().next().expect("a line")).expect("JSON");
+    let result = bench.retrace(resume);
+    assert_refused(&result, "E2213");
+    assert!(
+        result.err.contains("--assume-position") && result.err.contains("X 0.000 Y 0.000 Z 0.000"),
+        "{}",
+        result.err
+    );
+    let result = bench.retrace(resume.iter().chain(&["--assume-position", "--records", "records.csv"]));
+    assert_completed(&result);
+    let shown: Value = serde_json::from_str(result.out.lines().next().expect("a line")).expect("JSON");
     let back: Vec<[i64; 3]> = serde_json::from_value(shown["return_path"].clone()).expect("counts");
     assert_safe_order(&rows(&bench), [0; 3], 10_000, *back.last().expect("moves"));
 }
@@ -284,14 +288,14 @@ fn a_program_that_begins_at_a_line_comes_to_its_start_in_the_safe_order() {
     bench.file("mill.toml", RETRACTS);
     bench.file("part.ngc", "G21 G90 F3000\nG1 X20 Y10\nZ-3\nX30\nM2\n");
     let run = ["run", "part.ngc", "--machine", "mill.toml", "--json", "--records", "records.csv", "--start-line", "4"];
-    let said = bench.retrace(run);
-    assert_eq!((said.code, counts(&report(&said))), (Some(0), [30_000, 10_000, -3_000]), "{}", said.err);
+    let result = bench.retrace(run);
+    assert_eq!((result.code, counts(&report(&result))), (Some(0), [30_000, 10_000, -3_000]), "{}", result.err);
     assert_safe_order(&rows(&bench), [0; 3], 10_000, [20_000, 10_000, -3_000]);
     bench.file("stop.op", "at line 4 stop\n");
-    let said = bench.retrace(["run", "part.ngc", "--machine", "mill.toml", "--json", "--operator", "stop.op"]);
-    assert_eq!(said.code, Some(4), "{}", said.err);
-    let said = bench.retrace(["resume", "--from-line", "4", "--yes", "--json", "--records", "records.csv"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
+    let result = bench.retrace(["run", "part.ngc", "--machine", "mill.toml", "--json", "--operator", "stop.op"]);
+    assert_eq!(result.code, Some(4), "{}", result.err);
+    let result = bench.retrace(["resume", "--from-line", "4", "--yes", "--json", "--records", "records.csv"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
     assert_safe_order(&rows(&bench), [0; 3], 10_000, [20_000, 10_000, -3_000]);
 }
 
@@ -316,8 +320,8 @@ fn after_a_restart_of_the_card_homing_is_enough_where_every_axis_has_a_switch() 
         .collect::<String>();
     let path = bench.file("homed.toml", machine).display().to_string();
     let home = |card: &ServedCard| {
-        let said = bench.retrace(["home", "--card", &card.port, "--machine", &path]);
-        assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
+        let result = bench.retrace(["home", "--card", &card.port, "--machine", &path]);
+        assert_eq!(result.code, Some(0), "{}\n{}", result.out, result.err);
     };
     let card = ServedCard::with(&["--machine", &path]);
     home(&card);
@@ -328,9 +332,9 @@ fn after_a_restart_of_the_card_homing_is_enough_where_every_axis_has_a_switch() 
     drop(card);
     let card = ServedCard::with(&["--machine", &path]);
     let resume = ["resume", "--yes", "--json", "--card", &card.port];
-    let said = bench.retrace(resume);
-    assert_refused(&said, "E2213");
-    assert!(said.err.contains("retrace home"), "{}", said.err);
+    let result = bench.retrace(resume);
+    assert_refused(&result, "E2213");
+    assert!(result.err.contains("retrace home"), "{}", result.err);
     home(&card);
     assert_completed(&bench.retrace(resume));
 }
@@ -368,8 +372,8 @@ fn after_a_power_loss_in_the_cut_the_jet_stays_off_and_nothing_moves_by_itself()
     assert_refused(&bench.retrace(resume), "E2213");
     sleep(Duration::from_millis(1500));
     stands();
-    let said = bench.retrace(resume.iter().chain(&["--assume-position"]));
-    assert_eq!((said.code, report(&said)["outcome"].as_str()), (Some(0), Some("completed")), "{}", said.err);
+    let result = bench.retrace(resume.iter().chain(&["--assume-position"]));
+    assert_eq!((result.code, report(&result)["outcome"].as_str()), (Some(0), Some("completed")), "{}", result.err);
     let _ = card.end();
     let samples = pins::samples(&vcd);
     let first_motion = samples.iter().find(|sample| sample.rate != 0.0).expect("it moves at last").at_us;

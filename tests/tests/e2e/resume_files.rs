@@ -4,22 +4,22 @@
 use retrace_tests::command::{Bench, CommandOutput};
 use serde_json::Value;
 
-fn counts(said: &CommandOutput) -> [i64; 3] {
-    let last = said.out.lines().last().unwrap_or_default();
+fn counts(result: &CommandOutput) -> [i64; 3] {
+    let last = result.out.lines().last().unwrap_or_default();
     let report: Value =
-        serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err));
+        serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", result.out, result.err));
     ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64().unwrap_or_else(|| panic!("counts in {report}")))
 }
 
 #[track_caller]
-fn assert_refused(said: &CommandOutput, name: &str) {
+fn assert_refused(result: &CommandOutput, name: &str) {
     assert!(
-        said.code == Some(2) && said.err.contains("E2210") && said.err.contains(name),
+        result.code == Some(2) && result.err.contains("E2210") && result.err.contains(name),
         "{}\n{}",
-        said.out,
-        said.err
+        result.out,
+        result.err
     );
-    assert!(said.err.contains("--from-line"), "the way out: {}", said.err);
+    assert!(result.err.contains("--from-line"), "the way out: {}", result.err);
 }
 
 #[test]
@@ -41,8 +41,8 @@ fn a_cycle_that_was_changed_is_refused_by_name() {
     bench.file("cycles/CYCLE81.SPF", "PROC CYCLE81(REAL _A) SAVE\nG1 X=_A\nM17\n");
     assert_refused(&bench.retrace(["resume", "--yes"]), "CYCLE81.SPF");
     std::fs::remove_file(bench.path("cycles/CYCLE81.SPF")).expect("a file");
-    let said = bench.retrace(["resume", "--yes", "--json"]);
-    assert_eq!((said.code, counts(&said)), (Some(0), [20_000, 0, 0]), "{}", said.err);
+    let result = bench.retrace(["resume", "--yes", "--json"]);
+    assert_eq!((result.code, counts(&result)), (Some(0), [20_000, 0, 0]), "{}", result.err);
 }
 
 #[test]
@@ -62,8 +62,8 @@ fn a_subprogram_that_was_changed_or_would_come_first_now_is_refused_by_name() {
     bench.file("hole.ngc", SUB.replace("X20", "X21"));
     assert_refused(&bench.retrace(["resume", "--yes"]), "hole.ngc");
     std::fs::remove_file(bench.path("hole.ngc")).expect("a file");
-    let said = bench.retrace(["resume", "--yes", "--json"]);
-    assert_eq!((said.code, counts(&said)), (Some(0), [0, 2_000, 0]), "{}\n{}", said.out, said.err);
+    let result = bench.retrace(["resume", "--yes", "--json"]);
+    assert_eq!((result.code, counts(&result)), (Some(0), [0, 2_000, 0]), "{}\n{}", result.out, result.err);
 }
 
 #[test]
@@ -88,14 +88,14 @@ fn a_machine_file_that_was_changed_is_shown_and_the_job_goes_on_with_its_own() {
     assert!(asked.err.contains("E2215"), "{}", asked.err);
     assert!(asked.out.contains("axis x, pulses_per_mm: 100 in the job, 200 now"), "{}", asked.out);
     // A job of its own uses the new file.
-    let said = bench.retrace(["resume", "--from-line", "2", "--yes", "--json"]);
-    assert_eq!((said.code, counts(&said)), (Some(0), [4_000, 4_000, 0]), "{}\n{}", said.out, said.err);
+    let result = bench.retrace(["resume", "--from-line", "2", "--yes", "--json"]);
+    assert_eq!((result.code, counts(&result)), (Some(0), [4_000, 4_000, 0]), "{}\n{}", result.out, result.err);
     let jobs: Value = serde_json::from_str(&bench.retrace(["jobs", "--json"]).out).expect("JSON");
     let jobs = jobs["jobs"].as_array().expect("a list").clone();
     let stopped = jobs.iter().find(|job| job["state"] == "stopped").expect("the first job");
     let id = stopped["id"].as_str().expect("a name");
-    let said = bench.retrace(["resume", id, "--yes", "--json"]);
-    assert_eq!((said.code, counts(&said)), (Some(0), [2_000, 2_000, 0]), "{}\n{}", said.out, said.err);
-    let shown: Value = serde_json::from_str(said.out.lines().next().expect("a line")).expect("JSON");
+    let result = bench.retrace(["resume", id, "--yes", "--json"]);
+    assert_eq!((result.code, counts(&result)), (Some(0), [2_000, 2_000, 0]), "{}\n{}", result.out, result.err);
+    let shown: Value = serde_json::from_str(result.out.lines().next().expect("a line")).expect("JSON");
     assert_eq!(shown["changed_machine"].as_array().map(Vec::len), Some(3), "{shown}");
 }

@@ -301,11 +301,11 @@ fn an_alarm_is_shown_with_its_remedy_and_cleared() {
 #[test]
 fn what_cannot_be_on_a_screen_is_refused() {
     let bench = Bench::new();
-    let said = bench.retrace(["run", "--tui", "-"]);
-    assert_eq!(said.code, Some(2));
-    assert!(said.err.contains("E2142") && said.err.contains("not a terminal"), "{}", said.err);
-    let said = bench.retrace(["run", "--tui", "--json", "-"]);
-    assert!(said.code == Some(2) && said.err.contains("--json"), "{}", said.err);
+    let result = bench.retrace(["run", "--tui", "-"]);
+    assert_eq!(result.code, Some(2));
+    assert!(result.err.contains("E2142") && result.err.contains("not a terminal"), "{}", result.err);
+    let result = bench.retrace(["run", "--tui", "--json", "-"]);
+    assert!(result.code == Some(2) && result.err.contains("--json"), "{}", result.err);
 }
 
 /// A script operates together with the keys, and the executed records are written.
@@ -405,8 +405,8 @@ fn it_opens_without_a_program_and_loads_one() {
     terminal.keys("c");
     let end = ends(&mut terminal, "completed", 0);
     assert!(end.contains("X 3000  Y 0  Z 0"), "{end}");
-    let said = bench.retrace(["run", "--realtime"]);
-    assert!(said.code == Some(2) && said.err.contains("PROGRAM"), "{}", said.err);
+    let result = bench.retrace(["run", "--realtime"]);
+    assert!(result.code == Some(2) && result.err.contains("PROGRAM"), "{}", result.err);
 }
 
 /// A program that would leave the soft limits opens the screen, where the work zero is moved until it fits.
@@ -595,15 +595,15 @@ fn a_job_is_resumed_at_the_screen_where_the_machine_was_jogged_away() {
             std::thread::sleep(Duration::from_millis(2500));
             host.kill().expect("it is killed");
             host.wait().expect("it ends");
-            let said = bench.retrace(["card", "clear", &card.port, "--machine", &machine]);
-            assert_eq!(said.code, Some(0), "{}", said.err);
+            let result = bench.retrace(["card", "clear", &card.port, "--machine", &machine]);
+            assert_eq!(result.code, Some(0), "{}", result.err);
         } else {
             let stopped = [&run[..], &["--operator", "stop.op"], &on_card].concat();
             assert_eq!(bench.retrace(stopped).code, Some(4));
         }
         for jog in [["jog", "z", "5"], ["jog", "y", "-7"]] {
-            let said = bench.retrace(jog.iter().chain(&on_card));
-            assert_eq!(said.code, Some(0), "{}", said.err);
+            let result = bench.retrace(jog.iter().chain(&on_card));
+            assert_eq!(result.code, Some(0), "{}", result.err);
         }
         let journal = bench.path("jobs").display().to_string();
         let mut terminal = Terminal::running(&["resume", "--tui", "--journal", &journal], 100, 40);

@@ -86,10 +86,10 @@ fn program(lines: u32) -> String {
     text + "M30\n"
 }
 
-fn counts(said: &CommandOutput) -> (Value, [Option<i64>; 3]) {
-    let last = said.out.lines().last().unwrap_or_default();
+fn counts(result: &CommandOutput) -> (Value, [Option<i64>; 3]) {
+    let last = result.out.lines().last().unwrap_or_default();
     let report: Value =
-        serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err));
+        serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", result.out, result.err));
     let counts = ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64());
     (report, counts)
 }
@@ -126,28 +126,28 @@ fn damage_stops_before_its_line_and_the_whole_program_goes_on() {
     tape[at] ^= 0x08;
     bench.file("m.toml", "[serial]\nbaud = 9600\nbits = 7\nparity = \"even\"\nstop = 2\n");
     let sender = send(line.sender, tape, 0, Duration::from_millis(20));
-    let said = bench.retrace(["run", &format!("serial:{}", line.path), "--machine", "m.toml", "--json"]);
+    let result = bench.retrace(["run", &format!("serial:{}", line.path), "--machine", "m.toml", "--json"]);
     sender.join().expect("it sends");
-    assert_eq!(said.code, Some(1), "{}", said.err);
-    assert!(said.err.contains("E2305") && said.err.contains(":4:"), "{}", said.err);
-    assert_eq!(counts(&said).1, [Some(5000), Some(0), Some(0)]);
+    assert_eq!(result.code, Some(1), "{}", result.err);
+    assert!(result.err.contains("E2305") && result.err.contains(":4:"), "{}", result.err);
+    assert_eq!(counts(&result).1, [Some(5000), Some(0), Some(0)]);
     bench.file("whole.ngc", format!("%\n{text}%\n"));
-    let said = bench.retrace(["resume", "--yes", "--json", "--program", "whole.ngc"]);
-    assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
-    assert_eq!(counts(&said).1, [Some(9000), Some(2000), Some(0)]);
+    let result = bench.retrace(["resume", "--yes", "--json", "--program", "whole.ngc"]);
+    assert_eq!(result.code, Some(0), "{}\n{}", result.out, result.err);
+    assert_eq!(counts(&result).1, [Some(9000), Some(2000), Some(0)]);
 }
 
 #[test]
 fn a_sender_that_does_not_begin_or_falls_silent_is_reported() {
     let (line, bench) = (PtyLine::new(), Bench::new());
-    let said = bench.retrace(["run", &format!("serial:{}?start_timeout_s=1", line.path), "--json"]);
-    assert!(said.code == Some(1) && said.err.contains("E2303"), "{}", said.err);
+    let result = bench.retrace(["run", &format!("serial:{}?start_timeout_s=1", line.path), "--json"]);
+    assert!(result.code == Some(1) && result.err.contains("E2303"), "{}", result.err);
     let sender = send(line.sender, with_silence(), 0, Duration::ZERO);
-    let said = bench.retrace(["run", &format!("serial:{}?silence_timeout_s=2", line.path), "--json"]);
+    let result = bench.retrace(["run", &format!("serial:{}?silence_timeout_s=2", line.path), "--json"]);
     sender.join().expect("it sends");
-    assert!(said.code == Some(1) && said.err.contains("E2304"), "{}", said.err);
-    assert_eq!(counts(&said).1, [Some(5000), Some(0), Some(0)]);
-    let waiting = said.out.lines().find(|line| line.contains("stream_stalled")).expect("an event");
+    assert!(result.code == Some(1) && result.err.contains("E2304"), "{}", result.err);
+    assert_eq!(counts(&result).1, [Some(5000), Some(0), Some(0)]);
+    let waiting = result.out.lines().find(|line| line.contains("stream_stalled")).expect("an event");
     let waiting: Value = serde_json::from_str(waiting).expect("JSON");
     assert!(waiting["source"].as_str().is_some_and(|source| source.contains(&line.path)), "{waiting}");
     assert!(waiting["since"].as_str().is_some_and(|since| since.contains('T')), "{waiting}");
@@ -162,14 +162,14 @@ fn with_silence() -> Vec<u8> {
 fn settings_that_are_not_known_are_refused_before_anything_is_opened() {
     let bench = Bench::new();
     for bad in ["serial:/dev/ttyNONE?boud=9600", "serial:", "serial:/dev/ttyNONE?format=9n1"] {
-        let said = bench.retrace(["run", bad]);
-        assert!(said.code == Some(2) && said.err.contains("E2301"), "{bad}: {}", said.err);
+        let result = bench.retrace(["run", bad]);
+        assert!(result.code == Some(2) && result.err.contains("E2301"), "{bad}: {}", result.err);
     }
-    let said = bench.retrace(["run", "serial:/dev/ttyNONE"]);
-    assert!(said.code == Some(2) && said.err.contains("E2141"), "{}", said.err);
+    let result = bench.retrace(["run", "serial:/dev/ttyNONE"]);
+    assert!(result.code == Some(2) && result.err.contains("E2141"), "{}", result.err);
     bench.file("m.toml", "[serial]\nbaud = 10\n");
-    let said = bench.retrace(["run", "serial:/dev/ttyNONE", "--machine", "m.toml"]);
-    assert!(said.code == Some(2) && said.err.contains("serial.baud"), "{}", said.err);
+    let result = bench.retrace(["run", "serial:/dev/ttyNONE", "--machine", "m.toml"]);
+    assert!(result.code == Some(2) && result.err.contains("serial.baud"), "{}", result.err);
 }
 
 #[test]
@@ -188,18 +188,18 @@ fn a_fifo_is_a_stream_and_shows_that_it_waits() {
             written.store(true, Ordering::Relaxed);
         }
     });
-    let said = bench.retrace(["run", &fifo.to_string_lossy(), "--json"]);
+    let result = bench.retrace(["run", &fifo.to_string_lossy(), "--json"]);
     writer.join().expect("it writes");
     assert!(written.load(Ordering::Relaxed));
-    assert_eq!((said.code, counts(&said).1), (Some(0), [Some(5000), Some(0), Some(0)]), "{}", said.err);
+    assert_eq!((result.code, counts(&result).1), (Some(0), [Some(5000), Some(0), Some(0)]), "{}", result.err);
     for event in ["stream_stalled", "stream_resumed"] {
-        assert!(said.out.contains(event), "{event}: {}", said.out);
+        assert!(result.out.contains(event), "{event}: {}", result.out);
     }
     // a character device is a stream too: one that is empty, and one without end
-    let said = bench.retrace(["run", "/dev/null"]);
-    assert!(said.code == Some(1) && said.err.contains("E1007"), "{}", said.err);
-    let said = bench.retrace(["run", "/dev/zero"]);
-    assert!(said.code == Some(1) && said.err.contains("E2311"), "{}", said.err);
+    let result = bench.retrace(["run", "/dev/null"]);
+    assert!(result.code == Some(1) && result.err.contains("E1007"), "{}", result.err);
+    let result = bench.retrace(["run", "/dev/zero"]);
+    assert!(result.code == Some(1) && result.err.contains("E2311"), "{}", result.err);
 }
 
 #[test]
@@ -215,16 +215,16 @@ fn a_tape_that_cannot_be_read_is_refused_by_its_number() {
             let _ = sender.write_all(&tape);
             sender
         });
-        let said = bench.retrace(["run", &format!("serial:{}?{settings}", line.path)]);
+        let result = bench.retrace(["run", &format!("serial:{}?{settings}", line.path)]);
         sent.join().expect("it sends");
-        assert_eq!(said.code, Some(1), "{}", said.err);
-        said.err
+        assert_eq!(result.code, Some(1), "{}", result.err);
+        result.err
     };
     // an end of block, and a code that EIA RS-244 does not have
-    let said = read(vec![0x80, 0x80, 0x0E, 0x80], "code=eia");
-    assert!(said.contains("E2307"), "{said}");
-    let said = read(vec![b'x'; 70_000], "format=8n1");
-    assert!(said.contains("E2308"), "{said}");
+    let result = read(vec![0x80, 0x80, 0x0E, 0x80], "code=eia");
+    assert!(result.contains("E2307"), "{result}");
+    let result = read(vec![b'x'; 70_000], "format=8n1");
+    assert!(result.contains("E2308"), "{result}");
 }
 
 #[test]
@@ -239,7 +239,7 @@ fn with_rts_and_cts_no_code_is_sent_over_the_line() {
         let heard = sender.read(&mut codes).unwrap_or(0);
         codes[..heard].to_vec()
     });
-    let said = bench.retrace(["run", &format!("serial:{}?format=7e2&handshake=rts-cts", line.path), "--json"]);
-    assert_eq!((said.code, counts(&said).1), (Some(0), [Some(5000), Some(0), Some(0)]), "{}", said.err);
+    let result = bench.retrace(["run", &format!("serial:{}?format=7e2&handshake=rts-cts", line.path), "--json"]);
+    assert_eq!((result.code, counts(&result).1), (Some(0), [Some(5000), Some(0), Some(0)]), "{}", result.err);
     assert_eq!(sent.join().expect("it sends"), Vec::<u8>::new(), "neither DC1 nor DC3");
 }

@@ -40,10 +40,10 @@ fn state_files_are_private() {
     let (bench, card) = (Bench::new(), ServedCard::with(&[]));
     bench.file("mill.toml", "[card]\nwatchdog_ms = 2000\n");
     bench.file("part.ngc", "G21 G90 F3000\nG10 L2 P1 X1\nG1 X3\nM2\n");
-    let said = bench.retrace(["run", "part.ngc", "--card", &card.port, "--machine", "mill.toml"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
-    let said = bench.retrace_reading(["run", "-"], b"G21 G90 F3000\nG1 X3\nM2\n");
-    assert_eq!(said.code, Some(0), "{}", said.err);
+    let result = bench.retrace(["run", "part.ngc", "--card", &card.port, "--machine", "mill.toml"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
+    let result = bench.retrace_reading(["run", "-"], b"G21 G90 F3000\nG1 X3\nM2\n");
+    assert_eq!(result.code, Some(0), "{}", result.err);
     let mut found = Vec::new();
     open_to_others(&bench.path("state"), &mut found);
     assert_eq!(found, [""; 0]);
@@ -70,8 +70,12 @@ fn a_lock_that_is_a_link_is_not_followed() {
     let lock = newest(&bench).join("lock");
     fs::remove_file(&lock).expect("a lock");
     symlink(&precious, &lock).expect("a link");
-    let said = bench.retrace(["resume", "--yes"]);
-    assert!(said.code == Some(2) && said.err.contains("E2105") && said.err.contains("not followed"), "{}", said.err);
+    let result = bench.retrace(["resume", "--yes"]);
+    assert!(
+        result.code == Some(2) && result.err.contains("E2105") && result.err.contains("not followed"),
+        "{}",
+        result.err
+    );
     assert_eq!(fs::read_to_string(precious).expect("there"), "keep me");
 }
 
@@ -87,14 +91,14 @@ fn a_damaged_journal_is_named() {
     bytes[40] ^= 1;
     fs::write(folder.join("journal"), bytes).expect("written");
     let id = folder.file_name().expect("a name").to_string_lossy().into_owned();
-    let said = bench.retrace(["resume", "--yes"]);
-    assert!(said.code == Some(2) && said.err.contains("E2203") && said.err.contains(&id), "{}", said.err);
-    assert!(said.err.contains("damaged") && !said.err.contains("E2209"), "{}", said.err);
+    let result = bench.retrace(["resume", "--yes"]);
+    assert!(result.code == Some(2) && result.err.contains("E2203") && result.err.contains(&id), "{}", result.err);
+    assert!(result.err.contains("damaged") && !result.err.contains("E2209"), "{}", result.err);
     // An older job can still be named.
     let jobs: Value = serde_json::from_str(&bench.retrace(["jobs", "--json"]).out).expect("JSON");
     let older = jobs["jobs"].as_array().expect("a list").iter().find(|job| job["state"] == "stopped").expect("a job");
-    let said = bench.retrace(["resume", older["id"].as_str().expect("a name"), "--yes"]);
-    assert_eq!(said.code, Some(0), "{}", said.err);
+    let result = bench.retrace(["resume", older["id"].as_str().expect("a name"), "--yes"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
 }
 
 #[test]
@@ -107,22 +111,26 @@ fn names_and_messages_steer_no_terminal() {
         if json {
             arguments.push("--json".as_ref());
         }
-        let said = bench.retrace(arguments);
-        assert_eq!(said.code, Some(0), "{}", said.err);
+        let result = bench.retrace(arguments);
+        assert_eq!(result.code, Some(0), "{}", result.err);
         let is_raw = |c: char| c.is_control() && c != '\n';
-        assert!(!said.out.contains(is_raw) && !said.err.contains(is_raw), "{:?}\n{:?}", said.out, said.err);
-        assert!(said.out.contains("\\u001b") && said.out.contains("\\u009b"), "{}", said.out);
+        assert!(!result.out.contains(is_raw) && !result.err.contains(is_raw), "{:?}\n{:?}", result.out, result.err);
+        assert!(result.out.contains("\\u001b") && result.out.contains("\\u009b"), "{}", result.out);
         if json {
-            said.out.lines().for_each(|line| drop(serde_json::from_str::<Value>(line).expect("JSON")));
+            result.out.lines().for_each(|line| drop(serde_json::from_str::<Value>(line).expect("JSON")));
         }
     }
     fs::write(bench.path("").join(&name), "G21 G90 F600\n(\x1b[2J) G77\nM2\n").expect("a file");
     for command in ["run", "check"] {
-        let said = bench.retrace([command.as_ref(), name.as_os_str()]);
-        assert!(said.code == Some(1) && !said.err.contains('\x1b') && !said.out.contains('\x1b'), "{:?}", said.err);
+        let result = bench.retrace([command.as_ref(), name.as_os_str()]);
+        assert!(
+            result.code == Some(1) && !result.err.contains('\x1b') && !result.out.contains('\x1b'),
+            "{:?}",
+            result.err
+        );
     }
-    let said = bench.retrace(["jobs"]);
-    assert!(!said.out.contains('\x1b') && said.out.lines().count() <= 3, "{:?}", said.out);
+    let result = bench.retrace(["jobs"]);
+    assert!(!result.out.contains('\x1b') && result.out.lines().count() <= 3, "{:?}", result.out);
 }
 
 #[test]
@@ -160,12 +168,12 @@ fn who_shows_outputs_and_alarms() {
     let who = card.identify(&bench);
     assert_eq!((&who["outputs_on"], &who["alarm"]), (&serde_json::json!([]), &Value::Null), "{who}");
     assert_eq!(bench.retrace(run).code, Some(0));
-    let said = bench.retrace(["card", "identify", &card.port, "--machine", "stop.toml"]);
-    assert!(said.out.contains("outputs output 5 1") && said.out.contains("no alarm"), "{}", said.out);
+    let result = bench.retrace(["card", "identify", &card.port, "--machine", "stop.toml"]);
+    assert!(result.out.contains("outputs output 5 1") && result.out.contains("no alarm"), "{}", result.out);
     let who = card.identify(&bench);
     assert_eq!(who["outputs_on"], serde_json::json!([{"channel": 5, "value": 1}]), "{who}");
     card.operate("press emergency-stop");
     assert_eq!(bench.retrace(run).code, Some(3));
-    let said = bench.retrace(["card", "identify", &card.port]);
-    assert!(said.out.contains("alarm[E3012]") && said.out.contains("outputs"), "{}", said.out);
+    let result = bench.retrace(["card", "identify", &card.port]);
+    assert!(result.out.contains("alarm[E3012]") && result.out.contains("outputs"), "{}", result.out);
 }

@@ -118,8 +118,8 @@ fn ctrl_c_sigterm_and_sighup_stop_the_job_and_keep_its_breakpoint() {
         begun.signal(signal);
         assert_stopped(begun.ended());
     }
-    let said = bench.retrace(["resume", "--yes", "--json"]);
-    assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
+    let result = bench.retrace(["resume", "--yes", "--json"]);
+    assert_eq!(result.code, Some(0), "{}\n{}", result.out, result.err);
 }
 
 #[test]

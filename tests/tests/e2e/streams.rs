@@ -6,15 +6,15 @@ use serde_json::Value;
 
 const WHOLE: &str = "G21 G90 F3000\nM3 S1000\nG1 X5\nG0 Z10\nG1 X8\nM5\nM30\n";
 
-fn report(said: &CommandOutput) -> Value {
-    let last = said.out.lines().last().unwrap_or_default();
-    serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", said.out, said.err))
+fn report(result: &CommandOutput) -> Value {
+    let last = result.out.lines().last().unwrap_or_default();
+    serde_json::from_str(last).unwrap_or_else(|error| panic!("{error}: {}\n{}", result.out, result.err))
 }
 
 /// The only job in the journal of a bench.
 fn job(bench: &Bench) -> String {
-    let said = bench.retrace(["jobs", "--json"]);
-    let jobs: Value = serde_json::from_str(&said.out).expect("one JSON object");
+    let result = bench.retrace(["jobs", "--json"]);
+    let jobs: Value = serde_json::from_str(&result.out).expect("one JSON object");
     jobs["jobs"][0]["id"].as_str().expect("a name").to_owned()
 }
 
@@ -54,14 +54,14 @@ fn a_stream_never_leaves_the_soft_limits() {
     let moves = ["G1 X9999", "G0 X9999", "G2 I1990", "G91 G1 Y-2000.01"];
     for one in moves {
         let program = format!("G21 G90 F3000\nG64 P0.1\nG1 X30\n{one}\nG90 G1 X0\nM2\n");
-        let said = bench.retrace_reading(["run", "-", "--json"], program.as_bytes());
-        assert_eq!(said.code, Some(1), "{one}: {}\n{}", said.out, said.err);
+        let result = bench.retrace_reading(["run", "-", "--json"], program.as_bytes());
+        assert_eq!(result.code, Some(1), "{one}: {}\n{}", result.out, result.err);
         assert!(
-            said.err.contains("line 4: error[E4304]") && said.err.contains("beyond its soft limit"),
+            result.err.contains("line 4: error[E4304]") && result.err.contains("beyond its soft limit"),
             "{}",
-            said.err
+            result.err
         );
-        let report = report(&said);
+        let report = report(&result);
         assert_eq!(
             (&report["position_counts"]["x"], &report["position_counts"]["y"]),
             (&30_000.into(), &0.into()),
@@ -89,17 +89,17 @@ fn a_stream_that_was_cut_off_continues_with_the_whole_program() {
         let bench = Bench::new();
         let run = Run::of_input(&bench, &WHOLE.as_bytes()[..sent], &[]);
         assert_eq!(run.output.code, Some(1), "{}", run.output.err);
-        let said = bench.retrace(["resume", "--yes", "--json"]);
-        assert_eq!(said.code, Some(2), "{}", said.err);
-        assert!(said.err.contains("E2208") && said.err.contains("--program"), "{}", said.err);
+        let result = bench.retrace(["resume", "--yes", "--json"]);
+        assert_eq!(result.code, Some(2), "{}", result.err);
+        assert!(result.err.contains("E2208") && result.err.contains("--program"), "{}", result.err);
         bench.file("other.ngc", WHOLE.replace("X5", "X6"));
-        let said = bench.retrace(["resume", "--yes", "--json", "--program", "other.ngc"]);
-        assert!(said.err.contains("E2208") && said.err.contains("differs in line 3"), "{}", said.err);
+        let result = bench.retrace(["resume", "--yes", "--json", "--program", "other.ngc"]);
+        assert!(result.err.contains("E2208") && result.err.contains("differs in line 3"), "{}", result.err);
         // a file is whole, whether or not its last line is terminated
         bench.file("whole.ngc", WHOLE.trim_end());
-        let said = bench.retrace(["resume", "--yes", "--json", "--program", "whole.ngc"]);
-        assert_eq!(said.code, Some(0), "{}\n{}", said.out, said.err);
-        let report = report(&said);
+        let result = bench.retrace(["resume", "--yes", "--json", "--program", "whole.ngc"]);
+        assert_eq!(result.code, Some(0), "{}\n{}", result.out, result.err);
+        let report = report(&result);
         assert_eq!((&report["outcome"], &report["limit_violations"]), (&"completed".into(), &0.into()));
         let counts = ["x", "y", "z"].map(|axis| report["position_counts"][axis].as_i64());
         assert_eq!(counts, [Some(8_000), Some(0), Some(10_000)]);

@@ -212,16 +212,16 @@ fn a_job_with_a_new_tool_length_is_resumed_with_it() {
         bench.file("shift.op", format!("{begin}{ends}"));
         let run =
             ["run", "part.ngc", "--card", &card.port, "--machine", "machine.toml", "--tools", "tools.tbl", "--json"];
-        let said = bench.retrace(run.iter().chain(&["--operator", "shift.op"]));
-        assert_eq!(said.code, Some(4), "{}\n{}", said.out, said.err);
-        assert!(stands.is_none() || z(&said.out) == stands, "{}", said.out);
+        let result = bench.retrace(run.iter().chain(&["--operator", "shift.op"]));
+        assert_eq!(result.code, Some(4), "{}\n{}", result.out, result.err);
+        assert!(stands.is_none() || z(&result.out) == stands, "{}", result.out);
         let shown = bench.retrace(["resume"]);
         assert!(shown.out.contains("new tool   length entered in a pause, +2.500 mm"), "{}\n{}", shown.out, shown.err);
         // the tool table does not contain it
         let from_line = bench.retrace(["resume", "--from-line", "3"]);
         assert!(from_line.code == Some(2) && from_line.err.contains("E2218"), "{}", from_line.err);
-        let said = bench.retrace(["resume", "--yes", "--json", "--records", "records.csv"]);
-        assert_eq!((said.code, z(&said.out)), (Some(0), Some(16_500)), "{}\n{}", said.out, said.err);
+        let result = bench.retrace(["resume", "--yes", "--json", "--records", "records.csv"]);
+        assert_eq!((result.code, z(&result.out)), (Some(0), Some(16_500)), "{}\n{}", result.out, result.err);
         let text = fs::read_to_string(bench.path("records.csv")).expect("records");
         let records = Records::parse(&text).expect("records");
         let mut at = if stands.is_some() { 10_500 } else { 38_000 };
@@ -250,11 +250,11 @@ fn a_resumed_job_goes_no_further_back_than_the_soft_limits() {
     bench.file("stop.op", format!("{pause}at line 8 stop\n"));
     let run =
         ["run", "part.ngc", "--machine", "machine.toml", "--tools", "tools.tbl", "--operator", "stop.op", "--json"];
-    let said = bench.retrace(run);
-    assert_eq!(said.code, Some(4), "{}\n{}", said.out, said.err);
+    let result = bench.retrace(run);
+    assert_eq!(result.code, Some(4), "{}\n{}", result.out, result.err);
     bench.file("back.op", "after 0.5s reverse 100%\nafter 60s leave\n");
-    let said = bench.retrace(["resume", "--yes", "--json", "--operator", "back.op", "--records", "records.csv"]);
-    assert!(said.out.contains("the soft limit with the new tool length"), "{}\n{}", said.out, said.err);
+    let result = bench.retrace(["resume", "--yes", "--json", "--operator", "back.op", "--records", "records.csv"]);
+    assert!(result.out.contains("the soft limit with the new tool length"), "{}\n{}", result.out, result.err);
     let text = fs::read_to_string(bench.path("records.csv")).expect("records");
     let records = Records::parse(&text).expect("records");
     let mut z = 13_500;
@@ -262,5 +262,5 @@ fn a_resumed_job_goes_no_further_back_than_the_soft_limits() {
         z += row.increments[2];
         z
     });
-    assert!(highest.max().is_some_and(|z| (19_900..=20_000).contains(&z)), "{}", said.err);
+    assert!(highest.max().is_some_and(|z| (19_900..=20_000).contains(&z)), "{}", result.err);
 }

@@ -183,22 +183,22 @@ impl Copy {
     /// Runs the killer on the content of the copy: `Passed` where the killer fails, `Failed` where it passes.
     fn check(&self, job: &Job<'_>, trial: &Trial<'_>) -> Result<(Verdict, String), String> {
         let killer = &trial.mutant.killer;
-        let (ended, said) = match trial.killer {
+        let (ended, result) = match trial.killer {
             Killer::Native => {
                 let runner = native::build(&self.root, Some(&self.target), &self.folder.join("build"))?;
                 let ended =
                     process::run(&mut native::ask(&runner, &[killer], job.quick), LIMIT, &self.folder.join("check"))?;
                 let answer = native::answers(&ended.output).into_iter().find(|answer| answer.check == *killer);
-                let said = answer.map(|answer| (answer.verdict == Verdict::Failed, answer.words));
-                (ended, said)
+                let result = answer.map(|answer| (answer.verdict == Verdict::Failed, answer.words));
+                (ended, result)
             }
             Killer::Model(engine) => {
                 let ended = self.model(job, engine, killer)?;
-                let said = threads::one_result(&ended.output, engine);
-                (ended, said)
+                let result = threads::one_result(&ended.output, engine);
+                (ended, result)
             }
         };
-        judge(killer, &ended, said)
+        judge(killer, &ended, result)
     }
 
     /// Builds an engine's models, and runs those with this name. Their dependencies are shared with the checkout's own
@@ -224,14 +224,14 @@ impl Copy {
     }
 }
 
-/// Decides whether the mutant was noticed. `said` is whether the check failed, and its message.
-fn judge(killer: &str, ended: &Ended, said: Option<(bool, String)>) -> Result<(Verdict, String), String> {
+/// Decides whether the mutant was noticed. `result` is whether the check failed, and its message.
+fn judge(killer: &str, ended: &Ended, result: Option<(bool, String)>) -> Result<(Verdict, String), String> {
     // the numbers that replay it are of no use without the mutant
     let short = |words: &str| {
         let reason = words.split("; cargo xtask").next().unwrap_or_default();
         reason.split_whitespace().collect::<Vec<_>>().join(" ").chars().take(160).collect::<String>()
     };
-    match (ended.status, said) {
+    match (ended.status, result) {
         (None, _) => Ok((Verdict::Passed, format!("killed by {killer}: no end after {:.0} s", ended.seconds))),
         (Some(_), Some((true, words))) => Ok((Verdict::Passed, format!("killed by {killer}: {}", short(&words)))),
         (Some(_), Some((false, words))) => Ok((Verdict::Failed, format!("SURVIVED: {killer} {}", short(&words)))),
@@ -268,8 +268,8 @@ mod tests {
     fn only_a_check_that_failed_kills() {
         let ended = |status| Ended { status, output: String::new(), errors: String::new(), seconds: 60.0 };
         let exit = |code: i32| ended(Some(ExitStatus::from_raw(code << 8)));
-        let verdict = |ended: &Ended, said: Option<bool>| {
-            judge("k", ended, said.map(|failed| (failed, "w".to_owned()))).map(|(verdict, _)| verdict)
+        let verdict = |ended: &Ended, result: Option<bool>| {
+            judge("k", ended, result.map(|failed| (failed, "w".to_owned()))).map(|(verdict, _)| verdict)
         };
         assert_eq!(verdict(&exit(1), Some(true)), Ok(Verdict::Passed));
         assert_eq!(verdict(&exit(0), Some(false)), Ok(Verdict::Failed));

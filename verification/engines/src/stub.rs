@@ -103,8 +103,8 @@ fn calls(listed: &[&Harness]) -> String {
 
 /// Runs the proofs, and returns how many of them met their assumptions.
 fn try_all(driver: &Path, job: &Job<'_>, listed: &[&Harness]) -> Result<usize, String> {
-    let said = process::done(&mut Command::new(driver), LIMIT, &job.folder.join("stub/run"))?;
-    let told: Vec<Vec<&str>> = said.lines().map(|line| line.split('\t').collect()).collect();
+    let result = process::done(&mut Command::new(driver), LIMIT, &job.folder.join("stub/run"))?;
+    let told: Vec<Vec<&str>> = result.lines().map(|line| line.split('\t').collect()).collect();
     let mut met = 0;
     for harness in listed {
         match told.iter().find(|parts| parts[0] == harness.name).map(Vec::as_slice) {

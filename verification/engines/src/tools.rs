@@ -2,7 +2,7 @@
 //!
 //! Invariant: the search for an engine starts nothing that could download one.
 
-use retrace_task_support::tools::{home, linker, on_path, program, said, sysroot, toolbox, variable};
+use retrace_task_support::tools::{home, linker, on_path, program, result, sysroot, toolbox, variable};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -58,7 +58,7 @@ pub(crate) fn cbmc() -> Result<CbmcTools, String> {
     if !missing.is_empty() {
         return Err(missing.join(", "));
     }
-    let version = |tool: &Path| said(Command::new(tool).arg("--version")).unwrap_or_else(|| "unknown".into());
+    let version = |tool: &Path| result(Command::new(tool).arg("--version")).unwrap_or_else(|| "unknown".into());
     let versions = vec![
         ("cbmc".to_owned(), version(&cbmc)),
         ("wasm2c".to_owned(), version(&wasm2c)),
@@ -88,7 +88,7 @@ fn kani_in(home: &Path) -> Option<String> {
 
 /// The version of the rustc on PATH.
 pub(crate) fn rustc_version() -> String {
-    said(Command::new("rustc").arg("--version")).unwrap_or_else(|| "unknown".into())
+    result(Command::new("rustc").arg("--version")).unwrap_or_else(|| "unknown".into())
 }
 
 fn wabt_include() -> Option<PathBuf> {

@@ -107,12 +107,12 @@ impl Observer {
         self.status().outputs[usize::from(TORCH)]
     }
 
-    fn word(&mut self, draw: &mut Draw) {
+    fn command(&mut self, draw: &mut Draw) {
         let (status, value) = (self.status(), draw.below(2) as i32);
         let mut changes = [OutputChange::default(); 4];
         changes[0] = OutputChange { channel: TORCH, value };
         let rates = [Rate::ONE, Rate::ONE, -Rate::ONE, Rate::ZERO, Rate::ONE / 3, -Rate::ONE / 5];
-        let word = match draw.below(12) {
+        let command = match draw.below(12) {
             0..=2 => HostCommand::rate(rates[draw.below(rates.len() as u32) as usize]),
             3 => {
                 let (number, place) = (status.executed.wrapping_add(1), status.place.record + draw.below(8));
@@ -149,10 +149,10 @@ impl Observer {
                 return;
             }
         };
-        if self.card.accept(word).is_err() {
+        if self.card.accept(command).is_err() {
             return;
         }
-        match word {
+        match command {
             HostCommand::Instruction(instruction) if value != 0 => {
                 self.asked = true;
                 self.pending = Some(instruction.number).filter(|&number| number != self.status().executed);
@@ -162,14 +162,16 @@ impl Observer {
             HostCommand::Restart { .. } => self.blocked = false,
             _ => {}
         }
-        self.keeps |=
-            matches!(word, HostCommand::Repeat(_) | HostCommand::Instruction(Instruction { keeps_cutter: true, .. }));
+        self.keeps |= matches!(
+            command,
+            HostCommand::Repeat(_) | HostCommand::Instruction(Instruction { keeps_cutter: true, .. })
+        );
     }
 
-    fn period(&mut self, levels: u16, heard: bool) {
+    fn period(&mut self, levels: u16, keep_alive: bool) {
         let before = self.status();
-        if heard {
-            self.card.heard();
+        if keep_alive {
+            self.card.keep_alive();
             self.silent = 0;
         }
         self.card.run_period(InputLevels { levels, ..InputLevels::default() });
@@ -223,12 +225,12 @@ pub(super) fn drawn_words(size: Size) -> String {
                         observer.closed = true;
                     }
                 }
-                _ => observer.word(&mut draw),
+                _ => observer.command(&mut draw),
             }
             let levels = if draw.below(80) == 0 { STOP } else { 0 };
-            let heard = draw.below(40) != 0;
+            let keep_alive = draw.below(40) != 0;
             for _ in 0..draw.below(24) {
-                observer.period(levels, heard);
+                observer.period(levels, keep_alive);
                 periods += 1;
             }
         }

@@ -20,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 pub(super) struct Emulator {
     child: Child,
     monitor: ChildStdin,
-    said: Arc<Mutex<String>>,
+    result: Arc<Mutex<String>>,
     line: String,
 }
 
@@ -50,8 +50,8 @@ impl Emulator {
         let (Some(monitor), Some(mut output)) = (child.stdin.take(), child.stdout.take()) else {
             return Err("QEMU has no pipes".into());
         };
-        let said = Arc::new(Mutex::new(String::new()));
-        let heard = Arc::clone(&said);
+        let result = Arc::new(Mutex::new(String::new()));
+        let heard = Arc::clone(&result);
         std::thread::spawn(move || {
             let mut bytes = [0; 4096];
             while let Ok(count @ 1..) = output.read(&mut bytes) {
@@ -60,8 +60,8 @@ impl Emulator {
                 }
             }
         });
-        let mut emulator = Self { child, monitor, said, line: String::new() };
-        let greeting = emulator.wait(0, |said| said.contains(PROMPT) && line_in(said).is_some())?;
+        let mut emulator = Self { child, monitor, result, line: String::new() };
+        let greeting = emulator.wait(0, |result| result.contains(PROMPT) && line_in(result).is_some())?;
         emulator.line = line_in(&greeting).unwrap_or_default();
         Ok(emulator)
     }
@@ -87,25 +87,26 @@ impl Emulator {
     }
 
     fn ask(&mut self, question: &str) -> Result<String, String> {
-        let from = self.said.lock().map_or(0, |said| said.len());
+        let from = self.result.lock().map_or(0, |result| result.len());
         writeln!(self.monitor, "{question}").map_err(|error| format!("QEMU's monitor: {error}"))?;
         // its echo ends before the answer begins, on a line of its own
-        self.wait(from, |said| said.split_once('\n').is_some_and(|(_, answer)| answer.ends_with(PROMPT)))
+        self.wait(from, |result| result.split_once('\n').is_some_and(|(_, answer)| answer.ends_with(PROMPT)))
     }
 
     /// Waits until the output from position `from` on is as wanted.
     fn wait(&mut self, from: usize, wanted: impl Fn(&str) -> bool) -> Result<String, String> {
         let until = Instant::now() + PATIENCE;
         loop {
-            let said = self.said.lock().map(|said| said.get(from..).unwrap_or_default().to_owned()).unwrap_or_default();
-            if wanted(&said) {
-                return Ok(said);
+            let result =
+                self.result.lock().map(|result| result.get(from..).unwrap_or_default().to_owned()).unwrap_or_default();
+            if wanted(&result) {
+                return Ok(result);
             }
             if !self.runs() {
-                return Err(format!("QEMU has ended: {said}"));
+                return Err(format!("QEMU has ended: {result}"));
             }
             if Instant::now() > until {
-                return Err(format!("QEMU does not answer: {said}"));
+                return Err(format!("QEMU does not answer: {result}"));
             }
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -121,8 +122,8 @@ impl Drop for Emulator {
 }
 
 /// The terminal that QEMU names: `char device redirected to … (label serial0)`.
-fn line_in(said: &str) -> Option<String> {
-    said.split_once("redirected to ").and_then(|(_, rest)| rest.split_whitespace().next()).map(str::to_owned)
+fn line_in(result: &str) -> Option<String> {
+    result.split_once("redirected to ").and_then(|(_, rest)| rest.split_whitespace().next()).map(str::to_owned)
 }
 
 /// The words of a dump: lines of an address, a colon, and words.

@@ -34,8 +34,8 @@ impl Ended {
 
     /// The last lines of its output, for a message.
     pub fn last_words(&self) -> String {
-        let said = if self.errors.trim().is_empty() { &self.output } else { &self.errors };
-        let lines: Vec<&str> = said.lines().filter(|line| !line.trim().is_empty()).collect();
+        let result = if self.errors.trim().is_empty() { &self.output } else { &self.errors };
+        let lines: Vec<&str> = result.lines().filter(|line| !line.trim().is_empty()).collect();
         lines[lines.len().saturating_sub(12)..].join("\n")
     }
 }

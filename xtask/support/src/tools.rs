@@ -25,7 +25,7 @@ pub fn on_path(name: &str) -> Option<PathBuf> {
 
 /// rust-lld of the toolchain.
 pub fn linker() -> Option<PathBuf> {
-    let verbose = said(Command::new("rustc").arg("-vV"))?;
+    let verbose = result(Command::new("rustc").arg("-vV"))?;
     let host = verbose.lines().find_map(|line| line.strip_prefix("host: "))?;
     let linker = sysroot()?.join("lib/rustlib").join(host).join("bin/rust-lld");
     linker.is_file().then_some(linker)
@@ -33,11 +33,11 @@ pub fn linker() -> Option<PathBuf> {
 
 /// The folder of the toolchain.
 pub fn sysroot() -> Option<PathBuf> {
-    said(Command::new("rustc").args(["--print", "sysroot"])).map(PathBuf::from)
+    result(Command::new("rustc").args(["--print", "sysroot"])).map(PathBuf::from)
 }
 
 /// The output of a command that must succeed.
-pub fn said(command: &mut Command) -> Option<String> {
+pub fn result(command: &mut Command) -> Option<String> {
     let output = command.output().ok().filter(|output| output.status.success())?;
     Some(String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }

@@ -25,7 +25,7 @@ fn running() -> TestCard {
     card.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 1 })).expect("an output");
     card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
     for _ in 0..10 {
-        card.heard();
+        card.keep_alive();
         card.run_period(levels(0));
     }
     assert!(card.status().place.record.number() >= 3 && card.status().outputs[3] == 1);
@@ -39,7 +39,7 @@ fn brakes(card: &mut TestCard, inputs: InputLevels, alarm: Alarm) {
     assert_eq!((status.alarm, status.outputs[3]), (Some(alarm), 0));
     assert!(status.rate != Rate::ZERO && status.rate <= rate, "braked, not cut off");
     for _ in 1..STOPS_WITHIN {
-        card.heard();
+        card.keep_alive();
         assert_eq!(card.accept(HostCommand::rate(Rate::ONE)), Err(CommandRefusal::Alarm));
         card.run_period(inputs);
     }
@@ -71,14 +71,14 @@ fn every_cause_brakes_on_the_path_and_keeps_the_outputs_safe_until_it_is_gone_an
         assert_eq!(card.accept(HostCommand::Home(HomingCommand::default())), Err(CommandRefusal::Alarm));
         card.accept(HostCommand::Ahead { place: RecordIndex::new(60), record: record(60) })
             .expect("records are taken all the same");
-        card.heard();
+        card.keep_alive();
         card.run_period(levels(0));
         card.accept(HostCommand::ClearAlarm).expect("the cause has gone");
         card.accept(HostCommand::ManualOutput(OutputChange { channel: 3, value: 2 }))
             .expect("nothing keeps it any more");
         let place = card.status().place;
         for _ in 0..20 {
-            card.heard();
+            card.keep_alive();
             assert_eq!((card.run_period(levels(0)).place, card.status().alarm), (place, None));
         }
         card.accept(HostCommand::rate(Rate::ONE)).expect("a new word");
@@ -107,7 +107,7 @@ fn a_silent_host_stops_the_card_also_at_rest_and_opening_anew_does_not_clear_it(
     other.safe[0] = OutputChange { channel: 5, value: 9 };
     card.open(&other).expect("at rest");
     assert_eq!(card.status().outputs[5], 9, "what is safe is said anew and holds at once");
-    card.heard();
+    card.keep_alive();
     card.accept(HostCommand::ClearAlarm).expect("the host is there");
 
     let mut idle = TestCard::new(identity()).expect("a memory");
@@ -127,7 +127,7 @@ fn a_door_may_be_open_while_nothing_moves_and_stops_what_is_about_to() {
     let mut card = opened(0);
     for place in 0..40 {
         card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record: record(place) }).expect("room");
-        card.heard();
+        card.keep_alive();
         assert_eq!(card.run_period(levels(DOOR)).alarm, None);
     }
     card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
@@ -161,7 +161,7 @@ fn a_limit_switch_that_was_cleared_lets_the_axis_leave_and_nothing_else() {
             card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record }).expect("room");
         }
         card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
-        card.heard();
+        card.keep_alive();
         let alarm = card.run_period(levels(UPPER_LIMIT)).alarm;
         assert_eq!(alarm, wrong.then_some(limit));
         card.run_period(levels(0));
@@ -212,7 +212,7 @@ fn an_instruction_that_fails_or_takes_too_long_is_not_executed_and_its_number_st
         assert_eq!((card.run_period(levels(0)).alarm, card.status().executed), (alarm, 0));
     }
     card.accept(HostCommand::ClearAlarm).expect("nothing stands against it");
-    card.heard();
+    card.keep_alive();
     card.accept(HostCommand::Instruction(instruction)).expect("the number is the next still");
     for _ in 0..8 {
         assert_eq!(card.run_period(levels(PLAIN)).executed, 0, "the target is 0 since the alarm");
@@ -288,15 +288,15 @@ fn settings_that_do_not_fit_are_refused_and_change_nothing() {
     }
     assert_eq!(card.open(&no_output), Err(CommandRefusal::NoSuchChannel));
     assert!(card.settings().is_none() && card.status().place == Place::start_of(RecordIndex::new(0)));
-    let words: [HostCommand<2>; 5] = [
+    let commands: [HostCommand<2>; 5] = [
         HostCommand::rate(Rate::from_units(1)),
         HostCommand::Ahead { place: RecordIndex::new(0), record: record(0) },
         HostCommand::ClearAlarm,
         HostCommand::ManualOutput(OutputChange::default()),
         HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() }),
     ];
-    for word in words {
-        assert_eq!(card.accept(word), Err(CommandRefusal::Unsupported), "nobody has opened it");
+    for command in commands {
+        assert_eq!(card.accept(command), Err(CommandRefusal::Unsupported), "nobody has opened it");
     }
     card.accept(HostCommand::rate(Rate::ZERO)).expect("a stop is always taken");
     card.open(&good).expect("fit");
@@ -397,7 +397,7 @@ fn home(card: &mut TestCard, at: i64, farthest: u32, mut each: impl FnMut(&mut T
     card.accept(HostCommand::Home(order)).expect("at rest, nothing on the window");
     let mut position = 0;
     for n in 0..20_000 {
-        card.heard();
+        card.keep_alive();
         each(card, n);
         // the limit switch lies right behind the home switch
         let inputs = if position >= at { HOME | UPPER_LIMIT } else { 0 };
@@ -415,7 +415,7 @@ fn home(card: &mut TestCard, at: i64, farthest: u32, mut each: impl FnMut(&mut T
             HostCommand::rate(Rate::ONE),
             HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() }),
         ];
-        assert!(path.into_iter().all(|word| card.accept(word).is_err()));
+        assert!(path.into_iter().all(|command| card.accept(command).is_err()));
         assert_eq!(card.open(&settings(2, 0)), Err(CommandRefusal::InMotion));
         assert_eq!(
             card.accept(HostCommand::Home(order)),

@@ -44,7 +44,7 @@ impl Host {
         .expect("room");
         card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
         while Place::start_of(RecordIndex::new(first)).distance_to(card.status().place) < Distance::RECORD {
-            card.heard();
+            card.keep_alive();
             card.run_period(levels(0));
         }
         card.open(&settings(2, first)).expect("at rest");
@@ -110,20 +110,20 @@ impl Host {
             if place.is_before(RecordIndex::new(self.first)) {
                 break;
             }
-            let word = HostCommand::Behind {
+            let command = HostCommand::Behind {
                 place,
                 record: self.record(place.number()),
                 rests: self.rests_before(place.number()),
             };
-            if self.card.accept(word).is_err() {
+            if self.card.accept(command).is_err() {
                 break;
             }
         }
     }
 
-    fn period(&mut self, heard: bool) {
-        if heard {
-            self.card.heard();
+    fn period(&mut self, keep_alive: bool) {
+        if keep_alive {
+            self.card.keep_alive();
         }
         let was = *self.card.status();
         self.card.run_period(levels(0));
@@ -153,15 +153,15 @@ impl Host {
 
     /// A host that knows nothing but the job and what the card says of itself goes on.
     fn begin(&mut self) {
-        let said = *self.card.status();
+        let result = *self.card.status();
         self.epoch += 1;
-        let rests = said.place.fraction == 0 && self.rests_before(said.place.record.number());
-        let start = PathStart { place: said.place, rests, reached: said.reached, executed: said.executed };
+        let rests = result.place.fraction == 0 && self.rests_before(result.place.record.number());
+        let start = PathStart { place: result.place, rests, reached: result.reached, executed: result.executed };
         self.card.open(&CardSettings { start, ..settings(self.epoch, 0) }).expect("it stands");
         let now = *self.card.status();
-        assert_eq!((now.place, now.reached, now.executed), (said.place, said.reached, said.executed));
-        assert_eq!((now.counts, now.outputs), (said.counts, said.outputs));
-        assert_eq!((now.low, now.high), (said.place.record, said.place.record));
+        assert_eq!((now.place, now.reached, now.executed), (result.place, result.reached, result.executed));
+        assert_eq!((now.counts, now.outputs), (result.counts, result.outputs));
+        assert_eq!((now.low, now.high), (result.place.record, result.place.record));
         self.card.accept(HostCommand::ClearAlarm).expect("nothing is wrong any more");
         assert_eq!(self.card.status().alarm, None);
         // Neither way is there anything to run on yet.
@@ -169,8 +169,8 @@ impl Host {
             self.card.accept(HostCommand::rate(target)).expect("a rate");
             for _ in 0..3 {
                 self.period(true);
-                assert_eq!((self.card.status().place, self.card.status().at_rest), (said.place, true));
-                assert!(self.card.status().starved || said.place.fraction == 0);
+                assert_eq!((self.card.status().place, self.card.status().at_rest), (result.place, true));
+                assert!(self.card.status().starved || result.place.fraction == 0);
             }
         }
         self.card.accept(HostCommand::rate(Rate::ZERO)).expect("a rate");
@@ -258,7 +258,7 @@ fn a_path_in_motion_is_not_left_at_full_rate() {
             card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record }).expect("room");
         }
         card.accept(HostCommand::rate(Rate::ONE)).expect("a rate");
-        card.heard();
+        card.keep_alive();
         card.run_period(levels(0)).rate
     };
     assert_eq!(rate_after(true), Rate::ONE);

@@ -1,7 +1,7 @@
 //! The integration tests of `retrace-card`, in one binary, which links once.
 
 mod alarms;
-mod any_words;
+mod any_commands;
 mod common;
 mod epochs;
 mod order;

@@ -84,7 +84,7 @@ impl Host<'_> {
     }
 
     fn turn(&mut self, report: &CardStatus<2>) -> Vec<HostCommand<2>> {
-        let mut words = Vec::new();
+        let mut commands = Vec::new();
         if self.gates.acknowledge(report.executed).is_some() {
             (self.done, self.asked) = (self.done + 1, false);
         }
@@ -95,14 +95,15 @@ impl Host<'_> {
             if !self.asked && (due || self.job.early) {
                 self.gates.mark_sent();
                 self.asked = true;
-                words.push(HostCommand::Instruction(instruction));
+                commands.push(HostCommand::Instruction(instruction));
             }
         }
         while self.sent != self.job.start.wrapping_add(RECORDS) && self.gates.b_open(RecordIndex::new(self.sent)) {
-            words.push(HostCommand::Ahead { place: RecordIndex::new(self.sent), record: record(self.job, self.sent) });
+            commands
+                .push(HostCommand::Ahead { place: RecordIndex::new(self.sent), record: record(self.job, self.sent) });
             self.sent = self.sent.wrapping_add(1);
         }
-        words
+        commands
     }
 }
 
@@ -153,24 +154,24 @@ fn run(job: &Job) {
     let mut card: TestCard = opened(job.start);
     let mut host = Host { job, gates: Gates::default(), done: 0, sent: job.start, asked: false };
     let mut judge = Judge { job, begun: None };
-    let (mut words, mut rates) = (Line::new(job.delays[0]), Line::new(job.delays[1]));
+    let (mut commands, mut rates) = (Line::new(job.delays[0]), Line::new(job.delays[1]));
     let mut reports = Line::new(job.delays[2]);
-    let mut heard = *card.status();
+    let mut keep_alive = *card.status();
     let end = (Rate::ONE, 2000);
     let asked = job.rates.iter().copied().chain([end]).flat_map(|(rate, n)| (0..n).map(move |_| rate));
     let mut last = None;
     for rate in asked {
-        let word = (last != Some(rate)).then_some(HostCommand::rate(rate));
+        let command = (last != Some(rate)).then_some(HostCommand::rate(rate));
         last = Some(rate);
-        for word in rates.pass(word.into_iter().collect()) {
-            card.accept(word).expect("a rate");
+        for command in rates.pass(command.into_iter().collect()) {
+            card.accept(command).expect("a rate");
         }
-        for word in words.pass(host.turn(&heard)) {
+        for command in commands.pass(host.turn(&keep_alive)) {
             let was = *card.status();
-            card.accept(word).expect("every word of this host is in order");
+            card.accept(command).expect("every word of this host is in order");
             judge.look(&was, card.status());
         }
-        card.heard();
+        card.keep_alive();
         let was = *card.status();
         let waits = was.executed as usize;
         let due = judge.begun.zip(job.markers.get(waits).and_then(|m| m.2));
@@ -178,7 +179,7 @@ fn run(job: &Job) {
         card.run_period(levels(if input { common::PLAIN } else { 0 }));
         judge.look(&was, card.status());
         for report in reports.pass(vec![*card.status()]) {
-            heard = report;
+            keep_alive = report;
         }
         if was.executed as usize == job.markers.len()
             && was.place == Place::start_of(RecordIndex::new(job.start.wrapping_add(RECORDS)))

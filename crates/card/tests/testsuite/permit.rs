@@ -63,8 +63,8 @@ impl Bench {
         *self.card.status()
     }
 
-    fn send(&mut self, word: HostCommand<2>) {
-        self.card.accept(word).expect("it is taken");
+    fn send(&mut self, command: HostCommand<2>) {
+        self.card.accept(command).expect("it is taken");
     }
 
     fn rate(&mut self, target: Rate) {
@@ -73,7 +73,7 @@ impl Bench {
 
     fn period(&mut self) -> CardStatus<2> {
         if !self.silent {
-            self.card.heard();
+            self.card.keep_alive();
         }
         *self.card.run_period(levels(self.levels))
     }

@@ -33,7 +33,7 @@ proptest! {
     #[test]
     fn what_is_accepted_can_be_emitted(
         records in records(),
-        words in prop::collection::vec((prop_oneof![Just(Rate::ONE), Just(Rate::ONE * 8), Just(Rate::ONE * -8),
+        commands in prop::collection::vec((prop_oneof![Just(Rate::ONE), Just(Rate::ONE * 8), Just(Rate::ONE * -8),
             rates(-8, 8)], 1u32..60), 1..12),
     ) {
         let mut card = LongCard::new(identity()).expect("a memory");
@@ -59,10 +59,10 @@ proptest! {
             }
         }
         let mut fullest = 0;
-        for (target, periods) in words {
+        for (target, periods) in commands {
             card.accept(HostCommand::rate(target)).expect("a rate");
             for _ in 0..periods {
-                card.heard();
+                card.keep_alive();
                 let increments = card.run_period(levels(0)).increments;
                 for (output, increment) in outputs.iter_mut().zip(increments) {
                     prop_assert_eq!(output.begin_period(increment), Ok(()));
@@ -82,10 +82,10 @@ proptest! {
         let cap = RapidCap::sixteenths(cap);
         let record = Record { increments: [0, increment], cap, ..Record::default() };
         let place = if back { u32::MAX } else { 0 };
-        let word = if back { HostCommand::Behind { place: RecordIndex::new(place), record,
+        let command = if back { HostCommand::Behind { place: RecordIndex::new(place), record,
             rests: true } } else { HostCommand::Ahead { place: RecordIndex::new(place), record } };
         let fits = i64::from(increment).abs() * i64::from(cap.get()) <= 246 * 16;
-        prop_assert_eq!(card.accept(word), if fits { Ok(()) } else { Err(CommandRefusal::Unsupported) });
+        prop_assert_eq!(card.accept(command), if fits { Ok(()) } else { Err(CommandRefusal::Unsupported) });
         prop_assert_eq!(card.status().alarm, (!fits).then_some(Alarm::TooManyPulses { axis: 1 }));
     }
 }

@@ -251,7 +251,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn perform_step(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
         let latched = self.dnc.interruption.breakpoint().copied();
         let turned = latched.and_then(|latch| latch.spindle);
-        let said = match command {
+        let result = match command {
             OperatorCommand::SpindleStop => Said::StopSpindle,
             OperatorCommand::SpindleStart => {
                 Said::StartSpindle(turned.map_or(SpindleDirection::Clockwise, |was| was.direction))
@@ -262,7 +262,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             _ => Said::CycleStart { program: latched.map_or(0, |latch| latch.program) },
         };
         let before = self.dnc.interruption;
-        match self.dnc.interruption.apply(said)? {
+        match self.dnc.interruption.apply(result)? {
             InterruptionAction::StopSpindle => {
                 self.dnc.cutter_is_armed = false;
                 self.switch_manually(channel::SPINDLE, 0);

@@ -71,7 +71,7 @@ fn model(words: &[&str]) -> (Vec<Result<(), InterruptionError>>, bool) {
         spindle: Some(SpindleState { direction: SpindleDirection::Clockwise, speed: 1_000_000 }),
     };
     let mut order = Interruption::<AXES>::reading();
-    let said = words.iter().map(|&word| {
+    let result = words.iter().map(|&word| {
         let effect = order.apply(match word {
             "pause" => InterruptionEvent::Pause(latch),
             "spindle stop" => InterruptionEvent::StopSpindle,
@@ -85,8 +85,8 @@ fn model(words: &[&str]) -> (Vec<Result<(), InterruptionError>>, bool) {
         }
         Ok(())
     });
-    let said = said.collect();
-    (said, order.may_read())
+    let result = result.collect();
+    (result, order.may_read())
 }
 
 /// Checks a sequence of commands, each some time after the one before. Returns whether the program was completed.
@@ -95,7 +95,7 @@ fn check(machine: &MachineConfig, words: &[&str], plain: [i64; AXES]) -> bool {
         words.iter().fold("at 0.3s jog z 0.1\n".to_owned(), |script, word| script + &format!("after 0.25s {word}\n"));
     // Where nothing resumes the job, it ends without the wait for an operator.
     let (counts, events) = run(machine, &(script + "after 0.25s output 1 on\n"));
-    let (said, reads) = model(words);
+    let (result, reads) = model(words);
     let refused: Vec<&CommandError> = events
         .iter()
         .filter_map(|event| match &event.kind {
@@ -106,7 +106,7 @@ fn check(machine: &MachineConfig, words: &[&str], plain: [i64; AXES]) -> bool {
     // The jog before anything is paused, and what the model rejects. After a cycle start that is none of these steps, a
     // hold is required.
     let mut wanted = vec![CommandError::Interrupted(InterruptionError::NotPaused)];
-    wanted.extend(words.iter().zip(&said).filter_map(|(word, said)| match said {
+    wanted.extend(words.iter().zip(&result).filter_map(|(word, result)| match result {
         Err(InterruptionError::NotPaused) if *word == "cycle start" => {
             Some(retrace_core::mode::ModeError::NotHeld.into())
         }

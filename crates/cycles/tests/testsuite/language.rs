@@ -110,10 +110,10 @@ fn parameters_are_known_by_their_places() {
     let source = "PROC TEST(REAL a, STRING[20] b, INT c=7, BOOL d) SAVE DISPLOF\n\
         MSG(a << \",\" << b << \",\" << c << \",\" << d << \":\" << $P_SUBPAR[1] << $P_SUBPAR[2] << $P_SUBPAR[3] << \
         $P_SUBPAR[4])\nM17";
-    let said = |call| test(source, call).messages.concat();
-    assert_eq!(said("TEST(1.5,\"xy\",2.4,3)"), "1.5,xy,2,1:1111");
-    assert_eq!(said("TEST(,,,1)"), "0,,7,1:0001");
-    assert_eq!(said("TEST"), "0,,7,0:0000");
+    let result = |call| test(source, call).messages.concat();
+    assert_eq!(result("TEST(1.5,\"xy\",2.4,3)"), "1.5,xy,2,1:1111");
+    assert_eq!(result("TEST(,,,1)"), "0,,7,1:0001");
+    assert_eq!(result("TEST"), "0,,7,0:0000");
     let library = CycleLibrary::of_sources(&[("TEST", source)]);
     for wrong in ["TEST(\"x\")", "TEST(1,2)", "TEST(1,\"x\",1,1,1)", "TEST(,\"123456789012345678901\")"] {
         let alarm = halted(run(&library, wrong, &mut Recorder::default()));

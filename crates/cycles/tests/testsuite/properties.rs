@@ -146,7 +146,7 @@ proptest! {
     }
 
     #[test]
-    fn any_words_are_answered_and_spans_stay_in_their_lines(text in source(), number in -1e3..1e3) {
+    fn any_commands_are_answered_and_spans_stay_in_their_lines(text in source(), number in -1e3..1e3) {
         let library = CycleLibrary::of_sources(&[("TEST", &text)]);
         let lines: Vec<&str> = text.split('\n').collect();
         for finding in library.findings() {

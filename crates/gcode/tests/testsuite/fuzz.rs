@@ -53,7 +53,7 @@ proptest! {
     }
 
     #[test]
-    fn any_words(text in "([GMXYZIJKRPLFSTHNO#=<>\\[\\]()%;/*+.0-9 \na-z-]{0,30}\n){0,12}") {
+    fn any_commands(text in "([GMXYZIJKRPLFSTHNO#=<>\\[\\]()%;/*+.0-9 \na-z-]{0,30}\n){0,12}") {
         survives(text.as_bytes());
     }
 

@@ -93,14 +93,14 @@ impl<C: MotionCard<3>> MotionCard<3> for OncePerEpoch<C> {
         self.card.window()
     }
 
-    fn send(&mut self, word: HostCommand<3>) -> Result<(), CommandRefusal> {
-        if let HostCommand::Instruction(instruction) = word {
+    fn send(&mut self, command: HostCommand<3>) -> Result<(), CommandRefusal> {
+        if let HostCommand::Instruction(instruction) = command {
             if self.told == instruction.number {
                 return Ok(());
             }
             self.told = instruction.number;
         }
-        self.card.send(word)
+        self.card.send(command)
     }
 
     fn run_period(&mut self) -> Result<&retrace_link::CardStatus<3>, C::Fault> {
@@ -237,10 +237,10 @@ fn come_back(mut rig: CardSimulator<3>, nonce: u32) -> OncePerEpoch<LinkedCard<3
     wired.wait_at_rest(nonce + 1000).expect("it stands");
     let stood = *wired.port().simulator().status();
     assert_eq!((stood.alarm, stood.at_rest), (Some(Alarm::HostSilent), true));
-    let said: Greeting<3> = *wired.greeting().expect("it was found by it");
-    assert_eq!((said.place, said.reached, said.executed), (stood.place, stood.reached, stood.executed));
-    assert_eq!((said.counts, said.counts), (stood.counts, position(said.place)));
-    let start = start_of(said.place, said.reached.number(), said.executed);
+    let result: Greeting<3> = *wired.greeting().expect("it was found by it");
+    assert_eq!((result.place, result.reached, result.executed), (stood.place, stood.reached, stood.executed));
+    assert_eq!((result.counts, result.counts), (stood.counts, position(result.place)));
+    let start = start_of(result.place, result.reached.number(), result.executed);
     wired.open(CardSettings { start, ..settings() }).expect("it takes the settings");
     assert_eq!(wired.status().alarm, Some(Alarm::HostSilent));
     wired.send(HostCommand::ClearAlarm).expect("taken");

@@ -15,7 +15,7 @@ use retrace_link::{
 #[derive(Clone, Debug, Default)]
 struct Recording {
     sent: Vec<u8>,
-    heard: Vec<u8>,
+    keep_alive: Vec<u8>,
     injected: Vec<u8>,
 }
 
@@ -52,7 +52,7 @@ impl BytePort for Recorder {
             return Ok(count);
         }
         let count = self.inner.read(bytes, wait_us)?;
-        tape.heard.extend_from_slice(&bytes[..count]);
+        tape.keep_alive.extend_from_slice(&bytes[..count]);
         Ok(count)
     }
 }
@@ -168,12 +168,12 @@ fn a_replayed_opening_is_no_sign_of_life() {
 fn replayed_greetings_and_reports_change_nothing_of_a_running_job() {
     let (rig_of_session, old) = session(1);
     let (mut host, tape) = find(rig_of_session, 9);
-    let greetings = tape.lock().expect("whole").heard.clone();
+    let greetings = tape.lock().expect("whole").keep_alive.clone();
     open(&mut host);
     let base = host.status().counts;
     host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     for round in 0..20 {
-        tape.lock().expect("whole").injected.extend([&[0], &greetings[..], &old.heard, &[0]].concat());
+        tape.lock().expect("whole").injected.extend([&[0], &greetings[..], &old.keep_alive, &[0]].concat());
         for _ in 0..10 {
             let place = host.status().high;
             let record = Record { increments: [round, -3, 1], line: place.number(), ..Record::default() };

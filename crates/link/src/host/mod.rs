@@ -28,7 +28,7 @@ use crate::{
 };
 
 /// Maximum number of commands in transit. They occupy the line, not the card's window.
-const WORDS: usize = 128;
+const MAX_COMMANDS: usize = 128;
 /// Number of recent records retained: twice the largest window that is used.
 const CELLS: usize = 8192;
 /// Maximum number of reported entries that are not published yet.
@@ -104,7 +104,7 @@ pub struct HostEndpoint<const A: usize> {
     probing: bool,
     settings: Option<CardSettings<A>>,
     decoder: FrameDecoder<MAX_PAYLOAD>,
-    queue: [HostCommand<A>; WORDS],
+    queue: [HostCommand<A>; MAX_COMMANDS],
     /// Number of the oldest command that is not acknowledged.
     base: u16,
     count: u16,
@@ -178,7 +178,7 @@ impl<const A: usize> HostEndpoint<A> {
             probing: false,
             settings: None,
             decoder: FrameDecoder::new(),
-            queue: [HostCommand::ClearAlarm; WORDS],
+            queue: [HostCommand::ClearAlarm; MAX_COMMANDS],
             base: 0,
             count: 0,
             sent: 0,
@@ -271,7 +271,7 @@ impl<const A: usize> HostEndpoint<A> {
     /// compared then.
     #[must_use]
     pub fn is_where_reported(&self) -> bool {
-        self.off_path || self.greeting.as_ref().is_none_or(|said| said.place == self.status.place)
+        self.off_path || self.greeting.as_ref().is_none_or(|result| result.place == self.status.place)
     }
 
     /// Whether the card has confirmed the end of the epoch.
@@ -333,8 +333,8 @@ impl<const A: usize> HostEndpoint<A> {
     ///
     /// # Errors
     /// Returns the predicted rejection of the card; also [`CommandRefusal::Full`] while enough commands are in transit.
-    pub fn send(&mut self, word: HostCommand<A>) -> Result<(), CommandRefusal> {
-        match word {
+    pub fn send(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal> {
+        match command {
             HostCommand::Rate(target) => {
                 // A rate of zero also stops a homing axis, which no rate has started: it is therefore sent each time it
                 // is requested.
@@ -359,24 +359,25 @@ impl<const A: usize> HostEndpoint<A> {
             _ => {}
         }
         // A few queue slots are reserved for other commands, so that they never wait behind records.
-        let room = if matches!(word, HostCommand::Ahead { .. } | HostCommand::Behind { .. } | HostCommand::Action(_)) {
+        let room = if matches!(command, HostCommand::Ahead { .. } | HostCommand::Behind { .. } | HostCommand::Action(_))
+        {
             16
         } else {
             0
         };
-        if usize::from(self.count) + room >= WORDS {
+        if usize::from(self.count) + room >= MAX_COMMANDS {
             return Err(CommandRefusal::Full);
         }
-        self.predicted.predict(&word, self.newest_place, self.may_have_moved())?;
-        self.off_path |= matches!(word, HostCommand::Home(_));
+        self.predicted.predict(&command, self.newest_place, self.may_have_moved())?;
+        self.off_path |= matches!(command, HostCommand::Home(_));
         if self.count == self.sent {
             self.times.queued = self.times.now;
         }
         let number = self.base.wrapping_add(self.count);
-        if matches!(word, HostCommand::ClearAlarm) {
+        if matches!(command, HostCommand::ClearAlarm) {
             self.clearing = Some(AlarmClearing::Requested(number));
         }
-        self.queue[usize::from(number) % WORDS] = word;
+        self.queue[usize::from(number) % MAX_COMMANDS] = command;
         self.count += 1;
         self.update_status_window();
         Ok(())

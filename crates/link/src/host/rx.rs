@@ -2,7 +2,7 @@
 //!
 //! Invariant: an entry is processed once, in its order; a parse error leaves everything before it valid.
 
-use super::{AlarmClearing, ENTRIES, HostEndpoint, LinkError, Phase, StagedFrame, WORDS};
+use super::{AlarmClearing, ENTRIES, HostEndpoint, LinkError, MAX_COMMANDS, Phase, StagedFrame};
 use crate::frame::MAX_PAYLOAD;
 use crate::wire::{ByteReader, Greeting, ReportEntry, kind};
 use retrace_core::{Distance, RecordIndex};
@@ -85,7 +85,7 @@ impl<const A: usize> HostEndpoint<A> {
     }
 
     fn handle_report(&mut self, mut reader: ByteReader<'_>) -> Option<()> {
-        let (epoch, next_word, now_seen) = (reader.u16()?, reader.u16()?, reader.u16()?);
+        let (epoch, next_command, now_seen) = (reader.u16()?, reader.u16()?, reader.u16()?);
         if self.settings.as_ref().is_none_or(|settings| settings.epoch != epoch) {
             return None;
         }
@@ -99,8 +99,8 @@ impl<const A: usize> HostEndpoint<A> {
         if flags & 4 != 0 {
             self.fault.get_or_insert(LinkError::ReportLost);
         }
-        self.update_clearing(next_word, flags & 2 != 0);
-        self.acknowledge_commands(next_word, low, low + length);
+        self.update_clearing(next_command, flags & 2 != 0);
+        self.acknowledge_commands(next_command, low, low + length);
         if now_seen.wrapping_sub(self.acked_rate_seq) as i16 > 0 {
             self.acked_rate_seq = now_seen;
         }
@@ -145,9 +145,9 @@ impl<const A: usize> HostEndpoint<A> {
     }
 
     /// Updates the progress of an alarm-clearing command. `all` means that the report had every entry.
-    fn update_clearing(&mut self, next_word: u16, all: bool) {
+    fn update_clearing(&mut self, next_command: u16, all: bool) {
         match self.clearing {
-            Some(AlarmClearing::Requested(number)) if all && (next_word.wrapping_sub(number) as i16) > 0 => {
+            Some(AlarmClearing::Requested(number)) if all && (next_command.wrapping_sub(number) as i16) > 0 => {
                 self.clearing = Some(AlarmClearing::Accepted(self.next_entry));
             }
             // Every period reported since then came after the command.
@@ -156,17 +156,18 @@ impl<const A: usize> HostEndpoint<A> {
         }
     }
 
-    /// Handles the acknowledgement that the card received all commands before `next_word`; its window was `low … high`
+    /// Handles the acknowledgement that the card received all commands before `next_command`; its window was `low …
+    /// high`
     /// then.
-    fn acknowledge_commands(&mut self, next_word: u16, low: RecordIndex, high: RecordIndex) {
-        let taken = next_word.wrapping_sub(self.base);
+    fn acknowledge_commands(&mut self, next_command: u16, low: RecordIndex, high: RecordIndex) {
+        let taken = next_command.wrapping_sub(self.base);
         if taken > self.count {
             return;
         }
         if taken > 0 {
             self.frames.record_arrival();
             self.times.progress = self.times.now;
-            self.base = next_word;
+            self.base = next_command;
             self.count -= taken;
             self.sent = self.sent.saturating_sub(taken);
             if let StagedFrame::Stream(offset) = self.staged_kind {
@@ -176,9 +177,9 @@ impl<const A: usize> HostEndpoint<A> {
         self.predicted.set_reported(low, high);
         self.reported_high = high;
         for k in 0..self.count {
-            let word = self.queue[usize::from(self.base.wrapping_add(k)) % WORDS];
+            let command = self.queue[usize::from(self.base.wrapping_add(k)) % MAX_COMMANDS];
             // Commands predicted as accepted still are; what the card rejects anyway shows in a later report.
-            let _ = self.predicted.predict(&word, self.newest_place, false);
+            let _ = self.predicted.predict(&command, self.newest_place, false);
         }
         self.update_status_window();
     }

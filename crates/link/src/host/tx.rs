@@ -4,10 +4,10 @@
 //! Invariant: a frame is sent completely, or is ended early by a zero byte, so that the card never takes two frames for
 //! one.
 
-use super::{HostEndpoint, Phase, StagedFrame, WORDS};
+use super::{HostEndpoint, MAX_COMMANDS, Phase, StagedFrame};
 use crate::HostCommand;
 use crate::frame::{MAX_PAYLOAD, MAX_WIRE, encode_with_key};
-use crate::wire::{ByteWriter, Opening, RecordRun, kind, write_word};
+use crate::wire::{ByteWriter, Opening, RecordRun, kind, write_command};
 use retrace_core::Rate;
 
 /// Number of records that are sent at once; fewer are sent when one has waited for [`GATHER_US`].
@@ -133,8 +133,8 @@ impl<const A: usize> HostEndpoint<A> {
 
     /// Whether there is an unsent command that is not a record.
     fn has_unsent_command(&self) -> bool {
-        let word = |k: u16| &self.queue[usize::from(self.base.wrapping_add(k)) % WORDS];
-        (self.sent..self.count).any(|k| !matches!(word(k), HostCommand::Ahead { .. } | HostCommand::Behind { .. }))
+        let command = |k: u16| &self.queue[usize::from(self.base.wrapping_add(k)) % MAX_COMMANDS];
+        (self.sent..self.count).any(|k| !matches!(command(k), HostCommand::Ahead { .. } | HostCommand::Behind { .. }))
     }
 
     fn compose_rate(&mut self, kind: u8) -> bool {
@@ -169,8 +169,8 @@ impl<const A: usize> HostEndpoint<A> {
             writer.u16(self.base.wrapping_add(offset))
         })();
         while head.is_some() && self.sent < self.count {
-            let word = &self.queue[usize::from(self.base.wrapping_add(self.sent)) % WORDS];
-            if write_word(&mut writer, &mut run, word).is_none() {
+            let command = &self.queue[usize::from(self.base.wrapping_add(self.sent)) % MAX_COMMANDS];
+            if write_command(&mut writer, &mut run, command).is_none() {
                 break;
             }
             self.sent += 1;

@@ -25,13 +25,13 @@ mod tag {
 }
 
 /// Appends a command to a payload. Returns `None` if there is no space, or for a rate, which has a frame of its own.
-pub fn write_word<const A: usize>(
+pub fn write_command<const A: usize>(
     writer: &mut ByteWriter<'_>,
     run: &mut RecordRun<A>,
-    word: &HostCommand<A>,
+    command: &HostCommand<A>,
 ) -> Option<()> {
     let (length, was) = (writer.len(), *run);
-    let written = write(writer, run, word);
+    let written = write(writer, run, command);
     if written.is_none() {
         writer.truncate(length);
         *run = was;
@@ -39,8 +39,8 @@ pub fn write_word<const A: usize>(
     written
 }
 
-fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, word: &HostCommand<A>) -> Option<()> {
-    match word {
+fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, command: &HostCommand<A>) -> Option<()> {
+    match command {
         HostCommand::Ahead { place, record } => {
             place_of(writer, run, *place, false)?;
             run.write(writer, record, false, false)
@@ -110,7 +110,7 @@ fn place_of<const A: usize>(
 
 /// Reads the next command of a payload. Returns `None` if the bytes are invalid: the rest of the payload is then
 /// unusable.
-pub fn read_word<const A: usize>(reader: &mut ByteReader<'_>, run: &mut RecordRun<A>) -> Option<HostCommand<A>> {
+pub fn read_command<const A: usize>(reader: &mut ByteReader<'_>, run: &mut RecordRun<A>) -> Option<HostCommand<A>> {
     loop {
         return Some(match reader.u8()? {
             record if record & RECORD != 0 => return run.read(reader, record),

@@ -12,7 +12,7 @@ mod record;
 pub use bytes::{ByteReader, ByteWriter};
 pub use entry::ReportEntry;
 pub use handshake::{Greeting, Opening};
-pub use message::{read_word, write_word};
+pub use message::{read_command, write_command};
 pub use record::RecordRun;
 
 /// First byte of a payload: its kind.

@@ -97,8 +97,8 @@ fn after_any_noise_the_next_frame_is_found() {
         let frame = encode(&payload, &mut room).expect("it fits");
         let mut found = None;
         for &byte in frame {
-            if let Some(said) = decoder.push(byte) {
-                found = Some(said.map(<[u8]>::to_vec));
+            if let Some(result) = decoder.push(byte) {
+                found = Some(result.map(<[u8]>::to_vec));
             }
         }
         assert_eq!(found, Some(Ok(payload.to_vec())));

@@ -92,10 +92,10 @@ impl CardCore<3> for Works {
         Ok(())
     }
     fn record_host_frame(&mut self) {}
-    fn accept(&mut self, word: HostCommand<3>) -> Result<(), CommandRefusal> {
+    fn accept(&mut self, command: HostCommand<3>) -> Result<(), CommandRefusal> {
         let status = &mut self.status;
         let full = status.high.since(status.low) == WINDOW;
-        match word {
+        match command {
             HostCommand::Ahead { place, record } => {
                 if place != status.high {
                     return Err(CommandRefusal::OutOfOrder);

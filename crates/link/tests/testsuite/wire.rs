@@ -4,7 +4,9 @@ use proptest::prelude::*;
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Distance, Flags, Place, RapidCap, Record, RecordIndex};
 use retrace_link::frame::MAX_PAYLOAD;
-use retrace_link::wire::{ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, read_word, write_word};
+use retrace_link::wire::{
+    ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, read_command, write_command,
+};
 use retrace_link::{
     Alarm, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, HomingCommand,
     HostCommand, InputSetting, InputUse, InputWait, Instruction, MAX_CHANGES, MAX_CUTTING_CHANNELS, OutputAction,
@@ -47,7 +49,7 @@ fn instruction() -> impl Strategy<Value = Instruction> {
     })
 }
 
-fn word() -> impl Strategy<Value = HostCommand<4>> {
+fn command() -> impl Strategy<Value = HostCommand<4>> {
     prop_oneof![
         (any::<u32>(), record())
             .prop_map(|(place, record)| HostCommand::Ahead { place: RecordIndex::new(place), record }),
@@ -107,13 +109,13 @@ fn entry() -> impl Strategy<Value = ReportEntry> {
 
 proptest! {
     #[test]
-    fn words_are_read_back(words in prop::collection::vec(word(), 1..12), follow in any::<bool>(),
+    fn words_are_read_back(commands in prop::collection::vec(command(), 1..12), follow in any::<bool>(),
         start in any::<u32>()) {
-        let mut words = words;
+        let mut commands = commands;
         if follow {
             // runs, as they usually come
-            for (place, word) in (start..).zip(&mut words) {
-                match word {
+            for (place, command) in (start..).zip(&mut commands) {
+                match command {
                     HostCommand::Ahead { place: p, .. } => *p = RecordIndex::new(place),
                     HostCommand::Behind { place: p, .. } => *p = RecordIndex::new(0u32.wrapping_sub(place)),
                     _ => {}
@@ -122,13 +124,13 @@ proptest! {
         }
         let mut bytes = [0; 1000];
         let (mut writer, mut run) = (ByteWriter::new(&mut bytes), RecordRun::new(4));
-        for word in &words {
-            prop_assert_eq!(write_word(&mut writer, &mut run, word), Some(()));
+        for command in &commands {
+            prop_assert_eq!(write_command(&mut writer, &mut run, command), Some(()));
         }
         let length = writer.len();
         let (mut reader, mut run) = (ByteReader::new(&bytes[..length]), RecordRun::new(4));
-        for word in &words {
-            prop_assert_eq!(read_word(&mut reader, &mut run), Some(*word));
+        for command in &commands {
+            prop_assert_eq!(read_command(&mut reader, &mut run), Some(*command));
         }
         prop_assert!(reader.is_empty());
     }
@@ -150,15 +152,15 @@ proptest! {
 
     /// A word that does not fit leaves no trace: what comes before it is read as it was, and the next one too.
     #[test]
-    fn a_word_without_room_leaves_no_trace(words in prop::collection::vec(word(), 1..12), room in 0usize..120) {
+    fn a_word_without_room_leaves_no_trace(commands in prop::collection::vec(command(), 1..12), room in 0usize..120) {
         let mut bytes = [0; 120];
         let (mut writer, mut run) = (ByteWriter::new(&mut bytes[..room]), RecordRun::new(4));
-        let written: Vec<&HostCommand<4>> = words.iter().filter(|word| write_word(&mut writer, &mut run,
-            word).is_some()).collect();
+        let written: Vec<&HostCommand<4>> = commands.iter().filter(|command| write_command(&mut writer, &mut run,
+            command).is_some()).collect();
         let length = writer.len();
         let (mut reader, mut run) = (ByteReader::new(&bytes[..length]), RecordRun::new(4));
-        for word in written {
-            prop_assert_eq!(read_word(&mut reader, &mut run), Some(*word));
+        for command in written {
+            prop_assert_eq!(read_command(&mut reader, &mut run), Some(*command));
         }
         prop_assert!(reader.is_empty());
     }
@@ -166,7 +168,7 @@ proptest! {
     #[test]
     fn any_bytes_are_messages_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         let (mut reader, mut run) = (ByteReader::new(&bytes), RecordRun::<4>::new(4));
-        while read_word(&mut reader, &mut run).is_some() {}
+        while read_command(&mut reader, &mut run).is_some() {}
         let mut reader = ByteReader::new(&bytes);
         while ReportEntry::read(&mut reader).is_some() {}
         let _ = Greeting::<4>::read(&mut ByteReader::new(&bytes));

@@ -32,7 +32,7 @@ fn cutting_settings(epoch: u16, start: u32) -> CardSettings<2> {
 
 /// What may be done between two periods.
 #[derive(Debug, Clone)]
-enum Deed {
+enum HostStep {
     Ahead(u32),
     Behind(u32),
     Rate(RateTarget),
@@ -49,7 +49,7 @@ enum Deed {
     Open(u32),
     Home { upper: bool, fast: i64, slow: i64 },
     TooFast(i16),
-    Periods { count: u32, levels: u16, failed: bool, heard: bool },
+    Periods { count: u32, levels: u16, failed: bool, keep_alive: bool },
 }
 
 /// What an instruction does to a cutting channel besides, and whether it needs the cutter.
@@ -66,7 +66,7 @@ fn any_channel() -> impl Strategy<Value = u8> {
     prop_oneof![Just(3u8), Just(4u8), others]
 }
 
-fn deeds() -> impl Strategy<Value = Vec<Deed>> {
+fn steps() -> impl Strategy<Value = Vec<HostStep>> {
     let rate = prop_oneof![
         Just(Rate::ONE),
         Just(-Rate::ONE),
@@ -82,13 +82,9 @@ fn deeds() -> impl Strategy<Value = Vec<Deed>> {
         1 => Just(LOWER_LIMIT), 2 => Just(HOME), 1 => any::<u16>(),
     ];
     let failed = prop_oneof![40 => Just(false), 1 => Just(true)];
-    let heard = prop_oneof![30 => Just(true), 1 => Just(false)];
-    let periods = (1u32..40, levels, failed, heard).prop_map(|(count, levels, failed, heard)| Deed::Periods {
-        count,
-        levels,
-        failed,
-        heard,
-    });
+    let keep_alive = prop_oneof![30 => Just(true), 1 => Just(false)];
+    let periods = (1u32..40, levels, failed, keep_alive)
+        .prop_map(|(count, levels, failed, keep_alive)| HostStep::Periods { count, levels, failed, keep_alive });
     let at_most = prop_oneof![2 => Just(None), 1 => Just(Some(0u32)), 1 => (1u32..30).prop_map(Some)];
     let instruct = (
         prop_oneof![1 => Just(0u32), 1 => 0u32..40],
@@ -97,7 +93,7 @@ fn deeds() -> impl Strategy<Value = Vec<Deed>> {
         at_most.clone(),
         (3u8..5, 0i32..2, any::<bool>()).prop_map(|(channel, value, keeps)| Lights { channel, value, keeps }),
     )
-        .prop_map(|(after, number, periods, at_most, lights)| Deed::Instruct {
+        .prop_map(|(after, number, periods, at_most, lights)| HostStep::Instruct {
             after,
             number,
             periods,
@@ -106,40 +102,43 @@ fn deeds() -> impl Strategy<Value = Vec<Deed>> {
         });
     let number = prop_oneof![6 => Just(1u32), 1 => 0u32..4];
     let repeat = (number, prop_oneof![3 => 3u8..7, 1 => any_channel()], 0i32..2, 0u32..12, at_most).prop_map(
-        |(number, channel, value, periods, at_most)| Deed::Repeat { number, channel, value, periods, at_most },
+        |(number, channel, value, periods, at_most)| HostStep::Repeat { number, channel, value, periods, at_most },
     );
-    let act = (0u32..30, any_channel(), 0i32..3).prop_map(|(after, channel, after_value)| Deed::Act {
+    let act = (0u32..30, any_channel(), 0i32..3).prop_map(|(after, channel, after_value)| HostStep::Act {
         after,
         channel,
         after_value,
     });
-    let home =
-        (any::<bool>(), 1..PULSE * 9, 1..PULSE * 2).prop_map(|(upper, fast, slow)| Deed::Home { upper, fast, slow });
-    let deed = prop_oneof![
-        6 => (1u32..50).prop_map(Deed::Ahead),
-        2 => (1u32..50).prop_map(Deed::Behind),
-        3 => rate.clone().prop_map(RateTarget::both).prop_map(Deed::Rate),
+    let home = (any::<bool>(), 1..PULSE * 9, 1..PULSE * 2).prop_map(|(upper, fast, slow)| HostStep::Home {
+        upper,
+        fast,
+        slow,
+    });
+    let step = prop_oneof![
+        6 => (1u32..50).prop_map(HostStep::Ahead),
+        2 => (1u32..50).prop_map(HostStep::Behind),
+        3 => rate.clone().prop_map(RateTarget::both).prop_map(HostStep::Rate),
         1 => (rate.clone(), 0..=16i64)
-            .prop_map(|(feed, part)| Deed::Rate(RateTarget { feed, rapid: feed / 16 * part })),
+            .prop_map(|(feed, part)| HostStep::Rate(RateTarget { feed, rapid: feed / 16 * part })),
         1 => (0..=16i64, rate.clone())
-            .prop_map(|(part, rapid)| Deed::Rate(RateTarget { feed: rapid / 16 * part, rapid })),
-        1 => (rate.clone(), rate.clone()).prop_map(|(feed, rapid)| Deed::Rate(RateTarget { feed, rapid })),
+            .prop_map(|(part, rapid)| HostStep::Rate(RateTarget { feed: rapid / 16 * part, rapid })),
+        1 => (rate.clone(), rate.clone()).prop_map(|(feed, rapid)| HostStep::Rate(RateTarget { feed, rapid })),
         4 => instruct,
         3 => repeat,
-        3 => prop_oneof![7 => Just(0u32), 1 => 1u32..3].prop_map(Deed::Restart),
-        1 => Just(Deed::Close),
+        3 => prop_oneof![7 => Just(0u32), 1 => 1u32..3].prop_map(HostStep::Restart),
+        1 => Just(HostStep::Close),
         2 => act,
-        2 => (any_channel(), 0i32..3).prop_map(|(c, v)| Deed::ByHand(c, v)),
-        1 => any::<bool>().prop_map(Deed::Replay),
-        1 => (0u32..50).prop_map(Deed::Trim),
-        1 => (0u32..50).prop_map(Deed::Forget),
-        3 => Just(Deed::Clear),
-        1 => any::<u32>().prop_map(Deed::Open),
+        2 => (any_channel(), 0i32..3).prop_map(|(c, v)| HostStep::ByHand(c, v)),
+        1 => any::<bool>().prop_map(HostStep::Replay),
+        1 => (0u32..50).prop_map(HostStep::Trim),
+        1 => (0u32..50).prop_map(HostStep::Forget),
+        3 => Just(HostStep::Clear),
+        1 => any::<u32>().prop_map(HostStep::Open),
         1 => home,
-        1 => (-280i16..280).prop_map(Deed::TooFast),
+        1 => (-280i16..280).prop_map(HostStep::TooFast),
         12 => periods,
     ];
-    prop::collection::vec(deed, 1..200)
+    prop::collection::vec(step, 1..200)
 }
 
 /// What is known of a card from outside.
@@ -245,9 +244,9 @@ impl Witness {
     }
 
     /// Hands a word over; a refused one changes nothing but what it latches.
-    fn send(&mut self, word: HostCommand<2>) -> bool {
+    fn send(&mut self, command: HostCommand<2>) -> bool {
         let before = self.status();
-        let taken = self.card.accept(word);
+        let taken = self.card.accept(command);
         let mut after = self.status();
         if taken.is_err() {
             let too_fast = matches!(after.alarm, Some(Alarm::TooManyPulses { .. })) && before.alarm.is_none();
@@ -255,22 +254,22 @@ impl Witness {
                 assert_eq!(taken, Err(CommandRefusal::Unsupported));
                 (after.alarm, after.outputs) = (before.alarm, before.outputs);
             }
-            assert_eq!(before, after, "{word:?} was refused and changed the report");
+            assert_eq!(before, after, "{command:?} was refused and changed the report");
         }
         self.follow_alarm();
         taken.is_ok()
     }
 
-    fn deed(&mut self, deed: &Deed) {
+    fn step(&mut self, step: &HostStep) {
         let status = self.status();
-        match *deed {
-            Deed::Ahead(count) => {
+        match *step {
+            HostStep::Ahead(count) => {
                 for n in 0..count {
                     let place = status.high + n;
                     self.send(HostCommand::Ahead { place, record: record(place.number()) });
                 }
             }
-            Deed::Behind(count) => {
+            HostStep::Behind(count) => {
                 for n in 1..=count {
                     let place = status.low - n;
                     if place == RecordIndex::new(self.start.wrapping_sub(1)) {
@@ -280,58 +279,58 @@ impl Witness {
                     self.send(HostCommand::Behind { place, record: record(place.number()), rests });
                 }
             }
-            Deed::Rate(target) => {
+            HostStep::Rate(target) => {
                 let taken = self.send(HostCommand::Rate(target));
                 self.rated |= taken && target != RateTarget::ZERO;
                 if taken {
                     self.cutting.target = target.faster();
                 }
             }
-            Deed::Instruct { after, number, periods, at_most, lights } => {
+            HostStep::Instruct { after, number, periods, at_most, lights } => {
                 self.instruct(after, number, periods, at_most, lights);
             }
-            Deed::Repeat { number, channel, value, periods, at_most } => {
+            HostStep::Repeat { number, channel, value, periods, at_most } => {
                 self.repeat(number, OutputChange { channel, value }, periods, at_most);
             }
-            Deed::Restart(last) => {
+            HostStep::Restart(last) => {
                 let last = status.repeated.wrapping_add(last);
                 if self.send(HostCommand::Restart { last }) {
                     assert_eq!(self.status().blocked, last != status.repeated);
                     self.cutting.restarting = self.status().blocked;
                 }
             }
-            Deed::Close => {
+            HostStep::Close => {
                 if self.card.close().is_ok() {
                     self.cutting.closed = true;
                     assert_eq!((self.value(0), self.value(1)), (0, 0), "lit behind a closing");
                 }
             }
-            Deed::Act { after, channel, after_value } => {
+            HostStep::Act { after, channel, after_value } => {
                 let place = status.place.record + after;
                 let action = OutputAction { place, channel, before: i32::from(after_value == 0), after: after_value };
                 if self.send(HostCommand::Action(action)) {
                     self.cutting.actions.push(action);
                 }
             }
-            Deed::ByHand(channel, value) => {
+            HostStep::ByHand(channel, value) => {
                 if self.send(HostCommand::ManualOutput(OutputChange { channel, value })) {
                     self.asks(OutputChange { channel, value });
                 }
             }
-            Deed::Replay(on) => {
+            HostStep::Replay(on) => {
                 if self.send(HostCommand::Replay { on }) {
                     self.cutting.replay = on;
                 }
             }
-            Deed::Trim(n) => {
+            HostStep::Trim(n) => {
                 self.send(HostCommand::Trim { high: (status.high - n) });
             }
-            Deed::Forget(n) => {
+            HostStep::Forget(n) => {
                 self.send(HostCommand::Forget { low: (status.low + n) });
             }
-            Deed::Clear => self.clear(),
-            Deed::Open(start) => self.open(start),
-            Deed::Home { upper, fast, slow } => {
+            HostStep::Clear => self.clear(),
+            HostStep::Open(start) => self.open(start),
+            HostStep::Home { upper, fast, slow } => {
                 let order = HomingCommand {
                     axis: 0,
                     upper,
@@ -347,16 +346,16 @@ impl Witness {
                 self.cutting.off_the_path |= taken;
                 self.seen.homed += u32::from(taken);
             }
-            Deed::TooFast(increment) => {
+            HostStep::TooFast(increment) => {
                 let record = Record { increments: [increment, 1], ..Record::default() };
                 if increment.unsigned_abs() > 246 {
                     assert!(!self.send(HostCommand::Ahead { place: status.high, record }));
                 }
             }
-            Deed::Periods { count, levels, failed, heard } => {
+            HostStep::Periods { count, levels, failed, keep_alive } => {
                 for _ in 0..count {
-                    if heard {
-                        self.heard();
+                    if keep_alive {
+                        self.keep_alive();
                     }
                     self.period(levels, failed);
                 }
@@ -364,8 +363,8 @@ impl Witness {
         }
     }
 
-    fn heard(&mut self) {
-        self.card.heard();
+    fn keep_alive(&mut self) {
+        self.card.keep_alive();
         self.cutting.silent = 0;
     }
 
@@ -652,26 +651,26 @@ proptest! {
 
     /// Counts, path, order and safety, whatever is done.
     #[test]
-    fn holds_whatever_is_done(start in any::<u32>(), deeds in deeds()) {
+    fn holds_whatever_is_done(start in any::<u32>(), steps in steps()) {
         let mut witness = Witness::new(start);
-        for deed in &deeds {
-            witness.deed(deed);
+        for step in &steps {
+            witness.step(step);
         }
         // whatever was done: once nothing is wrong it can be opened and run again
         for _ in 0..700 {
-            witness.heard();
+            witness.keep_alive();
             witness.period(0, false);
-            witness.deed(&Deed::Rate(RateTarget::ZERO));
+            witness.step(&HostStep::Rate(RateTarget::ZERO));
         }
         witness.clear();
         prop_assert_eq!(witness.status().alarm, None);
         witness.open(start);
         prop_assert!(witness.status().low == RecordIndex::new(start) && witness.status().executed == 0);
-        witness.deed(&Deed::Ahead(16));
-        witness.deed(&Deed::Rate(RateTarget::both(Rate::ONE)));
+        witness.step(&HostStep::Ahead(16));
+        witness.step(&HostStep::Rate(RateTarget::both(Rate::ONE)));
         let end = (start | 15).wrapping_add(1).wrapping_sub(start).min(16);
         for _ in 0..60 {
-            witness.heard();
+            witness.keep_alive();
             witness.period(0, false);
         }
         let executed = Place::start_of(RecordIndex::new(start)).distance_to(witness.status().place);
@@ -687,10 +686,10 @@ fn the_deeds_are_not_empty() {
     let (mut runner, mut all) = (TestRunner::deterministic(), Seen::default());
     // a closed epoch asks for no rate any more, so that some of what is drawn moves less
     for _ in 0..360 {
-        let deeds = deeds().new_tree(&mut runner).expect("drawn").current();
+        let steps = steps().new_tree(&mut runner).expect("drawn").current();
         let mut witness = Witness::new(5);
-        for deed in &deeds {
-            witness.deed(deed);
+        for step in &steps {
+            witness.step(step);
         }
         let seen = witness.seen;
         all.alarms += seen.alarms;
