@@ -109,7 +109,11 @@ mod platform {
 
     /// The priority that stands for the niceness that the thread has: it is set together with the policy.
     fn same_niceness(policy: ThreadSchedulePolicy) -> Option<ThreadPriority> {
-        let niceness = getpriority_process(None).ok()?;
+        priority_of(getpriority_process(None).ok()?, policy)
+    }
+
+    /// The priority that stands for a niceness, −20 to 19.
+    pub(super) fn priority_of(niceness: i32, policy: ThreadSchedulePolicy) -> Option<ThreadPriority> {
         let mut values = (0..=u8::MAX).filter_map(|value| ThreadPriorityValue::try_from(value).ok());
         values.find_map(|value| {
             let priority = ThreadPriority::Crossplatform(value);
@@ -149,6 +153,15 @@ mod tests {
         let tried = std::thread::spawn(|| (enter(), leave())).join().expect("no panic");
         assert_eq!(tried.0.is_ok(), permitted().is_ok());
         assert!(tried.0.is_err() || tried.1.is_ok(), "{tried:?}");
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn every_niceness_has_a_priority() {
+        use thread_priority::{NormalThreadSchedulePolicy, ThreadSchedulePolicy};
+        let policy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
+        let without: Vec<i32> = (-20..20).filter(|&nice| platform::priority_of(nice, policy).is_none()).collect();
+        assert_eq!(without, []);
     }
 
     #[cfg(target_os = "linux")]
