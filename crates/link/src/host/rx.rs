@@ -156,9 +156,8 @@ impl<const A: usize> HostEndpoint<A> {
         }
     }
 
-    /// Handles the acknowledgement that the card received all commands before `next_command`; its window was `low …
-    /// high`
-    /// then.
+    /// Handles the acknowledgement that the card received all commands before `next_command`; its window was
+    /// `low … high` then.
     fn acknowledge_commands(&mut self, next_command: u16, low: RecordIndex, high: RecordIndex) {
         let taken = next_command.wrapping_sub(self.base);
         if taken > self.count {
