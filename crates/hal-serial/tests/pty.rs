@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use retrace_hal_serial::{Address, LatencyTimer, Pty, SerialPort};
-use retrace_link::BytePort;
+use retrace_link::{BytePort, CardFailure};
 
 fn pair() -> (Pty, SerialPort) {
     let pty = Pty::open().expect("a pseudo-terminal");
@@ -139,6 +139,7 @@ fn a_closed_other_end_is_a_lost_line_and_may_come_back() {
     drop(card);
     let lost = host.read(&mut [0; 8], 1_000_000).expect_err("closed");
     assert!(lost.to_string().contains("is lost"), "{lost}");
+    assert_eq!(lost.number(), "E3009");
     assert!(!host.is_open());
     assert_eq!(host.writable_bytes(), 0);
     host.write(b"x").expect_err("still lost");
