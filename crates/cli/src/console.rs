@@ -143,7 +143,7 @@ impl<'m, const A: usize> Console<'m, A> {
         let mut position = String::new();
         for (axis, count) in self.machine.axes.iter().zip(&status.counts) {
             let name = axis.name.to_ascii_uppercase();
-            position += &format!("{name}{:.3} ", *count as f64 / axis.pulses_per_mm);
+            position += &format!("{name}{:.3} ", axis.mm_of(*count));
         }
         let step: f64 = self
             .machine

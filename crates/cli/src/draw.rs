@@ -260,7 +260,7 @@ impl Observer<9> for PathTrace<'_> {
         let Telemetry::Period(period) = telemetry else { return };
         let mut mm = [0.0; 9];
         for ((slot, axis), &count) in mm.iter_mut().zip(&self.machine.axes).zip(&period.counts) {
-            *slot = count as f64 / axis.pulses_per_mm;
+            *slot = axis.mm_of(count);
         }
         if self.keep {
             for (positions, &x) in self.positions.iter_mut().zip(&mm) {

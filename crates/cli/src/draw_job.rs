@@ -122,7 +122,7 @@ impl<'r> HistoryBuilder<'r> {
     fn point(&self, counts: &[i64]) -> [f64; 3] {
         ['x', 'y', 'z'].map(|name| {
             let axis = self.machine.axes.iter().position(|axis| axis.name == name);
-            let mm = axis.and_then(|n| Some(*counts.get(n)? as f64 / self.machine.axes[n].pulses_per_mm));
+            let mm = axis.and_then(|n| Some(self.machine.axes[n].mm_of(*counts.get(n)?)));
             mm.unwrap_or_default()
         })
     }

@@ -200,7 +200,6 @@ fn print_position(machine: &MachineConfig, counts: &[i64], code: u8, json: bool)
         }));
         return;
     }
-    let telemetry = axes()
-        .map(|(axis, &count)| format!("{} {:.3}", axis.name.to_ascii_uppercase(), count as f64 / axis.pulses_per_mm));
+    let telemetry = axes().map(|(axis, &count)| format!("{} {:.3}", axis.name.to_ascii_uppercase(), axis.mm_of(count)));
     say!("position {} (machine, mm)", telemetry.collect::<Vec<_>>().join("  "));
 }

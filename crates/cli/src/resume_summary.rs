@@ -126,7 +126,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
         if !entered.is_empty() {
             let by: i64 = entered.iter().map(|change| change.pulses).sum();
             let axis = self.machine.tool_axis().map(|axis| &self.machine.axes[axis]);
-            let by_mm = axis.map_or(0.0, |axis| by as f64 / axis.pulses_per_mm);
+            let by_mm = axis.map_or(0.0, |axis| axis.mm_of(by));
             words.push(("new tool", format!("length entered in a pause, {by_mm:+.3} mm; included in the positions")));
         }
         words.push(("switches", if restored.is_empty() { "nothing".into() } else { restored.join(", ") }));
@@ -152,9 +152,8 @@ impl<const A: usize> ResumeSummary<'_, A> {
         let mut moves = Vec::new();
         for to in &self.approach {
             let axes = self.machine.axes.iter().zip(from.iter().zip(to)).filter(|(_, (from, to))| from != to);
-            let words = axes.map(|(axis, (_, &count))| {
-                format!("{} to {:.3}", axis.name.to_ascii_uppercase(), count as f64 / axis.pulses_per_mm)
-            });
+            let words = axes
+                .map(|(axis, (_, &count))| format!("{} to {:.3}", axis.name.to_ascii_uppercase(), axis.mm_of(count)));
             moves.push(words.collect::<Vec<_>>().join(" "));
             from = *to;
         }
@@ -242,8 +241,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
 #[must_use]
 pub fn position(machine: &MachineConfig, counts: &[i64]) -> String {
     let axes = machine.axes.iter().zip(counts);
-    let each = axes
-        .map(|(axis, &count)| format!("{} {:.3}", axis.name.to_ascii_uppercase(), count as f64 / axis.pulses_per_mm));
+    let each = axes.map(|(axis, &count)| format!("{} {:.3}", axis.name.to_ascii_uppercase(), axis.mm_of(count)));
     each.collect::<Vec<_>>().join(" ")
 }
 

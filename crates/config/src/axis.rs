@@ -84,6 +84,18 @@ pub struct HomeConfig {
 }
 
 impl AxisConfig {
+    /// Length of so many pulses, in mm (degrees).
+    #[must_use]
+    pub fn mm_of(&self, pulses: i64) -> f64 {
+        pulses as f64 / self.pulses_per_mm
+    }
+
+    /// Number of pulses nearest to a length in mm (degrees), half away from zero.
+    #[must_use]
+    pub fn pulses_of(&self, mm: f64) -> i64 {
+        (mm * self.pulses_per_mm).round() as i64
+    }
+
     /// An axis with these limits, and defaults for everything else.
     pub(crate) const fn plain(name: char) -> Self {
         Self {

@@ -78,7 +78,7 @@ impl MachineConfig {
     #[must_use]
     pub fn standing_at(mut self, counts: &[i64]) -> Self {
         for ((mm, axis), &count) in self.stands_at_mm.iter_mut().zip(&self.axes).zip(counts) {
-            *mm = count as f64 / axis.pulses_per_mm;
+            *mm = axis.mm_of(count);
         }
         self
     }
@@ -280,7 +280,7 @@ impl MachineConfig {
     /// Pulses nearest to a length on an axis; 0 where the axis does not exist.
     #[must_use]
     pub fn counts_of(&self, axis: usize, mm: f64) -> i64 {
-        self.axes.get(axis).map_or(0, |axis| (mm * axis.pulses_per_mm).round() as i64)
+        self.axes.get(axis).map_or(0, |axis| axis.pulses_of(mm))
     }
 
     /// Command to the card that homes an axis, given as an index of `axes`. None where it has no switch.

@@ -54,7 +54,7 @@ fn check(machine: &MachineConfig, axis: usize, count: i64) -> Result<(), Numbere
     if (low..=high).contains(&count) {
         return Ok(());
     }
-    let (letter, mm) = (of.name.to_ascii_uppercase(), count as f64 / of.pulses_per_mm);
+    let (letter, mm) = (of.name.to_ascii_uppercase(), of.mm_of(count));
     let limit = of.travel_mm[usize::from(count > high)];
     Err(NumberedError::new(
         "E4305",

@@ -263,7 +263,7 @@ impl<const A: usize> JobOrigin<A> {
         };
         let mut counts = [0; A];
         for ((slot, axis), mm) in counts.iter_mut().zip(&machine.axes).zip(&machine.stands_at_mm) {
-            *slot = (mm * axis.pulses_per_mm).round() as i64;
+            *slot = axis.pulses_of(*mm);
         }
         Self { place: at.origin, counts, outputs: at.outputs, executed: at.executed }
     }

@@ -162,7 +162,7 @@ mod tests {
         assert_eq!(job::feed_program(machine, &mut block, &mut scan).1, [], "{text}");
         context.finish_block(&block);
         let counts = machine.axes.iter().zip(context.modal_snapshot.state().machine_position().0);
-        let counts: Vec<i64> = counts.map(|(axis, mm)| (mm * axis.pulses_per_mm).round() as i64).collect();
+        let counts: Vec<i64> = counts.map(|(axis, mm)| axis.pulses_of(mm)).collect();
         machine.clone().standing_at(&counts)
     }
 

@@ -104,9 +104,8 @@ impl<const A: usize> Report<'_, A> {
         let t = self.stats;
         let counts = self.counts();
         let position_counts = counts.map_or(Value::Null, |counts| self.per_axis(|i| json!(counts[i])));
-        let position_mm = counts.map_or(Value::Null, |counts| {
-            self.per_axis(|i| json!(counts[i] as f64 / self.machine.axes[i].pulses_per_mm))
-        });
+        let position_mm =
+            counts.map_or(Value::Null, |counts| self.per_axis(|i| json!(self.machine.axes[i].mm_of(counts[i]))));
         let commanded = self.per_axis(|i| self.commanded_mm.get(i).map_or(Value::Null, |&mm| json!(mm)));
         json!({
             "event": "report",

@@ -344,7 +344,7 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
 
     fn emit_jogged(&mut self, index: usize, from: i64, cut_short: bool) {
         let axis = &self.machine.axes[index];
-        let mm = (self.card.status().counts[index] - from) as f64 / axis.pulses_per_mm;
+        let mm = axis.mm_of(self.card.status().counts[index] - from);
         let step = DncStep::Jogged { axis: axis.name, mm, cut_short, off: AxisCounts::default() };
         self.emit(EventKind::Dnc(DncEvent { step, flags: DncFlags::default() }));
     }

@@ -309,7 +309,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         let Some(machine) = self.machine else { return Ok([0.0; 2]) };
         let tool = machine.tool_axis().filter(|&tool| tool < A);
         let from = self.planner.commanded_mm();
-        let further = tool.map_or(0.0, |tool| self.lengths.moved_by as f64 / machine.axes[tool].pulses_per_mm);
+        let further = tool.map_or(0.0, |tool| machine.axes[tool].mm_of(self.lengths.moved_by));
         let mut reach_mm = tool.map_or([0.0; 2], |tool| [from[tool]; 2]);
         for point in points {
             if let Some(tool) = tool {

@@ -48,7 +48,7 @@ impl<const A: usize> PlanWriter<'_, A> {
     pub fn moved_by(&self) -> Option<(usize, f64)> {
         let machine = self.machine?;
         let tool = machine.tool_axis().filter(|&tool| tool < A)?;
-        (self.lengths.moved_by != 0).then(|| (tool, self.lengths.moved_by as f64 / machine.axes[tool].pulses_per_mm))
+        (self.lengths.moved_by != 0).then(|| (tool, machine.axes[tool].mm_of(self.lengths.moved_by)))
     }
 
     /// Sets the tool length offset that is in force for the moves to come, mm along the tool axis.
@@ -114,7 +114,7 @@ impl<const A: usize> PlanWriter<'_, A> {
         let tool = |machine: &MachineConfig| machine.tool_axis().filter(|&tool| tool < A);
         let (machine, tool) = self.machine.and_then(|m| Some((m, tool(m)?))).ok_or(ToolLengthError::NoToolAxis)?;
         let axis = &machine.axes[tool];
-        let further_mm = self.lengths.moved_by as f64 / axis.pulses_per_mm;
+        let further_mm = axis.mm_of(self.lengths.moved_by);
         let length_mm = self.lengths.length_mm.map(|length_mm| length_mm + further_mm);
         let by_mm = match proposal.length {
             EnteredLength::By(mm) => mm,
@@ -130,8 +130,8 @@ impl<const A: usize> PlanWriter<'_, A> {
         if is_planned {
             return Err(ToolLengthError::Planned);
         }
-        let pulses = (by_mm * axis.pulses_per_mm).round() as i64;
-        let moved_mm = further_mm + pulses as f64 / axis.pulses_per_mm;
+        let pulses = axis.pulses_of(by_mm);
+        let moved_mm = further_mm + axis.mm_of(pulses);
         let leaves = |mm: &f64| passed_limit(axis, mm + moved_mm).is_some();
         if self.origins.iter().any(|origin| origin.reach_mm.iter().any(leaves)) {
             return Err(ToolLengthError::BeyondLimit(axis.name));
