@@ -157,7 +157,7 @@ pub const ROWS: &[Row] = &[Row {
             name: "the road is cut under a moving cursor",
             file: MODE,
             find: "if !facts.at_rest {",
-            put: "if !facts.at_rest && facts.wheel == 0 {",
+            put: "if !facts.at_rest && facts.wheel == Rate::ZERO {",
             killer: "modes_3",
         },
         Mutant {

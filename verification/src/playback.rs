@@ -231,7 +231,7 @@ pub const ROWS: &[Row] = &[
                 name: "a record is left out on the way back",
                 file: PLAYBACK,
                 find: "} else { (to.record, -1) };",
-                put: "} else { (to.record.wrapping_add(1), -1) };",
+                put: "} else { (to.record + 1, -1) };",
                 killer: "playback_whole",
             },
         ],

@@ -166,7 +166,7 @@ pub const ROWS: &[Row] = &[
                 name: "an instruction is sent away from its place",
                 file: GATE,
                 find: "cursor == Place::start_of(marker.place)",
-                put: "cursor != Place::start_of(marker.place.wrapping_add(1))",
+                put: "cursor != Place::start_of(marker.place + 1)",
                 killer: "acknowledged-gates-hold",
             },
             Mutant {
