@@ -8,23 +8,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use retrace_config::{MachineConfig, NumberedError, SerialSettings};
-use retrace_controller::{
-    CheckFinding, LimitCheck, ProgramAnalysis, SourceStatus, analyse_program, check_program, interpreter_setup,
-};
+use retrace_controller::{SourceStatus, interpreter_setup};
 use retrace_gcode::cycles::CycleLibrary;
 use retrace_gcode::{Ini, Parameters, Prescan, Progress, Setup, Severity, StartTables, ToolTable};
 use retrace_journal::{FileHash, FileRole, ReadFile};
 
-use retrace_motion::LimitError;
-use serde_json::Value;
-
 use crate::args::Reading;
 use crate::check_progress::CheckProgress;
-use crate::command_failure::CommandFailure;
 use crate::cycles;
 use crate::decoder::{Decoder, Source};
-use crate::diagnostic_json;
-use crate::escape;
 use crate::files;
 use crate::machine_tables;
 use crate::program_stream::StreamBroken;
@@ -54,7 +46,7 @@ pub struct Program {
     setup: Setup,
     has_tool_table: bool,
     /// Whether a table has tool lengths.
-    has_tool_lengths: bool,
+    pub(crate) has_tool_lengths: bool,
     /// Settings for opening a stream.
     opening: StreamOpening,
     /// Maximum number of blocks in loops and calls that a check executes.
@@ -330,7 +322,7 @@ impl Program {
     }
 
     /// Decoder for a check at a terminal, with a progress bar.
-    fn shown_decoder(&self) -> Decoder {
+    pub(crate) fn shown_decoder(&self) -> Decoder {
         let progress = self.prescan.as_ref().and_then(|prescan| CheckProgress::of(prescan.lines()));
         Decoder { progress, ..self.decoder() }
     }
@@ -385,108 +377,11 @@ impl Program {
         }
     }
 
-    /// Checks the whole program and prints its diagnostics on standard error. Returns `None` for a stream, which is
-    /// checked as it runs.
-    ///
-    /// # Errors
-    /// [`CommandFailure::Program`] where it has errors.
-    pub fn check<'m>(&self, machine: &'m MachineConfig) -> Result<Option<Checked<LimitCheck<'m, 9>>>, CommandFailure> {
-        self.check_by(&mut Vec::new(), |decoder| Ok(check_program::<9>(machine, decoder)))
-    }
-
-    /// Checks the whole program; see [`Self::check`]. Adds the diagnostics to `diagnostics` for a script, also where it
-    /// has errors.
-    ///
-    /// # Errors
-    /// [`CommandFailure::Program`] where it has errors.
-    pub fn check_for_script(
-        &self,
-        machine: &MachineConfig,
-        diagnostics: &mut Vec<Value>,
-    ) -> Result<(), CommandFailure> {
-        self.check_by(diagnostics, |decoder| Ok(check_program::<9>(machine, decoder))).map(|_| ())
-    }
-
-    /// Checks and plans the whole program, for its times and extents. Adds the diagnostics to `diagnostics` for a
-    /// script, also where it has errors.
-    ///
-    /// # Errors
-    /// [`CommandFailure::Program`] where it has errors.
-    pub fn analyse<'m, const A: usize>(
-        &self,
-        machine: &'m MachineConfig,
-        diagnostics: &mut Vec<Value>,
-    ) -> Result<Option<Checked<ProgramAnalysis<'m, A>>>, CommandFailure> {
-        let why = |error: LimitError| NumberedError::new("E2112", error.to_string(), "correct the machine file");
-        self.check_by(diagnostics, |decoder| Ok(analyse_program(machine, decoder).map_err(why)?))
-    }
-
-    /// Checks the whole program and prints nothing.
-    ///
-    /// # Errors
-    /// The program has errors; the text has its diagnostics.
-    pub fn check_silently(&self, machine: &MachineConfig) -> Result<(), String> {
-        self.check_silently_by(machine, self.decoder())
-    }
-
-    /// Checks the whole program at a terminal, with a progress bar; see [`Self::check_silently`].
-    ///
-    /// # Errors
-    /// The program has errors; the text has its diagnostics.
-    pub fn check_silently_with_progress(&self, machine: &MachineConfig) -> Result<(), String> {
-        self.check_silently_by(machine, self.shown_decoder())
-    }
-
-    fn check_silently_by(&self, machine: &MachineConfig, mut decoder: Decoder) -> Result<(), String> {
-        if self.prescan.is_none() {
-            return Ok(());
-        }
-        let (_, findings, _) = check_program::<9>(machine, &mut decoder);
-        let found = diagnostic_json::all(self, &mut decoder, &findings);
-        let shown: Vec<String> = found.iter().map(|one| one.text.clone()).collect();
-        if found.iter().any(|one| one.is_error) { Err(shown.join("\n")) } else { Ok(()) }
-    }
-
-    fn check_by<S>(
-        &self,
-        diagnostics: &mut Vec<Value>,
-        scan: impl FnOnce(&mut Decoder) -> Result<(u64, Vec<CheckFinding>, S), CommandFailure>,
-    ) -> Result<Option<Checked<S>>, CommandFailure> {
-        if self.prescan.is_none() {
-            return Ok(None);
-        }
-        let mut decoder = self.shown_decoder();
-        let (blocks, findings, found) = scan(&mut decoder)?;
-        decoder.progress = None;
-        let all = diagnostic_json::all(self, &mut decoder, &findings);
-        for one in &all {
-            eprintln!("{}", escape::lines(&one.text));
-        }
-        let is_refused = all.iter().any(|one| one.is_error);
-        diagnostics.extend(all.into_iter().map(|one| one.json));
-        if is_refused {
-            return Err(CommandFailure::Program);
-        }
-        if decoder.length_offset && !self.has_tool_lengths {
-            eprintln!("note: no tool table (--tools): every tool has length 0");
-        }
-        Ok(Some(Checked { blocks, found }))
-    }
-
     /// Pre-scan; `None` for a stream.
     #[must_use]
     pub fn prescan(&self) -> Option<&Prescan> {
         self.prescan.as_deref()
     }
-}
-
-/// Result of the check of a program that may run.
-#[derive(Debug)]
-pub struct Checked<S> {
-    /// Number of blocks.
-    pub blocks: u64,
-    /// Result of the scan.
-    pub found: S,
 }
 
 /// Reads the tables that a program starts with. Returns whether one of them has tool lengths.

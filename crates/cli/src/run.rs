@@ -7,16 +7,16 @@ use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{JobStart, ScriptInstruction};
 use retrace_core::RecordIndex;
 use retrace_hal_sim::Clock;
-use retrace_journal::{Durability, JobCard};
-use retrace_link::{CardStatus, MotionCard, PathStart};
+use retrace_journal::JobCard;
+use retrace_link::{MotionCard, PathStart};
 
 use crate::args::{self, OnOff};
 use crate::command_failure::CommandFailure;
 use crate::files;
 use crate::homing_notes::Homing;
-pub use crate::job_runner::{JobResult, TuiOptions};
 use crate::job_runner::{JobRunner, OutputOptions, prepare_real_time};
-use crate::journaled_job::{JobHeaderBuilder, JournaledJob, ReservedJobFolder};
+use crate::job_spec::begin_journal;
+use crate::journaled_job::JournaledJob;
 use crate::linked_card;
 use crate::machine_tables::{self, TableFiles};
 use crate::operate;
@@ -79,7 +79,7 @@ impl RunContext<'_> {
             }
             let card = simulated::<A>(&machine, clock(&machine, args.operation.realtime))?;
             let card = traced(card, &machine, args.vcd.as_deref())?;
-            let (journal, input) = keep(args, &program, &machine, (&self.text, JobCard::Sim), card.status())?;
+            let (journal, input) = begin_journal(args, &program, &machine, (&self.text, JobCard::Sim), card.status())?;
             return self.job_runner(&machine, &program, journal, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
         }
         if args.vcd.is_some() {
@@ -113,7 +113,7 @@ impl RunContext<'_> {
             return Ok(code);
         }
         let status = linked_card::read_status(&mut card, &args.port.card, settings)?;
-        let (journal, input) = keep(args, &program, &machine, (&self.text, named), &status)?;
+        let (journal, input) = begin_journal(args, &program, &machine, (&self.text, named), &status)?;
         // From here on the card's watchdog expects messages from the host.
         prepare_real_time();
         card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
@@ -162,92 +162,5 @@ impl RunContext<'_> {
         };
         let start = args.start_line.map_or(JobStart::First, JobStart::Line);
         JobRunner { options, machine, program, input, start, journal, at_screen: None }
-    }
-}
-
-/// Text of the machine file, and the card, for the job's journal.
-pub type MachineAndCard = (String, JobCard);
-
-/// Creates the job's journal, for a card with this status. Returns it with the source of a streamed program.
-fn keep<const A: usize>(
-    args: &args::Run,
-    program: &Program,
-    machine: &MachineConfig,
-    (text, card): (&str, JobCard),
-    status: &CardStatus<A>,
-) -> Result<(Option<JournaledJob>, Option<ProgramStream>), CommandFailure> {
-    let input = program.open_stream()?;
-    // A dry run cannot be resumed: its outputs were inhibited.
-    if args.no_journal || machine.inhibits_outputs {
-        return Ok((None, input));
-    }
-    let claimed = ReservedJobFolder::new(args.jobs.path(), program.name())?;
-    let (input, progress) = input.map(|input| claimed.spool(input, machine.stream_quota_bytes)).transpose()?.unzip();
-    let care = if card == JobCard::Sim { Durability::Written } else { Durability::Synced };
-    let machine_file = (args.machine_file.path(), text.to_owned());
-    let (reading, start_line) = (&args.reading, args.start_line);
-    let job = JobHeaderBuilder { program, reading, start_line, machine, machine_file, card }.job(status)?;
-    Ok((Some(claimed.begin(care, job, progress)?), input))
-}
-
-/// Job that is started at a screen, on a card that is open already.
-pub struct JobSpec<'a> {
-    args: &'a args::Run,
-    machine: &'a MachineConfig,
-    script: Vec<ScriptInstruction>,
-    program: Program,
-    at: &'a MachineAndCard,
-}
-
-impl<'a> JobSpec<'a> {
-    /// Job of a program that was opened and checked for this machine.
-    pub fn of(
-        args: &'a args::Run,
-        machine: &'a MachineConfig,
-        script: Vec<ScriptInstruction>,
-        program: Program,
-        at: &'a MachineAndCard,
-    ) -> Self {
-        Self { args, machine, script, program, at }
-    }
-
-    /// Creates the job's journal, for a card with this status. Returns it with the source of a streamed program. It
-    /// takes as long as the disk takes.
-    ///
-    /// # Errors
-    /// The journal cannot be written, or the program cannot be read.
-    pub fn keep<const A: usize>(
-        &self,
-        status: &CardStatus<A>,
-    ) -> Result<(Option<JournaledJob>, Option<ProgramStream>), CommandFailure> {
-        let (text, named) = self.at;
-        keep(self.args, &self.program, self.machine, (text, named.clone()), status)
-    }
-
-    /// Runs the job on a card. Returns its exit code and the card; `at_screen` is the operator's screen.
-    ///
-    /// # Errors
-    /// Whatever prevents it from starting; a file that cannot be written at its end.
-    pub fn run<const A: usize, C: MotionCard<A>>(
-        self,
-        card: C,
-        (journal, input): (Option<JournaledJob>, Option<ProgramStream>),
-        at_screen: Option<TuiOptions<'_>>,
-    ) -> Result<(u8, C), CommandFailure> {
-        let Self { args, machine, script, program, .. } = self;
-        let options = OutputOptions {
-            json: args.format.json,
-            records: args.operation.records.as_deref(),
-            script,
-            operator: args.operation.operator.is_some(),
-            wall_time: true,
-            // The screen's script sets it.
-            optional_stop: None,
-            real_time: !args.port.is_simulated(),
-            tables: TableFiles::of(&args.reading),
-        };
-        let start = args.start_line.map_or(JobStart::First, JobStart::Line);
-        let runner = JobRunner { options, machine, program: &program, input, start, journal, at_screen };
-        runner.run(card, |_, _| Ok(()))
     }
 }

@@ -3,35 +3,17 @@
 //! Invariant: both are generated from the definition of the command line, so that they cannot differ from `--help`.
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use clap::{CommandFactory, Subcommand};
+use clap::CommandFactory;
 use clap_complete::Shell;
 use retrace_config::NumberedError;
 
-use crate::args::Cli;
+use crate::args::{Cli, ShellFiles};
 use crate::files::unwritable;
 
 /// Name of the command in completions and manual pages.
 const NAME: &str = "retrace";
-
-/// The hidden subcommands for packages.
-#[derive(Debug, Subcommand)]
-pub enum ShellFiles {
-    /// Print a completion script for a shell.
-    #[command(hide = true, after_help = "Example:\n  retrace completions bash > retrace.bash")]
-    Completions {
-        /// The shell that reads the script.
-        shell: Shell,
-    },
-    /// Write the manual pages.
-    #[command(hide = true, after_help = "Example:\n  retrace man target/man")]
-    Man {
-        /// Folder to write the pages into; it is created where it is missing.
-        #[arg(value_name = "DIR")]
-        folder: PathBuf,
-    },
-}
 
 /// Runs the command.
 ///

@@ -83,6 +83,22 @@ impl<const A: usize> RateLimits<A> {
         self.share
     }
 
+    /// Returns the largest second difference that the plan requires of an axis.
+    pub(crate) fn plan_acceleration(&self, axis: &PulseLimits) -> u64 {
+        self.planned_share(axis.acceleration).min(2 * axis.velocity)
+    }
+
+    /// Returns the largest third difference that the plan requires of an axis.
+    pub(crate) fn plan_jerk(&self, axis: &PulseLimits) -> u64 {
+        self.planned_share(axis.jerk).min(4 * axis.velocity)
+    }
+
+    /// Returns the share of a limit that the plan uses, rounded up; a limit has at most 49 bits.
+    fn planned_share(&self, limit: u64) -> u64 {
+        let share = u64::from(self.share);
+        (limit >> 16) * share + (((limit & 0xFFFF) * share) >> 16) + 1
+    }
+
     /// Returns the limits of the axes, in the order of a record's increments.
     #[must_use]
     pub const fn axes(&self) -> &[PulseLimits; A] {

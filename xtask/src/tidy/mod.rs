@@ -11,6 +11,7 @@ mod figures;
 mod line_width;
 mod links;
 mod machine_names;
+mod module_cycles;
 mod module_docs;
 mod named_paths;
 mod requirements;
@@ -73,6 +74,7 @@ pub(crate) const CHECKS: &[Check] = &[
     },
     Check { name: "error-types", rule: "every error type implements Error", find: error_types::find },
     Check { name: "module-docs", rule: "every module opens with what its job is", find: module_docs::find },
+    Check { name: "cycles", rule: "the modules of a crate use each other in one direction", find: module_cycles::find },
     Check { name: "sizes", rule: "a file stays short enough to be one noun", find: sizes::find },
     Check { name: "width", rule: "no line of Rust exceeds 120 columns", find: line_width::find },
     Check { name: "machine", rule: "no path or host of one machine is in the tree", find: machine_names::find },

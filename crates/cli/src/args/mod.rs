@@ -14,6 +14,7 @@ mod reading;
 mod resume;
 mod run;
 mod shared;
+mod shell_files;
 
 use std::path::PathBuf;
 
@@ -30,7 +31,7 @@ pub use self::reading::{MAX_CHECKED_LOOP_BLOCKS, Reading};
 pub use self::resume::{Jobs, JobsAction, Resume};
 pub use self::run::Run;
 pub use self::shared::{CardPort, MachineFile, OnOff};
-use crate::shell_files::ShellFiles;
+pub use self::shell_files::ShellFiles;
 
 /// CNC control that runs NC programs and retraces the executed path, exact to the pulse.
 #[derive(Debug, Parser)]

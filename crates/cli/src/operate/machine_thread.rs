@@ -26,12 +26,13 @@ use super::{ResumingJob, preview_thread};
 use crate::args::{self, Reading};
 use crate::command_failure::CommandFailure;
 use crate::homing_notes::Homing;
+use crate::job_runner::{JobResult, TuiOptions};
+use crate::job_spec::{JobSpec, MachineAndCard};
 use crate::journaled_job::JournaledJob;
 use crate::machine_tables::TableKeeper;
 use crate::program::Program;
 use crate::program_stream::ProgramStream;
 use crate::resume_summary::ResumeSummary;
-use crate::run::{JobResult, JobSpec, MachineAndCard, TuiOptions};
 
 /// Number of periods between two updates of the screen at rest.
 const PUBLISH_PERIODS: u64 = 20;

@@ -26,9 +26,10 @@ use crate::args;
 use crate::command_failure::CommandFailure;
 use crate::files::unwritable;
 use crate::homing_notes::Homing;
+use crate::job_runner::TuiOptions;
+use crate::job_spec::MachineAndCard;
 use crate::program::Program;
 use crate::resume_summary::ConfirmResume;
-use crate::run::{MachineAndCard, TuiOptions};
 
 use command_router::CommandRouter;
 use machine_thread::MachineThread;

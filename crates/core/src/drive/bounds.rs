@@ -8,7 +8,6 @@
 //! Invariant: no figure is above what the plan may require of the axis at the lowest cap of these records. A record
 //! that is not held and is not behind a planned stop counts as requiring all that it may.
 
-use super::slope::{highest_acceleration, highest_jerk};
 use super::{DirectedWindow, RecordWindow};
 use crate::limits::{PulseLimits, RateLimits};
 use crate::{Distance, RecordIndex};
@@ -164,8 +163,8 @@ impl AxisBounds {
         };
         Self {
             velocity: per_cap(axis.velocity, 1),
-            acceleration: per_cap(highest_acceleration(limits, axis), 2),
-            jerk: per_cap(highest_jerk(limits, axis), 3),
+            acceleration: per_cap(limits.plan_acceleration(axis), 2),
+            jerk: per_cap(limits.plan_jerk(axis), 3),
         }
     }
 

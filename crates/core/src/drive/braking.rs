@@ -5,7 +5,7 @@
 //! rate u up to one. So a commanded place that may advance by u and then brake may also do so after it has advanced by
 //! u⁻, and comes to rest exactly where it must.
 
-use super::slope::{highest_acceleration, highest_jerk, ratio, scaled};
+use super::slope::{ratio, scaled};
 use crate::limits::{PulseLimits, RateLimits};
 use crate::{Distance, Rate};
 
@@ -173,7 +173,7 @@ impl<const N: usize> Braking<N> {
 
 /// Returns the slope of one axis at a rate up to one that holds for any records within what the plan may use.
 fn universal_slope<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits, rate: Rate) -> Rate {
-    let (second, third) = (highest_acceleration(limits, axis), highest_jerk(limits, axis));
+    let (second, third) = (limits.plan_acceleration(axis), limits.plan_jerk(axis));
     let by_acceleration = ratio(axis.acceleration.saturating_sub(scaled(second, rate, 2)), axis.velocity);
     let bend = 3 * second + 2 * axis.velocity / u64::from(limits.average()) + 1;
     by_acceleration.min(ratio((2 * axis.jerk).saturating_sub(third), bend))

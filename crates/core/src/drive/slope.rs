@@ -54,21 +54,6 @@ fn by_jerk<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits, required:
     ratio(remaining, scaled(required.acceleration, highest, 1).saturating_mul(3).saturating_add(bend))
 }
 
-/// Returns the largest second difference that the plan requires of an axis.
-pub(super) fn highest_acceleration<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits) -> u64 {
-    share(limits, axis.acceleration).min(2 * axis.velocity)
-}
-
-/// Returns the largest third difference that the plan requires of an axis.
-pub(super) fn highest_jerk<const A: usize>(limits: &RateLimits<A>, axis: &PulseLimits) -> u64 {
-    share(limits, axis.jerk).min(4 * axis.velocity)
-}
-
-fn share<const A: usize>(limits: &RateLimits<A>, figure: u64) -> u64 {
-    // rounded up; a figure has at most 49 bits
-    (figure >> 16) * u64::from(limits.share()) + (((figure & 0xFFFF) * u64::from(limits.share())) >> 16) + 1
-}
-
 /// Returns `figure` times `rate` to the `power`, rounded up; the rate is rounded up to 1 024ths. A product that does
 /// not fit becomes `u64::MAX`, which is more than any limit.
 pub(super) fn scaled(figure: u64, rate: Rate, power: u8) -> u64 {
@@ -108,8 +93,8 @@ mod tests {
             let part = |figure: u64, share: f64| (figure as f64 * share) as u64;
             let required = AxisBounds {
                 velocity: part(axis.velocity, shares[0]).max(1),
-                acceleration: part(highest_acceleration(&limits, &axis), shares[1]),
-                jerk: part(highest_jerk(&limits, &axis), shares[2]),
+                acceleration: part(limits.plan_acceleration(&axis), shares[1]),
+                jerk: part(limits.plan_jerk(&axis), shares[2]),
             };
             Some((limits, required))
         })
