@@ -30,7 +30,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "operator",
         purpose: "whatever an operator does, the job ends exactly and within the limits",
-        test: ["retrace-tests", "e2e", "operator::whatever_the_operator_does_the_job_ends_exactly"],
+        test: ["retrace-tests", "operator", "whatever_the_operator_does_the_job_ends_exactly"],
         asked: END_TO_END,
         full: 3000,
         slice: 24,
@@ -38,7 +38,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "program",
         purpose: "any program ends exactly and within the limits",
-        test: ["retrace-tests", "e2e", "any_program::any_program_ends_exactly_and_within_the_limits"],
+        test: ["retrace-tests", "any_program", "any_program_ends_exactly_and_within_the_limits"],
         asked: END_TO_END,
         full: 3000,
         slice: 24,
@@ -94,7 +94,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "drip",
         purpose: "a program from a socket that stalls, is cut and reconnects: bounded memory, exact counts, pauses \
             resumed exactly",
-        test: ["retrace-tests", "e2e", "drip::"],
+        test: ["retrace-tests", "drip", ""],
         asked: BY_SEED,
         full: 1_000_000,
         slice: 100_000,
@@ -112,7 +112,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "kill",
         purpose: "a host killed at any moment of a job: resumed, the job ends exactly, every instruction once, or is \
             refused with the reason",
-        test: ["retrace-tests", "e2e", "kill::"],
+        test: ["retrace-tests", "kill", ""],
         asked: BY_SEED,
         full: 1000,
         slice: 30,
@@ -121,7 +121,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         name: "off",
         purpose: "jobs on jet, plasma, laser and router, stopped, held, paused, killed, cut off and resumed: the \
             cutter is off outside of a cut",
-        test: ["retrace-tests", "e2e", "off::"],
+        test: ["retrace-tests", "off", ""],
         asked: BY_SEED,
         full: 2000,
         slice: 30,
@@ -129,7 +129,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
     Campaign {
         name: "cut",
         purpose: "a journal cut at every write and every byte of its last records: the job is resumed and ends exactly",
-        test: ["retrace-tests", "e2e", "cut::"],
+        test: ["retrace-tests", "cut", ""],
         asked: BY_SEED,
         full: 1000,
         slice: 20,

@@ -69,20 +69,34 @@ fn clippy(root: &Path) -> Outcome {
     cargo(root, &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"])
 }
 
+/// The packages of the steps `test` and `doctest`: all but the thread models, which the step `verify` runs and counts.
+/// Both steps, and the build before them, name the same packages, so that each is compiled once, with one set of
+/// features.
+const TESTED: [&str; 5] = ["--workspace", "--exclude", "retrace-loom", "--exclude", "retrace-shuttle"];
+
 fn tests(root: &Path) -> Outcome {
-    let binary = match build_command(root) {
+    let binary = match build_command_and_tests(root) {
         Ok(binary) => binary,
         Err(remark) => return Outcome { passed: false, remark },
     };
-    let mut command = process::cargo(root, &["test", "--workspace", "--tests", "--no-fail-fast"]);
-    // the thread models are run and counted by the step `verify`
-    command.args(["--exclude", "retrace-loom", "--exclude", "retrace-shuttle"]);
+    let mut command = process::cargo(root, &["test"]);
+    command.args(TESTED).args(["--tests", "--no-fail-fast"]);
     // Many end-to-end tests wait for machine time: two at a time per processor.
     if std::env::var_os("RUST_TEST_THREADS").is_none() {
         let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
         command.env("RUST_TEST_THREADS", (2 * processors).to_string());
     }
     count_tests(command.env("RETRACE_BIN", binary))
+}
+
+/// Builds the tests and the `retrace` command in one go, and returns where cargo put the command.
+fn build_command_and_tests(root: &Path) -> Result<PathBuf, String> {
+    let mut command = process::cargo(root, &["build"]);
+    command.args(TESTED).args(["--tests", "--bin", "retrace", "--message-format", "json-render-diagnostics"]);
+    process::build_all(&mut command)?
+        .into_iter()
+        .find(|path| path.file_stem().is_some_and(|name| name == "retrace"))
+        .ok_or_else(|| "cargo did not say where it put the command".to_owned())
 }
 
 fn verify_step(root: &Path) -> Outcome {
@@ -98,7 +112,7 @@ fn firmware_step(root: &Path) -> Outcome {
 }
 
 fn doc_tests(root: &Path) -> Outcome {
-    count_tests(&mut process::cargo(root, &["test", "--workspace", "--doc", "--no-fail-fast"]))
+    count_tests(process::cargo(root, &["test"]).args(TESTED).args(["--doc", "--no-fail-fast"]))
 }
 
 fn rustdoc(root: &Path) -> Outcome {

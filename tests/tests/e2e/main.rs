@@ -1,28 +1,22 @@
-//! The end-to-end tests of the command, in one binary: it links once, and tests that wait overlap.
+//! The end-to-end tests of the command that mostly wait, in one binary: they overlap. Those that load the computer are
+//! binaries of their own beside it, which run alone.
 
-mod any_program;
 mod blending;
 #[cfg(target_os = "linux")]
 mod card;
 mod check;
 mod command;
-mod cut;
 mod cutter;
 mod dnc;
-mod drip;
 mod drip_canon;
 mod error_catalogue;
 mod feed_override;
 mod hand;
 mod jumps;
-mod kill;
 mod limits;
 mod long;
-mod memory;
-mod off;
 #[cfg(unix)]
 mod offsets;
-mod operator;
 #[cfg(target_os = "linux")]
 mod output;
 mod programs;
