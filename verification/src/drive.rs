@@ -6,7 +6,7 @@
 //! the cursor stays in the window.
 
 use crate::choice::{Choice, ONE};
-use crate::harness::{harnesses, holds};
+use crate::harness::{built, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 #[cfg(not(any(kani, verify_wasm)))]
@@ -69,7 +69,7 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
     /// Any state with an average of `M` periods that the invariant allows, in a window of up to `records`.
     fn any(c: &mut impl Choice, records: u32) -> Option<Self> {
         let sign = if c.flag() { 1 } else { -1 };
-        let mut law = RateFilter::new(FilterLengths::new(1, M as u16)?)?;
+        let mut law = built!(RateFilter::new(built!(FilterLengths::new(1, M as u16))));
         let mut k = 0;
         while k < M {
             let target = c.between(0, ONE >> GRAIN) << GRAIN;
@@ -133,7 +133,7 @@ fn starts_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, rec
     let record = c.below(records + 1);
     c.assume(record <= window.records && window.rests >> record & 1 == 1)?;
     let at = Place::start_of(window.low + record);
-    let mut cursor = Cursor::<M>::with_filter(RateFilter::new(FilterLengths::new(1, M as u16)?)?);
+    let mut cursor = Cursor::<M>::with_filter(built!(RateFilter::new(built!(FilterLengths::new(1, M as u16)))));
     let (braked, asked) = (any_rate::<GRAIN>(c, 0), any_rate::<GRAIN>(c, 0));
     let rate = cursor.start_from_rest(braked, asked, &DirectedWindow { at, sign, window: &window });
     holds!(Rate::ZERO <= rate && rate <= Rate::ONE);
@@ -187,8 +187,8 @@ fn presses_on<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u3
 const SOFT: PulseLimits = PulseLimits { velocity: 100 << 32, acceleration: 3 << 32, jerk: 1 << 32 };
 
 /// Braking on a machine with that axis, the plan using a share of its limits.
-fn braking(axis: PulseLimits, share: u16) -> Option<Braking<8>> {
-    Braking::new(&RateLimits::new(3, share, [axis])?)
+fn braking(axis: PulseLimits, share: u16) -> Braking<8> {
+    built!(Braking::new(&built!(RateLimits::new(3, share, [axis]))))
 }
 
 /// S(u) ≥ u⁻ + S(u⁻) for any rate u up to one, where u⁻ is u less the slope at it: a cursor that may continue at u and
@@ -231,7 +231,7 @@ fn braking_keeps_its_promise(size: Size) -> String {
 fn planned_stops_are_free<const SIGN: i64>(c: &mut impl Choice, records: u32) -> Option<()> {
     let low = RecordIndex::new(c.word());
     let window = ShortWindow { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
-    let mut cursor = Cursor::<3>::with_filter(RateFilter::new(FilterLengths::new(1, 3)?)?);
+    let mut cursor = Cursor::<3>::with_filter(built!(RateFilter::new(built!(FilterLengths::new(1, 3)))));
     let mut at = if SIGN > 0 { window.low() } else { window.high() };
     let mut k = 0;
     while k < records {
@@ -282,8 +282,8 @@ harnesses! {
     drive_presses_3, unwind 7 => |c| presses_on::<3, 28>(c, 2);
     drive_stops_forward, unwind 7 => |c| planned_stops_are_free::<1>(c, 2);
     drive_stops_backward, unwind 7 => |c| planned_stops_are_free::<-1>(c, 2);
-    braking_covers_soft, unwind 300 => |c| braking_covers_a_step_down(c, &braking(SOFT, 45_000)?);
-    braking_covers_tight, unwind 300 => |c| braking_covers_a_step_down(c, &braking(SOFT, 60_000)?);
+    braking_covers_soft, unwind 300 => |c| braking_covers_a_step_down(c, &braking(SOFT, 45_000));
+    braking_covers_tight, unwind 300 => |c| braking_covers_a_step_down(c, &braking(SOFT, 60_000));
 }
 
 #[cfg(not(any(kani, verify_wasm)))]
@@ -395,6 +395,13 @@ pub const ROWS: &[Row] = &[
         models: &[],
         mutants: &[
             Mutant {
+                name: "a filter that fits is refused",
+                file: "crates/core/src/rate.rs",
+                find: "if smoothing.first as usize > M || smoothing.second as usize > M {",
+                put: "if smoothing.first as usize >= M || smoothing.second as usize > M {",
+                killer: "drive_road_1",
+            },
+            Mutant {
                 name: "the commanded place may run over the end",
                 file: CURSOR,
                 find: "requested.min(braking_limited).min(free.max(Distance::ZERO).per_period())",
@@ -454,6 +461,13 @@ pub const ROWS: &[Row] = &[
         searches: &[Search { name: "braking-keeps", run: braking_keeps_its_promise }],
         models: &[],
         mutants: &[
+            Mutant {
+                name: "a machine that brakes fast enough is refused",
+                file: BRAKING,
+                find: "if slope < MIN_SLOPE {",
+                put: "if slope < MIN_SLOPE * 4096 {",
+                killer: "braking_covers_tight",
+            },
             Mutant {
                 name: "a step down over the end of a stretch is not covered",
                 file: BRAKING,

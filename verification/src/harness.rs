@@ -56,4 +56,22 @@ macro_rules! holds {
     };
 }
 
-pub(crate) use {harnesses, holds};
+/// What the code under test has to build here. That it refuses is a failure, not a state outside of the question: a
+/// proof must not depend on the code that it proves.
+macro_rules! built {
+    ($made:expr) => {
+        match $made {
+            Some(made) => made,
+            None => {
+                #[cfg(verify_wasm)]
+                crate::choice::fail(line!());
+                #[cfg(kani)]
+                panic!("a valid state is refused");
+                #[cfg(not(any(kani, verify_wasm)))]
+                panic!("{}", concat!("refused: ", stringify!($made)));
+            }
+        }
+    };
+}
+
+pub(crate) use {built, harnesses, holds};

@@ -4,7 +4,7 @@
 //! Invariant: [`LiteralRing`] is written from the requirements alone and shares no code with the core.
 
 use crate::choice::Choice;
-use crate::harness::{harnesses, holds};
+use crate::harness::{built, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
 use retrace_core::ring_indices::ConsumerIndices;
@@ -138,13 +138,13 @@ fn any_pair(c: &mut impl Choice, size: u32) -> Option<(LiteralRing, ConsumerIndi
     let (back, w) = (c.below(retained + 1), c.below(size) as usize);
     let reached = c.word();
     let seen = c.upto(1 << 20);
-    let played = ConsumerIndices::at(
+    let played = built!(ConsumerIndices::at(
         reached.wrapping_sub(retained),
         reached.wrapping_sub(back),
         reached,
         reached.wrapping_add(seen),
         size,
-    )?;
+    ));
     let mut literal = LiteralRing::new(size as usize);
     (literal.w, literal.filled) = (w, retained as usize);
     literal.h = literal.behind_write(retained as usize);

@@ -5,7 +5,7 @@
 //! many targets as it remembers, because its remainder is determined by what it remembers.
 
 use crate::choice::{Choice, ONE};
-use crate::harness::{harnesses, holds};
+use crate::harness::{built, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::rate::{FilterLengths, RateFilter};
@@ -23,7 +23,7 @@ fn any_law<const M: usize, const PERIODS: usize>(
     second: u16,
     top: i64,
 ) -> Option<(RateFilter<M>, [i64; PERIODS])> {
-    let mut law = RateFilter::new(FilterLengths::new(first, second)?)?;
+    let mut law = built!(RateFilter::new(built!(FilterLengths::new(first, second))));
     let mut targets = [0; PERIODS];
     let mut k = PERIODS;
     while k > 0 {
@@ -293,6 +293,13 @@ pub const ROWS: &[Row] = &[
         searches: &[Search { name: "law-long", run: long_averages }],
         models: &[],
         mutants: &[
+            Mutant {
+                name: "averages that are exact are refused",
+                file: RATE,
+                find: "let valid = lengths && (first + second).is_multiple_of(2);",
+                put: "let valid = lengths && first.is_multiple_of(2);",
+                killer: "law_pending_1_3",
+            },
             Mutant {
                 name: "the remainder is forgotten",
                 file: RATE,

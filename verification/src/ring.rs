@@ -5,7 +5,7 @@
 //! proves every sequence.
 
 use crate::choice::Choice;
-use crate::harness::{harnesses, holds};
+use crate::harness::{built, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row};
 use retrace_core::RecordIndex;
@@ -36,7 +36,8 @@ impl System {
         let room = keep + look_ahead;
         let lag = c.upto(room - (keep + ahead));
         let planned = ProducerIndices::at(write, floor.wrapping_sub(lag), room);
-        let played = ConsumerIndices::at(head, reached.wrapping_sub(back), reached, reached.wrapping_add(seen), keep)?;
+        let played = ConsumerIndices::at(head, reached.wrapping_sub(back), reached, reached.wrapping_add(seen), keep);
+        let played = built!(played);
         Some(Self { planned, played, floor, write, keep, look_ahead })
     }
 
@@ -181,9 +182,7 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
     });
     let [first, end, after] = [head, reached, write].map(RecordIndex::new);
     let span = RecordSpan { head: first, reached: end, write: after };
-    let Ok(mut ring) = Ring::with_records(&cells[..], keep, look_ahead, span) else {
-        return None;
-    };
+    let mut ring = built!(Ring::with_records(&cells[..], keep, look_ahead, span).ok());
     let (mut producer, mut consumer) = ring.split();
     let mut read = reached;
     let mut k = 0;
@@ -250,12 +249,19 @@ pub const ROWS: &[Row] = &[
         requirement: "REV-2, REV-3, REV-6, REV-7; Beyond the source, *The ring, completed*",
         bound: "none: any capacity up to 2³⁰, any keep and look-ahead, any place numbers over the wrap of u32, each \
             side's knowledge of the other arbitrarily old",
-        assumes: "the state satisfies the invariant, which `new` and `holding` establish",
+        assumes: "the state satisfies the invariant, which `new` and `with_records` establish",
         suffices: "one step from every valid state is an induction over sequences of any length",
         harnesses: &["ring_push", "ring_forward", "ring_backward", "ring_follow", "ring_look"],
         searches: &[],
         models: &[],
         mutants: &[
+            Mutant {
+                name: "a ring over the wrap is refused",
+                file: "crates/core/src/ring_indices.rs",
+                find: "&& span <= 1 << 30\n",
+                put: "&& span <= 1 << 30\n            && head <= write\n",
+                killer: "ring_push",
+            },
             Mutant {
                 name: "the look-ahead holds one record too many",
                 file: POSITIONS,
@@ -319,6 +325,13 @@ pub const ROWS: &[Row] = &[
         searches: &[],
         models: &[],
         mutants: &[
+            Mutant {
+                name: "records over the wrap are not taken over",
+                file: "crates/core/src/ring.rs",
+                find: "|| write.wrapping_sub(reached) > look_ahead",
+                put: "|| write.wrapping_sub(reached) > look_ahead || write < head",
+                killer: "ring_content_4",
+            },
             Mutant {
                 name: "a cell too far",
                 file: "crates/core/src/ring.rs",
