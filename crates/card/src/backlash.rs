@@ -11,11 +11,7 @@
 
 use retrace_core::limits::PulseLimits;
 
-use crate::CheckedSettings;
-
-/// Whether this build compensates backlash. The feature `backlash` is on by default. A card without it rejects settings
-/// with backlash.
-pub(crate) const IS_COMPENSATED: bool = cfg!(feature = "backlash");
+use crate::checked_settings::{BACKLASH_IS_COMPENSATED, CheckedSettings};
 
 /// Backlash state of one axis.
 #[derive(Clone, Copy, Debug)]
@@ -84,7 +80,7 @@ impl<const A: usize> BacklashCompensation<A> {
     /// Whether backlash is being taken up.
     #[must_use]
     pub fn is_taking_up(&self) -> bool {
-        IS_COMPENSATED && self.axes.iter().any(|backlash| backlash.remaining != 0)
+        BACKLASH_IS_COMPENSATED && self.axes.iter().any(|backlash| backlash.remaining != 0)
     }
 
     /// Returns the pulses to emit at the pins in a period with these increments of the path.

@@ -10,10 +10,11 @@ use retrace_link::{
     HostCommand, Outputs, PROTOCOL,
 };
 
+use crate::checked_settings::BACKLASH_IS_COMPENSATED;
 use crate::homing::{HomingEnd, HomingSearch};
 use crate::safety_monitor::MotionState;
 use crate::window::RecordStorage;
-use crate::{BacklashCompensation, CheckedSettings, InputLevels, Inputs, Player, SafetyMonitor, backlash};
+use crate::{BacklashCompensation, CheckedSettings, InputLevels, Inputs, Player, SafetyMonitor};
 
 /// Card for `A` axes, a window of `W` records and averages of the rate law of up to `M` periods.
 ///
@@ -132,7 +133,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         {
             self.latch_alarm(alarm);
         }
-        if backlash::IS_COMPENSATED
+        if BACKLASH_IS_COMPENSATED
             && let Some(settings) = &self.settings
         {
             self.pulses = self.backlash.add_compensation(&self.player.status().increments, settings);
@@ -157,7 +158,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
     /// Returns the pulses to emit for the last period: its increments, and the backlash where an axis reverses.
     #[must_use]
     pub const fn pulses(&self) -> &[i32; A] {
-        if backlash::IS_COMPENSATED { &self.pulses } else { &self.player.status().increments }
+        if BACKLASH_IS_COMPENSATED { &self.pulses } else { &self.player.status().increments }
     }
 
     /// Runs one period of homing.

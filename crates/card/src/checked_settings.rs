@@ -8,7 +8,11 @@ use retrace_link::{
 };
 
 use crate::step_direction::StepTiming;
-use crate::{backlash, outputs};
+use crate::outputs;
+
+/// Whether this build compensates backlash. The feature `backlash` is on by default. A card without it rejects settings
+/// with backlash.
+pub(crate) const BACKLASH_IS_COMPENSATED: bool = cfg!(feature = "backlash");
 
 /// Checked settings.
 #[derive(Clone, Debug)]
@@ -34,7 +38,7 @@ impl<const A: usize> CheckedSettings<A> {
             && settings.watchdog_periods != 0
             && usize::from(settings.safe_count) <= MAX_SAFE
             && usize::from(settings.cutting.count) <= MAX_CUTTING_CHANNELS;
-        let backlash_supported = backlash::IS_COMPENSATED || settings.backlash_pulses.iter().all(|&pulses| pulses == 0);
+        let backlash_supported = BACKLASH_IS_COMPENSATED || settings.backlash_pulses.iter().all(|&pulses| pulses == 0);
         if !numbers || !backlash_supported || !inputs_exist(settings, identity.inputs) {
             return Err(CommandRefusal::Unsupported);
         }

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use retrace_gcode::{ActiveCodes, CanonStep};
 
-use crate::manual::jog_planner::Identify;
+use crate::jog_planner::Identify;
 
 /// A program as a source of canonical functions.
 pub trait BlockDecoder {

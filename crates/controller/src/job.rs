@@ -28,7 +28,7 @@ use crate::check_finding::CheckFinding;
 use crate::command_queue::CommandSources;
 use crate::decoding::{self, BatchChannel};
 use crate::limit_check::LimitCheck;
-use crate::manual::jog_planner;
+use crate::jog_planner;
 use crate::motion_sink::MotionSink;
 use crate::overrides::override_channel;
 use crate::plan_item::PlanSummary;

@@ -2,17 +2,8 @@
 //!
 //! Invariant: columns count bytes of the line from 1; a span is always within its line.
 
-use crate::error_codes::ErrorCode;
+use crate::error_codes::{ErrorCode, Severity};
 use std::fmt;
-
-/// Severity of a diagnostic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Severity {
-    /// The block is not executed, or the cycle cannot be called.
-    Error,
-    /// Legal, but suspicious.
-    Warning,
-}
 
 /// One error or warning in a cycle source or a folder of cycles.
 #[derive(Clone, Debug, PartialEq, Eq)]

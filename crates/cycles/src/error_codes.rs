@@ -2,6 +2,15 @@
 //!
 //! Invariant: a number never changes its meaning; `docs/errors.md` has a row for each.
 
+/// Severity of a diagnostic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Severity {
+    /// The block is not executed, or the cycle cannot be called.
+    Error,
+    /// Legal, but suspicious.
+    Warning,
+}
+
 /// Generates the enumeration `ErrorCode` from a table: name, number, title, cause and remedy.
 #[macro_export]
 macro_rules! error_codes {

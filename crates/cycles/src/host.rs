@@ -287,3 +287,11 @@ pub trait Host {
         None
     }
 }
+
+/// M codes that a cycle may use; it cannot end the program.
+const KNOWN_M: &[i64] = &[0, 1, 3, 4, 5, 6, 7, 8, 9, 19];
+
+/// Whether a cycle may use this M code.
+pub(crate) fn is_known_m(code: f64) -> bool {
+    code.fract() == 0.0 && KNOWN_M.contains(&(code as i64))
+}

@@ -41,8 +41,8 @@ mod vm;
 pub use alarm::{Alarm, AlarmText, CycleRunError, alarm_text};
 pub use builtin::shipped_source;
 pub use cycle::{ArgumentKind, Cycle, CycleId, Kind, Origin};
-pub use diag::{Diagnostic, Severity};
-pub use error_codes::ErrorCode;
+pub use diag::Diagnostic;
+pub use error_codes::{ErrorCode, Severity};
 pub use host::{
     CycleBlock, CycleStoppedError, CycleWord, Host, Message, Query, StockCall, StockFeed, StockMove, StockPathError,
 };

@@ -8,7 +8,6 @@ mod calculate;
 mod messages;
 mod state;
 
-pub(crate) use block::is_known_m;
 
 use crate::alarm::{Alarm, CycleRunError};
 use crate::code::{Op, Passed, converted};

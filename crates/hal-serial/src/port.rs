@@ -153,7 +153,7 @@ impl SerialPort {
             match self.reopen() {
                 Ok(()) => return Ok(()),
                 Err(why) if Instant::now() + RETRY_INTERVAL > until => {
-                    return Err(PortError::gone(&self.address, time.as_secs_f64(), &why));
+                    return Err(self.address.gone(time.as_secs_f64(), &why));
                 }
                 Err(_) => std::thread::sleep(RETRY_INTERVAL),
             }
@@ -258,7 +258,7 @@ pub(crate) fn open_with(
         serialport::ErrorKind::NoDevice if path.exists() => PortError::busy(path, holder_of(path)),
         serialport::ErrorKind::NoDevice | serialport::ErrorKind::Io(ErrorKind::NotFound) => absent(path),
         serialport::ErrorKind::Io(ErrorKind::PermissionDenied) => PortError::forbidden(path, group_of(path).as_deref()),
-        _ => PortError::unfit(address, &error.description),
+        _ => address.unfit(&error.description),
     })?;
     let _ = port.clear(serialport::ClearBuffer::Input);
     Ok(port)
@@ -274,7 +274,7 @@ fn check_device(address: &Address, path: &Path) -> Result<(), PortError> {
     use std::os::unix::fs::FileTypeExt;
     match std::fs::metadata(path) {
         Ok(file) if file.file_type().is_char_device() => Ok(()),
-        Ok(_) => Err(PortError::unfit(address, "it is not a device")),
+        Ok(_) => Err(address.unfit("it is not a device")),
         Err(error) if error.kind() == ErrorKind::PermissionDenied => {
             Err(PortError::forbidden(path, group_of(path).as_deref()))
         }

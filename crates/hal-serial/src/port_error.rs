@@ -5,8 +5,6 @@
 use std::fmt;
 use std::path::Path;
 
-use crate::Address;
-
 /// A port that was not opened: number in the table of errors, cause and remedy.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PortError {
@@ -27,7 +25,7 @@ impl fmt::Display for PortError {
 impl std::error::Error for PortError {}
 
 impl PortError {
-    fn new(number: &'static str, what: impl Into<String>, remedy: impl Into<String>) -> Self {
+    pub(crate) fn new(number: &'static str, what: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { number, what: what.into(), remedy: remedy.into() }
     }
 
@@ -74,19 +72,6 @@ impl PortError {
         Self::new("E2145", format!("the port {} cannot be opened: permission denied", path.display()), remedy)
     }
 
-    /// It exists, but is not a serial port, or does not accept the settings.
-    pub(crate) fn unfit(address: &Address, why: &str) -> Self {
-        let what =
-            format!("{} cannot be used as a serial port at {} baud: {why}", address.path.display(), address.baud);
-        Self::new("E2146", what, "name a serial port, or a baud rate that its driver has: 115200, 230400, 1000000")
-    }
-
-    /// It did not reappear.
-    pub(crate) fn gone(address: &Address, seconds: f64, why: &PortError) -> Self {
-        let what =
-            format!("the line to {} was lost, and did not reappear within {seconds:.1} s", address.path.display());
-        Self::new("E2147", what, format!("{}: {}", why.what, why.remedy))
-    }
 }
 
 /// Group of a device file, by name, otherwise by number.

@@ -83,7 +83,7 @@ impl ProgramPort {
             |builder: serialport::SerialPortBuilder| builder.data_bits(data_bits).parity(parity).stop_bits(stop_bits);
         let port = open_with(&address, path, set)?;
         let marks = marking.map(|marking| marking.switch_on().map(|()| Marks::default())).transpose();
-        let marks = marks.map_err(|error| PortError::unfit(&address, &format!("damage cannot be marked: {error}")))?;
+        let marks = marks.map_err(|error| address.unfit(&format!("damage cannot be marked: {error}")))?;
         Ok(Self { path: path.to_owned(), port, marks, is_pty })
     }
 

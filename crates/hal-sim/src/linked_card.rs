@@ -5,11 +5,15 @@
 use retrace_card::{CheckedSettings, LinkedCard};
 use retrace_link::{CardIdentity, CardSettings, CommandRefusal, PROTOCOL};
 
-use crate::WINDOW;
-use crate::sim_card::MEMORY;
 
 /// Number of reports that it stores until the host has them.
 const ENTRIES: usize = 1024;
+
+/// Number of records that the simulated card holds.
+pub const WINDOW: usize = 4096;
+
+/// Longest average of its rate law, in periods.
+pub(crate) const MEMORY: usize = 1023;
 
 /// A simulated card of `A` axes with its link endpoint.
 pub type SimLinkedCard<const A: usize> = LinkedCard<A, WINDOW, MEMORY, ENTRIES>;

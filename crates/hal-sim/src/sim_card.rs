@@ -15,15 +15,10 @@ use retrace_link::{
 };
 
 use crate::count_checker::CountChecker;
+use crate::linked_card::{MEMORY, WINDOW};
 use crate::pins::Pins;
 use crate::trace::Trace;
 use crate::{Clock, Plant, PlantSettings, PulseCounters, identity};
-
-/// Number of records that the simulated card holds.
-pub const WINDOW: usize = 4096;
-
-/// Longest average of its rate law, in periods.
-pub(crate) const MEMORY: usize = 1023;
 
 /// Ticks per second of a clock that is fine enough for every pulse rate.
 const FINE_HZ: u32 = 4_000_000_000;

@@ -18,12 +18,14 @@
 
 mod alarm;
 mod card_endpoint;
+mod card_failure;
 pub mod crc;
 mod cutting;
 pub mod frame;
 mod frame_size;
 mod host;
 mod message;
+mod outputs;
 mod ports;
 mod predicted_window;
 mod serial_card;
@@ -33,15 +35,14 @@ pub mod wire;
 
 pub use alarm::Alarm;
 pub use card_endpoint::CardEndpoint;
+pub use card_failure::CardFailure;
 pub use cutting::{
     CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, RepeatedInstruction,
 };
 pub use host::{HostEndpoint, LineCounts, LinkError};
-pub use message::{
-    CardStatus, CommandRefusal, HomingCommand, HostCommand, InputWait, Instruction, MAX_CHANGES, OutputAction,
-    OutputChange, Outputs, channel,
-};
-pub use ports::{BytePort, CardCore, CardFailure, state_crc};
+pub use message::{CardStatus, CommandRefusal, HomingCommand, HostCommand, Instruction, OutputAction};
+pub use outputs::{InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
+pub use ports::{BytePort, CardCore, state_crc};
 pub use serial_card::{LinkTimeouts, LinkedCard, LinkedCardError};
 pub use session::{next_epoch, session_key};
 pub use settings::{CardIdentity, CardSettings, InputSetting, InputUse, MAX_INPUTS, MAX_SAFE, PROTOCOL, PathStart};

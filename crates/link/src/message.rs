@@ -4,37 +4,8 @@
 
 use retrace_core::{Place, Rate, RateTarget, Record, RecordIndex};
 
+use crate::outputs::{InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 use crate::{Alarm, CutterOff, PathStart, RepeatedInstruction};
-
-/// Output channels of a card and their meaning.
-pub mod channel {
-    /// Channels 0 … 63 are digital outputs, value 0 or 1 (M62–M65 P number).
-    pub const DIGITAL: usize = 64;
-    /// Spindle: 1 clockwise (M3), −1 counterclockwise (M4), 0 stopped (M5).
-    pub const SPINDLE: u8 = 64;
-    /// Spindle speed in thousandths of a revolution per minute (S).
-    pub const SPEED: u8 = 65;
-    /// Mist coolant (M7), 0 or 1.
-    pub const MIST: u8 = 66;
-    /// Flood coolant (M8), 0 or 1.
-    pub const FLOOD: u8 = 67;
-    /// Number of the tool in the spindle (M6).
-    pub const TOOL: u8 = 68;
-    /// Number of channels.
-    pub const COUNT: usize = 69;
-}
-
-/// The values of all output channels.
-pub type Outputs = [i32; channel::COUNT];
-
-/// Change of one output channel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct OutputChange {
-    /// Channel, below [`channel::COUNT`].
-    pub channel: u8,
-    /// New value.
-    pub value: i32,
-}
 
 /// Synchronous switching action: executed without a stop at the start of a record (GMC, *Two classes*; REV-14).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,20 +18,6 @@ pub struct OutputAction {
     pub before: i32,
     /// Value after the action.
     pub after: i32,
-}
-
-/// Maximum number of changes of one instruction.
-pub const MAX_CHANGES: usize = 4;
-
-/// Input that an instruction waits for before it is complete.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct InputWait {
-    /// Number of the input.
-    pub input: u8,
-    /// Whether the input must become active (true) or inactive.
-    pub active: bool,
-    /// Timeout in periods; 0: no timeout.
-    pub timeout_periods: u32,
 }
 
 /// Exclusive switching instruction (GMC-3): executed while the motion is at rest.

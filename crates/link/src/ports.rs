@@ -4,6 +4,7 @@
 
 use retrace_core::Place;
 
+use crate::card_failure::CardFailure;
 use crate::{CardIdentity, CardSettings, CardStatus, CommandRefusal, HostCommand, crc};
 
 /// Returns a check value of place and counts, by which host and card verify that they agree on the position.
@@ -74,13 +75,4 @@ pub trait BytePort {
     fn revive(&mut self) -> bool {
         false
     }
-}
-
-/// Error that ends a run on a card.
-pub trait CardFailure: core::fmt::Display {
-    /// Returns its number in the table of errors.
-    fn number(&self) -> &'static str;
-
-    /// Returns the remedy.
-    fn remedy(&self) -> &'static str;
 }

@@ -11,18 +11,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Cycles that are accepted: the crate, and its modules. One that was untied is to be taken out.
 const ACCEPTED: &[(&str, &[&str])] = &[
-    ("crates/card/src/", &["backlash", "checked_settings"]),
-    // a job decodes, plans, runs and pauses for manual tasks, each of which is a job of its own
-    ("crates/controller/src/", &["block_decoder", "decoding", "job", "manual", "mdi", "planning", "session"]),
-    ("crates/cycles/src/", &["compile", "library", "stored", "vm"]),
-    ("crates/cycles/src/", &["diag", "error_codes"]),
     // a file's scan opens the files that it calls in the pre-scan that it is a part of
     ("crates/gcode/src/", &["file_scan", "prescan"]),
-    ("crates/hal-serial/src/", &["address", "port_error"]),
-    ("crates/hal-sim/src/", &["fault_spec", "serial_channel"]),
-    ("crates/hal-sim/src/", &["linked_card", "sim_card"]),
-    // the messages of the link, and what they are made of
-    ("crates/link/src/", &["alarm", "cutting", "message", "ports", "settings"]),
 ];
 
 /// Modules, each with those that it uses.
@@ -60,7 +50,7 @@ fn graph(tree: &Tree, root: &str) -> Graph {
         code.keys().filter(|name| !matches!(name.as_str(), "lib" | "main")).cloned().collect();
     let used = |own: &str, text: &str| -> BTreeSet<String> {
         let names = crate_names(text).into_iter();
-        let names = names.map(|name| exported.get(&name).cloned().unwrap_or(name));
+        let names = names.map(|name| if modules.contains(&name) { name } else { exported.get(&name).cloned().unwrap_or(name) });
         names.filter(|name| name != own && modules.contains(name)).collect()
     };
     modules.iter().map(|name| (name.clone(), used(name, &code[name]))).collect()

@@ -2,8 +2,6 @@
 //!
 //! Invariant: every task begins and ends at rest, and moves within the soft limits.
 
-pub(crate) mod jog_planner;
-pub(crate) mod manual_move;
 mod perform;
 
 pub use perform::{ManualTaskDone, ManualTaskError, perform_manual_task};

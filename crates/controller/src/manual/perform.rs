@@ -14,8 +14,8 @@ use retrace_journal::JournalConfig;
 use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
 
 use super::ManualTask;
-use super::jog_planner::{self, JogPlanner, JogRequest};
-use super::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
+use crate::jog_planner::{self, JogPlanner, JogRequest};
+use crate::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::command_queue::CommandSources;
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, Event, EventKind};

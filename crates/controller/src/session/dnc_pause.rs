@@ -19,8 +19,8 @@ use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, PathStart,
 use super::{Outcome, Session};
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, EventKind};
-use crate::manual::jog_planner::{JogPlanner, JogRequest};
-use crate::manual::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
+use crate::jog_planner::{JogPlanner, JogRequest};
+use crate::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::operator::{CommandError, OperatorCommand};
 use crate::telemetry::{PeriodRecord, Telemetry};
 

@@ -11,8 +11,8 @@ use retrace_link::{CardStatus, MotionCard, PathStart};
 use super::{Outcome, Session};
 use crate::dnc_events::{DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, EventKind};
-use crate::manual::jog_planner::JogRequest;
-use crate::manual::manual_move::{ManualMove, ManualMoveEnd};
+use crate::jog_planner::JogRequest;
+use crate::manual_move::{ManualMove, ManualMoveEnd};
 use crate::operator::{CommandError, OperatorCommand};
 use crate::telemetry::{PeriodRecord, Telemetry};
 

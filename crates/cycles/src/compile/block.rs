@@ -254,7 +254,7 @@ impl Compiler<'_> {
             self.emit(Op::Return);
             return Ok(());
         }
-        if let Some(value) = value.filter(|value| !crate::vm::is_known_m(*value)) {
+        if let Some(value) = value.filter(|value| !crate::host::is_known_m(*value)) {
             return self.unknown_code("M", value, span);
         }
         words.m += 1;

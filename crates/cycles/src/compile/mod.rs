@@ -59,7 +59,7 @@ pub(crate) fn compile(source: &[u8], file_name: &str) -> Compiled {
     if compiler.errors >= MAX_ERRORS {
         compiler.report(ErrorCode::TooManyErrors, Span::default(), "more errors are not shown".to_owned());
     }
-    let is_whole = !compiler.diagnostics.iter().any(|d| d.severity() == crate::diag::Severity::Error);
+    let is_whole = !compiler.diagnostics.iter().any(|d| d.severity() == crate::error_codes::Severity::Error);
     Compiled { unit: is_whole.then_some(compiler.unit), diagnostics: compiler.diagnostics }
 }
 
@@ -115,7 +115,7 @@ impl<'s> Compiler<'s> {
     fn report(&mut self, code: ErrorCode, span: Span, message: String) {
         let (start, end) = (span.start as u32, span.end.max(span.start) as u32);
         let diagnostic = Diagnostic { code, line: self.line, start, end, message };
-        self.errors += usize::from(diagnostic.severity() == crate::diag::Severity::Error);
+        self.errors += usize::from(diagnostic.severity() == crate::error_codes::Severity::Error);
         self.diagnostics.push(diagnostic);
     }
 

@@ -6,7 +6,7 @@ use super::{Frame, STEPS_OF_A_BLOCK, Step, VmRun, VmTrap, trap};
 use crate::code::Op;
 use crate::cycle::Cycle;
 use crate::error_codes::ErrorCode;
-use crate::host::Query;
+use crate::host::{Query, is_known_m};
 
 /// Returns the axes of a plane: first, second, and the drilling axis.
 pub(crate) const fn axes_of_plane(plane: i64) -> [u8; 3] {
@@ -115,12 +115,4 @@ impl VmRun<'_> {
             None => trap(ErrorCode::IndexRange, format!("AX[{number}]: a plane has the axes 1, 2 and 3")),
         }
     }
-}
-
-/// M codes that a cycle may use; it cannot end the program.
-const KNOWN_M: &[i64] = &[0, 1, 3, 4, 5, 6, 7, 8, 9, 19];
-
-/// Whether a cycle may use this M code.
-pub(crate) fn is_known_m(code: f64) -> bool {
-    code.fract() == 0.0 && KNOWN_M.contains(&(code as i64))
 }

@@ -9,7 +9,7 @@ use retrace_link::{HostCommand, MotionCard, PathStart};
 use std::thread;
 use std::time::Duration;
 
-use super::jog_planner::{JogPlanner, JogRequest};
+use crate::jog_planner::{JogPlanner, JogRequest};
 
 /// Over a link, the card's report of being at rest may be this many periods old.
 pub(crate) const REPORT_LATENCY_PERIODS: u32 = retrace_config::IN_FLIGHT_RECORDS;
