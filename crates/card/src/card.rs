@@ -133,9 +133,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         {
             self.latch_alarm(alarm);
         }
-        if BACKLASH_IS_COMPENSATED
-            && let Some(settings) = &self.settings
-        {
+        if BACKLASH_IS_COMPENSATED && let Some(settings) = &self.settings {
             self.pulses = self.backlash.add_compensation(&self.player.status().increments, settings);
             self.player.set_taking_up_backlash(self.backlash.is_taking_up());
         }

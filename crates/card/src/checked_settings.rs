@@ -7,8 +7,8 @@ use retrace_link::{
     Alarm, CardIdentity, CardSettings, CommandRefusal, InputUse, MAX_CUTTING_CHANNELS, MAX_INPUTS, MAX_SAFE,
 };
 
-use crate::step_direction::StepTiming;
 use crate::outputs;
+use crate::step_direction::StepTiming;
 
 /// Whether this build compensates backlash. The feature `backlash` is on by default. A card without it rejects settings
 /// with backlash.

@@ -8,7 +8,6 @@ mod calculate;
 mod messages;
 mod state;
 
-
 use crate::alarm::{Alarm, CycleRunError};
 use crate::code::{Op, Passed, converted};
 use crate::cycle::{ArgumentKind, Cycle, CycleId};

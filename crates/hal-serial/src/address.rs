@@ -66,15 +66,13 @@ impl Address {
 
     /// It exists, but is not a serial port, or does not accept the settings.
     pub(crate) fn unfit(&self, why: &str) -> PortError {
-        let what =
-            format!("{} cannot be used as a serial port at {} baud: {why}", self.path.display(), self.baud);
+        let what = format!("{} cannot be used as a serial port at {} baud: {why}", self.path.display(), self.baud);
         PortError::new("E2146", what, "name a serial port, or a baud rate that its driver has: 115200, 230400, 1000000")
     }
 
     /// It did not reappear.
     pub(crate) fn gone(&self, seconds: f64, why: &PortError) -> PortError {
-        let what =
-            format!("the line to {} was lost, and did not reappear within {seconds:.1} s", self.path.display());
+        let what = format!("the line to {} was lost, and did not reappear within {seconds:.1} s", self.path.display());
         PortError::new("E2147", what, format!("{}: {}", why.what, why.remedy))
     }
 }

@@ -71,7 +71,6 @@ impl PortError {
         };
         Self::new("E2145", format!("the port {} cannot be opened: permission denied", path.display()), remedy)
     }
-
 }
 
 /// Group of a device file, by name, otherwise by number.

@@ -5,7 +5,6 @@
 use retrace_card::{CheckedSettings, LinkedCard};
 use retrace_link::{CardIdentity, CardSettings, CommandRefusal, PROTOCOL};
 
-
 /// Number of reports that it stores until the host has them.
 const ENTRIES: usize = 1024;
 

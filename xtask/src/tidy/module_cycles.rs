@@ -50,7 +50,8 @@ fn graph(tree: &Tree, root: &str) -> Graph {
         code.keys().filter(|name| !matches!(name.as_str(), "lib" | "main")).cloned().collect();
     let used = |own: &str, text: &str| -> BTreeSet<String> {
         let names = crate_names(text).into_iter();
-        let names = names.map(|name| if modules.contains(&name) { name } else { exported.get(&name).cloned().unwrap_or(name) });
+        let names =
+            names.map(|name| if modules.contains(&name) { name } else { exported.get(&name).cloned().unwrap_or(name) });
         names.filter(|name| name != own && modules.contains(name)).collect()
     };
     modules.iter().map(|name| (name.clone(), used(name, &code[name]))).collect()

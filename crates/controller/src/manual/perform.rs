@@ -14,12 +14,12 @@ use retrace_journal::JournalConfig;
 use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
 
 use super::ManualTask;
-use crate::jog_planner::{self, JogPlanner, JogRequest};
-use crate::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::command_queue::CommandSources;
 use crate::dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 use crate::event::{CardError, Event, EventKind};
 use crate::job::{self, JobOptions, JobStart};
+use crate::jog_planner::{self, JogPlanner, JogRequest};
+use crate::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::mdi::ModalContext;
 use crate::operator::{CommandError, OperatorCommand};
 use crate::session::{Outcome, RunMode};
