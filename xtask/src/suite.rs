@@ -70,12 +70,12 @@ fn clippy(root: &Path) -> Outcome {
 }
 
 /// The packages of the steps `test` and `doctest`: all but the thread models, which the step `verify` runs and counts.
-/// Both steps, and the build before them, name the same packages, so that each is compiled once, with one set of
-/// features.
+/// Both name the same packages, so that each is compiled once, with one set of features.
 const TESTED: [&str; 5] = ["--workspace", "--exclude", "retrace-loom", "--exclude", "retrace-shuttle"];
 
 fn tests(root: &Path) -> Outcome {
-    let binary = match build_command_and_tests(root) {
+    // as it is shipped, with the features of its own dependencies
+    let binary = match build_command(root) {
         Ok(binary) => binary,
         Err(remark) => return Outcome { passed: false, remark },
     };
@@ -87,16 +87,6 @@ fn tests(root: &Path) -> Outcome {
         command.env("RUST_TEST_THREADS", (2 * processors).to_string());
     }
     count_tests(command.env("RETRACE_BIN", binary))
-}
-
-/// Builds the tests and the `retrace` command in one go, and returns where cargo put the command.
-fn build_command_and_tests(root: &Path) -> Result<PathBuf, String> {
-    let mut command = process::cargo(root, &["build"]);
-    command.args(TESTED).args(["--tests", "--bin", "retrace", "--message-format", "json-render-diagnostics"]);
-    process::build_all(&mut command)?
-        .into_iter()
-        .find(|path| path.file_stem().is_some_and(|name| name == "retrace"))
-        .ok_or_else(|| "cargo did not say where it put the command".to_owned())
 }
 
 fn verify_step(root: &Path) -> Outcome {

@@ -1,25 +1,20 @@
 //! The end-to-end tests of the command that mostly wait, in one binary: they overlap. Those that load the computer are
 //! binaries of their own beside it, which run alone.
 
-mod blending;
 #[cfg(target_os = "linux")]
 mod card;
 mod check;
 mod command;
 mod cutter;
 mod dnc;
-mod drip_canon;
 mod error_catalogue;
 mod feed_override;
 mod hand;
 mod jumps;
-mod limits;
-mod long;
 #[cfg(unix)]
 mod offsets;
 #[cfg(target_os = "linux")]
 mod output;
-mod programs;
 #[cfg(target_os = "linux")]
 mod real_time;
 mod refusals;
@@ -32,6 +27,5 @@ mod serial;
 mod state_files;
 #[cfg(unix)]
 mod stop_signals;
-mod stops;
 mod streams;
 mod tool_length;

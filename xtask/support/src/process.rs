@@ -133,19 +133,12 @@ pub fn cargo(folder: &Path, arguments: &[&str]) -> Command {
 /// # Errors
 /// Where cargo cannot be run, or the build fails or names no executable.
 pub fn build(command: &mut Command) -> Result<PathBuf, String> {
-    build_all(command)?.pop().ok_or_else(|| "cargo did not say where it put the executable".to_owned())
-}
-
-/// Runs a build whose messages are JSON, and returns where cargo put its executables.
-///
-/// # Errors
-/// Where cargo cannot be run, or the build fails.
-pub fn build_all(command: &mut Command) -> Result<Vec<PathBuf>, String> {
     let output = command.stderr(Stdio::inherit()).output().map_err(|error| format!("cargo cannot be run: {error}"))?;
     if !output.status.success() {
         return Err("it does not build".to_owned());
     }
-    Ok(executables(&String::from_utf8_lossy(&output.stdout)))
+    let executable = executables(&String::from_utf8_lossy(&output.stdout)).pop();
+    executable.ok_or_else(|| "cargo did not say where it put the executable".to_owned())
 }
 
 /// The executables that cargo's JSON messages name, each once.
