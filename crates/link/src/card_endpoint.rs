@@ -11,8 +11,10 @@ use retrace_core::{Rate, RateTarget};
 
 use crate::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE, encode_with_key};
 use crate::frame_size::FrameSize;
+use crate::sequence::{FirstNumbers, acknowledged_items, is_after};
+use crate::session::{is_next_opening, is_open_epoch};
 use crate::wire::{ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, kind, read_command};
-use crate::{CardCore, CardStatus, HostCommand, OutputChange, Outputs, channel, next_epoch, session_key, state_crc};
+use crate::{CardCore, CardStatus, HostCommand, OutputChange, Outputs, channel, session_key, state_crc};
 
 /// Bytes reserved at the end of a report for the state check.
 const STATE_CRC_BYTES: usize = 4;
@@ -26,6 +28,8 @@ pub struct CardEndpoint<const A: usize, const E: usize> {
     decoder: FrameDecoder<MAX_PAYLOAD>,
     epoch: u16,
     last_epoch: u16,
+    /// First numbers of every epoch.
+    first_numbers: FirstNumbers,
     axes: u8,
     /// Number of the next command.
     next_command: u16,
@@ -87,6 +91,14 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
     /// Creates an endpoint without an open epoch.
     #[must_use]
     pub const fn new() -> Self {
+        Self::starting_at(FirstNumbers::protocol(), 0)
+    }
+
+    /// Creates an endpoint as [`CardEndpoint::new`] does, whose epochs begin with these numbers and follow
+    /// `last_epoch`.
+    #[doc(hidden)]
+    #[must_use]
+    pub const fn starting_at(first_numbers: FirstNumbers, last_epoch: u16) -> Self {
         const {
             assert!(
                 E >= 16 && E <= 16384 && E.is_power_of_two(),
@@ -96,7 +108,8 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         Self {
             decoder: FrameDecoder::new(),
             epoch: 0,
-            last_epoch: 0,
+            last_epoch,
+            first_numbers,
             axes: A as u8,
             next_command: 0,
             rate_seq: 0,
@@ -175,7 +188,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
 
     /// Returns whether the frame belongs to the open epoch, and resets the watchdog if so.
     fn receive_session_frame(&mut self, reader: &mut ByteReader<'_>, card: &mut impl CardCore<A>) -> Option<bool> {
-        let open = reader.u16()? == self.epoch && self.epoch != 0;
+        let open = is_open_epoch(reader.u16()?, self.epoch);
         if open {
             self.frame_received = true;
             card.record_host_frame();
@@ -187,14 +200,16 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
     /// that is already open is only answered, and any other is late or a recording.
     fn open(&mut self, boot: u32, nonce: u32, opening: &Opening<A>, card: &mut impl CardCore<A>) {
         let settings = &opening.0;
-        let is_next = boot == card.identity().boot && settings.epoch == next_epoch(self.last_epoch);
+        let is_next = is_next_opening(boot, settings.epoch, card.identity().boot, self.last_epoch);
         if is_next && card.open(settings).is_ok() {
             let status = card.status();
             (self.epoch, self.last_epoch, self.axes) = (settings.epoch, settings.epoch, settings.axes);
             (self.nonce, self.key, self.frame_received) = (nonce, session_key(boot, nonce, settings.epoch), false);
             self.decoder.set_key(self.key);
-            (self.next_command, self.rate_seq, self.command_gap) = (0, 0, false);
-            (self.first, self.count, self.sent, self.sent_once, self.entries_lost) = (0, 0, 0, 0, false);
+            let FirstNumbers { command, entry, rate } = self.first_numbers;
+            (self.next_command, self.rate_seq, self.command_gap) = (command, rate, false);
+            (self.first, self.count, self.sent, self.sent_once) = (entry, 0, entry, entry);
+            self.entries_lost = false;
             (self.since_report, self.unconfirmed) = (0, 0);
             self.report_periods = settings.report_periods.max(1);
             self.retransmit_periods = (40_000 / settings.period_us.max(1)).max(2 + 2 * u32::from(self.report_periods));
@@ -210,8 +225,8 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
 
     /// Handles the acknowledgement that the host has every entry before this number.
     fn acknowledge(&mut self, number: u16) {
-        let known = number.wrapping_sub(self.first);
-        if known <= self.count && known > 0 {
+        let known = acknowledged_items(number, self.first, self.count).unwrap_or(0);
+        if known > 0 {
             let sent = self.sent.wrapping_sub(self.first);
             self.first = number;
             self.count -= known;
@@ -230,7 +245,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
 
     fn receive_commands(&mut self, mut reader: ByteReader<'_>, card: &mut impl CardCore<A>) -> Option<()> {
         let mut number = reader.u16()?;
-        if (number.wrapping_sub(self.next_command) as i16) > 0 {
+        if is_after(number, self.next_command) {
             self.command_gap = true;
             self.urgent = true;
             return None;
@@ -257,7 +272,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
     fn receive_rate(&mut self, mut reader: ByteReader<'_>, card: &mut impl CardCore<A>) -> Option<()> {
         let number = reader.u16()?;
         let (feed, rapid) = (Rate::from_units(reader.signed()?), Rate::from_units(reader.signed()?));
-        if (number.wrapping_sub(self.rate_seq) as i16) > 0 {
+        if is_after(number, self.rate_seq) {
             self.rate_seq = number;
             // A latched alarm rejects it; an entry reports the alarm to the host.
             let _ = card.accept(HostCommand::Rate(RateTarget { feed, rapid }));
@@ -431,7 +446,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             }
             self.sent = self.sent.wrapping_add(1);
         }
-        if (self.sent.wrapping_sub(self.sent_once) as i16) > 0 {
+        if is_after(self.sent, self.sent_once) {
             self.sent_once = self.sent;
         }
         let all = self.sent == end;

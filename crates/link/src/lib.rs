@@ -28,8 +28,11 @@ mod message;
 mod outputs;
 mod ports;
 mod predicted_window;
+#[doc(hidden)]
+pub mod sequence;
 mod serial_card;
-mod session;
+#[doc(hidden)]
+pub mod session;
 mod settings;
 pub mod wire;
 

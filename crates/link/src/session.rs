@@ -12,6 +12,18 @@ pub const fn next_epoch(last: u16) -> u16 {
     }
 }
 
+/// Whether an opening begins a new epoch: it names this start of the card, and the epoch after the last one.
+#[must_use]
+pub const fn is_next_opening(boot: u32, epoch: u16, own_boot: u32, last_epoch: u16) -> bool {
+    boot == own_boot && epoch == next_epoch(last_epoch)
+}
+
+/// Whether a frame of this epoch belongs to the open one; 0 is no open epoch.
+#[must_use]
+pub const fn is_open_epoch(epoch: u16, open_epoch: u16) -> bool {
+    epoch == open_epoch && open_epoch != 0
+}
+
 /// Returns the key of an epoch's frames, from the card's boot number, the opening's nonce and the epoch's number. It is
 /// odd, hence never 0.
 #[must_use]

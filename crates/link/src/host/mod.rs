@@ -22,6 +22,7 @@ use retrace_core::{Place, Rate, RateTarget, RecordIndex};
 use crate::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE};
 use crate::frame_size::FrameSize;
 use crate::predicted_window::PredictedWindow;
+use crate::sequence::FirstNumbers;
 use crate::wire::{Greeting, ReportEntry};
 use crate::{
     Alarm, CardSettings, CardStatus, CommandRefusal, HostCommand, PathStart, channel, next_epoch, session_key,
@@ -30,9 +31,9 @@ use crate::{
 /// Maximum number of commands in transit. They occupy the line, not the card's window.
 const MAX_COMMANDS: usize = 128;
 /// Number of recent records retained: twice the largest window that is used.
-const CELLS: usize = 8192;
+const MAX_CELLS: usize = 8192;
 /// Maximum number of reported entries that are not published yet.
-const ENTRIES: usize = 1024;
+const MAX_ENTRIES: usize = 1024;
 
 /// State of the connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,7 +76,8 @@ pub struct LineCounts {
     pub retransmitted: u64,
 }
 
-/// The host's endpoint, for up to `A` axes.
+/// The host's endpoint, for up to `A` axes. The other sizes are powers of two: of the records retained, of the entries
+/// that are not published, of the commands in transit (at least 32). Only models change them.
 ///
 /// # Examples
 ///
@@ -90,7 +92,14 @@ pub struct LineCounts {
 /// assert!(host.greeting().is_none() && !host.is_open());
 /// ```
 #[derive(Clone, Debug)]
-pub struct HostEndpoint<const A: usize> {
+pub struct HostEndpoint<
+    const A: usize,
+    const CELLS: usize = MAX_CELLS,
+    const ENTRIES: usize = MAX_ENTRIES,
+    const COMMANDS: usize = MAX_COMMANDS,
+> {
+    /// First numbers of every epoch.
+    first_numbers: FirstNumbers,
     phase: Phase,
     nonce: u32,
     greeting: Option<Greeting<A>>,
@@ -104,7 +113,7 @@ pub struct HostEndpoint<const A: usize> {
     probing: bool,
     settings: Option<CardSettings<A>>,
     decoder: FrameDecoder<MAX_PAYLOAD>,
-    queue: [HostCommand<A>; MAX_COMMANDS],
+    queue: [HostCommand<A>; COMMANDS],
     /// Number of the oldest command that is not acknowledged.
     base: u16,
     count: u16,
@@ -125,6 +134,8 @@ pub struct HostEndpoint<const A: usize> {
     period_emitted: bool,
     /// Number of the next expected entry.
     next_entry: u16,
+    /// Whether an entry of this epoch has arrived.
+    entry_received: bool,
     /// Place after the last entry.
     newest_place: Place,
     status: CardStatus<A>,
@@ -163,11 +174,27 @@ struct HostTimes {
     nak: u64,
 }
 
-impl<const A: usize> HostEndpoint<A> {
+impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: usize>
+    HostEndpoint<A, CELLS, ENTRIES, COMMANDS>
+{
+    const CHECKED: () = assert!(
+        ENTRIES.is_power_of_two() && ENTRIES <= 1 << 15 && COMMANDS.is_power_of_two() && COMMANDS >= 32,
+        "numbers of 16 bits index these arrays over the wrap"
+    );
+
     /// Creates an endpoint that requests a greeting; `nonce` distinguishes its request from older ones.
     #[must_use]
     pub fn new(nonce: u32) -> Self {
+        Self::starting_at(nonce, FirstNumbers::protocol())
+    }
+
+    /// Creates an endpoint as [`HostEndpoint::new`] does, whose epochs begin with these numbers.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn starting_at(nonce: u32, first_numbers: FirstNumbers) -> Self {
+        let () = Self::CHECKED;
         Self {
+            first_numbers,
             phase: Phase::Identifying,
             nonce: nonce.max(1),
             greeting: None,
@@ -178,7 +205,7 @@ impl<const A: usize> HostEndpoint<A> {
             probing: false,
             settings: None,
             decoder: FrameDecoder::new(),
-            queue: [HostCommand::ClearAlarm; MAX_COMMANDS],
+            queue: [HostCommand::ClearAlarm; COMMANDS],
             base: 0,
             count: 0,
             sent: 0,
@@ -193,6 +220,7 @@ impl<const A: usize> HostEndpoint<A> {
             waiting: 0,
             period_emitted: false,
             next_entry: 0,
+            entry_received: false,
             newest_place: Place::start_of(RecordIndex::new(0)),
             status: CardStatus::at_rest(PathStart::at(RecordIndex::new(0))),
             reported_crc: None,
@@ -238,10 +266,11 @@ impl<const A: usize> HostEndpoint<A> {
         let window = greeting.identity.window.min(CELLS as u32 / 2);
         let (counts, start) = (greeting.counts, settings.start);
         self.predicted = PredictedWindow::new(start.place.record, window, stopping_records(&settings.limits));
-        (self.base, self.count, self.sent) = (0, 0, 0);
+        let FirstNumbers { command, entry, rate } = self.first_numbers;
+        (self.base, self.count, self.sent) = (command, 0, 0);
         (self.target, self.sent_rate, self.rate_seq, self.acked_rate_seq, self.times.number) =
-            (RateTarget::ZERO, Rate::ZERO, 0, 0, 0);
-        (self.first_waiting, self.waiting, self.next_entry) = (0, 0, 0);
+            (RateTarget::ZERO, Rate::ZERO, rate, rate, rate);
+        (self.first_waiting, self.waiting, self.next_entry, self.entry_received) = (entry, 0, entry, false);
         (self.newest_place, self.reported_high) = (start.place, start.place.record);
         // The period number continues across epochs.
         self.status = CardStatus { counts, period: self.status.period, ..CardStatus::at_rest(start) };
@@ -264,7 +293,7 @@ impl<const A: usize> HostEndpoint<A> {
     /// Whether the epoch is open and the first report has arrived.
     #[must_use]
     pub fn is_open(&self) -> bool {
-        self.phase == Phase::Open && self.next_entry != 0
+        self.phase == Phase::Open && self.entry_received
     }
 
     /// Whether the card's greeting has the position of the last published period. Homing leaves the path, so it is not
@@ -365,7 +394,7 @@ impl<const A: usize> HostEndpoint<A> {
         } else {
             0
         };
-        if usize::from(self.count) + room >= MAX_COMMANDS {
+        if usize::from(self.count) + room >= COMMANDS {
             return Err(CommandRefusal::Full);
         }
         self.predicted.predict(&command, self.newest_place, self.may_have_moved())?;
@@ -377,7 +406,7 @@ impl<const A: usize> HostEndpoint<A> {
         if matches!(command, HostCommand::ClearAlarm) {
             self.clearing = Some(AlarmClearing::Requested(number));
         }
-        self.queue[usize::from(number) % MAX_COMMANDS] = command;
+        self.queue[usize::from(number) % COMMANDS] = command;
         self.count += 1;
         self.update_status_window();
         Ok(())

@@ -6,11 +6,13 @@
 use retrace_core::Distance;
 use retrace_core::playback::emission;
 
-use super::{ENTRIES, HostEndpoint, LinkError};
+use super::{HostEndpoint, LinkError};
 use crate::state_crc;
 use crate::wire::ReportEntry;
 
-impl<const A: usize> HostEndpoint<A> {
+impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: usize>
+    HostEndpoint<A, CELLS, ENTRIES, COMMANDS>
+{
     /// Advances to the next control period that the card reported: [`HostEndpoint::status`] is then the status at its
     /// end. Returns false if none is available yet.
     pub fn next_period(&mut self) -> bool {

@@ -2,8 +2,9 @@
 //!
 //! Invariant: an entry is processed once, in its order; a parse error leaves everything before it valid.
 
-use super::{AlarmClearing, ENTRIES, HostEndpoint, LinkError, MAX_COMMANDS, Phase, StagedFrame};
+use super::{AlarmClearing, HostEndpoint, LinkError, Phase, StagedFrame};
 use crate::frame::MAX_PAYLOAD;
+use crate::sequence::{acknowledged_items, is_after};
 use crate::wire::{ByteReader, Greeting, ReportEntry, kind};
 use retrace_core::{Distance, RecordIndex};
 
@@ -13,7 +14,9 @@ const GAP_US: u64 = 12_000;
 /// Number of answers without an open epoch after which the card counts as refusing.
 const REFUSALS: u8 = 3;
 
-impl<const A: usize> HostEndpoint<A> {
+impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: usize>
+    HostEndpoint<A, CELLS, ENTRIES, COMMANDS>
+{
     /// Processes bytes from the line.
     pub fn receive(&mut self, bytes: &[u8], now_us: u64) {
         self.times.now = now_us;
@@ -101,7 +104,7 @@ impl<const A: usize> HostEndpoint<A> {
         }
         self.update_clearing(next_command, flags & 2 != 0);
         self.acknowledge_commands(next_command, low, low + length);
-        if now_seen.wrapping_sub(self.acked_rate_seq) as i16 > 0 {
+        if is_after(now_seen, self.acked_rate_seq) {
             self.acked_rate_seq = now_seen;
         }
         if flags & 1 != 0 && self.sent > 0 && self.times.now - self.times.gap >= GAP_US {
@@ -114,7 +117,7 @@ impl<const A: usize> HostEndpoint<A> {
     /// Adds the new entries. Entries beyond the next number follow a report that was lost.
     fn push_entries(&mut self, reader: &mut ByteReader<'_>, first: u16, all: bool) -> Option<()> {
         let mut number = first;
-        if (number.wrapping_sub(self.next_entry) as i16) > 0 {
+        if is_after(number, self.next_entry) {
             self.report_missing = true;
             return Some(());
         }
@@ -132,6 +135,7 @@ impl<const A: usize> HostEndpoint<A> {
                 self.entries[usize::from(self.first_waiting.wrapping_add(self.waiting)) % ENTRIES] = entry;
                 self.waiting += 1;
                 self.next_entry = self.next_entry.wrapping_add(1);
+                self.entry_received = true;
             }
             number = number.wrapping_add(1);
         }
@@ -147,7 +151,7 @@ impl<const A: usize> HostEndpoint<A> {
     /// Updates the progress of an alarm-clearing command. `all` means that the report had every entry.
     fn update_clearing(&mut self, next_command: u16, all: bool) {
         match self.clearing {
-            Some(AlarmClearing::Requested(number)) if all && (next_command.wrapping_sub(number) as i16) > 0 => {
+            Some(AlarmClearing::Requested(number)) if all && is_after(next_command, number) => {
                 self.clearing = Some(AlarmClearing::Accepted(self.next_entry));
             }
             // Every period reported since then came after the command.
@@ -159,10 +163,7 @@ impl<const A: usize> HostEndpoint<A> {
     /// Handles the acknowledgement that the card received all commands before `next_command`; its window was
     /// `low … high` then.
     fn acknowledge_commands(&mut self, next_command: u16, low: RecordIndex, high: RecordIndex) {
-        let taken = next_command.wrapping_sub(self.base);
-        if taken > self.count {
-            return;
-        }
+        let Some(taken) = acknowledged_items(next_command, self.base, self.count) else { return };
         if taken > 0 {
             self.frames.record_arrival();
             self.times.progress = self.times.now;
@@ -176,7 +177,7 @@ impl<const A: usize> HostEndpoint<A> {
         self.predicted.set_reported(low, high);
         self.reported_high = high;
         for k in 0..self.count {
-            let command = self.queue[usize::from(self.base.wrapping_add(k)) % MAX_COMMANDS];
+            let command = self.queue[usize::from(self.base.wrapping_add(k)) % COMMANDS];
             // Commands predicted as accepted still are; what the card rejects anyway shows in a later report.
             let _ = self.predicted.predict(&command, self.newest_place, false);
         }

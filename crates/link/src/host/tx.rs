@@ -4,7 +4,7 @@
 //! Invariant: a frame is sent completely, or is ended early by a zero byte, so that the card never takes two frames for
 //! one.
 
-use super::{HostEndpoint, MAX_COMMANDS, Phase, StagedFrame};
+use super::{HostEndpoint, Phase, StagedFrame};
 use crate::HostCommand;
 use crate::frame::{MAX_PAYLOAD, MAX_WIRE, encode_with_key};
 use crate::wire::{ByteWriter, Opening, RecordRun, kind, write_command};
@@ -30,7 +30,9 @@ const MISSED_US: u64 = 8_000;
 /// Approximate bytes of a frame with a rate.
 const RATE_FRAME: usize = 22;
 
-impl<const A: usize> HostEndpoint<A> {
+impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: usize>
+    HostEndpoint<A, CELLS, ENTRIES, COMMANDS>
+{
     /// Writes bytes for the line to `out`, as many as are due and fit, and returns their number.
     pub fn transmit(&mut self, now_us: u64, out: &mut [u8]) -> usize {
         self.times.now = now_us;
@@ -133,7 +135,7 @@ impl<const A: usize> HostEndpoint<A> {
 
     /// Whether there is an unsent command that is not a record.
     fn has_unsent_command(&self) -> bool {
-        let command = |k: u16| &self.queue[usize::from(self.base.wrapping_add(k)) % MAX_COMMANDS];
+        let command = |k: u16| &self.queue[usize::from(self.base.wrapping_add(k)) % COMMANDS];
         (self.sent..self.count).any(|k| !matches!(command(k), HostCommand::Ahead { .. } | HostCommand::Behind { .. }))
     }
 
@@ -169,7 +171,7 @@ impl<const A: usize> HostEndpoint<A> {
             writer.u16(self.base.wrapping_add(offset))
         })();
         while head.is_some() && self.sent < self.count {
-            let command = &self.queue[usize::from(self.base.wrapping_add(self.sent)) % MAX_COMMANDS];
+            let command = &self.queue[usize::from(self.base.wrapping_add(self.sent)) % COMMANDS];
             if write_command(&mut writer, &mut run, command).is_none() {
                 break;
             }

@@ -1,7 +1,10 @@
 //! The integration tests of `retrace-link`, in one binary, which links once.
 
+mod card_frames;
 mod decoder;
 mod dice;
 mod ends;
 mod frames;
+mod host_frames;
 mod wire;
+mod works;

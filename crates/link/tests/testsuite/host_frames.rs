@@ -1,0 +1,1 @@
+//! The host's endpoint alone, frame by frame.
