@@ -1,1 +1,803 @@
-//! The host's endpoint alone, frame by frame.
+//! The host's endpoint alone, frame by frame: its numbers begin anywhere and cross the wrap, and its times are exact.
+
+use crate::works::{STARTS, Works, limits, record};
+use retrace_core::{Distance, Place, Rate, RateTarget, RecordIndex};
+use retrace_link::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE, encode_with_key};
+use retrace_link::sequence::FirstNumbers;
+use retrace_link::wire::{ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, kind, read_command};
+use retrace_link::{
+    Alarm, CardSettings, CommandRefusal, CutterOff, CutterOffCause, HomingCommand, HostCommand, HostEndpoint,
+    Instruction, LinkError, OutputChange, PROTOCOL, PathStart, RepeatedInstruction, channel, next_epoch, session_key,
+    state_crc,
+};
+
+const NONCE: u32 = 7;
+const BOOT: u32 = 0xB007;
+const START: u32 = 50;
+
+/// A frame of the host; numbers count from the first ones.
+#[derive(Clone, Debug, PartialEq)]
+enum Sent {
+    Hello(u32),
+    Open { boot: u32, nonce: u32, epoch: u16 },
+    Stream { entry: u16, number: u16, commands: Vec<HostCommand<3>> },
+    Rate { entry: u16, number: u16, feed: i64 },
+    Nak { entry: u16 },
+    Close(u32),
+}
+
+/// What the card writes in a report.
+#[derive(Clone, Copy, Default)]
+struct Report<'e> {
+    next_command: u16,
+    rate: u16,
+    flags: u8,
+    /// The window, from [`START`] on.
+    low: u32,
+    length: u32,
+    first: u16,
+    entries: &'e [ReportEntry],
+    /// Changed bits of the check.
+    wrong: u32,
+}
+
+const GAP: u8 = 1;
+const ALL: u8 = 2;
+const LOST: u8 = 4;
+
+struct HostBench {
+    host: Box<HostEndpoint<3>>,
+    numbers: FirstNumbers,
+    last_epoch: u16,
+    epoch: u16,
+    key: u32,
+    now: u64,
+}
+
+fn ran(distance: Distance, count: u32) -> ReportEntry {
+    ReportEntry::Ran { distance, count, starved: false, at_rest: distance == Distance::ZERO }
+}
+
+const REST: ReportEntry = ReportEntry::Ran { distance: Distance::ZERO, count: 1, starved: false, at_rest: true };
+
+impl HostBench {
+    fn unconnected((numbers, last_epoch): (FirstNumbers, u16)) -> Self {
+        let epoch = next_epoch(last_epoch);
+        let host = Box::new(HostEndpoint::starting_at(NONCE, numbers));
+        Self { host, numbers, last_epoch, epoch, key: session_key(BOOT, !NONCE, epoch), now: 1_000_000 }
+    }
+
+    /// A host whose epoch is open, whose first report has arrived, and which has nothing to send for now.
+    fn new(start: (FirstNumbers, u16)) -> Self {
+        let mut bench = Self::unconnected(start);
+        assert_eq!(bench.frames(), [Sent::Hello(NONCE)]);
+        bench.greet(NONCE, BOOT, 0);
+        bench.host.open(CardSettings::new(0, PathStart::at(RecordIndex::new(START)), 1000, limits()));
+        assert_eq!(bench.frames(), [Sent::Open { boot: BOOT, nonce: !NONCE, epoch: bench.epoch }]);
+        assert!(!bench.host.is_open());
+        bench.report(Report { entries: &[REST], flags: ALL, ..Report::default() });
+        assert!(bench.host.is_open() && bench.host.next_period() && !bench.host.next_period());
+        assert_eq!(bench.host.fault(), None);
+        bench.now += 16_000;
+        assert_eq!(bench.frames(), [Sent::Rate { entry: 1, number: 0, feed: 0 }], "the sign of life");
+        bench
+    }
+
+    /// The frames that are due.
+    fn frames(&mut self) -> Vec<Sent> {
+        let mut bytes = [0; 8192];
+        let count = self.host.transmit(self.now, &mut bytes);
+        assert_eq!(self.host.transmit(self.now, &mut [0; 512]), 0, "once");
+        let mut decoder = FrameDecoder::<MAX_PAYLOAD>::new();
+        decoder.set_key(self.key);
+        let mut frames = Vec::new();
+        for &byte in &bytes[..count] {
+            if let Some(payload) = decoder.push(byte) {
+                let payload = payload.expect("undamaged").to_vec();
+                frames.push(self.parse(&mut ByteReader::new(&payload), decoder.has_key()).expect("a frame"));
+            }
+        }
+        frames
+    }
+
+    fn parse(&self, r: &mut ByteReader<'_>, has_key: bool) -> Option<Sent> {
+        let kind = r.u8()?;
+        assert_eq!(has_key, !matches!(kind, kind::HELLO | kind::OPEN));
+        if has_key {
+            assert_eq!(r.u16()?, self.epoch);
+        }
+        let entry = |r: &mut ByteReader<'_>| Some(r.u16()?.wrapping_sub(self.numbers.entry));
+        let sent = match kind {
+            kind::HELLO => Sent::Hello(r.u32()?),
+            kind::OPEN => {
+                let (boot, nonce) = (r.u32()?, r.u32()?);
+                Sent::Open { boot, nonce, epoch: Opening::<3>::read(r)?.0.epoch }
+            }
+            kind::STREAM => {
+                let (entry, number) = (entry(r)?, r.u16()?.wrapping_sub(self.numbers.command));
+                let (mut commands, mut run) = (Vec::new(), RecordRun::new(3));
+                while !r.is_empty() {
+                    commands.push(read_command(r, &mut run)?);
+                }
+                Sent::Stream { entry, number, commands }
+            }
+            kind::CLOSE => Sent::Close(r.u32()?),
+            _ => {
+                let (entry, number) = (entry(r)?, r.u16()?.wrapping_sub(self.numbers.rate));
+                let (feed, _) = (r.signed()?, r.signed()?);
+                if kind == kind::RATE { Sent::Rate { entry, number, feed } } else { Sent::Nak { entry } }
+            }
+        };
+        assert!(r.is_empty());
+        Some(sent)
+    }
+
+    fn frame(&mut self, key: u32, write: impl FnOnce(&mut ByteWriter<'_>) -> Option<()>) {
+        let mut payload = [0; MAX_PAYLOAD];
+        let mut writer = ByteWriter::new(&mut payload);
+        write(&mut writer).expect("room");
+        let length = writer.len();
+        let mut wire = [0; MAX_WIRE];
+        let bytes = encode_with_key(&payload[..length], &mut wire, key).expect("it fits");
+        self.host.receive(bytes, self.now);
+    }
+
+    fn greet(&mut self, nonce: u32, boot: u32, epoch: u16) {
+        self.greet_as(nonce, boot, epoch, true);
+    }
+
+    fn greet_as(&mut self, nonce: u32, boot: u32, epoch: u16, at_rest: bool) {
+        let works = Works::new();
+        let mut identity = works.identity;
+        identity.boot = boot;
+        let status = works.status;
+        let greeting = Greeting::<3> {
+            nonce,
+            identity,
+            epoch,
+            last_epoch: self.last_epoch,
+            place: status.place,
+            at_rest,
+            reached: status.reached,
+            executed: 0,
+            counts: [0; 3],
+            alarm: None,
+        };
+        self.frame(0, |w| {
+            w.u8(kind::WELCOME)?;
+            greeting.write(w)
+        });
+    }
+
+    fn report(&mut self, report: Report<'_>) {
+        let (epoch, key) = (self.epoch, self.key);
+        self.report_of(epoch, key, report);
+    }
+
+    fn report_of(&mut self, epoch: u16, key: u32, report: Report<'_>) {
+        // the check is that of a machine that does not move
+        let crc = state_crc(Place::start_of(RecordIndex::new(START)), &[0; 3], 3) ^ report.wrong;
+        let numbers = self.numbers;
+        self.frame(key, |w| {
+            w.u8(kind::REPORT)?;
+            w.u16(epoch)?;
+            w.u16(numbers.command.wrapping_add(report.next_command))?;
+            w.u16(numbers.rate.wrapping_add(report.rate))?;
+            w.u8(report.flags)?;
+            w.u32(START + report.low)?;
+            w.count(u64::from(report.length))?;
+            w.u16(numbers.entry.wrapping_add(report.first))?;
+            report.entries.iter().try_for_each(|entry| entry.write(w))?;
+            if report.flags & ALL != 0 { w.u32(crc) } else { Some(()) }
+        });
+    }
+
+    fn ahead(&mut self, offset: u32) -> HostCommand<3> {
+        let place = RecordIndex::new(START + offset);
+        HostCommand::Ahead { place, record: record(place.number()) }
+    }
+
+    fn send_ahead(&mut self, offset: u32) {
+        let command = self.ahead(offset);
+        self.host.send(command).expect("room");
+    }
+
+    fn status_window(&self) -> (u32, u32) {
+        let status = self.host.status();
+        (status.low.number() - START, status.high.number() - START)
+    }
+
+    /// Frames after this many microseconds.
+    fn after(&mut self, us: u64) -> Vec<Sent> {
+        self.now += us;
+        self.frames()
+    }
+}
+
+fn output(value: i32) -> HostCommand<3> {
+    HostCommand::ManualOutput(OutputChange { channel: 3, value })
+}
+
+fn stream(number: u16, commands: &[HostCommand<3>]) -> Sent {
+    Sent::Stream { entry: 1, number, commands: commands.to_vec() }
+}
+
+fn rate(number: u16, feed: Rate) -> Sent {
+    Sent::Rate { entry: 1, number, feed: feed.units() }
+}
+
+#[test]
+fn a_greeting_is_requested_until_its_own_answer_arrives() {
+    let mut bench = HostBench::unconnected(STARTS[0]);
+    assert_eq!(bench.frames(), [Sent::Hello(NONCE)]);
+    assert_eq!(bench.after(19_999), []);
+    assert_eq!(bench.after(1), [Sent::Hello(NONCE)]);
+    bench.greet(NONCE + 1, BOOT, 0);
+    assert!(bench.host.greeting().is_none(), "the answer to another request");
+    bench.greet(NONCE, BOOT, 3);
+    bench.greet(NONCE, BOOT + 1, 4);
+    let greeting = bench.host.greeting().expect("answered");
+    assert_eq!((greeting.identity.boot, greeting.epoch), (BOOT, 3), "the first answer counts");
+    bench.host.request_greeting(0);
+    assert!(bench.host.greeting().is_none());
+    assert_eq!(bench.after(1), [Sent::Hello(1)], "at once, and never 0");
+}
+
+#[test]
+fn a_version_is_refused_only_while_a_greeting_is_requested() {
+    let other = |bench: &mut HostBench| bench.frame(0, |w| w.slice(&[kind::WELCOME, PROTOCOL + 1, 1, 2, 3]));
+    let mut bench = HostBench::unconnected(STARTS[0]);
+    other(&mut bench);
+    assert_eq!(bench.host.fault(), Some(LinkError::Protocol(PROTOCOL + 1)));
+    let mut bench = HostBench::new(STARTS[0]);
+    other(&mut bench);
+    assert_eq!(bench.host.fault(), None);
+}
+
+#[test]
+fn an_opening_is_repeated_until_the_card_has_opened_or_refused() {
+    for start in STARTS {
+        let opening = || {
+            let mut bench = HostBench::unconnected(start);
+            bench.frames();
+            bench.greet(NONCE, BOOT, 0);
+            bench.host.open(CardSettings::new(0, PathStart::at(RecordIndex::new(START)), 1000, limits()));
+            let open = Sent::Open { boot: BOOT, nonce: !NONCE, epoch: bench.epoch };
+            assert_eq!(bench.frames(), core::slice::from_ref(&open));
+            assert_eq!(bench.after(19_999), []);
+            assert_eq!(bench.after(1), [open], "{start:?}");
+            bench
+        };
+        // opened by the answer; the first report is still to come
+        let mut bench = opening();
+        let epoch = bench.epoch;
+        bench.greet(!NONCE + 1, BOOT, epoch);
+        assert_eq!(bench.after(19_999), [], "the answer to another opening");
+        bench.greet(!NONCE, BOOT, epoch);
+        assert!(!bench.host.is_open() && bench.host.fault().is_none());
+        assert_eq!(bench.after(1), [Sent::Rate { entry: 0, number: 0, feed: 0 }], "{start:?}: it is open");
+        // another start of the card
+        let mut bench = opening();
+        bench.greet(!NONCE, BOOT + 1, epoch);
+        assert_eq!(bench.host.fault(), Some(LinkError::Restarted));
+        // refused: answered three times, at rest, without that epoch
+        let mut bench = opening();
+        for _ in 0..5 {
+            bench.greet_as(!NONCE, BOOT, 0, false);
+            bench.greet(!NONCE + 1, BOOT, 0);
+        }
+        bench.greet(!NONCE, BOOT, 0);
+        bench.greet(!NONCE, BOOT, 0);
+        assert_eq!(bench.host.fault(), None);
+        bench.greet(!NONCE, BOOT, 0);
+        assert_eq!(bench.host.fault(), Some(LinkError::SettingsRejected), "{start:?}");
+    }
+}
+
+#[test]
+fn only_reports_of_this_epoch_are_processed() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        let (epoch, key) = (bench.epoch, bench.key);
+        let report = Report { first: 1, entries: &[ReportEntry::Inputs(9), REST], flags: ALL, ..Report::default() };
+        bench.report_of(epoch.wrapping_add(1), key, report);
+        bench.report_of(epoch.wrapping_sub(1), key, report);
+        bench.report_of(epoch, session_key(BOOT, NONCE, epoch), report);
+        bench.report_of(epoch, 0, report);
+        assert!(!bench.host.next_period(), "{start:?}");
+        bench.report(report);
+        assert!(bench.host.next_period() && bench.host.status().inputs == 9);
+    }
+}
+
+#[test]
+fn a_rate_is_sent_until_its_number_is_acknowledged() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        bench.host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
+        assert!(!bench.host.is_acknowledged());
+        assert_eq!(bench.after(0), [rate(1, Rate::ONE)], "{start:?}: from rest, at once");
+        bench.host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
+        assert_eq!(bench.after(11_999), [], "{start:?}: the same one");
+        assert_eq!(bench.after(1), [rate(1, Rate::ONE)]);
+        // others follow after 3 ms, unless they stop or turn
+        bench.host.send(HostCommand::rate(Rate::ONE / 2)).expect("a rate");
+        assert_eq!(bench.after(2_999), []);
+        assert_eq!(bench.after(1), [rate(2, Rate::ONE / 2)]);
+        bench.host.send(HostCommand::rate(-Rate::ONE)).expect("a rate");
+        assert_eq!(bench.after(0), [rate(3, -Rate::ONE)]);
+        bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
+        assert_eq!(bench.after(0), [rate(4, Rate::ZERO)]);
+        let acknowledge = |bench: &mut HostBench, rate| {
+            bench.report(Report { rate, first: 1, flags: ALL, ..Report::default() });
+            bench.host.is_acknowledged()
+        };
+        assert!(!acknowledge(&mut bench, 3) && !acknowledge(&mut bench, 0), "{start:?}: older ones");
+        assert!(acknowledge(&mut bench, 4), "{start:?}");
+        assert!(acknowledge(&mut bench, 3), "{start:?}: a late report takes nothing back");
+        assert_eq!(bench.after(15_999), []);
+        assert_eq!(bench.after(1), [rate(4, Rate::ZERO)], "{start:?}: the sign of life");
+        // through the wrap, one after the other
+        for number in 5..200 {
+            let target = Rate::from_units(i64::from(number));
+            bench.host.send(HostCommand::rate(target)).expect("a rate");
+            assert_eq!(bench.after(3_000), [rate(number, target)], "{start:?}");
+            assert!(!bench.host.is_acknowledged() && acknowledge(&mut bench, number), "{start:?}");
+        }
+    }
+}
+
+#[test]
+fn a_rate_for_rapid_motion_alone_is_a_new_rate() {
+    let mut bench = HostBench::new(STARTS[1]);
+    let target = RateTarget { feed: Rate::ZERO, rapid: Rate::ONE };
+    bench.host.send(HostCommand::Rate(target)).expect("a rate");
+    assert_eq!(bench.after(0), [rate(1, Rate::ZERO)]);
+    // it is in motion: another rate waits, and this one is not a stop
+    bench.host.send(HostCommand::Rate(RateTarget { feed: Rate::ONE, rapid: Rate::ONE })).expect("a rate");
+    assert_eq!(bench.after(0), []);
+    assert_eq!(bench.after(3_000), [rate(2, Rate::ONE)]);
+}
+
+#[test]
+fn records_are_gathered_and_other_commands_are_not() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        let records: Vec<_> = (0..20).map(|offset| bench.ahead(offset)).collect();
+        (0..7).for_each(|offset| bench.send_ahead(offset));
+        assert_eq!(bench.after(11_999), [], "{start:?}");
+        assert_eq!(bench.after(1), [stream(0, &records[..7])], "{start:?}");
+        (7..15).for_each(|offset| bench.send_ahead(offset));
+        assert_eq!(bench.after(0), [stream(7, &records[7..15])], "{start:?}: eight at once");
+        bench.send_ahead(15);
+        bench.host.send(output(4)).expect("room");
+        assert_eq!(bench.after(0), [stream(15, &[records[15], output(4)])], "{start:?}");
+        assert_eq!(bench.status_window(), (0, 16), "{start:?}: predicted");
+        assert_eq!(bench.host.acknowledged_high(), RecordIndex::new(START));
+        bench.report(Report { next_command: 3, length: 3, first: 1, flags: ALL, ..Report::default() });
+        assert_eq!(bench.status_window(), (0, 16), "{start:?}: still predicted");
+        assert_eq!(bench.host.acknowledged_high(), RecordIndex::new(START + 3));
+        // a card that has forgotten its first record and rejected the fourth
+        bench.report(Report { next_command: 17, low: 1, length: 2, first: 1, flags: ALL, ..Report::default() });
+        assert_eq!(bench.status_window(), (1, 3), "{start:?}: as reported");
+        assert!(bench.host.is_acknowledged());
+        bench.send_ahead(3);
+        assert_eq!(bench.after(12_000), [stream(17, &records[3..4])], "{start:?}");
+    }
+}
+
+#[test]
+fn unacknowledged_commands_are_sent_again() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        let without_rates = |frames: Vec<Sent>| -> Vec<Sent> {
+            frames.into_iter().filter(|frame| !matches!(frame, Sent::Rate { .. })).collect()
+        };
+        let commands: Vec<_> = (0..6).map(output).collect();
+        for &command in &commands[..3] {
+            bench.host.send(command).expect("room");
+            assert_eq!(bench.after(0).len(), 1);
+        }
+        assert_eq!(without_rates(bench.after(59_999)), [], "{start:?}");
+        assert_eq!(without_rates(bench.after(1)), [stream(0, &commands[..3])], "{start:?}");
+        assert_eq!(bench.host.line_counts().retransmitted, 1);
+        // an acknowledgement begins the time again, and ends it
+        bench.now += 10_000;
+        bench.report(Report { next_command: 1, first: 1, flags: ALL, ..Report::default() });
+        assert_eq!(without_rates(bench.after(59_999)), [], "{start:?}");
+        assert_eq!(without_rates(bench.after(1)), [stream(1, &commands[1..3])], "{start:?}");
+        // stale ones and such of commands that do not exist are ignored
+        for next_command in [0, 4, 0xFFFF, 0x8001, 0x7FFF] {
+            let lie = Report { next_command, low: 9, length: 9, first: 1, flags: ALL, ..Report::default() };
+            bench.report(lie);
+            assert_eq!((bench.status_window(), bench.host.is_acknowledged()), ((0, 0), false), "{start:?}");
+        }
+        // a gap is closed at once, but not more often than every 12 ms
+        let gap = Report { next_command: 1, first: 1, flags: ALL | GAP, ..Report::default() };
+        bench.report(gap);
+        assert_eq!(without_rates(bench.after(0)), [stream(1, &commands[1..3])], "{start:?}");
+        bench.now += 11_999;
+        bench.report(gap);
+        assert_eq!(without_rates(bench.after(0)), [], "{start:?}");
+        bench.now += 1;
+        bench.report(gap);
+        assert_eq!(without_rates(bench.after(0)), [stream(1, &commands[1..3])], "{start:?}");
+        bench.host.send(commands[3]).expect("room");
+        assert_eq!(without_rates(bench.after(0)), [stream(3, &commands[3..4])], "{start:?}");
+        bench.report(Report { next_command: 4, first: 1, flags: ALL, ..Report::default() });
+        assert!(bench.host.is_acknowledged());
+        assert_eq!(without_rates(bench.after(60_000)), [], "{start:?}");
+        assert_eq!(bench.host.line_counts().retransmitted, 4);
+    }
+}
+
+#[test]
+fn commands_cross_the_wrap_one_after_the_other() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        for number in 0..300 {
+            let command = output(i32::from(number));
+            bench.host.send(command).expect("room");
+            assert_eq!(bench.after(0)[..1], [stream(number, &[command])], "{start:?}");
+            bench.report(Report { next_command: number, first: 1, flags: ALL, ..Report::default() });
+            assert!(!bench.host.is_acknowledged(), "{start:?}");
+            bench.report(Report { next_command: number + 1, first: 1, flags: ALL, ..Report::default() });
+            assert!(bench.host.is_acknowledged(), "{start:?}");
+        }
+    }
+}
+
+#[test]
+fn the_queue_reserves_room_for_what_is_no_record() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        for offset in 0..112 {
+            bench.send_ahead(offset);
+        }
+        let next = bench.ahead(112);
+        assert_eq!(bench.host.send(next), Err(CommandRefusal::Full), "{start:?}");
+        for value in 0..16 {
+            bench.host.send(output(value)).expect("room");
+        }
+        assert_eq!(bench.host.send(output(16)), Err(CommandRefusal::Full), "{start:?}");
+        assert_eq!(bench.status_window(), (0, 112));
+        bench.host.send(HostCommand::rate(Rate::ONE)).expect("a rate always has room");
+        // every command is there, in its order
+        let mut sent = Vec::new();
+        for frame in bench.after(12_000) {
+            if let Sent::Stream { number, commands, .. } = frame {
+                assert_eq!(usize::from(number), sent.len());
+                sent.extend(commands);
+            }
+        }
+        let expected: Vec<_> = (0..112).map(|offset| bench.ahead(offset)).chain((0..16).map(output)).collect();
+        assert_eq!(sent, expected, "{start:?}");
+    }
+}
+
+#[test]
+fn channels_that_do_not_exist_are_refused() {
+    let mut bench = HostBench::new(STARTS[0]);
+    let change = |channel: usize| OutputChange { channel: channel as u8, value: 1 };
+    let action = |channel: usize| retrace_link::OutputAction {
+        place: RecordIndex::new(START),
+        channel: channel as u8,
+        before: 0,
+        after: 1,
+    };
+    let mut repeated = RepeatedInstruction { number: 1, count: 2, ..RepeatedInstruction::default() };
+    repeated.changes[1] = change(channel::COUNT);
+    for command in [
+        HostCommand::Action(action(channel::COUNT)),
+        HostCommand::ManualOutput(change(channel::COUNT)),
+        HostCommand::Repeat(repeated),
+    ] {
+        assert_eq!(bench.host.send(command), Err(CommandRefusal::NoSuchChannel));
+    }
+    repeated.changes[1] = change(channel::COUNT - 1);
+    for command in [
+        HostCommand::Action(action(channel::COUNT - 1)),
+        HostCommand::ManualOutput(change(channel::COUNT - 1)),
+        HostCommand::Repeat(repeated),
+    ] {
+        assert_eq!(bench.host.send(command), Ok(()));
+    }
+}
+
+#[test]
+fn entries_are_published_once_and_in_their_order() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        let entries: Vec<_> = (0..300).flat_map(|inputs| [ReportEntry::Inputs(inputs), REST]).collect();
+        let mut published = Vec::new();
+        let mut at = 0;
+        while at < entries.len() {
+            // again from before, and further
+            let (from, to) = (at.saturating_sub(7), (at + 9).min(entries.len()));
+            let flags = if to == entries.len() { ALL } else { 0 };
+            let report = Report { first: 1 + from as u16, entries: &entries[from..to], flags, ..Report::default() };
+            bench.report(report);
+            bench.report(report);
+            while bench.host.next_period() {
+                published.push(bench.host.status().inputs);
+            }
+            at = to;
+            let entry = 1 + at as u16;
+            assert_eq!(bench.after(16_000), [Sent::Rate { entry, number: 0, feed: 0 }], "{start:?}");
+        }
+        assert_eq!(published, (0..300).collect::<Vec<u16>>(), "{start:?}");
+        assert_eq!(bench.host.status().period, 301);
+        assert_eq!(bench.host.fault(), None);
+    }
+}
+
+#[test]
+fn a_report_that_is_missing_is_requested() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        let late = Report { first: 2, entries: &[ReportEntry::Inputs(2), REST], flags: ALL, ..Report::default() };
+        bench.report(late);
+        assert!(!bench.host.next_period(), "{start:?}: it follows a lost one");
+        assert_eq!(bench.after(0), [Sent::Nak { entry: 1 }], "{start:?}");
+        bench.report(late);
+        assert_eq!(bench.after(7_999), [], "{start:?}");
+        assert_eq!(bench.after(1), [Sent::Nak { entry: 1 }], "{start:?}");
+        assert_eq!(bench.after(15_999), []);
+        let entries = [ReportEntry::Inputs(1), ReportEntry::Inputs(2), REST];
+        bench.report(Report { first: 1, entries: &entries, flags: ALL, ..Report::default() });
+        assert!(bench.host.next_period() && bench.host.status().inputs == 2);
+        assert_eq!(bench.after(1), [Sent::Rate { entry: 4, number: 0, feed: 0 }], "{start:?}");
+    }
+}
+
+#[test]
+fn entries_without_room_are_not_acknowledged() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        let entries = vec![ReportEntry::Inputs(3); 64];
+        for k in 0..20 {
+            bench.report(Report { first: 1 + 64 * k, entries: &entries, ..Report::default() });
+        }
+        assert_eq!(bench.after(16_000), [Sent::Nak { entry: 1025 }], "{start:?}");
+        assert!(!bench.host.next_period(), "no period among them");
+        // everything is published: there is room again
+        bench.report(Report { first: 1025, entries: &[REST], flags: ALL, ..Report::default() });
+        assert!(bench.host.next_period(), "{start:?}");
+        assert_eq!(bench.host.fault(), None);
+    }
+}
+
+#[test]
+fn the_check_is_compared_after_the_last_entry() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        let wrong = Report { first: 1, entries: &[REST], flags: ALL, wrong: 1, ..Report::default() };
+        bench.report(wrong);
+        assert!(bench.host.next_period());
+        assert_eq!(bench.host.fault(), Some(LinkError::StateMismatch), "{start:?}");
+        // not that of a report after which more entries came
+        let mut bench = HostBench::new(start);
+        bench.report(wrong);
+        bench.report(Report { first: 2, entries: &[REST], ..Report::default() });
+        assert!(bench.host.next_period() && bench.host.next_period());
+        assert_eq!(bench.host.fault(), None, "{start:?}");
+        // nor that of a repeated report that ends before them
+        bench.report(Report { first: 3, entries: &[REST], ..Report::default() });
+        bench.report(wrong);
+        assert!(bench.host.next_period());
+        assert_eq!(bench.host.fault(), None, "{start:?}");
+    }
+}
+
+#[test]
+fn lost_entries_and_rejected_instructions_end_the_run() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        bench.report(Report { first: 1, flags: ALL | LOST, ..Report::default() });
+        assert_eq!(bench.host.fault(), Some(LinkError::ReportLost), "{start:?}");
+        for entry in [ReportEntry::Refused(4), ReportEntry::RepeatRefused(4)] {
+            let mut bench = HostBench::new(start);
+            bench.report(Report { first: 1, entries: &[entry, REST], flags: ALL, ..Report::default() });
+            bench.host.next_period();
+            assert_eq!(bench.host.fault(), Some(LinkError::Refused(4)), "{start:?}");
+            // under an alarm, that is what is reported
+            let mut bench = HostBench::new(start);
+            let alarm = ReportEntry::Alarm(Some(Alarm::DoorOpen));
+            bench.report(Report { first: 1, entries: &[alarm, entry, REST], flags: ALL, ..Report::default() });
+            assert_eq!(bench.host.fault(), None, "before it is published");
+            assert!(bench.host.next_period());
+            assert_eq!(bench.host.fault(), Some(LinkError::Alarm(Alarm::DoorOpen)), "{start:?}");
+        }
+    }
+}
+
+#[test]
+fn every_entry_is_applied_to_the_status() {
+    let mut bench = HostBench::new(STARTS[1]);
+    let off = CutterOff { channels: 3, cause: CutterOffCause::Reverse };
+    let entries = [
+        ReportEntry::Output(OutputChange { channel: 3, value: 5 }),
+        ReportEntry::Output(OutputChange { channel: 200, value: 5 }),
+        ReportEntry::Executed(6),
+        ReportEntry::Inputs(7),
+        ReportEntry::Wheel(8),
+        ReportEntry::Wheel(9),
+        ReportEntry::CutterOff(off),
+        ReportEntry::Repeated(10),
+        ReportEntry::Blocked(true),
+        ReportEntry::Ran { distance: Distance::ZERO, count: 2, starved: true, at_rest: false },
+    ];
+    bench.report(Report { first: 1, entries: &entries, ..Report::default() });
+    assert!(bench.host.next_period());
+    let status = *bench.host.status();
+    assert_eq!((status.outputs[3], status.executed, status.inputs, status.wheel), (5, 6, 7, 17));
+    assert_eq!((status.cutter_off, status.repeated, status.blocked), (Some(off), 10, true));
+    assert_eq!((status.starved, status.at_rest, status.alarm), (true, false, None));
+    // what belongs to one period only is not repeated
+    assert!(bench.host.next_period());
+    let status = *bench.host.status();
+    assert_eq!((status.wheel, status.cutter_off, status.repeated, status.starved), (0, None, 10, true));
+    assert!(!bench.host.next_period());
+}
+
+#[test]
+fn a_silent_card_is_asked_whether_it_was_restarted() {
+    for start in STARTS {
+        let silent = || {
+            let mut bench = HostBench::new(start);
+            let probe = NONCE.rotate_left(16) + 1;
+            assert_eq!(bench.host.silent_us(), 16_000);
+            assert_eq!(bench.after(83_999).len(), 1);
+            assert_eq!(bench.after(1), [Sent::Hello(probe)], "{start:?}");
+            assert_eq!(bench.host.silent_us(), 100_000);
+            assert!(!bench.after(19_999).contains(&Sent::Hello(probe)));
+            assert_eq!(bench.after(1), [Sent::Hello(probe)], "{start:?}: with the same nonce");
+            (bench, probe)
+        };
+        let (mut bench, probe) = silent();
+        let epoch = bench.epoch;
+        bench.greet(probe + 1, BOOT + 1, epoch);
+        assert_eq!((bench.host.fault(), bench.host.silent_us()), (None, 120_000), "{start:?}: another answer");
+        bench.greet(probe, BOOT, epoch);
+        assert_eq!((bench.host.fault(), bench.host.silent_us()), (None, 0), "{start:?}");
+        bench.greet(probe, BOOT + 1, epoch);
+        assert_eq!(bench.host.fault(), None, "{start:?}: it counts once");
+        bench.now += 100_000;
+        assert!(bench.frames().contains(&Sent::Hello(probe + 1)), "{start:?}: a new nonce");
+        for (boot, epoch) in [(BOOT + 1, epoch), (BOOT, epoch.wrapping_add(1)), (BOOT, 0)] {
+            let (mut bench, probe) = silent();
+            bench.greet(probe, boot, epoch);
+            assert_eq!(bench.host.fault(), Some(LinkError::Restarted), "{start:?}");
+        }
+        // a report is an answer, too
+        let (mut bench, probe) = silent();
+        bench.report(Report { first: 1, flags: ALL, ..Report::default() });
+        bench.greet(probe, BOOT + 1, epoch);
+        assert_eq!((bench.host.fault(), bench.host.silent_us()), (None, 0), "{start:?}");
+    }
+}
+
+#[test]
+fn an_epoch_is_closed_when_the_card_says_so() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        let epoch = bench.epoch;
+        bench.host.close();
+        assert_eq!(bench.after(0), [Sent::Close(!NONCE)], "{start:?}");
+        assert_eq!(bench.after(19_999), []);
+        assert_eq!(bench.after(1), [Sent::Close(!NONCE)], "{start:?}");
+        bench.greet(!NONCE, BOOT, epoch);
+        bench.greet(NONCE, BOOT, 0);
+        assert!(!bench.host.is_closed(), "{start:?}");
+        bench.greet(!NONCE, BOOT, 0);
+        assert!(bench.host.is_closed() && bench.host.fault().is_none(), "{start:?}");
+        assert_eq!(bench.after(50_000), [], "{start:?}");
+        bench.host.close();
+        assert!(bench.host.is_closed());
+        bench.host.request_greeting(99);
+        assert_eq!(bench.after(0), [Sent::Hello(99)], "{start:?}");
+    }
+}
+
+#[test]
+fn an_alarm_that_is_being_cleared_is_no_error_until_its_outcome_is_reported() {
+    for start in STARTS {
+        let alarm = |bench: &mut HostBench| {
+            let entries = [ReportEntry::Alarm(Some(Alarm::HostSilent)), REST];
+            bench.report(Report { first: 1, entries: &entries, flags: ALL, ..Report::default() });
+            assert_eq!(bench.host.fault(), None, "{start:?}: before it is published");
+            assert!(bench.host.next_period());
+            assert_eq!(bench.host.fault(), Some(LinkError::Alarm(Alarm::HostSilent)), "{start:?}");
+            bench.host.send(output(1)).expect("room");
+            bench.host.send(HostCommand::ClearAlarm).expect("room");
+            assert_eq!(bench.host.fault(), None, "{start:?}: being cleared");
+        };
+        // it remains: the card has the command, and a period later the alarm is still there
+        let mut bench = HostBench::new(start);
+        alarm(&mut bench);
+        bench.report(Report { next_command: 1, first: 3, entries: &[REST], flags: ALL, ..Report::default() });
+        assert!(bench.host.next_period() && bench.host.fault().is_none(), "{start:?}: not received yet");
+        bench.report(Report { next_command: 2, first: 4, entries: &[REST], ..Report::default() });
+        assert!(bench.host.next_period() && bench.host.fault().is_none(), "{start:?}: entries are missing");
+        bench.report(Report { next_command: 2, first: 5, entries: &[REST], flags: ALL, ..Report::default() });
+        assert!(bench.host.next_period() && bench.host.fault().is_none(), "{start:?}: from before, maybe");
+        bench.report(Report { next_command: 2, first: 6, flags: ALL, ..Report::default() });
+        assert_eq!(bench.host.fault(), None, "{start:?}");
+        bench.report(Report { next_command: 2, first: 6, entries: &[REST], flags: ALL, ..Report::default() });
+        assert!(bench.host.next_period());
+        assert_eq!(bench.host.fault(), Some(LinkError::Alarm(Alarm::HostSilent)), "{start:?}");
+        // it is gone
+        let mut bench = HostBench::new(start);
+        alarm(&mut bench);
+        bench.report(Report { next_command: 2, first: 3, flags: ALL, ..Report::default() });
+        let entries = [ReportEntry::Alarm(None), REST];
+        bench.report(Report { next_command: 2, first: 3, entries: &entries, flags: ALL, ..Report::default() });
+        assert!(bench.host.next_period() && bench.host.fault().is_none(), "{start:?}");
+        assert_eq!(bench.host.status().alarm, None);
+    }
+}
+
+/// A rate of zero stops a homing axis, which no rate has started: it is sent each time it is requested.
+#[test]
+fn a_stop_is_sent_again_while_the_card_homes() {
+    let mut bench = HostBench::new(STARTS[2]);
+    bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
+    assert!(bench.host.is_acknowledged(), "nothing moves");
+    bench.host.send(HostCommand::Home(HomingCommand::default())).expect("room");
+    bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
+    let frames = bench.after(0);
+    assert!(frames.contains(&rate(1, Rate::ZERO)), "{frames:?}");
+    bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
+    assert_eq!(bench.after(0), [], "one is on its way");
+    bench.report(Report { next_command: 1, rate: 1, first: 1, flags: ALL, wrong: 1, ..Report::default() });
+    bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
+    assert_eq!(bench.after(0), [rate(2, Rate::ZERO)]);
+    // and the counts are not those of the path
+    bench.report(Report { next_command: 1, first: 1, entries: &[REST], flags: ALL, wrong: 1, ..Report::default() });
+    assert!(bench.host.next_period() && bench.host.fault().is_none());
+    assert!(bench.host.is_where_reported());
+}
+
+#[test]
+fn counts_and_place_follow_the_records() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        (0..9).for_each(|offset| bench.send_ahead(offset));
+        let step = |to: i64| [ran(Distance::from_units(to), 1)];
+        let half = 1 << 31;
+        for (k, distance) in [(0, half), (1, half), (2, 3 * half), (3, -half)] {
+            let report = Report { next_command: 9, length: 9, first: 1 + k, ..Report::default() };
+            bench.report(Report { entries: &step(distance), ..report });
+            assert!(bench.host.next_period());
+        }
+        let status = *bench.host.status();
+        let place = Place::start_of(RecordIndex::new(START + 2));
+        assert_eq!((status.place, status.rate), (place, Rate::from_units(-half)), "{start:?}");
+        assert_eq!((status.reached, status.line), (RecordIndex::new(START + 3), record(START + 2).line));
+        let mut counts = [0i64; 3];
+        for offset in 0..2 {
+            for (count, increment) in counts.iter_mut().zip(record(START + offset).increments) {
+                *count += i64::from(increment);
+            }
+        }
+        assert_eq!(status.counts, counts, "{start:?}");
+        // beyond the records: the card cannot have done that
+        bench.report(Report {
+            next_command: 9,
+            length: 9,
+            first: 5,
+            entries: &[ran(Distance::RECORD, 8)],
+            ..Report::default()
+        });
+        while bench.host.next_period() {}
+        assert_eq!(bench.host.status().place, Place::start_of(RecordIndex::new(START + 10)));
+    }
+}
+
+#[test]
+fn instructions_are_sent_at_once() {
+    let mut bench = HostBench::new(STARTS[1]);
+    let instruction = HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() });
+    bench.host.send(instruction).expect("room");
+    assert_eq!(bench.after(0), [stream(0, &[instruction])]);
+}

@@ -169,8 +169,8 @@ pub(crate) fn record(place: u32) -> Record<3> {
     Record { increments: [slow, -slow * 3, wild], line: place / 20, flags, ..Record::default() }
 }
 
-/// First numbers of an epoch, and the epoch before it: those of the protocol, and others that cross the wrap, or half of
-/// it, soon.
+/// First numbers of an epoch, and the epoch before it: those of the protocol, and others that soon cross the wrap, or
+/// half of it.
 pub(crate) const STARTS: [(FirstNumbers, u16); 4] = [
     (FirstNumbers::protocol(), 0),
     (FirstNumbers { command: u16::MAX, entry: u16::MAX - 2, rate: u16::MAX }, u16::MAX),
