@@ -100,6 +100,7 @@ const MODULES: &[Module] = &[
     (crate::frames::ROWS, crate::frames::HARNESSES),
     (crate::steps::ROWS, crate::steps::HARNESSES),
     (crate::permit::ROWS, crate::permit::HARNESSES),
+    (crate::stopping::ROWS, &[]),
 ];
 
 #[cfg(test)]

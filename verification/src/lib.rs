@@ -28,4 +28,6 @@ pub mod rate;
 pub mod ring;
 pub mod steps;
 #[cfg(not(any(kani, verify_wasm)))]
+pub mod stopping;
+#[cfg(not(any(kani, verify_wasm)))]
 pub mod threads;

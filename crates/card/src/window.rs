@@ -67,13 +67,13 @@ impl<const A: usize, const W: usize, S: RecordStorage<A>> CardWindow<A, W, S> {
         (place.since(self.low) < self.len()).then(|| &self.records.as_ref()[Self::index(place)])
     }
 
-    /// Adds the next record ahead. `cursor` is the current place of the card.
-    pub fn push_ahead(&mut self, place: RecordIndex, record: Record<A>, cursor: Place) -> Result<(), CommandRefusal> {
+    /// Adds the next record ahead. `bound` is the furthest place behind that the cursor is at or cannot avoid reaching.
+    pub fn push_ahead(&mut self, place: RecordIndex, record: Record<A>, bound: Place) -> Result<(), CommandRefusal> {
         if place != self.high {
             return Err(CommandRefusal::OutOfOrder);
         }
         if self.len() as usize == W {
-            if (cursor.record.since(self.low) as usize) <= W / 4 {
+            if bound.record.is_before(self.low + (W / 4 + 1) as u32) {
                 return Err(CommandRefusal::Full);
             }
             self.low_rests = self.records.as_ref()[Self::index(self.low)].flags.contains(Flags::REST);
