@@ -5,6 +5,7 @@
 //! it needs to stop.
 
 use crate::choice::{Choice, ONE};
+use crate::harness::harnesses;
 use crate::ledger::{Mutant, Row, Search, Size};
 use crate::native::Draw;
 use retrace_card::Player;
@@ -206,6 +207,8 @@ fn stop_length_covers_the_fall(size: Size) -> String {
     }
     format!("{stops} stops from rates of 1 to 8")
 }
+
+harnesses! {}
 
 const BRAKING: &str = "crates/core/src/drive/braking.rs";
 const PLAYER: &str = "crates/card/src/player.rs";
