@@ -100,6 +100,8 @@ const MODULES: &[Module] = &[
     (crate::frames::ROWS, crate::frames::HARNESSES),
     (crate::steps::ROWS, crate::steps::HARNESSES),
     (crate::permit::ROWS, crate::permit::HARNESSES),
+    (crate::sequence::ROWS, crate::sequence::HARNESSES),
+    (crate::protocol::ROWS, &[]),
 ];
 
 #[cfg(test)]

@@ -24,8 +24,10 @@ pub mod modes;
 pub mod native;
 pub mod permit;
 pub mod playback;
+pub mod protocol;
 pub mod rate;
 pub mod ring;
+pub mod sequence;
 pub mod steps;
 #[cfg(not(any(kani, verify_wasm)))]
 pub mod threads;
