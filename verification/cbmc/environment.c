@@ -1,9 +1,9 @@
-/* What CBMC sees around a harness: the C that wasm2c makes of the wasm module (h.c), the four functions that the module imports, and
+/* What CBMC sees around a harness: the C that wasm2c makes of the wasm module (h.c), the five functions that the module imports, and
  * the little of wasm2c's runtime that such a module needs.
  *
  * MEMORY is the size in bytes of the module's linear memory as modelled, HARNESS the export to run. An access beyond MEMORY is a
- * failed assertion, not a hole. With -DREACHABLE the assertion behind the harness must FAIL: a proof whose assumptions contradict
- * each other would pass otherwise. */
+ * failed assertion, not a hole. With -DREACHABLE the assertions behind the harness must FAIL: a proof whose assumptions contradict
+ * each other, or that never comes to a region that it lists, would pass otherwise. */
 #include <stdint.h>
 
 #define WASM_RT_MEMCHECK_SIGNAL_HANDLER 0 /* check every access */
@@ -15,6 +15,15 @@
 struct Z_v_instance_t { int none; };
 
 uint32_t nondet_uint32(void);
+
+/* The regions that this run has been in, a bit each. */
+static uint64_t covered;
+
+void Z_vZ_cover(struct Z_v_instance_t *v, u32 region, u32 reached) {
+#ifdef REACHABLE
+  covered |= (uint64_t)(reached != 0) << region;
+#endif
+}
 
 u32 Z_vZ_nd(struct Z_v_instance_t *v) { return nondet_uint32(); }
 
@@ -62,5 +71,7 @@ int main(void) {
   JOINED(Z_hZ_, HARNESS)(&instance);
 #ifdef REACHABLE
   __CPROVER_assert(0, "the end of the harness is reachable");
+  /* an assertion for each region that the harness lists */
+#include "covers.h"
 #endif
 }

@@ -35,6 +35,14 @@ pub fn assume(holds: bool) {
     }
 }
 
+/// States what some run must reach; here it is only evaluated.
+#[macro_export]
+macro_rules! cover {
+    ($condition:expr) => {
+        let _: bool = $condition;
+    };
+}
+
 /// Panic payload of a run outside the assumptions.
 struct Outside;
 

@@ -2,6 +2,9 @@
 //!
 //! Invariant: a property is a function of its choices alone, so that the numbers of a counterexample replay it
 //! anywhere.
+
+use crate::region::Region;
+
 /// Rate one, and the length of a record, in units of 2⁻³².
 pub(crate) const ONE: i64 = retrace_core::Rate::ONE.units();
 
@@ -22,6 +25,11 @@ pub trait Choice {
 
     /// Continues only where `holds`; the property makes no claim about the rest.
     fn assume(&mut self, holds: bool) -> Option<()>;
+
+    /// Records that this run is in a region where `reached`; see [`Region`].
+    fn cover(&mut self, region: Region, reached: bool) {
+        let _ = (region, reached);
+    }
 
     /// Any increment. Natively: around 0 and both ends.
     fn increment(&mut self) -> i16 {
@@ -91,6 +99,7 @@ mod on_cbmc {
             pub(super) safe fn nd() -> u32;
             pub(super) safe fn assume(holds: u32);
             pub(super) safe fn fail(line: u32) -> !;
+            pub(super) safe fn cover(region: u32, reached: u32);
             pub(super) safe fn multiply_high(a: u64, b: u64) -> u64;
         }
     }
@@ -140,6 +149,9 @@ mod on_cbmc {
         fn assume(&mut self, holds: bool) -> Option<()> {
             import::assume(u32::from(holds));
             Some(())
+        }
+        fn cover(&mut self, region: super::Region, reached: bool) {
+            import::cover(region as u32, u32::from(reached));
         }
     }
 }

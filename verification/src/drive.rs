@@ -6,7 +6,7 @@
 //! the cursor stays in the window.
 
 use crate::choice::{Choice, ONE};
-use crate::harness::{built, harnesses, holds};
+use crate::harness::{built, cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 #[cfg(not(any(kani, verify_wasm)))]
@@ -86,6 +86,16 @@ impl<const M: usize, const GRAIN: u32> Scene<M, GRAIN> {
         let at = Place { record: (window.low + record), fraction };
         let scene = Self { cursor: Cursor::with_filter(law), window, at, sign };
         c.assume(scene.legal(records))?;
+        let end = if sign > 0 { window.high() } else { window.low };
+        cover!(c, Forward, sign > 0);
+        cover!(c, Backward, sign < 0);
+        cover!(c, Wrapped, window.high().number() < window.low.number());
+        cover!(c, AtEnd, at == Place::start_of(end));
+        cover!(c, AtRest, scene.cursor.filter().at_rest());
+        cover!(c, Split, fraction != 0);
+        // the commanded place is beyond the end: the cursor runs out on a planned stop
+        let beyond = Place::start_of(end).distance_to(at.moved(scene.cursor.filter().lead())).units();
+        cover!(c, PlannedStop, if sign > 0 { beyond > 0 } else { beyond < 0 });
         Some(scene)
     }
 
@@ -136,6 +146,11 @@ fn starts_on_the_road<const M: usize, const GRAIN: u32>(c: &mut impl Choice, rec
     let mut cursor = Cursor::<M>::with_filter(built!(RateFilter::new(built!(FilterLengths::new(1, M as u16)))));
     let (braked, asked) = (any_rate::<GRAIN>(c, 0), any_rate::<GRAIN>(c, 0));
     let rate = cursor.start_from_rest(braked, asked, &DirectedWindow { at, sign, window: &window });
+    cover!(c, Forward, sign > 0 && rate > Rate::ZERO);
+    cover!(c, Backward, sign < 0 && rate > Rate::ZERO);
+    cover!(c, Wrapped, window.high().number() < window.low.number());
+    cover!(c, AtEnd, record == if sign > 0 { window.records } else { 0 });
+    cover!(c, PlannedStop, window.rests >> record > 1);
     holds!(Rate::ZERO <= rate && rate <= Rate::ONE);
     holds!(Scene::<M, GRAIN> { cursor, window, at, sign }.legal(records));
     Some(())
@@ -179,6 +194,8 @@ fn presses_on<const M: usize, const GRAIN: u32>(c: &mut impl Choice, records: u3
     };
     let at_rest = scene.cursor.filter().at_rest();
     let on_a_stop = moved > Distance::ZERO && at_rest && to.fraction == 0 && scene.window.rests_at(to.record);
+    cover!(c, Rising, gone_on > Distance::ZERO);
+    cover!(c, Accepted, on_a_stop && after != end);
     holds!(after == end || gone_on > Distance::ZERO || on_a_stop);
     Some(())
 }
@@ -197,6 +214,10 @@ fn braking_covers_a_step_down(c: &mut impl Choice, braking: &Braking<8>) -> Opti
     let rate = any_rate::<16>(c, 0);
     let slope = braking.slope(rate, 16);
     let less = if slope < rate { rate - slope } else { Rate::ZERO };
+    cover!(c, AtRest, rate == Rate::ZERO);
+    cover!(c, AtEnd, rate > Rate::ZERO && less == Rate::ZERO);
+    cover!(c, Falling, less > Rate::ZERO);
+    cover!(c, Limited, rate == Rate::ONE);
     holds!(braking.length(rate) + Distance::from_units(2) >= less.over(1) + braking.length(less));
     Some(())
 }
@@ -233,6 +254,8 @@ fn planned_stops_are_free<const SIGN: i64>(c: &mut impl Choice, records: u32) ->
     let window = ShortWindow { low, records, rests: c.below(1 << (records - 1)) << 1 | 1 | 1 << records };
     let mut cursor = Cursor::<3>::with_filter(built!(RateFilter::new(built!(FilterLengths::new(1, 3)))));
     let mut at = if SIGN > 0 { window.low() } else { window.high() };
+    cover!(c, Wrapped, window.high().number() < window.low.number());
+    cover!(c, PlannedStop, window.rests & !(1 | 1 << records) != 0);
     let mut k = 0;
     while k < records {
         let next = at + (SIGN as u32);
@@ -266,6 +289,10 @@ fn acceleration_is_bounded<const V: i64, const STEP: i64>(c: &mut impl Choice) -
     let (b, d) = (a.moved(Distance::from_units(r1)), a.moved(Distance::from_units(r1 + r2)));
     let pulses = |from, to| emission(from, to, |n| records.get(n.number() as usize)).map(|[sum]| sum);
     let (Some(before), Some(after)) = (pulses(a, b), pulses(b, d)) else { panic!("a record is missing") };
+    cover!(c, Rising, r1 < r2 && after > before);
+    cover!(c, Falling, r2 < r1 && after < before);
+    cover!(c, Backward, after < 0);
+    cover!(c, Split, first != 0);
     let change = if r1 < r2 { r2 - r1 } else { r1 - r2 };
     let least = if r1 < r2 { r1 } else { r2 };
     holds!(((after - before).abs() - 2) * ONE <= V * change + STEP * least);
@@ -273,17 +300,24 @@ fn acceleration_is_bounded<const V: i64, const STEP: i64>(c: &mut impl Choice) -
 }
 
 harnesses! {
-    drive_acceleration, unwind 4 => |c| acceleration_is_bounded::<7, 2>(c);
-    [without kani]
-    drive_road_1, unwind 7 => |c| stays_on_the_road::<1, 0>(c, 2);
-    drive_road_3, unwind 7 => |c| stays_on_the_road::<3, 28>(c, 2);
-    drive_starts_5, unwind 7 => |c| starts_on_the_road::<5, 28>(c, 2);
-    drive_rests_1, unwind 7 => |c| rests_on_the_end::<1, 28>(c, 2, 3);
-    drive_presses_3, unwind 7 => |c| presses_on::<3, 28>(c, 2);
-    drive_stops_forward, unwind 7 => |c| planned_stops_are_free::<1>(c, 2);
-    drive_stops_backward, unwind 7 => |c| planned_stops_are_free::<-1>(c, 2);
-    braking_covers_soft, unwind 300 => |c| braking_covers_a_step_down(c, &braking(SOFT, 45_000));
-    braking_covers_tight, unwind 300 => |c| braking_covers_a_step_down(c, &braking(SOFT, 60_000));
+    drive_acceleration, unwind 5, covers [Rising, Falling, Backward, Split] => |c| acceleration_is_bounded::<7, 2>(c);
+    drive_road_1, unwind 8, covers [Forward, Backward, Wrapped, AtEnd, AtRest, Split] =>
+        |c| stays_on_the_road::<1, 0>(c, 2);
+    drive_road_3, unwind 8, covers [Forward, Backward, Wrapped, AtEnd, AtRest, Split, PlannedStop] =>
+        |c| stays_on_the_road::<3, 28>(c, 2);
+    drive_starts_5, unwind 8, covers [Forward, Backward, Wrapped, AtEnd, PlannedStop] =>
+        |c| starts_on_the_road::<5, 28>(c, 2);
+    drive_rests_1, unwind 8, covers [Forward, Backward, Wrapped, AtEnd, AtRest, Split] =>
+        |c| rests_on_the_end::<1, 28>(c, 2, 3);
+    drive_presses_3, unwind 8, covers [
+        Forward, Backward, Wrapped, AtEnd, AtRest, Split, PlannedStop, Rising, Accepted,
+    ] => |c| presses_on::<3, 28>(c, 2);
+    drive_stops_forward, unwind 8, covers [Wrapped, PlannedStop] => |c| planned_stops_are_free::<1>(c, 2);
+    drive_stops_backward, unwind 8, covers [Wrapped, PlannedStop] => |c| planned_stops_are_free::<-1>(c, 2);
+    braking_covers_soft, unwind 301, covers [AtRest, AtEnd, Falling, Limited] =>
+        |c| braking_covers_a_step_down(c, &braking(SOFT, 45_000));
+    braking_covers_tight, unwind 301, covers [AtRest, AtEnd, Falling, Limited] =>
+        |c| braking_covers_a_step_down(c, &braking(SOFT, 60_000));
 }
 
 #[cfg(not(any(kani, verify_wasm)))]

@@ -3,7 +3,7 @@
 //! Invariant: the accumulator of [`PulseSlots`] is compared with positions that are computed here by multiplication.
 
 use crate::choice::Choice;
-use crate::harness::{harnesses, holds};
+use crate::harness::{built, cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::fine::PulseSlots;
@@ -30,6 +30,9 @@ fn evenly_spaced<const MOST: u32>(c: &mut impl Choice) -> Option<()> {
         }
         slot += 1;
     }
+    cover!(c, Empty, pulses == 0);
+    cover!(c, Full, pulses == slots);
+    cover!(c, Split, count > 1 && most != least);
     holds!(count == pulses && (count < 2 || most - least <= 1));
     Some(())
 }
@@ -38,6 +41,9 @@ fn evenly_spaced<const MOST: u32>(c: &mut impl Choice) -> Option<()> {
 fn sizes_do_not_wrap(c: &mut impl Choice) -> Option<()> {
     let (axis, axes, period) = (c.word(), c.word(), 2_500);
     let history = u64::from(c.word()) << 32 | u64::from(c.word());
+    // before the computation, so that the compiler sees both products side by side
+    cover!(c, Accepted, history <= u64::MAX / 1000);
+    cover!(c, Refused, history > u64::MAX / 1000);
     let bytes = history_bytes(axis, axes, history, period);
     match history_records(history, period) {
         None => holds!(history > u64::MAX / 1000 && bytes.is_none()),
@@ -51,10 +57,57 @@ fn sizes_do_not_wrap(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
+/// Control periods in microseconds for which the number of records is proved.
+const PERIODS: [u64; 6] = [125, 250, 500, 1000, 2500, 10_000];
+
+/// The number of records is ⌈h/T⌉: as many periods are at least as long as the history, one less is shorter.
+fn records_fill_the_history(c: &mut impl Choice) -> Option<()> {
+    let history = u64::from(c.upto(4095));
+    cover!(c, Empty, history == 0);
+    cover!(c, Full, history == 4095);
+    let mut n = 0;
+    while n < PERIODS.len() {
+        let (period, us) = (PERIODS[n], history * 1000);
+        let records = built!(history_records(history, period));
+        let (long, short) = (records * period, records.saturating_sub(1) * period);
+        holds!(us <= long && (short < us || records == 0));
+        n += 1;
+    }
+    Some(())
+}
+
+/// Drawn histories and periods of any size, compared with ⌈h/T⌉ in 128 bits, and bytes with the product.
+#[cfg(not(any(kani, verify_wasm)))]
+fn sizes_of_any_period(size: Size) -> String {
+    let mut draw = crate::native::Draw::new(size.seed);
+    let (runs, mut refused) = (if size.full { 10_000_000 } else { 1_000_000 }, 0u64);
+    let any_long =
+        |draw: &mut crate::native::Draw| (u64::from(draw.word()) << 32 | u64::from(draw.word())) >> draw.below(64);
+    for _ in 0..runs {
+        let (history, period) = (any_long(&mut draw), any_long(&mut draw));
+        let (axis, axes) = (draw.word(), draw.word());
+        let us = u128::from(history) * 1000;
+        let fits = |number: u128| u64::try_from(number).ok();
+        let records = if period == 0 { None } else { fits(us).map(|_| us.div_ceil(u128::from(period))) };
+        assert_eq!(history_records(history, period).map(u128::from), records);
+        let bytes =
+            records.and_then(|records| fits(records.checked_mul(u128::from(axis))?.checked_mul(u128::from(axes))?));
+        let exact = history_bytes(axis, axes, history, period);
+        // a product that would fit again after a factor 0 may be refused
+        assert!(exact == bytes || exact.is_none() && axes == 0, "{history} {period} {axis} {axes}");
+        refused += u64::from(exact.is_none());
+    }
+    assert!(0 < refused && refused < runs);
+    format!("{runs} drawn histories and periods, {refused} of them refused")
+}
+
 /// The number of cells is a power of two that is sufficient, and the least one.
 fn cells_are_enough(c: &mut impl Choice) -> Option<()> {
     let (keep, look_ahead) = (c.word(), c.word());
     let asked = u64::from(keep) + u64::from(look_ahead);
+    cover!(c, Empty, asked == 0);
+    cover!(c, Accepted, 0 < asked && asked <= 1 << 30);
+    cover!(c, Refused, asked > 1 << 30);
     match ring_cells(keep, look_ahead) {
         None => holds!(asked == 0 || asked > 1 << 30),
         Some(cells) => {
@@ -65,11 +118,11 @@ fn cells_are_enough(c: &mut impl Choice) -> Option<()> {
 }
 
 harnesses! {
-    fine_8, unwind 9 => |c| evenly_spaced::<8>(c);
-    fine_16, unwind 17 => |c| evenly_spaced::<16>(c);
-    size_cells, unwind 1 => |c| cells_are_enough(c);
-    [without kani]
-    size_bytes, unwind 1 => |c| sizes_do_not_wrap(c);
+    fine_8, unwind 10, covers [Empty, Full, Split] => |c| evenly_spaced::<8>(c);
+    fine_16, unwind 18, covers [Empty, Full, Split] => |c| evenly_spaced::<16>(c);
+    size_cells, unwind 2, covers [Empty, Accepted, Refused] => |c| cells_are_enough(c);
+    size_records, unwind 7, covers [Empty, Full] => |c| records_fill_the_history(c);
+    size_bytes, unwind 2, covers [Accepted, Refused] => |c| sizes_do_not_wrap(c);
 }
 
 /// Every number of pulses in every period up to 400 slots, compared with the closed form.
@@ -122,14 +175,16 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "size",
-        says: "The sizes of REV-4 never wrap, give the source's example, and the number of the ring's cells is the \
-            least sufficient power of two",
+        says: "The records of a history are ⌈h/T⌉, the sizes of REV-4 never wrap and give the source's example, and \
+            the number of the ring's cells is the least sufficient power of two",
         requirement: "REV-4",
-        bound: "any bytes, axes and history at T = 2.5 ms; any keep and look-ahead",
+        bound: "records: any history up to 4095 ms at six periods from 125 µs to 10 ms; bytes: any bytes, axes and history \
+            at T = 2.5 ms, from the number of records; any keep and look-ahead; natively drawn histories and periods of \
+            64 bits",
         assumes: "nothing",
-        suffices: "the period enters by one division whose divisor only has to be other than zero",
-        harnesses: &["size_cells", "size_bytes"],
-        searches: &[],
+        suffices: "the period enters by one division, which is the hardware's",
+        harnesses: &["size_cells", "size_records", "size_bytes"],
+        searches: &[Search { name: "size-drawn", run: sizes_of_any_period }],
         models: &[],
         mutants: &[
             Mutant {
@@ -138,6 +193,20 @@ pub const ROWS: &[Row] = &[
                 find: "Some(bytes) => bytes.checked_mul(axes as u64),",
                 put: "Some(bytes) => Some(bytes.wrapping_mul(axes as u64)),",
                 killer: "size_bytes",
+            },
+            Mutant {
+                name: "a history that is not a whole number of periods is cut short",
+                file: "crates/core/src/size.rs",
+                find: "Some(us.div_ceil(period_us))",
+                put: "Some(us / period_us)",
+                killer: "size_records",
+            },
+            Mutant {
+                name: "one record more than the history has",
+                file: "crates/core/src/size.rs",
+                find: "Some(us) => Some(us.div_ceil(period_us)),",
+                put: "Some(us) => Some(us / period_us + 1),",
+                killer: "size-drawn",
             },
             Mutant {
                 name: "cells one size too small",

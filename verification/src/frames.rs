@@ -5,7 +5,7 @@
 //! register, proved first, the bytes that they strike do not matter.
 
 use crate::choice::Choice;
-use crate::harness::{built, harnesses, holds};
+use crate::harness::{built, cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_link::crc;
@@ -16,6 +16,8 @@ use retrace_link::frame::{FrameDecoder, OVERHEAD, encode};
 #[inline(always)]
 fn comes_back<const COUNT: usize, const W: usize, const N: usize>(c: &mut impl Choice, decoder: &mut FrameDecoder<N>) {
     let payload: [u8; COUNT] = core::array::from_fn(|_| c.word() as u8);
+    cover!(c, ZeroByte, payload.contains(&0));
+    cover!(c, Full, !payload.contains(&0));
     let mut wire = [0; W];
     holds!(encode(&payload, &mut wire).is_some_and(|frame| frame.len() == W));
     // Three loops, so that each is short enough for the compiler to unroll.
@@ -64,7 +66,11 @@ fn finds_back(c: &mut impl Choice) -> Option<()> {
         }
         at += 1;
     }
-    match decoder.push(0) {
+    let found = decoder.push(0);
+    cover!(c, Empty, found.is_none());
+    cover!(c, Accepted, matches!(found, Some(Ok(_))));
+    cover!(c, Refused, matches!(found, Some(Err(_))));
+    match found {
         None => holds!(bytes == 0),
         Some(Ok(found)) => holds!(bytes == found.len() + OVERHEAD - 1),
         Some(Err(_)) => holds!(bytes > 0),
@@ -95,7 +101,10 @@ fn accepts_only_frames(c: &mut impl Choice) -> Option<()> {
     decoder.push(check[2]);
     decoder.push(check[3]);
     decoder.push(check[4]);
-    let Some(Ok(found)) = decoder.push(0) else { return Some(()) };
+    let found = decoder.push(0);
+    cover!(c, Accepted, matches!(found, Some(Ok(_))));
+    cover!(c, Refused, !matches!(found, Some(Ok(_))));
+    let Some(Ok(found)) = found else { return Some(()) };
     holds!(found.len() == COUNT);
     let found = [found[0], found[1]];
     let mut wire = [0; COUNT + OVERHEAD];
@@ -108,6 +117,8 @@ fn accepts_only_frames(c: &mut impl Choice) -> Option<()> {
 /// bits of the register. Bit by bit that holds for any error.
 fn linear(c: &mut impl Choice) -> Option<()> {
     let (register, bit, byte) = (c.word(), 1 << c.below(32), c.word() as u8);
+    cover!(c, Empty, register == 0);
+    cover!(c, Full, register == u32::MAX && byte == u8::MAX);
     holds!(crc::update(register ^ bit, 0) == crc::update(register, 0) ^ crc::update(bit, 0));
     holds!(crc::update(register, byte) == crc::update(register ^ u32::from(byte), 0));
     Some(())
@@ -116,6 +127,8 @@ fn linear(c: &mut impl Choice) -> Option<()> {
 /// One more byte equals eight steps of the division by x³² + … + 1, 0x1EDC6F41, with all bits reversed.
 fn divides(c: &mut impl Choice) -> Option<()> {
     let (register, byte) = (c.word(), c.word() as u8);
+    cover!(c, Empty, register == 0);
+    cover!(c, Full, register == u32::MAX && byte == u8::MAX);
     let mut divided = (register ^ u32::from(byte)).reverse_bits();
     let mut bit = 0;
     while bit < 8 {
@@ -150,6 +163,9 @@ fn seen_flips<const FLIPS: usize>(c: &mut impl Choice) -> Option<()> {
         flips += 1;
     }
     c.assume(data != 0 || check != 0)?;
+    cover!(c, InBody, check == 0);
+    cover!(c, InCheck, data == 0);
+    cover!(c, Full, data.count_ones() + check.count_ones() == FLIPS as u32);
     holds!(!cancels(data, check));
     Some(())
 }
@@ -160,23 +176,26 @@ fn seen_burst(c: &mut impl Choice) -> Option<()> {
     c.assume(pattern != 0)?;
     let data = (pattern << first) & ((1 << (8 * STRUCK)) - 1);
     let check = (pattern >> (8 * STRUCK - first)) as u32;
+    cover!(c, InBody, check == 0);
+    cover!(c, InCheck, data == 0);
+    cover!(c, Split, data != 0 && check != 0);
     holds!(!cancels(data, check));
     Some(())
 }
 
 harnesses! {
-    frames_identity_1, unwind 10 => |c| identity::<1, 9>(c);
-    frames_identity_2, unwind 11 => |c| identity::<2, 10>(c);
-    frames_identity_3, unwind 12 => |c| identity::<3, 11>(c);
-    frames_identity_4, unwind 13 => |c| identity::<4, 12>(c);
-    frames_identity_5, unwind 14 => |c| identity::<5, 13>(c);
-    frames_identity_6, unwind 15 => |c| identity::<6, 14>(c);
-    frames_find_back, unwind 12 => |c| finds_back(c);
-    frames_only, unwind 12 => |c| accepts_only_frames(c);
-    frames_linear, unwind 9 => |c| linear(c);
-    frames_divide, unwind 9 => |c| divides(c);
-    frames_see_flips, unwind 9 => |c| seen_flips::<3>(c);
-    frames_see_burst, unwind 9 => |c| seen_burst(c);
+    frames_identity_1, unwind 11, covers [ZeroByte, Full] => |c| identity::<1, 9>(c);
+    frames_identity_2, unwind 12, covers [ZeroByte, Full] => |c| identity::<2, 10>(c);
+    frames_identity_3, unwind 13, covers [ZeroByte, Full] => |c| identity::<3, 11>(c);
+    frames_identity_4, unwind 14, covers [ZeroByte, Full] => |c| identity::<4, 12>(c);
+    frames_identity_5, unwind 15, covers [ZeroByte, Full] => |c| identity::<5, 13>(c);
+    frames_identity_6, unwind 16, covers [ZeroByte, Full] => |c| identity::<6, 14>(c);
+    frames_find_back, unwind 13, covers [Empty, Accepted, Refused, ZeroByte, Full] => |c| finds_back(c);
+    frames_only, unwind 13, covers [Accepted, Refused] => |c| accepts_only_frames(c);
+    frames_linear, unwind 10, covers [Empty, Full] => |c| linear(c);
+    frames_divide, unwind 10, covers [Empty, Full] => |c| divides(c);
+    frames_see_flips, unwind 10, covers [InBody, InCheck, Full] => |c| seen_flips::<3>(c);
+    frames_see_burst, unwind 10, covers [InBody, InCheck, Split] => |c| seen_burst(c);
 }
 
 #[cfg(not(any(kani, verify_wasm)))]

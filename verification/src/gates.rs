@@ -3,7 +3,7 @@
 //! Invariant: every state of [`Gates`] is reached by accepting an instruction and sending it or not.
 
 use crate::choice::Choice;
-use crate::harness::{harnesses, holds};
+use crate::harness::{cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row};
 use retrace_core::gate::Gates;
@@ -49,9 +49,17 @@ fn gates_keep_order(c: &mut impl Choice) -> Option<()> {
     let record = RecordIndex::new(c.word());
     let cursor = Place { record: RecordIndex::new(c.word()), fraction: c.word() };
     gates_say(&gates, in_hand, record, cursor, c.flag());
+    cover!(c, Empty, in_hand.is_none());
+    cover!(c, Full, matches!(in_hand, Some((_, _, true))));
+    cover!(
+        c,
+        Wrapped,
+        matches!(in_hand, Some((_, marker, _)) if record.is_before(marker) && record.number() > marker.number())
+    );
     match c.below(3) {
         0 => {
             let (number, place) = (c.word(), RecordIndex::new(c.word()));
+            cover!(c, Accepted, in_hand.is_none());
             holds!(gates.accept(number, place) == in_hand.is_none());
             in_hand = in_hand.or(Some((number, place, false)));
         }
@@ -62,6 +70,8 @@ fn gates_keep_order(c: &mut impl Choice) -> Option<()> {
         _ => {
             let executed = c.word();
             let done = matches!(in_hand, Some((number, _, true)) if number == executed);
+            cover!(c, AtEnd, done);
+            cover!(c, Refused, in_hand.is_some() && !done);
             holds!(gates.acknowledge(executed) == if done { Some(executed) } else { None });
             in_hand = if done { None } else { in_hand };
         }
@@ -71,7 +81,7 @@ fn gates_keep_order(c: &mut impl Choice) -> Option<()> {
 }
 
 harnesses! {
-    gates_order, unwind 1 => |c| gates_keep_order(c);
+    gates_order, unwind 2, covers [Empty, Full, Wrapped, Accepted, AtEnd, Refused] => |c| gates_keep_order(c);
 }
 
 #[cfg(not(any(kani, verify_wasm)))]

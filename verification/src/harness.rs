@@ -3,11 +3,10 @@
 //!
 //! Invariant: a harness is listed once in the code; the engines' lists are made from that one.
 
-/// Makes harnesses of properties: `name, unwind N => property;`. A second group, behind `[without kani]`, is left out
-/// of the Kani list: it divides 64-bit numbers, on which Kani's bit-level solver does not end in useful time.
+/// Makes harnesses of properties: `name, unwind N, covers [Region, …] => property;`. `N` is one more than the turns of the
+/// longest loop, as Kani counts; each region of the list must be reached by a run within the assumptions.
 macro_rules! harnesses {
-    ($($name:ident, unwind $unwind:literal => $body:expr;)* $([without kani] $($other:ident,
-        unwind $other_unwind:literal => $other_body:expr;)*)?) => {
+    ($($name:ident, unwind $unwind:literal, covers [$($region:ident),* $(,)?] => $body:expr;)*) => {
         /// The proofs of this module, in Kani.
         #[cfg(kani)]
         pub mod on_kani {
@@ -25,19 +24,12 @@ macro_rules! harnesses {
                 let property: crate::choice::Property<crate::choice::Cbmc> = $body;
                 property(&mut crate::choice::Cbmc);
             })*
-            $($(#[unsafe(export_name = concat!("h_", stringify!($other), "__u",
-                stringify!($other_unwind)))] extern "C" fn $other() {
-                let property: crate::choice::Property<crate::choice::Cbmc> = $other_body;
-                property(&mut crate::choice::Cbmc);
-            })*)?
         }
         /// The harnesses of this module, for the native engine and the ledger.
         #[cfg(not(any(kani, verify_wasm)))]
         pub const HARNESSES: &[crate::native::Harness] = &[
-            $(crate::native::Harness { name: stringify!($name), module: module_path!(), unwind: $unwind, kani: true,
-                enumerate: $body, draw: $body, replay: $body },)*
-            $($(crate::native::Harness { name: stringify!($other), module: module_path!(), unwind: $other_unwind,
-                kani: false, enumerate: $other_body, draw: $other_body, replay: $other_body },)*)?
+            $(crate::native::Harness { name: stringify!($name), module: module_path!(), unwind: $unwind,
+                covers: &[$(crate::region::Region::$region),*], enumerate: $body, draw: $body, replay: $body },)*
         ];
     };
 }
@@ -74,4 +66,14 @@ macro_rules! built {
     };
 }
 
-pub(crate) use {built, harnesses, holds};
+/// States that a region is reached where the condition holds. What a harness lists and no run reaches fails it.
+macro_rules! cover {
+    ($c:expr, $region:ident, $condition:expr) => {
+        #[cfg(kani)]
+        kani::cover!($condition);
+        #[cfg(not(kani))]
+        $c.cover(crate::region::Region::$region, $condition);
+    };
+}
+
+pub(crate) use {built, cover, harnesses, holds};

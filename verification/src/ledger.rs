@@ -72,37 +72,49 @@ pub struct Mutant {
     pub killer: &'static str,
 }
 
+/// Every row, with the name of its module.
+pub fn rows_by_module() -> impl Iterator<Item = (&'static str, Row)> {
+    MODULES.iter().flat_map(|(module, rows, _)| rows.iter().map(|row| (*module, *row)))
+}
+
 /// Every row.
 #[must_use]
 pub fn rows() -> Vec<Row> {
-    MODULES.iter().flat_map(|(rows, _)| rows.iter().copied()).collect()
+    rows_by_module().map(|(_, row)| row).collect()
 }
 
 /// Every harness.
 #[must_use]
 pub fn harnesses() -> Vec<Harness> {
-    MODULES.iter().flat_map(|(_, harnesses)| harnesses.iter().copied()).collect()
+    MODULES.iter().flat_map(|(_, _, harnesses)| harnesses.iter().copied()).collect()
 }
 
-type Module = (&'static [Row], &'static [Harness]);
+type Module = (&'static str, &'static [Row], &'static [Harness]);
+
+/// Lists modules with their rows and harnesses.
+macro_rules! modules {
+    ($($module:ident,)*) => {
+        &[$((stringify!($module), crate::$module::ROWS, crate::$module::HARNESSES),)*]
+    };
+}
 
 /// The property modules.
-const MODULES: &[Module] = &[
-    (crate::ring::ROWS, crate::ring::HARNESSES),
-    (crate::literal_ring::ROWS, crate::literal_ring::HARNESSES),
-    (crate::playback::ROWS, crate::playback::HARNESSES),
-    (crate::rate::ROWS, crate::rate::HARNESSES),
-    (crate::drive::ROWS, crate::drive::HARNESSES),
-    (crate::modes::ROWS, crate::modes::HARNESSES),
-    (crate::gates::ROWS, crate::gates::HARNESSES),
-    (crate::threads::ROWS, crate::threads::HARNESSES),
-    (crate::fine::ROWS, crate::fine::HARNESSES),
-    (crate::frames::ROWS, crate::frames::HARNESSES),
-    (crate::steps::ROWS, crate::steps::HARNESSES),
-    (crate::permit::ROWS, crate::permit::HARNESSES),
-    (crate::sequence::ROWS, crate::sequence::HARNESSES),
-    (crate::protocol::ROWS, &[]),
-];
+const MODULES: &[Module] = modules! {
+    ring,
+    literal_ring,
+    playback,
+    rate,
+    drive,
+    modes,
+    gates,
+    threads,
+    fine,
+    frames,
+    steps,
+    permit,
+    sequence,
+    protocol,
+};
 
 #[cfg(test)]
 mod tests {

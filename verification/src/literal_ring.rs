@@ -4,7 +4,7 @@
 //! Invariant: [`LiteralRing`] is written from the requirements alone and shares no code with the core.
 
 use crate::choice::Choice;
-use crate::harness::{built, harnesses, holds};
+use crate::harness::{built, cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
 use retrace_core::ring_indices::ConsumerIndices;
@@ -162,6 +162,10 @@ fn any_pair(c: &mut impl Choice, size: u32) -> Option<(LiteralRing, ConsumerIndi
         cell += 1;
     }
     holds!(literal.mirrors(&played));
+    cover!(c, Empty, retained == 0);
+    cover!(c, Full, retained == size);
+    cover!(c, Wrapped, played.head() > reached);
+    cover!(c, AtEnd, retained > 0 && back == retained);
     Some((literal, played))
 }
 
@@ -202,15 +206,23 @@ fn answers_alike<const SIZE: u32>(c: &mut impl Choice) -> Option<()> {
         1 => Question::Reverse,
         _ => Question::Forward,
     };
+    cover!(c, Forward, question == Question::Forward);
+    cover!(c, Backward, question == Question::Reverse);
+    cover!(c, Accepted, question == Question::Store);
     ask(&mut literal, &mut played, question)
 }
 
 harnesses! {
-    literal_1, unwind 9 => |c| answers_alike::<1>(c);
-    literal_2, unwind 9 => |c| answers_alike::<2>(c);
-    literal_3, unwind 9 => |c| answers_alike::<3>(c);
-    literal_4, unwind 9 => |c| answers_alike::<4>(c);
-    literal_5, unwind 9 => |c| answers_alike::<5>(c);
+    literal_1, unwind 10, covers [Empty, Full, Wrapped, AtEnd, Forward, Backward, Accepted] =>
+        |c| answers_alike::<1>(c);
+    literal_2, unwind 10, covers [Empty, Full, Wrapped, AtEnd, Forward, Backward, Accepted] =>
+        |c| answers_alike::<2>(c);
+    literal_3, unwind 10, covers [Empty, Full, Wrapped, AtEnd, Forward, Backward, Accepted] =>
+        |c| answers_alike::<3>(c);
+    literal_4, unwind 10, covers [Empty, Full, Wrapped, AtEnd, Forward, Backward, Accepted] =>
+        |c| answers_alike::<4>(c);
+    literal_5, unwind 10, covers [Empty, Full, Wrapped, AtEnd, Forward, Backward, Accepted] =>
+        |c| answers_alike::<5>(c);
 }
 
 /// Breadth first over every state that both machines can reach together, from empty, including the real ring's cells.

@@ -4,6 +4,7 @@
 //! Invariant: the same seed draws the same numbers; a failure includes the numbers that replay it.
 
 use crate::choice::{Choice, Property, bits_of};
+use crate::region::Region;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// One harness.
@@ -13,10 +14,10 @@ pub struct Harness {
     pub name: &'static str,
     /// Its module.
     pub module: &'static str,
-    /// Largest number of turns of a loop in a proof.
+    /// One more than the largest number of turns of a loop in a proof.
     pub unwind: u32,
-    /// Whether it is in Kani's list.
-    pub kani: bool,
+    /// Regions that must be reached.
+    pub covers: &'static [Region],
     /// The property over enumerated choices.
     pub enumerate: Property<Enumerate>,
     /// The property over drawn choices.
@@ -41,6 +42,10 @@ pub enum Failure {
     Refuted(Vec<u32>),
     /// No run was within the assumptions.
     Vacuous,
+    /// No run within the assumptions reached this region.
+    Unreached(Region),
+    /// A run reached this region, which the harness does not list.
+    Unlisted(Region),
 }
 
 impl Harness {
@@ -49,10 +54,12 @@ impl Harness {
     /// # Errors
     /// [`Failure`], with the numbers that replay it.
     pub fn check(&self, most: u64, seed: u64) -> Result<Seen, Failure> {
-        let (mut choices, mut seen) = (Enumerate::default(), Seen { runs: 0, complete: false });
+        let (mut choices, mut seen, mut reached) = (Enumerate::default(), Seen { runs: 0, complete: false }, 0);
         for _ in 0..most {
+            choices.covered = 0;
             match run(self.enumerate, &mut choices) {
-                Ok(kept) => seen.runs += u64::from(kept),
+                Ok(true) => (seen.runs, reached) = (seen.runs + 1, reached | choices.covered),
+                Ok(false) => {}
                 Err(()) => return Err(Failure::Refuted(choices.trace())),
             }
             if !choices.next() {
@@ -64,13 +71,30 @@ impl Harness {
             let mut draw = Draw::new(seed);
             for _ in 0..most {
                 draw.trace.clear();
+                draw.covered = 0;
                 match run(self.draw, &mut draw) {
-                    Ok(kept) => seen.runs += u64::from(kept),
+                    Ok(true) => (seen.runs, reached) = (seen.runs + 1, reached | draw.covered),
+                    Ok(false) => {}
                     Err(()) => return Err(Failure::Refuted(draw.trace)),
                 }
             }
         }
-        if seen.runs == 0 { Err(Failure::Vacuous) } else { Ok(seen) }
+        if seen.runs == 0 {
+            return Err(Failure::Vacuous);
+        }
+        self.judge_regions(reached)?;
+        Ok(seen)
+    }
+
+    fn judge_regions(&self, reached: u64) -> Result<(), Failure> {
+        for &region in Region::ALL {
+            match (self.covers.contains(&region), reached & region.bit() != 0) {
+                (true, false) => return Err(Failure::Unreached(region)),
+                (false, true) => return Err(Failure::Unlisted(region)),
+                _ => {}
+            }
+        }
+        Ok(())
     }
 
     /// Runs the property over the numbers of a counterexample; panics where it does not hold.
@@ -110,6 +134,8 @@ pub struct Enumerate {
     at: usize,
     /// Whether a choice offered only selected values.
     abridged: bool,
+    /// Regions of this run.
+    covered: u64,
 }
 
 impl Enumerate {
@@ -181,6 +207,10 @@ impl Choice for Enumerate {
     fn assume(&mut self, holds: bool) -> Option<()> {
         holds.then_some(())
     }
+
+    fn cover(&mut self, region: Region, reached: bool) {
+        self.covered |= if reached { region.bit() } else { 0 };
+    }
 }
 
 /// Drawn choices: half of them selected values, half of them any.
@@ -188,13 +218,21 @@ impl Choice for Enumerate {
 pub struct Draw {
     state: u64,
     trace: Vec<u32>,
+    /// Regions of this run, or of all since it was made.
+    covered: u64,
 }
 
 impl Draw {
+    /// Whether a run with this source has been in that region since it was made.
+    #[must_use]
+    pub fn has_reached(&self, region: Region) -> bool {
+        self.covered & region.bit() != 0
+    }
+
     /// A source that draws from `seed`.
     #[must_use]
     pub fn new(seed: u64) -> Self {
-        Self { state: seed ^ 0x9E37_79B9_7F4A_7C15, trace: Vec::new() }
+        Self { state: seed ^ 0x9E37_79B9_7F4A_7C15, trace: Vec::new(), covered: 0 }
     }
 
     /// SplitMix64 (Steele, Lea, Flood 2014).
@@ -255,6 +293,10 @@ impl Choice for Draw {
 
     fn assume(&mut self, holds: bool) -> Option<()> {
         holds.then_some(())
+    }
+
+    fn cover(&mut self, region: Region, reached: bool) {
+        self.covered |= if reached { region.bit() } else { 0 };
     }
 }
 
@@ -321,7 +363,7 @@ mod tests {
                 name: "a",
                 module: "",
                 unwind: 1,
-                kani: false,
+                covers: &[],
                 enumerate: product_is_small,
                 draw: product_is_small,
                 replay: product_is_small,
@@ -330,7 +372,7 @@ mod tests {
                 name: "b",
                 module: "",
                 unwind: 1,
-                kani: false,
+                covers: &[],
                 enumerate: sum_is_no_secret,
                 draw: sum_is_no_secret,
                 replay: sum_is_no_secret,
@@ -347,11 +389,35 @@ mod tests {
             name: "c",
             module: "",
             unwind: 1,
-            kani: false,
+            covers: &[],
             enumerate: nothing,
             draw: nothing,
             replay: nothing,
         };
         assert_eq!(harness.check(100, 1), Err(Failure::Vacuous));
+    }
+
+    fn any_word<C: Choice>(c: &mut C) -> Option<()> {
+        let word = c.word();
+        c.cover(Region::Empty, word == 0);
+        c.cover(Region::Full, word == 12_345);
+        c.assume(word < 12_345)
+    }
+
+    #[test]
+    fn a_region_counts_where_a_run_within_the_assumptions_reaches_it() {
+        let harness = |covers| Harness {
+            name: "d",
+            module: "",
+            unwind: 1,
+            covers,
+            enumerate: any_word,
+            draw: any_word,
+            replay: any_word,
+        };
+        assert!(harness(&[Region::Empty]).check(100, 1).is_ok());
+        let full = Err(Failure::Unreached(Region::Full));
+        assert_eq!(harness(&[Region::Empty, Region::Full]).check(10_000, 1), full);
+        assert_eq!(harness(&[]).check(100, 1), Err(Failure::Unlisted(Region::Empty)));
     }
 }

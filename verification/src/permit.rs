@@ -4,7 +4,7 @@
 //! Invariant: the permit is defined here as in the requirements, and shares no decision with the card.
 
 use crate::choice::Choice;
-use crate::harness::{harnesses, holds};
+use crate::harness::{cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 #[cfg(not(any(kani, verify_wasm)))]
@@ -50,7 +50,13 @@ fn one_channel(c: &mut impl Choice) -> Option<()> {
     let settings = CuttingSettings { handover_periods, inhibit: c.flag(), ..CuttingSettings::default() };
     let timer = any_timer(c, &of, &settings);
     let now = any_conditions(c);
-    match check_channel(&of, &settings, timer, &now) {
+    let checked = check_channel(&of, &settings, timer, &now);
+    cover!(c, Lit, of.fires && checked.is_ok());
+    cover!(c, PutOut, of.fires && checked.is_err() && !settings.inhibit && now.denied.is_none() && !now.backward);
+    cover!(c, Refused, of.fires && now.denied.is_some());
+    cover!(c, Backward, of.fires && now.backward && checked.is_ok());
+    cover!(c, AtRest, of.fires && !now.moving && checked.is_ok());
+    match checked {
         Ok(after) => {
             holds!(!of.fires && !settings.inhibit || of.fires && is_permitted(&of, &settings, timer, &now));
             holds!(after.standing <= of.standing_periods && after.handover <= settings.handover_periods);
@@ -123,14 +129,17 @@ fn a_history<const PERIODS: usize>(c: &mut impl Choice) -> Option<()> {
         holds!(!lit || now.denied.is_none() && !settings.inhibit && (of.lit_in_reverse || !now.backward));
         stood = if lit && !now.moving && !now.keeps_cutter { stood + 1 } else { 0 };
         holds!(stood <= most);
+        cover!(c, Lit, lit);
+        cover!(c, PutOut, after.is_err());
+        cover!(c, Limited, stood == most && most > 0);
         k += 1;
     }
     Some(())
 }
 
 harnesses! {
-    permit_one_channel, unwind 2 => |c| one_channel(c);
-    permit_history_6, unwind 7 => |c| a_history::<6>(c);
+    permit_one_channel, unwind 3, covers [Lit, PutOut, Refused, Backward, AtRest] => |c| one_channel(c);
+    permit_history_6, unwind 8, covers [Lit, PutOut, Limited] => |c| a_history::<6>(c);
 }
 
 /// Long runs of drawn commands on a whole card.

@@ -3,7 +3,7 @@
 //! Invariant: records and places are arbitrary; a walk is any three places, because more follow by induction.
 
 use crate::choice::{Choice, ONE};
-use crate::harness::{harnesses, holds};
+use crate::harness::{cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
 use retrace_core::playback::{emission, partial_increment};
@@ -49,6 +49,9 @@ fn places_add_up(c: &mut impl Choice) -> Option<()> {
     c.assume(-most <= a + b && a + b <= most)?;
     let (a, b) = (Distance::from_units(a), Distance::from_units(b));
     let to = from.moved(a);
+    cover!(c, Forward, a > Distance::ZERO);
+    cover!(c, Backward, a < Distance::ZERO);
+    cover!(c, Wrapped, a > Distance::ZERO && to.record.number() < from.record.number());
     holds!(from.distance_to(to) == a && to.moved(-a) == from);
     holds!(to.moved(b) == from.moved(a + b));
     Some(())
@@ -61,6 +64,10 @@ fn crosses_few_boundaries(c: &mut impl Choice) -> Option<()> {
     let step = c.between(-8 * ONE, 8 * ONE);
     c.assume(step.abs() <= i64::from(cap) << 32)?;
     let to = from.moved(Distance::from_units(step));
+    cover!(c, AtRest, step == 0);
+    cover!(c, Limited, step == i64::from(cap) << 32);
+    cover!(c, Backward, step < 0);
+    cover!(c, Wrapped, step > 0 && to.record.number() < from.record.number());
     let ahead = to.boundary_ahead().since(from.boundary_ahead()) as i32;
     holds!(ahead.unsigned_abs() <= cap);
     holds!((to.record.since(from.record) as i32).unsigned_abs() <= cap);
@@ -76,6 +83,11 @@ fn sums_telescope<const N: usize>(c: &mut impl Choice) -> Option<()> {
     else {
         panic!("a record of the stretch is missing")
     };
+    cover!(c, AtRest, a == b && b == d);
+    cover!(c, Forward, whole > 0);
+    cover!(c, Backward, whole < 0);
+    cover!(c, Split, a.fraction != 0 && d.fraction != 0);
+    cover!(c, Wrapped, d.record.number() < a.record.number() && a.distance_to(d) > Distance::ZERO);
     holds!(first + second == whole);
     holds!(a != d || whole == 0);
     Some(())
@@ -87,6 +99,9 @@ fn whole_records_are_whole<const N: usize>(c: &mut impl Choice) -> Option<()> {
     let (from, records) = (c.below(N as u32), c.below(N as u32 + 1));
     c.assume(from + records <= N as u32)?;
     let place = |n: u32| Place::start_of(stretch.first + n);
+    cover!(c, Empty, records == 0);
+    cover!(c, Full, records == N as u32);
+    cover!(c, Wrapped, records > 0 && stretch.first.number() != 0);
     let (mut sum, mut n) = (0, 0);
     while n < N {
         if from as usize <= n && n < (from + records) as usize {
@@ -100,8 +115,12 @@ fn whole_records_are_whole<const N: usize>(c: &mut impl Choice) -> Option<()> {
 }
 
 /// The part of a record is its exact value rounded half away from zero, with the sign of the record.
-fn part_is_rounded(increment: i16, fraction: u32) -> Option<()> {
+fn part_is_rounded(c: &mut impl Choice, increment: i16, fraction: u32) -> Option<()> {
     let part = i64::from(partial_increment(increment, fraction));
+    cover!(c, AtRest, part == 0 && increment != 0 && fraction != 0);
+    cover!(c, Forward, part > 0);
+    cover!(c, Backward, part < 0);
+    cover!(c, Split, part > 0 && part < i64::from(increment));
     holds!(if increment < 0 { part <= 0 } else { part >= 0 });
     // in units of 2⁻³² pulses; the exact value is in [part − ½, part + ½)
     let (rounded, exact) = ((part.unsigned_abs()) << 32, u64::from(increment.unsigned_abs()) * u64::from(fraction));
@@ -113,6 +132,9 @@ fn part_is_rounded(increment: i16, fraction: u32) -> Option<()> {
 fn part_is_within(c: &mut impl Choice, most: i64) -> Option<()> {
     let (increment, fraction) = (c.between(-most, most) as i16, c.word());
     let (part, whole) = (i64::from(partial_increment(increment, fraction)), i64::from(increment));
+    cover!(c, Full, whole != 0 && part == whole);
+    cover!(c, Backward, part < 0);
+    cover!(c, Split, 0 < part && part < whole);
     holds!(if whole < 0 { whole <= part } else { part <= whole });
     Some(())
 }
@@ -122,18 +144,24 @@ fn parts_are_in_order(c: &mut impl Choice, most: i64) -> Option<()> {
     let (increment, more) = (c.between(-most, most) as i16, c.word());
     let less = c.upto(more);
     let (less, more) = (partial_increment(increment, less), partial_increment(increment, more));
+    cover!(c, AtRest, increment != 0 && less == more);
+    cover!(c, Rising, less < more);
+    cover!(c, Falling, more < less);
     holds!(if increment < 0 { more <= less } else { less <= more });
     Some(())
 }
 
 harnesses! {
-    place_sums, unwind 1 => |c| places_add_up(c);
-    place_boundaries, unwind 1 => |c| crosses_few_boundaries(c);
-    playback_telescopes, unwind 4 => |c| sums_telescope::<2>(c);
-    playback_whole, unwind 5 => |c| whole_records_are_whole::<3>(c);
-    playback_part, unwind 1 => |c| part_is_rounded(c.between(-63, 63) as i16, c.word());
-    playback_within, unwind 1 => |c| part_is_within(c, 7);
-    playback_order, unwind 1 => |c| parts_are_in_order(c, 7);
+    place_sums, unwind 2, covers [Forward, Backward, Wrapped] => |c| places_add_up(c);
+    place_boundaries, unwind 2, covers [AtRest, Limited, Backward, Wrapped] => |c| crosses_few_boundaries(c);
+    playback_telescopes, unwind 5, covers [AtRest, Forward, Backward, Split, Wrapped] => |c| sums_telescope::<2>(c);
+    playback_whole, unwind 6, covers [Empty, Full, Wrapped] => |c| whole_records_are_whole::<3>(c);
+    playback_part, unwind 2, covers [AtRest, Forward, Backward, Split] => |c| {
+        let (increment, fraction) = (c.between(-63, 63) as i16, c.word());
+        part_is_rounded(c, increment, fraction)
+    };
+    playback_within, unwind 2, covers [Full, Backward, Split] => |c| part_is_within(c, 7);
+    playback_order, unwind 2, covers [AtRest, Rising, Falling] => |c| parts_are_in_order(c, 7);
 }
 
 /// Every increment at fractions around every half of a pulse, in exact numbers.
@@ -141,6 +169,7 @@ harnesses! {
 fn every_increment(size: crate::ledger::Size) -> String {
     let mut draw = crate::native::Draw::new(size.seed);
     let rounds = if size.full { 400 } else { 20 };
+    let mut reached = crate::native::Draw::new(size.seed);
     for increment in i16::MIN..=i16::MAX {
         for _ in 0..rounds {
             let fraction = draw.word();
@@ -148,7 +177,7 @@ fn every_increment(size: crate::ledger::Size) -> String {
             // the fraction just below and at a place where the rounding changes
             let turn = ((u64::from(fraction) % least * 2 + 1) << 31).div_ceil(least) as u32;
             for fraction in [fraction, turn, turn.wrapping_sub(1)] {
-                assert!(part_is_rounded(increment, fraction).is_some());
+                assert!(part_is_rounded(&mut reached, increment, fraction).is_some());
                 assert!(i32::from(increment).abs() >= partial_increment(increment, fraction).abs());
             }
         }

@@ -93,6 +93,10 @@ pub fn search_all(size: Size) -> String {
     search::run(&plans)
 }
 
+/// No harness: everything here is a search.
+#[cfg(not(any(kani, verify_wasm)))]
+pub const HARNESSES: &[crate::native::Harness] = &[];
+
 /// The rows of this module.
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {

@@ -5,7 +5,7 @@
 //! many targets as it remembers, because its remainder is determined by what it remembers.
 
 use crate::choice::{Choice, ONE};
-use crate::harness::{built, harnesses, holds};
+use crate::harness::{built, cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::rate::{FilterLengths, RateFilter};
@@ -63,6 +63,9 @@ fn lead_is_what_is_pending<const M: usize, const PERIODS: usize>(
     let over = unit * law.lead().units() - pending(&targets, &weights);
     holds!(0 <= over && over < unit);
     let (lead, target) = (law.lead(), c.between(0, top));
+    cover!(c, AtRest, law.at_rest() && lead == Distance::ZERO);
+    cover!(c, Rising, lead > Distance::ZERO && target == top);
+    cover!(c, Falling, lead > Distance::ZERO && target == 0);
     let moved = law.step(Rate::from_units(target));
     holds!(law.lead() == lead + Rate::from_units(target).over(1) - moved && moved >= Distance::ZERO);
     let mut k = PERIODS - 1;
@@ -93,6 +96,9 @@ fn never_overshoots<const M: usize, const PERIODS: usize>(
     }
     c.assume(within)?;
     let moved = law.step(Rate::from_units(target)).units();
+    cover!(c, AtRest, high == 0);
+    cover!(c, Limited, 0 < low && high < top);
+    cover!(c, Split, low < moved && moved < high);
     holds!(low <= moved + 1 && moved <= high + 1);
     Some(())
 }
@@ -107,6 +113,8 @@ fn comes_to_rest<const M: usize, const PERIODS: usize>(
 ) -> Option<()> {
     let (mut law, _) = any_law::<M, PERIODS>(c, first, second, top)?;
     let (lead, mut run, mut k) = (law.lead(), Distance::ZERO, 0);
+    cover!(c, AtRest, lead == Distance::ZERO);
+    cover!(c, Forward, lead > Distance::ZERO);
     while k < PERIODS {
         run += law.step(Rate::ZERO);
         k += 1;
@@ -155,6 +163,9 @@ fn change_is_bounded<const M: usize, const PERIODS: usize>(
     let after = law.step(Rate::from_units(c.between(0, top))).units();
     let weights = weights(first as usize, second as usize);
     let unit = i64::from(first) * i64::from(second);
+    cover!(c, Rising, before < after);
+    cover!(c, Falling, after < before);
+    cover!(c, Limited, after == top);
     let mut k = 0;
     while k + 1 < PERIODS {
         let ((r0, d0), (r1, d1)) = (plain_step(&weights, k), plain_step(&weights, k + 1));
@@ -184,6 +195,10 @@ fn wheel_follows(c: &mut impl Choice) -> Option<()> {
     } else {
         sum
     };
+    cover!(c, AtRest, held == 0 && turns[4] == 0);
+    cover!(c, Forward, 0 < held && held < 8);
+    cover!(c, Backward, -8 < held && held < 0);
+    cover!(c, Limited, sum > 8);
     holds!(wheel.rate() == Rate::from_units(held << 29));
     Some(())
 }
@@ -196,17 +211,18 @@ const LAST_BITS: i64 = 15;
 const TOP: i64 = 8 * ONE;
 
 harnesses! {
-    [without kani]
-    law_pending_1_1, unwind 4 => |c| lead_is_what_is_pending::<1, 1>(c, 1, 1, TOP);
-    law_pending_2_2, unwind 5 => |c| lead_is_what_is_pending::<2, 3>(c, 2, 2, LAST_BITS);
-    law_pending_1_3, unwind 5 => |c| lead_is_what_is_pending::<3, 3>(c, 1, 3, LAST_BITS);
-    law_pending_4_2, unwind 9 => |c| lead_is_what_is_pending::<4, 5>(c, 4, 2, 3);
-    law_within_2_2, unwind 5 => |c| never_overshoots::<2, 3>(c, 2, 2, LAST_BITS);
-    law_within_4_2, unwind 9 => |c| never_overshoots::<4, 5>(c, 4, 2, LAST_BITS);
-    law_rests_2_2, unwind 5 => |c| comes_to_rest::<2, 3>(c, 2, 2, LAST_BITS);
-    law_change_2_2, unwind 5 => |c| change_is_bounded::<2, 3>(c, 2, 2, 63);
-    law_change_4_2, unwind 9 => |c| change_is_bounded::<4, 5>(c, 4, 2, 63);
-    wheel_mean, unwind 7 => |c| wheel_follows(c);
+    law_pending_1_1, unwind 5, covers [AtRest] => |c| lead_is_what_is_pending::<1, 1>(c, 1, 1, TOP);
+    law_pending_2_2, unwind 6, covers [AtRest, Rising, Falling] =>
+        |c| lead_is_what_is_pending::<2, 3>(c, 2, 2, LAST_BITS);
+    law_pending_1_3, unwind 6, covers [AtRest, Rising, Falling] =>
+        |c| lead_is_what_is_pending::<3, 3>(c, 1, 3, LAST_BITS);
+    law_pending_4_2, unwind 10, covers [AtRest, Rising, Falling] => |c| lead_is_what_is_pending::<4, 5>(c, 4, 2, 3);
+    law_within_2_2, unwind 6, covers [AtRest, Limited, Split] => |c| never_overshoots::<2, 3>(c, 2, 2, LAST_BITS);
+    law_within_4_2, unwind 10, covers [AtRest, Limited, Split] => |c| never_overshoots::<4, 5>(c, 4, 2, LAST_BITS);
+    law_rests_2_2, unwind 6, covers [AtRest, Forward] => |c| comes_to_rest::<2, 3>(c, 2, 2, LAST_BITS);
+    law_change_2_2, unwind 6, covers [Rising, Falling, Limited] => |c| change_is_bounded::<2, 3>(c, 2, 2, 63);
+    law_change_4_2, unwind 10, covers [Rising, Falling, Limited] => |c| change_is_bounded::<4, 5>(c, 4, 2, 63);
+    wheel_mean, unwind 8, covers [AtRest, Forward, Backward, Limited] => |c| wheel_follows(c);
 }
 
 /// The bound on the change, for every pair of lengths up to eight and every memory of targets 0 and 1: a linear

@@ -5,7 +5,7 @@
 //! proves every sequence.
 
 use crate::choice::Choice;
-use crate::harness::{built, harnesses, holds};
+use crate::harness::{built, cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row};
 use retrace_core::RecordIndex;
@@ -38,6 +38,10 @@ impl System {
         let planned = ProducerIndices::at(write, floor.wrapping_sub(lag), room);
         let played = ConsumerIndices::at(head, reached.wrapping_sub(back), reached, reached.wrapping_add(seen), keep);
         let played = built!(played);
+        cover!(c, Wrapped, head > write);
+        cover!(c, Empty, write == head);
+        cover!(c, Full, retained == keep && ahead == look_ahead);
+        cover!(c, AtEnd, retained > 0 && back == retained);
         Some(Self { planned, played, floor, write, keep, look_ahead })
     }
 
@@ -76,7 +80,10 @@ fn push_keeps_order(c: &mut impl Choice) -> Option<()> {
     let before = System::any(c)?;
     let mut after = before;
     let ahead = before.write.wrapping_sub(before.played.reached());
-    match after.push() {
+    let pushed = after.push();
+    cover!(c, Accepted, pushed.is_some());
+    cover!(c, Refused, pushed.is_none());
+    match pushed {
         None => holds!(ahead == before.look_ahead && after.write == before.write),
         Some(place) => {
             holds!(ahead < before.look_ahead && place == before.write && after.write == place.wrapping_add(1))
@@ -103,7 +110,10 @@ fn moved_in_order(before: &System, after: &ConsumerIndices) {
 fn forward_keeps_order(c: &mut impl Choice) -> Option<()> {
     let system = System::any(c)?;
     let (before, mut after) = (system.played, system.played);
-    match after.advance_cursor() {
+    let advanced = after.advance_cursor();
+    cover!(c, Accepted, advanced.is_some());
+    cover!(c, Refused, advanced.is_none());
+    match advanced {
         None => holds!(before.read() == before.write() && after == before),
         Some(place) => {
             holds!(before.read() != before.write() && before.holds(place));
@@ -118,7 +128,10 @@ fn forward_keeps_order(c: &mut impl Choice) -> Option<()> {
 fn backward_keeps_order(c: &mut impl Choice) -> Option<()> {
     let system = System::any(c)?;
     let (before, mut after) = (system.played, system.played);
-    match after.retreat() {
+    let retreated = after.retreat();
+    cover!(c, Accepted, retreated.is_some());
+    cover!(c, Refused, retreated.is_none());
+    match retreated {
         None => holds!(before.read() == before.head() && after == before),
         Some(place) => {
             holds!(before.read() != before.head() && before.holds(place));
@@ -136,6 +149,8 @@ fn follow_keeps_order(c: &mut impl Choice) -> Option<()> {
     let (before, mut after) = (system.played, system.played);
     let place = before.head().wrapping_add(c.word());
     let held = place.wrapping_sub(before.head()) <= before.write().wrapping_sub(before.head());
+    cover!(c, Accepted, held);
+    cover!(c, Refused, !held);
     holds!(after.seek(place) == held);
     holds!(if held { after.read() == place } else { after == before });
     moved_in_order(&system, &after);
@@ -160,7 +175,10 @@ fn sides_are_apart(c: &mut impl Choice) -> Option<()> {
     let (head, readable) = (system.played.head(), system.write.wrapping_sub(system.played.head()));
     c.assume(readable > 0)?;
     let place = head.wrapping_add(c.upto(readable - 1));
-    if let Some(written) = system.push() {
+    let pushed = system.push();
+    cover!(c, Accepted, pushed.is_some());
+    cover!(c, Refused, pushed.is_none());
+    if let Some(written) = pushed {
         holds!(written & (cells - 1) != place & (cells - 1));
     }
     Some(())
@@ -175,6 +193,9 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
     c.assume(retained <= keep && ahead <= look_ahead)?;
     let mut reached = head.wrapping_add(retained);
     let write = reached.wrapping_add(ahead);
+    cover!(c, Wrapped, head > write);
+    cover!(c, Empty, write == head);
+    cover!(c, Full, retained == keep && ahead == look_ahead);
     // The record of a place is its number; a cell without a record has any content.
     let cells: [Cell<u32>; N] = core::array::from_fn(|n| {
         let place = head.wrapping_add((n as u32).wrapping_sub(head) & (N as u32 - 1));
@@ -190,12 +211,16 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
         match c.below(3) {
             0 => {
                 let full = ahead == look_ahead;
+                cover!(c, Accepted, !full);
+                cover!(c, Refused, full);
                 holds!(producer.push(producer.write().number()).is_err() == full);
                 ahead += u32::from(!full);
             }
             1 => {
                 let end = read == reached.wrapping_add(ahead);
                 let record = consumer.advance();
+                cover!(c, AtEnd, end);
+                cover!(c, Forward, !end);
                 holds!(if end { record.is_none() } else { record == Some(read) });
                 if !end {
                     read = read.wrapping_add(1);
@@ -210,6 +235,7 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
             _ => {
                 let end = read == head;
                 let record = consumer.retreat();
+                cover!(c, Backward, !end);
                 if !end {
                     read = read.wrapping_sub(1);
                 }
@@ -225,14 +251,16 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
 }
 
 harnesses! {
-    ring_push, unwind 1 => |c| push_keeps_order(c);
-    ring_forward, unwind 1 => |c| forward_keeps_order(c);
-    ring_backward, unwind 1 => |c| backward_keeps_order(c);
-    ring_follow, unwind 1 => |c| follow_keeps_order(c);
-    ring_look, unwind 1 => |c| look_keeps_order(c);
-    ring_apart, unwind 1 => |c| sides_are_apart(c);
-    ring_content_4, unwind 5 => |c| reads_what_was_pushed::<4, 3>(c);
-    ring_content_8, unwind 9 => |c| reads_what_was_pushed::<8, 2>(c);
+    ring_push, unwind 2, covers [Empty, Full, Wrapped, AtEnd, Accepted, Refused] => |c| push_keeps_order(c);
+    ring_forward, unwind 2, covers [Empty, Full, Wrapped, AtEnd, Accepted, Refused] => |c| forward_keeps_order(c);
+    ring_backward, unwind 2, covers [Empty, Full, Wrapped, AtEnd, Accepted, Refused] => |c| backward_keeps_order(c);
+    ring_follow, unwind 2, covers [Empty, Full, Wrapped, AtEnd, Accepted, Refused] => |c| follow_keeps_order(c);
+    ring_look, unwind 2, covers [Empty, Full, Wrapped, AtEnd] => |c| look_keeps_order(c);
+    ring_apart, unwind 2, covers [Full, Wrapped, AtEnd, Accepted, Refused] => |c| sides_are_apart(c);
+    ring_content_4, unwind 6, covers [Empty, Full, Wrapped, AtEnd, Forward, Backward, Accepted, Refused] =>
+        |c| reads_what_was_pushed::<4, 3>(c);
+    ring_content_8, unwind 10, covers [Empty, Full, Wrapped, AtEnd, Forward, Backward, Accepted, Refused] =>
+        |c| reads_what_was_pushed::<8, 2>(c);
 }
 
 #[cfg(not(any(kani, verify_wasm)))]

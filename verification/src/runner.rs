@@ -4,6 +4,7 @@
 
 use retrace_verification::ledger::{self, Row, Search, Size};
 use retrace_verification::native::{Failure, Harness};
+use retrace_verification::region::Region;
 use std::any::Any;
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -15,6 +16,7 @@ const HELP: &str = "\
 Runs the checks of the proof ledger natively; `cargo xtask verify` calls it.
 
   list                                         every row, as a line of JSON each
+  regions                                      the regions that properties reach, in the order of their bits
   check NAME … [--most N] [--seed N] [--full]  harnesses and searches, as a line of JSON each
   replay NAME 1,2,3                            a harness over the numbers of a counterexample
 ";
@@ -29,7 +31,11 @@ static LAST_PANIC: Mutex<String> = Mutex::new(String::new());
 pub(crate) fn run(words: &[&str]) -> ExitCode {
     match words {
         ["list"] => {
-            ledger::rows().iter().for_each(|row| println!("{}", row_json(row)));
+            ledger::rows_by_module().for_each(|(module, row)| println!("{}", row_json(module, &row)));
+            ExitCode::SUCCESS
+        }
+        ["regions"] => {
+            Region::ALL.iter().for_each(|region| println!("{}", region.name()));
             ExitCode::SUCCESS
         }
         ["check", rest @ ..] => check(rest),
@@ -113,6 +119,12 @@ fn harness_answer(harness: &Harness, most: u64, seed: u64) -> Answer {
         Ok(seen) if seen.complete => answer(true, "every", seen.runs.to_string(), Vec::new()),
         Ok(seen) => answer(true, "drawn", seen.runs.to_string(), Vec::new()),
         Err(Failure::Vacuous) => answer(false, "vacuous", "no run is within the assumptions".into(), Vec::new()),
+        Err(Failure::Unreached(region)) => {
+            answer(false, "vacuous", format!("no run reaches the region {}", region.name()), Vec::new())
+        }
+        Err(Failure::Unlisted(region)) => {
+            answer(false, "failed", format!("reaches {}, which it does not list", region.name()), Vec::new())
+        }
         Err(Failure::Refuted(numbers)) => answer(false, "refuted", said(), numbers),
     }
 }
@@ -157,9 +169,10 @@ fn said() -> String {
     LAST_PANIC.lock().map(|said| said.clone()).unwrap_or_default()
 }
 
-fn row_json(row: &Row) -> String {
+fn row_json(module: &str, row: &Row) -> String {
     let texts = [
         ("name", row.name),
+        ("module", module),
         ("says", row.says),
         ("requirement", row.requirement),
         ("bound", row.bound),
@@ -169,8 +182,10 @@ fn row_json(row: &Row) -> String {
     let texts: Vec<String> = texts.iter().map(|(key, text)| format!("{}:{}", quoted(key), quoted(text))).collect();
     let all = ledger::harnesses();
     let harnesses = all.iter().filter(|harness| row.harnesses.contains(&harness.name)).map(|harness| {
-        let Harness { name, module, unwind, kani, .. } = harness;
-        format!("{{\"name\":{},\"module\":{},\"unwind\":{unwind},\"kani\":{kani}}}", quoted(name), quoted(module))
+        let Harness { name, module, unwind, covers, .. } = harness;
+        let covers = list(covers.iter().map(|region| quoted(region.name())));
+        let (name, module) = (quoted(name), quoted(module));
+        format!("{{\"name\":{name},\"module\":{module},\"unwind\":{unwind},\"covers\":{covers}}}")
     });
     let models = row.models.iter().map(|model| object(&[("engine", model.engine), ("test", model.test)]));
     let mutants = row.mutants.iter().map(|mutant| {
@@ -227,8 +242,8 @@ mod tests {
 
     #[test]
     fn every_row_and_every_check_is_found_by_name() {
-        for row in ledger::rows() {
-            assert!(row_json(&row).contains(&quoted(row.name)));
+        for (module, row) in ledger::rows_by_module() {
+            assert!(row_json(module, &row).contains(&quoted(row.name)));
             let checks = row.harnesses.iter().copied().chain(row.searches.iter().map(|search| search.name));
             assert!(checks.into_iter().all(|name| find(name).is_some()));
         }

@@ -4,7 +4,7 @@
 //! Invariant: they are compared with numbers that do not wrap, and with the card's own rule.
 
 use crate::choice::Choice;
-use crate::harness::{harnesses, holds};
+use crate::harness::{cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row};
 use retrace_core::{Place, RecordIndex};
@@ -19,6 +19,9 @@ fn numbers_compare_as_unbounded_ones(c: &mut impl Choice) -> Option<()> {
     let arrived = expected + c.between(-0x7FFF, 0x7FFF);
     holds!(is_after(arrived as u16, expected as u16) == (arrived > expected));
     holds!(is_after(expected as u16, arrived as u16) == (arrived < expected));
+    cover!(c, Forward, arrived > expected);
+    cover!(c, Backward, arrived < expected);
+    cover!(c, Wrapped, arrived > expected && (arrived as u16) < expected as u16);
     Some(())
 }
 
@@ -34,6 +37,10 @@ fn an_acknowledgement_covers_what_is_outstanding(c: &mut impl Choice) -> Option<
     if let Some(items) = covered {
         holds!(i64::from(items) == number - first);
     }
+    cover!(c, Accepted, within && number > first);
+    cover!(c, Refused, number < first);
+    cover!(c, Wrapped, within && (number as u16) < first as u16);
+    cover!(c, Full, within && count == 0x7FFF && number == first + i64::from(count));
     Some(())
 }
 
@@ -50,6 +57,9 @@ fn epochs_are_opened_once(c: &mut impl Choice) -> Option<()> {
     holds!(!opens || !is_next_opening(named, epoch, boot, epoch));
     holds!(!is_open_epoch(epoch, 0));
     holds!(is_open_epoch(epoch, last) == (epoch == last && last != 0));
+    cover!(c, Accepted, opens);
+    cover!(c, Refused, !opens && epoch == next);
+    cover!(c, Wrapped, opens && last == u16::MAX);
     Some(())
 }
 
@@ -144,17 +154,24 @@ fn the_prediction_is_the_cards_rule(c: &mut impl Choice, command: Command) -> Op
         }
         Err(_) => holds!(moves || !accepted),
     }
+    cover!(c, Accepted, predicted.is_ok());
+    cover!(c, Refused, predicted.is_err());
+    cover!(c, Full, held == most && predicted.is_ok());
+    cover!(c, Wrapped, predicted.is_ok() && high.number() < low.number());
+    cover!(c, AtRest, !moves);
+    cover!(c, AtEnd, scene.cursor.record == high);
+    cover!(c, Split, scene.cursor.fraction != 0 && predicted.is_ok());
     Some(())
 }
 
 harnesses! {
-    protocol_numbers, unwind 1 => |c| numbers_compare_as_unbounded_ones(c);
-    protocol_acknowledgements, unwind 1 => |c| an_acknowledgement_covers_what_is_outstanding(c);
-    protocol_epochs, unwind 1 => |c| epochs_are_opened_once(c);
-    protocol_window_ahead, unwind 1 => |c| the_prediction_is_the_cards_rule(c, Command::Ahead);
-    protocol_window_behind, unwind 1 => |c| the_prediction_is_the_cards_rule(c, Command::Behind);
-    protocol_window_trim, unwind 1 => |c| the_prediction_is_the_cards_rule(c, Command::Trim);
-    protocol_window_forget, unwind 1 => |c| the_prediction_is_the_cards_rule(c, Command::Forget);
+    protocol_numbers, unwind 2, covers [Forward, Backward, Wrapped] => |c| numbers_compare_as_unbounded_ones(c);
+    protocol_acknowledgements, unwind 2, covers [Accepted, Refused, Wrapped, Full] => |c| an_acknowledgement_covers_what_is_outstanding(c);
+    protocol_epochs, unwind 2, covers [Accepted, Refused, Wrapped] => |c| epochs_are_opened_once(c);
+    protocol_window_ahead, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] => |c| the_prediction_is_the_cards_rule(c, Command::Ahead);
+    protocol_window_behind, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] => |c| the_prediction_is_the_cards_rule(c, Command::Behind);
+    protocol_window_trim, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] => |c| the_prediction_is_the_cards_rule(c, Command::Trim);
+    protocol_window_forget, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] => |c| the_prediction_is_the_cards_rule(c, Command::Forget);
 }
 
 /// The rows of this module.

@@ -4,7 +4,7 @@
 //! Invariant: [`LiteralSteps`] is written from the requirements alone and shares no decision with the core.
 
 use crate::choice::Choice;
-use crate::harness::{harnesses, holds};
+use crate::harness::{cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search};
 use retrace_core::interruption::{
@@ -217,7 +217,12 @@ fn order_is_kept<const A: usize>(c: &mut impl Choice) -> Option<()> {
     let latch = any_latch::<A>(c);
     let (mut real, mut literal) = both_at(step, &latch);
     let word = any_word(c, &latch);
-    said_to_both(&mut real, &mut literal, word);
+    let taken = said_to_both(&mut real, &mut literal, word);
+    cover!(c, Accepted, taken);
+    cover!(c, Refused, !taken);
+    cover!(c, SpindleTurns, step == 1 && latch.spindle.is_some());
+    cover!(c, NormalRun, step == 0);
+    cover!(c, AtEnd, step == 5 && literal.executes());
     let latch = literal.latched.unwrap_or(latch);
     holds!((real, literal) == both_at(literal.step(), &latch));
     Some(())
@@ -247,6 +252,10 @@ fn one_way_back<const A: usize>(c: &mut impl Choice) -> Option<()> {
         InterruptionEvent::Arrived(counts) => (from, to) == (5, 0) && counts == latch.counts,
     };
     holds!(next);
+    cover!(c, NormalRun, from == 0);
+    cover!(c, SpindleTurns, (from, to) == (2, 3));
+    cover!(c, Rejoined, (from, to) == (5, 0));
+    cover!(c, Backward, from > to && to > 0);
     holds!(
         after.may_read() == (to == 0)
             && (real.may_read() || !after.may_read() || matches!(word, InterruptionEvent::Arrived(_)))
@@ -255,8 +264,8 @@ fn one_way_back<const A: usize>(c: &mut impl Choice) -> Option<()> {
 }
 
 harnesses! {
-    steps_order, unwind 6 => |c| order_is_kept::<4>(c);
-    steps_way_back, unwind 6 => |c| one_way_back::<4>(c);
+    steps_order, unwind 7, covers [Accepted, Refused, SpindleTurns, NormalRun, AtEnd] => |c| order_is_kept::<4>(c);
+    steps_way_back, unwind 7, covers [NormalRun, SpindleTurns, Rejoined, Backward] => |c| one_way_back::<4>(c);
 }
 
 /// Breadth first over every state that both machines can reach together, over a few values of everything.

@@ -39,8 +39,10 @@ Tasks:
            --engine NAME   this engine only; may be given more than once or as a list: native, stub, loom, shuttle, \
            cbmc, kani,
                            mutants, cbmc-mutants
-           --require NAMES engines whose absence is a failure: kani,cbmc
+           --require NAMES engines whose absence is a failure: kani,cbmc; `current`: a row of the ledger that is of
+                           other sources is one, too
            --row NAME      this row only; may be given more than once
+           --update        write the rows of this run to the ledger, without a full run
            --list          name the rows and their checks and leave
            --replay HARNESS=1,2,3   run a harness over the numbers of a counterexample
   bench NAME   measure; the figures go into docs/

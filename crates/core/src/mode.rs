@@ -150,13 +150,36 @@ pub struct ModeOutput {
 
 /// Whether normal run is to be resumed after a stop, and what happens to outputs that differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum Resuming {
+pub enum Resuming {
     /// Normal run is active, or is not to be resumed.
     No,
     /// The operator is asked about outputs that differ.
     Ask,
     /// Outputs that differ may be restored without asking.
     Confirmed,
+}
+
+/// Complete state of a [`ModeController`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ModeState {
+    /// Operating mode.
+    pub mode: Mode,
+    /// Whether a feed hold is active.
+    pub held: bool,
+    /// Whether the cursor has come to rest since the mode was entered from normal run.
+    pub rested_since_run: bool,
+    /// Whether outputs that differ at `reached` are restored without asking.
+    pub confirmed: bool,
+    /// Feed override, 0 … 1.
+    pub override_rate: Rate,
+    /// Rapid override, 0 … 1.
+    pub rapid_override: Rate,
+    /// Rate of reverse run and forward run, above 0 and up to [`Rate::MAX`].
+    pub retrace_rate: Rate,
+    /// Whether the operator has been notified of the end at which the cursor is at rest.
+    pub notified: bool,
+    /// Whether normal run is to be resumed after a stop.
+    pub resuming: Resuming,
 }
 
 /// Controller of the operating mode.
@@ -183,23 +206,12 @@ enum Resuming {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ModeController {
-    mode: Mode,
-    held: bool,
-    /// Whether the cursor has come to rest since the mode was entered from normal run.
-    rested_since_run: bool,
-    /// Whether outputs that differ at `reached` are restored without asking.
-    confirmed: bool,
-    override_rate: Rate,
-    rapid_override: Rate,
-    retrace_rate: Rate,
-    /// Whether the operator has been notified of the end at which the cursor is at rest.
-    notified: bool,
-    resuming: Resuming,
+    state: ModeState,
 }
 
 impl Default for ModeController {
     fn default() -> Self {
-        Self {
+        Self::with_state(ModeState {
             mode: Mode::Run,
             held: false,
             rested_since_run: true,
@@ -209,40 +221,52 @@ impl Default for ModeController {
             retrace_rate: Rate::ONE,
             notified: false,
             resuming: Resuming::No,
-        }
+        })
     }
 }
 
 impl ModeController {
+    /// Returns a controller in this state, so that a proof can begin in any.
+    #[must_use]
+    pub const fn with_state(state: ModeState) -> Self {
+        Self { state }
+    }
+
+    /// Returns the complete state.
+    #[must_use]
+    pub const fn state(&self) -> ModeState {
+        self.state
+    }
+
     /// Returns a controller that moves to `reached` and asks about outputs that differ, for the resumption of an
     /// interrupted job.
     #[must_use]
     pub fn rejoining() -> Self {
-        Self { mode: Mode::Rejoin, ..Self::default() }
+        Self::with_state(ModeState { mode: Mode::Rejoin, ..Self::default().state })
     }
 
     /// Returns the operating mode.
     #[must_use]
     pub const fn mode(&self) -> Mode {
-        self.mode
+        self.state.mode
     }
 
     /// Whether a feed hold is active.
     #[must_use]
     pub const fn is_held(&self) -> bool {
-        self.held
+        self.state.held
     }
 
     /// Returns the active feed override.
     #[must_use]
     pub const fn override_rate(&self) -> Rate {
-        self.override_rate
+        self.state.override_rate
     }
 
     /// Returns the active rapid override.
     #[must_use]
     pub const fn rapid_override(&self) -> Rate {
-        self.rapid_override
+        self.state.rapid_override
     }
 
     /// Applies a command of the operator.
@@ -251,31 +275,33 @@ impl ModeController {
     /// Returns the reason why the command does not apply; the state is unchanged then.
     pub fn apply(&mut self, command: ModeCommand) -> Result<(), ModeError> {
         match command {
-            ModeCommand::Hold => (self.held, self.resuming) = (true, Resuming::No),
-            ModeCommand::Resume if self.held => self.resume_motion(Resuming::Ask),
+            ModeCommand::Hold => (self.state.held, self.state.resuming) = (true, Resuming::No),
+            ModeCommand::Resume if self.state.held => self.resume_motion(Resuming::Ask),
             ModeCommand::Resume => return Err(ModeError::NotHeld),
-            ModeCommand::Recover if self.mode == Mode::AwaitOutputs => (self.held, self.confirmed) = (false, true),
-            ModeCommand::Recover if self.held => self.resume_motion(Resuming::Confirmed),
+            ModeCommand::Recover if self.state.mode == Mode::AwaitOutputs => {
+                (self.state.held, self.state.confirmed) = (false, true)
+            }
+            ModeCommand::Recover if self.state.held => self.resume_motion(Resuming::Confirmed),
             ModeCommand::Recover => return Err(ModeError::NothingToConfirm),
             ModeCommand::Restart { confirmed } => {
                 self.resume_motion(if confirmed { Resuming::Confirmed } else { Resuming::Ask })
             }
-            ModeCommand::Override(rate) => self.override_rate = rate.clamp(Rate::ZERO, Rate::ONE),
-            ModeCommand::RapidOverride(rate) => self.rapid_override = rate.clamp(Rate::ZERO, Rate::ONE),
+            ModeCommand::Override(rate) => self.state.override_rate = rate.clamp(Rate::ZERO, Rate::ONE),
+            ModeCommand::RapidOverride(rate) => self.state.rapid_override = rate.clamp(Rate::ZERO, Rate::ONE),
             ModeCommand::Reverse(rate) | ModeCommand::Forward(rate) if rate <= Rate::ZERO => {
                 return Err(ModeError::RateNotPositive);
             }
             ModeCommand::Reverse(rate) => self.enter(Mode::Reverse, rate),
             ModeCommand::Forward(rate) => self.enter(Mode::Forward, rate),
             ModeCommand::Wheel => self.enter(Mode::Wheel, Rate::ONE),
-            ModeCommand::Leave { ask } => match self.mode {
+            ModeCommand::Leave { ask } => match self.state.mode {
                 Mode::Run => return Err(ModeError::NotRetracing),
                 _ => {
                     self.enter(Mode::Rejoin, Rate::ONE);
-                    self.confirmed = !ask;
+                    self.state.confirmed = !ask;
                 }
             },
-            ModeCommand::Confirm if self.mode == Mode::AwaitOutputs => self.confirmed = true,
+            ModeCommand::Confirm if self.state.mode == Mode::AwaitOutputs => self.state.confirmed = true,
             ModeCommand::Confirm => return Err(ModeError::NothingToConfirm),
         }
         Ok(())
@@ -283,65 +309,67 @@ impl ModeController {
 
     /// Ends the hold; in normal run motion is resumed once the outputs agree.
     fn resume_motion(&mut self, resuming: Resuming) {
-        self.held = false;
-        if self.mode == Mode::Run {
-            self.resuming = resuming;
+        self.state.held = false;
+        if self.state.mode == Mode::Run {
+            self.state.resuming = resuming;
         }
     }
 
     fn enter(&mut self, mode: Mode, rate: Rate) {
-        self.resuming = Resuming::No;
-        self.rested_since_run &= self.mode != Mode::Run;
-        self.mode = mode;
-        self.held = false;
-        self.confirmed = false;
-        self.notified = false;
-        self.retrace_rate = rate.min(Rate::MAX);
+        self.state.resuming = Resuming::No;
+        self.state.rested_since_run &= self.state.mode != Mode::Run;
+        self.state.mode = mode;
+        self.state.held = false;
+        self.state.confirmed = false;
+        self.state.notified = false;
+        self.state.retrace_rate = rate.min(Rate::MAX);
     }
 
     /// Advances by one control period and returns its output.
     pub fn advance_period(&mut self, facts: &MotionFacts) -> ModeOutput {
         let mut output =
             ModeOutput { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
-        if self.mode != Mode::Run && !self.rested_since_run {
+        if self.state.mode != Mode::Run && !self.state.rested_since_run {
             // The window must not be cut short under a moving cursor: rest first.
             if !facts.at_rest {
                 output.look_ahead = true;
                 return output;
             }
-            self.rested_since_run = true;
+            self.state.rested_since_run = true;
         }
         let at_reached = facts.at_rest && facts.place == Place::start_of(facts.reached);
         // A stop in normal run may be inside the record that ends at `reached`.
         let at_furthest = facts.at_rest && facts.place.boundary_ahead() == facts.reached;
-        match self.mode {
-            Mode::Run if self.resuming != Resuming::No && facts.outputs_agree => self.resuming = Resuming::No,
-            Mode::Run if self.resuming != Resuming::No && at_furthest => {
-                self.confirmed = self.resuming == Resuming::Confirmed;
-                (self.mode, self.resuming, self.notified) = (Mode::AwaitOutputs, Resuming::No, false);
+        match self.state.mode {
+            Mode::Run if self.state.resuming != Resuming::No && facts.outputs_agree => {
+                self.state.resuming = Resuming::No
+            }
+            Mode::Run if self.state.resuming != Resuming::No && at_furthest => {
+                self.state.confirmed = self.state.resuming == Resuming::Confirmed;
+                (self.state.mode, self.state.resuming, self.state.notified) = (Mode::AwaitOutputs, Resuming::No, false);
             }
             Mode::Forward | Mode::Rejoin if at_reached => {
-                self.mode = Mode::AwaitOutputs;
-                self.notified = false;
+                self.state.mode = Mode::AwaitOutputs;
+                self.state.notified = false;
             }
             // whatever moved the cursor away, normal run begins only at `reached`
-            Mode::AwaitOutputs if !at_furthest => self.mode = Mode::Rejoin,
-            Mode::Reverse if facts.at_rest && facts.place == Place::start_of(facts.oldest) && !self.notified => {
-                self.notified = true;
+            Mode::AwaitOutputs if !at_furthest => self.state.mode = Mode::Rejoin,
+            Mode::Reverse if facts.at_rest && facts.place == Place::start_of(facts.oldest) && !self.state.notified => {
+                self.state.notified = true;
                 output.notice = Some(OperatorNotice::HistoryStart);
             }
             _ => {}
         }
-        if self.mode == Mode::AwaitOutputs && !self.held {
+        if self.state.mode == Mode::AwaitOutputs && !self.state.held {
             self.await_outputs(facts, &mut output);
         }
-        output.look_ahead = self.mode == Mode::Run;
-        output.target = match self.mode {
-            _ if self.held || self.resuming != Resuming::No => RateTarget::ZERO,
-            Mode::Run | Mode::Rejoin if self.override_rate == Rate::ZERO => RateTarget::ZERO,
-            Mode::Run | Mode::Rejoin => RateTarget { feed: self.override_rate, rapid: self.rapid_override },
-            Mode::Reverse => RateTarget::both(-self.retrace_rate),
-            Mode::Forward => RateTarget::both(self.retrace_rate),
+        output.look_ahead = self.state.mode == Mode::Run;
+        output.target = match self.state.mode {
+            _ if self.state.held || self.state.resuming != Resuming::No => RateTarget::ZERO,
+            Mode::Run | Mode::Rejoin if self.state.override_rate == Rate::ZERO => RateTarget::ZERO,
+            Mode::Run | Mode::Rejoin => RateTarget { feed: self.state.override_rate, rapid: self.state.rapid_override },
+            Mode::Reverse => RateTarget::both(-self.state.retrace_rate),
+            Mode::Forward => RateTarget::both(self.state.retrace_rate),
             Mode::Wheel => RateTarget::both(facts.wheel),
             Mode::AwaitOutputs => RateTarget::ZERO,
         };
@@ -350,14 +378,14 @@ impl ModeController {
 
     /// At the furthest place: resumes normal run if the outputs agree or may be restored, else waits.
     fn await_outputs(&mut self, facts: &MotionFacts, output: &mut ModeOutput) {
-        if facts.outputs_agree || self.confirmed {
+        if facts.outputs_agree || self.state.confirmed {
             output.restore_outputs = !facts.outputs_agree;
             output.notice = Some(OperatorNotice::RunResumed);
-            self.mode = Mode::Run;
-            self.confirmed = false;
-            self.notified = false;
-        } else if !self.notified {
-            self.notified = true;
+            self.state.mode = Mode::Run;
+            self.state.confirmed = false;
+            self.state.notified = false;
+        } else if !self.state.notified {
+            self.state.notified = true;
             output.notice = Some(OperatorNotice::OutputsDiffer);
         }
     }

@@ -4,6 +4,7 @@
 
 use super::Job;
 use super::outcome::{Engine, Outcome, Verdict};
+use super::rows::Harness;
 use super::tools::CbmcTools;
 use retrace_task_support::process::{self, Ended};
 use std::fs;
@@ -37,6 +38,8 @@ const TYPED: [(&str, &str); 2] = [
 /// The harnesses, compiled.
 pub(crate) struct Harnesses {
     folder: PathBuf,
+    /// Every region, in the order of their bits.
+    regions: Vec<String>,
 }
 
 /// One harness as C.
@@ -46,20 +49,22 @@ struct Module {
     memory: u64,
     export: String,
     unwind: u64,
+    /// Regions that a run must reach.
+    covers: Vec<String>,
 }
 
 /// Proves every harness of the rows that `wanted` lets through, two at a time.
 pub(crate) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> bool) {
-    let compiled = match build(job.root, tools, &job.folder.join("cbmc")) {
+    let compiled = match build(job.root, &job.runner, tools, &job.folder.join("cbmc")) {
         Ok(compiled) => compiled,
         Err(reason) => return job.log.broken(Engine::Cbmc, reason),
     };
-    let harnesses: Vec<&super::rows::Harness> =
+    let harnesses: Vec<&Harness> =
         job.rows.iter().flat_map(|row| &row.harnesses).filter(|harness| wanted(&harness.name)).collect();
     let limit = LIMITS[usize::from(job.quick)];
     process::each(&harnesses, process::workers(), |harness| {
         let started = Instant::now();
-        let proof = prove(tools, &compiled, &harness.name, harness.unwind, limit);
+        let proof = prove(tools, &compiled, harness, limit);
         let (verdict, words) = match proof {
             Proof::Proved => (Verdict::Proved, "proved".to_owned()),
             Proof::Refuted(what) => (
@@ -71,7 +76,7 @@ pub(crate) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> boo
             Proof::Unwound => {
                 (Verdict::Failed, format!("UNWIND: the bound {} is too small; nothing is refuted", harness.unwind))
             }
-            Proof::Vacuous => (Verdict::Failed, "VACUOUS: no run reaches the end of the harness".to_owned()),
+            Proof::Vacuous(what) => (Verdict::Failed, format!("VACUOUS: no run reaches {what}")),
             Proof::Error(reason) => (Verdict::Failed, format!("ERROR: {reason}")),
         };
         let (check, seconds) = (harness.name.clone(), started.elapsed().as_secs_f64());
@@ -79,11 +84,11 @@ pub(crate) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> boo
     });
 }
 
-/// Compiles a checkout, or a copy of one, for wasm32.
+/// Compiles a checkout, or a copy of one, for wasm32. `runner` is its native runner, which lists the regions.
 ///
 /// # Errors
 /// Where the compiler does not succeed.
-pub(crate) fn build(root: &Path, tools: &CbmcTools, folder: &Path) -> Result<Harnesses, String> {
+pub(crate) fn build(root: &Path, runner: &Path, tools: &CbmcTools, folder: &Path) -> Result<Harnesses, String> {
     if folder.is_dir() {
         fs::remove_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     }
@@ -112,13 +117,15 @@ pub(crate) fn build(root: &Path, tools: &CbmcTools, folder: &Path) -> Result<Har
     let environment = "verification/cbmc/environment.c";
     fs::copy(root.join(environment), folder.join("environment.c"))
         .map_err(|error| format!("{environment}: {error}"))?;
-    Ok(Harnesses { folder: folder.to_owned() })
+    let listed = process::done(Command::new(runner).arg("regions"), Duration::from_secs(60), &folder.join("regions"))?;
+    Ok(Harnesses { folder: folder.to_owned(), regions: listed.lines().map(str::to_owned).collect() })
 }
 
 /// One harness as C. It is linked alone, so that the modelled memory holds nothing of the others.
-fn module(tools: &CbmcTools, compiled: &Harnesses, harness: &str, unwind: u64) -> Result<Module, String> {
-    let export = format!("h_{harness}__u{unwind}");
-    let folder = compiled.folder.join(harness);
+fn module(tools: &CbmcTools, compiled: &Harnesses, harness: &Harness) -> Result<Module, String> {
+    let Harness { name, unwind, covers, .. } = harness;
+    let export = format!("h_{name}__u{unwind}");
+    let folder = compiled.folder.join(name);
     fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let mut link = Command::new(&tools.linker);
     link.current_dir(&folder).args(["-flavor", "wasm", "--no-entry", "--gc-sections", "--stack-first", "-z", STACK]);
@@ -140,7 +147,17 @@ fn module(tools: &CbmcTools, compiled: &Harnesses, harness: &str, unwind: u64) -
     let memory = heap_base(&code).ok_or("wasm2c's C names no __heap_base")?.next_multiple_of(16);
     fs::write(folder.join("h.c"), code).map_err(|error| format!("h.c: {error}"))?;
     fs::copy(compiled.folder.join("environment.c"), folder.join("environment.c")).map_err(|error| error.to_string())?;
-    Ok(Module { folder, memory, export, unwind })
+    fs::write(folder.join("covers.h"), assertions(covers, &compiled.regions)?).map_err(|error| error.to_string())?;
+    Ok(Module { folder, memory, export, unwind: *unwind, covers: covers.clone() })
+}
+
+/// An assertion in C for each region, which fails where a run reaches it.
+fn assertions(covers: &[String], regions: &[String]) -> Result<String, String> {
+    let assertion = |region: &String| {
+        let bit = regions.iter().position(|known| known == region).ok_or(format!("there is no region {region}"))?;
+        Ok(format!("__CPROVER_assert((covered >> {bit} & 1) == 0, \"the region {region} is reachable\");\n"))
+    };
+    covers.iter().map(assertion).collect()
 }
 
 fn heap_base(code: &str) -> Option<u64> {
@@ -157,13 +174,14 @@ pub(crate) enum Proof {
     /// A loop turns more often than the bound allows; no other assertion fails.
     Unwound,
     TimeUp,
-    Vacuous,
+    /// Nothing reaches the end of the harness, or a region that it lists.
+    Vacuous(String),
     Error(String),
 }
 
 /// Proves one harness.
-pub(crate) fn prove(tools: &CbmcTools, compiled: &Harnesses, harness: &str, unwind: u64, limit: Duration) -> Proof {
-    let module = match module(tools, compiled, harness, unwind) {
+pub(crate) fn prove(tools: &CbmcTools, compiled: &Harnesses, harness: &Harness, limit: Duration) -> Proof {
+    let module = match module(tools, compiled, harness) {
         Ok(module) => module,
         Err(reason) => return Proof::Error(reason),
     };
@@ -172,14 +190,32 @@ pub(crate) fn prove(tools: &CbmcTools, compiled: &Harnesses, harness: &str, unwi
         Ok(other) => return other,
         Err(reason) => return Proof::Error(reason),
     }
-    let only_end = ["--slice-formula", "-DREACHABLE", "--property", "main.assertion.2"];
-    match cbmc(tools, &module, &only_end, "reachable", limit) {
+    // the first assertion of `main` is about the memory; then come the end and the regions
+    let reachable: Vec<String> = (0..=module.covers.len())
+        .flat_map(|n| ["--property".to_owned(), format!("main.assertion.{}", n + 2)])
+        .collect();
+    let mut more = vec!["--slice-formula", "-DREACHABLE"];
+    more.extend(reachable.iter().map(String::as_str));
+    match cbmc(tools, &module, &more, "reachable", limit) {
         Ok(ended) if ended.status.is_none() => Proof::TimeUp,
-        Ok(ended) if ended.output.contains("the end of the harness is reachable: FAILURE") => Proof::Proved,
-        Ok(ended) if ended.passed() => Proof::Vacuous,
-        Ok(ended) => Proof::Error(format!("is the end reachable? {}", ended.last_words())),
+        Ok(ended) => read_reached(&ended, &module.covers),
         Err(reason) => Proof::Error(reason),
     }
+}
+
+/// Decides whether the end and every region are reached: an assertion that *fails* is reached.
+fn read_reached(ended: &Ended, covers: &[String]) -> Proof {
+    let regions = covers.iter().map(|region| format!("the region {region}"));
+    for what in std::iter::once("the end of the harness".to_owned()).chain(regions) {
+        if ended.output.contains(&format!(" {what} is reachable: FAILURE")) {
+            continue;
+        }
+        if ended.output.contains(&format!(" {what} is reachable: SUCCESS")) {
+            return Proof::Vacuous(what);
+        }
+        return Proof::Error(format!("is {what} reachable? {}", ended.last_words()));
+    }
+    Proof::Proved
 }
 
 fn read_proof(ended: &Ended) -> Proof {
@@ -212,8 +248,7 @@ fn cbmc(tools: &CbmcTools, module: &Module, more: &[&str], log: &str, limit: Dur
     let mut command = Command::new(&tools.cbmc);
     command.current_dir(&module.folder).args(["environment.c", "-I"]).arg(&tools.include);
     command.args([format!("-DHARNESS={}", module.export), format!("-DMEMORY={}", module.memory)]);
-    // a loop's condition is evaluated once more than it turns
-    command.args(["--unwind", &(module.unwind + 1).to_string(), "--unwinding-assertions", "--object-bits", "14"]);
+    command.args(["--unwind", &module.unwind.to_string(), "--unwinding-assertions", "--object-bits", "14"]);
     if tools.cbmc_major >= 6 {
         command.arg("--no-standard-checks");
     }
@@ -221,15 +256,9 @@ fn cbmc(tools: &CbmcTools, module: &Module, more: &[&str], log: &str, limit: Dur
 }
 
 /// The command that replays a counterexample natively, and whether it does.
-fn replay_line(
-    job: &Job<'_>,
-    tools: &CbmcTools,
-    compiled: &Harnesses,
-    harness: &super::rows::Harness,
-    limit: Duration,
-) -> String {
-    let super::rows::Harness { name, unwind, .. } = harness;
-    let traced = module(tools, compiled, name, *unwind).and_then(|module| {
+fn replay_line(job: &Job<'_>, tools: &CbmcTools, compiled: &Harnesses, harness: &Harness, limit: Duration) -> String {
+    let name = &harness.name;
+    let traced = module(tools, compiled, harness).and_then(|module| {
         let ended = cbmc(tools, &module, &["--trace", "--stop-on-fail"], "trace", limit)?;
         Ok((numbers(&ended.output).join(","), module.folder.join("replay")))
     });
@@ -275,6 +304,25 @@ mod tests {
         assert_eq!(read_proof(&ended(10, &[unwound, end].concat())), Proof::Unwound);
         let refuted = read_proof(&ended(10, &[unwound, failed, end].concat()));
         assert_eq!(refuted, Proof::Refuted("the property holds".into()));
+    }
+
+    #[test]
+    fn a_harness_is_proved_where_its_end_and_every_region_are_reached() {
+        let covers = ["Empty", "Full"].map(str::to_owned);
+        let line = |what: &str, result: &str| format!("[main.assertion.2] line 9 {what} is reachable: {result}\n");
+        let output = |end: &str, empty: &str, full: &str| {
+            [line("the end of the harness", end), line("the region Empty", empty), line("the region Full", full)]
+                .concat()
+        };
+        let read = |output: String| read_reached(&ended(10, &output), &covers);
+        assert_eq!(read(output("FAILURE", "FAILURE", "FAILURE")), Proof::Proved);
+        assert_eq!(read(output("FAILURE", "FAILURE", "SUCCESS")), Proof::Vacuous("the region Full".into()));
+        assert_eq!(read(output("SUCCESS", "FAILURE", "FAILURE")), Proof::Vacuous("the end of the harness".into()));
+        assert!(matches!(read(line("the end of the harness", "FAILURE")), Proof::Error(_)));
+        let regions = ["Full", "Other", "Empty"].map(str::to_owned);
+        let lines = assertions(&covers, &regions).unwrap();
+        assert!(lines.starts_with("__CPROVER_assert((covered >> 2 & 1) == 0, \"the region Empty is reachable\");\n"));
+        assert!(assertions(&covers, &regions[..2]).is_err());
     }
 
     #[test]

@@ -1,11 +1,12 @@
 //! The ledger: results of a run, as JSON, and the comparison of the committed one with the code.
 //!
-//! Invariant: the committed ledger is written by a full run alone; every other run only compares its rows with those of
-//! the code.
+//! Invariant: the committed ledger is written by a full run, or row by row with `--update`; each row has the hash of the
+//! sources that its results are of. Every other run only compares.
 
-use super::outcome::{Engine, Outcome, Verdict};
+use super::outcome::{Engine, Outcome};
 use super::rows::Row;
-use super::{Job, NotRun, cbmc, page, table};
+use super::{Job, NotRun, Options, cbmc, page, sources, status};
+use retrace_task_support::tree::Tree;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::fs;
@@ -20,8 +21,19 @@ const BOOK: &str = "verification/ledger.json";
 const REWRITE: &str = "cargo xtask verify";
 
 /// The fields of a row that come from the code.
-const FROM_CODE: [&str; 10] =
-    ["name", "says", "requirement", "bound", "assumes", "suffices", "harnesses", "searches", "models", "mutants"];
+const FROM_CODE: [&str; 11] = [
+    "name",
+    "module",
+    "says",
+    "requirement",
+    "bound",
+    "assumes",
+    "suffices",
+    "harnesses",
+    "searches",
+    "models",
+    "mutants",
+];
 
 /// Time limit of the CBMC proofs of a quick run together, one after the other, in seconds by the committed ledger.
 const CHEAP: f64 = 80.0;
@@ -34,7 +46,9 @@ pub(crate) fn of_run(
     versions: &[(String, String)],
     seconds: f64,
 ) -> Value {
-    let rows: Vec<Value> = job.rows.iter().map(|row| row_of(row, outcomes)).collect();
+    let (tree, commit) = (Tree::read(job.root).unwrap_or_default(), commit(job.root));
+    let rows: Vec<Value> =
+        job.rows.iter().map(|row| row_of(row, outcomes, &sources::hash(&tree, row), &commit)).collect();
     let not_run: Vec<Value> = absent
         .iter()
         .map(|absent| json!({"engine": absent.engine.name(), "why": absent.why, "how": absent.how}))
@@ -42,7 +56,7 @@ pub(crate) fn of_run(
     let tools: Vec<Value> = versions.iter().map(|(name, version)| json!({"name": name, "version": version})).collect();
     let whole = outcomes.iter().filter(|outcome| outcome.check.is_empty() || outcome.engine == Engine::Stub);
     json!({
-        "commit": commit(job.root),
+        "commit": commit,
         "date": today(),
         "quick": job.quick,
         "cbmc_means": cbmc::MEANING,
@@ -54,20 +68,23 @@ pub(crate) fn of_run(
     })
 }
 
-fn row_of(row: &Row, outcomes: &[Outcome]) -> Value {
+fn row_of(row: &Row, outcomes: &[Outcome], sources: &str, commit: &str) -> Value {
     let mut own: Vec<&Outcome> = outcomes.iter().filter(|outcome| row.owns(&outcome.check)).collect();
     // in the code's order, whichever ended first
     own.sort_by_key(|outcome| (outcome.engine, row.place(&outcome.check)));
     let mut fields = row.fields.clone();
-    let of = |engine| own.iter().filter(move |outcome| outcome.engine == engine);
-    let killed = |engine| of(engine).filter(|outcome| outcome.verdict == Verdict::Passed).count();
-    fields["status"] = json!(status(row, &own));
-    fields["seconds"] = json!(tenths(own.iter().map(|outcome| outcome.seconds).sum()));
-    fields["mutants_killed"] = json!(killed(Engine::Mutants));
-    fields["mutants_run"] = json!(of(Engine::Mutants).count());
-    fields["mutants_refuted_by_cbmc"] = json!(killed(Engine::CbmcMutants));
-    fields["mutants_run_by_cbmc"] = json!(of(Engine::CbmcMutants).count());
+    fields["sources"] = json!(sources);
+    fields["commit"] = json!(commit);
     fields["results"] = own.iter().map(|outcome| result_of(outcome)).collect();
+    with_status(fields)
+}
+
+/// A row with the status and the time of its results.
+fn with_status(mut fields: Value) -> Value {
+    let results = fields["results"].as_array().map_or(&[][..], Vec::as_slice);
+    let seconds = results.iter().filter_map(|result| result["seconds"].as_f64()).sum();
+    fields["seconds"] = json!(tenths(seconds));
+    fields["status"] = json!(status::of_row(&fields));
     fields
 }
 
@@ -81,68 +98,82 @@ fn result_of(outcome: &Outcome) -> Value {
     })
 }
 
-/// Status of a row after this run.
-fn status(row: &Row, own: &[&Outcome]) -> String {
-    if own.iter().any(|outcome| outcome.verdict == Verdict::Failed) {
-        return "FAILED".to_owned();
-    }
-    let proved_by = |engine: Engine| {
-        let proved = own.iter().filter(|o| o.engine == engine && o.verdict == Verdict::Proved).count();
-        (proved, table::size(row, engine))
-    };
-    let of_harnesses = row.harnesses.len();
-    let whole: Vec<&str> = [(Engine::Cbmc, "CBMC"), (Engine::Kani, "Kani")]
-        .into_iter()
-        .filter(|(engine, _)| of_harnesses > 0 && proved_by(*engine).0 == of_harnesses)
-        .map(|(_, name)| name)
-        .collect();
-    let ran = |engine: Engine| own.iter().any(|outcome| outcome.engine == engine);
-    let others: Vec<&str> = [(Engine::Native, "native"), (Engine::Loom, "loom"), (Engine::Shuttle, "shuttle")]
-        .into_iter()
-        .filter(|(engine, _)| {
-            ran(*engine) && (whole.is_empty() || *engine != Engine::Native || !row.searches.is_empty())
-        })
-        .map(|(_, name)| name)
-        .collect();
-    let some = proved_by(Engine::Cbmc).0.max(proved_by(Engine::Kani).0);
-    let mut parts = Vec::new();
-    if !whole.is_empty() {
-        parts.push(format!("proved ({})", whole.join(", ")));
-    } else if some > 0 {
-        parts.push(format!("{some} of {of_harnesses} harnesses proved"));
-    }
-    if !others.is_empty() {
-        parts.push(format!("passed ({})", others.join(", ")));
-    }
-    if parts.is_empty() { "NOT RUN".to_owned() } else { parts.join(", ") }
-}
-
-/// Writes the ledger of this run, and returns whether the committed one still matches the code.
-pub(crate) fn keep(job: &Job<'_>, all: &[Row], book: &Value, is_full: bool) -> bool {
+/// Writes the ledger of this run, and returns whether the committed one matches the code.
+pub(crate) fn keep(job: &Job<'_>, all: &[Row], book: &Value, options: &Options) -> bool {
     let folder = job.folder.clone();
-    let [page_path, book_path] = if is_full {
+    let writes = options.is_full() || options.update;
+    let [page_path, book_path] = if writes {
         [PAGE, BOOK].map(|path| job.root.join(path))
     } else {
         [PAGE, BOOK].map(|path| folder.join(name(path)))
     };
-    let text = serde_json::to_string_pretty(book).unwrap_or_default() + "\n";
-    let written = fs::write(&book_path, text).and_then(|()| fs::write(&page_path, page::render(book)));
+    let merged = if writes { merge(read(job.root).as_ref(), book, all, options.is_full()) } else { book.clone() };
+    let text = serde_json::to_string_pretty(&merged).unwrap_or_default() + "\n";
+    let written = fs::write(&book_path, text).and_then(|()| fs::write(&page_path, page::render(&merged)));
     if let Err(error) = written {
         println!("verify: ERROR: the ledger cannot be written: {error}");
         return false;
     }
     println!("verify: wrote {} and {}", shown(job.root, &page_path), shown(job.root, &book_path));
-    if is_full {
-        return true;
-    }
     let differences = compare(job.root, all);
     for difference in &differences {
         println!("verify: FAILED: {BOOK} and the code differ: {difference}");
     }
     if !differences.is_empty() {
-        println!("verify: `{REWRITE}` (the full run) brings {BOOK} and {PAGE} up to date");
+        println!("verify: `{REWRITE}` (the full run), or `{REWRITE} --row NAME --update`, brings them up to date");
     }
     differences.is_empty()
+}
+
+/// The committed ledger with the rows of this run in it. A result of an engine that did not run now stays where the
+/// sources are the same.
+fn merge(committed: Option<&Value>, book: &Value, all: &[Row], is_full: bool) -> Value {
+    let mut merged = if is_full { book.clone() } else { committed.unwrap_or(book).clone() };
+    let rows = all.iter().map(|row| {
+        let of = |book: Option<&Value>| {
+            let rows = book.and_then(|book| book["rows"].as_array()).map_or(&[][..], Vec::as_slice);
+            rows.iter().find(|other| other["name"] == row.fields["name"]).cloned()
+        };
+        match (of(Some(book)), of(committed)) {
+            (Some(new), Some(old)) if old["sources"] == new["sources"] => with_status(with_older_results(new, &old)),
+            (Some(new), _) => new,
+            // of older code: its words are the code's, its results and their hash stay
+            (None, Some(mut old)) => {
+                FROM_CODE.iter().for_each(|field| old[*field] = row.fields[*field].clone());
+                old
+            }
+            (None, None) => row_of(row, &[], "", ""),
+        }
+    });
+    merged["rows"] = rows.collect();
+    merged
+}
+
+/// Adds the results of engines that this run did not ask.
+fn with_older_results(mut new: Value, old: &Value) -> Value {
+    let engines = |row: &Value| -> BTreeSet<String> {
+        let results = row["results"].as_array().map_or(&[][..], Vec::as_slice);
+        results.iter().filter_map(|result| result["engine"].as_str().map(str::to_owned)).collect()
+    };
+    let asked = engines(&new);
+    let older = old["results"].as_array().map_or(&[][..], Vec::as_slice);
+    let kept = older.iter().filter(|result| result["engine"].as_str().is_some_and(|engine| !asked.contains(engine)));
+    let mut results = new["results"].as_array().cloned().unwrap_or_default();
+    results.extend(kept.cloned());
+    results.sort_by_key(|result| result["engine"].as_str().and_then(Engine::named));
+    new["results"] = Value::Array(results);
+    new
+}
+
+/// The rows whose results in the committed ledger are of other sources than those of this checkout.
+pub(crate) fn stale(root: &Path, all: &[Row]) -> Vec<String> {
+    let (Some(book), Ok(tree)) = (read(root), Tree::read(root)) else { return Vec::new() };
+    let kept = book["rows"].as_array().map_or(&[][..], Vec::as_slice);
+    let is_stale = |row: &&Row| {
+        let of = kept.iter().find(|kept| kept["name"] == row.fields["name"]);
+        of.is_none_or(|kept| kept["sources"] != sources::hash(&tree, row).as_str())
+    };
+    all.iter().filter(is_stale).map(|row| row.name.clone()).collect()
 }
 
 fn name(path: &str) -> &str {
@@ -175,7 +206,10 @@ fn differences(book: &Value, all: &[Row]) -> Vec<String> {
             None => found.push(format!("row {} is in the code alone", row.name)),
             Some(kept) => {
                 let other = FROM_CODE.into_iter().filter(|field| kept[*field] != row.fields[*field]);
-                found.extend(other.map(|field| format!("row {}: {field}", row.name)));
+                let other: Vec<&str> = other.collect();
+                if !other.is_empty() {
+                    found.push(format!("row {}: {}", row.name, other.join(", ")));
+                }
             }
         }
     }
@@ -254,29 +288,13 @@ fn date(day: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::outcome::Verdict;
     use crate::rows::tests::sample;
-
-    fn outcome(engine: Engine, check: &str, verdict: Verdict) -> Outcome {
-        Outcome { engine, check: check.into(), verdict, words: "w".into(), seconds: 1.25 }
-    }
-
-    #[test]
-    fn a_row_is_called_proved_only_where_every_harness_was_in_this_run() {
-        let row = sample();
-        let called = |outcomes: &[Outcome]| status(&row, &outcomes.iter().collect::<Vec<_>>());
-        assert_eq!(called(&[]), "NOT RUN");
-        let native = outcome(Engine::Native, "h", Verdict::Passed);
-        assert_eq!(called(std::slice::from_ref(&native)), "passed (native)");
-        let cbmc = outcome(Engine::Cbmc, "h", Verdict::Proved);
-        assert_eq!(called(&[native.clone(), cbmc.clone()]), "proved (CBMC), passed (native)");
-        assert_eq!(called(&[native.clone(), outcome(Engine::Cbmc, "h", Verdict::Open)]), "passed (native)");
-        assert_eq!(called(&[cbmc, native, outcome(Engine::Mutants, "x", Verdict::Failed)]), "FAILED");
-    }
 
     #[test]
     fn every_difference_between_ledger_and_code_is_told() {
         let row = sample();
-        let book = json!({"rows": [row_of(&row, &[])]});
+        let book = json!({"rows": [row_of(&row, &[], "", "")]});
         assert!(differences(&book, std::slice::from_ref(&row)).is_empty());
         let mut other = row.clone();
         other.fields["harnesses"][0]["unwind"] = json!(4);
@@ -285,6 +303,39 @@ mod tests {
         (new.name, new.fields["name"]) = ("b".into(), json!("b"));
         assert_eq!(differences(&book, &[row, new]), ["row b is in the code alone"]);
         assert_eq!(differences(&book, &[]), ["row \"a-row\" is in the ledger alone"]);
+    }
+
+    #[test]
+    fn an_update_changes_its_own_rows_and_keeps_results_of_the_same_sources() {
+        let row = sample();
+        let outcome = |engine, check: &str, verdict| Outcome {
+            engine,
+            check: check.into(),
+            verdict,
+            words: "w".into(),
+            seconds: 1.25,
+        };
+        let proved = outcome(Engine::Cbmc, "h", Verdict::Proved);
+        let passed = outcome(Engine::Native, "h", Verdict::Passed);
+        let old = json!({"commit": "old", "rows": [row_of(&row, &[proved], "1", "old")]});
+        let new =
+            |sources| json!({"commit": "new", "rows": [row_of(&row, std::slice::from_ref(&passed), sources, "new")]});
+        let rows = std::slice::from_ref(&row);
+        let same = merge(Some(&old), &new("1"), rows, false);
+        assert_eq!((&same["commit"], &same["rows"][0]["commit"]), (&json!("old"), &json!("new")));
+        assert_eq!(same["rows"][0]["status"], "proved (CBMC), passed (native)");
+        let other = merge(Some(&old), &new("2"), rows, false);
+        assert_eq!(
+            (&other["rows"][0]["status"], &other["rows"][0]["sources"]),
+            (&json!("passed (native)"), &json!("2"))
+        );
+        let untouched = merge(Some(&old), &json!({"rows": []}), rows, false);
+        assert_eq!(
+            (&untouched["rows"][0]["status"], &untouched["rows"][0]["sources"]),
+            (&json!("proved (CBMC)"), &json!("1"))
+        );
+        let none = merge(None, &json!({"rows": []}), rows, true);
+        assert_eq!(none["rows"][0]["status"], "NOT RUN");
     }
 
     #[test]

@@ -13,6 +13,8 @@ mod options;
 mod outcome;
 mod page;
 mod rows;
+mod sources;
+mod status;
 mod stub;
 mod table;
 mod threads;
@@ -109,6 +111,10 @@ fn run_engines(job: &Job<'_>, all: &[Row], options: &Options) -> Summary {
     let kani = tools::kani();
     let absent = absent(job.root, options, &cbmc, kani.as_deref());
     table::not_run(&absent);
+    let stale = ledger::stale(job.root, all).len();
+    if stale > 0 {
+        println!("STALE    {stale} rows of the committed ledger are of other sources; see the end");
+    }
     let runs = |engine| options.wants(engine) && absent.iter().all(|absent| absent.engine != engine);
     if runs(Engine::Native) {
         native::run(job);
@@ -141,20 +147,31 @@ fn run_engines(job: &Job<'_>, all: &[Row], options: &Options) -> Summary {
     let required = options.require.iter().filter(|engine| absent.iter().any(|absent| absent.engine == **engine));
     let lacks: Vec<&str> = required.map(|engine| engine.name()).collect();
     let book = ledger::of_run(job, &outcomes, &absent, &versions, started.elapsed().as_secs_f64());
-    let agrees = ledger::keep(job, all, &book, options.is_full());
+    let agrees = ledger::keep(job, all, &book, options);
     table::result(&job.rows, &outcomes, &absent);
+    let stale = ledger::stale(job.root, all);
+    if !stale.is_empty() {
+        let what = if options.require_current { "FAILED: required current and STALE" } else { "STALE" };
+        println!(
+            "verify: {what}: the ledger's results of {} rows are of other sources: {}",
+            stale.len(),
+            stale.join(", ")
+        );
+    }
     if !lacks.is_empty() {
         println!("verify: FAILED: required and NOT RUN: {}", lacks.join(", "));
     }
     let failed = outcomes.iter().filter(|outcome| outcome.verdict == Verdict::Failed).count();
     let proved = outcomes.iter().filter(|outcome| outcome.verdict == Verdict::Proved).count();
     let remark = format!(
-        "{} rows, {} checks, {proved} proved in this run, {failed} failed",
+        "{} rows, {} checks, {proved} proved in this run, {failed} failed, {} rows stale",
         job.rows.len(),
-        outcomes.iter().filter(|outcome| !outcome.check.is_empty()).count()
+        outcomes.iter().filter(|outcome| !outcome.check.is_empty()).count(),
+        stale.len()
     );
     println!("verify: {remark}, {:.0} s", started.elapsed().as_secs_f64());
-    Summary { passed: failed == 0 && lacks.is_empty() && agrees, remark }
+    let is_current = !options.require_current || stale.is_empty();
+    Summary { passed: failed == 0 && lacks.is_empty() && agrees && is_current, remark }
 }
 
 /// Engines that are requested and not installed, and those that are installed and not requested.

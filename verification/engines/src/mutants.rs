@@ -77,23 +77,22 @@ pub(crate) fn run(job: &Job<'_>) {
 
 /// Runs the mutants whose killer is a harness under CBMC, which must refute that harness.
 pub(crate) fn run_cbmc(job: &Job<'_>, tools: &CbmcTools) {
-    let harnesses = job.rows.iter().flat_map(|row| &row.harnesses);
-    let unwinds: Vec<(&str, u64)> = harnesses.map(|harness| (harness.name.as_str(), harness.unwind)).collect();
+    let harness_of =
+        |mutant: &Mutant| job.rows.iter().flat_map(|row| &row.harnesses).find(|harness| harness.name == mutant.killer);
     let mutants = job.rows.iter().flat_map(|row| &row.mutants);
-    let wanted = mutants.filter(|mutant| unwinds.iter().any(|(name, _)| *name == mutant.killer));
-    let queue = Mutex::new(wanted.collect::<VecDeque<_>>());
+    let queue: VecDeque<_> = mutants.filter_map(|mutant| Some((mutant, harness_of(mutant)?))).collect();
+    let queue = Mutex::new(queue);
     let copies: Vec<usize> = (0..process::workers()).collect();
     process::each(&copies, copies.len(), |number| {
         let copy = match Copy::make(job, *number) {
             Ok(copy) => copy,
             Err(reason) => return job.log.broken(Engine::CbmcMutants, reason),
         };
-        while let Some(mutant) = queue.lock().ok().and_then(|mut queue| queue.pop_front()) {
-            let unwind = unwinds.iter().find(|(name, _)| *name == mutant.killer).map_or(0, |(_, unwind)| *unwind);
+        while let Some((mutant, harness)) = queue.lock().ok().and_then(|mut queue| queue.pop_front()) {
             tell(job, Engine::CbmcMutants, mutant, || {
                 copy.with(mutant, || {
-                    let compiled = cbmc::build(&copy.root, tools, &copy.folder.join("cbmc"))?;
-                    Ok(of_proof(mutant, cbmc::prove(tools, &compiled, &mutant.killer, unwind, LONG_LIMIT)))
+                    let compiled = cbmc::build(&copy.root, &job.runner, tools, &copy.folder.join("cbmc"))?;
+                    Ok(of_proof(mutant, cbmc::prove(tools, &compiled, harness, LONG_LIMIT)))
                 })
             });
         }
@@ -103,7 +102,7 @@ pub(crate) fn run_cbmc(job: &Job<'_>, tools: &CbmcTools) {
 fn of_proof(mutant: &Mutant, proof: Proof) -> (Verdict, String) {
     match proof {
         Proof::Refuted(what) => (Verdict::Passed, format!("killed: CBMC refutes {} (\"{what}\" fails)", mutant.killer)),
-        Proof::Vacuous => (Verdict::Passed, format!("killed: {} asks about nothing any more", mutant.killer)),
+        Proof::Vacuous(what) => (Verdict::Passed, format!("killed: {} no longer reaches {what}", mutant.killer)),
         Proof::Unwound => (Verdict::Open, "open: a loop turns beyond the bound; nothing is refuted".to_owned()),
         Proof::TimeUp => (Verdict::Open, format!("open: not ended after {} s", LONG_LIMIT.as_secs())),
         Proof::Proved => (Verdict::Failed, format!("SURVIVED: CBMC proves {} all the same", mutant.killer)),

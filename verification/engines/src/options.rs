@@ -13,6 +13,10 @@ pub struct Options {
     pub(crate) engines: Vec<Engine>,
     /// Engines whose absence is a failure.
     pub(crate) require: Vec<Engine>,
+    /// Whether a row of the committed ledger that is of other sources is a failure: `--require current`.
+    pub(crate) require_current: bool,
+    /// Writes the rows of this run to the committed ledger.
+    pub(crate) update: bool,
     /// These rows only; empty: all.
     pub(crate) rows: Vec<String>,
     /// Lists the rows and their checks, and ends.
@@ -40,7 +44,15 @@ impl Options {
                 "--quick" => options.quick = true,
                 "--list" => options.list = true,
                 "--engine" => options.engines.extend(engines(value()?)?),
-                "--require" => options.require.extend(engines(value()?)?),
+                "--require" => {
+                    let (current, named): (Vec<&str>, Vec<&str>) =
+                        value()?.split(',').partition(|name| *name == "current");
+                    options.require_current |= !current.is_empty();
+                    if !named.is_empty() {
+                        options.require.extend(engines(&named.join(","))?);
+                    }
+                }
+                "--update" => options.update = true,
                 "--row" => options.rows.push(value()?.to_owned()),
                 "--replay" => {
                     let (name, numbers) = value()?.split_once('=').ok_or("--replay needs HARNESS=1,2,3")?;
@@ -90,6 +102,8 @@ mod tests {
         assert!(options.wants(Engine::Kani) && options.wants(Engine::Native) && !options.wants(Engine::Loom));
         assert!(!options.is_full() && Options::default().is_full() && !Options::quick().is_full());
         assert!(!Options::quick().wants(Engine::Kani) && Options::default().wants(Engine::Kani));
+        let current = Options::read(&["--require", "current,cbmc", "--update"]).unwrap();
+        assert!(current.require_current && current.update && current.require == [Engine::Cbmc]);
         let replay = Options::read(&["--replay", "h=1,2"]).unwrap().replay;
         assert_eq!(replay, Some(("h".into(), "1,2".into())));
     }

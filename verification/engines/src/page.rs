@@ -2,6 +2,7 @@
 //!
 //! Invariant: the page has the content of the JSON and nothing else, so that the two can be compared.
 
+use super::status;
 use serde_json::Value;
 use std::fmt::Write;
 
@@ -10,7 +11,8 @@ pub(crate) fn render(book: &Value) -> String {
     let mut page = String::new();
     head(&mut page, book);
     let rows = book["rows"].as_array().map_or(&[][..], Vec::as_slice);
-    page += "\n## Summary\n\n| row | status | mutants killed | seconds |\n|---|---|---|---|\n";
+    page += "\n## Summary\n\nA mutant is killed by the check that it names: natively, by a thread model, or refuted by CBMC.\n\n";
+    page += "| row | status | mutants killed | seconds |\n|---|---|---|---|\n";
     for row in rows {
         let name = text(&row["name"]);
         // writing to a string cannot fail
@@ -58,7 +60,8 @@ fn section(page: &mut String, row: &Value) {
         ("Bound", text(&row["bound"])),
         ("Assumed", text(&row["assumes"])),
         ("Why that bound is enough", text(&row["suffices"])),
-        ("Status in this run", text(&row["status"])),
+        ("Status", text(&row["status"])),
+        ("Sources", &format!("{} at commit {}", text(&row["sources"]), text(&row["commit"]))),
     ];
     for (name, words) in points {
         let _ = writeln!(page, "- {name}: {words}");
@@ -78,12 +81,8 @@ fn section(page: &mut String, row: &Value) {
 }
 
 fn mutants(row: &Value) -> String {
-    let of = |killed: &str, run: &str| format!("{} of {}", row[killed], row[run]);
-    let by_cbmc = match row["mutants_run_by_cbmc"].as_u64() {
-        Some(0) | None => String::new(),
-        Some(_) => format!("; by CBMC {}", of("mutants_refuted_by_cbmc", "mutants_run_by_cbmc")),
-    };
-    of("mutants_killed", "mutants_run") + &by_cbmc
+    let kills = status::kills(row).into_iter().filter(|(.., run)| *run > 0);
+    kills.map(|(name, killed, run)| format!("{name} {killed} of {run}")).collect::<Vec<_>>().join(", ")
 }
 
 fn text(value: &Value) -> &str {
@@ -98,15 +97,16 @@ mod tests {
     #[test]
     fn the_page_names_what_did_not_run_and_what_every_row_showed() {
         let row = json!({"name": "a-row", "says": "It holds", "status": "passed \
-            (native)", "mutants_killed": 1, "mutants_run": 2,
-            "mutants_run_by_cbmc": 0, "seconds": 1.5, "harnesses": [{"name": "h", "unwind": 3}],
-            "results": [{"engine": "cbmc", "check": "h", "words": "a | b", "seconds": 0.5}]});
+            (native)", "seconds": 1.5, "harnesses": [{"name": "h", "unwind": 3}],
+            "mutants": [{"name": "x", "killer": "h"}],
+            "results": [{"engine": "cbmc", "check": "h", "words": "a | b", "seconds": 0.5},
+                {"engine": "mutants", "check": "x", "verdict": "passed", "words": "killed", "seconds": 0.5}]});
         let book = json!({"commit": "abc", "date": "2026-01-01", "not_run": [{"engine": "kani", "why": "not \
             here"}], "rows": [row]});
         let page = render(&book);
         for line in [
             "- **NOT RUN: kani** (not here)",
-            "| [a-row](#a-row) | passed (native) | 1 of 2 | 1.5 |",
+            "| [a-row](#a-row) | passed (native) | native 1 of 1 | 1.5 |",
             "| cbmc | h (unwind 3) | a \\| b | 0.5 |",
             "It holds.",
         ] {

@@ -8,6 +8,8 @@ use serde_json::Value;
 #[derive(Clone, Debug)]
 pub(crate) struct Row {
     pub(crate) name: String,
+    /// The module of `verification/src` that defines it.
+    pub(crate) module: String,
     pub(crate) harnesses: Vec<Harness>,
     pub(crate) searches: Vec<String>,
     pub(crate) models: Vec<Model>,
@@ -22,8 +24,10 @@ pub(crate) struct Harness {
     pub(crate) name: String,
     /// Its path up to the harness: `retrace_verification::ring`.
     pub(crate) module: String,
+    /// One more than the turns of its longest loop.
     pub(crate) unwind: u64,
-    pub(crate) kani: bool,
+    /// Regions that a run must reach.
+    pub(crate) covers: Vec<String>,
 }
 
 /// A test of the thread models.
@@ -61,10 +65,17 @@ impl Row {
 
     fn of(fields: Value) -> Option<Self> {
         let text = |value: &Value, key: &str| Some(value.get(key)?.as_str()?.to_owned());
+        let names = |value: &Value| -> Option<Vec<String>> {
+            value.as_array()?.iter().map(|name| Some(name.as_str()?.to_owned())).collect()
+        };
         let list = |key: &str| fields.get(key)?.as_array().cloned();
         let harness = |value: &Value| {
-            let (unwind, kani) = (value.get("unwind")?.as_u64()?, value.get("kani")?.as_bool()?);
-            Some(Harness { name: text(value, "name")?, module: text(value, "module")?, unwind, kani })
+            Some(Harness {
+                name: text(value, "name")?,
+                module: text(value, "module")?,
+                unwind: value.get("unwind")?.as_u64()?,
+                covers: names(value.get("covers")?)?,
+            })
         };
         let model = |value: &Value| Some(Model { engine: text(value, "engine")?, test: text(value, "test")? });
         let mutant = |value: &Value| {
@@ -78,8 +89,9 @@ impl Row {
         };
         Some(Self {
             name: text(&fields, "name")?,
+            module: text(&fields, "module")?,
             harnesses: list("harnesses")?.iter().map(harness).collect::<Option<_>>()?,
-            searches: list("searches")?.iter().map(|name| name.as_str().map(str::to_owned)).collect::<Option<_>>()?,
+            searches: names(fields.get("searches")?)?,
             models: list("models")?.iter().map(model).collect::<Option<_>>()?,
             mutants: list("mutants")?.iter().map(mutant).collect::<Option<_>>()?,
             fields,
@@ -110,8 +122,8 @@ pub(crate) mod tests {
 
     /// A row for tests of other modules.
     pub(crate) fn sample() -> Row {
-        let line = r#"{"name":"a-row","says":"It holds","requirement":"REV-2","bound":"none","assumes":"nothing",
-            "suffices":"induction","harnesses":[{"name":"h","module":"retrace_verification::ring","unwind":3,"kani":true}],
+        let line = r#"{"name":"a-row","module":"ring","says":"It holds","requirement":"REV-2","bound":"none","assumes":"nothing",
+            "suffices":"induction","harnesses":[{"name":"h","module":"retrace_verification::ring","unwind":3,"covers":["Full"]}],
             "searches":["s"],"models":[{"engine":"loom","test":"m"}],
             "mutants":[{"name":"x","file":"f","find":"1","put":"2","killer":"h"}]}"#;
         Row::list(&line.replace('\n', " ")).unwrap().remove(0)

@@ -26,8 +26,7 @@ pub(crate) fn list(rows: &[Row]) {
     for row in rows {
         println!("{}: {}", row.name, row.fields["says"].as_str().unwrap_or_default());
         for harness in &row.harnesses {
-            let kani = if harness.kani { "" } else { ", without Kani" };
-            println!("  harness {} (unwind {}{kani})", harness.name, harness.unwind);
+            println!("  harness {} (unwind {}, reaches {})", harness.name, harness.unwind, harness.covers.join(", "));
         }
         row.searches.iter().for_each(|search| println!("  search  {search}"));
         row.models.iter().for_each(|model| println!("  {:<7} {}", model.engine, model.test));
@@ -62,8 +61,7 @@ pub(crate) fn result(rows: &[Row], outcomes: &[Outcome], absent: &[NotRun]) {
 pub(crate) fn size(row: &Row, engine: Engine) -> usize {
     match engine {
         Engine::Native => row.native_checks().count(),
-        Engine::Cbmc => row.harnesses.len(),
-        Engine::Kani => row.harnesses.iter().filter(|harness| harness.kani).count(),
+        Engine::Cbmc | Engine::Kani => row.harnesses.len(),
         Engine::Loom | Engine::Shuttle => row.models.iter().filter(|model| model.engine == engine.name()).count(),
         Engine::Mutants => row.mutants.len(),
         Engine::CbmcMutants => {
