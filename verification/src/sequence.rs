@@ -165,13 +165,20 @@ fn the_prediction_is_the_cards_rule(c: &mut impl Choice, command: Command) -> Op
 }
 
 harnesses! {
-    protocol_numbers, unwind 2, covers [Forward, Backward, Wrapped] => |c| numbers_compare_as_unbounded_ones(c);
-    protocol_acknowledgements, unwind 2, covers [Accepted, Refused, Wrapped, Full] => |c| an_acknowledgement_covers_what_is_outstanding(c);
-    protocol_epochs, unwind 2, covers [Accepted, Refused, Wrapped] => |c| epochs_are_opened_once(c);
-    protocol_window_ahead, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] => |c| the_prediction_is_the_cards_rule(c, Command::Ahead);
-    protocol_window_behind, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] => |c| the_prediction_is_the_cards_rule(c, Command::Behind);
-    protocol_window_trim, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] => |c| the_prediction_is_the_cards_rule(c, Command::Trim);
-    protocol_window_forget, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] => |c| the_prediction_is_the_cards_rule(c, Command::Forget);
+    protocol_numbers, unwind 2, covers [Forward, Backward, Wrapped] =>
+        |c| numbers_compare_as_unbounded_ones(c);
+    protocol_acknowledgements, unwind 2, covers [Accepted, Refused, Wrapped, Full] =>
+        |c| an_acknowledgement_covers_what_is_outstanding(c);
+    protocol_epochs, unwind 2, covers [Accepted, Refused, Wrapped] =>
+        |c| epochs_are_opened_once(c);
+    protocol_window_ahead, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] =>
+        |c| the_prediction_is_the_cards_rule(c, Command::Ahead);
+    protocol_window_behind, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] =>
+        |c| the_prediction_is_the_cards_rule(c, Command::Behind);
+    protocol_window_trim, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] =>
+        |c| the_prediction_is_the_cards_rule(c, Command::Trim);
+    protocol_window_forget, unwind 2, covers [Accepted, Refused, Full, Wrapped, AtRest, AtEnd, Split] =>
+        |c| the_prediction_is_the_cards_rule(c, Command::Forget);
 }
 
 /// The rows of this module.
