@@ -105,6 +105,7 @@ const MODULES: &[Module] = modules! {
     playback,
     rate,
     drive,
+    stopping,
     modes,
     gates,
     threads,
@@ -112,7 +113,8 @@ const MODULES: &[Module] = modules! {
     frames,
     steps,
     permit,
-    stopping,
+    sequence,
+    protocol,
 };
 
 #[cfg(test)]

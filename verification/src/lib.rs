@@ -24,9 +24,11 @@ pub mod modes;
 pub mod native;
 pub mod permit;
 pub mod playback;
+pub mod protocol;
 pub mod rate;
 pub mod region;
 pub mod ring;
+pub mod sequence;
 pub mod steps;
 #[cfg(not(any(kani, verify_wasm)))]
 pub mod stopping;

@@ -4,7 +4,7 @@
 //! long enough for `|r″| ≤ 2A/(n·|q′|) ≤ 2J/|q′|` on every axis.
 
 /// Limits of one axis. All three are in units of 2⁻³², rounded down, [`PulseLimits::MIN`] to [`PulseLimits::MAX`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct PulseLimits {
     /// Maximum velocity, in pulses per control period.
     pub velocity: u64,
@@ -35,7 +35,7 @@ impl PulseLimits {
 /// assert!(RateLimits::new(51, 58_982, [axis]).is_some());
 /// assert!(RateLimits::new(49, 58_982, [axis]).is_none(), "too short an average for this jerk");
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct RateLimits<const A: usize> {
     average: u16,
     share: u16,

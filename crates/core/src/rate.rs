@@ -22,7 +22,7 @@ use crate::{Distance, Rate};
 /// ([`crate::Flags::RAPID`]).
 ///
 /// Two rates of different signs request no motion.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct RateTarget {
     /// Maximum rate along feed motion.
     pub feed: Rate,

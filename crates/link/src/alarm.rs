@@ -8,7 +8,7 @@ use crate::CardFailure;
 
 /// Cause that stopped the machine. It stays latched on the card until [`crate::HostCommand::ClearAlarm`], and no rate
 /// moves the machine until then.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Alarm {
     /// No complete frame from the host arrived for [`crate::CardSettings::watchdog_periods`].
     HostSilent,

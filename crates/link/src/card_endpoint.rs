@@ -7,6 +7,8 @@
 //! Invariant: `first ≤ sent ≤ first + count`: entries before `first` are acknowledged by the host, those before `sent`
 //! were sent.
 
+use core::hash::{Hash, Hasher};
+
 use retrace_core::{Rate, RateTarget};
 
 use crate::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE, encode_with_key};
@@ -64,7 +66,7 @@ pub struct CardEndpoint<const A: usize, const E: usize> {
 }
 
 /// State that the entries have reported to the host.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Hash)]
 struct ReportedState {
     outputs: Outputs,
     executed: u32,
@@ -458,5 +460,27 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             self.urgent = true;
         }
         Some(())
+    }
+
+    /// Hashes what decides about the endpoint's later behaviour: entries that are outstanding and bytes that are
+    /// staged, not what those arrays held before.
+    ///
+    /// The adaptive size of reports is left out: it makes no difference while every report fits the shortest one. A
+    /// model that uses this has to check that.
+    #[doc(hidden)]
+    pub fn hash_state(&self, state: &mut impl Hasher) {
+        #[rustfmt::skip] // no `..`: a new field has to be decided about here
+        let Self {
+            decoder, epoch, last_epoch, first_numbers, axes, next_command, rate_seq, command_gap, entries, first, count,
+            sent, sent_once, entries_lost, reported, greeting, nonce, key, frame_received, report_periods, since_report,
+            unconfirmed, retransmit_periods, urgent, frames: _, stage, staged,
+        } = self;
+        decoder.hash_state(state);
+        (epoch, last_epoch, first_numbers, axes, next_command, rate_seq, command_gap).hash(state);
+        (0..*count).for_each(|k| entries[usize::from(first.wrapping_add(k)) % E].hash(state));
+        (first, count, sent, sent_once, entries_lost, reported).hash(state);
+        (greeting, nonce, key, frame_received, report_periods).hash(state);
+        (*since_report).min(u32::from(*report_periods)).hash(state);
+        (unconfirmed, retransmit_periods, urgent, &stage[staged.0..staged.1]).hash(state);
     }
 }

@@ -10,7 +10,7 @@ use crate::{InputWait, MAX_CHANGES, OutputChange};
 pub const MAX_CUTTING_CHANNELS: usize = 8;
 
 /// One output channel of a cutter.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct CuttingChannel {
     /// Output channel, below [`crate::channel::COUNT`].
     pub channel: u8,
@@ -27,7 +27,7 @@ pub struct CuttingChannel {
 }
 
 /// Cutting channels of an epoch, and the rules that the card applies to them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct CuttingSettings {
     /// Channels; the first `count` are valid.
     pub channels: [CuttingChannel; MAX_CUTTING_CHANNELS],
@@ -51,7 +51,7 @@ impl CuttingSettings {
 /// Completed switching that is executed again, at rest, at any place and with any requested rate.
 ///
 /// Time at rest is not counted while it is executed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct RepeatedInstruction {
     /// Number: 1 for the first one of an epoch, then consecutive.
     pub number: u32,
@@ -74,7 +74,7 @@ impl RepeatedInstruction {
 }
 
 /// Reason why the card switched a cutting output off.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CutterOffCause {
     /// The machine was at rest for longer than the grace time. The card blocks motion until
     /// [`crate::HostCommand::Restart`].
@@ -117,7 +117,7 @@ impl CutterOffCause {
 }
 
 /// Cutting outputs that were on and that the card switched off in a control period because the permit was missing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CutterOff {
     /// Channels, one bit for each index in [`CuttingSettings::channels`].
     pub channels: u8,

@@ -46,6 +46,8 @@
 //! Invariant: no byte of a frame but its last is zero. After a zero byte the decoder is in its initial state, and
 //! between zeros its state is a function of the bytes since the last one.
 
+use core::hash::Hash;
+
 use crate::crc;
 
 /// Maximum number of bytes in the payload of a frame between host and card.
@@ -102,7 +104,7 @@ const fn check_byte(rest: u32) -> u8 {
 }
 
 /// Reason why the bytes before a zero byte are not a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FrameDamage {
     /// The number of bytes differs from the length, or the length means that there is no payload.
     Length,
@@ -128,7 +130,7 @@ impl core::fmt::Display for FrameDamage {
 impl core::error::Error for FrameDamage {}
 
 /// Meaning of the next byte for the decoder. `length` is the frame's first byte, the number of bytes in its body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Expected {
     /// The first byte of a frame.
     Length,
@@ -184,6 +186,16 @@ impl<const N: usize> FrameDecoder<N> {
     #[must_use]
     pub const fn has_key(&self) -> bool {
         self.has_key
+    }
+
+    /// Hashes what decides about later bytes. Between frames that is the key alone.
+    #[doc(hidden)]
+    pub fn hash_state(&self, state: &mut impl core::hash::Hasher) {
+        let Self { expected, key, has_key, payload } = self;
+        (expected, key).hash(state);
+        if *expected != Expected::Length {
+            (has_key, payload).hash(state);
+        }
     }
 
     /// Processes the next byte of the stream. A zero byte yields the payload before it, or the damage of the bytes

@@ -34,3 +34,23 @@ impl FrameSize {
         self.0 = (self.0 + GROWTH).min(MOST);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_size_halves_after_a_loss_and_grows_after_an_arrival() {
+        let mut size = FrameSize::new();
+        let losses = [100, 50, 40, 40].map(|_| {
+            size.record_loss();
+            size.max_payload()
+        });
+        assert_eq!((FrameSize::new().max_payload(), losses), (200, [100, 50, 40, 40]));
+        let arrivals = [(); 21].map(|()| {
+            size.record_arrival();
+            size.max_payload()
+        });
+        assert_eq!((arrivals[0], arrivals[1], arrivals[19], arrivals[20]), (48, 56, 200, 200));
+    }
+}

@@ -27,7 +27,8 @@ mod host;
 mod message;
 mod outputs;
 mod ports;
-mod predicted_window;
+#[doc(hidden)]
+pub mod predicted_window;
 #[doc(hidden)]
 pub mod sequence;
 mod serial_card;

@@ -8,7 +8,7 @@ use crate::outputs::{InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 use crate::{Alarm, CutterOff, PathStart, RepeatedInstruction};
 
 /// Synchronous switching action: executed without a stop at the start of a record (GMC, *Two classes*; REV-14).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct OutputAction {
     /// Record at whose start it is executed.
     pub place: RecordIndex,
@@ -24,7 +24,7 @@ pub struct OutputAction {
 ///
 /// The card stores it until the cursor is at rest on its place and the requested rate is above zero, so that a hold or
 /// a reverse run before that defers it (GMC, *Two classes*).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Instruction {
     /// Number; instructions are executed, and reported as executed, in this order.
     pub number: u32,
@@ -47,7 +47,7 @@ pub struct Instruction {
 ///
 /// The axis moves fast toward the switch, comes to rest, and moves slowly off it; the count is set where the switch
 /// opens. A new path then begins there.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct HomingCommand {
     /// The axis, from 0.
     pub axis: u8,
@@ -86,7 +86,7 @@ impl Instruction {
 /// let reverse = HostCommand::<2>::rate(-Rate::ONE / 2);
 /// assert_ne!(ahead, reverse);
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum HostCommand<const A: usize> {
     /// Adds the next record ahead of the window.
     Ahead {
@@ -151,7 +151,7 @@ impl<const A: usize> HostCommand<A> {
 }
 
 /// Reason why a card rejected a command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CommandRefusal {
     /// No space now: retry after some periods.
     Full,
@@ -186,7 +186,7 @@ impl core::fmt::Display for CommandRefusal {
 impl core::error::Error for CommandRefusal {}
 
 /// Status from card to host: the effect of the last control period, and the current state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CardStatus<const A: usize> {
     /// Control periods since the card was started: the number of this one.
     pub period: u64,

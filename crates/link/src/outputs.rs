@@ -25,7 +25,7 @@ pub mod channel {
 pub type Outputs = [i32; channel::COUNT];
 
 /// Change of one output channel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct OutputChange {
     /// Channel, below [`channel::COUNT`].
     pub channel: u8,
@@ -37,7 +37,7 @@ pub struct OutputChange {
 pub const MAX_CHANGES: usize = 4;
 
 /// Input that an instruction waits for before it is complete.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct InputWait {
     /// Number of the input.
     pub input: u8,

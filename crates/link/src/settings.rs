@@ -16,7 +16,7 @@ pub const MAX_SAFE: usize = 16;
 pub const PROTOCOL: u8 = 4;
 
 /// Identity and capabilities of a card.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CardIdentity {
     /// Version of the protocol.
     pub protocol: u8,
@@ -47,7 +47,7 @@ pub struct CardIdentity {
 }
 
 /// Meaning of an input.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum InputUse {
     /// No meaning; the level is only reported.
     #[default]
@@ -73,7 +73,7 @@ pub enum InputUse {
 }
 
 /// Settings of an input.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct InputSetting {
     /// Meaning of the input.
     pub used_for: InputUse,
@@ -94,7 +94,7 @@ pub struct InputSetting {
 /// assert!(start.rests && start.is_valid());
 /// assert!(!PathStart { reached: RecordIndex::new(99), ..start }.is_valid(), "it has been there already");
 /// ```
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct PathStart {
     /// Place of the cursor; the counts are unchanged. Inside a record, the cursor is at rest until that record has
     /// arrived.
@@ -123,7 +123,7 @@ impl PathStart {
 }
 
 /// Settings of a card for one epoch.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CardSettings<const A: usize> {
     /// Number of this opening, not 0.
     pub epoch: u16,

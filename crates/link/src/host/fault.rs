@@ -7,7 +7,7 @@ use core::fmt;
 use crate::{Alarm, CardFailure, PROTOCOL};
 
 /// Error that ends a run on a card.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum LinkError {
     /// The card latched an alarm and is at rest.
     Alarm(Alarm),

@@ -11,6 +11,7 @@
 mod fault;
 mod period_reports;
 mod rx;
+mod state_hash;
 mod tx;
 
 pub use fault::LinkError;
@@ -36,7 +37,7 @@ const MAX_CELLS: usize = 8192;
 const MAX_ENTRIES: usize = 1024;
 
 /// State of the connection.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Phase {
     Identifying,
     Opening,
@@ -46,7 +47,7 @@ enum Phase {
 }
 
 /// Kind of the staged frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum StagedFrame {
     Other,
     /// Commands from this offset in the queue on.
@@ -54,7 +55,7 @@ enum StagedFrame {
 }
 
 /// Progress of a command to clear the alarm: until its outcome is known, the alarm is not an error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum AlarmClearing {
     /// Sent, with this command number.
     Requested(u16),

@@ -14,7 +14,7 @@ use super::{ByteReader, ByteWriter};
 use crate::{Alarm, CutterOff, CutterOffCause, OutputChange};
 
 /// One reported event.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ReportEntry {
     /// Control periods, all alike.
     Ran {

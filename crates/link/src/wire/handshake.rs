@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// Greeting: a card's answer to a greeting request.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Greeting<const A: usize> {
     /// Nonce of the request.
     pub nonce: u32,
@@ -106,7 +106,7 @@ impl<const A: usize> Greeting<A> {
 }
 
 /// Settings of an epoch, as they are sent.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Opening<const A: usize>(pub CardSettings<A>);
 
 impl<const A: usize> Opening<A> {

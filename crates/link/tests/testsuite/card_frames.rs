@@ -150,6 +150,7 @@ impl<const E: usize> CardBench<E> {
                 let payload = payload.expect("undamaged");
                 assert_eq!(payload[0], expected);
                 let payload = payload[1..].to_vec();
+                assert!(expected != kind::REPORT || payload.len() < 200, "the longest report");
                 assert_eq!(decoder.has_key(), expected == kind::REPORT, "reports have the key");
                 return Some(payload);
             }
@@ -388,6 +389,29 @@ fn unacknowledged_entries_are_sent_again_after_a_while() {
         bench.period();
         assert_eq!(bench.report().map(|report| report.first), Some(2), "{start:?}");
     }
+}
+
+/// 40 ms are few long periods: it waits for two reports and their answers at least.
+#[test]
+fn long_periods_prolong_the_time_until_entries_are_sent_again() {
+    let mut bench = CardBench::<16>::new(STARTS[1]);
+    let next = next_epoch(bench.epoch);
+    bench.frame(0, |w| {
+        w.u8(kind::OPEN)?;
+        w.u32(1)?;
+        w.u32(NONCE)?;
+        Opening(CardSettings { period_us: 20_000, ..settings(next) }).write(w)
+    });
+    (bench.epoch, bench.key) = (next, session_key(1, NONCE, next));
+    assert!(bench.greeting().is_some());
+    assert_eq!(bench.report_now().first, 0);
+    for period in 1..=10 {
+        bench.period();
+        let again = bench.report().map(|report| report.first);
+        assert_eq!(again, (period % 4 == 0).then_some(period / 4), "period {period}");
+    }
+    bench.period();
+    assert_eq!(bench.report().map(|report| report.first), Some(0));
 }
 
 #[test]

@@ -6,5 +6,8 @@ mod dice;
 mod ends;
 mod frames;
 mod host_frames;
+mod predicted_window;
+mod serial_card;
+mod texts;
 mod wire;
 mod works;

@@ -11,6 +11,7 @@ use retrace_link::{
 pub(crate) const WINDOW: u32 = 256;
 
 /// Works without any motion law: the cursor goes by the rate that was asked for, as far as the window goes.
+#[derive(Debug)]
 pub(crate) struct Works {
     pub(crate) identity: CardIdentity,
     pub(crate) status: CardStatus<3>,
