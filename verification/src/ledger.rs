@@ -105,6 +105,8 @@ const MODULES: &[Module] = modules! {
     playback,
     rate,
     drive,
+    braking,
+    rate_law,
     stopping,
     modes,
     gates,

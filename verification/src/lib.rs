@@ -8,6 +8,7 @@
 #![allow(clippy::manual_range_contains, clippy::manual_clamp)]
 #![cfg_attr(not(verify_wasm), forbid(unsafe_code))]
 
+pub mod braking;
 pub mod choice;
 pub mod drive;
 pub mod fine;
@@ -26,6 +27,8 @@ pub mod permit;
 pub mod playback;
 pub mod protocol;
 pub mod rate;
+#[cfg(not(any(kani, verify_wasm)))]
+pub mod rate_law;
 pub mod region;
 pub mod ring;
 pub mod sequence;
