@@ -29,6 +29,8 @@ pub mod rate;
 pub mod region;
 pub mod ring;
 pub mod sequence;
+#[cfg(not(any(kani, verify_wasm)))]
+pub mod shipped_threads;
 pub mod steps;
 #[cfg(not(any(kani, verify_wasm)))]
 pub mod stopping;
