@@ -7,6 +7,7 @@ mod campaign;
 mod figures;
 mod firmware;
 mod fuzz;
+mod mutants;
 mod release;
 mod suite;
 mod tidy;
@@ -158,10 +159,11 @@ fn campaign(options: &[&str]) -> ExitCode {
             println!("{:<10} {}", campaign.name, campaign.purpose);
         }
         println!("{:<10} {}", "fuzz", fuzz::PURPOSE);
+        println!("{:<10} {}", "mutants", mutants::PURPOSE);
         return ExitCode::SUCCESS;
     }
     let campaign = campaign::CAMPAIGNS.iter().find(|campaign| campaign.name == name);
-    if campaign.is_none() && name != "fuzz" {
+    if campaign.is_none() && name != "fuzz" && name != "mutants" {
         return refuse(&format!("there is no campaign `{name}`; see `cargo xtask campaign --list`"));
     }
     let (mut full, mut seed) = (false, 1);
@@ -178,6 +180,7 @@ fn campaign(options: &[&str]) -> ExitCode {
     }
     with_root(|root| match campaign {
         Some(campaign) => campaign::run(&root, campaign, full, seed),
+        None if name == "mutants" => mutants::run(&root, full, seed),
         None => fuzz::run(&root, full, seed),
     })
 }
