@@ -3,8 +3,8 @@
 //!
 //! Invariant: a harness is listed once in the code; the engines' lists are made from that one.
 
-/// Makes harnesses of properties: `name, unwind N, covers [Region, …] => property;`. `N` is one more than the turns of the
-/// longest loop, as Kani counts; each region of the list must be reached by a run within the assumptions.
+/// Makes harnesses of properties: `name, unwind N, covers [Region, …] => property;`. `N` is one more than the turns of
+/// the longest loop, as Kani counts; each region of the list must be reached by a run within the assumptions.
 macro_rules! harnesses {
     ($($name:ident, unwind $unwind:literal, covers [$($region:ident),* $(,)?] => $body:expr;)*) => {
         /// The proofs of this module, in Kani.

@@ -252,11 +252,11 @@ mod search {
     fn ask_ring(before: &ConsumerIndices, keep: u32, question: Question) -> (Option<u32>, [u32; 3]) {
         let size = (keep + LOOK_AHEAD).next_power_of_two();
         let [head, reached, write] = [before.head(), before.reached(), before.write()];
-        let cells: Vec<Cell<u32>> =
+        let mut cells: Vec<Cell<u32>> =
             (0..size).map(|n| Cell::new(head.wrapping_add(n.wrapping_sub(head) & (size - 1)))).collect();
         let [first, end, after] = [head, reached, write].map(RecordIndex::new);
         let span = RecordSpan { head: first, reached: end, write: after };
-        let mut ring = Ring::with_records(&cells[..], keep, LOOK_AHEAD, span).expect("a valid state");
+        let mut ring = Ring::with_records(&mut cells[..], keep, LOOK_AHEAD, span).expect("a valid state");
         let (_, mut consumer) = ring.split();
         for _ in 0..reached.wrapping_sub(before.read()) {
             consumer.retreat().expect("kept");

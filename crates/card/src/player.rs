@@ -238,9 +238,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// # Errors
     /// Returns the reason for the rejection; nothing has changed then.
     pub fn accept(&mut self, command: HostCommand<A>) -> Result<(), CommandRefusal> {
-        let place = self.status.place;
         match command {
-            HostCommand::Ahead { place: n, record } => self.window.push_ahead(n, record, place)?,
+            HostCommand::Ahead { place: n, record } => {
+                self.window.push_ahead(n, record, self.stopping_place_behind())?
+            }
             HostCommand::Behind { place: n, record, rests } => {
                 self.window.push_behind(n, record, rests, self.stopping_place())?
             }
@@ -696,6 +697,32 @@ mod tests {
         let second = Instruction { number: 2, ..Instruction::default() };
         player.accept(HostCommand::Instruction(second)).expect("at its place");
         assert_eq!(player.status().executed, 2, "where it may begin at once it does");
+    }
+
+    #[test]
+    fn a_record_ahead_replaces_none_that_a_run_backward_needs_to_stop() {
+        let axis = PulseLimits { velocity: 40 << 32, acceleration: 1 << 32, jerk: 1 << 32 };
+        let limits = RateLimits::new(1, 64, [axis]).expect("valid");
+        let mut player = Player::<1, 64, 1>::new(RecordIndex::new(0), limits).expect("fits");
+        let record = Record { increments: [40], ..Record::default() };
+        for n in 1..=60 {
+            let place = RecordIndex::new(0) - n;
+            player.accept(HostCommand::Behind { place, record, rests: false }).expect("room");
+        }
+        player.accept(HostCommand::rate(-Rate::ONE)).expect("a rate");
+        while player.run_period().rate > -Rate::ONE {}
+        // a stop needs more than twenty records, and a quarter of the window is sixteen
+        let mut high = player.status().high;
+        while player.accept(HostCommand::Ahead { place: high, record }).is_ok() {
+            high += 1;
+        }
+        let mut rate = player.status().rate;
+        while !player.run_period().at_rest {
+            let change = player.status().rate - rate;
+            assert!(change.units().abs() * 40 <= 1 << 32, "{change:?}");
+            rate = player.status().rate;
+        }
+        assert_eq!(player.status().place, Place::start_of(player.status().low));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The ledger: results of a run, as JSON, and the comparison of the committed one with the code.
 //!
-//! Invariant: the committed ledger is written by a full run, or row by row with `--update`; each row has the hash of the
-//! sources that its results are of. Every other run only compares.
+//! Invariant: the committed ledger is written by a full run, or row by row with `--update`; each row has the hash of
+//! the sources that its results are of. Every other run only compares.
 
 use super::outcome::{Engine, Outcome};
 use super::rows::Row;

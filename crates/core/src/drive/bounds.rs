@@ -98,8 +98,8 @@ fn max_differences<const A: usize>(
     let (mut held, mut missing) = (0, 0);
     for b in 0..blocks {
         let Some(sum) = ahead.sum_increments(start + b * BLOCK, BLOCK) else {
+            // the records that are held follow one another, so blocks are missing at the ends alone
             missing += 1;
-            held = 0;
             continue;
         };
         sums[b as usize % STORED_BLOCKS] = sum;
@@ -174,5 +174,74 @@ impl AxisBounds {
         let acceleration = (self.acceleration + unknown * maximum.jerk).min(maximum.acceleration);
         let velocity = (self.velocity + unknown * acceleration).min(maximum.velocity);
         Self { velocity, acceleration, jerk: maximum.jerk }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Place, RapidCap};
+    use proptest::prelude::*;
+
+    /// Records of one axis, from number `low` on.
+    #[derive(Debug, Clone)]
+    struct Strip {
+        low: u32,
+        records: Vec<(i16, u8)>,
+    }
+
+    impl RecordWindow<1> for Strip {
+        fn low(&self) -> RecordIndex {
+            RecordIndex::new(self.low)
+        }
+        fn high(&self) -> RecordIndex {
+            RecordIndex::new(self.low) + self.records.len() as u32
+        }
+        fn rests_at(&self, _: RecordIndex) -> bool {
+            false
+        }
+        fn cap(&self, place: RecordIndex) -> RapidCap {
+            RapidCap::sixteenths(self.records[place.since(self.low()) as usize].1)
+        }
+        fn increments(&self, place: RecordIndex) -> [i16; 1] {
+            [self.records[place.since(self.low()) as usize].0]
+        }
+        fn is_rapid(&self, _: RecordIndex) -> bool {
+            false
+        }
+    }
+
+    const AXIS: PulseLimits = PulseLimits { velocity: 30_000 << 32, acceleration: 3000 << 32, jerk: 300 << 32 };
+
+    proptest! {
+        /// The caps are those of the records that the cursor may reach, in either direction; velocity and acceleration are
+        /// at least what these records show over sixteen of them, and at most what the plan may use at their lowest cap.
+        #[test]
+        fn every_record_that_is_reached_counts(
+            low in any::<u32>(), records in prop::collection::vec((-3000i16..3000, 16u8..=128), 40..200),
+            at in 0.0..1.0f64, fraction in any::<u32>(), reach in 0i64..60 << 32, forward in any::<bool>(),
+        ) {
+            let strip = Strip { low, records };
+            let count = strip.records.len() as u32;
+            let record = (f64::from(count - 1) * at) as u32;
+            let at = Place { record: strip.low() + record, fraction };
+            let ahead = DirectedWindow { at, sign: if forward { 1 } else { -1 }, window: &strip };
+            let limits = RateLimits::new(11, 58_982, [AXIS]).expect("valid");
+            let bounds = IncrementBounds::over(&limits, &ahead, Distance::from_units(reach));
+            // the record under the cursor, and every one that begins within the reach
+            let (from, to) = if forward {
+                (record, (((i64::from(record) << 32) + i64::from(fraction) + reach) >> 32).min(i64::from(count) - 1) as u32)
+            } else {
+                ((((i64::from(record) << 32) + i64::from(fraction) - reach) >> 32).max(0) as u32, record)
+            };
+            let caps = || strip.records[from as usize..=to as usize].iter().map(|record| record.1);
+            let (least, most) = (caps().min().expect("some"), caps().max().expect("some"));
+            prop_assert!(bounds.min_cap <= least && most <= bounds.max_cap, "{bounds:?}: {least} {most}");
+            // and at most two records more on the far side, one on the near side
+            let (from, to) = if forward { (from, to + 2) } else { (from.saturating_sub(2), to + 1) };
+            let near = &strip.records[from as usize..=(to.min(count - 1)) as usize];
+            let (least, most) = near.iter().fold((128, 16), |(least, most), r| (r.1.min(least), r.1.max(most)));
+            prop_assert!(least <= bounds.min_cap && bounds.max_cap <= most, "{bounds:?}: {least} {most}");
+        }
     }
 }

@@ -117,6 +117,24 @@ impl<const N: usize> Braking<N> {
         self.lengths[k] + above.over(i64::from(self.rises[k])) / SIXTEENTHS + Distance::from_units(1)
     }
 
+    /// Returns the length of path in which the commanded place comes to rest at an end of the window, after the period
+    /// at `rate`, 0 … [`Rate::MAX`].
+    ///
+    /// Up to one that is the ramp. A rate u above one first falls to one by the slopes of the cap u, as the ramp from one
+    /// falls to 1/u, scaled. From there the ramp from one must remain, whatever the caps allow: the end of the window
+    /// may hide records of any cap.
+    #[must_use]
+    pub fn stop_length(&self, rate: Rate) -> Distance {
+        if rate <= Rate::ONE {
+            return self.length(rate);
+        }
+        let ramp = self.length(Rate::ONE);
+        // u in 1 024ths, rounded up
+        let scale = (rate.units() >> 22) + 1;
+        let one_by_rate = Rate::ONE * 1024 / scale;
+        (ramp - self.length(one_by_rate)) * scale / 1024 + ramp
+    }
+
     /// Returns the largest rate up to `rate` that may be commanded with a distance of `free` to the end of the window.
     #[must_use]
     pub fn max_rate_within(&self, rate: Rate, free: Distance) -> Rate {

@@ -112,18 +112,13 @@ impl<const A: usize, const M: usize> Drive<A, M> {
         self.cursor.filter().lead()
     }
 
-    /// Returns the signed distance that the cursor may still move if it is stopped now, anywhere on the path: the lead,
-    /// and the ramp of the commanded rate.
+    /// Returns the signed distance within which the cursor can still come to rest anywhere on the path, within the
+    /// limits: the lead, and the length that the commanded place needs ([`Braking::stop_length`]). The window must not
+    /// be shortened to less than this.
     #[must_use]
     pub fn stopping_distance(&self) -> Distance {
         let rate = self.cursor.filter().target();
-        let ramp = if rate.abs() <= Rate::ONE {
-            self.braking.length(rate.abs())
-        } else {
-            // a rate above one falls as the ramp from one does, scaled; in 1 024ths, rounded up
-            self.braking.length(Rate::ONE) / 1024 * ((rate.abs().units() >> 22) + 1) + Distance::RECORD
-        };
-        self.lead() + signed(rate.signum(), ramp)
+        self.lead() + signed(rate.signum(), self.braking.stop_length(rate.abs()))
     }
 
     /// Advances by one control period from `at` (in the window) toward the rate `target`, signed, clamped to

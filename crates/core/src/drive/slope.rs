@@ -142,6 +142,49 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        /// Slopes are as steep as the two inequalities allow, and no steeper, for every rate up to eight: over records
+        /// that may be retraced at `cap` sixteenths, for falls from `rate` with `highest` in the average, and for rises.
+        #[test]
+        fn a_slope_is_as_steep_as_its_inequalities_allow(
+            (limits, required) in scene(), cap in 16u8..=128, rate in 0..=ONE, highest in 0..=ONE,
+        ) {
+            let axis = limits.axes()[0];
+            let scale = f64::from(cap) / 16.0;
+            let part = |figure: u64, power: i32| (figure as f64 / scale.powi(power)) as u64;
+            let required = AxisBounds {
+                velocity: part(required.velocity, 1),
+                acceleration: part(required.acceleration, 2),
+                jerk: part(required.jerk, 3),
+            };
+            let bounds = IncrementBounds { axes: [required], min_cap: 16, max_cap: cap };
+            let at = |units: i64| Rate::from_units(units / 16 * i64::from(cap));
+            let (rate, highest) = (at(rate), at(highest));
+            let (top, n) = (at(ONE), f64::from(limits.average()));
+            let figures = [required.velocity, required.acceleration, required.jerk];
+            let [velocity, acceleration, jerk] = figures.map(|figure| figure as f64);
+            let real = |rate: Rate| f64::from(rate);
+            // the parts of the limits that a slope uses
+            let used = |slope: Rate, from: Rate, highest: Rate| {
+                let accelerated = acceleration * real(from).powi(2) + velocity * real(slope);
+                let bend = 3.0 * acceleration * real(highest) + 2.0 * velocity / n;
+                let jerked = jerk * real(highest).powi(3) + bend * real(slope);
+                [accelerated / axis.acceleration as f64, jerked / (2 * axis.jerk) as f64]
+            };
+            let fall = max_fall(&limits, &bounds, rate, highest);
+            let rise = max_rise(&limits, &bounds, rate);
+            for (slope, used) in [(fall, used(fall, rate, highest)), (rise, used(rise, rate + rise, top))] {
+                prop_assert!(slope == Rate::ZERO || used.iter().all(|&used| used <= 1.0 + 1e-9), "{used:?} {slope:?}");
+            }
+            // a rate is rounded up to 1 024ths, whose square and cube show where the rate is low
+            let used = used(fall + Rate::from_units(1 << 8), rate + Rate::ONE / 1024, highest + Rate::ONE / 1024);
+            let coarse = 64.0 / axis.jerk as f64;
+            prop_assert!(fall == Rate::ONE || used.iter().any(|&used| used >= 1.0 - 1e-6 - coarse), "{used:?} {fall:?}");
+        }
+    }
+
+    proptest! {
         #[test]
         fn a_ratio_is_rounded_down_and_good_to_thirty_bits(numerator in 0u64..1 << 51, bits in 0u32..40,
             low in any::<u64>()) {
