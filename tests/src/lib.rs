@@ -7,6 +7,7 @@ pub mod command;
 pub mod cutter_observer;
 pub mod json_page;
 pub mod limits;
+pub mod not_run;
 pub mod pins;
 pub mod programs;
 pub mod records;

@@ -1,6 +1,7 @@
 //! Every program reaches its end exactly, within the limits, and with the same result in every run.
 
 use retrace_tests::command::{Bench, root};
+use retrace_tests::not_run::not_run;
 use retrace_tests::programs::examples;
 use retrace_tests::run::Run;
 use std::path::PathBuf;
@@ -81,7 +82,7 @@ fn every_place_of_a_forward_run_is_visited_once_and_in_order() {
 #[test]
 fn programs_of_others_end_exactly_and_within_the_limits() -> std::io::Result<()> {
     let Some(folder) = std::env::var_os("RETRACE_PROGRAMS") else {
-        println!("not run: RETRACE_PROGRAMS names no folder of programs");
+        not_run("programs_of_others_end_exactly_and_within_the_limits", "RETRACE_PROGRAMS names no folder of programs");
         return Ok(());
     };
     let mut programs: Vec<PathBuf> = std::fs::read_dir(folder)?.filter_map(|entry| Some(entry.ok()?.path())).collect();

@@ -1,4 +1,6 @@
-//! The two threads of GMC-7 and a card that acknowledges late, built on the real gates.
+//! A model of the two threads of GMC-7 and a card that acknowledges late, built on the real gates. No crate ships these
+//! threads: the product polls the same gates in its one motion thread. The threads that ship are modelled in
+//! `verification/loom/src/models`.
 //!
 //! The *coarse* thread sends records and sleeps at a front marker on the condition variable until the instruction is
 //! done. The *coordinator* sends the instruction when K holds: the motion ahead of it is reported executed, and what

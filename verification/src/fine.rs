@@ -178,9 +178,9 @@ pub const ROWS: &[Row] = &[
         says: "The records of a history are ⌈h/T⌉, the sizes of REV-4 never wrap and give the source's example, and \
             the number of the ring's cells is the least sufficient power of two",
         requirement: "REV-4",
-        bound: "records: any history up to 4095 ms at six periods from 125 µs to 10 ms; bytes: any bytes, axes and history \
-            at T = 2.5 ms, from the number of records; any keep and look-ahead; natively drawn histories and periods of \
-            64 bits",
+        bound: "records: any history up to 4095 ms at six periods from 125 µs to 10 ms; bytes: any bytes, axes \
+            and history at T = 2.5 ms, from the number of records; any keep and look-ahead; natively drawn histories \
+            and periods of 64 bits",
         assumes: "nothing",
         suffices: "the period enters by one division, which is the hardware's",
         harnesses: &["size_cells", "size_records", "size_bytes"],

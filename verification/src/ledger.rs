@@ -111,6 +111,7 @@ const MODULES: &[Module] = modules! {
     modes,
     gates,
     threads,
+    shipped_threads,
     fine,
     frames,
     steps,

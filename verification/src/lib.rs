@@ -1,7 +1,8 @@
 //! Properties of retrace's core that are proved: each is written once, over a source of arbitrary values, and run by
 //! every engine.
 //!
-//! `choice` is that source, `region` names what every proof must reach, `harness` makes each engine's list, `native` enumerates and draws, `ledger` has the rows.
+//! `choice` is that source, `region` names what every proof must reach, `harness` makes each engine's list, `native`
+//! enumerates and draws, `ledger` has the rows.
 //! The other modules are the properties, each next to the literal machine or model that it compares with.
 #![cfg_attr(any(kani, verify_wasm), no_std)]
 // a claim is written as comparisons: a call to `contains` or `clamp` adds work to the proof
@@ -32,6 +33,8 @@ pub mod rate_law;
 pub mod region;
 pub mod ring;
 pub mod sequence;
+#[cfg(not(any(kani, verify_wasm)))]
+pub mod shipped_threads;
 pub mod steps;
 #[cfg(not(any(kani, verify_wasm)))]
 pub mod stopping;

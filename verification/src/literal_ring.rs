@@ -182,7 +182,7 @@ enum Question {
 fn ask(literal: &mut LiteralRing, played: &mut ConsumerIndices, question: Question) -> Option<()> {
     let empty = played.head() == played.reached();
     match question {
-        Question::Store if !played.at_reached() || played.reached() == played.write() => return None,
+        Question::Store if played.read() != played.reached() || played.reached() == played.write() => return None,
         Question::Store => {
             let place = played.advance_cursor();
             holds!(place.is_some());
@@ -190,9 +190,11 @@ fn ask(literal: &mut LiteralRing, played: &mut ConsumerIndices, question: Questi
         }
         // The source leaves the empty ring undefined; ours stops at once.
         Question::Reverse if empty => holds!(played.retreat().is_none()),
-        Question::Forward if empty => holds!(played.at_reached()),
+        Question::Forward if empty => holds!(played.at_reached() && played.read() == played.reached()),
         Question::Reverse => holds!(literal.reverse() == played.retreat()),
-        Question::Forward if played.at_reached() => holds!(literal.forward().is_none()),
+        Question::Forward if played.read() == played.reached() => {
+            holds!(played.at_reached() && literal.forward().is_none());
+        }
         Question::Forward => holds!(literal.forward() == played.advance_cursor()),
     }
     holds!(literal.mirrors(played));
@@ -252,11 +254,11 @@ mod search {
     fn ask_ring(before: &ConsumerIndices, keep: u32, question: Question) -> (Option<u32>, [u32; 3]) {
         let size = (keep + LOOK_AHEAD).next_power_of_two();
         let [head, reached, write] = [before.head(), before.reached(), before.write()];
-        let cells: Vec<Cell<u32>> =
+        let mut cells: Vec<Cell<u32>> =
             (0..size).map(|n| Cell::new(head.wrapping_add(n.wrapping_sub(head) & (size - 1)))).collect();
         let [first, end, after] = [head, reached, write].map(RecordIndex::new);
         let span = RecordSpan { head: first, reached: end, write: after };
-        let mut ring = Ring::with_records(&cells[..], keep, LOOK_AHEAD, span).expect("a valid state");
+        let mut ring = Ring::with_records(&mut cells[..], keep, LOOK_AHEAD, span).expect("a valid state");
         let (_, mut consumer) = ring.split();
         for _ in 0..reached.wrapping_sub(before.read()) {
             consumer.retreat().expect("kept");

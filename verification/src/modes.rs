@@ -29,21 +29,15 @@ fn any_order(c: &mut impl Choice) -> ModeCommand {
 }
 
 fn any_facts(c: &mut impl Choice) -> MotionFacts {
-    let reached = RecordIndex::new(c.word());
-    let place = match c.below(3) {
+    let (reached, oldest) = (RecordIndex::new(c.word()), RecordIndex::new(c.word()));
+    let place = match c.below(4) {
         0 => Place::start_of(reached),
         1 => Place { record: reached - 1, fraction: c.word() },
+        2 => Place::start_of(oldest),
         _ => Place { record: RecordIndex::new(c.word()), fraction: c.word() },
     };
     let wheel = Rate::from_units(c.between(-ONE, ONE));
-    MotionFacts {
-        place,
-        at_rest: c.flag(),
-        reached,
-        oldest: RecordIndex::new(c.word()),
-        outputs_agree: c.flag(),
-        wheel,
-    }
+    MotionFacts { place, at_rest: c.flag(), reached, oldest, outputs_agree: c.flag(), wheel }
 }
 
 /// Any state that is valid, whether or not commands lead to it.
@@ -345,10 +339,8 @@ fn long_runs(size: Size) -> String {
     for _ in 0..runs {
         demands_are_in_order::<60>(&mut draw);
     }
-    let reached = [Region::NormalRun, Region::Leaving, Region::Rejoined, Region::Held, Region::OutputsDiffer];
-    for region in reached.into_iter().chain([Region::Forward, Region::Backward]) {
-        assert!(draw.has_reached(region), "no run reaches {region:?}");
-    }
+    draw.assert_reached(&[Region::NormalRun, Region::Leaving, Region::Rejoined, Region::Held, Region::OutputsDiffer]);
+    draw.assert_reached(&[Region::Forward, Region::Backward]);
     format!("{runs} runs of 60 drawn commands and reports")
 }
 

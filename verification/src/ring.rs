@@ -10,7 +10,7 @@ use crate::harness::{built, cover, harnesses, holds};
 use crate::ledger::{Mutant, Row};
 use retrace_core::RecordIndex;
 use retrace_core::ring::{Cell, RecordSpan, Ring};
-use retrace_core::ring_indices::{ConsumerIndices, ProducerIndices};
+use retrace_core::ring_indices::{ConsumerIndices, ProducerIndices, is_cell_count, sizes_fit};
 
 /// Both sides and the two shared indices.
 #[derive(Clone, Copy, Debug)]
@@ -167,6 +167,61 @@ fn look_keeps_order(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
+/// A record is held exactly where it is retained or planned: head ≤ place < write, as far as is known.
+fn holds_what_is_retained_or_planned(c: &mut impl Choice) -> Option<()> {
+    let System { played, .. } = System::any(c)?;
+    let (head, reached, write) = (played.head(), played.reached(), played.write());
+    let place = c.word();
+    // in words of its own: so many records behind `reached`, or so many beyond it
+    let (behind, beyond) = (reached.wrapping_sub(place), place.wrapping_sub(reached));
+    let retained = behind > 0 && behind <= reached.wrapping_sub(head);
+    let planned = beyond < write.wrapping_sub(reached);
+    cover!(c, Accepted, retained || planned);
+    cover!(c, Refused, !retained && !planned);
+    holds!(played.holds(place) == (retained || planned));
+    Some(())
+}
+
+/// A number of cells is enough exactly where history and look-ahead fit in it, and is valid where it is a power of two.
+fn sizes_fit_in_cells(c: &mut impl Choice) -> Option<()> {
+    let (cells, keep, look_ahead) = (c.word(), c.word(), c.word());
+    // subtracted, not added: nothing here can wrap
+    let enough = look_ahead > 0 && look_ahead <= cells && keep <= cells - look_ahead;
+    cover!(c, Accepted, enough);
+    cover!(c, Refused, !enough);
+    holds!(sizes_fit(cells as usize, keep, look_ahead) == enough);
+    let exponent = c.below(31);
+    let is_power = c.flag();
+    let count = if is_power { 1 << exponent } else { cells };
+    holds!(!is_power || is_cell_count(count as usize));
+    // the lowest bit of a number that is set divides it; only a power of two is that bit alone
+    let lowest = count & count.wrapping_neg();
+    holds!(is_cell_count(count as usize) == (count > 0 && count == lowest && count <= 1 << 30));
+    Some(())
+}
+
+/// The real ring is created exactly where its sizes fit and its records are in order, for any sizes and places.
+fn created_where_all_fits<const N: usize>(c: &mut impl Choice) -> Option<()> {
+    let mut cells: [Cell<u32>; N] = core::array::from_fn(|_| Cell::new(0));
+    // any numbers; natively half of them about as large as the ring
+    let is_near = c.flag();
+    let mut size = || if is_near { c.below(N as u32 + 2) } else { c.word() };
+    let (keep, look_ahead, history, ahead) = (size(), size(), size(), size());
+    let (n, head) = (c.upto(N as u32), c.word());
+    let reached = head.wrapping_add(history);
+    let span = [head, reached, reached.wrapping_add(ahead)].map(RecordIndex::new);
+    let span = RecordSpan { head: span[0], reached: span[1], write: span[2] };
+    let is_power = n == 1 || n == 2 || n == 4 || n == 8;
+    let enough = look_ahead > 0 && look_ahead <= n && keep <= n - look_ahead;
+    let ring = Ring::with_records(&mut cells[..n as usize], keep, look_ahead, span);
+    let fits = is_power && enough && history <= keep && ahead <= look_ahead;
+    cover!(c, Accepted, fits);
+    cover!(c, Refused, !fits);
+    cover!(c, Wrapped, fits && reached < head);
+    holds!(ring.is_ok() == fits);
+    Some(())
+}
+
 /// The cell that the planner writes is none that the motion path may read, in a ring of any sufficient size.
 fn sides_are_apart(c: &mut impl Choice) -> Option<()> {
     let mut system = System::any(c)?;
@@ -175,11 +230,14 @@ fn sides_are_apart(c: &mut impl Choice) -> Option<()> {
     let (head, readable) = (system.played.head(), system.write.wrapping_sub(system.played.head()));
     c.assume(readable > 0)?;
     let place = head.wrapping_add(c.upto(readable - 1));
+    // whatever the motion path asks for
+    let asked = c.word();
     let pushed = system.push();
     cover!(c, Accepted, pushed.is_some());
     cover!(c, Refused, pushed.is_none());
     if let Some(written) = pushed {
         holds!(written & (cells - 1) != place & (cells - 1));
+        holds!(!system.played.holds(asked) || written & (cells - 1) != asked & (cells - 1));
     }
     Some(())
 }
@@ -197,13 +255,13 @@ fn reads_what_was_pushed<const N: usize, const OPERATIONS: usize>(c: &mut impl C
     cover!(c, Empty, write == head);
     cover!(c, Full, retained == keep && ahead == look_ahead);
     // The record of a place is its number; a cell without a record has any content.
-    let cells: [Cell<u32>; N] = core::array::from_fn(|n| {
+    let mut cells: [Cell<u32>; N] = core::array::from_fn(|n| {
         let place = head.wrapping_add((n as u32).wrapping_sub(head) & (N as u32 - 1));
         Cell::new(if place.wrapping_sub(head) < write.wrapping_sub(head) { place } else { !place })
     });
     let [first, end, after] = [head, reached, write].map(RecordIndex::new);
     let span = RecordSpan { head: first, reached: end, write: after };
-    let mut ring = built!(Ring::with_records(&cells[..], keep, look_ahead, span).ok());
+    let mut ring = built!(Ring::with_records(&mut cells[..], keep, look_ahead, span).ok());
     let (mut producer, mut consumer) = ring.split();
     let mut read = reached;
     let mut k = 0;
@@ -257,6 +315,10 @@ harnesses! {
     ring_follow, unwind 2, covers [Empty, Full, Wrapped, AtEnd, Accepted, Refused] => |c| follow_keeps_order(c);
     ring_look, unwind 2, covers [Empty, Full, Wrapped, AtEnd] => |c| look_keeps_order(c);
     ring_apart, unwind 2, covers [Full, Wrapped, AtEnd, Accepted, Refused] => |c| sides_are_apart(c);
+    ring_holds, unwind 2, covers [Empty, Full, Wrapped, AtEnd, Accepted, Refused] =>
+        |c| holds_what_is_retained_or_planned(c);
+    ring_sizes, unwind 2, covers [Accepted, Refused] => |c| sizes_fit_in_cells(c);
+    ring_created, unwind 10, covers [Wrapped, Accepted, Refused] => |c| created_where_all_fits::<8>(c);
     ring_content_4, unwind 6, covers [Empty, Full, Wrapped, AtEnd, Forward, Backward, Accepted, Refused] =>
         |c| reads_what_was_pushed::<4, 3>(c);
     ring_content_8, unwind 10, covers [Empty, Full, Wrapped, AtEnd, Forward, Backward, Accepted, Refused] =>
@@ -331,13 +393,121 @@ pub const ROWS: &[Row] = &[
         harnesses: &["ring_apart"],
         searches: &[],
         models: &[],
-        mutants: &[Mutant {
-            name: "the room counts from the cursor's share alone",
-            file: POSITIONS,
-            find: "self.write.wrapping_sub(self.floor) >= self.limit\n",
-            put: "self.write.wrapping_sub(self.floor) > self.limit + 1\n",
-            killer: "ring_apart",
-        }],
+        mutants: &[
+            Mutant {
+                name: "the room counts from the cursor's share alone",
+                file: POSITIONS,
+                find: "self.write.wrapping_sub(self.floor) >= self.limit\n",
+                put: "self.write.wrapping_sub(self.floor) > self.limit + 1\n",
+                killer: "ring_apart",
+            },
+            Mutant {
+                name: "the record at the end of the plan may be read",
+                file: POSITIONS,
+                find: "place.wrapping_sub(self.head) < self.write.wrapping_sub(self.head)\n",
+                put: "place.wrapping_sub(self.head) <= self.write.wrapping_sub(self.head)\n",
+                killer: "ring_apart",
+            },
+        ],
+    },
+    Row {
+        name: "ring-holds",
+        says: "A record can be read by place exactly where it is retained or planned: from head on and before write",
+        requirement: "REV-2, REV-6; Beyond the source, *Threads*",
+        bound: "none: any valid state, any place",
+        assumes: "the state satisfies the invariant (ring-positions)",
+        suffices: "it is a predicate of one state",
+        harnesses: &["ring_holds"],
+        searches: &[],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "the end of the plan counts as held",
+                file: POSITIONS,
+                find: "place.wrapping_sub(self.head) < self.write.wrapping_sub(self.head)\n",
+                put: "place.wrapping_sub(self.head) <= self.write.wrapping_sub(self.head)\n",
+                killer: "ring_holds",
+            },
+            Mutant {
+                name: "the record before the history counts as held",
+                file: POSITIONS,
+                find: "place.wrapping_sub(self.head) < self.write.wrapping_sub(self.head)\n",
+                put: "place.wrapping_sub(self.head.wrapping_sub(1)) < self.write.wrapping_sub(self.head)\n",
+                killer: "ring_holds",
+            },
+        ],
+    },
+    Row {
+        name: "ring-sizes",
+        says: "A ring is created exactly where its cells are a power of two up to 2³⁰, hold history and look-ahead \
+            together, and the records that it takes over are in order and fit",
+        requirement: "REV-2, REV-3; Beyond the source, *Threads*",
+        bound: "the sizes: none, any number of cells, history and look-ahead; the real ring: 0 to 8 cells with any \
+            history, look-ahead and places",
+        assumes: "nothing",
+        suffices: "`with_records` decides by the number of cells through the two functions that are proved for all of \
+            them",
+        harnesses: &["ring_sizes", "ring_created"],
+        searches: &[],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "history and look-ahead are added with a wrap",
+                file: POSITIONS,
+                find: "keep as u64 + look_ahead as u64 <= cells as u64",
+                put: "keep.wrapping_add(look_ahead) as u64 <= cells as u64",
+                killer: "ring_sizes",
+            },
+            Mutant {
+                name: "the real ring adds with a wrap",
+                file: POSITIONS,
+                find: "keep as u64 + look_ahead as u64 <= cells as u64",
+                put: "keep.wrapping_add(look_ahead) as u64 <= cells as u64",
+                killer: "ring_created",
+            },
+            Mutant {
+                name: "one cell is enough for two records",
+                file: POSITIONS,
+                find: "keep as u64 + look_ahead as u64 <= cells as u64",
+                put: "keep as u64 + look_ahead as u64 <= cells as u64 + 1",
+                killer: "ring_sizes",
+            },
+            Mutant {
+                name: "any number of cells",
+                file: POSITIONS,
+                find: "cells.is_power_of_two() && cells <= 1 << 30",
+                put: "cells > 0 && cells <= 1 << 30",
+                killer: "ring_sizes",
+            },
+            Mutant {
+                name: "more cells than places can tell apart",
+                file: POSITIONS,
+                find: "cells.is_power_of_two() && cells <= 1 << 30",
+                put: "cells.is_power_of_two()",
+                killer: "ring_sizes",
+            },
+            Mutant {
+                name: "the sizes are not checked",
+                file: "crates/core/src/ring.rs",
+                find: "if !sizes_fit(n, keep, look_ahead) {",
+                put: "if look_ahead == 0 {",
+                killer: "ring_created",
+            },
+            Mutant {
+                name: "the number of cells is not checked",
+                file: "crates/core/src/ring.rs",
+                find: "if !is_cell_count(n) {",
+                put: "if n == 0 {",
+                killer: "ring_created",
+            },
+            Mutant {
+                name: "more records are taken over than are planned at most",
+                file: "crates/core/src/ring.rs",
+                find: "|| write.wrapping_sub(reached) > look_ahead",
+                put: "|| write.wrapping_sub(reached) > look_ahead + 1",
+                killer: "ring_created",
+            },
+        ],
     },
     Row {
         name: "ring-content",

@@ -63,42 +63,37 @@ fn epochs_are_opened_once(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// Any window, the cursor's last reported place in it, and where the cursor cannot avoid going, at most `lead` records
-/// ahead of that place and behind it.
+/// Any window, the cursor's last reported place in it, and how far it cannot avoid going from there. Offsets count from
+/// the beginning of the window; none of them wraps.
 struct Scene {
     bounds: PredictedBounds,
     cursor: Place,
+    /// Records held, and the cursor's record.
+    held: u32,
+    record: u32,
+    /// Records by which the cursor may be elsewhere, as the host knows.
     lead: u32,
-    /// Furthest places that the cursor reaches ahead and behind.
-    ahead: Place,
-    behind: Place,
+    /// Boundaries that the cursor cannot avoid reaching, ahead and behind.
+    ahead: u32,
+    behind: u32,
 }
 
 impl Scene {
     fn any(c: &mut impl Choice, moves: bool) -> Self {
-        let window = 4 + c.upto(4092);
+        let window = 4 + c.upto(1020);
         let held = c.upto(window);
         let low = RecordIndex::new(c.word());
-        let high = low + held;
-        let before = c.upto(held);
+        let record = c.upto(held);
         // at the end of the window there is no record to be in
-        let fraction = if before == held { 0 } else { c.word() };
-        let cursor = Place { record: low + before, fraction };
-        let lead = if moves { c.upto(4096) } else { 0 };
+        let fraction = if record == held { 0 } else { c.word() };
+        let lead = if moves { c.upto(1023) } else { 0 };
         // the card stops at the ends of its window
-        let forward = c.upto(lead.min(held - before));
-        let backward = c.upto(lead.min(before));
-        let ahead = if before + forward == held {
-            Place::start_of(high)
-        } else {
-            Place { record: cursor.record + forward, fraction }
-        };
-        let behind = Place { record: cursor.record - backward, fraction };
-        Self { bounds: PredictedBounds { low, high, window }, cursor, lead, ahead, behind }
-    }
-
-    fn offset(&self, place: RecordIndex) -> i64 {
-        i64::from(place.since(self.bounds.low) as i32)
+        let boundary = record + u32::from(fraction != 0);
+        let ahead = boundary + c.upto(lead.min(held - boundary));
+        let behind = record - c.upto(lead.min(record));
+        let cursor = Place { record: low + record, fraction };
+        let bounds = PredictedBounds { low, high: low + held, window };
+        Self { bounds, cursor, held, record, lead, ahead, behind }
     }
 }
 
@@ -116,51 +111,49 @@ enum Command {
 #[inline(always)]
 fn the_prediction_is_the_cards_rule(c: &mut impl Choice, command: Command) -> Option<()> {
     let moves = c.flag();
-    let scene = Scene::any(c, moves);
-    let PredictedBounds { low, high, window } = scene.bounds;
-    let (held, most) = (scene.offset(high), i64::from(window));
-    let margin = scene.lead;
-    let place = low + c.upto(held as u32 + 2) - 1;
-    let to = scene.offset(place);
-    let slides = i64::from(held == most);
-    let (predicted, accepted, expected) = match command {
+    let Scene { bounds, cursor, held, record, lead, ahead, behind } = Scene::any(c, moves);
+    let PredictedBounds { low, high, window } = bounds;
+    // from one record before the window to one behind it
+    let to = c.upto(held + 2);
+    let place = low + to - 1;
+    let is_full = held == window;
+    let slides = u32::from(is_full);
+    let within = to >= 1 && to <= held + 1;
+    // whether the card accepts it, and the window then: its beginning, and its length
+    let (predicted, accepted, first, length) = match command {
         Command::Ahead => {
             // that the cursor of the card has moved on only helps
-            let after = scene.bounds.after_ahead(place, scene.cursor);
-            let cursor = scene.offset(scene.cursor.record);
-            (after, to == held && (held < most || cursor > most / 4), (slides, held + 1))
+            let accepted = to == held + 1 && (!is_full || record > window / 4);
+            (bounds.after_ahead(place, cursor), accepted, low + slides, held + 1 - slides)
         }
         Command::Behind => {
-            let after = scene.bounds.after_behind(place, scene.cursor, margin);
-            let bound = scene.offset(scene.ahead.boundary_ahead());
-            (after, to == -1 && (held < most || held - bound > most / 4), (-1, held - slides))
+            let accepted = to == 0 && (!is_full || held - ahead > window / 4);
+            (bounds.after_behind(place, cursor, lead), accepted, low - 1, held + 1 - slides)
         }
         Command::Trim => {
-            let after = scene.bounds.after_trim(place, scene.cursor, margin);
-            let bound = scene.offset(scene.ahead.boundary_ahead());
-            (after, to >= 0 && to <= held && to >= bound, (0, to))
+            let accepted = within && to > ahead;
+            (bounds.after_trim(place, cursor, lead), accepted, low, to.wrapping_sub(1))
         }
         Command::Forget => {
-            let after = scene.bounds.after_forget(place, scene.cursor, margin);
-            let bound = scene.offset(scene.behind.record);
-            (after, to >= 0 && to <= held && to <= bound, (to, held))
+            let accepted = within && to <= behind + 1;
+            (bounds.after_forget(place, cursor, lead), accepted, place, (held + 1).wrapping_sub(to))
         }
     };
     match predicted {
         Ok(after) => {
             holds!(accepted);
-            holds!((scene.offset(after.low), scene.offset(after.high)) == expected);
-            holds!(after.window == window && after.high.since(after.low) <= window);
+            holds!(after.low == first && after.high == first + length);
+            holds!(after.window == window && length <= window);
         }
         Err(_) => holds!(moves || !accepted),
     }
     cover!(c, Accepted, predicted.is_ok());
     cover!(c, Refused, predicted.is_err());
-    cover!(c, Full, held == most && predicted.is_ok());
+    cover!(c, Full, is_full && predicted.is_ok());
     cover!(c, Wrapped, predicted.is_ok() && high.number() < low.number());
     cover!(c, AtRest, !moves);
-    cover!(c, AtEnd, scene.cursor.record == high);
-    cover!(c, Split, scene.cursor.fraction != 0 && predicted.is_ok());
+    cover!(c, AtEnd, record == held);
+    cover!(c, Split, cursor.fraction != 0 && predicted.is_ok());
     Some(())
 }
 
@@ -188,7 +181,7 @@ pub const ROWS: &[Row] = &[Row {
     says: "The protocol's decisions about numbers, acknowledgements and epochs are those of numbers that never wrap; \
            the window that the host predicts is the one that the card's rule makes",
     requirement: "GMC-2, over a line that can damage bytes",
-    bound: "none: any numbers, over the wrap; any window of 4 to 4096 records at any place",
+    bound: "none: any numbers, over the wrap; any window of 4 to 1024 records at any place",
     assumes: "compared numbers are less than 2¹⁵ apart; the cursor is in the window, and at most as far from its \
               reported place as the margin says",
     suffices: "one decision from any state is an induction; at most 128 commands and 16 384 entries are outstanding",

@@ -44,7 +44,7 @@ fn acknowledged_gates_hold(size: Size) -> String {
     )
 }
 
-const fn loom(test: &'static str) -> Model {
+pub(crate) const fn loom(test: &'static str) -> Model {
     Model { engine: "loom", test }
 }
 
@@ -80,6 +80,7 @@ pub const ROWS: &[Row] = &[
             loom("four_cells_keep_2"),
             loom("four_cells_keep_3"),
             loom("two_cells_without_a_bound"),
+            loom("asked_beyond_the_plan_touches_no_cell"),
             shuttle("a_long_tape_reads_what_was_pushed"),
         ],
         mutants: &[
@@ -116,6 +117,27 @@ pub const ROWS: &[Row] = &[
                 file: RING,
                 find: "let record = Some(self.read_cell(place));\n        self.publish(floor);",
                 put: "self.publish(floor);\n        let record = Some(self.read_cell(place));",
+                killer: "two_cells_keep_0",
+            },
+            Mutant {
+                name: "the cell at the end of the plan is read",
+                file: "crates/core/src/ring_indices.rs",
+                find: "place.wrapping_sub(self.head) < self.write.wrapping_sub(self.head)\n",
+                put: "place.wrapping_sub(self.head) <= self.write.wrapping_sub(self.head)\n",
+                killer: "asked_beyond_the_plan_touches_no_cell",
+            },
+            Mutant {
+                name: "a record by place is not asked for",
+                file: RING,
+                find: "self.indices.holds(place).then(|| self.read_cell(place))",
+                put: "Some(self.read_cell(place))",
+                killer: "asked_beyond_the_plan_touches_no_cell",
+            },
+            Mutant {
+                name: "a record is written without room",
+                file: RING,
+                find: "if !self.has_room() {",
+                put: "if !self.has_room() && self.indices.write() == 0 {",
                 killer: "two_cells_keep_0",
             },
             Mutant {
@@ -187,13 +209,15 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "gates-threads",
-        says: "With the coarse and the coordinator thread on one mutex and one condition variable, order holds in the \
-            card's own time line, no wake-up is lost and no thread sleeps for ever",
+        says: "In a model of the coarse and the coordinator thread, on the real gates, one mutex and one condition \
+            variable, order holds in the card's own time line, no wake-up is lost and no thread sleeps for ever",
         requirement: "GMC-7; Beyond the source, *Liveness*",
         bound: "loom: up to 3 records and 2 instructions, including wake-ups without a cause, preemption bound 2 \
             (full: 3); shuttle: 40 records, 6 instructions, every lag, random and PCT schedules",
         assumes: "the mutex and condition variable as the standard library specifies them",
-        suffices: "the threads share one state under one mutex; a third instruction only repeats the second",
+        suffices: "the threads share one state under one mutex; a third instruction only repeats the second. No crate \
+            ships these two threads (gate.rs is real, coordination.rs is a model): the product polls the gates in its \
+            motion thread",
         harnesses: &[],
         searches: &[],
         models: &[

@@ -7,6 +7,7 @@ mod campaign;
 mod figures;
 mod firmware;
 mod fuzz;
+mod mutants;
 mod release;
 mod suite;
 mod tidy;
@@ -28,6 +29,7 @@ Tasks:
   test   everything a change must pass: format, tidy, clippy, tests, doc tests, rustdoc
            --list          name the steps and leave
            --only STEP     run this step only; may be given more than once
+           --require peers a test whose peer (rs274, programs of others) is missing fails; else it is NOT RUN
   tidy   the project's own rules, which no other tool knows
            --list          name the checks and leave
   campaign NAME   a random end-to-end test with its own seed and more cases; results go into docs/campaigns.md
@@ -107,7 +109,7 @@ fn plain(options: &[&str], name: &str, task: fn(&Path) -> bool) -> ExitCode {
 }
 
 fn test(options: &[&str]) -> ExitCode {
-    let mut only: Vec<&str> = Vec::new();
+    let (mut only, mut settings): (Vec<&str>, _) = (Vec::new(), suite::Settings::default());
     let mut rest = options.iter();
     while let Some(&option) = rest.next() {
         match option {
@@ -126,10 +128,14 @@ fn test(options: &[&str]) -> ExitCode {
                 Some(name) => return refuse(&format!("there is no step `{name}`; see `cargo xtask test --list`")),
                 None => return refuse("--only needs the name of a step; see `cargo xtask test --list`"),
             },
+            "--require" => match rest.next() {
+                Some(&"peers") => settings.require_peers = true,
+                _ => return refuse("--require needs `peers`; see `cargo xtask help`"),
+            },
             other => return refuse(&format!("`test` knows no `{other}`; see `cargo xtask help`")),
         }
     }
-    with_root(|root| suite::run(&root, &only))
+    with_root(|root| suite::run(&root, &only, &settings))
 }
 
 fn tidy(options: &[&str]) -> ExitCode {
@@ -158,10 +164,11 @@ fn campaign(options: &[&str]) -> ExitCode {
             println!("{:<10} {}", campaign.name, campaign.purpose);
         }
         println!("{:<10} {}", "fuzz", fuzz::PURPOSE);
+        println!("{:<10} {}", "mutants", mutants::PURPOSE);
         return ExitCode::SUCCESS;
     }
     let campaign = campaign::CAMPAIGNS.iter().find(|campaign| campaign.name == name);
-    if campaign.is_none() && name != "fuzz" {
+    if campaign.is_none() && name != "fuzz" && name != "mutants" {
         return refuse(&format!("there is no campaign `{name}`; see `cargo xtask campaign --list`"));
     }
     let (mut full, mut seed) = (false, 1);
@@ -178,6 +185,7 @@ fn campaign(options: &[&str]) -> ExitCode {
     }
     with_root(|root| match campaign {
         Some(campaign) => campaign::run(&root, campaign, full, seed),
+        None if name == "mutants" => mutants::run(&root, full, seed),
         None => fuzz::run(&root, full, seed),
     })
 }

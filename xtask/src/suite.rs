@@ -15,7 +15,14 @@ use std::time::{Duration, Instant};
 pub(crate) struct Step {
     pub(crate) name: &'static str,
     pub(crate) purpose: &'static str,
-    run: fn(&Path) -> Outcome,
+    run: fn(&Path, &Settings) -> Outcome,
+}
+
+/// Settings of a run of the suite.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Settings {
+    /// Whether a test fails whose peer (rs274, programs of others) is missing here.
+    pub(crate) require_peers: bool,
 }
 
 /// Result of a step.
@@ -26,7 +33,7 @@ struct Outcome {
 
 /// Every step, in the order in which it is run: the quick ones first.
 pub(crate) const STEPS: &[Step] = &[
-    Step { name: "fmt", purpose: "the code is formatted", run: |root| cargo(root, &["fmt", "--all", "--check"]) },
+    Step { name: "fmt", purpose: "the code is formatted", run: |root, _| cargo(root, &["fmt", "--all", "--check"]) },
     Step { name: "tidy", purpose: "the project's own rules hold", run: tidy_step },
     Step { name: "clippy", purpose: "no warning in any target", run: clippy },
     Step { name: "test", purpose: "unit, integration and end-to-end tests", run: tests },
@@ -45,12 +52,12 @@ pub(crate) const STEPS: &[Step] = &[
 ];
 
 /// Runs the steps named in `only`, or all of them, and returns whether all passed.
-pub(crate) fn run(root: &Path, only: &[&str]) -> bool {
+pub(crate) fn run(root: &Path, only: &[&str], settings: &Settings) -> bool {
     let mut rows: Vec<(&str, Outcome, Duration)> = Vec::new();
     for step in STEPS.iter().filter(|step| only.is_empty() || only.contains(&step.name)) {
         println!("--- {}: {}", step.name, step.purpose);
         let started = Instant::now();
-        let outcome = (step.run)(root);
+        let outcome = (step.run)(root, settings);
         rows.push((step.name, outcome, started.elapsed()));
     }
     println!("\n{:<8} {:<7} {:>8}", "step", "result", "seconds");
@@ -61,11 +68,11 @@ pub(crate) fn run(root: &Path, only: &[&str]) -> bool {
     rows.iter().all(|(_, outcome, _)| outcome.passed)
 }
 
-fn tidy_step(root: &Path) -> Outcome {
+fn tidy_step(root: &Path, _: &Settings) -> Outcome {
     Outcome { passed: tidy::run(root), remark: format!("{} checks", tidy::CHECKS.len()) }
 }
 
-fn clippy(root: &Path) -> Outcome {
+fn clippy(root: &Path, _: &Settings) -> Outcome {
     cargo(root, &["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"])
 }
 
@@ -73,7 +80,7 @@ fn clippy(root: &Path) -> Outcome {
 /// Both name the same packages, so that each is compiled once, with one set of features.
 const TESTED: [&str; 5] = ["--workspace", "--exclude", "retrace-loom", "--exclude", "retrace-shuttle"];
 
-fn tests(root: &Path) -> Outcome {
+fn tests(root: &Path, settings: &Settings) -> Outcome {
     // as it is shipped, with the features of its own dependencies
     let binary = match build_command(root) {
         Ok(binary) => binary,
@@ -86,26 +93,55 @@ fn tests(root: &Path) -> Outcome {
         let processors = std::thread::available_parallelism().map_or(1, NonZero::get);
         command.env("RUST_TEST_THREADS", (2 * processors).to_string());
     }
-    count_tests(command.env("RETRACE_BIN", binary))
+    let list = root.join("target/not-run.txt");
+    // a list of the run before would be counted again
+    let _ = std::fs::remove_file(&list);
+    peers_missing().iter().for_each(|missing| println!("NOT RUN  tests against a peer: {missing}"));
+    if settings.require_peers {
+        command.env("RETRACE_REQUIRE_PEERS", "1");
+    }
+    let outcome = count_tests(command.env("RETRACE_BIN", binary).env("RETRACE_NOT_RUN", &list));
+    without_those_not_run(outcome, &std::fs::read_to_string(&list).unwrap_or_default())
 }
 
-fn verify_step(root: &Path) -> Outcome {
+/// The peers that tests compare with and that are not here.
+fn peers_missing() -> Vec<&'static str> {
+    let is_there = retrace_task_support::tools::on_path("rs274").is_some();
+    let programs = std::env::var_os("RETRACE_PROGRAMS").is_some();
+    let peers =
+        [(is_there, "rs274 (LinuxCNC) is not on PATH"), (programs, "RETRACE_PROGRAMS names no folder of programs")];
+    peers.into_iter().filter(|(is_there, _)| !is_there).map(|(_, missing)| missing).collect()
+}
+
+/// Names the tests that returned without their peer, and takes them off the number of those that passed.
+fn without_those_not_run(mut outcome: Outcome, list: &str) -> Outcome {
+    let not_run = list.lines().count() as u64;
+    list.lines().for_each(|line| println!("NOT RUN  {line}"));
+    if not_run > 0 {
+        let (passes, rest) = outcome.remark.split_once(' ').unwrap_or_default();
+        let passes = passes.parse::<u64>().unwrap_or_default().saturating_sub(not_run);
+        outcome.remark = format!("{passes} {rest}, {not_run} NOT RUN");
+    }
+    outcome
+}
+
+fn verify_step(root: &Path, _: &Settings) -> Outcome {
     match verify::run(root, &verify::Options::quick()) {
         Ok(verify::Summary { passed, remark }) => Outcome { passed, remark },
         Err(remark) => Outcome { passed: false, remark },
     }
 }
 
-fn firmware_step(root: &Path) -> Outcome {
+fn firmware_step(root: &Path, _: &Settings) -> Outcome {
     let verdict = firmware::test(root);
     Outcome { passed: verdict.passed, remark: verdict.remark }
 }
 
-fn doc_tests(root: &Path) -> Outcome {
+fn doc_tests(root: &Path, _: &Settings) -> Outcome {
     count_tests(process::cargo(root, &["test"]).args(TESTED).args(["--doc", "--no-fail-fast"]))
 }
 
-fn rustdoc(root: &Path) -> Outcome {
+fn rustdoc(root: &Path, _: &Settings) -> Outcome {
     ended(process::cargo(root, &["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))
 }
 
@@ -186,6 +222,15 @@ mod tests {
         count.add("test tests::x ... ok");
         count.add("test result: FAILED. 1 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out; finished in 1.00s");
         assert_eq!(count, Count { passes: 13, failures: 2, ignored: 1 });
+    }
+
+    #[test]
+    fn a_test_without_its_peer_is_not_counted_as_passed() {
+        let outcome = || Outcome { passed: true, remark: "12 passed, 0 failed, 1 ignored".into() };
+        assert_eq!(without_those_not_run(outcome(), "").remark, "12 passed, 0 failed, 1 ignored");
+        let two = without_those_not_run(outcome(), "a: no rs274\nb: no rs274\n");
+        assert_eq!(two.remark, "10 passed, 0 failed, 1 ignored, 2 NOT RUN");
+        assert!(two.passed);
     }
 
     #[test]

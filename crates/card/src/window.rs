@@ -203,14 +203,37 @@ mod tests {
         assert!(window.low() == RecordIndex::new(start.wrapping_add(2)) && !window.rests_at(window.low()));
     }
 
+    /// Every pattern of planned stops: a window that slides over them knows at each of its places, both ends included,
+    /// whether the path is at rest there, and loses none that a forgotten or trimmed record ended with.
     #[test]
     fn a_planned_stop_is_known_even_when_its_record_has_gone() {
-        let mut window = CardWindow::<1, 4>::new(RecordIndex::new(0));
-        let rest = Record { flags: Flags::REST, ..record(1) };
-        for (n, r) in [rest, record(2), record(3), record(4), record(5)].into_iter().enumerate() {
-            window.push_ahead(RecordIndex::new(n as u32), r, Place::start_of(RecordIndex::new(3))).expect("room");
+        const RECORDS: u32 = 9;
+        for stops in 0..1u32 << RECORDS {
+            // the path is at rest at its beginning; a record's flag is about its end
+            let rests = |place: u32| place == 0 || stops >> (place - 1) & 1 == 1;
+            let record = |n: u32| {
+                let flags = if rests(n + 1) { Flags::REST } else { Flags::default() };
+                Record { flags, ..record(n as i16) }
+            };
+            let mut window = CardWindow::<1, 4>::new(RecordIndex::new(0));
+            let agrees = |window: &CardWindow<1, 4>| {
+                (window.low().number()..=window.high().number())
+                    .all(|place| window.rests_at(RecordIndex::new(place)) == rests(place))
+            };
+            for n in 0..RECORDS {
+                window.push_ahead(RecordIndex::new(n), record(n), Place::start_of(RecordIndex::new(n))).expect("room");
+                assert!(agrees(&window), "{stops:b} ahead to {n}");
+            }
+            while window.low().number() > 0 {
+                let n = window.low() - 1;
+                window.push_behind(n, record(n.number()), rests(n.number()), Place::start_of(n)).expect("room");
+                assert!(agrees(&window), "{stops:b} back to {n:?}");
+            }
+            for low in 1..=window.high().number() {
+                let (low, high) = (RecordIndex::new(low), window.high());
+                window.forget(low, Place::start_of(high)).expect("behind what is needed");
+                assert!(agrees(&window), "{stops:b} forgotten to {low:?}");
+            }
         }
-        assert_eq!(window.low(), RecordIndex::new(1));
-        assert!(window.rests_at(RecordIndex::new(1)) && !window.rests_at(RecordIndex::new(2)));
     }
 }

@@ -1,22 +1,17 @@
-//! Decoding in its own thread: blocks become steps, which a channel of two batches passes to the planning thread.
+//! Decoding in its own thread: blocks become steps, which a channel of two batches ([`crate::batch_channel`]) passes to
+//! the planning thread.
 //!
 //! Invariant: the planning side never waits for more than the first block available. Batches are exchanged, so that
 //! nothing is allocated per block except a modal state that has changed. The amount decoded ahead is bounded.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
-use std::thread;
-use std::time::Duration;
-
 use retrace_gcode::{ActiveCodes, CanonStep};
 
+use crate::batch_channel::{Batch, BatchChannel, BatchSender};
 use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::plan_item::PlanEnd;
 
 /// Number of steps after which the decoder waits until the batch is taken. A block may have any number.
 const MAX_STEPS: usize = 2048;
-/// Interval at which a decoder without space polls: less than a planner takes for a batch.
-const POLL_INTERVAL: Duration = Duration::from_micros(300);
 
 /// Steps of whole blocks, in order.
 #[derive(Debug, Default)]
@@ -37,8 +32,39 @@ impl BlockBatch {
         Self { steps, ends, modes: Vec::with_capacity(MAX_STEPS), ending: None }
     }
 
-    /// Empties the batch and keeps its capacity.
-    pub(crate) fn clear(&mut self) {
+    /// Creates an empty channel, and the batch with which the planner begins.
+    pub(crate) fn channel() -> (BatchChannel<Self>, Self) {
+        (BatchChannel::new(Self::with_capacity()), Self::with_capacity())
+    }
+
+    /// Adds a block, and the modal state where it has changed.
+    fn add(&mut self, steps: &mut Vec<CanonStep>, changed: Option<Box<ActiveCodes>>, decoded: DecodedBlock) {
+        self.steps.append(steps);
+        if let Some(active) = changed {
+            let block = self.ends.len() as u32;
+            self.modes.push((block, active));
+        }
+        match decoded {
+            DecodedBlock::Block => {
+                let end = self.steps.len() as u32;
+                self.ends.push(end);
+            }
+            DecodedBlock::End => self.ending = Some(PlanEnd::Completed),
+            DecodedBlock::BlockError(text) => self.ending = Some(PlanEnd::BlockError(text)),
+        }
+    }
+}
+
+impl Batch for BlockBatch {
+    fn is_empty(&self) -> bool {
+        self.ends.is_empty() && self.ending.is_none()
+    }
+
+    fn has_space(&self) -> bool {
+        self.steps.len() < MAX_STEPS && self.ends.len() < MAX_STEPS
+    }
+
+    fn clear(&mut self) {
         self.steps.clear();
         self.ends.clear();
         self.modes.clear();
@@ -46,85 +72,8 @@ impl BlockBatch {
     }
 }
 
-/// The channel between decoder and planner.
-#[derive(Debug)]
-pub(crate) struct BatchChannel {
-    batch: Mutex<BlockBatch>,
-    /// The planner takes nothing any more.
-    cancelled: AtomicBool,
-    /// The decoder sends nothing any more.
-    ended: AtomicBool,
-}
-
-impl BatchChannel {
-    /// Creates an empty channel, and the batch with which the planner begins.
-    pub(crate) fn new() -> (Self, BlockBatch) {
-        let batch = Mutex::new(BlockBatch::with_capacity());
-        (Self { batch, cancelled: AtomicBool::new(false), ended: AtomicBool::new(false) }, BlockBatch::with_capacity())
-    }
-
-    /// Exchanges `batch` for the pending one, if that is not empty. Returns whether it did.
-    pub(crate) fn take_batch(&self, batch: &mut BlockBatch) -> bool {
-        // A batch contains whole blocks at all times, also where its holder panicked.
-        let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
-        if held.ends.is_empty() && held.ending.is_none() {
-            return false;
-        }
-        batch.clear();
-        std::mem::swap(&mut *held, batch);
-        true
-    }
-
-    /// Whether nothing more will be sent. To be called before [`BatchChannel::take_batch`] finds nothing.
-    pub(crate) fn has_ended(&self) -> bool {
-        self.ended.load(Ordering::Acquire)
-    }
-
-    /// Cancels the channel from the receiving end.
-    pub(crate) fn cancel(&self) {
-        self.cancelled.store(true, Ordering::Relaxed);
-    }
-
-    /// Sends a block, and the modal state where it has changed. Returns false where the channel is cancelled. Waits for
-    /// space with short pauses: neither side wakes the other.
-    fn send_block(&self, steps: &mut Vec<CanonStep>, changed: Option<Box<ActiveCodes>>, decoded: DecodedBlock) -> bool {
-        while !self.cancelled.load(Ordering::Relaxed) {
-            let mut held = self.batch.lock().unwrap_or_else(PoisonError::into_inner);
-            if held.steps.len() < MAX_STEPS && held.ends.len() < MAX_STEPS {
-                held.steps.append(steps);
-                if let Some(active) = changed {
-                    let block = held.ends.len() as u32;
-                    held.modes.push((block, active));
-                }
-                match decoded {
-                    DecodedBlock::Block => {
-                        let end = held.steps.len() as u32;
-                        held.ends.push(end);
-                    }
-                    DecodedBlock::End => held.ending = Some(PlanEnd::Completed),
-                    DecodedBlock::BlockError(text) => held.ending = Some(PlanEnd::BlockError(text)),
-                }
-                return true;
-            }
-            drop(held);
-            thread::sleep(POLL_INTERVAL);
-        }
-        false
-    }
-}
-
-/// Marks the channel as ended, however the decoder ends.
-struct BatchSender<'b>(&'b BatchChannel);
-
-impl Drop for BatchSender<'_> {
-    fn drop(&mut self) {
-        self.0.ended.store(true, Ordering::Release);
-    }
-}
-
 /// The decoding thread: decodes block by block until the program ends or is cancelled.
-pub(crate) fn decode(program: &mut impl BlockDecoder, channel: &BatchChannel) {
-    let _ends = BatchSender(channel);
+pub(crate) fn decode(program: &mut impl BlockDecoder, sender: &BatchSender<'_, BlockBatch>) {
     let mut steps = Vec::with_capacity(64);
     let mut last_sent = None;
     loop {
@@ -133,7 +82,7 @@ pub(crate) fn decode(program: &mut impl BlockDecoder, channel: &BatchChannel) {
         let active = program.active();
         let changed = if active == last_sent { None } else { active.map(Box::new) };
         last_sent = active;
-        if !channel.send_block(&mut steps, changed, decoded) || is_last {
+        if !sender.send(|batch| batch.add(&mut steps, changed, decoded)) || is_last {
             return;
         }
     }
@@ -142,7 +91,9 @@ pub(crate) fn decode(program: &mut impl BlockDecoder, channel: &BatchChannel) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::batch_channel::BatchReceiver;
     use retrace_gcode::Canon;
+    use std::thread;
 
     struct Counts(u32);
 
@@ -158,12 +109,13 @@ mod tests {
 
     #[test]
     fn every_step_comes_once_with_its_block_and_the_end_behind_the_last() {
-        let (channel, mut batch) = BatchChannel::new();
+        let (channel, mut batch) = BlockBatch::channel();
+        let receiver = BatchReceiver::new(&channel);
         let (mut lines, mut blocks) = (Vec::new(), 0);
         thread::scope(|scope| {
-            scope.spawn(|| decode(&mut Counts(0), &channel));
+            scope.spawn(|| decode(&mut Counts(0), &BatchSender::new(&channel)));
             loop {
-                if !channel.take_batch(&mut batch) {
+                if !receiver.try_receive(&mut batch) {
                     thread::yield_now();
                     continue;
                 }
@@ -187,10 +139,10 @@ mod tests {
 
     #[test]
     fn a_decoder_that_nobody_listens_to_ends() {
-        let (channel, _) = BatchChannel::new();
+        let (channel, _) = BlockBatch::channel();
         thread::scope(|scope| {
-            let decoder = scope.spawn(|| decode(&mut Counts(0), &channel));
-            channel.cancel();
+            let decoder = scope.spawn(|| decode(&mut Counts(0), &BatchSender::new(&channel)));
+            drop(BatchReceiver::new(&channel));
             decoder.join().expect("it ends");
         });
         assert!(channel.has_ended());

@@ -22,11 +22,12 @@ use retrace_journal::JournalConfig;
 use retrace_link::{CardStatus, MotionCard, Outputs};
 use retrace_motion::Planner;
 
+use crate::batch_channel::{BatchReceiver, BatchSender};
 use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::canon_executor::CanonExecutor;
 use crate::check_finding::CheckFinding;
 use crate::command_queue::CommandSources;
-use crate::decoding::{self, BatchChannel};
+use crate::decoding::{self, BlockBatch};
 use crate::jog_planner;
 use crate::limit_check::LimitCheck;
 use crate::motion_sink::MotionSink;
@@ -186,14 +187,14 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
     let streamer = RecordStreamer::new(consumer, receiver, origin.place, origin.outputs, origin.executed)
         .with_durable_place(keeping.durable);
     let (telemetry, receiver) = telemetry::telemetry_channel(run_mode.wall_time, machine.period_s());
-    let (belt, batch) = BatchChannel::new();
+    let (belt, batch) = BlockBatch::channel();
     let given_up = program.cancel_token();
     thread::scope(|scope| {
-        let belt = &belt;
+        let (sender, batches) = (BatchSender::new(&belt), BatchReceiver::new(&belt));
         let decoder =
-            spawn_named(scope, ("decoding", run_mode.real_time), move || decoding::decode(&mut program, belt));
+            spawn_named(scope, ("decoding", run_mode.real_time), move || decoding::decode(&mut program, &sender));
         let planner = spawn_named(scope, ("planning", run_mode.real_time), move || {
-            planning::plan(machine, belt, batch, (line, rests), feeder)
+            planning::plan(machine, batches, batch, (line, rests), feeder)
         });
         let reporter = spawn_named(scope, ("reporting", run_mode.real_time), move || receiver.run(observer));
         let moves = spawn_named(scope, ("manual moves", run_mode.real_time), move || requests.serve(machine, identify));

@@ -19,10 +19,12 @@
 #![forbid(unsafe_code)]
 
 mod approach;
+mod batch_channel;
 mod block_decoder;
 mod canon_error;
 mod canon_executor;
 mod check_finding;
+mod command_channel;
 mod command_queue;
 mod cutter_track;
 mod decoding;
@@ -30,6 +32,7 @@ mod dnc_events;
 mod event;
 mod fingerprint;
 mod job;
+mod jog_mailbox;
 mod jog_planner;
 mod journal_recorder;
 mod limit_check;
@@ -55,6 +58,7 @@ mod session;
 mod soft_limits;
 mod spline;
 mod start_line;
+mod sync;
 mod tape;
 mod telemetry;
 mod tool_length;
@@ -62,7 +66,8 @@ mod tool_length;
 pub use block_decoder::{BlockDecoder, DecodedBlock};
 pub use canon_executor::WorkOffset;
 pub use check_finding::CheckFinding;
-pub use command_queue::{CommandQueueFull, CommandReceiver, CommandSender, CommandSources, command_channel};
+pub use command_channel::{CommandQueueFull, CommandReceiver, CommandSender, command_channel};
+pub use command_queue::CommandSources;
 pub use dnc_events::{AxisCounts, DncEvent, DncFlags, DncStep};
 pub use event::{CardError, CutterOffReason, DifferingOutputs, Event, EventKind};
 pub use fingerprint::planning_fingerprint;

@@ -8,9 +8,10 @@ use std::time::Duration;
 use retrace_config::MachineConfig;
 use retrace_gcode::{Axis, Canon, CanonStep};
 
+use crate::batch_channel::BatchReceiver;
 use crate::canon_error::CanonError;
 use crate::canon_executor::CanonExecutor;
-use crate::decoding::{BatchChannel, BlockBatch};
+use crate::decoding::BlockBatch;
 use crate::plan_item::{PlanEnd, PlanSummary};
 use crate::plan_writer::{Cancelled, PlanWriter};
 use crate::start_line::SkippedBlocks;
@@ -20,13 +21,12 @@ use crate::start_line::SkippedBlocks;
 /// there.
 pub(crate) fn plan<const A: usize>(
     machine: &MachineConfig,
-    channel: &BatchChannel,
+    receiver: BatchReceiver<'_, BlockBatch>,
     batch: BlockBatch,
     (line, rests): (Option<u32>, Vec<u64>),
     plan_writer: PlanWriter<'_, A>,
 ) -> Option<PlanSummary> {
     let skipped = line.map(|line| (line, SkippedBlocks::new(*plan_writer.outputs(), &machine.cutting_outputs)));
-    let _gone = CancelPlanOnDrop(channel);
     PlanningThread {
         machine,
         executor: CanonExecutor::new(machine),
@@ -36,16 +36,7 @@ pub(crate) fn plan<const A: usize>(
         blocks: 0,
         canonical: 0,
     }
-    .run(channel, batch)
-}
-
-/// Cancels the decoder when planning ends, however it ends.
-struct CancelPlanOnDrop<'b>(&'b BatchChannel);
-
-impl Drop for CancelPlanOnDrop<'_> {
-    fn drop(&mut self) {
-        self.0.cancel();
-    }
+    .run(&receiver, batch)
 }
 
 struct PlanningThread<'m, 'r, const A: usize> {
@@ -60,9 +51,9 @@ struct PlanningThread<'m, 'r, const A: usize> {
 }
 
 impl<const A: usize> PlanningThread<'_, '_, A> {
-    fn run(mut self, channel: &BatchChannel, mut batch: BlockBatch) -> Option<PlanSummary> {
+    fn run(mut self, receiver: &BatchReceiver<'_, BlockBatch>, mut batch: BlockBatch) -> Option<PlanSummary> {
         let ending = loop {
-            self.next_batch(channel, &mut batch)?;
+            self.next_batch(receiver, &mut batch)?;
             match self.write_batch(&mut batch) {
                 Ok(()) => {}
                 Err((CanonError::Cancelled, _)) => return None,
@@ -78,7 +69,7 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
         let commanded_mm = self.plan_writer.commanded_mm()[..self.machine.axes.len().min(A)].to_vec();
         let summary = PlanSummary { ending, blocks: self.blocks, canonical: self.canonical, commanded_mm };
         self.plan_writer.end(summary.clone()).ok()?;
-        channel.cancel();
+        receiver.cancel();
         // A tool length may be entered as long as the job lasts.
         while self.plan_writer.mark_planned().is_ok() {
             thread::sleep(Duration::from_millis(1));
@@ -98,23 +89,16 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
     }
 
     /// Waits for something to plan; `None` where nothing will come, or planning is cancelled.
-    fn next_batch(&mut self, channel: &BatchChannel, batch: &mut BlockBatch) -> Option<()> {
-        for tries in 0u32.. {
-            let ended = channel.has_ended();
-            if channel.take_batch(batch) {
-                break;
-            }
-            if ended {
-                return None;
-            }
+    fn next_batch(&mut self, receiver: &BatchReceiver<'_, BlockBatch>, batch: &mut BlockBatch) -> Option<()> {
+        receiver.receive(batch, |tries| {
             self.plan_writer.mark_planned().ok()?;
             match tries {
                 0..20 => thread::yield_now(),
                 20..200 => thread::sleep(Duration::from_micros(50)),
                 _ => thread::sleep(Duration::from_millis(1)),
             }
-        }
-        Some(())
+            Some(())
+        })
     }
 
     /// Gives a batch to the plan writer, block by block. Returns the error and its line where a step cannot be

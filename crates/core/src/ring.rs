@@ -12,10 +12,10 @@
 //! Initially `floor` is `keep` records before the first record, where nothing was ever written. `head` is the later of
 //! `floor` and the first place, and equals `floor` from then on.
 
-use core::ops::Deref;
+use core::ops::DerefMut;
 
 use crate::RecordIndex;
-use crate::ring_indices::{ConsumerIndices, ProducerIndices};
+use crate::ring_indices::{ConsumerIndices, ProducerIndices, is_cell_count, sizes_fit};
 use crate::sync::{AtomicU32, CachePadded, Ordering, UnsafeCell};
 
 /// Cell of a ring's storage.
@@ -30,9 +30,11 @@ impl<R> Cell<R> {
     }
 }
 
-// SAFETY: the content is private to this module, which reaches it only through the one `Producer` and the one
-// `Consumer` of a ring, and these never touch the same cell at a time (module invariant; rows `ring-apart` and
-// `ring-threads` of the ledger).
+// SAFETY: the content is private to this module, which reaches it only through the ends of a ring. `split` borrows ring
+// and storage exclusively, so that a cell is reached by one `Producer` and one `Consumer` only, and these never touch
+// the same cell at a time (module invariant; rows `ring-apart`, `ring-sizes` and `ring-threads` of the ledger). What
+// one of them writes the other reads in another thread, so it must be `Send`. The examples of `Ring` that must not
+// compile are the checks of the types' part.
 unsafe impl<R: Send> Sync for Cell<R> {}
 
 /// Storage and shared positions of a ring; [`Ring::split`] returns its two ends.
@@ -53,6 +55,50 @@ unsafe impl<R: Send> Sync for Cell<R> {}
 /// assert_eq!(motion.retreat(), Some(11), "the same record, backward");
 /// assert_eq!(motion.advance(), Some(11), "and forward again");
 /// # Ok::<(), retrace_core::ring::RingError>(())
+/// ```
+///
+/// A ring has one pair of ends at a time:
+///
+/// ```compile_fail,E0499
+/// # use retrace_core::RecordIndex;
+/// # use retrace_core::ring::{Cell, Ring};
+/// # let cells: Vec<Cell<u32>> = (0..8).map(|_| Cell::default()).collect();
+/// let mut ring = Ring::new(cells, 4, 4, RecordIndex::new(0)).unwrap();
+/// let first = ring.split();
+/// let second = ring.split();
+/// drop(first);
+/// ```
+///
+/// Cells belong to one ring at a time:
+///
+/// ```compile_fail,E0499
+/// # use retrace_core::RecordIndex;
+/// # use retrace_core::ring::{Cell, Ring};
+/// # let mut cells: Vec<Cell<u32>> = (0..8).map(|_| Cell::default()).collect();
+/// let first = Ring::new(&mut cells[..], 4, 4, RecordIndex::new(0));
+/// let second = Ring::new(&mut cells[..], 4, 4, RecordIndex::new(0));
+/// drop(first);
+/// ```
+///
+/// and are not shared with another:
+///
+/// ```compile_fail,E0277
+/// # use retrace_core::RecordIndex;
+/// # use retrace_core::ring::{Cell, Ring};
+/// # let cells: Vec<Cell<u32>> = (0..8).map(|_| Cell::default()).collect();
+/// let ring = Ring::new(&cells[..], 4, 4, RecordIndex::new(0));
+/// ```
+///
+/// What may not be sent to another thread does not cross a ring either:
+///
+/// ```compile_fail,E0277
+/// # use retrace_core::RecordIndex;
+/// # use retrace_core::ring::{Cell, Ring};
+/// let shared = std::cell::Cell::new(0);
+/// # let cells: Vec<_> = (0..8).map(|_| Cell::new(&shared)).collect();
+/// let mut ring = Ring::new(cells, 4, 4, RecordIndex::new(0)).unwrap();
+/// let (mut planner, motion) = ring.split();
+/// std::thread::scope(|scope| scope.spawn(move || planner.slots()).join());
 /// ```
 #[derive(Debug)]
 pub struct Ring<S> {
@@ -98,9 +144,10 @@ pub struct RecordSpan {
     pub write: RecordIndex,
 }
 
-impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
-    /// Creates a ring over `cells` (a power of two, at most 2³⁰) that retains `keep` records behind `reached` and
-    /// allows at most `look_ahead` records to be planned beyond it. Its first record has the number `start`.
+impl<R, S: DerefMut<Target = [Cell<R>]>> Ring<S> {
+    /// Creates a ring over `cells` (a power of two, at most 2³⁰), which it holds exclusively. The ring retains `keep`
+    /// records behind `reached` and allows at most `look_ahead` records to be planned beyond it. Its first record has
+    /// the number `start`.
     ///
     /// # Errors
     /// Returns an error if the sizes do not fit.
@@ -115,10 +162,10 @@ impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
     /// Returns an error if the sizes do not fit or the span is not in order.
     pub fn with_records(cells: S, keep: u32, look_ahead: u32, span: RecordSpan) -> Result<Self, RingError> {
         let n = cells.len();
-        if !n.is_power_of_two() || n > 1 << 30 {
+        if !is_cell_count(n) {
             return Err(RingError::NotAPowerOfTwo);
         }
-        if look_ahead == 0 || keep as u64 + look_ahead as u64 > n as u64 {
+        if !sizes_fit(n, keep, look_ahead) {
             return Err(RingError::TooSmall);
         }
         let [head, reached, write] = [span.head, span.reached, span.write].map(RecordIndex::number);
@@ -133,12 +180,19 @@ impl<R, S: Deref<Target = [Cell<R>]>> Ring<S> {
     }
 
     /// Returns the two ends; one pair at a time. A second pair begins without history.
+    ///
+    /// # Panics
+    /// If the storage has fewer cells than the ring was created with, which no storage of the standard library has.
     pub fn split(&mut self) -> (Producer<'_, R>, Consumer<'_, R>) {
         let write = self.write.0.load(Ordering::Relaxed);
         let floor = self.floor.0.load(Ordering::Relaxed);
         let reached = floor.wrapping_add(self.keep);
         let history = core::mem::take(&mut self.history);
-        let shared = Shared { cells: &self.cells, floor: &self.floor.0, write: &self.write.0 };
+        // by `deref_mut`: nothing else reaches these cells as long as the ends live
+        let cells: &[Cell<R>] = self.cells.deref_mut();
+        let is_as_created = is_cell_count(cells.len()) && sizes_fit(cells.len(), self.keep, self.look_ahead);
+        assert!(is_as_created, "the storage of a ring has shrunk");
+        let shared = Shared { cells, floor: &self.floor.0, write: &self.write.0 };
         let producer = ProducerIndices::at(write, floor, self.keep + self.look_ahead);
         let consumer = ConsumerIndices::at(reached.wrapping_sub(history), reached, reached, write, self.keep);
         let Some(consumer) = consumer else { unreachable!("a ring's own positions are in order") };
@@ -343,6 +397,26 @@ mod tests {
     }
 
     #[test]
+    #[should_panic(expected = "has shrunk")]
+    fn storage_that_shrinks_is_not_split() {
+        /// Long when it is looked at, short when it is borrowed.
+        struct Shrinks(Box<[Cell<u32>]>);
+        impl core::ops::Deref for Shrinks {
+            type Target = [Cell<u32>];
+            fn deref(&self) -> &[Cell<u32>] {
+                &self.0
+            }
+        }
+        impl DerefMut for Shrinks {
+            fn deref_mut(&mut self) -> &mut [Cell<u32>] {
+                &mut self.0[..2]
+            }
+        }
+        let mut ring = Ring::new(Shrinks(cells(4)), 2, 2, RecordIndex::new(0)).expect("valid");
+        let _ = ring.split();
+    }
+
+    #[test]
     fn a_second_pair_of_ends_goes_on_without_history() {
         let held: Box<[Cell<u32>]> = (0..4).map(Cell::new).collect();
         let mut ring = Ring::with_records(
@@ -416,13 +490,16 @@ mod tests {
         }
     }
 
+    /// Records in a test of two threads; under miri, which executes them one step at a time, fewer.
+    const RECORDS: u32 = if cfg!(miri) { 400 } else { 100_000 };
+
     #[test]
     fn two_threads_forward_and_back_read_what_was_pushed() {
         let mut ring = Ring::new(cells(64), 40, 24, RecordIndex::new(u32::MAX - 100)).expect("valid");
         let (mut producer, mut consumer) = ring.split();
         std::thread::scope(|scope| {
             scope.spawn(move || {
-                for i in 0..100_000u32 {
+                for i in 0..RECORDS {
                     while producer.push(i).is_err() {
                         std::thread::yield_now();
                     }
@@ -430,7 +507,7 @@ mod tests {
             });
             let mut back = VecDeque::new();
             let mut next = 0u32;
-            while next < 100_000 {
+            while next < RECORDS {
                 match consumer.advance() {
                     None => std::thread::yield_now(),
                     Some(v) => {

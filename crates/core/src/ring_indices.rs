@@ -8,6 +8,19 @@
 //! keep` is never beyond `head`. The planner's write position is less than `limit` beyond the floor that it has
 //! observed.
 
+/// Whether a ring may have that many cells: a power of two, at most 2³⁰.
+#[must_use]
+pub const fn is_cell_count(cells: usize) -> bool {
+    cells.is_power_of_two() && cells <= 1 << 30
+}
+
+/// Whether that many cells are enough to retain `keep` records and hold `look_ahead` planned ones, of which there is at
+/// least one.
+#[must_use]
+pub const fn sizes_fit(cells: usize, keep: u32, look_ahead: u32) -> bool {
+    look_ahead > 0 && keep as u64 + look_ahead as u64 <= cells as u64
+}
+
 /// Planner's view: the write position and the free space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProducerIndices {

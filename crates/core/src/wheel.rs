@@ -77,6 +77,16 @@ mod tests {
                 let sum = sum.clamp(-i64::from(one), i64::from(one));
                 prop_assert_eq!(wheel.rate(), Rate::ONE * sum / i64::from(one));
             }
+            // a reset wheel is a new one, whatever it has counted
+            let mut reset = wheel.clone();
+            reset.reset();
+            let mut new = Wheel::<32>::new(periods, one);
+            prop_assert_eq!(reset.rate(), Rate::ZERO);
+            for &turn in &turns {
+                reset.push_difference(turn);
+                new.push_difference(turn);
+                prop_assert_eq!(reset.rate(), new.rate());
+            }
             for _ in 0..n { wheel.push_difference(0); }
             prop_assert_eq!(wheel.rate(), Rate::ZERO);
         }

@@ -10,11 +10,12 @@ use retrace_config::NumberedError;
 use retrace_link::PathStart;
 use serde_json::Value;
 
+use crate::durable_place::DurablePlace;
 use crate::entry::{EndEntry, JobHeader, JournalEntry, PlannedOverride, PositionEntry, ResumeEntry, SpooledBytes};
 use crate::journal_line;
 use crate::journal_reader::{JournalEntries, JournalError, JournalTail};
 use crate::place_index::LengthChange;
-use crate::place_index::{DurablePlace, PlaceMark};
+use crate::place_index::PlaceMark;
 
 /// Bytes at the end of a long journal in which its last entries are searched.
 const SUMMARY_TAIL_BYTES: u64 = 64 << 10;

@@ -1,17 +1,19 @@
 //! The queue of journal entries: any thread pushes, the writer thread takes batches.
 //!
 //! Invariant: entries are taken in the order in which they were pushed. Entries that are needed to resume the job are
-//! never lost where the motion path follows the durable place.
+//! never lost where the motion path follows the durable place. `verification/loom` compiles this file again over the
+//! model checker's locks.
 
 use retrace_core::RecordIndex;
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::io;
 use std::time::Duration;
 
 use retrace_config::NumberedError;
 
+use crate::durable_place::DurablePlace;
 use crate::entry::{JournalEntry, LostEntries};
-use crate::place_index::DurablePlace;
+use crate::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 /// Capacity of the queue where a thread can wait or entries can be lost.
 pub(crate) const CAPACITY: usize = 4096;
@@ -51,6 +53,26 @@ struct QueueShared {
     changed: Condvar,
     durable: DurablePlace,
     durability: Durability,
+    /// Capacity where a thread can wait or entries can be lost.
+    capacity: usize,
+}
+
+/// Where the writer thread saves the batches of the queue.
+pub(crate) trait BatchStore {
+    /// A batch in the form in which it is saved, again where that fails.
+    type Batch;
+
+    /// Formats the next entries.
+    fn format(&mut self, entries: Vec<JournalEntry>) -> Self::Batch;
+
+    /// Tries to save a batch.
+    ///
+    /// # Errors
+    /// It is not saved.
+    fn save(&mut self, batch: &Self::Batch) -> io::Result<()>;
+
+    /// Records that the batch is saved. Returns the place of its last mark.
+    fn advance(&mut self, batch: Self::Batch) -> Option<RecordIndex>;
 }
 
 #[derive(Debug, Default)]
@@ -70,7 +92,12 @@ pub(crate) struct QueueState {
 
 impl JournalQueue {
     pub(crate) fn new(care: Durability, durable: DurablePlace) -> Self {
-        Self(Arc::new(QueueShared { state: Mutex::default(), changed: Condvar::new(), durable, durability: care }))
+        Self::with_capacity(care, durable, CAPACITY)
+    }
+
+    pub(crate) fn with_capacity(durability: Durability, durable: DurablePlace, capacity: usize) -> Self {
+        let (state, changed) = (Mutex::default(), Condvar::new());
+        Self(Arc::new(QueueShared { state, changed, durable, durability, capacity }))
     }
 
     pub(crate) fn durability(&self) -> Durability {
@@ -81,13 +108,42 @@ impl JournalQueue {
         &self.0.durable
     }
 
-    /// Waits while `waits` returns true; [`JournalQueue::notify_changed`] makes it check again.
-    pub(crate) fn wait_while(&self, waits: impl FnMut(&mut QueueState) -> bool) -> MutexGuard<'_, QueueState> {
-        self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner)
+    /// Waits until everything that was pushed is saved.
+    ///
+    /// # Errors
+    /// Why it is not saved.
+    pub(crate) fn wait_until_saved(&self) -> Result<(), String> {
+        let waits = |state: &mut QueueState| {
+            (!state.queue.is_empty() || state.unsaved > 0) && state.write_error.is_none() && !state.writer_ended
+        };
+        let state = self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner);
+        state.write_error.clone().map_or(Ok(()), Err)
     }
 
-    /// Wakes the threads that wait for a change of the state.
-    pub(crate) fn notify_changed(&self) {
+    /// Closes the queue: the writer ends when it has saved what is in it.
+    pub(crate) fn close(&self) {
+        self.state().closed = true;
+        self.0.changed.notify_all();
+    }
+
+    /// The writer thread: saves batch by batch until the queue is closed and empty, or closed and the disk fails.
+    pub(crate) fn write_batches(&self, store: &mut impl BatchStore) {
+        while let Some(entries) = self.take_batch() {
+            let batch = store.format(entries);
+            loop {
+                match store.save(&batch) {
+                    Ok(()) => break,
+                    Err(error) if self.batch_failed(error.to_string()) => {}
+                    Err(_) => return self.end_writer(),
+                }
+            }
+            self.batch_saved(store.advance(batch));
+        }
+        self.end_writer();
+    }
+
+    fn end_writer(&self) {
+        self.state().writer_ended = true;
         self.0.changed.notify_all();
     }
 
@@ -98,7 +154,7 @@ impl JournalQueue {
     /// Pushes an entry of the index.
     pub(crate) fn push_index_entry(&self, entry: JournalEntry) {
         let mut state = self.wait_for_space(self.state());
-        if self.0.durability == Durability::Written && state.queue.len() >= CAPACITY {
+        if self.0.durability == Durability::Written && state.queue.len() >= self.0.capacity {
             // This job cannot be resumed: a card that ends with the process cannot be found again.
             state.lost += 1;
             return;
@@ -118,7 +174,7 @@ impl JournalQueue {
             *last = entry;
             return;
         }
-        if state.queue.len() >= CAPACITY {
+        if state.queue.len() >= self.0.capacity {
             state.lost += 1;
             return;
         }
@@ -133,7 +189,7 @@ impl JournalQueue {
             return state;
         }
         let waits = |state: &mut QueueState| {
-            state.queue.len() >= CAPACITY && state.write_error.is_none() && !state.writer_ended
+            state.queue.len() >= self.0.capacity && state.write_error.is_none() && !state.writer_ended
         };
         self.0.changed.wait_while(state, waits).unwrap_or_else(PoisonError::into_inner)
     }
@@ -144,11 +200,11 @@ impl JournalQueue {
     }
 
     /// Takes the next batch, waiting for one. `None` at the end.
-    pub(crate) fn take_batch(&self) -> Option<Vec<JournalEntry>> {
+    fn take_batch(&self) -> Option<Vec<JournalEntry>> {
         let waits = |state: &mut QueueState| state.queue.is_empty() && state.lost == 0 && !state.closed;
         let mut state = self.0.changed.wait_while(self.state(), waits).unwrap_or_else(PoisonError::into_inner);
         if self.0.durability == Durability::Written && !state.closed {
-            let gathering = |state: &mut QueueState| !state.closed && state.queue.len() < CAPACITY;
+            let gathering = |state: &mut QueueState| !state.closed && state.queue.len() < self.0.capacity;
             let waited = self.0.changed.wait_timeout_while(state, GATHER_TIME, gathering);
             state = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
@@ -164,7 +220,7 @@ impl JournalQueue {
     }
 
     /// Records that the batch is saved, up to this place.
-    pub(crate) fn batch_saved(&self, place: Option<RecordIndex>) {
+    fn batch_saved(&self, place: Option<RecordIndex>) {
         if let Some(place) = place {
             self.0.durable.advance(place);
         }
@@ -178,7 +234,7 @@ impl JournalQueue {
     }
 
     /// Records that the batch could not be saved. Returns whether to try again.
-    pub(crate) fn batch_failed(&self, why: String) -> bool {
+    fn batch_failed(&self, why: String) -> bool {
         let mut state = self.state();
         if state.write_error.is_none() {
             let remedy = match self.0.durability {

@@ -12,12 +12,13 @@ use std::thread::{self, JoinHandle};
 
 use retrace_config::NumberedError;
 
+use crate::durable_place::DurablePlace;
 use crate::entry::{EndEntry, JobHeader, JournalEntry, PlannedOverride, PlannedRest, ResumeEntry, SpooledBytes};
 use crate::journal_line;
-use crate::journal_queue::{Durability, JournalNotice, JournalQueue, QueueState};
+use crate::journal_queue::{BatchStore, Durability, JournalNotice, JournalQueue};
 use crate::journal_reader::JournalTail;
 use crate::journal_store::JournalStore;
-use crate::place_index::{DurablePlace, IndexEntry, IndexWriter};
+use crate::place_index::{IndexEntry, IndexWriter};
 use crate::spool::SpoolProgress;
 
 /// Writes the journal of a job. Dropped without [`JournalWriter::end`], it writes what it has, and the job counts as
@@ -94,20 +95,21 @@ impl JournalWriter {
         let kept = JournalFile { length: tail.whole, dirty: false, store };
         let mut writer = WriterThread {
             file: kept,
-            queue: self.queue.clone(),
+            care: self.queue.durability(),
             next: tail.next,
             spool,
             spooled: SpooledBytes::default(),
         };
-        let batch = writer.format_batch(vec![first]);
-        writer.save_batch(&batch).map_err(journal_error)?;
-        writer.next = batch.next;
+        let batch = writer.format(vec![first]);
+        writer.save(&batch).map_err(journal_error)?;
+        writer.advance(batch);
+        let queue = self.queue.clone();
         let writer = thread::Builder::new()
             .name("journal".into())
             .spawn(move || {
                 // A job that is resumed calls this from its motion thread.
                 let _ = retrace_real_time::leave();
-                writer.run();
+                queue.write_batches(&mut writer);
             })
             .map_err(journal_error)?;
         self.writer = Some(writer);
@@ -142,11 +144,7 @@ impl JournalWriter {
     /// # Errors
     /// `E2207`: it is not saved, because the disk fails.
     pub fn wait_until_saved(&self) -> Result<(), NumberedError> {
-        let waits = |state: &mut QueueState| {
-            (!state.queue.is_empty() || state.unsaved > 0) && state.write_error.is_none() && !state.writer_ended
-        };
-        let state = self.queue.wait_while(waits);
-        state.write_error.as_ref().map_or(Ok(()), |why| Err(journal_error(why)))
+        self.queue.wait_until_saved().map_err(journal_error)
     }
 
     /// Writes the end of the job, and all that is still pending.
@@ -161,8 +159,7 @@ impl JournalWriter {
     }
 
     fn close(&mut self) {
-        self.queue.state().closed = true;
-        self.queue.notify_changed();
+        self.queue.close();
         if let Some(writer) = self.writer.take() {
             // A panic in the writer is a defect, never an input; it is propagated, unless one is in progress already.
             if let Err(panic) = writer.join()
@@ -258,37 +255,18 @@ struct EntryBatch {
 
 struct WriterThread<S> {
     file: JournalFile<S>,
-    queue: JournalQueue,
+    care: Durability,
     next: u64,
     spool: Option<SpoolProgress>,
     /// Length of the spool that the journal records.
     spooled: SpooledBytes,
 }
 
-impl<S: JournalStore> WriterThread<S> {
-    fn run(mut self) {
-        while let Some(entries) = self.queue.take_batch() {
-            let batch = self.format_batch(entries);
-            loop {
-                match self.save_batch(&batch) {
-                    Ok(()) => break,
-                    Err(error) if self.queue.batch_failed(error.to_string()) => {}
-                    Err(_) => return self.end_writer(),
-                }
-            }
-            self.next = batch.next;
-            self.queue.batch_saved(batch.place);
-        }
-        self.end_writer();
-    }
-
-    fn end_writer(&self) {
-        self.queue.state().writer_ended = true;
-        self.queue.notify_changed();
-    }
+impl<S: JournalStore> BatchStore for WriterThread<S> {
+    type Batch = EntryBatch;
 
     /// Formats entries as lines. The state of the spool precedes them, as they may depend on it.
-    fn format_batch(&mut self, entries: Vec<JournalEntry>) -> EntryBatch {
+    fn format(&mut self, entries: Vec<JournalEntry>) -> EntryBatch {
         let mut batch = EntryBatch { bytes: Vec::new(), next: self.next, place: None };
         let spooled = self.spool.as_ref().map(SpoolProgress::spooled).filter(|now| *now != self.spooled);
         if let Some(now) = spooled {
@@ -309,13 +287,16 @@ impl<S: JournalStore> WriterThread<S> {
         batch
     }
 
-    /// Tries to save the batch.
-    fn save_batch(&mut self, batch: &EntryBatch) -> io::Result<()> {
-        let care = self.queue.durability();
-        if let (Durability::Synced, Some(spool)) = (care, &mut self.spool) {
+    fn save(&mut self, batch: &EntryBatch) -> io::Result<()> {
+        if let (Durability::Synced, Some(spool)) = (self.care, &mut self.spool) {
             spool.sync(self.spooled)?;
         }
-        self.file.append(&batch.bytes, care)
+        self.file.append(&batch.bytes, self.care)
+    }
+
+    fn advance(&mut self, batch: EntryBatch) -> Option<RecordIndex> {
+        self.next = batch.next;
+        batch.place
     }
 }
 

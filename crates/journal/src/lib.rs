@@ -29,6 +29,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod durable_place;
 mod entry;
 mod file_hash;
 mod hold_reason;
@@ -44,8 +45,10 @@ mod place_index;
 mod spool;
 /// Operations on files that are replaced whole; a namespace, because its functions are named for any file.
 pub mod state_file;
+mod sync;
 mod timestamp;
 
+pub use durable_place::DurablePlace;
 pub use entry::{
     CommandArguments, EndEntry, FORMAT, FileRole, JobCard, JobEnding, JobHeader, JournalEntry, LatchedTables,
     LostEntries, MachineFileCopy, MachineTables, PlannedOverride, PlannedRest, PositionEntry, ProgramSource, ReadFile,
@@ -60,6 +63,6 @@ pub use journal_queue::{Durability, JournalNotice};
 pub use journal_reader::{JournalEntries, JournalError, JournalTail};
 pub use journal_store::{FileStore, JournalStore};
 pub use journal_writer::{JournalEventWriter, JournalIndexWriter, JournalWriter};
-pub use place_index::{DurablePlace, IndexEntry, IndexWriter, JournalConfig, LengthChange, MarkDifference, PlaceMark};
+pub use place_index::{IndexEntry, IndexWriter, JournalConfig, LengthChange, MarkDifference, PlaceMark};
 pub use spool::{SpoolProgress, SpoolReplay, SpoolWriter};
 pub use timestamp::{ParseTimestampError, Timestamp};

@@ -1,6 +1,7 @@
 //! The other commands: help, check, canon, size and plot.
 
 use retrace_tests::command::{Bench, read_one_line_of, root};
+use retrace_tests::not_run::not_run;
 use retrace_tests::programs::examples;
 
 #[test]
@@ -87,8 +88,7 @@ fn canon_equals_rs274_where_that_is_installed() {
             .stdin(std::process::Stdio::null())
             .output();
         let Ok(output) = output else {
-            println!("not run: rs274 is not installed");
-            return;
+            return not_run("canon_equals_rs274_where_that_is_installed", "rs274 is not installed");
         };
         let result = bench.retrace(["canon".as_ref(), program.as_os_str()]);
         assert_eq!(result.out, String::from_utf8_lossy(&output.stdout), "{}", program.display());

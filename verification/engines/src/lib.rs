@@ -13,6 +13,7 @@ mod options;
 mod outcome;
 mod page;
 mod rows;
+mod sanitizers;
 mod sources;
 mod status;
 mod stub;
@@ -48,7 +49,7 @@ struct NotRun {
     engine: Engine,
     why: String,
     /// How to install it; empty where it is installed and was left out.
-    how: &'static str,
+    how: String,
 }
 
 /// Result of a run.
@@ -108,8 +109,8 @@ fn replay(runner: &Path, name: &str, numbers: &str) -> Result<Summary, String> {
 fn run_engines(job: &Job<'_>, all: &[Row], options: &Options) -> Summary {
     let started = Instant::now();
     let cbmc = tools::cbmc();
-    let kani = tools::kani();
-    let absent = absent(job.root, options, &cbmc, kani.as_deref());
+    let kani = tools::pinned_kani(job.root);
+    let absent = absent(job.root, options, &cbmc, &kani);
     table::not_run(&absent);
     let stale = ledger::stale(job.root, all).len();
     if stale > 0 {
@@ -140,9 +141,14 @@ fn run_engines(job: &Job<'_>, all: &[Row], options: &Options) -> Summary {
     if let (true, Ok(tools)) = (runs(Engine::CbmcMutants), &cbmc) {
         mutants::run_cbmc(job, tools);
     }
+    for engine in [Engine::Miri, Engine::Tsan] {
+        if runs(engine) {
+            sanitizers::run(job, engine);
+        }
+    }
     let mut versions = vec![("rustc".to_owned(), tools::rustc_version())];
     versions.extend(cbmc.iter().flat_map(|tools| tools.versions.clone()));
-    versions.extend(kani.map(|version| ("kani".to_owned(), version)));
+    versions.extend(kani.ok().filter(|_| runs(Engine::Kani)).map(|version| ("kani".to_owned(), version)));
     let outcomes = job.log.outcomes();
     let required = options.require.iter().filter(|engine| absent.iter().any(|absent| absent.engine == **engine));
     let lacks: Vec<&str> = required.map(|engine| engine.name()).collect();
@@ -174,25 +180,43 @@ fn run_engines(job: &Job<'_>, all: &[Row], options: &Options) -> Summary {
     Summary { passed: failed == 0 && lacks.is_empty() && agrees && is_current, remark }
 }
 
-/// Engines that are requested and not installed, and those that are installed and not requested.
-fn absent(root: &Path, options: &Options, cbmc: &Result<tools::CbmcTools, String>, kani: Option<&str>) -> Vec<NotRun> {
-    Engine::ALL
-        .into_iter()
-        .filter_map(|engine| {
-            let (why, how) = match (engine, cbmc) {
-                (Engine::Cbmc | Engine::CbmcMutants, Err(missing)) => (format!("missing: {missing}"), tools::GET_CBMC),
-                (Engine::Kani, _) if kani.is_none() => ("it is not set up here".to_owned(), tools::GET_KANI),
-                (Engine::Loom | Engine::Shuttle, _) if !threads::is_there(root, engine) => {
-                    ("there are no models for it in this checkout".to_owned(), "see docs/verification.md, Engines")
-                }
-                (Engine::CbmcMutants, _) if !options.wants(engine) => {
-                    ("runs by name only: --engine cbmc-mutants".to_owned(), "")
-                }
-                _ if !options.wants(engine) && options.engines.is_empty() => ("left out by --quick".to_owned(), ""),
-                _ if !options.wants(engine) => ("left out by --engine".to_owned(), ""),
-                _ => return None,
-            };
-            Some(NotRun { engine, why, how })
-        })
-        .collect()
+/// Engines that are requested and not installed, and those that are installed and not requested. `kani` is the version
+/// that is pinned.
+fn absent(
+    root: &Path,
+    options: &Options,
+    cbmc: &Result<tools::CbmcTools, String>,
+    kani: &Result<String, String>,
+) -> Vec<NotRun> {
+    let reason = |engine| {
+        let (why, how) = match (engine, cbmc, kani) {
+            (Engine::Cbmc | Engine::CbmcMutants, Err(missing), _) => {
+                (format!("missing: {missing}"), tools::GET_CBMC.to_owned())
+            }
+            (Engine::Kani, _, Err(missing)) => (missing.clone(), String::new()),
+            (Engine::Kani, _, Ok(version)) if !tools::has_kani(version) => {
+                (format!("Kani {version} is not set up here"), tools::get_kani(version))
+            }
+            (Engine::Loom | Engine::Shuttle, ..) if !threads::is_there(root, engine) => (
+                "there are no models for it in this checkout".to_owned(),
+                "see docs/verification.md, Engines".to_owned(),
+            ),
+            (Engine::CbmcMutants, ..) if !options.wants(engine) => {
+                ("runs by name only: cargo xtask campaign mutants".to_owned(), String::new())
+            }
+            (Engine::Miri | Engine::Tsan, ..) if !options.wants(engine) => {
+                (format!("runs by name only: --engine {}", engine.name()), String::new())
+            }
+            (Engine::Miri | Engine::Tsan, ..) if sanitizers::lacks(engine).is_some() => {
+                (sanitizers::lacks(engine).unwrap_or_default(), sanitizers::how_to_get(engine).to_owned())
+            }
+            _ if !options.wants(engine) && options.engines.is_empty() => {
+                ("left out by --quick".to_owned(), String::new())
+            }
+            _ if !options.wants(engine) => ("left out by --engine".to_owned(), String::new()),
+            _ => return None,
+        };
+        Some(NotRun { engine, why, how })
+    };
+    Engine::ALL.into_iter().filter_map(reason).collect()
 }

@@ -47,7 +47,7 @@ pub(crate) fn run(job: &Job<'_>) {
     let (models, natives) = trials.into_iter().partition::<VecDeque<_>, _>(|trial| trial.killer != Killer::Native);
     let (models, natives) = (Mutex::new(models), Mutex::new(natives));
     let take = |queue: &Mutex<VecDeque<_>>| queue.lock().ok().and_then(|mut queue| queue.pop_front());
-    // one copy builds the thread models, so that the other need not build what they depend on
+    // one copy builds the thread models, so that the other need not build what they depend on too
     let copies: Vec<usize> = (0..process::workers()).collect();
     process::each(&copies, copies.len(), |number| {
         let next = || if *number == 0 { take(&models).or_else(|| take(&natives)) } else { take(&natives) };
@@ -192,7 +192,7 @@ impl Copy {
                 (ended, result)
             }
             Killer::Model(engine) => {
-                let ended = self.model(job, engine, killer)?;
+                let ended = self.model(engine, killer)?;
                 let result = threads::one_result(&ended.output, engine);
                 (ended, result)
             }
@@ -200,14 +200,13 @@ impl Copy {
         judge(killer, &ended, result)
     }
 
-    /// Builds an engine's models, and runs those with this name. Their dependencies are shared with the checkout's own
-    /// build.
-    fn model(&self, job: &Job<'_>, engine: Engine, test: &str) -> Result<Ended, String> {
+    /// Builds an engine's models, and runs those with this name. In the checkout's own build folder cargo would take a
+    /// changed file of another package, which a model includes by its path, for the checkout's, which has not changed.
+    fn model(&self, engine: Engine, test: &str) -> Result<Ended, String> {
         let package = threads::package(engine).1;
         let build = ["test", "--package", &package, "--tests", "--no-run", "--jobs", "1", "--message-format"];
         let mut command = process::cargo(&self.root, &build);
-        let shared = job.folder.parent().unwrap_or(&job.folder);
-        command.arg("json-render-diagnostics").env("CARGO_TARGET_DIR", shared);
+        command.arg("json-render-diagnostics").env("CARGO_TARGET_DIR", &self.target);
         let messages = process::done(&mut command, Duration::from_secs(1800), &self.folder.join("build"))?;
         for runner in process::executables(&messages) {
             let listed = process::done(Command::new(&runner).arg("--list"), LIMIT, &self.folder.join("list"))?;

@@ -11,7 +11,8 @@ pub(crate) fn render(book: &Value) -> String {
     let mut page = String::new();
     head(&mut page, book);
     let rows = book["rows"].as_array().map_or(&[][..], Vec::as_slice);
-    page += "\n## Summary\n\nA mutant is killed by the check that it names: natively, by a thread model, or refuted by CBMC.\n\n";
+    page += "\n## Summary\n\nA mutant is killed by the check that it names: natively, by a thread model, or refuted by \
+        CBMC.\n\n";
     page += "| row | status | mutants killed | seconds |\n|---|---|---|---|\n";
     for row in rows {
         let name = text(&row["name"]);

@@ -122,8 +122,8 @@ pub(crate) mod tests {
 
     /// A row for tests of other modules.
     pub(crate) fn sample() -> Row {
-        let line = r#"{"name":"a-row","module":"ring","says":"It holds","requirement":"REV-2","bound":"none","assumes":"nothing",
-            "suffices":"induction","harnesses":[{"name":"h","module":"retrace_verification::ring","unwind":3,"covers":["Full"]}],
+        let line = r#"{"name":"a-row","module":"ring","says":"It holds","requirement":"REV-2","bound":"none",
+            "assumes":"nothing","suffices":"induction","harnesses":[{"name":"h","module":"retrace_verification::ring","unwind":3,"covers":["Full"]}],
             "searches":["s"],"models":[{"engine":"loom","test":"m"}],
             "mutants":[{"name":"x","file":"f","find":"1","put":"2","killer":"h"}]}"#;
         Row::list(&line.replace('\n', " ")).unwrap().remove(0)

@@ -73,7 +73,10 @@ mod tests {
 
     fn row(results: &[(Engine, &str, &str)]) -> Value {
         let mut row = sample().fields;
-        let result = |(engine, check, verdict): &(Engine, &str, &str)| json!({"engine": engine.name(), "check": check, "verdict": verdict, "words": "w", "seconds": 1.2});
+        let result = |(engine, check, verdict): &(Engine, &str, &str)| {
+            let engine = engine.name();
+            json!({"engine": engine, "check": check, "verdict": verdict, "words": "w", "seconds": 1.2})
+        };
         row["results"] = results.iter().map(result).collect();
         row
     }

@@ -31,9 +31,21 @@ const WASM: &str = "wasm32-unknown-unknown";
 pub(crate) const GET_CBMC: &str = "rustup target add wasm32-unknown-unknown; then cbmc (6.x) and wabt (1.0.32) from \
     your distribution, on PATH \
      (docs/verification.md, Engines)";
-/// Installation of Kani.
-pub(crate) const GET_KANI: &str =
-    "cargo install --locked kani-verifier && cargo kani setup (docs/verification.md, Engines)";
+/// Installation of Kani, in the version that the project pins.
+pub(crate) fn get_kani(version: &str) -> String {
+    format!("cargo install --locked kani-verifier@{version} && cargo kani setup (docs/verification.md, Engines)")
+}
+
+/// The version of Kani that the workspace's Cargo.toml pins.
+///
+/// # Errors
+/// Where it names none.
+pub(crate) fn pinned_kani(root: &Path) -> Result<String, String> {
+    let text = std::fs::read_to_string(root.join("Cargo.toml")).map_err(|error| format!("Cargo.toml: {error}"))?;
+    let line = text.lines().find_map(|line| line.strip_prefix("kani = \""));
+    let version = line.and_then(|rest| rest.strip_suffix('"'));
+    version.map(str::to_owned).ok_or_else(|| "Cargo.toml pins no version of Kani".to_owned())
+}
 
 /// The tools of the CBMC lane.
 ///
@@ -68,22 +80,17 @@ pub(crate) fn cbmc() -> Result<CbmcTools, String> {
     Ok(CbmcTools { cbmc, wasm2c, rustc, wasm_core, include, linker, versions, cbmc_major })
 }
 
-/// The version of Kani that is set up here. `cargo kani` itself is not called: where Kani is not set up, that starts a
-/// download and leaves an empty folder that then looks set up.
-pub(crate) fn kani() -> Option<String> {
-    let bundles = variable("KANI_HOME").or_else(|| Some(home()?.join(".kani")))?;
+/// Whether Kani is set up here in that version. `cargo kani` itself is not called: where Kani is not set up, that
+/// starts a download and leaves an empty folder that then looks set up.
+pub(crate) fn has_kani(version: &str) -> bool {
+    let bundles = variable("KANI_HOME").or_else(|| Some(home()?.join(".kani")));
     let cargo_bin = variable("CARGO_HOME").or_else(|| Some(home()?.join(".cargo"))).map(|home| home.join("bin"));
     let command = on_path("cargo-kani").or_else(|| Some(cargo_bin?.join("cargo-kani")).filter(|path| path.is_file()));
-    command?;
-    kani_in(&bundles)
+    command.is_some() && bundles.is_some_and(|bundles| is_set_up(&bundles, version))
 }
 
-fn kani_in(home: &Path) -> Option<String> {
-    let set_up = std::fs::read_dir(home).ok()?.filter_map(Result::ok).filter_map(|entry| {
-        let version = entry.file_name().to_str()?.strip_prefix("kani-")?.to_owned();
-        entry.path().join("rust-toolchain-version").is_file().then_some(version)
-    });
-    set_up.max()
+fn is_set_up(bundles: &Path, version: &str) -> bool {
+    bundles.join(format!("kani-{version}")).join("rust-toolchain-version").is_file()
 }
 
 /// The version of the rustc on PATH.
@@ -121,14 +128,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn kani_counts_as_set_up_only_with_its_toolchain() {
+    fn kani_counts_as_set_up_only_with_its_toolchain_and_in_the_pinned_version() {
         let home = std::env::temp_dir().join(format!("retrace-xtask-kani-{}", std::process::id()));
         let bundle = home.join("kani-0.68.0");
         std::fs::create_dir_all(&bundle).unwrap();
-        assert_eq!(kani_in(&home), None, "an empty folder looks set up");
+        assert!(!is_set_up(&home, "0.68.0"), "an empty folder looks set up");
         std::fs::write(bundle.join("rust-toolchain-version"), "nightly").unwrap();
-        assert_eq!(kani_in(&home).as_deref(), Some("0.68.0"));
+        assert!(is_set_up(&home, "0.68.0") && !is_set_up(&home, "0.67.0"));
         std::fs::remove_dir_all(&home).unwrap();
-        assert_eq!(kani_in(&home), None);
+        assert!(!is_set_up(&home, "0.68.0"));
+    }
+
+    #[test]
+    fn the_version_of_kani_is_written_in_one_place() {
+        let here = std::env::current_dir().unwrap();
+        let root = here.ancestors().nth(2).unwrap();
+        let version = pinned_kani(root).unwrap();
+        for path in ["docs/verification.md", ".github/workflows/verify.yml", "docs/release.md", "CONTRIBUTING.md"] {
+            let text = std::fs::read_to_string(root.join(path)).unwrap();
+            assert!(!text.contains(&version), "{path} repeats the version {version}");
+        }
+        assert!(get_kani(&version).contains(&format!("kani-verifier@{version} ")));
     }
 }

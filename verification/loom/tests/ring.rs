@@ -64,6 +64,15 @@ shapes! {
     four_cells_keep_3: 3 + 1, 5 records, turn 2, [(2, 3), (3, 3)];
 }
 
+/// The consumer asks for the place at which the planner writes, and for those around it.
+#[test]
+fn asked_beyond_the_plan_touches_no_cell() {
+    for (keep, look_ahead, known) in [(0, 2, &ROOMY[..]), (1, 1, &[(1, 3), (2, 3), (3, 2), (3, 3)])] {
+        let shape = Tape { keep, look_ahead, start: 0, records: 4, turn: 1 };
+        check(&format!("ask keep {keep} look-ahead {look_ahead}"), shape, Tape::ask, WRAP, known);
+    }
+}
+
 /// Small enough to be explored with no bound on preemptions.
 #[test]
 fn two_cells_without_a_bound() {

@@ -28,6 +28,9 @@ fn a_long_tape_reads_what_was_pushed() {
         let name = format!("walk keep {keep} look-ahead {look_ahead}");
         let report = explore(&name, schedules(500), move || tape.walk());
         assert!(report.outcomes.len() > 10, "{name}: {} outcomes only", report.outcomes.len());
+        let name = format!("ask keep {keep} look-ahead {look_ahead}");
+        let report = explore(&name, schedules(500), move || tape.ask());
+        assert!(report.outcomes.len() > 10, "{name}: {} outcomes only", report.outcomes.len());
         let name = format!("follow keep {keep} look-ahead {look_ahead}");
         let report = explore(&name, schedules(500), move || tape.follow());
         assert!(report.outcomes.len() > 10, "{name}: {} outcomes only", report.outcomes.len());

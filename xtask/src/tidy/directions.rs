@@ -72,7 +72,7 @@ const ARROWS: &[Arrows] = &[
     // The card on a microcontroller: outside of the workspace, since it is compiled for another machine.
     arrows("crates/firmware/Cargo.toml", &["card", "core", "link"]),
     arrows("verification/Cargo.toml", &["card", "core", "link"]),
-    arrows("verification/loom/Cargo.toml", &["core"]),
+    arrows("verification/loom/Cargo.toml", &["config", "core", "journal"]),
     arrows("verification/shuttle/Cargo.toml", &["core"]),
     // The end-to-end tests see the command alone, so that they judge it with nothing of its own.
     arrows("tests/Cargo.toml", &[]),

@@ -16,6 +16,9 @@ mod killers;
 mod language;
 mod macro_words;
 mod mdi;
+#[path = "../../../../tests/src/not_run.rs"]
+#[expect(unreachable_pub, reason = "shared with the library of the end-to-end tests")]
+mod not_run;
 mod offsets;
 mod outline;
 mod peer;

@@ -398,8 +398,7 @@ fn random_profiles_are_turned_as_rs274_turns_them() {
     for seed in (first..first + count).filter(|seed| !PEER_AT_FAULT.contains(seed)) {
         let turning = Turning::of_seed(seed);
         let Some((theirs, they_refuse)) = rs274(&folder, &turning.program()) else {
-            println!("rs274 not installed: turning cycles not compared");
-            return;
+            return crate::not_run::not_run("random_profiles_are_turned_as_rs274_turns_them", "rs274 is not installed");
         };
         let (ours, we_refuse) = turning.calls();
         refused += u64::from(we_refuse);

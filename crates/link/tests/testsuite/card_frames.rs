@@ -435,6 +435,21 @@ fn a_limited_number_of_entries_is_in_flight() {
     }
 }
 
+/// 15 bytes before the entries, 30 times six, and one: 196, with the check 200.
+#[test]
+fn a_report_is_filled_to_its_last_byte() {
+    let mut bench = CardBench::<256>::new(STARTS[1]);
+    for executed in 1..=30 {
+        bench.works.status.executed = executed;
+        bench.period();
+    }
+    bench.works.status.starved = true;
+    bench.period();
+    let report = bench.report().expect("due");
+    assert_eq!((report.entries.len(), report.all), (61, true));
+    assert_eq!(bench.report(), None);
+}
+
 #[test]
 fn only_frames_of_the_open_epoch_have_an_effect() {
     for start in STARTS {

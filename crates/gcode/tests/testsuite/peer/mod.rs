@@ -311,8 +311,7 @@ pub(crate) fn compare(name: &str, case_of: impl Fn(u64) -> Case + Sync) {
     });
     let _ = std::fs::remove_dir_all(&root);
     if is_missing.into_inner() != 0 {
-        println!("rs274 not installed: {name} not compared");
-        return;
+        return crate::not_run::not_run(name, "rs274 is not installed");
     }
     let Tally { refused, differing, known, roundings, errors } = tally.into_inner().expect("a tally");
     println!(

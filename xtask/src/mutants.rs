@@ -1,0 +1,240 @@
+//! `cargo xtask campaign mutants`: how many one-line changes of the code the tests notice, crate by crate, and whether
+//! CBMC refutes the mutants of the ledger.
+//!
+//! Invariant: a mutant that survives counts, unless `verification/equivalent-mutants.txt` names it with a reason.
+
+use retrace_task_support::process;
+use retrace_verify::Options;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+pub(crate) const PURPOSE: &str =
+    "one-line changes of core, link, card and controller: how many the tests notice; the ledger's mutants under CBMC";
+
+/// Mutants that change nothing that could be observed, each with the reason.
+const EQUIVALENT: &str = "verification/equivalent-mutants.txt";
+/// The page that a full run writes.
+const PAGE: &str = "docs/mutants.md";
+/// Parts of which a run without `--full` tries one.
+const PARTS: u64 = 100;
+/// Time limit of the tests on one mutant, in seconds: it may run for ever.
+const TEST_LIMIT: &str = "120";
+
+/// A crate, or some of its files, and the tests that must notice a change.
+struct Target {
+    name: &'static str,
+    files: &'static [&'static str],
+    tests: &'static [&'static str],
+    /// Least share of the mutants that must be noticed, in percent.
+    floor: Option<f64>,
+}
+
+const TARGETS: [Target; 4] = [
+    Target {
+        name: "core",
+        files: &["crates/core/src/**"],
+        tests: &["retrace-core", "retrace-verification"],
+        floor: Some(95.0),
+    },
+    Target {
+        name: "link",
+        files: &["crates/link/src/**"],
+        tests: &["retrace-link", "retrace-verification"],
+        floor: Some(95.0),
+    },
+    Target {
+        name: "card",
+        files: &["crates/card/src/**"],
+        tests: &["retrace-card", "retrace-verification"],
+        floor: Some(90.0),
+    },
+    Target {
+        name: "controller",
+        files: &[
+            "crates/controller/src/session/**",
+            "crates/controller/src/record_streamer.rs",
+            "crates/controller/src/resume.rs",
+        ],
+        tests: &["retrace-controller"],
+        floor: None,
+    },
+];
+
+/// Result of one target.
+struct Score {
+    name: &'static str,
+    noticed: usize,
+    /// Mutants that no test noticed and that are not listed as equivalent.
+    survivors: Vec<String>,
+    equivalent: usize,
+    /// Changes that did not compile.
+    unviable: usize,
+    seconds: u64,
+    floor: Option<f64>,
+}
+
+impl Score {
+    fn percent(&self) -> f64 {
+        100.0 * self.noticed as f64 / (self.noticed + self.survivors.len()).max(1) as f64
+    }
+
+    fn passes(&self) -> bool {
+        self.floor.is_none_or(|floor| self.percent() >= floor)
+    }
+}
+
+/// Runs the campaign and returns whether it passed. Without `full` it tries one part in [`PARTS`] of the mutants.
+pub(crate) fn run(root: &Path, full: bool, seed: u64) -> bool {
+    let has_tool = Command::new("cargo").args(["mutants", "--version"]).output().is_ok_and(|out| out.status.success());
+    if !has_tool {
+        println!("NOT RUN  cargo-mutants: missing; to get it: cargo install --locked cargo-mutants");
+    }
+    let equivalent = std::fs::read_to_string(root.join(EQUIVALENT)).unwrap_or_default();
+    let mut scores = Vec::new();
+    for target in TARGETS.iter().filter(|_| has_tool) {
+        match score(root, target, full, seed, &equivalent) {
+            Ok(score) => scores.push(score),
+            Err(reason) => {
+                eprintln!("xtask: {}: {reason}", target.name);
+                return false;
+            }
+        }
+    }
+    print!("{}", table(&scores));
+    let has_refuted = !full || by_cbmc(root);
+    if !full {
+        println!("NOT RUN  cbmc-mutants: with --full only");
+    } else if has_tool {
+        let page = page(&scores, seed);
+        if let Err(error) = std::fs::write(root.join(PAGE), page) {
+            eprintln!("xtask: {PAGE}: {error}");
+            return false;
+        }
+    }
+    has_tool && has_refuted && scores.iter().all(Score::passes)
+}
+
+/// Every mutant of the ledger whose killer is a harness, refuted by CBMC; the result is written to the ledger.
+fn by_cbmc(root: &Path) -> bool {
+    let options = Options::read(&["--engine", "cbmc-mutants", "--update"]);
+    match options.and_then(|options| retrace_verify::run(root, &options)) {
+        Ok(summary) => summary.passed,
+        Err(reason) => {
+            eprintln!("xtask: {reason}");
+            false
+        }
+    }
+}
+
+fn score(root: &Path, target: &Target, full: bool, seed: u64, equivalent: &str) -> Result<Score, String> {
+    let (started, output) = (Instant::now(), root.join("target/mutants-campaign").join(target.name));
+    std::fs::create_dir_all(&output).map_err(|error| format!("{}: {error}", output.display()))?;
+    let mut command = process::cargo(root, &["mutants", "--no-shuffle", "--timeout", TEST_LIMIT, "--colors", "never"]);
+    command.arg("--output").arg(&output);
+    command.args(target.files.iter().flat_map(|file| ["--file", *file]));
+    command.args(target.tests.iter().flat_map(|package| ["--test-package", *package]));
+    if !full {
+        command.args(["--shard", &format!("{}/{PARTS}", seed % PARTS)]);
+    }
+    command.args(["--", "--lib", "--tests"]);
+    println!("campaign mutants: {}", target.name);
+    let status = command.status().map_err(|error| format!("cargo mutants cannot be run: {error}"))?;
+    // 2: some survive; 3: a test timed out
+    if !matches!(status.code(), Some(0 | 2 | 3)) {
+        return Err(format!("cargo mutants: {status}; see {}", output.display()));
+    }
+    let text = std::fs::read_to_string(output.join("mutants.out/outcomes.json")).map_err(|error| error.to_string())?;
+    let outcomes: Value = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+    Ok(read_score(target, &outcomes, equivalent, started.elapsed()))
+}
+
+fn read_score(target: &Target, outcomes: &Value, equivalent: &str, took: Duration) -> Score {
+    let outcomes = outcomes["outcomes"].as_array().map_or(&[][..], Vec::as_slice);
+    let of = |summary: &'static str| outcomes.iter().filter(move |outcome| outcome["summary"] == summary);
+    let name = |outcome: &Value| without_place(outcome["scenario"]["Mutant"]["name"].as_str().unwrap_or_default());
+    let listed: BTreeMap<&str, &str> = equivalent.lines().filter_map(|line| line.split_once(" -- ")).collect();
+    let missed: Vec<String> = of("MissedMutant").map(name).collect();
+    let (equivalent, survivors) =
+        missed.into_iter().partition::<Vec<_>, _>(|mutant| listed.contains_key(mutant.as_str()));
+    Score {
+        name: target.name,
+        noticed: of("CaughtMutant").count() + of("Timeout").filter(|outcome| outcome["scenario"] != "Baseline").count(),
+        survivors,
+        equivalent: equivalent.len(),
+        unviable: of("Unviable").count(),
+        seconds: took.as_secs(),
+        floor: target.floor,
+    }
+}
+
+/// The name of a mutant without line and column, which change with every edit of the file.
+fn without_place(name: &str) -> String {
+    let mut parts = name.splitn(4, ':');
+    match (parts.next(), parts.next(), parts.next(), parts.next()) {
+        (Some(file), Some(_), Some(_), Some(what)) => format!("{file}:{what}"),
+        _ => name.to_owned(),
+    }
+}
+
+fn table(scores: &[Score]) -> String {
+    let mut text = String::from("| crate | noticed | of | score | floor | equivalent | not compiled | minutes |\n");
+    text += "|---|---|---|---|---|---|---|---|\n";
+    for score in scores {
+        let floor = score.floor.map_or("-".to_owned(), |floor| format!("{floor:.0} %"));
+        // writing to a string cannot fail
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} | {:.1} % | {floor} | {} | {} | {} |",
+            score.name,
+            score.noticed,
+            score.noticed + score.survivors.len(),
+            score.percent(),
+            score.equivalent,
+            score.unviable,
+            score.seconds / 60
+        );
+    }
+    for survivor in scores.iter().flat_map(|score| &score.survivors) {
+        let _ = writeln!(text, "\n- survived: {survivor}");
+    }
+    text
+}
+
+fn page(scores: &[Score], seed: u64) -> String {
+    format!(
+        "# Mutation score\n\nWritten by `cargo xtask campaign mutants --full --seed {seed}`. A mutant is one small \
+         change of the code that cargo-mutants makes; it is noticed where a test of the crate, or a property of \
+         `verification/` in a native run, fails or does not end. Equivalent mutants are listed with their reasons in \
+         `{EQUIVALENT}`.\n\n{}",
+        table(scores)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_survivor_counts_unless_it_is_listed_with_a_reason() {
+        let outcome = |summary: &str, name: &str| json!({"summary": summary, "scenario": {"Mutant": {"name": name}}});
+        let outcomes = json!({"outcomes": [
+            json!({"summary": "Success", "scenario": "Baseline"}),
+            outcome("CaughtMutant", "a.rs:1:2: replace + with - in f"),
+            outcome("Timeout", "a.rs:2:2: replace + with * in f"),
+            outcome("MissedMutant", "a.rs:3:2: replace < with <= in f"),
+            outcome("MissedMutant", "a.rs:4:2: replace > with >= in g"),
+            outcome("Unviable", "a.rs:5:2: replace g with Default::default()"),
+        ]});
+        let listed = "# comment\na.rs: replace < with <= in f -- both ends are equal there\n";
+        let score = read_score(&TARGETS[0], &outcomes, listed, Duration::from_secs(60));
+        assert_eq!((score.noticed, score.equivalent, score.unviable), (2, 1, 1));
+        assert_eq!(score.survivors, ["a.rs: replace > with >= in g"]);
+        assert!(score.percent() > 66.0 && score.percent() < 67.0 && !score.passes());
+        assert!(table(&[score]).contains("| core | 2 | 3 | 66.7 % | 95 % | 1 | 1 | 1 |\n"));
+    }
+}
