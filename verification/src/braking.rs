@@ -127,13 +127,6 @@ pub const ROWS: &[Row] = &[Row {
             killer: "braking_spare_tight",
         },
         Mutant {
-            name: "the largest rate is below what one period ends",
-            file: BRAKING,
-            find: "return (start + more.min(Self::INTERVAL)).clamp(self.slopes[0], one_period);",
-            put: "return start + more.min(Self::INTERVAL);",
-            killer: "largest-rate",
-        },
-        Mutant {
             name: "the largest rate is negative beyond the end",
             file: BRAKING,
             find: "return one_period.clamp(Rate::ZERO, Rate::ONE);",
