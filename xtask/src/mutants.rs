@@ -267,7 +267,7 @@ mod tests {
         let score = read_score(&TARGETS[0], &outcomes, listed);
         assert_eq!((score.noticed, score.equivalent, score.unviable), (2, 1, 1));
         assert_eq!(score.survivors, ["a.rs: replace > with >= in g"]);
-        assert_eq!(escaped("a/b.rs:1:2: replace f -> [T; 2]"), "a\\/b\\.rs:1:2: replace f \\-\\> \\[T; 2\\]");
+        assert_eq!(escaped("a/b.rs:1:2: replace f -> [T; 2]"), "a\\/b\\.rs:1:2: replace f \\-> \\[T; 2\\]");
         assert!(score.percent() > 66.0 && score.percent() < 67.0 && !score.passes());
         assert!(table(&[score]).contains("| core | 2 | 3 | 66.7 % | 95 % | 1 | 1 | 0 |\n"));
     }
