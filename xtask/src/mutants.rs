@@ -31,7 +31,7 @@ const PROPERTIES: &str = "retrace-verification";
 struct Target {
     name: &'static str,
     files: &'static [&'static str],
-    /// Packages whose tests are run on every mutant.
+    /// The package of the files, whose tests are run on every mutant.
     tests: &'static str,
     /// The package whose tests are run on those that the first did not notice.
     more_tests: Option<&'static str>,
@@ -164,7 +164,10 @@ fn outcomes(root: &Path, target: &Target, package: &str, selection: &[String]) -
     std::fs::create_dir_all(&output).map_err(|error| format!("{}: {error}", output.display()))?;
     let mut command = process::cargo(root, &["mutants", "--no-shuffle", "--timeout", TEST_LIMIT, "--colors", "never"]);
     command.arg("--output").arg(&output).args(target.files.iter().flat_map(|file| ["--file", *file]));
-    command.args(["--test-package", package]).args(selection).args(["--", "--lib", "--tests"]);
+    command
+        .args(["--package", target.tests, "--test-package", package])
+        .args(selection)
+        .args(["--", "--lib", "--tests"]);
     let status = command.status().map_err(|error| format!("cargo mutants cannot be run: {error}"))?;
     // 2: some survive; 3: a test timed out
     if !matches!(status.code(), Some(0 | 2 | 3)) {
