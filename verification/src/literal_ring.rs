@@ -182,7 +182,7 @@ enum Question {
 fn ask(literal: &mut LiteralRing, played: &mut ConsumerIndices, question: Question) -> Option<()> {
     let empty = played.head() == played.reached();
     match question {
-        Question::Store if !played.at_reached() || played.reached() == played.write() => return None,
+        Question::Store if played.read() != played.reached() || played.reached() == played.write() => return None,
         Question::Store => {
             let place = played.advance_cursor();
             holds!(place.is_some());
@@ -190,9 +190,11 @@ fn ask(literal: &mut LiteralRing, played: &mut ConsumerIndices, question: Questi
         }
         // The source leaves the empty ring undefined; ours stops at once.
         Question::Reverse if empty => holds!(played.retreat().is_none()),
-        Question::Forward if empty => holds!(played.at_reached()),
+        Question::Forward if empty => holds!(played.at_reached() && played.read() == played.reached()),
         Question::Reverse => holds!(literal.reverse() == played.retreat()),
-        Question::Forward if played.at_reached() => holds!(literal.forward().is_none()),
+        Question::Forward if played.read() == played.reached() => {
+            holds!(played.at_reached() && literal.forward().is_none());
+        }
         Question::Forward => holds!(literal.forward() == played.advance_cursor()),
     }
     holds!(literal.mirrors(played));

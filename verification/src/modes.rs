@@ -339,10 +339,8 @@ fn long_runs(size: Size) -> String {
     for _ in 0..runs {
         demands_are_in_order::<60>(&mut draw);
     }
-    let reached = [Region::NormalRun, Region::Leaving, Region::Rejoined, Region::Held, Region::OutputsDiffer];
-    for region in reached.into_iter().chain([Region::Forward, Region::Backward]) {
-        assert!(draw.has_reached(region), "no run reaches {region:?}");
-    }
+    draw.assert_reached(&[Region::NormalRun, Region::Leaving, Region::Rejoined, Region::Held, Region::OutputsDiffer]);
+    draw.assert_reached(&[Region::Forward, Region::Backward]);
     format!("{runs} runs of 60 drawn commands and reports")
 }
 

@@ -223,10 +223,15 @@ pub struct Draw {
 }
 
 impl Draw {
-    /// Whether a run with this source has been in that region since it was made.
-    #[must_use]
-    pub fn has_reached(&self, region: Region) -> bool {
-        self.covered & region.bit() != 0
+    /// Checks that a run with this source has been in each of these regions: a search that was not has shown less than
+    /// it says.
+    ///
+    /// # Panics
+    /// Where no run has been in one of them.
+    pub fn assert_reached(&self, regions: &[Region]) {
+        for region in regions {
+            assert!(self.covered & region.bit() != 0, "no run reaches the region {}", region.name());
+        }
     }
 
     /// A source that draws from `seed`.

@@ -8,6 +8,8 @@ use crate::harness::{cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
 use crate::ledger::{Mutant, Row, Search, Size};
 #[cfg(not(any(kani, verify_wasm)))]
+use crate::region::Region;
+#[cfg(not(any(kani, verify_wasm)))]
 use retrace_card::permit::CutterPermit;
 use retrace_card::permit::{PermitConditions, PermitTimer, check_channel};
 #[cfg(not(any(kani, verify_wasm)))]
@@ -103,6 +105,9 @@ fn outputs_of_a_period(c: &mut impl Choice) -> Option<()> {
         }
         k += 1;
     }
+    cover!(c, Lit, settings.channels[0].fires && after[0] != 0);
+    cover!(c, PutOut, off != 0);
+    cover!(c, Held, outcome.blocks);
     holds!(outcome.off.map_or(0, |off| off.channels) == off);
     holds!(outcome.blocks == blocks);
     Some(())
@@ -153,6 +158,7 @@ fn drawn_outputs(size: Size) -> String {
     for _ in 0..runs {
         outputs_of_a_period(&mut draw);
     }
+    draw.assert_reached(&[Region::Lit, Region::PutOut, Region::Held]);
     format!("{runs} drawn periods of two channels")
 }
 
@@ -163,6 +169,7 @@ fn long_histories(size: Size) -> String {
     for _ in 0..runs {
         a_history::<60>(&mut draw);
     }
+    draw.assert_reached(&[Region::Lit, Region::PutOut, Region::Limited]);
     format!("{runs} runs of 60 drawn periods")
 }
 

@@ -203,8 +203,11 @@ fn sizes_fit_in_cells(c: &mut impl Choice) -> Option<()> {
 /// The real ring is created exactly where its sizes fit and its records are in order, for any sizes and places.
 fn created_where_all_fits<const N: usize>(c: &mut impl Choice) -> Option<()> {
     let mut cells: [Cell<u32>; N] = core::array::from_fn(|_| Cell::new(0));
-    let (n, keep, look_ahead) = (c.upto(N as u32), c.word(), c.word());
-    let (head, history, ahead) = (c.word(), c.word(), c.word());
+    // any numbers; natively half of them about as large as the ring
+    let is_near = c.flag();
+    let mut size = || if is_near { c.below(N as u32 + 2) } else { c.word() };
+    let (keep, look_ahead, history, ahead) = (size(), size(), size(), size());
+    let (n, head) = (c.upto(N as u32), c.word());
     let reached = head.wrapping_add(history);
     let span = [head, reached, reached.wrapping_add(ahead)].map(RecordIndex::new);
     let span = RecordSpan { head: span[0], reached: span[1], write: span[2] };

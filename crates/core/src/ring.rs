@@ -490,13 +490,16 @@ mod tests {
         }
     }
 
+    /// Records in a test of two threads; under miri, which executes them one step at a time, fewer.
+    const RECORDS: u32 = if cfg!(miri) { 400 } else { 100_000 };
+
     #[test]
     fn two_threads_forward_and_back_read_what_was_pushed() {
         let mut ring = Ring::new(cells(64), 40, 24, RecordIndex::new(u32::MAX - 100)).expect("valid");
         let (mut producer, mut consumer) = ring.split();
         std::thread::scope(|scope| {
             scope.spawn(move || {
-                for i in 0..100_000u32 {
+                for i in 0..RECORDS {
                     while producer.push(i).is_err() {
                         std::thread::yield_now();
                     }
@@ -504,7 +507,7 @@ mod tests {
             });
             let mut back = VecDeque::new();
             let mut next = 0u32;
-            while next < 100_000 {
+            while next < RECORDS {
                 match consumer.advance() {
                     None => std::thread::yield_now(),
                     Some(v) => {

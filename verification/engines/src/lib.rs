@@ -13,6 +13,7 @@ mod options;
 mod outcome;
 mod page;
 mod rows;
+mod sanitizers;
 mod sources;
 mod status;
 mod stub;
@@ -140,6 +141,11 @@ fn run_engines(job: &Job<'_>, all: &[Row], options: &Options) -> Summary {
     if let (true, Ok(tools)) = (runs(Engine::CbmcMutants), &cbmc) {
         mutants::run_cbmc(job, tools);
     }
+    for engine in [Engine::Miri, Engine::Tsan] {
+        if runs(engine) {
+            sanitizers::run(job, engine);
+        }
+    }
     let mut versions = vec![("rustc".to_owned(), tools::rustc_version())];
     versions.extend(cbmc.iter().flat_map(|tools| tools.versions.clone()));
     versions.extend(kani.ok().filter(|_| runs(Engine::Kani)).map(|version| ("kani".to_owned(), version)));
@@ -197,6 +203,12 @@ fn absent(
             ),
             (Engine::CbmcMutants, ..) if !options.wants(engine) => {
                 ("runs by name only: cargo xtask campaign mutants".to_owned(), String::new())
+            }
+            (Engine::Miri | Engine::Tsan, ..) if !options.wants(engine) => {
+                (format!("runs by name only: --engine {}", engine.name()), String::new())
+            }
+            (Engine::Miri | Engine::Tsan, ..) if sanitizers::lacks(engine).is_some() => {
+                (sanitizers::lacks(engine).unwrap_or_default(), sanitizers::how_to_get(engine).to_owned())
             }
             _ if !options.wants(engine) && options.engines.is_empty() => {
                 ("left out by --quick".to_owned(), String::new())

@@ -72,9 +72,13 @@ impl Options {
     }
 
     /// Engines of a run that names none. CBMC builds and proves again for every mutant, which takes longer than all the
-    /// rest.
+    /// rest; miri and the thread sanitizer need a nightly toolchain and build everything again.
     fn usual(&self, engine: Engine) -> bool {
-        engine != Engine::CbmcMutants && !(self.quick && engine == Engine::Kani)
+        match engine {
+            Engine::CbmcMutants | Engine::Miri | Engine::Tsan => false,
+            Engine::Kani => !self.quick,
+            _ => true,
+        }
     }
 
     /// Whether this run covers everything, so that it may write the committed ledger.

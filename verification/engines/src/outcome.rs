@@ -15,12 +15,24 @@ pub(crate) enum Engine {
     Kani,
     Mutants,
     CbmcMutants,
+    Miri,
+    Tsan,
 }
 
 impl Engine {
     /// All of them, in the order in which they are run.
-    pub(crate) const ALL: [Self; 8] =
-        [Self::Native, Self::Stub, Self::Loom, Self::Shuttle, Self::Cbmc, Self::Kani, Self::Mutants, Self::CbmcMutants];
+    pub(crate) const ALL: [Self; 10] = [
+        Self::Native,
+        Self::Stub,
+        Self::Loom,
+        Self::Shuttle,
+        Self::Cbmc,
+        Self::Kani,
+        Self::Mutants,
+        Self::CbmcMutants,
+        Self::Miri,
+        Self::Tsan,
+    ];
 
     pub(crate) fn name(self) -> &'static str {
         match self {
@@ -32,6 +44,8 @@ impl Engine {
             Self::Kani => "kani",
             Self::Mutants => "mutants",
             Self::CbmcMutants => "cbmc-mutants",
+            Self::Miri => "miri",
+            Self::Tsan => "tsan",
         }
     }
 
@@ -45,6 +59,8 @@ impl Engine {
             Self::Kani => "the harnesses in Kani's list proved by Kani",
             Self::Mutants => "every mutant is noticed by the check it names",
             Self::CbmcMutants => "mutants whose killer is a harness are refuted by CBMC too",
+            Self::Miri => "the ring's tests under miri: undefined behaviour, by name only",
+            Self::Tsan => "the ring's tests under the thread sanitizer: data races, by name only",
         }
     }
 
