@@ -762,7 +762,7 @@ fn a_stop_is_sent_again_while_the_card_homes() {
 fn counts_and_place_follow_the_records() {
     for start in STARTS {
         let mut bench = HostBench::new(start);
-        (0..9).for_each(|offset| bench.send_ahead(offset));
+        (0..12).for_each(|offset| bench.send_ahead(offset));
         let step = |to: i64| [ran(Distance::from_units(to), 1)];
         let half = 1 << 31;
         for (k, distance) in [(0, half), (1, half), (2, 3 * half), (3, -half)] {
@@ -781,7 +781,7 @@ fn counts_and_place_follow_the_records() {
             }
         }
         assert_eq!(status.counts, counts, "{start:?}");
-        // beyond the records: the card cannot have done that
+        // several periods in one entry
         bench.report(Report {
             next_command: 9,
             length: 9,
@@ -791,6 +791,11 @@ fn counts_and_place_follow_the_records() {
         });
         while bench.host.next_period() {}
         assert_eq!(bench.host.status().place, Place::start_of(RecordIndex::new(START + 10)));
+        // at rest the line is that of the record that ends there
+        bench.report(Report { next_command: 9, length: 9, first: 6, entries: &[REST], ..Report::default() });
+        assert!(bench.host.next_period());
+        assert_eq!(bench.host.status().line, record(START + 9).line, "{start:?}");
+        assert_ne!(record(START + 10).line, record(START + 9).line);
     }
 }
 
@@ -800,4 +805,164 @@ fn instructions_are_sent_at_once() {
     let instruction = HostCommand::Instruction(Instruction { number: 1, ..Instruction::default() });
     bench.host.send(instruction).expect("room");
     assert_eq!(bench.after(0), [stream(0, &[instruction])]);
+}
+
+#[test]
+fn clearing_is_accepted_with_the_first_number_too() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        let entries = [ReportEntry::Alarm(Some(Alarm::HostSilent)), ran(Distance::RECORD, 1)];
+        bench.send_ahead(0);
+        bench.report(Report { next_command: 1, length: 1, first: 1, entries: &entries, ..Report::default() });
+        assert!(bench.host.next_period() && bench.host.fault().is_none(), "{start:?}: it brakes");
+        let mut bench = HostBench::new(start);
+        let entries = [ReportEntry::Alarm(Some(Alarm::HostSilent)), REST, REST];
+        bench.report(Report { first: 1, entries: &entries, flags: ALL, ..Report::default() });
+        assert!(bench.host.next_period() && bench.host.fault().is_none(), "{start:?}: a period follows");
+        assert!(bench.host.next_period() && bench.host.fault().is_some(), "{start:?}");
+        bench.host.send(HostCommand::ClearAlarm).expect("room");
+        bench.report(Report { next_command: 1, first: 4, flags: ALL, ..Report::default() });
+        bench.report(Report { next_command: 1, first: 4, entries: &[REST], flags: ALL, ..Report::default() });
+        assert!(bench.host.next_period());
+        assert_eq!(bench.host.fault(), Some(LinkError::Alarm(Alarm::HostSilent)), "{start:?}");
+    }
+}
+
+/// Whether the cursor may be elsewhere than it was reported.
+#[test]
+fn records_near_the_cursor_are_dropped_only_if_nothing_moves() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        (0..9).for_each(|offset| bench.send_ahead(offset));
+        bench.report(Report { next_command: 9, length: 9, first: 1, flags: ALL, ..Report::default() });
+        let trim =
+            |bench: &mut HostBench, high| bench.host.send(HostCommand::Trim { high: RecordIndex::new(START + high) });
+        assert_eq!(trim(&mut bench, 8), Ok(()), "{start:?}: at rest");
+        // a rate is requested
+        bench.host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
+        assert_eq!(trim(&mut bench, 7), Err(CommandRefusal::InMotion), "{start:?}");
+        let acknowledged = Report { next_command: 10, length: 8, first: 1, ..Report::default() };
+        bench.report(Report { rate: 1, flags: ALL, ..acknowledged });
+        assert_eq!(trim(&mut bench, 7), Err(CommandRefusal::InMotion), "{start:?}: and is in force");
+        // zero is requested, and not acknowledged
+        bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
+        assert_eq!(trim(&mut bench, 7), Err(CommandRefusal::InMotion), "{start:?}");
+        // it is acknowledged, and a period is not published
+        bench.report(Report { rate: 2, entries: &[ran(Distance::RECORD, 3)], ..acknowledged });
+        assert_eq!(trim(&mut bench, 7), Err(CommandRefusal::InMotion), "{start:?}");
+        // it is published, in motion
+        (0..3).for_each(|_| assert!(bench.host.next_period()));
+        assert_eq!(trim(&mut bench, 7), Err(CommandRefusal::InMotion), "{start:?}");
+        bench.report(Report { rate: 2, first: 2, entries: &[REST], ..acknowledged });
+        assert!(bench.host.next_period());
+        assert_eq!(trim(&mut bench, 7), Ok(()), "{start:?}: at rest again");
+        assert_eq!(bench.status_window(), (0, 7));
+        assert_eq!(bench.host.send(HostCommand::Forget { low: RecordIndex::new(START + 3) }), Ok(()));
+        assert_eq!(bench.status_window(), (3, 7), "each of the periods counts");
+    }
+}
+
+#[test]
+fn another_epoch_begins_anew() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        bench.send_ahead(0);
+        bench.host.send(output(3)).expect("room");
+        bench.host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
+        bench.host.send(HostCommand::Home(HomingCommand::default())).expect("room");
+        bench.host.send(HostCommand::ClearAlarm).expect("room");
+        bench.after(12_000);
+        let alarm = ReportEntry::Alarm(Some(Alarm::DoorOpen));
+        bench.report(Report { first: 1, entries: &[alarm, REST, REST], flags: ALL | LOST, ..Report::default() });
+        assert_eq!(bench.host.fault(), Some(LinkError::ReportLost));
+        let period = bench.host.status().period;
+        bench.host.request_greeting(99);
+        bench.now += 70_000;
+        bench.frames();
+        (bench.last_epoch, bench.epoch) = (bench.epoch, next_epoch(bench.epoch));
+        let last_epoch = bench.last_epoch;
+        bench.greet(99, BOOT, last_epoch);
+        assert!(!bench.host.is_where_reported() || bench.host.fault().is_some());
+        // the last frames of the old epoch
+        bench.now += 70_000;
+        while bench.host.transmit(bench.now, &mut [0; 512]) > 0 {}
+        bench.host.open(CardSettings::new(0, PathStart::at(RecordIndex::new(START)), 1000, limits()));
+        bench.key = session_key(BOOT, !99, bench.epoch);
+        assert_eq!(bench.host.silent_us(), 0, "{start:?}: the silence begins again");
+        assert_eq!((bench.host.fault(), bench.host.status().period), (None, period), "{start:?}");
+        assert!(bench.host.is_acknowledged() && !bench.host.is_open() && !bench.host.next_period());
+        let opening = Sent::Open { boot: BOOT, nonce: !99, epoch: bench.epoch };
+        assert_eq!(bench.after(0), [opening], "{start:?}");
+        let wrong = Report { entries: &[REST], flags: ALL, wrong: 1, ..Report::default() };
+        bench.report(wrong);
+        assert!(bench.host.is_open() && bench.host.next_period(), "{start:?}");
+        assert_eq!(bench.host.fault(), Some(LinkError::StateMismatch), "{start:?}: on the path again");
+        assert_eq!(bench.status_window(), (0, 0), "{start:?}");
+        assert_eq!(bench.host.acknowledged_high(), RecordIndex::new(START));
+    }
+}
+
+/// The hash by which a model knows states: what decides about the future is in it, and the past is not.
+#[test]
+fn states_are_equal_if_they_behave_alike() {
+    use std::collections::hash_map::DefaultHasher;
+    use std::hash::Hasher;
+    let hash = |bench: &HostBench, after: u64| {
+        let mut state = DefaultHasher::new();
+        bench.host.hash_state(bench.now + after, &mut state);
+        state.finish()
+    };
+    let bench = HostBench::new(STARTS[1]);
+    let mut later = HostBench::new(STARTS[1]);
+    assert_eq!(hash(&bench, 0), hash(&later, 0));
+    assert_ne!(hash(&bench, 0), hash(&bench, 1), "times count from now");
+    assert_eq!(hash(&bench, 200_000), hash(&bench, 200_001), "every interval is over");
+    later.host.receive(&[9], later.now);
+    assert_ne!(hash(&bench, 0), hash(&later, 0), "half a frame");
+    // records that were sent differ, though nothing is outstanding
+    let acknowledged = |increment| {
+        let mut bench = HostBench::new(STARTS[1]);
+        let record = retrace_core::Record { increments: [increment; 3], ..record(1) };
+        bench.host.send(HostCommand::Ahead { place: RecordIndex::new(START), record }).expect("room");
+        assert_eq!(bench.host.unacknowledged_commands(), 1);
+        bench.after(12_000);
+        bench.report(Report { next_command: 1, length: 1, first: 1, flags: ALL, ..Report::default() });
+        assert_eq!(bench.host.unacknowledged_commands(), 0);
+        bench
+    };
+    assert_eq!(hash(&acknowledged(1), 200_000), hash(&acknowledged(1), 200_000));
+    assert_ne!(hash(&acknowledged(1), 200_000), hash(&acknowledged(2), 200_000));
+    assert_ne!(hash(&acknowledged(1), 0), hash(&bench, 0));
+}
+
+#[test]
+fn an_acknowledgement_leaves_what_is_not_sent_yet() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        let commands: Vec<_> = (0..5).map(output).collect();
+        commands[..3].iter().for_each(|&command| bench.host.send(command).expect("room"));
+        assert_eq!(bench.after(0), [stream(0, &commands[..3])]);
+        commands[3..].iter().for_each(|&command| bench.host.send(command).expect("room"));
+        bench.report(Report { next_command: 1, first: 1, flags: ALL, ..Report::default() });
+        assert_eq!(bench.after(0), [stream(3, &commands[3..])], "{start:?}");
+    }
+}
+
+/// A stop cuts a long frame short; what was in it is sent again, also if older commands were acknowledged meanwhile.
+#[test]
+fn a_frame_that_is_cut_short_is_sent_again_completely() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        bench.host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
+        assert_eq!(bench.after(0), [rate(1, Rate::ONE)]);
+        let commands: Vec<_> = (0..30).map(|value| output(value * 1_000_000)).collect();
+        commands[..2].iter().for_each(|&command| bench.host.send(command).expect("room"));
+        assert_eq!(bench.after(0), [stream(0, &commands[..2])]);
+        commands[2..].iter().for_each(|&command| bench.host.send(command).expect("room"));
+        assert_eq!(bench.host.transmit(bench.now, &mut [0; 30]), 30, "the beginning of a long frame");
+        bench.report(Report { next_command: 2, rate: 1, first: 1, flags: ALL, ..Report::default() });
+        bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
+        // the zero byte, and the rate before everything else
+        assert_eq!(bench.after(0), [rate(2, Rate::ZERO), stream(2, &commands[2..])], "{start:?}");
+    }
 }

@@ -42,6 +42,9 @@ struct LoopPort {
     accepts: usize,
     writable: usize,
     written: usize,
+    /// Frames that the card still sends, and when the last one arrived.
+    frames: usize,
+    last: u64,
 }
 
 impl LoopPort {
@@ -56,6 +59,8 @@ impl LoopPort {
             accepts: 7,
             writable: 40,
             written: 0,
+            frames: usize::MAX,
+            last: 0,
         }
     }
 }
@@ -95,7 +100,19 @@ impl BytePort for LoopPort {
         if self.gone {
             return Err(Unplugged);
         }
-        Ok(if self.answers { self.end.transmit(&self.works, bytes) } else { 0 })
+        if !self.answers {
+            return Ok(0);
+        }
+        for (count, byte) in bytes.iter_mut().enumerate() {
+            let byte = core::slice::from_mut(byte);
+            if self.frames == 0 || self.end.transmit(&self.works, byte) == 0 {
+                return Ok(count);
+            }
+            if byte[0] == 0 {
+                (self.frames, self.last) = (self.frames - 1, self.now);
+            }
+        }
+        Ok(bytes.len())
     }
 
     fn revive(&mut self) -> bool {
@@ -208,6 +225,20 @@ fn an_epoch_without_a_period_times_out() {
     let begun = card.port().now;
     assert_eq!(card.open(settings()), Err(LinkedCardError::Host(LinkError::Silent)));
     assert_eq!(card.port().now - begun, 31_000);
+}
+
+/// The first report has more outputs than fit, and the card is silent after it.
+#[test]
+fn an_epoch_whose_first_period_is_late_times_out() {
+    let patience = LinkTimeouts { answer_us: 30_000, silence_us: 50_000 };
+    let mut card = Linked::connect(LoopPort::new(), 9, patience).expect("it answers");
+    let port = card.port_mut();
+    port.works.status.outputs = [i32::MAX; retrace_link::channel::COUNT];
+    // the answer to the opening, and a report
+    port.frames = 2;
+    assert_eq!(card.open(settings()), Err(LinkedCardError::Host(LinkError::Silent)));
+    assert!(card.host().is_open());
+    assert_eq!(card.port().now - card.port().last, 31_000);
 }
 
 #[test]
