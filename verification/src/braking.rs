@@ -83,7 +83,7 @@ fn slopes_are_legal(size: Size) -> String {
             // V·f + αA·u² ≤ A and f·(3αA + 2V/n) ≤ (2 − α)J, times all denominators
             let accelerated = |f: i128| ((v * f) << 26) + ((share * a * i128::from(k * k)) << 32);
             let jerked = |f: i128| f * (3 * share * a * n + ((2 * v) << 16));
-            let (most_accelerated, most_jerked) = (a << 58, ((2 << 16) - share) * j * n << 32);
+            let (most_accelerated, most_jerked) = (a << 58, (((2 << 16) - share) * j * n) << 32);
             let legal = |f: i128| accelerated(f) <= most_accelerated && jerked(f) <= most_jerked;
             assert!(legal(slope), "{slope} at {k}/32: {limits:?}");
             let rounding = 8 + slope / (1 << 20) + 64 * (1 << 32) / v.min(j << 10);
