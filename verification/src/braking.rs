@@ -19,8 +19,8 @@ fn braking(share: u16) -> Braking<8> {
     built!(Braking::new(&built!(RateLimits::new(3, share, [SOFT]))))
 }
 
-/// The period before a ramp is in its length, unless the next rate ends in one period: S(u) ≥ u + S(u⁻), where u⁻ is u less
-/// the slope at it. This is a whole slope more than braking needs, so that no rounding of the table can use it up.
+/// The period before a ramp is in its length, unless the next rate ends in one period: S(u) ≥ u + S(u⁻), where u⁻ is u
+/// less the slope at it. This is a whole slope more than braking needs, so that no rounding of the table can use it up.
 fn ramps_have_a_slope_to_spare(c: &mut impl Choice, braking: &Braking<8>) -> Option<()> {
     let rate = Rate::from_units(c.between(0, ONE >> 16) << 16);
     let slope = braking.slope(rate, 16);
@@ -104,8 +104,9 @@ const SLOPE: &str = "crates/core/src/drive/slope.rs";
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[Row {
     name: "braking-table",
-    says: "The slopes of braking are the steepest that are legal anywhere on the machine, the length of a ramp includes a \
-        whole slope more than it needs, and the rate that a distance allows is the largest that can be braked in it",
+    says: "The slopes of braking are the steepest that are legal anywhere on the machine, the length of a ramp \
+        includes a whole slope more than it needs, and the rate that a distance allows is the largest that can be \
+        braked in it",
     requirement: "REV, Beyond the source, *Braking to a place*",
     bound: "any rate up to 1 in steps of 2⁻¹⁶ for the slope to spare; distances in steps of 2⁻¹⁰ up to the ramp from \
         rate 1 and 3 records for the largest rate, searched, not proved; on two machines with 8 intervals; the slopes \

@@ -1,8 +1,8 @@
-//! The rate law on planned paths: velocity, acceleration and jerk of the motion that the drive makes of them (REV, *Rate
-//! law*).
+//! The rate law on planned paths: velocity, acceleration and jerk of the motion that the drive makes of them (REV,
+//! *Rate law*).
 //!
-//! Invariant: motion is judged from the exact path at the places of the cursor. Nothing here asks the drive for a slope,
-//! a cap or a bound.
+//! Invariant: motion is judged from the exact path at the places of the cursor. Nothing here asks the drive for a
+//! slope, a cap or a bound.
 
 use crate::choice::{Choice, ONE};
 use crate::harness::harnesses;
@@ -113,12 +113,20 @@ impl RecordWindow<2> for Path {
     }
 }
 
-/// The largest part of each limit that some periods use: of velocity, acceleration and twice the jerk, of any axis.
-type Used = [f64; 3];
+/// Periods over which the jerk is judged, as the limits of a run are: a shorter phase of jerk moves no axis by more
+/// than the rounding of its pulses does.
+const STRIDE: usize = 8;
+
+/// The largest part of each limit that some periods use, of any axis: of velocity, of acceleration, of twice the jerk
+/// over
+/// [`STRIDE`] periods, and of twice the jerk in a single period.
+type Used = [f64; 4];
 
 /// A machine, and a path that uses its limits as a plan may.
 struct Scene {
     limits: RateLimits<2>,
+    /// Share of the limits that the plan may use, in 65 536ths.
+    share: u16,
     path: Path,
 }
 
@@ -156,7 +164,7 @@ impl Scene {
             RapidCap::sixteenths((cap * 16.0).clamp(16.0, 128.0) as u8)
         });
         let (increments, caps) = (increments.collect(), caps.collect());
-        Self { limits, path: Path { axes, increments, caps, low: 0, high: RECORDS as u32 } }
+        Self { limits, share, path: Path { axes, increments, caps, low: 0, high: RECORDS as u32 } }
     }
 
     /// Begins a run in the middle of the path, with `held` records on either side.
@@ -164,7 +172,7 @@ impl Scene {
         let middle = (RECORDS / 2) as u32;
         (self.path.low, self.path.high) = (middle.saturating_sub(held), (middle + held).min(RECORDS as u32));
         let at = Place::start_of(RecordIndex::new(FIRST) + middle);
-        Run { drive: Drive::new(self.limits).expect("fits"), at, places: [f64::from(middle); 4], held }
+        Run { drive: Drive::new(self.limits).expect("fits"), at, places: [f64::from(middle); 3 * STRIDE + 1], held }
     }
 
     /// Continues a run with a target for a number of periods, and returns what these use.
@@ -177,11 +185,12 @@ impl Scene {
             self.path.high = self.path.high.max((n + run.held).min(RECORDS as u32));
             run.at = run.drive.step(run.at, target, &self.path).to;
             run.places.rotate_left(1);
-            run.places[3] = start.distance_to(run.at).units() as f64 / ONE as f64;
+            run.places[3 * STRIDE] = start.distance_to(run.at).units() as f64 / ONE as f64;
             for (axis, limits) in self.path.axes.iter().zip(self.limits.axes()) {
-                let q = run.places.map(|place| axis.position(place));
-                let differences = [q[3] - q[2], q[3] - 2.0 * q[2] + q[1], q[3] - 3.0 * q[2] + 3.0 * q[1] - q[0]];
-                let limits = [limits.velocity, limits.acceleration, 2 * limits.jerk];
+                let q = |periods: usize| axis.position(run.places[3 * STRIDE - periods]);
+                let third = |n: usize| (q(0) - 3.0 * q(n) + 3.0 * q(2 * n) - q(3 * n)) / (n * n * n) as f64;
+                let differences = [q(0) - q(1), q(0) - 2.0 * q(1) + q(2), third(STRIDE), third(1)];
+                let limits = [limits.velocity, limits.acceleration, 2 * limits.jerk, 2 * limits.jerk];
                 for (used, (difference, limit)) in used.iter_mut().zip(differences.into_iter().zip(limits)) {
                     *used = used.max(difference.abs() * ONE as f64 / limit as f64);
                 }
@@ -195,16 +204,18 @@ impl Scene {
 struct Run {
     drive: Drive<2, AVERAGE>,
     at: Place,
-    places: [f64; 4],
+    /// Places of the last periods, the newest last.
+    places: [f64; 3 * STRIDE + 1],
     /// Records that arrive in time on either side of the cursor.
     held: u32,
 }
 
-/// For any requests at any time, over drawn paths that use the limits as a plan may: velocity and
-/// acceleration are kept on every axis, and twice the jerk to 6 %: a path of whole pulses does not show all of its jerk.
+/// For any requests at any time, over drawn paths that use the limits as a plan may: velocity and acceleration are kept
+/// on every axis in every period, and twice the jerk over every [`STRIDE`] periods. A phase of jerk that is shorter
+/// than a block of the survey is not seen whole, so in a single period all of the plan's jerk may be added.
 fn limits_are_kept(size: Size) -> String {
     let mut draw = Draw::new(size.seed);
-    let (runs, mut largest) = (if size.full { 2000 } else { 200 }, Used::default());
+    let (runs, mut largest) = (if size.full { 8000 } else { 800 }, Used::default());
     for _ in 0..runs {
         let mut scene = Scene::any(&mut draw, false);
         let held = if draw.flag() { RECORDS as u32 } else { 30 + draw.below(600) };
@@ -214,8 +225,9 @@ fn limits_are_kept(size: Size) -> String {
             let rate = [ONE, 0, ONE / 2, 8 * ONE, -ONE, -8 * ONE, any][draw.below(7) as usize];
             let periods = 1 + draw.below(200);
             let used = scene.run(&mut run, Rate::from_units(rate), periods);
+            let unseen = f64::from(scene.share) / 65_536.0 / 2.0;
             assert!(
-                used[0].max(used[1]) <= 1.0 + 1e-4 && used[2] <= 1.06,
+                used[0].max(used[1]).max(used[2]) <= 1.0 + 1e-4 && used[3] <= 1.0 + unseen,
                 "{used:?} at {:?}: {:?}",
                 run.at,
                 scene.limits
@@ -225,11 +237,15 @@ fn limits_are_kept(size: Size) -> String {
             }
         }
     }
-    format!("{runs} drawn runs; at most {:.4}, {:.4} and {:.4} of the limits", largest[0], largest[1], largest[2])
+    format!(
+        "{runs} drawn runs; at most {:.4} of the velocity, {:.4} of the acceleration, {:.4} of twice the jerk over \
+         {STRIDE} periods, {:.4} in one",
+        largest[0], largest[1], largest[2], largest[3]
+    )
 }
 
-/// On straight paths the axis that decides uses its acceleration, in every start and every hold that last longer than the
-/// average, and twice its jerk where one is turned into the other: either axis, in either direction, at the planned
+/// On straight paths the axis that decides uses its acceleration, in every start and every hold that last longer than
+/// the average, and twice its jerk where one is turned into the other: either axis, in either direction, at the planned
 /// rate, half of it, and up to three times that.
 fn limits_are_used(size: Size) -> String {
     let mut draw = Draw::new(size.seed);
@@ -251,9 +267,9 @@ fn limits_are_used(size: Size) -> String {
         let start = scene.run(&mut run, rate, average + 2);
         let hold = scene.run(&mut run, Rate::ZERO, average + 1);
         let resume = scene.run(&mut run, rate, average + 2);
-        for [_, acceleration, jerk] in [start, hold, resume] {
+        for [_, acceleration, _, jerk] in [start, hold, resume] {
             least[0] = least[0].min(acceleration);
-            least[1] = least[1].min(if start[2] == jerk { 1.0 } else { jerk });
+            least[1] = least[1].min(if start[3] == jerk { 1.0 } else { jerk });
         }
         assert!(
             least.iter().all(|&least| least >= 0.98),
@@ -331,11 +347,11 @@ const SLOPE: &str = "crates/core/src/drive/slope.rs";
 pub const ROWS: &[Row] = &[
     Row {
         name: "law-limits",
-        says: "What the drive makes of a planned path keeps velocity, acceleration and 2.12 times the jerk on every axis, for \
-            any requests at any time; and each of acceleration and jerk is used to 98 % in some hold and some start \
-            of either axis in either direction",
+        says: "What the drive makes of a planned path keeps velocity and acceleration in every period, and twice the \
+            jerk over every eight periods, on every axis, for any requests at any time; and on straight paths every \
+            start and every hold uses 98 % of the acceleration, and a change of its sign 98 % of twice the jerk",
         requirement: "REV, Beyond the source, *Rate law*",
-        bound: "2 000 drawn runs of up to 1 600 periods over drawn S-curves of two axes, rates to 8 in both \
+        bound: "8 000 drawn runs of up to 1 600 periods over drawn S-curves of two axes, rates to 8 in both \
             directions, averages of 5 to 43 periods, the whole path held or 30 to 630 records of it; 4 000 drawn \
             starts, holds and turns on straight paths",
         assumes: "the plan stays within its share of acceleration and jerk at the cap of each record, and an increment \
@@ -353,15 +369,22 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the acceleration of the records does not count",
                 file: SLOPE,
-                find: "ratio(axis.acceleration.saturating_sub(scaled(required.acceleration, rate, 2)), required.velocity)",
-                put: "ratio(axis.acceleration.saturating_sub(scaled(0, rate, 2)), required.velocity)",
+                find: "axis.acceleration.saturating_sub(scaled(required.acceleration, rate, 2))",
+                put: "axis.acceleration.saturating_sub(scaled(0, rate, 2))",
+                killer: "law-limits-kept",
+            },
+            Mutant {
+                name: "peaks of acceleration are taken from the jerk that is seen",
+                file: "crates/core/src/drive/bounds.rs",
+                find: "let unseen = if steady == 0 && jerk == 0 { 0 } else { maximum.jerk };",
+                put: "let unseen = jerk;",
                 killer: "law-limits-kept",
             },
             Mutant {
                 name: "half the acceleration is used",
                 file: SLOPE,
-                find: "ratio(axis.acceleration.saturating_sub(scaled(required.acceleration, rate, 2)), required.velocity)",
-                put: "ratio((axis.acceleration / 2).saturating_sub(scaled(required.acceleration, rate, 2)), required.velocity)",
+                find: "axis.acceleration.saturating_sub(scaled(required.acceleration, rate, 2))",
+                put: "(axis.acceleration / 2).saturating_sub(scaled(required.acceleration, rate, 2))",
                 killer: "law-limits-used",
             },
             Mutant {
@@ -382,8 +405,8 @@ pub const ROWS: &[Row] = &[
     },
     Row {
         name: "law-caps",
-        says: "Rapid retrace is as fast as the caps ahead allow, and no faster: a record counts exactly as far ahead as \
-            the rate needs to fall and to leave the average",
+        says: "Rapid retrace is as fast as the caps ahead allow, and no faster: a record counts exactly as far ahead \
+            as the rate needs to fall and to leave the average",
         requirement: "REV, Beyond the source, *Rate law*",
         bound: "one slow record, the farthest that counts, the next one, or the first; every rate above 1 in \
             sixteenths, both directions, three averages",

@@ -147,7 +147,8 @@ fn cuts_leave_room_to_stop(size: Size) -> String {
     format!("{cuts} changes of the window in {runs} drawn runs")
 }
 
-/// The card does not refuse what is plainly possible: on a machine that brakes at one slope, an end at four thirds of the length of a hold and three records more is accepted.
+/// The card does not refuse what is plainly possible: on a machine that brakes at one slope, an end at four thirds of
+/// the length of a hold and three records more is accepted.
 fn cuts_beyond_a_hold_are_accepted(size: Size) -> String {
     let mut draw = Draw::new(size.seed);
     let (runs, mut cuts) = (if size.full { 20_000 } else { 4_000 }, 0u64);

@@ -142,15 +142,21 @@ impl IncrementDifferences {
     ///
     /// A second difference of rounded positions has an error of up to 2 pulses, a third one of up to 4. Over short
     /// strides that error is subtracted, as it moves the axis by no more than rounding does; over the longest stride
-    /// nothing is subtracted. A peak is up to half a block from the middle of a stride, and the stride's mean is below
-    /// the peak by the jerk times half a block.
+    /// nothing is subtracted.
+    ///
+    /// A stride's figure is a mean with weights that fall on both sides of its middle, and a peak is up to half a block
+    /// from the nearest middle. With the jerk that the plan may use on both sides of it, the peak of the acceleration
+    /// is above the nearest mean by up to 4.32 times that jerk, a peak of the velocity by up to 19 times. A phase of
+    /// jerk may be shorter than a stride, so the jerk that is seen would be too little here. Where nothing but rounding
+    /// is seen, the path counts as straight, at constant speed.
     fn bounds(&self, maximum: AxisBounds) -> AxisBounds {
         let part = |pulses: u32, slack: u32, bits: u32| (u64::from(pulses.saturating_sub(slack)) << 32) >> bits;
         let jerk = part(self.third[0], 4, 9).max(part(self.third[1], 4, 12)).min(maximum.jerk);
         let [short, middle, long] = self.second;
         let steady = part(short, 2, 6).max(part(middle, 1, 8)).max(part(long, 0, 10));
-        let acceleration = (steady + 4 * jerk).min(maximum.acceleration);
-        let velocity = (part(self.first + 1, 0, 4) + 19 * jerk).min(maximum.velocity);
+        let unseen = if steady == 0 && jerk == 0 { 0 } else { maximum.jerk };
+        let acceleration = (steady + 4 * unseen + unseen.div_ceil(3)).min(maximum.acceleration);
+        let velocity = (part(self.first + 1, 0, 4) + 19 * unseen).min(maximum.velocity);
         AxisBounds { velocity, acceleration, jerk }
     }
 }
@@ -213,9 +219,33 @@ mod tests {
 
     const AXIS: PulseLimits = PulseLimits { velocity: 30_000 << 32, acceleration: 3000 << 32, jerk: 300 << 32 };
 
+    /// A peak of acceleration that the plan's jerk makes and takes back counts whole, however short it is and wherever
+    /// the blocks are.
+    #[test]
+    fn a_short_peak_of_acceleration_counts_whole() {
+        let limits = RateLimits::new(11, 58_982, [AXIS]).expect("valid");
+        let jerk = (limits.plan_jerk(&AXIS) >> 32) as i16;
+        for (length, offset) in (1..=10i16).flat_map(|length| (0..8).map(move |offset| (length, offset))) {
+            let (mut speed, mut records) = (0, vec![(0i16, 16u8); 60 + offset]);
+            for change in (1..=length).chain((0..length).rev()) {
+                speed += change * jerk;
+                records.push((speed, 16));
+            }
+            records.extend([(speed, 16); 60]);
+            let strip = Strip { low: 0, records };
+            let at = Place::start_of(RecordIndex::new(50));
+            let ahead = DirectedWindow { at, sign: 1, window: &strip };
+            let bounds = IncrementBounds::over(&limits, &ahead, Distance::records(60)).axes[0];
+            let (peak, fastest) = (u64::from((length * jerk) as u16) << 32, u64::from(speed as u16) << 32);
+            assert!(bounds.acceleration + (1 << 32) >= peak, "{length} {offset}: {bounds:?}");
+            assert!(bounds.velocity + (1 << 32) >= fastest, "{length} {offset}: {bounds:?}");
+        }
+    }
+
     proptest! {
-        /// The caps are those of the records that the cursor may reach, in either direction; velocity and acceleration are
-        /// at least what these records show over sixteen of them, and at most what the plan may use at their lowest cap.
+        /// The caps are those of the records that the cursor may reach, in either direction; velocity and acceleration
+        /// are at least what these records show over sixteen of them, and at most what the plan may use at their lowest
+        /// cap.
         #[test]
         fn every_record_that_is_reached_counts(
             low in any::<u32>(), records in prop::collection::vec((-3000i16..3000, 16u8..=128), 40..200),
@@ -229,10 +259,12 @@ mod tests {
             let limits = RateLimits::new(11, 58_982, [AXIS]).expect("valid");
             let bounds = IncrementBounds::over(&limits, &ahead, Distance::from_units(reach));
             // the record under the cursor, and every one that begins within the reach
+            let last = i64::from(count) - 1;
+            let place = (i64::from(record) << 32) + i64::from(fraction);
             let (from, to) = if forward {
-                (record, (((i64::from(record) << 32) + i64::from(fraction) + reach) >> 32).min(i64::from(count) - 1) as u32)
+                (record, ((place + reach) >> 32).min(last) as u32)
             } else {
-                ((((i64::from(record) << 32) + i64::from(fraction) - reach) >> 32).max(0) as u32, record)
+                (((place - reach) >> 32).max(0) as u32, record)
             };
             let caps = || strip.records[from as usize..=to as usize].iter().map(|record| record.1);
             let (least, most) = (caps().min().expect("some"), caps().max().expect("some"));

@@ -120,9 +120,9 @@ impl<const N: usize> Braking<N> {
     /// Returns the length of path in which the commanded place comes to rest at an end of the window, after the period
     /// at `rate`, 0 … [`Rate::MAX`].
     ///
-    /// Up to one that is the ramp. A rate u above one first falls to one by the slopes of the cap u, as the ramp from one
-    /// falls to 1/u, scaled. From there the ramp from one must remain, whatever the caps allow: the end of the window
-    /// may hide records of any cap.
+    /// Up to one that is the ramp. A rate u above one first falls to one by the slopes of the cap u, as the ramp from
+    /// one falls to 1/u, scaled. From there the ramp from one must remain, whatever the caps allow: the end of the
+    /// window may hide records of any cap.
     #[must_use]
     pub fn stop_length(&self, rate: Rate) -> Distance {
         if rate <= Rate::ONE {

@@ -145,7 +145,8 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(2000))]
 
         /// Slopes are as steep as the two inequalities allow, and no steeper, for every rate up to eight: over records
-        /// that may be retraced at `cap` sixteenths, for falls from `rate` with `highest` in the average, and for rises.
+        /// that may be retraced at `cap` sixteenths, for falls from `rate` with `highest` in the average, and for
+        /// rises.
         #[test]
         fn a_slope_is_as_steep_as_its_inequalities_allow(
             (limits, required) in scene(), cap in 16u8..=128, rate in 0..=ONE, highest in 0..=ONE,
@@ -180,7 +181,8 @@ mod tests {
             // a rate is rounded up to 1 024ths, whose square and cube show where the rate is low
             let used = used(fall + Rate::from_units(1 << 8), rate + Rate::ONE / 1024, highest + Rate::ONE / 1024);
             let coarse = 64.0 / axis.jerk as f64;
-            prop_assert!(fall == Rate::ONE || used.iter().any(|&used| used >= 1.0 - 1e-6 - coarse), "{used:?} {fall:?}");
+            let is_used = used.iter().any(|&used| used >= 1.0 - 1e-6 - coarse);
+            prop_assert!(fall == Rate::ONE || is_used, "{used:?} {fall:?}");
         }
     }
 
