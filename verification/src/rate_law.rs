@@ -376,7 +376,7 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "peaks of acceleration are taken from the jerk that is seen",
                 file: "crates/core/src/drive/bounds.rs",
-                find: "let unseen = if steady == 0 && jerk == 0 { 0 } else { maximum.jerk };",
+                find: "let unseen = if is_straight { 0 } else { maximum.jerk };",
                 put: "let unseen = jerk;",
                 killer: "law-limits-kept",
             },

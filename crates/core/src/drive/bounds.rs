@@ -154,7 +154,8 @@ impl IncrementDifferences {
         let jerk = part(self.third[0], 4, 9).max(part(self.third[1], 4, 12)).min(maximum.jerk);
         let [short, middle, long] = self.second;
         let steady = part(short, 2, 6).max(part(middle, 1, 8)).max(part(long, 0, 10));
-        let unseen = if steady == 0 && jerk == 0 { 0 } else { maximum.jerk };
+        let is_straight = self.second.iter().all(|&pulses| pulses <= 2) && self.third.iter().all(|&pulses| pulses <= 4);
+        let unseen = if is_straight { 0 } else { maximum.jerk };
         let acceleration = (steady + 4 * unseen + unseen.div_ceil(3)).min(maximum.acceleration);
         let velocity = (part(self.first + 1, 0, 4) + 19 * unseen).min(maximum.velocity);
         AxisBounds { velocity, acceleration, jerk }
