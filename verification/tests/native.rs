@@ -10,6 +10,7 @@ fn every_harness_holds_and_reaches_its_regions() {
     for harness in harnesses() {
         let seen = harness.check(RUNS, 2);
         assert!(seen.is_ok(), "{}: {seen:?}", harness.name);
+        assert!(!harness.covers.is_empty(), "{} lists no region that it must reach", harness.name);
     }
 }
 

@@ -130,6 +130,7 @@ pub(crate) fn keep(job: &Job<'_>, all: &[Row], book: &Value, options: &Options) 
 /// sources are the same.
 fn merge(committed: Option<&Value>, book: &Value, all: &[Row], is_full: bool) -> Value {
     let mut merged = if is_full { book.clone() } else { committed.unwrap_or(book).clone() };
+    merged["other_results"] = with_older(&book["other_results"], &merged["other_results"]);
     let rows = all.iter().map(|row| {
         let of = |book: Option<&Value>| {
             let rows = book.and_then(|book| book["rows"].as_array()).map_or(&[][..], Vec::as_slice);
@@ -152,18 +153,19 @@ fn merge(committed: Option<&Value>, book: &Value, all: &[Row], is_full: bool) ->
 
 /// Adds the results of engines that this run did not ask.
 fn with_older_results(mut new: Value, old: &Value) -> Value {
-    let engines = |row: &Value| -> BTreeSet<String> {
-        let results = row["results"].as_array().map_or(&[][..], Vec::as_slice);
-        results.iter().filter_map(|result| result["engine"].as_str().map(str::to_owned)).collect()
-    };
-    let asked = engines(&new);
-    let older = old["results"].as_array().map_or(&[][..], Vec::as_slice);
-    let kept = older.iter().filter(|result| result["engine"].as_str().is_some_and(|engine| !asked.contains(engine)));
-    let mut results = new["results"].as_array().cloned().unwrap_or_default();
-    results.extend(kept.cloned());
-    results.sort_by_key(|result| result["engine"].as_str().and_then(Engine::named));
-    new["results"] = Value::Array(results);
+    new["results"] = with_older(&new["results"], &old["results"]);
     new
+}
+
+/// New results, and the older ones of other engines.
+fn with_older(new: &Value, older: &Value) -> Value {
+    let list = |results: &Value| results.as_array().cloned().unwrap_or_default();
+    let engine = |result: &Value| result["engine"].as_str().and_then(Engine::named);
+    let mut results = list(new);
+    let asked: Vec<Option<Engine>> = results.iter().map(engine).collect();
+    results.extend(list(older).into_iter().filter(|result| !asked.contains(&engine(result))));
+    results.sort_by_key(engine);
+    Value::Array(results)
 }
 
 /// The rows whose results in the committed ledger are of other sources than those of this checkout.

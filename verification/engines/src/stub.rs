@@ -120,7 +120,7 @@ fn try_all(driver: &Path, job: &Job<'_>, listed: &[&Harness]) -> Result<usize, S
 fn chokes(tree: &Tree) -> Vec<String> {
     let mut found = Vec::new();
     for (path, text) in
-        tree.rust().filter(|(path, text)| path.starts_with("verification/src/") && text.contains("harnesses! {"))
+        tree.rust().filter(|(path, text)| path.starts_with("verification/src/") && text.contains("\nharnesses! {\n"))
     {
         for (index, line) in for_proofs(&code_only(text)).lines().enumerate() {
             let choking = CHOKES.iter().find(|word| words(line, word).next().is_some());
@@ -172,12 +172,14 @@ mod tests {
         let native = "#[cfg(not(any(kani, verify_wasm)))]";
         let text = format!(
             "fn a() {{ assert_eq!(1, 1); }}\n{native}\nmod search {{\n fn b() -> Vec<u8> {{ vec![] }}\n}}\n// Vec\n\
-             {native}\npub const ROWS: &[Row] = &[Row {{ x: vec }}];\nfn c() -> f64 {{ 0.0 }}\nharnesses! {{ \
+             {native}\npub const ROWS: &[Row] = &[Row {{ x: vec }}];\nfn c() -> f64 {{ 0.0 }}\nharnesses! {{\n\
              }}\n#[cfg(test)]\nmod t {{ fn d() {{ format!(1); }} }}\n"
         );
         let tree = Tree::of(&[
             ("verification/src/a.rs", &text),
             ("verification/src/b.rs", "fn a() { vec![] }"),
+            // searches alone, which no proof sees
+            ("verification/src/c.rs", "fn a() { vec![] }\nharnesses! {}\n"),
             ("crates/a.rs", &text),
         ]);
         assert_eq!(chokes(&tree), ["verification/src/a.rs:1: assert_eq", "verification/src/a.rs:9: f64"]);
