@@ -215,7 +215,7 @@ struct Run {
 /// than a block of the survey is not seen whole, so in a single period all of the plan's jerk may be added.
 fn limits_are_kept(size: Size) -> String {
     let mut draw = Draw::new(size.seed);
-    let (runs, mut largest) = (if size.full { 3000 } else { 300 }, Used::default());
+    let (runs, mut largest) = (if size.full { 8000 } else { 300 }, Used::default());
     for _ in 0..runs {
         let mut scene = Scene::any(&mut draw, false);
         let held = if draw.flag() { RECORDS as u32 } else { 30 + draw.below(600) };
@@ -351,7 +351,7 @@ pub const ROWS: &[Row] = &[
             jerk over every eight periods, on every axis, for any requests at any time; and on straight paths every \
             start and every hold uses 98 % of the acceleration, and a change of its sign 98 % of twice the jerk",
         requirement: "REV, Beyond the source, *Rate law*",
-        bound: "3 000 drawn runs of up to 1 600 periods over drawn S-curves of two axes, rates to 8 in both \
+        bound: "8 000 drawn runs of up to 1 600 periods over drawn S-curves of two axes, rates to 8 in both \
             directions, averages of 5 to 43 periods, the whole path held or 30 to 630 records of it; 4 000 drawn \
             starts, holds and turns on straight paths",
         assumes: "the plan stays within its share of acceleration and jerk at the cap of each record, and an increment \
