@@ -1,4 +1,4 @@
-//! Models of the threads that ship: each runs real files of a crate, compiled again over [`crate::sync`].
+//! Models of the threads that ship: each runs real files of a crate, compiled again over `sync`.
 
 pub mod blocks;
 pub mod commands;
