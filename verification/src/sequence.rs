@@ -122,7 +122,8 @@ fn the_prediction_is_the_cards_rule(c: &mut impl Choice, command: Command) -> Op
     // whether the card accepts it, and the window then: its beginning, and its length
     let (predicted, accepted, first, length) = match command {
         Command::Ahead => {
-            // that the cursor of the card has moved on only helps
+            // a cursor that runs forward has only moved on; one that runs backward may need the records that would go
+            // to stop, and then the card refuses and the host sends the record again
             let accepted = to == held + 1 && (!is_full || record > window / 4);
             (bounds.after_ahead(place, cursor), accepted, low + slides, held + 1 - slides)
         }
@@ -183,7 +184,8 @@ pub const ROWS: &[Row] = &[Row {
     requirement: "GMC-2, over a line that can damage bytes",
     bound: "none: any numbers, over the wrap; any window of 4 to 1024 records at any place",
     assumes: "compared numbers are less than 2¹⁵ apart; the cursor is in the window, and at most as far from its \
-              reported place as the margin says",
+              reported place as the margin says; it does not run backward while a record is added ahead of a full \
+              window: then the card keeps what it needs to stop, and may refuse a record that the host sends again",
     suffices: "one decision from any state is an induction; at most 128 commands and 16 384 entries are outstanding",
     harnesses: &[
         "protocol_numbers",
