@@ -17,10 +17,10 @@ pub(crate) const PURPOSE: &str =
 
 /// Mutants that change nothing that could be observed, each with the reason.
 const EQUIVALENT: &str = "verification/equivalent-mutants.txt";
-/// The page that a full run writes.
+/// The page that a run writes.
 const PAGE: &str = "docs/mutants.md";
-/// Parts of which a run without `--full` tries one.
-const PARTS: u64 = 100;
+/// Parts of which a run without `--full` tries one: every fifteenth mutant.
+const PARTS: u64 = 15;
 /// Time limit of the tests on one mutant, in seconds: it may run for ever.
 const TEST_LIMIT: &str = "120";
 
@@ -118,8 +118,9 @@ pub(crate) fn run(root: &Path, full: bool, seed: u64) -> bool {
     let has_refuted = !full || by_cbmc(root);
     if !full {
         println!("NOT RUN  cbmc-mutants: with --full only");
-    } else if has_tool {
-        let page = page(&scores, seed);
+    }
+    if has_tool {
+        let page = page(&scores, full, seed);
         if let Err(error) = std::fs::write(root.join(PAGE), page) {
             eprintln!("xtask: {PAGE}: {error}");
             return false;
@@ -144,7 +145,8 @@ fn score(root: &Path, target: &Target, full: bool, seed: u64, equivalent: &str) 
     println!("campaign mutants: {}", target.name);
     let started = Instant::now();
     let shard = format!("{}/{PARTS}", seed % PARTS);
-    let selection = if full { Vec::new() } else { vec!["--shard".to_owned(), shard] };
+    let selection =
+        if full { Vec::new() } else { ["--sharding", "round-robin", "--shard", &shard].map(str::to_owned).into() };
     let own = outcomes(root, target, target.tests, &selection)?;
     let missed: Vec<String> = names(&own, "MissedMutant").map(str::to_owned).collect();
     let mut score = read_score(target, &own, equivalent);
@@ -240,9 +242,13 @@ fn table(scores: &[Score]) -> String {
     text
 }
 
-fn page(scores: &[Score], seed: u64) -> String {
+fn page(scores: &[Score], full: bool, seed: u64) -> String {
+    let (option, sample) = match full {
+        true => (" --full", String::new()),
+        false => ("", format!(" This is a sample: one mutant in {PARTS}.")),
+    };
     format!(
-        "# Mutation score\n\nWritten by `cargo xtask campaign mutants --full --seed {seed}`. A mutant is one small \
+        "# Mutation score\n\nWritten by `cargo xtask campaign mutants{option} --seed {seed}`.{sample} A mutant is one small \
          change of the code that cargo-mutants makes; it is noticed where a test of the crate, or a property of \
          `verification/` in a native run, fails or does not end. Equivalent mutants are listed with their reasons in \
          `{EQUIVALENT}`.\n\n{}",
