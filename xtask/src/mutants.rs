@@ -303,8 +303,8 @@ fn page(scores: &[Score], full: bool, seed: u64) -> String {
         false => ("", format!(" This is a sample: one mutant in {PARTS} of each crate, chosen by the seed.")),
     };
     format!(
-        "# Mutation score\n\nWritten by `cargo xtask campaign mutants{option} --seed {seed}`.{sample} A mutant is one small \
-         change of the code that cargo-mutants makes; it is noticed where a test of the crate, or a property of \
+        "# Mutation score\n\nWritten by `cargo xtask campaign mutants{option} --seed {seed}`.{sample} A mutant is one \
+         small change of the code that cargo-mutants makes; it is noticed where a test of the crate, or a property of \
          `verification/` in a native run, fails or does not end. Equivalent mutants are listed with their reasons in \
          `{EQUIVALENT}`.\n\n{}",
         table(scores)
