@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 pub mod command;
+pub mod cut_judge;
 pub mod cutter_observer;
 pub mod json_page;
 pub mod limits;

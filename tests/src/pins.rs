@@ -23,6 +23,10 @@ pub struct Sample {
     pub outputs: BTreeMap<String, u64>,
     /// Code of the latched alarm, 0 for none.
     pub alarm: u64,
+    /// Active inputs, one bit each.
+    pub inputs: u64,
+    /// Counts of the first three axes.
+    pub counts: [i64; 3],
 }
 
 impl Sample {
@@ -47,7 +51,7 @@ pub fn samples(path: &Path) -> Vec<Sample> {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[..] {
             ["$scope", _, name, "$end"] => scope = name.to_owned(),
-            ["$var", _, _, code, name, "$end"] if matches!(&*scope, "card" | "outputs") => {
+            ["$var", _, _, code, name, "$end"] if matches!(&*scope, "card" | "outputs") || name == "count" => {
                 names.insert(code.to_owned(), (scope.clone(), name.to_owned()));
             }
             _ => {}
@@ -78,6 +82,10 @@ fn set(now: &mut Sample, scope: &str, name: &str, value: f64) {
         ("outputs", _) => {
             now.outputs.insert(name.to_owned(), value as u64);
         }
+        ("x", _) => now.counts[0] = value as i64,
+        ("y", _) => now.counts[1] = value as i64,
+        ("z", _) => now.counts[2] = value as i64,
+        (_, "inputs") => now.inputs = value as u64,
         (_, "place") => now.place = value,
         (_, "rate") => now.rate = value,
         (_, "line") => now.line = value as u64,
@@ -95,7 +103,8 @@ fn value_of(line: &str) -> Option<(f64, &str)> {
         "1" => Some((1.0, rest)),
         "b" => {
             let (bits, code) = rest.split_once(' ')?;
-            Some((u64::from_str_radix(bits, 2).ok()? as f64, code))
+            // a negative number is written with all of its 64 bits
+            Some((u64::from_str_radix(bits, 2).ok()?.cast_signed() as f64, code))
         }
         "r" => {
             let (number, code) = rest.split_once(' ')?;

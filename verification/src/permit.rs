@@ -11,10 +11,11 @@ use crate::ledger::{Mutant, Row, Search, Size};
 use crate::region::Region;
 #[cfg(not(any(kani, verify_wasm)))]
 use retrace_card::permit::CutterPermit;
-use retrace_card::permit::{PermitConditions, PermitTimer, check_channel};
+use retrace_card::permit::{PermitConditions, PermitTimer, ProofState, check_channel};
+use retrace_core::{Place, RecordIndex};
 #[cfg(not(any(kani, verify_wasm)))]
 use retrace_link::MAX_CUTTING_CHANNELS;
-use retrace_link::{CutterOffCause, CuttingChannel, CuttingSettings};
+use retrace_link::{CutterOffCause, CuttingChannel, CuttingSettings, ProofInput};
 
 fn any_conditions(c: &mut impl Choice) -> PermitConditions {
     let denied = match c.below(4) {
@@ -23,17 +24,38 @@ fn any_conditions(c: &mut impl Choice) -> PermitConditions {
         2 => Some(CutterOffCause::EpochClosed),
         _ => None,
     };
-    PermitConditions { denied, backward: c.flag(), moving: c.flag(), awaits_motion: c.flag(), keeps_cutter: c.flag() }
+    let (backward, moving, awaits_motion, keeps_cutter) = (c.flag(), c.flag(), c.flag(), c.flag());
+    let inputs = c.below(64) as u16;
+    let place = Place { record: RecordIndex::new(c.word()), fraction: 0 };
+    PermitConditions { denied, backward, moving, awaits_motion, keeps_cutter, inputs, place }
 }
 
 fn any_channel(c: &mut impl Choice, number: u8, most: u32) -> CuttingChannel {
     let standing_periods = c.upto(most) as u16;
-    CuttingChannel { channel: number, fires: c.flag(), standing_periods, lit_in_reverse: c.flag() }
+    let proof = if c.flag() { Some(any_proof(c, most)) } else { None };
+    CuttingChannel { channel: number, fires: c.flag(), standing_periods, lit_in_reverse: c.flag(), proof }
+}
+
+fn any_proof(c: &mut impl Choice, most: u32) -> ProofInput {
+    let [proven_periods, lost_periods, out_periods] = [c.upto(most) as u16, c.upto(most) as u16, c.upto(most) as u16];
+    ProofInput { input: 5, proven_periods, lost_periods, out_periods }
+}
+
+/// Any state of the proof that a history may lead to: its counters are below what ends them.
+fn any_proof_state(c: &mut impl Choice, of: &CuttingChannel) -> ProofState {
+    let Some(proof) = of.proof else { return ProofState::UNPROVEN };
+    let below = |periods: u16| u32::from(periods.max(1)) - 1;
+    if c.flag() {
+        ProofState::Proven { inactive: c.upto(below(proof.lost_periods)) as u16 }
+    } else {
+        ProofState::Awaited { active: c.upto(below(proof.proven_periods)) as u16 }
+    }
 }
 
 fn any_timer(c: &mut impl Choice, of: &CuttingChannel, settings: &CuttingSettings) -> PermitTimer {
     let handover = c.upto(u32::from(settings.handover_periods)) as u16;
-    PermitTimer { handover, standing: c.upto(u32::from(of.standing_periods)) as u16 }
+    let standing = c.upto(u32::from(of.standing_periods)) as u16;
+    PermitTimer { handover, standing, proof: any_proof_state(c, of) }
 }
 
 /// Whether the requirements permit that a channel that fires is on in this period, after a standstill of that length.
@@ -41,7 +63,14 @@ fn is_permitted(of: &CuttingChannel, settings: &CuttingSettings, timer: PermitTi
     let stands = !now.moving && !now.keeps_cutter;
     let waits = now.awaits_motion && timer.handover < settings.handover_periods;
     let stood_too_long = stands && !waits && timer.standing >= of.standing_periods;
-    now.denied.is_none() && !settings.inhibit && (of.lit_in_reverse || !now.backward) && !stood_too_long
+    let lost = is_lost(of, timer, now);
+    now.denied.is_none() && !settings.inhibit && (of.lit_in_reverse || !now.backward) && !stood_too_long && !lost
+}
+
+/// Whether a cutter that was proven is lost in this period.
+fn is_lost(of: &CuttingChannel, timer: PermitTimer, now: &PermitConditions) -> bool {
+    let (Some(proof), ProofState::Proven { inactive }) = (of.proof, timer.proof) else { return false };
+    now.inputs & 1 << proof.input == 0 && u32::from(inactive) + 1 >= u32::from(proof.lost_periods)
 }
 
 /// One channel, from any state: it is passed exactly where the requirements permit it, and its timer stays within its
@@ -58,6 +87,7 @@ fn one_channel(c: &mut impl Choice) -> Option<()> {
     cover!(c, Refused, of.fires && now.denied.is_some());
     cover!(c, Backward, of.fires && now.backward && checked.is_ok());
     cover!(c, AtRest, of.fires && !now.moving && checked.is_ok());
+    cover!(c, Lost, of.fires && checked == Err(CutterOffCause::Lost));
     match checked {
         Ok(after) => {
             holds!(!of.fires && !settings.inhibit || of.fires && is_permitted(&of, &settings, timer, &now));
@@ -66,6 +96,15 @@ fn one_channel(c: &mut impl Choice) -> Option<()> {
             let before = u32::from(timer.standing) + u32::from(timer.handover);
             let stands = of.fires && !now.moving && !now.keeps_cutter;
             holds!(!stands || counted == before + 1);
+            if let (true, Some(proof)) = (of.fires, of.proof) {
+                holds!(match after.proof {
+                    ProofState::Awaited { active } => active < proof.proven_periods.max(1),
+                    ProofState::Proven { inactive } => inactive < proof.lost_periods.max(1),
+                });
+                // a proven cutter stays proven as long as it is on
+                let was_proven = matches!(timer.proof, ProofState::Proven { .. });
+                holds!(!was_proven || matches!(after.proof, ProofState::Proven { .. }));
+            }
         }
         Err(_) => holds!(settings.inhibit || of.fires && !is_permitted(&of, &settings, timer, &now)),
     }
@@ -143,7 +182,7 @@ fn a_history<const PERIODS: usize>(c: &mut impl Choice) -> Option<()> {
 }
 
 harnesses! {
-    permit_one_channel, unwind 3, covers [Lit, PutOut, Refused, Backward, AtRest] => |c| one_channel(c);
+    permit_one_channel, unwind 3, covers [Lit, PutOut, Refused, Backward, AtRest, Lost] => |c| one_channel(c);
     permit_history_6, unwind 8, covers [Lit, PutOut, Limited] => |c| a_history::<6>(c);
 }
 
@@ -185,9 +224,9 @@ const CARD: &str = "crates/card/src/card.rs";
 pub const ROWS: &[Row] = &[Row {
     name: "permit",
     says: "No state and no sequence of commands has a cutting output on without the permit: epoch open, no alarm, \
-        host alive, no dry run, not backward, not at rest for longer than handover and grace; and where the grace ran \
-        out nothing moves before a restart",
-    requirement: "CUT-3, CUT-4, CUT-6, CUT-8",
+        host alive, no dry run, not backward, not at rest for longer than handover and grace, not lost; and where the \
+        grace ran out or the cutter was lost nothing moves before a restart",
+    requirement: "CUT-3, CUT-4, CUT-6, CUT-8, CUT-31",
     bound: "one period of any channel from any state, and any six periods from power-on; drawn states of two channels \
         and their outputs, drawn commands on a whole card",
     assumes: "a timer within its bounds, which every period preserves; that the card applies the rule to each \
@@ -232,8 +271,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "asking for motion gives the grace anew",
             file: PERMIT,
-            find: "return Ok(PermitTimer { handover: timer.handover + 1, ..timer });",
-            put: "return Ok(PermitTimer { handover: timer.handover + 1, standing: 0 });",
+            find: "return Ok(PermitTimer { handover: timer.handover + 1, proof, ..timer });",
+            put: "return Ok(PermitTimer { handover: timer.handover + 1, proof, standing: 0 });",
             killer: "permit_one_channel",
         },
         Mutant {
@@ -246,8 +285,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "the grace runs out and nothing is blocked",
             file: PERMIT,
-            find: "outcome.blocks |= cause == CutterOffCause::Standing;",
-            put: "outcome.blocks |= cause == CutterOffCause::Standing && !was_lit;",
+            find: "outcome.blocks |= is_lost || cause == CutterOffCause::Standing;",
+            put: "outcome.blocks |= is_lost || cause == CutterOffCause::Standing && !was_lit;",
             killer: "permit-outputs",
         },
         Mutant {
@@ -260,8 +299,8 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "records that come late start motion",
             file: PLAYER,
-            find: "self.block = MotionBlock::Standing;",
-            put: "self.block = MotionBlock::None;",
+            find: "if outcome.blocks {\n            self.block = MotionBlock::CutterOff;",
+            put: "if outcome.blocks {\n            self.block = MotionBlock::None;",
             killer: "permit-card",
         },
         Mutant {
@@ -274,9 +313,30 @@ pub const ROWS: &[Row] = &[Row {
         Mutant {
             name: "the permit is applied before the alarms of the period",
             file: CARD,
-            find: "self.player.apply_permit(self.permit_denial());",
-            put: "self.player.apply_permit(None);",
+            find: "self.player.apply_permit(self.permit_denial())",
+            put: "self.player.apply_permit(None)",
             killer: "permit-card",
+        },
+        Mutant {
+            name: "a lost cutter stays on for one period more",
+            file: PERMIT,
+            find: "if inactive + 1 < proof.lost_periods =>",
+            put: "if inactive < proof.lost_periods =>",
+            killer: "permit_one_channel",
+        },
+        Mutant {
+            name: "a cutter that was proven has to be proven again after a flicker",
+            file: PERMIT,
+            find: "Self::Proven { .. } if is_active => Self::Proven { inactive: 0 },",
+            put: "Self::Proven { .. } if is_active => Self::UNPROVEN,",
+            killer: "permit_one_channel",
+        },
+        Mutant {
+            name: "a lost cutter does not block motion",
+            file: PERMIT,
+            find: "outcome.blocks |= is_lost ||",
+            put: "outcome.blocks |= false ||",
+            killer: "permit-outputs",
         },
         Mutant {
             name: "a closed epoch lets a channel burn",

@@ -74,6 +74,8 @@ regions! {
     Lit,
     /// A cutting output was switched off by the card.
     PutOut,
+    /// The input that proves a cutter has been inactive for too long.
+    Lost,
     /// The spindle turns.
     SpindleTurns,
 }

@@ -137,7 +137,9 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
             self.pulses = self.backlash.add_compensation(&self.player.status().increments, settings);
             self.player.set_taking_up_backlash(self.backlash.is_taking_up());
         }
-        self.player.apply_permit(self.permit_denial());
+        if let Some(alarm) = self.player.apply_permit(self.permit_denial()) {
+            self.latch_alarm(alarm);
+        }
         let report = self.player.status_mut();
         (report.inputs, report.wheel) = (self.inputs.active(), wheel);
         self.player.status()

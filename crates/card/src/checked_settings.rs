@@ -39,7 +39,9 @@ impl<const A: usize> CheckedSettings<A> {
             && usize::from(settings.safe_count) <= MAX_SAFE
             && usize::from(settings.cutting.count) <= MAX_CUTTING_CHANNELS;
         let backlash_supported = BACKLASH_IS_COMPENSATED || settings.backlash_pulses.iter().all(|&pulses| pulses == 0);
-        if !numbers || !backlash_supported || !inputs_exist(settings, identity.inputs) {
+        let proofs = settings.cutting.channels().iter().filter_map(|of| of.proof);
+        let proofs_exist = proofs.into_iter().all(|proof| proof.input < identity.inputs.min(MAX_INPUTS as u8));
+        if !numbers || !backlash_supported || !inputs_exist(settings, identity.inputs) || !proofs_exist {
             return Err(CommandRefusal::Unsupported);
         }
         if !settings.safe().iter().all(|change| outputs::has_channel(identity.outputs, change.channel)) {

@@ -21,6 +21,7 @@ mod inputs;
 mod linked_card;
 mod outputs;
 pub mod permit;
+mod played_window;
 mod player;
 mod safety_monitor;
 mod step_direction;

@@ -9,10 +9,20 @@
 //! counted while an instruction that needs the cutter is executed. While motion is requested, or a restart is between
 //! two repeated instructions, the first `handover_periods` are not counted.
 //!
+//! A channel may have an input that proves that the cutter burns or flows. Once it was active for `proven_periods` the
+//! cutter is watched: it is lost when the input was inactive for `lost_periods`, at the place where that began.
+//!
 //! Invariant: after [`CutterPermit::apply_period`] a channel of the settings is 0, or its permit holds; a channel that
 //! is on has been at rest for at most its grace time.
 
-use retrace_link::{CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS};
+use retrace_core::{Place, RecordIndex};
+use retrace_link::{
+    CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, OutputChange, ProofInput,
+};
+
+/// Value of a counter of periods that does not count.
+const NOT_WATCHED: u16 = u16::MAX;
+const NOTHING_COUNTED: PermitTimer = PermitTimer { handover: 0, standing: 0, proof: ProofState::UNPROVEN };
 
 /// Conditions of a control period, as far as the permit depends on them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -28,15 +38,62 @@ pub struct PermitConditions {
     pub awaits_motion: bool,
     /// Whether an instruction was executed during which time at rest is not counted.
     pub keeps_cutter: bool,
+    /// Active inputs, one bit each.
+    pub inputs: u16,
+    /// Place of the cursor at the beginning of the period.
+    pub place: Place,
 }
 
-/// Time that the machine has been at rest with a channel on, in control periods.
+/// What the input that proves a cutter has shown since the cutter was switched on (CUT-5, CUT-31).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProofState {
+    /// Not proven yet: the input has been active for so many control periods in a row.
+    Awaited {
+        /// Control periods in a row.
+        active: u16,
+    },
+    /// Proven: the input has been inactive for so many control periods in a row.
+    Proven {
+        /// Control periods in a row.
+        inactive: u16,
+    },
+}
+
+impl Default for ProofState {
+    fn default() -> Self {
+        Self::UNPROVEN
+    }
+}
+
+impl ProofState {
+    /// State of a cutter that has just been switched on.
+    pub const UNPROVEN: Self = Self::Awaited { active: 0 };
+
+    /// Returns the state after a control period with these inputs; `None` if the cutter is lost.
+    #[must_use]
+    pub const fn after_period(self, of: Option<ProofInput>, inputs: u16) -> Option<Self> {
+        let Some(proof) = of else { return Some(self) };
+        let is_active = inputs as u32 >> (proof.input & 31) & 1 == 1;
+        Some(match self {
+            Self::Awaited { .. } if !is_active => Self::UNPROVEN,
+            Self::Awaited { active } if active + 1 < proof.proven_periods => Self::Awaited { active: active + 1 },
+            Self::Awaited { .. } => Self::Proven { inactive: 0 },
+            Self::Proven { .. } if is_active => Self::Proven { inactive: 0 },
+            Self::Proven { inactive } if inactive + 1 < proof.lost_periods => Self::Proven { inactive: inactive + 1 },
+            Self::Proven { .. } => return None,
+        })
+    }
+}
+
+/// Time that the machine has been at rest with a channel on, in control periods, and whether the cutter is proven.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PermitTimer {
     /// Periods that were not counted because motion was about to begin.
     pub handover: u16,
     /// Periods that were counted.
     pub standing: u16,
+    /// What the input that proves the cutter has shown.
+    pub proof: ProofState,
 }
 
 /// Effect of a control period on the cutting outputs.
@@ -44,8 +101,12 @@ pub struct PermitTimer {
 pub struct PermitOutcome {
     /// Channels that were on and are off now.
     pub off: Option<CutterOff>,
-    /// Whether the grace time has ended: motion must not begin before a restart.
+    /// Whether the grace time has ended, or a cutter is lost: motion must not begin, or must end, until a restart.
     pub blocks: bool,
+    /// Whether a cutter is lost.
+    pub is_lost: bool,
+    /// Input of a cutter that is off and still proven.
+    pub stays_on: Option<u8>,
 }
 
 /// Permits of all cutting outputs.
@@ -57,6 +118,11 @@ pub struct CutterPermit {
     lit: u8,
     /// Channels that were switched off since the last period.
     pending: Option<CutterOff>,
+    /// Place where the input of each proven channel became inactive.
+    lost_at: [Place; MAX_CUTTING_CHANNELS],
+    /// Control periods for which the input of each channel has been active since the channel is off; `u16::MAX` where
+    /// that is not watched.
+    still_proven: [u16; MAX_CUTTING_CHANNELS],
 }
 
 impl CutterPermit {
@@ -64,17 +130,19 @@ impl CutterPermit {
     #[must_use]
     pub const fn new() -> Self {
         const NONE: CuttingChannel =
-            CuttingChannel { channel: 0, fires: false, standing_periods: 0, lit_in_reverse: false };
+            CuttingChannel { channel: 0, fires: false, standing_periods: 0, lit_in_reverse: false, proof: None };
         let settings =
             CuttingSettings { channels: [NONE; MAX_CUTTING_CHANNELS], count: 0, handover_periods: 0, inhibit: false };
-        let timers = [PermitTimer { handover: 0, standing: 0 }; MAX_CUTTING_CHANNELS];
-        Self { settings, timers, lit: 0, pending: None }
+        let timers = [NOTHING_COUNTED; MAX_CUTTING_CHANNELS];
+        Self::with_state(settings, timers, 0)
     }
 
     /// Creates any state that a history may lead to: for proofs.
     #[must_use]
     pub const fn with_state(settings: CuttingSettings, timers: [PermitTimer; MAX_CUTTING_CHANNELS], lit: u8) -> Self {
-        Self { settings, timers, lit, pending: None }
+        let lost_at = [Place::start_of(RecordIndex::new(0)); MAX_CUTTING_CHANNELS];
+        let still_proven = [NOT_WATCHED; MAX_CUTTING_CHANNELS];
+        Self { settings, timers, lit, pending: None, lost_at, still_proven }
     }
 
     /// Returns the timers, one for each index in the settings.
@@ -83,33 +151,40 @@ impl CutterPermit {
         &self.timers
     }
 
-    /// Switches off every channel that fires, with this cause.
-    pub fn switch_off(&mut self, outputs: &mut [i32], cause: CutterOffCause) {
-        let everything = PermitConditions { denied: Some(cause), ..PermitConditions::default() };
+    /// Switches off every channel that fires, with this cause; the cursor is at `place`.
+    pub fn switch_off(&mut self, outputs: &mut [i32], cause: CutterOffCause, place: Place) {
+        let everything = PermitConditions { denied: Some(cause), place, ..PermitConditions::default() };
         let off = self.apply_conditions(outputs, &everything).off;
         self.pending = self.pending.or(off);
     }
 
     /// Begins an epoch: the channels that fire are switched off, both those of the old settings and those of the new
     /// ones.
-    pub fn open(&mut self, settings: &CuttingSettings, outputs: &mut [i32]) {
+    pub fn open(&mut self, settings: &CuttingSettings, outputs: &mut [i32], place: Place) {
         let mut opened = Self { settings: *settings, ..Self::new() };
         opened.lit = opened.lit_channels(outputs, |_| true);
-        opened.switch_off(outputs, CutterOffCause::EpochOpened);
-        self.switch_off(outputs, CutterOffCause::EpochOpened);
+        for (index, periods) in opened.still_proven.iter_mut().enumerate() {
+            if opened.lit >> index & 1 == 1 {
+                *periods = 0;
+            }
+        }
+        opened.switch_off(outputs, CutterOffCause::EpochOpened, place);
+        self.switch_off(outputs, CutterOffCause::EpochOpened, place);
         *self = opened;
     }
 
     /// Applies one control period: switches off every channel whose permit is missing.
     pub fn apply_period(&mut self, outputs: &mut [i32], conditions: &PermitConditions) -> PermitOutcome {
         let outcome = self.apply_conditions(outputs, conditions);
-        PermitOutcome { off: self.pending.take().or(outcome.off), ..outcome }
+        let stays_on = self.watch_proof_after_off(conditions.inputs);
+        PermitOutcome { off: self.pending.take().or(outcome.off), stays_on, ..outcome }
     }
 
     fn apply_conditions(&mut self, outputs: &mut [i32], conditions: &PermitConditions) -> PermitOutcome {
         let mut outcome = PermitOutcome::default();
-        let Self { settings, timers, lit, .. } = self;
+        let Self { settings, timers, lit, lost_at, .. } = self;
         for (index, (of, timer)) in settings.channels().iter().zip(timers).enumerate() {
+            let Some(lost_at) = lost_at.get_mut(index) else { continue };
             let Some(output) = outputs.get_mut(usize::from(of.channel)) else { continue };
             let was_lit = *lit >> index & 1 == 1;
             let before = if was_lit { *timer } else { PermitTimer::default() };
@@ -120,14 +195,23 @@ impl CutterPermit {
             }
             match check_channel(of, settings, before, conditions) {
                 Ok(after) => {
+                    if before.proof == (ProofState::Proven { inactive: 0 }) {
+                        *lost_at = conditions.place;
+                    }
                     *timer = after;
                     *lit |= 1 << index;
                 }
                 Err(cause) => {
                     *output = 0;
-                    outcome.blocks |= cause == CutterOffCause::Standing;
+                    let is_lost = cause == CutterOffCause::Lost;
+                    outcome.is_lost |= is_lost;
+                    outcome.blocks |= is_lost || cause == CutterOffCause::Standing;
                     if was_lit && of.fires {
-                        let off = outcome.off.get_or_insert(CutterOff { channels: 0, cause });
+                        if before.proof == (ProofState::Proven { inactive: 0 }) {
+                            *lost_at = conditions.place;
+                        }
+                        let place = if is_lost { *lost_at } else { conditions.place };
+                        let off = outcome.off.get_or_insert(CutterOff { channels: 0, cause, place });
                         off.channels |= 1 << index;
                     }
                 }
@@ -136,11 +220,63 @@ impl CutterPermit {
         outcome
     }
 
+    /// Reports the channels that fire and that an instruction has switched off, with this cause; the cursor is at
+    /// `place`.
+    pub fn report_off(&mut self, outputs: &[i32], cause: CutterOffCause, place: Place) {
+        let channels = self.settings.channels().iter().enumerate().filter(|&(index, of)| {
+            let is_off = outputs.get(usize::from(of.channel)).is_some_and(|&value| value == 0);
+            of.fires && is_off && self.lit >> index & 1 == 1
+        });
+        let channels = channels.fold(0, |bits, (index, _)| bits | 1 << index);
+        self.pending = self.pending.or(Some(CutterOff { channels, cause, place }));
+    }
+
+    /// Counts for how long the input of a channel stays active after the channel went off, and returns the first input
+    /// for which that is too long.
+    fn watch_proof_after_off(&mut self, inputs: u16) -> Option<u8> {
+        let mut too_long = None;
+        let channels = self.settings.channels().iter().zip(&mut self.still_proven).enumerate();
+        for (index, (of, periods)) in channels {
+            let Some(proof) = of.proof.filter(|proof| proof.out_periods > 0) else { continue };
+            if self.lit >> index & 1 == 1 {
+                *periods = 0;
+            } else if inputs >> (proof.input & 15) & 1 == 0 {
+                *periods = NOT_WATCHED;
+            } else if *periods != NOT_WATCHED {
+                // The period in which the channel went off counts as the first.
+                *periods += 1;
+                if *periods > proof.out_periods {
+                    *periods = NOT_WATCHED;
+                    too_long = too_long.or(Some(proof.input));
+                }
+            }
+        }
+        too_long
+    }
+
+    /// Returns the input that proves a cutter which one of these changes switches on, where that input is active
+    /// although the cutter is off.
+    #[must_use]
+    pub fn proven_before_start(&self, changes: &[OutputChange], outputs: &[i32], inputs: u16) -> Option<u8> {
+        let is_off = |channel: u8| outputs.get(usize::from(channel)).is_some_and(|&value| value == 0);
+        let switched_on = changes.iter().filter(|change| change.value != 0 && is_off(change.channel));
+        let proofs = switched_on.flat_map(|change| {
+            self.settings.channels().iter().filter(|of| of.channel == change.channel).filter_map(|of| of.proof)
+        });
+        proofs.map(|proof| proof.input).find(|input| inputs >> (input & 15) & 1 == 1)
+    }
+
     /// Whether this channel may be switched on manually now; always for one that does not cut.
     #[must_use]
     pub fn may_switch_on(&self, channel: u8, conditions: &PermitConditions) -> bool {
         let mut of_channel = self.settings.channels().iter().filter(|of| of.channel == channel);
         of_channel.all(|of| check_channel(of, &self.settings, PermitTimer::default(), conditions).is_ok())
+    }
+
+    /// Whether this channel fires.
+    #[must_use]
+    pub fn fires(&self, channel: u8) -> bool {
+        self.settings.channels().iter().any(|of| of.channel == channel && of.fires)
     }
 
     /// Whether this channel fires and must not be on while the path runs backward. A replayed action does not switch it
@@ -199,14 +335,17 @@ pub const fn check_channel(
     if now.backward && !of.lit_in_reverse {
         return Err(CutterOffCause::Reverse);
     }
+    let Some(proof) = timer.proof.after_period(of.proof, now.inputs) else {
+        return Err(CutterOffCause::Lost);
+    };
     if now.moving || now.keeps_cutter {
-        return Ok(PermitTimer { handover: 0, standing: 0 });
+        return Ok(PermitTimer { handover: 0, standing: 0, proof });
     }
     if now.awaits_motion && timer.handover < settings.handover_periods {
-        return Ok(PermitTimer { handover: timer.handover + 1, ..timer });
+        return Ok(PermitTimer { handover: timer.handover + 1, proof, ..timer });
     }
     if timer.standing >= of.standing_periods {
         return Err(CutterOffCause::Standing);
     }
-    Ok(PermitTimer { standing: timer.standing + 1, ..timer })
+    Ok(PermitTimer { standing: timer.standing + 1, proof, ..timer })
 }

@@ -7,13 +7,15 @@
 use retrace_core::drive::{Drive, RecordWindow};
 use retrace_core::limits::RateLimits;
 use retrace_core::playback::emission;
-use retrace_core::{Distance, Place, RapidCap, Rate, RateTarget, Record, RecordIndex};
+use retrace_core::{Distance, Place, Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardStatus, CommandRefusal, CutterOffCause, CuttingSettings, HostCommand, Instruction, OutputAction,
     OutputChange, Outputs, PathStart, RepeatedInstruction, channel,
 };
 
 use crate::permit::PermitConditions;
+use crate::played_window::PlayedWindow;
+use crate::switching::InstructionFault;
 use crate::window::RecordStorage;
 use crate::{ActionTable, CardWindow, CutterPermit, InstructionExecutor, OutputBank};
 
@@ -30,8 +32,9 @@ enum MotionBlock {
         /// Whether one of its repeated instructions was accepted.
         begun: bool,
     },
-    /// The grace time ended with a cutting output on; until a restart.
-    Standing,
+    /// A cutter went out where the program expects it to be on: the grace time ended, it was lost, or it was not
+    /// started; until a restart.
+    CutterOff,
 }
 
 /// Player of a card for `A` axes, a window of `W` records, and an average of the rate law of up to `M` periods.
@@ -54,6 +57,8 @@ pub struct Player<const A: usize, const W: usize, const M: usize, S = [Record<A>
     /// Block of motion, until a restart is complete.
     block: MotionBlock,
     permit: CutterPermit,
+    /// Alarm of an instruction that could not begin.
+    start_alarm: Option<Alarm>,
     /// Conditions of the last period, as far as the player knows them.
     conditions: PermitConditions,
     status: CardStatus<A>,
@@ -108,12 +113,15 @@ impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
             taking_up_backlash: false,
             block: MotionBlock::None,
             permit: CutterPermit::new(),
+            start_alarm: None,
             conditions: PermitConditions {
                 denied: None,
                 backward: false,
                 moving: false,
                 awaits_motion: false,
                 keeps_cutter: false,
+                inputs: 0,
+                place: Place::start_of(start),
             },
             status: CardStatus::at_rest(PathStart::at(start)),
         }
@@ -143,7 +151,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         self.drive = Drive::new(limits).ok_or(CommandRefusal::Unsupported)?;
         self.window.restart(start.place.record, start.rests);
         self.actions.clear();
-        self.permit.open(cutting, self.outputs.values_mut());
+        self.permit.open(cutting, self.outputs.values_mut(), start.place);
         self.switching.reset(start.executed);
         (self.target, self.replay, self.block) = (RateTarget::ZERO, false, MotionBlock::None);
         let status = &mut self.status;
@@ -165,20 +173,24 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Switches the cutting outputs off.
     pub(crate) fn switch_cutters_off(&mut self, cause: CutterOffCause) {
-        self.permit.switch_off(self.outputs.values_mut(), cause);
+        self.permit.switch_off(self.outputs.values_mut(), cause, self.status.place);
         self.update_status();
     }
 
     /// Switches off every cutting output whose permit is missing, at the end of a period. `denied` is the reason why
-    /// none may be on, independent of the path.
-    pub(crate) fn apply_permit(&mut self, denied: Option<CutterOffCause>) {
+    /// none may be on, independent of the path. Returns the alarm of a cutter that stays on.
+    pub(crate) fn apply_permit(&mut self, denied: Option<CutterOffCause>) -> Option<Alarm> {
         let conditions = PermitConditions { denied, ..self.conditions };
         let outcome = self.permit.apply_period(self.outputs.values_mut(), &conditions);
         self.status.cutter_off = outcome.off;
         if outcome.blocks {
-            self.block = MotionBlock::Standing;
+            self.block = MotionBlock::CutterOff;
+        }
+        if outcome.is_lost {
+            self.switching.cancel_running();
         }
         self.update_status();
+        outcome.stays_on.map(|input| Alarm::CutterStaysOn { input })
     }
 
     /// Whether a cutting output is on.
@@ -301,6 +313,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             moving: !status.at_rest,
             awaits_motion: self.awaits_motion(),
             keeps_cutter: self.switching.keeps_cutter(),
+            inputs: status.inputs,
+            place: status.place,
         };
         change.value == 0 || self.permit.may_switch_on(change.channel, &now)
     }
@@ -315,6 +329,11 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     fn repeat_instruction(&mut self, repeated: RepeatedInstruction) -> Result<(), CommandRefusal> {
         if !self.has_stopped() {
             return Err(CommandRefusal::InMotion);
+        }
+        let inputs = self.status.inputs;
+        if let Some(input) = self.permit.proven_before_start(repeated.changes(), self.outputs.values(), inputs) {
+            self.start_alarm = Some(Alarm::ProvenBeforeStart { input });
+            return Err(CommandRefusal::Alarm);
         }
         self.switching.repeat(repeated, &mut self.outputs)?;
         if let MotionBlock::Restart { begun, .. } = &mut self.block {
@@ -365,8 +384,13 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     }
 
     fn begin_due_instruction(&mut self) {
-        if self.is_due() {
-            self.switching.begin(&mut self.outputs);
+        if !self.is_due() {
+            return;
+        }
+        let (changes, inputs) = (self.switching.waiting_changes(), self.status.inputs);
+        match self.permit.proven_before_start(changes, self.outputs.values(), inputs) {
+            Some(input) => self.start_alarm = Some(Alarm::ProvenBeforeStart { input }),
+            None => self.switching.begin(&mut self.outputs),
         }
     }
 
@@ -395,6 +419,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// Runs one control period, with these inputs active. `failed` means that the machine reports the instruction as
     /// failed.
     pub(crate) fn play_period(&mut self, active: u16, failed: bool) -> Option<Alarm> {
+        self.status.inputs = active;
         let instruction_begins = self.is_due();
         self.begin_due_instruction();
         let from = self.status.place;
@@ -407,7 +432,15 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let turns = wanted < Rate::ZERO && self.permit.is_lit_forward_only(self.outputs.values());
         let keeps = self.switching.keeps_cutter();
         let ran = !self.drive.at_rest();
-        let mut alarm = self.switching.run_period(active, failed);
+        let mut alarm = self.start_alarm.take();
+        match self.switching.run_period(active, failed, &mut self.outputs) {
+            Some(InstructionFault::Alarm(fault)) => alarm = Some(fault),
+            Some(InstructionFault::NotStarted) => {
+                self.permit.report_off(self.outputs.values(), CutterOffCause::NotStarted, from);
+                self.block = MotionBlock::CutterOff;
+            }
+            None => {}
+        }
         self.release_block();
         let window = PlayedWindow::new(&self.window, self.switching.barrier());
         let target = if turns || wanted == Rate::ZERO {
@@ -436,6 +469,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             awaits_motion: self.awaits_motion(),
             keeps_cutter: keeps,
             denied: None,
+            inputs: active,
+            place: from,
         };
         alarm
     }
@@ -444,7 +479,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     pub(crate) fn move_off_path(&mut self, increments: [i32; A], going: bool) {
         self.off_path = going;
         self.commit_period(self.status.place, increments, false);
-        self.conditions = PermitConditions::default();
+        self.conditions = PermitConditions { place: self.status.place, ..PermitConditions::default() };
     }
 
     /// Sets whether backlash is being taken up.
@@ -499,7 +534,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         if from.distance_to(to) > Distance::ZERO {
             for action in self.actions.passed_forward(from, to) {
                 let first_time = !action.place.is_before(reached);
-                if first_time {
+                let lights = action.after != 0 && self.permit.fires(action.channel);
+                if first_time && lights && self.block == MotionBlock::CutterOff {
+                    // The machine brakes without its cutter: the restart lights it.
+                } else if first_time {
                     self.outputs.set(OutputChange { channel: action.channel, value: action.after });
                 } else if self.replay {
                     replay_change(
@@ -538,48 +576,6 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 fn replay_change(permit: &CutterPermit, outputs: &mut OutputBank, change: OutputChange) {
     if change.value == 0 || !permit.is_forward_only(change.channel) {
         outputs.set(change);
-    }
-}
-
-/// Window that ends at a place, if the window below extends further.
-struct PlayedWindow<'w, R> {
-    window: &'w R,
-    high: RecordIndex,
-}
-
-impl<'w, R> PlayedWindow<'w, R> {
-    fn new<const A: usize>(window: &'w R, end: Option<RecordIndex>) -> Self
-    where
-        R: RecordWindow<A>,
-    {
-        let high = end.filter(|&end| end.is_before(window.high())).unwrap_or(window.high());
-        Self { window, high }
-    }
-}
-
-impl<const A: usize, R: RecordWindow<A>> RecordWindow<A> for PlayedWindow<'_, R> {
-    fn low(&self) -> RecordIndex {
-        self.window.low()
-    }
-
-    fn high(&self) -> RecordIndex {
-        self.high
-    }
-
-    fn rests_at(&self, place: RecordIndex) -> bool {
-        self.window.rests_at(place)
-    }
-
-    fn cap(&self, place: RecordIndex) -> RapidCap {
-        self.window.cap(place)
-    }
-
-    fn increments(&self, place: RecordIndex) -> [i16; A] {
-        self.window.increments(place)
-    }
-
-    fn is_rapid(&self, place: RecordIndex) -> bool {
-        self.window.is_rapid(place)
     }
 }
 

@@ -6,7 +6,7 @@
 //! passes the place of an instruction that is not executed.
 
 use retrace_core::RecordIndex;
-use retrace_link::{Alarm, CommandRefusal, InputWait, Instruction, RepeatedInstruction};
+use retrace_link::{Alarm, CommandRefusal, InputWait, Instruction, OutputChange, RepeatedInstruction};
 
 use crate::OutputBank;
 
@@ -15,9 +15,9 @@ use crate::OutputBank;
 enum InstructionStage {
     /// It waits until the cursor reaches its place.
     Waiting,
-    /// It has been executed for so many control periods.
-    Running(u32),
-    /// An alarm has cancelled it. It blocks its place until it is sent again.
+    /// It is being executed.
+    Running(Execution),
+    /// An alarm has cancelled it, or its cutter was not started. It blocks its place until it is sent again.
     Cancelled,
 }
 
@@ -28,11 +28,11 @@ struct PendingInstruction {
     stage: InstructionStage,
 }
 
-/// Repeated instruction that has been executed for `passed` control periods.
+/// Repeated instruction that is being executed.
 #[derive(Clone, Copy, Debug)]
 struct PendingRepeat {
     instruction: RepeatedInstruction,
-    passed: u32,
+    execution: Execution,
 }
 
 /// State of the pending instruction, the repeated one, and the numbers of the last complete ones.
@@ -45,26 +45,117 @@ pub struct InstructionExecutor {
 }
 
 /// Result of a control period of an instruction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum InstructionProgress {
     Running,
+    /// The outputs of a cutter are switched off before the next attempt.
+    SwitchOff,
+    /// The next attempt begins.
+    SwitchOn,
     Complete,
     TimedOut,
+    NotStarted,
 }
 
-/// Returns the progress after `passed` control periods of an instruction that takes `periods` and waits for `until`,
-/// with these inputs active.
-fn progress(passed: u32, periods: u32, until: Option<InputWait>, active: u16) -> InstructionProgress {
-    if passed < periods {
-        return InstructionProgress::Running;
+/// Reason why an instruction ended unexecuted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InstructionFault {
+    /// The machine stops with this alarm.
+    Alarm(Alarm),
+    /// A cutter was not proven in any of its attempts: its outputs are off, and the instruction is to be sent again.
+    NotStarted,
+}
+
+/// Part of an execution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ExecutionPart {
+    /// The duration, then the wait for the input.
+    Switching,
+    /// The outputs of a cutter are off until the next attempt.
+    BetweenAttempts,
+    /// The cutter is proven: the pierce.
+    Piercing,
+}
+
+/// Progress of an instruction that is being executed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Execution {
+    part: ExecutionPart,
+    /// Control periods of this part.
+    passed: u32,
+    /// Control periods in a row for which the input has been as awaited.
+    stable: u16,
+    /// Attempts that failed.
+    failed_attempts: u8,
+}
+
+impl Execution {
+    const BEGUN: Self = Self { part: ExecutionPart::Switching, passed: 0, stable: 0, failed_attempts: 0 };
+
+    fn begin_part(&mut self, part: ExecutionPart) {
+        (self.part, self.passed, self.stable) = (part, 0, 0);
     }
-    let Some(until) = until else { return InstructionProgress::Complete };
-    let is_active = u32::from(active) >> (until.input & 31) & 1 == 1;
-    if is_active == until.active {
-        InstructionProgress::Complete
-    } else if until.timeout_periods != 0 && passed >= periods.saturating_add(until.timeout_periods) {
-        InstructionProgress::TimedOut
-    } else {
-        InstructionProgress::Running
+
+    /// Runs one control period of an instruction that takes `periods` and waits for `until`, with these inputs active.
+    fn run_period(&mut self, periods: u32, until: Option<InputWait>, active: u16) -> InstructionProgress {
+        self.passed = self.passed.saturating_add(1);
+        let Some(until) = until else {
+            return if self.passed < periods { InstructionProgress::Running } else { InstructionProgress::Complete };
+        };
+        let Some(ignition) = until.ignition else {
+            return self.wait(periods, &until, 1, active);
+        };
+        match self.part {
+            ExecutionPart::Switching => match self.wait(periods, &until, ignition.stable_periods, active) {
+                InstructionProgress::Complete if ignition.delay_periods > 0 => {
+                    self.begin_part(ExecutionPart::Piercing);
+                    InstructionProgress::Running
+                }
+                InstructionProgress::TimedOut => {
+                    self.failed_attempts = self.failed_attempts.saturating_add(1);
+                    self.begin_part(ExecutionPart::BetweenAttempts);
+                    let is_last = self.failed_attempts >= ignition.attempts;
+                    if is_last { InstructionProgress::NotStarted } else { InstructionProgress::SwitchOff }
+                }
+                other => other,
+            },
+            ExecutionPart::BetweenAttempts if self.passed < u32::from(ignition.retry_periods) => {
+                InstructionProgress::Running
+            }
+            ExecutionPart::BetweenAttempts => {
+                self.begin_part(ExecutionPart::Switching);
+                InstructionProgress::SwitchOn
+            }
+            ExecutionPart::Piercing if self.passed < ignition.delay_periods => InstructionProgress::Running,
+            ExecutionPart::Piercing => InstructionProgress::Complete,
+        }
+    }
+
+    /// Waits for the duration, and then for the input.
+    fn wait(&mut self, periods: u32, until: &InputWait, stable_periods: u16, active: u16) -> InstructionProgress {
+        let is_active = u32::from(active) >> (until.input & 31) & 1 == 1;
+        self.stable = if is_active == until.active { self.stable.saturating_add(1) } else { 0 };
+        if self.passed < periods {
+            InstructionProgress::Running
+        } else if self.stable >= stable_periods.max(1) {
+            InstructionProgress::Complete
+        } else if until.timeout_periods != 0 && self.passed >= periods.saturating_add(until.timeout_periods) {
+            InstructionProgress::TimedOut
+        } else {
+            InstructionProgress::Running
+        }
+    }
+}
+
+fn apply_changes(changes: &[OutputChange], outputs: &mut OutputBank) {
+    for &change in changes {
+        outputs.set(change);
+    }
+}
+
+fn switch_off(changes: &[OutputChange], outputs: &mut OutputBank) {
+    for &change in changes.iter().filter(|change| change.value != 0) {
+        outputs.set(OutputChange { value: 0, ..change });
     }
 }
 
@@ -151,13 +242,12 @@ impl InstructionExecutor {
     /// Begins the stored instruction at its place: its changes are made at once.
     pub fn begin(&mut self, outputs: &mut OutputBank) {
         let Some(PendingInstruction { instruction, stage: InstructionStage::Waiting }) = self.pending else { return };
-        for &change in instruction.changes() {
-            outputs.set(change);
-        }
+        apply_changes(instruction.changes(), outputs);
         if instruction.periods == 0 && instruction.until.is_none() {
             self.complete(&instruction);
         } else {
-            self.pending = Some(PendingInstruction { instruction, stage: InstructionStage::Running(0) });
+            let stage = InstructionStage::Running(Execution::BEGUN);
+            self.pending = Some(PendingInstruction { instruction, stage });
         }
     }
 
@@ -173,13 +263,11 @@ impl InstructionExecutor {
         if !instruction.changes().iter().all(|change| outputs.has_channel(change.channel)) {
             return Err(CommandRefusal::NoSuchChannel);
         }
-        for &change in instruction.changes() {
-            outputs.set(change);
-        }
+        apply_changes(instruction.changes(), outputs);
         if instruction.periods == 0 && instruction.until.is_none() {
             self.repeated = instruction.number;
         } else {
-            self.repeat = Some(PendingRepeat { instruction, passed: 0 });
+            self.repeat = Some(PendingRepeat { instruction, execution: Execution::BEGUN });
         }
         Ok(())
     }
@@ -188,50 +276,88 @@ impl InstructionExecutor {
     /// failed.
     ///
     /// An instruction that failed or timed out is cancelled, and the alarm is returned, with the number in its own
-    /// sequence.
-    pub fn run_period(&mut self, active: u16, failed: bool) -> Option<Alarm> {
-        if let Some(PendingRepeat { instruction, passed }) = self.repeat {
-            return self.repeat_period(instruction, passed.saturating_add(1), active, failed);
+    /// sequence. A cutter that is not proven is switched off and on again, as often as its instruction allows.
+    pub fn run_period(&mut self, active: u16, failed: bool, outputs: &mut OutputBank) -> Option<InstructionFault> {
+        if let Some(PendingRepeat { instruction, execution }) = self.repeat {
+            return self.run_repeat_period(&instruction, execution, (active, failed), outputs);
         }
-        let Some(PendingInstruction { instruction, stage: InstructionStage::Running(passed) }) = self.pending else {
+        let Some(PendingInstruction { instruction, stage: InstructionStage::Running(mut execution) }) = self.pending
+        else {
             return None;
         };
-        let passed = passed.saturating_add(1);
-        self.pending = Some(PendingInstruction { instruction, stage: InstructionStage::Running(passed) });
         let number = instruction.number;
         if failed {
             self.cancel();
-            return Some(Alarm::Failed { instruction: number });
+            return Some(InstructionFault::Alarm(Alarm::Failed { instruction: number }));
         }
-        match progress(passed, instruction.periods, instruction.until, active) {
+        let progress = execution.run_period(instruction.periods, instruction.until, active);
+        self.pending = Some(PendingInstruction { instruction, stage: InstructionStage::Running(execution) });
+        match progress {
             InstructionProgress::Running => {}
+            InstructionProgress::SwitchOff => switch_off(instruction.changes(), outputs),
+            InstructionProgress::SwitchOn => apply_changes(instruction.changes(), outputs),
             InstructionProgress::Complete => self.complete(&instruction),
             InstructionProgress::TimedOut => {
                 self.cancel();
-                return Some(Alarm::TimedOut { instruction: number });
+                return Some(InstructionFault::Alarm(Alarm::TimedOut { instruction: number }));
+            }
+            InstructionProgress::NotStarted => {
+                switch_off(instruction.changes(), outputs);
+                self.cancel_running();
+                return Some(InstructionFault::NotStarted);
             }
         }
         None
     }
 
-    fn repeat_period(
+    fn run_repeat_period(
         &mut self,
-        instruction: RepeatedInstruction,
-        passed: u32,
-        active: u16,
-        failed: bool,
-    ) -> Option<Alarm> {
+        instruction: &RepeatedInstruction,
+        mut execution: Execution,
+        (active, failed): (u16, bool),
+        outputs: &mut OutputBank,
+    ) -> Option<InstructionFault> {
         self.repeat = None;
         let number = instruction.number;
         if failed {
-            return Some(Alarm::Failed { instruction: number });
+            return Some(InstructionFault::Alarm(Alarm::Failed { instruction: number }));
         }
-        match progress(passed, instruction.periods, instruction.until, active) {
-            InstructionProgress::Running => self.repeat = Some(PendingRepeat { instruction, passed }),
-            InstructionProgress::Complete => self.repeated = number,
-            InstructionProgress::TimedOut => return Some(Alarm::TimedOut { instruction: number }),
+        let progress = execution.run_period(instruction.periods, instruction.until, active);
+        match progress {
+            InstructionProgress::Complete => {
+                self.repeated = number;
+                return None;
+            }
+            InstructionProgress::TimedOut => {
+                return Some(InstructionFault::Alarm(Alarm::TimedOut { instruction: number }));
+            }
+            InstructionProgress::NotStarted => {
+                switch_off(instruction.changes(), outputs);
+                return Some(InstructionFault::NotStarted);
+            }
+            InstructionProgress::SwitchOff => switch_off(instruction.changes(), outputs),
+            InstructionProgress::SwitchOn => apply_changes(instruction.changes(), outputs),
+            InstructionProgress::Running => {}
         }
+        self.repeat = Some(PendingRepeat { instruction: *instruction, execution });
         None
+    }
+
+    /// Cancels the instruction that is being executed, because its cutter was lost or not started. One that waits for
+    /// its place still does.
+    pub const fn cancel_running(&mut self) {
+        self.repeat = None;
+        if let Some(PendingInstruction { stage: stage @ InstructionStage::Running(_), .. }) = &mut self.pending {
+            *stage = InstructionStage::Cancelled;
+        }
+    }
+
+    /// Returns the changes that the waiting instruction makes.
+    pub(crate) fn waiting_changes(&self) -> &[OutputChange] {
+        match &self.pending {
+            Some(PendingInstruction { instruction, stage: InstructionStage::Waiting }) => instruction.changes(),
+            _ => &[],
+        }
     }
 
     /// Cancels the pending instructions: they are not executed, the number stays the next one, and nothing passes the
@@ -271,15 +397,18 @@ mod tests {
         let spindle = |outputs: &OutputBank| outputs.values()[usize::from(channel::SPINDLE)];
         assert_eq!(switching.store(instruction(2, 0, None), &outputs), Err(CommandRefusal::Busy));
         switching.store(instruction(1, 2, None), &outputs).expect("the next number");
-        assert_eq!((switching.run_period(0, false), spindle(&outputs), switching.is_busy()), (None, 0, false));
+        assert_eq!(
+            (switching.run_period(0, false, &mut outputs), spindle(&outputs), switching.is_busy()),
+            (None, 0, false)
+        );
         switching.begin(&mut outputs);
         assert_eq!((spindle(&outputs), switching.is_busy()), (1, true));
-        switching.run_period(0, false);
+        switching.run_period(0, false, &mut outputs);
         assert_eq!(
             (switching.executed(), switching.store(instruction(2, 0, None), &outputs)),
             (0, Err(CommandRefusal::Busy))
         );
-        switching.run_period(0, false);
+        switching.run_period(0, false, &mut outputs);
         assert_eq!(switching.executed(), 1);
         switching.store(instruction(2, 0, None), &outputs).expect("the next number");
         switching.begin(&mut outputs);
@@ -299,11 +428,15 @@ mod tests {
     /// Periods after which an instruction ends, and how, where the input becomes active in period `at`.
     fn ending(periods: u32, at_most: u32, at: u32) -> (u32, Option<Alarm>) {
         let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(64));
-        let until = Some(InputWait { input: 5, active: true, timeout_periods: at_most });
+        let until = Some(InputWait::new(5, true, at_most));
         switching.store(instruction(1, periods, until), &outputs).expect("the next number");
         switching.begin(&mut outputs);
         for n in 1..100 {
-            let alarm = switching.run_period(u16::from(n >= at) << 5, false);
+            let alarm = match switching.run_period(u16::from(n >= at) << 5, false, &mut outputs) {
+                Some(InstructionFault::Alarm(alarm)) => Some(alarm),
+                None => None,
+                Some(InstructionFault::NotStarted) => panic!("no cutter"),
+            };
             if alarm.is_some() || switching.executed() == 1 {
                 assert!(!switching.is_busy());
                 return (n, alarm);
@@ -329,9 +462,12 @@ mod tests {
     fn a_failure_that_the_machine_reports_ends_it_unexecuted() {
         let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(64));
         switching.store(instruction(1, 5, None), &outputs).expect("the next number");
-        assert_eq!(switching.run_period(0, true), None);
+        assert_eq!(switching.run_period(0, true, &mut outputs), None);
         switching.begin(&mut outputs);
-        assert_eq!(switching.run_period(0, true), Some(Alarm::Failed { instruction: 1 }));
+        assert_eq!(
+            switching.run_period(0, true, &mut outputs),
+            Some(InstructionFault::Alarm(Alarm::Failed { instruction: 1 }))
+        );
         assert_eq!((switching.executed(), switching.is_busy(), switching.waiting_place()), (0, false, None));
         assert_eq!(switching.barrier(), Some(RecordIndex::new(0)), "its place is held");
         switching.store(instruction(1, 5, None), &outputs).expect("its number stays the next");

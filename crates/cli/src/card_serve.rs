@@ -19,7 +19,7 @@ use serde_json::{Value, json};
 
 use crate::files::unwritable;
 use crate::manual_inputs::ManualInput;
-use crate::sim_wiring::hung_on;
+use crate::sim_wiring::{hung_on, parsed_source_faults};
 use crate::{args, files, linked_card};
 
 /// Longest delay that is caught up.
@@ -87,8 +87,8 @@ fn build_simulator<const A: usize>(
 ) -> Result<CardSimulator<A>, NumberedError> {
     let spec = args.faults.as_deref().unwrap_or_default();
     let [up, down] = faults(spec).map_err(|why| serve_error(format!("--faults {spec}: {why}"), "use one of these"))?;
-    let settings =
-        CardSimulatorSettings { up, down, machine: hung_on::<A>(machine), serial: SERIAL, boot: linked_card::nonce() };
+    let plant = hung_on::<A>(machine, &parsed_source_faults(args.source.source_faults.as_deref())?);
+    let settings = CardSimulatorSettings { up, down, machine: plant, serial: SERIAL, boot: linked_card::nonce() };
     let mut rig = CardSimulator::new(&settings)
         .ok_or_else(|| serve_error("the simulated card cannot be created", "please report this"))?;
     if let Some(path) = &args.vcd {

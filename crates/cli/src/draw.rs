@@ -12,7 +12,7 @@ use retrace_controller::{
     SwitchInstruction, Telemetry, feed_program, run_job,
 };
 use retrace_core::mode::Mode;
-use retrace_hal_sim::Clock;
+use retrace_hal_sim::{Clock, SourceFaults};
 use retrace_journal::JournalConfig;
 use retrace_link::OutputChange;
 use retrace_motion::{Arc, FeedRate, PathMode};
@@ -73,7 +73,7 @@ fn program_drawing(args: &args::Plot, view: Option<View>, size: Size) -> Result<
     program.check(&machine)?;
     let mut trace = PathTrace::new(&machine, args.profile, lines_shown(args));
     if args.profile || !script.is_empty() {
-        let card = simulated::<9>(&machine, Clock::Virtual)?;
+        let card = simulated::<9>(&machine, &SourceFaults::default(), Clock::Virtual)?;
         let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
         let run_mode = RunMode { wall_time: false, operator: args.operator.is_some(), real_time: false };
         let job_options =

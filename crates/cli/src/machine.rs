@@ -115,8 +115,8 @@ fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, CommandFailu
 
 /// Settings of a machine that may be mistakes.
 fn warnings(machine: &MachineConfig, name: &str) -> Vec<NumberedError> {
-    let undeclared = machine.undeclared_inputs().into_iter().map(|(input, code)| {
-        let what = format!("{name}: code.{code} waits for input {input}, which no [[card.input]] declares");
+    let undeclared = machine.undeclared_inputs().into_iter().map(|(input, what)| {
+        let what = format!("{name}: {what} waits for input {input}, which no [[card.input]] declares");
         NumberedError::new(
             "W2115",
             what,

@@ -9,7 +9,7 @@ use retrace_controller::{
     Telemetry, interpreter_setup, perform_manual_task,
 };
 use retrace_core::RecordIndex;
-use retrace_hal_sim::Clock;
+use retrace_hal_sim::{Clock, SourceFaults};
 use retrace_link::{CardFailure, MotionCard, PathStart};
 use serde_json::{Map, Value, json};
 
@@ -100,7 +100,7 @@ fn on_card<const A: usize>(
     modal_context: &mut ModalContext,
 ) -> Result<u8, CommandFailure> {
     if args.port.is_simulated() {
-        let mut card = simulated::<A>(machine, Clock::Virtual)?;
+        let mut card = simulated::<A>(machine, &SourceFaults::default(), Clock::Virtual)?;
         eprintln!(
             "note: the simulated card in this process does not keep its position; one served by `retrace card serve \
                 --pty` does"

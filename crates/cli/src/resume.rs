@@ -11,6 +11,7 @@ use retrace_controller::{
     JobStart, MANUAL_PLACE_OFFSET, ResumePlan, ResumePoint, ScriptInstruction, parse_script, planning_fingerprint,
 };
 use retrace_core::place::number_is_before;
+use retrace_hal_sim::SourceFaults;
 use retrace_journal::{
     Durability, FileRole, JobCard, JobEnding, JobFolder, JobHeader, JobLock, JobRecord, JobState, JobStore, ListedJob,
     ProgramSource, ReadFile, ResumeEntry, SpoolProgress, SpoolReplay, Timestamp, WiredCard, axes_to_home,
@@ -250,7 +251,7 @@ impl ResumeStep<'_> {
         }
         let outputs = outputs(self.record.at.as_ref().map_or(&self.record.job.outputs, |at| &at.outputs));
         let wall_time = self.args.operation.realtime || self.args.operation.tui;
-        let card = simulated::<A>(&self.machine, run::clock(&self.machine, wall_time))?
+        let card = simulated::<A>(&self.machine, &SourceFaults::default(), run::clock(&self.machine, wall_time))?
             .with_position(counts(&self.record.last_position.counts), &outputs);
         let start = self.record.last_position.start;
         self.run_job(program, script, (card, Homing::simulated()), start, JobCard::Sim, wall_time).map(|(code, _)| code)

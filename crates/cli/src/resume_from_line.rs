@@ -76,6 +76,7 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
     }
     args::Run {
         vcd: None,
+        source: args::SimulatedSource::default(),
         dry_run: false,
         reading,
         port: CardPort { card },

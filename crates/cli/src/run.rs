@@ -22,7 +22,7 @@ use crate::machine_tables::{self, TableFiles};
 use crate::operate;
 use crate::program::Program;
 use crate::program_stream::ProgramStream;
-use crate::sim_wiring::{simulated, traced};
+use crate::sim_wiring::{parsed_source_faults, simulated, traced};
 
 /// Runs the command. Returns its exit code.
 ///
@@ -71,13 +71,14 @@ impl RunContext<'_> {
     fn on_card<const A: usize>(self, machine: MachineConfig) -> Result<u8, CommandFailure> {
         let args = self.args;
         if args.port.is_simulated() {
+            let faults = parsed_source_faults(args.source.source_faults.as_deref())?;
             let program = self.open(&machine)?;
+            let card = simulated::<A>(&machine, &faults, clock(&machine, args.operation.realtime || self.at_screen))?;
             if self.at_screen {
-                let mut card = traced(simulated::<A>(&machine, clock(&machine, true))?, &machine, args.vcd.as_deref())?;
+                let mut card = traced(card, &machine, args.vcd.as_deref())?;
                 let (work, homing) = ((self.script, (self.text, JobCard::Sim)), Homing::simulated());
                 return operate::operate(args, &machine, program, work, &mut card, &homing, None);
             }
-            let card = simulated::<A>(&machine, clock(&machine, args.operation.realtime))?;
             let card = traced(card, &machine, args.vcd.as_deref())?;
             let (journal, input) = begin_journal(args, &program, &machine, (&self.text, JobCard::Sim), card.status())?;
             return self.job_runner(&machine, &program, journal, input).run(card, |_, _| Ok(())).map(|(code, _)| code);

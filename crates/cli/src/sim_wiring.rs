@@ -8,8 +8,8 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
-use retrace_config::{CodeSwitching, MachineConfig, NumberedError};
-use retrace_hal_sim::{Clock, PlantSettings, Reply, SimCard};
+use retrace_config::{CodeSwitching, CutterConfig, CutterKind, CutterProof, MachineConfig, NumberedError};
+use retrace_hal_sim::{Clock, PlantSettings, Reply, SimCard, SourceFaults, SourceSettings, source_faults};
 use retrace_link::{InputUse, InputWait, PathStart, channel};
 
 use crate::files::unwritable;
@@ -25,8 +25,13 @@ const TAKES_US: u32 = 50_000;
 ///
 /// # Errors
 /// `E2113`
-pub fn simulated<const A: usize>(machine: &MachineConfig, clock: Clock) -> Result<SimCard<A>, NumberedError> {
-    SimCard::with_machine(machine.card_settings(PathStart::at(RecordIndex::new(0))), &hung_on::<A>(machine), clock)
+pub fn simulated<const A: usize>(
+    machine: &MachineConfig,
+    faults: &SourceFaults,
+    clock: Clock,
+) -> Result<SimCard<A>, NumberedError> {
+    let plant = hung_on::<A>(machine, faults);
+    SimCard::with_machine(machine.card_settings(PathStart::at(RecordIndex::new(0))), &plant, clock)
         .map_err(|_| NumberedError::new("E2113", "the rate law does not fit the card's memory", "see docs/errors.md"))
 }
 
@@ -49,7 +54,7 @@ pub fn traced<const A: usize>(
 }
 
 /// Wiring of a simulated card with its machine at 0: switches, and replies.
-pub fn hung_on<const A: usize>(machine: &MachineConfig) -> PlantSettings {
+pub fn hung_on<const A: usize>(machine: &MachineConfig, faults: &SourceFaults) -> PlantSettings {
     let inputs = machine.card_settings::<A>(PathStart::at(RecordIndex::new(0))).inputs;
     let travel: Vec<[i64; 2]> = (0..machine.axes.len()).map(|axis| limits(machine, axis)).collect();
     let mut settings = PlantSettings::wired_as(&inputs, &travel, &[]);
@@ -64,7 +69,31 @@ pub fn hung_on<const A: usize>(machine: &MachineConfig) -> PlantSettings {
         }
     }
     settings.replies = replies(machine);
+    settings.sources = sources(machine, faults);
     settings
+}
+
+/// Parses `--source-faults`.
+///
+/// # Errors
+/// `E2154`
+pub fn parsed_source_faults(text: Option<&str>) -> Result<SourceFaults, NumberedError> {
+    source_faults(text.unwrap_or_default())
+        .map_err(|why| NumberedError::new("E2154", format!("--source-faults: {why}"), "see docs/simulated-machine.md"))
+}
+
+/// Sources of the cutters that have an input of their own.
+fn sources(machine: &MachineConfig, faults: &SourceFaults) -> Vec<SourceSettings> {
+    let nm_per_pulse = [0, 1].map(|axis| machine.axes.get(axis).map_or(0, |axis| (1e6 / axis.pulses_per_mm) as u32));
+    let with_input = machine.cutters.iter().filter_map(|cutter| cutter.proof.map(|proof| (cutter, proof)));
+    let source = |(cutter, proof): (&CutterConfig, CutterProof)| SourceSettings {
+        channel: cutter.fire,
+        input: proof.input,
+        nm_per_pulse,
+        needs_metal: cutter.kind == CutterKind::Torch,
+        faults: faults.clone(),
+    };
+    with_input.map(source).collect()
 }
 
 /// Positions of the limit switches of an axis, in pulses: outside the soft limits, and behind the home switch.
@@ -85,7 +114,7 @@ fn limits(machine: &MachineConfig, axis: usize) -> [i64; 2] {
 fn replies(machine: &MachineConfig) -> Vec<Reply> {
     let mut replies: Vec<Reply> = Vec::new();
     for (code, CodeSwitching { until, .. }) in machine.switching.defined_codes() {
-        let Some(InputWait { input, active, timeout_periods: at_most }) = until else { continue };
+        let Some(InputWait { input, active, timeout_periods: at_most, .. }) = until else { continue };
         let waits_us = match at_most {
             0 => u32::MAX,
             periods => periods.saturating_mul(machine.period_us) / 2,

@@ -31,7 +31,7 @@ impl MachineConfig {
             cutting: cutter::settings(
                 &self.cutters,
                 HANDOVER_MS.min(f64::from(card.watchdog_periods) * self.period_s() * 1e3),
-                self.period_s() * 1e3,
+                self.period_us,
                 self.inhibits_outputs,
             ),
             ..CardSettings::new(0, start, self.period_us, limits)

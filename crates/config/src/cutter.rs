@@ -3,10 +3,11 @@
 //!
 //! Invariant: every cutting output belongs to exactly one cutter, and no channel has two uses.
 
-use retrace_link::{CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, channel};
+use retrace_link::{CuttingChannel, CuttingSettings, InputWait, MAX_CUTTING_CHANNELS, MAX_PROOFS, channel};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::cutter_start::{CutterProof, CutterRestart, CutterStart};
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
 
@@ -71,6 +72,14 @@ pub(crate) struct CutterSection {
     /// Whether the cutter may be on in a rapid move.
     #[serde(default)]
     rapid_lit: bool,
+    /// Input that proves that the cutter burns or flows.
+    ok: Option<CutterProof>,
+    /// How the cutter starts.
+    #[serde(default)]
+    start: CutterStart,
+    /// How the cutter starts again where a cut was interrupted.
+    #[serde(default)]
+    restart: CutterRestart,
 }
 
 /// A cutter, checked.
@@ -94,6 +103,12 @@ pub struct CutterConfig {
     pub retrace_cut: bool,
     /// Whether it may be on during a rapid move.
     pub rapid_lit: bool,
+    /// Input that proves that it burns or flows, if any; without one its loss is not watched.
+    pub proof: Option<CutterProof>,
+    /// How it starts.
+    pub start: CutterStart,
+    /// How it starts again where a cut was interrupted.
+    pub restart: CutterRestart,
 }
 
 impl CutterConfig {
@@ -104,14 +119,63 @@ impl CutterConfig {
             _ => (format!("output {fire}"), CutterKind::Jet),
         };
         let standing_ms = kind.usual_standing_ms();
-        let (arm, assist, abrasive) = (None, None, None);
-        Self { name, kind, fire, arm, assist, abrasive, standing_ms, retrace_cut: false, rapid_lit: false }
+        Self {
+            name,
+            kind,
+            fire,
+            arm: None,
+            assist: None,
+            abrasive: None,
+            standing_ms,
+            retrace_cut: false,
+            rapid_lit: false,
+            proof: None,
+            start: CutterStart::default(),
+            restart: CutterRestart::default(),
+        }
+    }
+
+    /// What switching it on takes after its code, with this pierce delay in s: a duration in control periods, and the
+    /// input to wait for.
+    #[must_use]
+    pub fn start_of_cut(&self, pierce_s: f64, period_us: u32) -> (u32, Option<InputWait>) {
+        match &self.proof {
+            Some(proof) => (0, Some(proof.start_wait(&self.start, pierce_s, period_us))),
+            None => ((pierce_s * 1e6 / f64::from(period_us)).round() as u32, None),
+        }
+    }
+
+    /// The input that switching it off waits for.
+    #[must_use]
+    pub fn end_of_cut(&self, period_us: u32) -> Option<InputWait> {
+        self.proof.as_ref().and_then(|proof| proof.stop_wait(period_us))
     }
 
     /// Its channels other than `fire`, with their purpose.
     fn auxiliaries(&self) -> impl Iterator<Item = (u8, &'static str)> {
         let all = [(self.arm, "arm"), (self.assist, "assist"), (self.abrasive, "abrasive")];
         all.into_iter().filter_map(|(channel, what)| channel.map(|channel| (channel, what)))
+    }
+}
+
+/// Checks that no `[code.…]` table describes the start of a cutter: its `start` does.
+///
+/// # Errors
+/// `E2112`
+pub(crate) fn no_code_starts_a_cutter<'c>(
+    written: &[CutterSection],
+    mut codes: impl Iterator<Item = &'c String>,
+) -> Result<(), NumberedError> {
+    let on_spindle = |cutter: &&CutterSection| cutter.fire == channel::SPINDLE && cutter.kind.cuts_at_rest();
+    let Some(cutter) = written.iter().find(on_spindle) else { return Ok(()) };
+    match codes.find(|code| code.eq_ignore_ascii_case("M3") || code.eq_ignore_ascii_case("M4")) {
+        None => Ok(()),
+        Some(code) => {
+            let what = format!("[code.{code}] beside [[cutter]] {}, which {code} switches on", cutter.name);
+            let remedy = "move the delay to `start = { pierce_s = 0.4 }` and the input to `ok = { input = 5 }` of the \
+                cutter";
+            Err(NumberedError::new("E2112", what, remedy))
+        }
     }
 }
 
@@ -130,8 +194,25 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         }
         let standing_ms = cutter.standing_ms.unwrap_or(cutter.kind.usual_standing_ms());
         within(&format!("cutter {}: standing_ms", cutter.name), standing_ms, 0.0, 5000.0)?;
-        let CutterSection { name, kind, fire, arm, assist, abrasive, retrace_cut, rapid_lit, .. } = cutter;
-        cutters.push(CutterConfig { name, kind, fire, arm, assist, abrasive, standing_ms, retrace_cut, rapid_lit });
+        cutter.start.check(&cutter.name)?;
+        cutter.restart.check(&cutter.name)?;
+        cutter.ok.map_or(Ok(()), |proof| proof.check(&cutter.name))?;
+        let CutterSection { name, kind, fire, arm, assist, abrasive, retrace_cut, rapid_lit, start, .. } = cutter;
+        let (proof, restart) = (cutter.ok, cutter.restart);
+        cutters.push(CutterConfig {
+            name,
+            kind,
+            fire,
+            arm,
+            assist,
+            abrasive,
+            standing_ms,
+            retrace_cut,
+            rapid_lit,
+            proof,
+            start,
+            restart,
+        });
     }
     for &fire in cutting_outputs {
         if !cutters.iter().any(|cutter| cutter.fire == fire) {
@@ -143,6 +224,10 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
     if channels > MAX_CUTTING_CHANNELS {
         let what = format!("the cutters have {channels} channels together");
         return Err(NumberedError::new("E2112", what, format!("at most {MAX_CUTTING_CHANNELS} channels")));
+    }
+    if cutters.iter().filter(|cutter| cutter.proof.is_some()).count() > MAX_PROOFS {
+        let what = "more cutters have an input `ok` than the settings of a card hold: one";
+        return Err(NumberedError::new("E2112", what, "leave `ok` out of the others: they run by time"));
     }
     Ok(cutters)
 }
@@ -183,13 +268,15 @@ pub(crate) fn cutting_outputs(cutters: &[CutterConfig]) -> Vec<u8> {
 }
 
 /// Settings of the cutters for the card. `inhibit`: a dry run.
-pub(crate) fn settings(cutters: &[CutterConfig], handover_ms: f64, period_ms: f64, inhibit: bool) -> CuttingSettings {
+pub(crate) fn settings(cutters: &[CutterConfig], handover_ms: f64, period_us: u32, inhibit: bool) -> CuttingSettings {
+    let period_ms = f64::from(period_us) / 1000.0;
     let periods = |ms: f64| (ms / period_ms).round().clamp(0.0, f64::from(u16::MAX)) as u16;
     let mut all = CuttingSettings { handover_periods: periods(handover_ms), inhibit, ..CuttingSettings::default() };
     let mut add = |channel: u8, fires: bool, cutter: &CutterConfig| {
         if let Some(slot) = all.channels.get_mut(usize::from(all.count)) {
             let (standing_periods, lit_in_reverse) = (periods(cutter.standing_ms), cutter.retrace_cut);
-            *slot = CuttingChannel { channel, fires, standing_periods, lit_in_reverse };
+            let proof = cutter.proof.filter(|_| fires).map(|proof| proof.settings(period_us));
+            *slot = CuttingChannel { channel, fires, standing_periods, lit_in_reverse, proof };
             all.count += 1;
         }
     };

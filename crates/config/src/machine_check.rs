@@ -48,13 +48,19 @@ impl MachineConfig {
         MachineCheck { errors, machine }
     }
 
-    /// Numbers of the inputs that codes wait for and that no `[[card.input]]` declares, each with the first such code.
+    /// Numbers of the inputs that codes and cutters wait for and that no `[[card.input]]` declares, each with the first
+    /// that waits for it.
     #[must_use]
-    pub fn undeclared_inputs(&self) -> BTreeMap<u8, &'static str> {
+    pub fn undeclared_inputs(&self) -> BTreeMap<u8, String> {
         let mut undeclared = BTreeMap::new();
+        for cutter in &self.cutters {
+            if let Some(proof) = cutter.proof.filter(|proof| !self.card.declares_input(proof.input)) {
+                undeclared.entry(proof.input).or_insert_with(|| format!("[[cutter]] {}", cutter.name));
+            }
+        }
         for (code, switching) in self.switching.defined_codes() {
             if let Some(until) = switching.until.filter(|until| !self.card.declares_input(until.input)) {
-                undeclared.entry(until.input).or_insert(code);
+                undeclared.entry(until.input).or_insert_with(|| format!("code.{code}"));
             }
         }
         undeclared
@@ -128,6 +134,7 @@ fn errors_of(file: &MachineFile) -> Vec<NumberedError> {
             Vec::new()
         }
     };
+    errors.extend(cutter::no_code_starts_a_cutter(&file.cutter, file.code.keys()).err());
     let outputs_begin = errors.len();
     errors.extend(file.output.iter().filter_map(|one| output_names(vec![one.clone()], &cutters).err()));
     if errors.len() == outputs_begin {
@@ -285,6 +292,6 @@ mod tests {
             = { input = 6 }\n\
             [[card.input]]\nnumber = 6\nuse = \"plain\"\n";
         let machine = MachineConfig::parse(text, "m.toml").expect("valid");
-        assert_eq!(machine.undeclared_inputs(), BTreeMap::from([(5, "M3")]));
+        assert_eq!(machine.undeclared_inputs(), BTreeMap::from([(5, "code.M3".to_owned())]));
     }
 }

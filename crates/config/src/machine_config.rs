@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use retrace_core::limits::RateLimits;
-use retrace_link::HomingCommand;
+use retrace_link::{HomingCommand, InputWait, OutputChange};
 use retrace_motion::{Blending, MachineLimits};
 
 use crate::axis::{self, AXIS_LETTERS, AxisConfig};
@@ -128,6 +128,7 @@ impl MachineConfig {
             )
         })?;
         let look_ahead = periods(file.look_ahead_s).max(stopping.look_ahead_records + 2 * IN_FLIGHT_RECORDS);
+        cutter::no_code_starts_a_cutter(&file.cutter, file.code.keys())?;
         let cutters = cutter::checked(file.cutter, &file.cutting_outputs)?;
         let cutting_outputs = cutter::cutting_outputs(&cutters);
         let card = file.card.checked(&axes, &cutting_outputs, file.control_period_ms)?;
@@ -191,6 +192,23 @@ impl MachineConfig {
     #[must_use]
     pub fn cutter_of(&self, channel: u8) -> Option<&CutterConfig> {
         self.cutters.iter().find(|cutter| cutter.fire == channel)
+    }
+
+    /// What switching an output takes after its own code, where that starts or ends a cut (CUT-13): a duration in
+    /// control periods, and the input to wait for. `pierce_s`: the pierce delay in s of the material; `None` for that
+    /// of the machine file.
+    #[must_use]
+    pub fn cutter_switching(&self, change: OutputChange, pierce_s: Option<f64>) -> (u32, Option<InputWait>) {
+        let Some(cutter) = self.cutter_of(change.channel).filter(|cutter| cutter.kind.cuts_at_rest()) else {
+            return (0, None);
+        };
+        if self.inhibits_outputs {
+            return (0, None);
+        }
+        match change.value {
+            0 => (0, cutter.end_of_cut(self.period_us)),
+            _ => cutter.start_of_cut(pierce_s.unwrap_or(cutter.start.pierce_s), self.period_us),
+        }
     }
 
     /// Channels that are kept off in a dry run: fire, arm, assist and abrasive of every cutter. Empty otherwise.

@@ -247,7 +247,7 @@ fn awaited(name: &str, waits_for: WaitsFor, period_us: u32) -> Result<InputWait,
     }
     within(&format!("code.{name}: waits_for.timeout_ms"), waits_for.timeout_ms, 0.0, 3.6e6)?;
     let at_most = periods(waits_for.timeout_ms, period_us).max(u32::from(waits_for.timeout_ms > 0.0));
-    Ok(InputWait { input: waits_for.input, active: waits_for.active, timeout_periods: at_most })
+    Ok(InputWait::new(waits_for.input, waits_for.active, at_most))
 }
 
 fn periods(ms: f64, period_us: u32) -> u32 {
@@ -312,7 +312,7 @@ mod tests {
     fn a_code_waits_for_its_input_and_fails_in_time() {
         let waits = |text: &str| code(&format!("control_period_ms = 2\n[code.M3]\nwaits_for = {{ {text} }}\n"));
         let until = waits("input = 5, active = false, timeout_ms = 3000").expect("valid").until;
-        assert_eq!(until, Some(InputWait { input: 5, active: false, timeout_periods: 1500 }));
+        assert_eq!(until, Some(InputWait::new(5, false, 1500)));
         let until = |text: &str| waits(text).expect("valid").until.map(|until| (until.active, until.timeout_periods));
         assert_eq!((until("input = 0"), until("input = 0, timeout_ms = 0")), (Some((true, 5000)), Some((true, 0))));
         assert_eq!(until("input = 0, timeout_ms = 0.1"), Some((true, 1)));

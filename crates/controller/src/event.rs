@@ -95,6 +95,8 @@ pub enum CutterOffReason {
     ProgramEnd,
     /// The job has ended before its program.
     JobStopped,
+    /// It was started in motion, and was not proven where the cut had ended.
+    NotLatched,
 }
 
 impl CutterOffReason {
@@ -108,6 +110,8 @@ impl CutterOffReason {
             Self::Card(CutterOffCause::Alarm) => "alarm",
             Self::Card(CutterOffCause::HostSilent) => "host_silent",
             Self::Card(CutterOffCause::EpochClosed | CutterOffCause::EpochOpened) => "epoch",
+            Self::Card(CutterOffCause::Lost) | Self::NotLatched => "lost",
+            Self::Card(CutterOffCause::NotStarted) => "not_started",
             Self::Operator => "operator",
             Self::ProgramEnd => "program_end",
             Self::JobStopped => "job_stopped",
@@ -123,6 +127,18 @@ impl CutterOffReason {
             Self::Card(CutterOffCause::Alarm) => "alarm",
             Self::Card(CutterOffCause::HostSilent) => "no message from the computer",
             Self::Card(CutterOffCause::EpochClosed | CutterOffCause::EpochOpened) => "the path was left",
+            Self::Card(CutterOffCause::Lost) => {
+                "E3024: it was lost in the cut; `recover` goes back to the end of the cut and cuts on, `back to cut \
+                 end` only goes there"
+            }
+            Self::Card(CutterOffCause::NotStarted) => {
+                "E3025: it did not start in any attempt; check the consumables and the earth clamp, `recover` tries \
+                 again"
+            }
+            Self::NotLatched => {
+                "E3024: it did not take hold where the cut ended; `recover` tries again, `back to pierce` and `cut` \
+                 pierce anew"
+            }
             Self::Operator => "by the operator",
             Self::ProgramEnd => "the program has ended",
             Self::JobStopped => "the job has ended",
@@ -167,6 +183,20 @@ pub enum EventKind {
         channel: u8,
         /// Reason.
         reason: CutterOffReason,
+    },
+    /// The end of the cut (CUT-30): the cutter went out there, and what the program cuts behind it is not cut.
+    CutEnd {
+        /// Channel.
+        channel: u8,
+        /// Place where the cut ends.
+        place: Place,
+        /// Program line there.
+        line: u32,
+    },
+    /// The program is executed again from here, where it was executed before.
+    CutFromHere {
+        /// Whether the cutter starts in motion.
+        moving: bool,
     },
     /// The operator has switched a cutter on; with its channel.
     CutterOn(u8),
@@ -255,6 +285,13 @@ impl Event {
             EventKind::RestartSwitched(code) => json!({"event": "restart_switched", "code": code}),
             EventKind::CutterOff { channel, reason } => {
                 json!({"event": "cutter_off", "channel": channel, "reason": reason.name()})
+            }
+            EventKind::CutEnd { channel, place, line } => json!({
+                "event": "cut_end", "channel": channel, "cut_record": place.record.number(),
+                "cut_fraction": place.fraction, "cut_line": line,
+            }),
+            EventKind::CutFromHere { moving } => {
+                json!({"event": "cut_from_here", "start": if *moving { "moving" } else { "pierce" }})
             }
             EventKind::CutterOn(channel) => json!({"event": "cutter_on", "channel": channel}),
             EventKind::RetraceSwitched(channel, value) => {
@@ -352,6 +389,11 @@ impl Event {
             EventKind::RestartSwitching(code) => format!("restart: {code} begins"),
             EventKind::RestartSwitched(code) => format!("restart: {code} done"),
             EventKind::CutterOff { channel, reason } => format!("{} off: {}", channel_name(*channel), reason.text()),
+            EventKind::CutEnd { channel, line, .. } => {
+                format!("{}: the cut ends in line {line}", channel_name(*channel))
+            }
+            EventKind::CutFromHere { moving: true } => "cutting from here: the cutter starts in motion".into(),
+            EventKind::CutFromHere { moving: false } => "cutting from here".into(),
             EventKind::CutterOn(channel) => format!("{} on by the operator", channel_name(*channel)),
             EventKind::RetraceSwitched(channel, value) => {
                 format!("retrace: {} := {value}", channel_name(*channel))

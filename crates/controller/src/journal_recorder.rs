@@ -143,7 +143,8 @@ impl<const A: usize> PositionSampler<A> {
         let since = |then: u64| period.period.saturating_sub(then);
         let is_due = self.recorded.is_none_or(|kept| {
             let state = |of: &PeriodRecord<A>| (of.mode, of.hold_reason, of.executed);
-            state(&kept) != state(period) || since(kept.period) >= self.second
+            let has_returned = period.reached.is_before(kept.reached);
+            has_returned || state(&kept) != state(period) || since(kept.period) >= self.second
         });
         if !is_due && self.rest.is_none_or(|rest| since(rest) < self.tenth) {
             return None;

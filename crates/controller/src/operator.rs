@@ -26,6 +26,17 @@ pub enum ScriptTime {
     AfterPeriods(u64),
 }
 
+/// How a cutter starts where the program is executed again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CutStart {
+    /// A torch with an `ok` input starts in motion inside a cut, everything else pierces.
+    Usual,
+    /// It pierces.
+    Pierce,
+    /// It starts in motion, along the kerf that is there.
+    Moving,
+}
+
 /// A command of the operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OperatorCommand {
@@ -81,6 +92,10 @@ pub enum OperatorCommand {
     BackToBlock,
     /// Reverse run to the last place at which a cutting output was switched on.
     BackToPierce,
+    /// Reverse run to the place from which an interrupted cut is continued.
+    BackToCutEnd,
+    /// Executes the program again from here, where the path is being retraced.
+    CutFromHere(CutStart),
     /// *Pause*: interrupts the program at a breakpoint (DNC-1).
     Pause,
     /// Stops the spindle manually (DNC-3).
@@ -125,6 +140,10 @@ impl fmt::Display for OperatorCommand {
             Self::BackBy(mm) => write!(f, "back {mm} mm"),
             Self::BackToBlock => write!(f, "back to block"),
             Self::BackToPierce => write!(f, "back to pierce"),
+            Self::BackToCutEnd => write!(f, "back to cut end"),
+            Self::CutFromHere(CutStart::Usual) => write!(f, "cut"),
+            Self::CutFromHere(CutStart::Pierce) => write!(f, "cut pierce"),
+            Self::CutFromHere(CutStart::Moving) => write!(f, "cut moving"),
             Self::Pause => write!(f, "pause"),
             Self::SpindleStop => write!(f, "spindle stop"),
             Self::SpindleStart => write!(f, "spindle start"),
@@ -149,6 +168,8 @@ pub enum CommandError {
     NoOutput(u8),
     /// No cutting output was switched on within the retained history.
     NoPierce,
+    /// No cut was interrupted.
+    NoCutEnd,
     /// Nothing has been executed yet that could be retraced.
     NothingBehind,
     /// The step is not the next one in the sequence of a DNC pause (DNC-1 … DNC-8).
@@ -172,6 +193,7 @@ impl fmt::Display for CommandError {
             Self::Mode(ModeError::RateNotPositive) => "a rate above 0 % is needed",
             Self::TooManyOverrides => "too many override changes are pending; try again in a moment",
             Self::NoPierce => "no cutting output was switched on within the retained history",
+            Self::NoCutEnd => "no cut was interrupted",
             Self::NothingBehind => "nothing has been executed yet that could be reversed over",
             Self::Interrupted(refused) => return crate::dnc_events::explain(*refused, f),
             Self::ToolLength(why) => return write!(f, "{why}"),
@@ -280,6 +302,9 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["leave", "ask"] => OperatorCommand::Leave { ask: true },
         ["agree"] => OperatorCommand::Confirm,
         ["recover"] => OperatorCommand::Recover,
+        ["cut"] => OperatorCommand::CutFromHere(CutStart::Usual),
+        ["cut", "pierce"] => OperatorCommand::CutFromHere(CutStart::Pierce),
+        ["cut", "moving"] => OperatorCommand::CutFromHere(CutStart::Moving),
         ["cutter", "off"] => OperatorCommand::CutterOff,
         ["cutter", "on"] => OperatorCommand::CutterOn,
         ["optional", "stop", state @ ("on" | "off")] => OperatorCommand::OptionalStop(*state == "on"),
@@ -307,7 +332,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
             let known = [
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
                 "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
-                "tool",
+                "tool", "cut",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -322,7 +347,8 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
 /// Example of a complete command that begins with this word.
 fn usage_example(word: &str) -> &'static str {
     match word {
-        "back" => "back 50 mm · back to block · back to pierce",
+        "back" => "back 50 mm · back to block · back to pierce · back to cut end",
+        "cut" => "cut · cut pierce · cut moving",
         "spindle" => "spindle stop · spindle start",
         "jog" => "jog z 10",
         "tool" => "tool length 84.2 · tool length by -0.35",
@@ -340,6 +366,7 @@ fn parse_back(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
     match words {
         ["to", "block"] => Ok(OperatorCommand::BackToBlock),
         ["to", "pierce"] => Ok(OperatorCommand::BackToPierce),
+        ["to", "cut", "end"] => Ok(OperatorCommand::BackToCutEnd),
         [mm, "mm"] => match parse_length(mm)? {
             mm if mm > 0.0 => Ok(OperatorCommand::BackBy(mm)),
             _ => wrong(format!("`back {mm} mm` goes nowhere"), "a length above 0, as in back 50 mm"),
@@ -442,7 +469,7 @@ mod tests {
             ask|agree|output 3 on|single|\
             stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x \
             -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 \
-            off|rapid override 25%";
+            off|rapid override 25%|back to cut end|cut|cut pierce|cut moving";
         for written in deeds.split('|') {
             let script = parse_script(&format!("after 0s {written}"), "script").expect(written);
             assert_eq!(script[0].command.to_string(), written);

@@ -6,6 +6,9 @@
 //! durable place of the index. Nothing here allocates after the start: the number of items is bounded, and when it is
 //! reached the rest remains in the channel.
 
+mod block_window;
+mod returning;
+
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, TryRecvError};
 
@@ -14,10 +17,11 @@ use retrace_core::ring::Consumer;
 use retrace_core::{Distance, Flags, Place, Record, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::{DurablePlace, MarkDifference};
-use retrace_link::{CardStatus, HostCommand, MotionCard, OutputAction, Outputs};
+use retrace_link::{CardStatus, HostCommand, MAX_CHANGES, MotionCard, OutputAction, Outputs};
 
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
 use crate::restart::{OutputOrigins, RestartStep};
+use block_window::BlockWindow;
 
 /// How far ahead records may be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +42,8 @@ const MAX_MESSAGES: usize = 1024;
 const MAX_MODES: usize = 1024;
 /// Capacity for places where a cutting output was switched on.
 const MAX_PIERCES: usize = 4096;
+/// Capacity for instructions that were executed.
+const MAX_DONE: usize = 4096;
 
 /// The consumer's side of planning: the ring, the items, and the part of them that the card holds.
 #[derive(Debug)]
@@ -82,6 +88,12 @@ pub struct RecordStreamer<'r, const A: usize> {
     origins: OutputOrigins,
     /// Single block: the search for the end of the block.
     block_window: Option<BlockWindow>,
+    /// Furthest place executed, as the card counts it: before the ring's after a return to an earlier place.
+    reached: RecordIndex,
+    /// Instructions that were executed, in path order, each with the expected values of its channels before it.
+    done: VecDeque<(ExclusiveInstruction, [i32; MAX_CHANGES])>,
+    /// No return to a place before this one: the instructions there are not retained any more.
+    done_retained_from: Option<RecordIndex>,
 }
 
 impl<'r, const A: usize> RecordStreamer<'r, A> {
@@ -99,7 +111,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             ring,
             items,
             start,
-            exclusives: VecDeque::with_capacity(MAX_EXCLUSIVES),
+            exclusives: VecDeque::with_capacity(MAX_EXCLUSIVES + MAX_DONE),
             gates: Gates::default(),
             next_number: executed.wrapping_add(1),
             actions: VecDeque::with_capacity(MAX_ACTIONS),
@@ -121,6 +133,9 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             expected: outputs,
             origins: OutputOrigins::default(),
             block_window: None,
+            reached: start,
+            done: VecDeque::with_capacity(MAX_DONE),
+            done_retained_from: None,
         }
     }
 
@@ -211,7 +226,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     }
 
     fn is_full(&self) -> bool {
-        self.exclusives.len() == MAX_EXCLUSIVES
+        self.exclusives.len() >= MAX_EXCLUSIVES
             || self.actions.len() == MAX_ACTIONS
             || self.messages.len() == MAX_MESSAGES
             || self.modes.len() == MAX_MODES
@@ -374,12 +389,22 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         self.gates.mark_sent();
     }
 
+    /// Records that the card has cancelled the pending instruction: it is sent again.
+    pub fn mark_cancelled(&mut self) {
+        self.gates.mark_cancelled();
+    }
+
     /// Returns the pending instruction if the card has completed it, and opens the gate for the records behind it.
     pub fn acknowledge(&mut self, executed: u32) -> Option<ExclusiveInstruction> {
         self.gates.acknowledge(executed)?;
         self.next_number = self.next_number.wrapping_add(1);
         let done = self.exclusives.pop_front()?;
         let changes = &done.changes[..usize::from(done.count)];
+        let before = done.changes.map(|change| self.expected.get(usize::from(change.channel)).copied().unwrap_or(0));
+        if self.done.len() == MAX_DONE {
+            self.done_retained_from = self.done.pop_front().map(|(oldest, _)| oldest.place + 1);
+        }
+        self.done.push_back((done.clone(), before));
         for change in changes {
             self.expect(done.place, change.channel, change.value);
         }
@@ -412,6 +437,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// Moves the cursor to a place, without the card.
     pub fn seek_place(&mut self, place: RecordIndex) {
         self.ring.seek(place);
+        self.reached = self.ring.reached();
         self.discard_old_actions();
     }
 
@@ -421,6 +447,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         // `reached` includes a record that was only begun; it is never beyond `write`, so the ring accepts it.
         self.ring.seek(status.reached);
         self.ring.seek(status.place.record);
+        self.reached = status.reached;
         self.discard_old_actions();
     }
 
@@ -435,7 +462,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// Next item that the cursor has passed for the first time. An action that undoes an exclusive instruction in
     /// reverse (line 0) is not returned.
     pub fn next_passed_item(&mut self) -> Option<PassedItem> {
-        let reached = self.ring.reached();
+        let reached = self.reached;
         while let Some(&(action, line)) = self.actions.get(self.passed)
             && action.place.is_before(reached)
         {
@@ -513,69 +540,6 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn is_at_rest_before(&self, place: RecordIndex) -> bool {
         place == self.start || self.ring.record(place - 1).is_some_and(|r| r.flags.contains(Flags::REST))
     }
-
-    /// Place at which sending ahead ends, gates aside.
-    fn send_end(&mut self, road: SendHorizon, reached: RecordIndex) -> RecordIndex {
-        if road == SendHorizon::Reached {
-            return reached;
-        }
-        // Records behind this place may have items before them that are not received yet.
-        let write = self.items_known_until;
-        while let Some(BlockWindow { searched_until: looked, found: false }) = self.block_window
-            && looked.is_before(write)
-        {
-            let place = looked + 1;
-            self.block_window = Some(BlockWindow { searched_until: place, found: self.is_block_end(place) });
-            if place == write {
-                // what follows is not planned yet: check this place again
-                self.block_window = Some(BlockWindow { searched_until: looked, found: false });
-                break;
-            }
-        }
-        match self.block_window {
-            Some(BlockWindow { searched_until: looked, found: true }) if looked.is_before(write) => looked,
-            _ => write,
-        }
-    }
-
-    /// Single block: ends sending at the first block boundary after `after` at which the card can still stop.
-    pub fn trim_at_block_end<C: MotionCard<A>>(&mut self, card: &mut C, after: RecordIndex) {
-        let mut place = after;
-        while place.is_before(card.status().high) {
-            place += 1;
-            if self.is_block_end(place) && card.send(HostCommand::Trim { high: place }).is_ok() {
-                self.block_window = Some(BlockWindow { searched_until: place, found: true });
-                return;
-            }
-        }
-        self.block_window = Some(BlockWindow { searched_until: place, found: false });
-    }
-
-    fn is_block_end(&self, place: RecordIndex) -> bool {
-        match (self.ring.record(place - 1), self.ring.record(place)) {
-            (Some(last), Some(next)) => last.line != next.line,
-            _ => false,
-        }
-    }
-
-    /// Place at which single block ends sending, once it is known.
-    #[must_use]
-    pub fn block_end(&self) -> Option<RecordIndex> {
-        self.block_window.filter(|b| b.found).map(|b| b.searched_until)
-    }
-
-    /// Removes the end of the block: single block is off.
-    pub fn clear_block_end(&mut self) {
-        self.block_window = None;
-    }
-}
-
-/// Single block: progress of the search for the end of the block.
-#[derive(Clone, Copy, Debug)]
-struct BlockWindow {
-    searched_until: RecordIndex,
-    /// Whether the block ends at that place.
-    found: bool,
 }
 
 /// An item that the cursor passed for the first time.

@@ -91,7 +91,12 @@ impl OutputOrigins {
                 && origin.sequence != 0
                 && origin.place == place
             {
-                origin.periods = origin.periods.saturating_add(periods);
+                match &mut origin.until {
+                    Some(InputWait { ignition: Some(ignition), .. }) => {
+                        ignition.delay_periods = ignition.delay_periods.saturating_add(periods);
+                    }
+                    _ => origin.periods = origin.periods.saturating_add(periods),
+                }
             }
         }
     }

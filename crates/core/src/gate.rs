@@ -81,6 +81,13 @@ impl Gates {
         }
     }
 
+    /// Records that the card has cancelled the pending instruction: gate C may open for it again.
+    pub fn mark_cancelled(&mut self) {
+        if let Some(marker) = &mut self.pending {
+            marker.sent = false;
+        }
+    }
+
     /// Handles the card's report that instruction `executed` is complete.
     ///
     /// If it is the pending one, the instruction and its marker are removed and its number is returned.
@@ -101,6 +108,9 @@ mod tests {
         let mut gates = Gates::default();
         assert!(gates.accept(7, RecordIndex::new(3)) && !gates.accept(8, RecordIndex::new(4)));
         assert_eq!(gates.acknowledge(7), None);
+        gates.mark_sent();
+        gates.mark_cancelled();
+        assert_eq!((gates.acknowledge(7), gates.c_open(Place::start_of(RecordIndex::new(3)), true)), (None, true));
         gates.mark_sent();
         assert_eq!(gates.acknowledge(6), None);
         assert!(!gates.b_open(RecordIndex::new(3)) && gates.b_open(RecordIndex::new(2)) && !gates.a_open());

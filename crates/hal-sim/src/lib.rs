@@ -15,6 +15,7 @@
 mod card_simulator;
 mod clock;
 mod count_checker;
+mod cutting_source;
 mod fault_spec;
 mod faults;
 mod in_process;
@@ -30,6 +31,7 @@ mod vcd;
 
 pub use card_simulator::{CardSimulator, CardSimulatorSettings, PeriodObserver, PeriodSample, SimulationFaults};
 pub use clock::Clock;
+pub use cutting_source::{SourceFaults, SourceSettings, source_faults};
 pub use fault_spec::faults;
 pub use faults::{FaultRates, LineCounters, LineFault};
 pub use in_process::{InProcess, NoFault};

@@ -5,6 +5,7 @@
 use retrace_card::InputLevels;
 use retrace_link::{InputSetting, InputUse, MAX_INPUTS, Outputs, channel};
 
+use crate::cutting_source::{CuttingSource, SourceSettings};
 use crate::random::{Chance, Random};
 
 /// A switch that an axis actuates: active from a position on.
@@ -72,6 +73,8 @@ pub struct PlantSettings {
     pub processes: Vec<Process>,
     /// Devices that report their state.
     pub replies: Vec<Reply>,
+    /// Sources of cutters.
+    pub sources: Vec<SourceSettings>,
     /// Changes of inputs, in the order of time: doors, emergency stops.
     pub events: Vec<InputEvent>,
     /// Inputs whose level is low while the device on them is active, one bit each.
@@ -185,6 +188,7 @@ pub struct Plant<const A: usize> {
     switches: Vec<Switch>,
     running: Vec<RunningProcess>,
     replying: Vec<RunningReply>,
+    sources: Vec<CuttingSource>,
     events: std::collections::VecDeque<InputEvent>,
     random: Random,
     active: u16,
@@ -217,6 +221,7 @@ impl<const A: usize> Plant<A> {
                 .map(|&process| RunningProcess { process, value: 0, due: None })
                 .collect(),
             replying,
+            sources: settings.sources.iter().map(CuttingSource::new).collect(),
             events: events.into(),
             random: Random::new(settings.seed),
             active,
@@ -252,6 +257,10 @@ impl<const A: usize> Plant<A> {
                 set(&mut self.active, each.reply.input, each.reported_level());
             }
         }
+        for source in &mut self.sources {
+            let is_closed = source.advance(now_us, positions);
+            set(&mut self.active, source.input(), is_closed);
+        }
         while let Some(event) = self.events.front().filter(|event| event.at_us <= now_us) {
             set(&mut self.active, event.input, event.active);
             self.events.pop_front();
@@ -279,6 +288,10 @@ impl<const A: usize> Plant<A> {
             self.switched[2] += u64::from(fails && !hangs);
             running.due = (!hangs).then_some((due, if fails { PendingReply::Failed } else { PendingReply::Done }));
         }
+        for source in &mut self.sources {
+            let is_on = outputs.get(usize::from(source.channel())).is_some_and(|&value| value != 0);
+            source.switch(now_us, is_on);
+        }
         for each in &mut self.replying {
             let Some(&value) = outputs.get(usize::from(each.reply.channel)) else { continue };
             if value != each.value {
@@ -287,6 +300,12 @@ impl<const A: usize> Plant<A> {
                 each.due_us = Some(now_us + u64::from(each.reply.after_us));
             }
         }
+    }
+
+    /// The cells of the sheet that a source has cut, each 0.05 mm wide, by the numbers of the sources in the settings.
+    #[must_use]
+    pub fn cut_cells(&self, source: usize) -> Option<&std::collections::HashSet<[i32; 2]>> {
+        self.sources.get(source).map(CuttingSource::cut_cells)
     }
 
     /// Sets an input active or inactive manually.

@@ -43,6 +43,17 @@ pub enum Alarm {
         /// The axis, from 0.
         axis: u8,
     },
+    /// The input that proves a cutter is active before the cutter is switched on: a welded contact, or an arc that
+    /// burns (CUT-5).
+    ProvenBeforeStart {
+        /// The input.
+        input: u8,
+    },
+    /// The input that proves a cutter stays active although the cutter is off (CUT-5).
+    CutterStaysOn {
+        /// The input.
+        input: u8,
+    },
     /// A record that the drive needs was not there: a defect of the card.
     Defect,
 }
@@ -61,6 +72,8 @@ impl Alarm {
             Self::TooManyPulses { axis } => (7, axis as u32),
             Self::HomingFailed { axis } => (8, axis as u32),
             Self::Defect => (9, 0),
+            Self::ProvenBeforeStart { input } => (10, input as u32),
+            Self::CutterStaysOn { input } => (11, input as u32),
         }
     }
 
@@ -77,6 +90,8 @@ impl Alarm {
             7 => Self::TooManyPulses { axis: detail as u8 },
             8 => Self::HomingFailed { axis: detail as u8 },
             9 => Self::Defect,
+            10 => Self::ProvenBeforeStart { input: detail as u8 },
+            11 => Self::CutterStaysOn { input: detail as u8 },
             _ => return None,
         })
     }
@@ -94,6 +109,8 @@ impl CardFailure for Alarm {
             Self::TooManyPulses { .. } => "E3017",
             Self::HomingFailed { .. } => "E3018",
             Self::Defect => "E3019",
+            Self::ProvenBeforeStart { .. } => "E3022",
+            Self::CutterStaysOn { .. } => "E3023",
         }
     }
 
@@ -111,6 +128,12 @@ impl CardFailure for Alarm {
             }
             Self::HomingFailed { .. } => "check the home switch and its wiring, then home again",
             Self::Defect => "home the machine; please report this",
+            Self::ProvenBeforeStart { .. } => {
+                "switch the source off; check its contact and the wiring of the input, clear the alarm, then resume"
+            }
+            Self::CutterStaysOn { .. } => {
+                "switch the source off at its own switch; check the output's relay and the contact of the input"
+            }
         }
     }
 }
@@ -133,6 +156,12 @@ impl fmt::Display for Alarm {
             }
             Self::HomingFailed { axis } => write!(f, "homing of axis number {} found no switch", axis + 1),
             Self::Defect => write!(f, "the card missed a record that it needed"),
+            Self::ProvenBeforeStart { input } => {
+                write!(f, "input {input} says that the cutter is on before it is switched on")
+            }
+            Self::CutterStaysOn { input } => {
+                write!(f, "input {input} still says that the cutter is on after it was switched off")
+            }
         }
     }
 }

@@ -4,10 +4,14 @@
 //! Invariant: the settings alone define which channel fires; the card applies its permit to these channels whatever the
 //! commands request.
 
+use retrace_core::Place;
+
 use crate::{InputWait, MAX_CHANGES, OutputChange};
 
 /// Maximum number of cutting channels of a card.
 pub const MAX_CUTTING_CHANNELS: usize = 8;
+/// Maximum number of cutting channels with a [`ProofInput`]: the settings then fit a frame.
+pub const MAX_PROOFS: usize = 1;
 
 /// One output channel of a cutter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -24,6 +28,22 @@ pub struct CuttingChannel {
     /// Whether the channel stays on, and may be switched on, while the path runs backward: a jet with `retrace_cut =
     /// true`.
     pub lit_in_reverse: bool,
+    /// Input that proves that the cutter burns or flows, if it has one.
+    pub proof: Option<ProofInput>,
+}
+
+/// Input that proves that a cutter burns or flows: the arc-transfer contact of a plasma source, the pressure switch of
+/// a jet (CUT-5, CUT-29).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct ProofInput {
+    /// Number of the input; active while the cutter burns or flows.
+    pub input: u8,
+    /// Control periods in a row with the input active, after which the cutter is proven and its loss is watched.
+    pub proven_periods: u16,
+    /// Control periods in a row with the input inactive, after which a proven cutter is lost; 0 counts as 1.
+    pub lost_periods: u16,
+    /// Control periods for which the input may stay active after the cutter is off; 0: for any time.
+    pub out_periods: u16,
 }
 
 /// Cutting channels of an epoch, and the rules that the card applies to them.
@@ -91,6 +111,11 @@ pub enum CutterOffCause {
     EpochClosed,
     /// An epoch was opened.
     EpochOpened,
+    /// The input that proves the cutter became inactive: the arc went out, the pressure fell. The card brakes on the
+    /// path and blocks motion until [`crate::HostCommand::Restart`].
+    Lost,
+    /// The cutter was not proven in any of its attempts. The card blocks motion until [`crate::HostCommand::Restart`].
+    NotStarted,
 }
 
 impl CutterOffCause {
@@ -111,6 +136,8 @@ impl CutterOffCause {
             4 => Self::HostSilent,
             5 => Self::EpochClosed,
             6 => Self::EpochOpened,
+            7 => Self::Lost,
+            8 => Self::NotStarted,
             _ => return None,
         })
     }
@@ -123,4 +150,7 @@ pub struct CutterOff {
     pub channels: u8,
     /// Cause; the first one if several apply in one period.
     pub cause: CutterOffCause,
+    /// Place of the cursor: for [`CutterOffCause::Lost`] at the beginning of the first period in which the input was
+    /// inactive (CUT-30), for any other cause at the end of the period.
+    pub place: Place,
 }

@@ -41,11 +41,12 @@ pub use alarm::Alarm;
 pub use card_endpoint::CardEndpoint;
 pub use card_failure::CardFailure;
 pub use cutting::{
-    CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, RepeatedInstruction,
+    CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, MAX_PROOFS, ProofInput,
+    RepeatedInstruction,
 };
 pub use host::{HostEndpoint, LineCounts, LinkError};
 pub use message::{CardStatus, CommandRefusal, HomingCommand, HostCommand, Instruction, OutputAction};
-pub use outputs::{InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
+pub use outputs::{Ignition, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 pub use ports::{BytePort, CardCore, state_crc};
 pub use serial_card::{LinkTimeouts, LinkedCard, LinkedCardError};
 pub use session::{next_epoch, session_key};

@@ -45,4 +45,29 @@ pub struct InputWait {
     pub active: bool,
     /// Timeout in periods; 0: no timeout.
     pub timeout_periods: u32,
+    /// How a cutter is started, if this switches one on. `None` for any other device: a timeout is then an alarm.
+    pub ignition: Option<Ignition>,
+}
+
+impl InputWait {
+    /// Returns a wait for an input of any device but a cutter.
+    #[must_use]
+    pub const fn new(input: u8, active: bool, timeout_periods: u32) -> Self {
+        Self { input, active, timeout_periods, ignition: None }
+    }
+}
+
+/// Start of a cutter whose input proves that it burns or flows (CUT-13): it is switched on, must be proven within the
+/// timeout of the wait, and is switched off and on again where it is not. A start that fails is not an alarm: the
+/// cutter is off, the card blocks motion, and the instruction is to be sent again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Ignition {
+    /// Control periods in a row for which the input must be as awaited.
+    pub stable_periods: u16,
+    /// Attempts, at least 1; 0 counts as 1.
+    pub attempts: u8,
+    /// Control periods for which the cutter is off between two attempts.
+    pub retry_periods: u16,
+    /// Control periods from the proof to the end of the instruction: the pierce.
+    pub delay_periods: u32,
 }

@@ -93,6 +93,8 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::BackBy(mm) => format!("back by {mm} mm"),
         OperatorCommand::BackToBlock => "back to the start of the block".into(),
         OperatorCommand::BackToPierce => "back to the last pierce".into(),
+        OperatorCommand::BackToCutEnd => "back to the end of the cut".into(),
+        OperatorCommand::CutFromHere(_) => "cut from here".into(),
         OperatorCommand::Pause => "pause".into(),
         OperatorCommand::SpindleStop => "stop the spindle".into(),
         OperatorCommand::SpindleStart => "start the spindle".into(),

@@ -20,7 +20,7 @@ fn machine(cutter: &str, more: &str) -> String {
     format!("{more}{cutter}{}{}{}", axis("x"), axis("y"), axis("z"))
 }
 
-const TORCH: &str = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\n[code.M3]\nduration_ms = 400\n";
+const TORCH: &str = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nstart = { pierce_s = 0.4 }\n";
 const JET: &str = "[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 3\n";
 const SPINDLE: &str = "[[cutter]]\nname = \"spindle\"\nkind = \"spindle\"\nfire = 64\n[code.M3]\nduration_ms = 800\n";
 

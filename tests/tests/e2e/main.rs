@@ -2,6 +2,7 @@
 //! binaries of their own beside it, which run alone.
 
 #[cfg(target_os = "linux")]
+mod arc;
 mod card;
 mod check;
 mod command;

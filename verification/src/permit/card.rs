@@ -93,7 +93,7 @@ impl Observer {
         settings.inputs[0] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
         settings.cutting = CuttingSettings { count: 1, handover_periods: HANDOVER, ..CuttingSettings::default() };
         settings.cutting.channels[0] =
-            CuttingChannel { channel: TORCH, fires: true, standing_periods: GRACE, lit_in_reverse: false };
+            CuttingChannel { channel: TORCH, fires: true, standing_periods: GRACE, lit_in_reverse: false, proof: None };
         settings.cutting.inhibit = epoch.is_multiple_of(8);
         if self.card.open(&settings).is_ok() {
             (self.epoch, self.closed, self.inhibit, self.silent) = (epoch, false, settings.cutting.inhibit, 0);

@@ -198,7 +198,7 @@ fn a_record_with_too_many_pulses_is_refused_brakes_the_card_and_is_never_emitted
 
 #[test]
 fn an_instruction_that_fails_or_takes_too_long_is_not_executed_and_its_number_stays() {
-    let until = Some(InputWait { input: 5, active: true, timeout_periods: 10 });
+    let until = Some(InputWait::new(5, true, 10));
     let instruction = Instruction { number: 1, periods: 5, until, ..Instruction::default() };
     let begun = || {
         let mut card = opened(0);

@@ -16,9 +16,9 @@ use retrace_link::{
 
 /// The cutting channels: a torch, a jet that may be on in reverse, and an auxiliary one.
 const CUTTING: [CuttingChannel; 3] = [
-    CuttingChannel { channel: 3, fires: true, standing_periods: 0, lit_in_reverse: false },
-    CuttingChannel { channel: 4, fires: true, standing_periods: 7, lit_in_reverse: true },
-    CuttingChannel { channel: 6, fires: false, standing_periods: 0, lit_in_reverse: false },
+    CuttingChannel { channel: 3, fires: true, standing_periods: 0, lit_in_reverse: false, proof: None },
+    CuttingChannel { channel: 4, fires: true, standing_periods: 7, lit_in_reverse: true, proof: None },
+    CuttingChannel { channel: 6, fires: false, standing_periods: 0, lit_in_reverse: false, proof: None },
 ];
 const HANDOVER: u16 = 5;
 
@@ -382,7 +382,7 @@ impl Witness {
     fn repeat(&mut self, number: u32, change: OutputChange, periods: u32, at_most: Option<u32>) {
         let status = self.status();
         let number = status.repeated.wrapping_add(number);
-        let until = at_most.map(|at_most| InputWait { input: 5, active: true, timeout_periods: at_most });
+        let until = at_most.map(|at_most| InputWait::new(5, true, at_most));
         let mut repeated = RepeatedInstruction { number, periods, until, count: 1, ..RepeatedInstruction::default() };
         repeated.changes[0] = change;
         if self.send(HostCommand::Repeat(repeated)) {
@@ -469,7 +469,7 @@ impl Witness {
         let status = self.status();
         let place = status.place.boundary_ahead() + after;
         let number = status.executed.wrapping_add(number);
-        let until = at_most.map(|at_most| InputWait { input: 5, active: true, timeout_periods: at_most });
+        let until = at_most.map(|at_most| InputWait::new(5, true, at_most));
         let keeps_cutter = lights.keeps;
         let mut instruction =
             Instruction { number, place, periods, until, count: 2, keeps_cutter, ..Instruction::default() };

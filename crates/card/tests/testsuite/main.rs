@@ -3,6 +3,7 @@
 mod alarms;
 mod any_commands;
 mod common;
+mod cutter_proof;
 mod epochs;
 mod order;
 mod permit;

@@ -74,7 +74,7 @@ struct Host<'j> {
 impl Host<'_> {
     fn instruction(&self, n: usize) -> Instruction {
         let (offset, periods, waits) = self.job.markers[n];
-        let until = waits.map(|_| InputWait { input: 5, active: true, timeout_periods: 0 });
+        let until = waits.map(|_| InputWait::new(5, true, 0));
         let place = self.job.start.wrapping_add(offset);
         let number = n as u32 + 1;
         let mut instruction =

@@ -26,8 +26,14 @@ fn cutting_settings(epoch: u16, jet_lit_in_reverse: bool, inhibit: bool) -> Card
     let mut settings = settings(epoch, 0);
     settings.safe_count = 0;
     let channels = [
-        CuttingChannel { channel: TORCH, fires: true, standing_periods: 0, lit_in_reverse: false },
-        CuttingChannel { channel: JET, fires: true, standing_periods: JET_GRACE, lit_in_reverse: jet_lit_in_reverse },
+        CuttingChannel { channel: TORCH, fires: true, standing_periods: 0, lit_in_reverse: false, proof: None },
+        CuttingChannel {
+            channel: JET,
+            fires: true,
+            standing_periods: JET_GRACE,
+            lit_in_reverse: jet_lit_in_reverse,
+            proof: None,
+        },
         CuttingChannel { channel: ABRASIVE, ..CuttingChannel::default() },
     ];
     settings.cutting = CuttingSettings { count: 3, handover_periods: HANDOVER, inhibit, ..CuttingSettings::default() };
@@ -233,7 +239,7 @@ fn records_that_come_within_the_handover_go_on() {
 fn a_pierce_does_not_count_as_standing_and_the_waiting_behind_it_does() {
     let mut bench = Bench::new(false, false);
     bench.rate(Rate::ONE);
-    let until = Some(InputWait { input: 5, active: true, timeout_periods: 0 });
+    let until = Some(InputWait::new(5, true, 0));
     let mut pierce = Instruction { number: 1, periods: 100, until, count: 1, ..Instruction::default() };
     (pierce.changes[0], pierce.keeps_cutter) = (OutputChange { channel: TORCH, value: 1 }, true);
     bench.send(HostCommand::Instruction(pierce));

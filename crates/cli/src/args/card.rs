@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use super::shared::{CardAddress, JsonObject, MachineFile};
+use super::shared::{CardAddress, JsonObject, MachineFile, SimulatedSource};
 
 /// `retrace card`
 #[derive(Debug, Subcommand)]
@@ -64,6 +64,8 @@ pub struct Serve {
     /// Faults on the line, such as `rate=1e-5,seed=7` or `down.drop@1000`; see docs/simulated-machine.md.
     #[arg(long, value_name = "SPEC")]
     pub faults: Option<String>,
+    #[command(flatten)]
+    pub source: SimulatedSource,
     /// Speed of simulated time relative to wall time: 0.01 to 100.
     #[arg(long, value_name = "N", default_value_t = 1.0)]
     pub speed: f64,

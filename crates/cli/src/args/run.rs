@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::reading::Reading;
-use super::shared::{CardPort, JobsFolder, JsonLines, MachineFile, OperationOptions};
+use super::shared::{CardPort, JobsFolder, JsonLines, MachineFile, OperationOptions, SimulatedSource};
 
 /// `retrace run`
 #[derive(Clone, Debug, Args)]
@@ -32,6 +32,8 @@ pub struct Run {
     /// With the simulated card: write a trace of pins, outputs and inputs for wave viewers.
     #[arg(long, value_name = "FILE.vcd")]
     pub vcd: Option<PathBuf>,
+    #[command(flatten)]
+    pub source: SimulatedSource,
     /// Dry run: the axes move and every cutter stays off.
     #[arg(long)]
     pub dry_run: bool,

@@ -65,6 +65,15 @@ pub struct OperationOptions {
     pub records: Option<PathBuf>,
 }
 
+/// `--source-faults`
+#[derive(Clone, Debug, Default, Args)]
+pub struct SimulatedSource {
+    /// With the simulated card: faults of the source of a cutter that has an `ok` input, such as
+    /// `no-start=0.1,lose@120,seed=7`; see docs/simulated-machine.md.
+    #[arg(long, value_name = "SPEC")]
+    pub source_faults: Option<String>,
+}
+
 /// `--journal`
 #[derive(Clone, Debug, Default, Args)]
 pub struct JobsFolder {

@@ -213,6 +213,9 @@ impl CanonExecutor<'_> {
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
         self.cutters.record_switching(self.machine, &[change]);
+        let (periods, until) = self.machine.cutter_switching(change, None);
+        let periods = switching.periods.saturating_add(periods);
+        let switching = CodeSwitching { periods, until: switching.until.or(until), ..switching };
         match (switching.class, switching.in_reverse) {
             (CodeClass::Synchronous, InReverse::Unchanged) => sink.lasting_action(change, line),
             (CodeClass::Synchronous, _) => sink.action(change, line),

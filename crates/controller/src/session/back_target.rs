@@ -26,6 +26,8 @@ pub(super) enum BackTargetKind {
     Block,
     /// The last place where a cutting output was switched on.
     Pierce,
+    /// This length in mm before the end of the cut, and not before its pierce.
+    CutEnd(f64),
 }
 
 /// A reverse run that ends at a target.
@@ -80,7 +82,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let counts_from_here = status.at_rest || self.mode_controller.mode() == Mode::Run;
         let search =
             if counts_from_here { self.begin_search(wanted, status.place) } else { Some(TargetSearch::AtRest) };
-        let search = search.ok_or(CommandError::NoPierce)?;
+        let missing =
+            if matches!(wanted, BackTargetKind::CutEnd(_)) { CommandError::NoCutEnd } else { CommandError::NoPierce };
+        let search = search.ok_or(missing)?;
         // The rate is limited by the records' own caps, and to 100 % while a cutter is on.
         self.mode_controller.apply(ModeCommand::Reverse(Rate::MAX))?;
         self.back_target = Some(BackTarget { kind: wanted, search });
@@ -92,17 +96,23 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let on = |left_mm, line| TargetSearch::From { from: place.boundary_ahead(), remaining_mm: left_mm, line };
         Some(match wanted {
             BackTargetKind::Pierce => TargetSearch::Found(self.streamer.pierce_before(place)?),
-            BackTargetKind::By(mm) => {
-                // The part of the current record ahead of the cursor is not reversed over.
-                let share = place.fraction_of_record();
-                let part = self.record_length_mm(place.record).filter(|_| place.fraction != 0);
-                on(mm + part.map_or(0.0, |length| length * (1.0 - share)), 0)
+            BackTargetKind::By(mm) => on(mm + self.rest_of_record_mm(place), 0),
+            BackTargetKind::CutEnd(mm) => {
+                let cut_end = self.recovery.cut_end()?;
+                let remaining_mm = mm + self.rest_of_record_mm(cut_end);
+                TargetSearch::From { from: cut_end.boundary_ahead(), remaining_mm, line: 0 }
             }
             BackTargetKind::Block => {
                 let last = self.streamer.record(place.boundary_ahead() - 1);
                 on(0.0, last.map_or(0, |record| record.line))
             }
         })
+    }
+
+    /// Length in mm of the part of the record at `place` that is ahead of it.
+    fn rest_of_record_mm(&self, place: Place) -> f64 {
+        let length_mm = self.record_length_mm(place.record).filter(|_| place.fraction != 0);
+        length_mm.map_or(0.0, |length_mm| length_mm * (1.0 - place.fraction_of_record()))
     }
 
     /// Length of a record in mm.
@@ -135,11 +145,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     fn continue_search(&self, wanted: BackTargetKind, from: RecordIndex, left_mm: f64, line: u32) -> TargetSearch {
         let (mut from, mut left_mm, oldest) = (from, left_mm, self.streamer.oldest());
+        let pierce = self.recovery.cut_end().and_then(|cut_end| self.streamer.pierce_before(cut_end));
         for _ in 0..RECORDS_A_PERIOD {
             let last = from - 1;
             let found = match wanted {
                 // Sums of lengths are exact except for a few of the last digits.
                 BackTargetKind::By(mm) => left_mm <= 1e-9 * mm,
+                BackTargetKind::CutEnd(mm) => left_mm <= 1e-9 * mm || pierce == Some(from),
                 _ => !last.is_before(oldest) && self.streamer.record(last).is_none_or(|record| record.line != line),
             };
             if found {

@@ -51,6 +51,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::BackBy(mm) => return self.go_back(BackTargetKind::By(mm)),
             OperatorCommand::BackToBlock => return self.go_back(BackTargetKind::Block),
             OperatorCommand::BackToPierce => return self.go_back(BackTargetKind::Pierce),
+            OperatorCommand::BackToCutEnd => return self.back_to_cut_end(),
+            OperatorCommand::CutFromHere(start) => return self.cut_from_here(start),
             OperatorCommand::Override(rate) => return self.request_override(rate),
             OperatorCommand::RapidOverride(rate) => self.set_rapid_override(rate)?,
             OperatorCommand::Output { number, on } => return self.switch_output(number, on),
@@ -84,6 +86,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let status = self.card.status();
         let stands_there = status.at_rest && boundary.is_some_and(|boundary| status.place == Place::start_of(boundary));
         self.mode_controller.apply(order)?;
+        self.recovery.cancel_return();
         if stands_there {
             self.passed_boundary = boundary;
         }
@@ -126,6 +129,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let expected = self.streamer.expected();
         let cuts =
             self.config.fire_channels.iter().any(|&c| expected.get(usize::from(c)).is_some_and(|&value| value != 0));
+        if cuts {
+            for at in 0..self.config.fire_channels.len() {
+                self.record_cut_end_by_hand(self.config.fire_channels[at]);
+            }
+        }
         self.switch_cutters_off(CutterOffReason::Operator);
         if cuts {
             self.hold_program();
@@ -175,6 +183,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// *Recover*: restores the outputs, the cutter last, and resumes the program.
     fn recover(&mut self) -> Result<(), CommandError> {
+        if self.begin_recovery()? {
+            return Ok(());
+        }
         self.mode_controller.apply(ModeCommand::Recover)?;
         self.continue_from_stop();
         Ok(())

@@ -479,7 +479,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Position on the program's path, from which it is resumed. The machine is at rest.
-    fn path_start(&self) -> PathStart {
+    pub(super) fn path_start(&self) -> PathStart {
         let CardStatus { place, reached, executed, .. } = *self.card.status();
         let before = self.streamer.record(place.record - 1);
         let rests = place.fraction == 0 && before.is_some_and(|record| record.flags.contains(RecordFlags::REST));

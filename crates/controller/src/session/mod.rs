@@ -8,6 +8,7 @@ mod back_target;
 mod commands;
 mod dnc_pause;
 mod manual_outputs;
+mod recovery;
 mod restart;
 mod return_path;
 mod session_config;
@@ -37,6 +38,7 @@ use crate::telemetry::{Telemetry, TelemetrySender};
 use back_target::BackTarget;
 use dnc_pause::DncPause;
 use manual_outputs::ManualOutputs;
+use recovery::CutRecovery;
 use restart::{LeavingRun, OutputRestart};
 pub use session_config::RunMode;
 use session_config::SessionConfig;
@@ -130,6 +132,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     tool_length: ToolLengthEntry,
     /// Target of a reverse run, if it has one.
     back_target: Option<BackTarget>,
+    /// Recovery of an interrupted cut.
+    recovery: CutRecovery,
     /// Whether the handwheel has been behind `reached`.
     wheel_was_behind: bool,
     /// Whether the card's window ends where the mode requires.
@@ -175,6 +179,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             dnc: DncPause::new(machine),
             tool_length: ToolLengthEntry::new(machine),
             back_target: None,
+            recovery: CutRecovery::new(machine),
             wheel_was_behind: false,
             window_is_trimmed: true,
             alarm_reported: false,
@@ -275,6 +280,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.poll_planner();
         self.apply_commands();
+        self.advance_recovery()?;
         self.advance_restart();
         let demand = self.mode_output();
         while self.send_due_instruction(demand)? {
@@ -414,6 +420,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if let Some(off) = status.cutter_off {
             self.cutter_went_off(off);
         }
+        self.watch_latch(status);
         let mode = self.mode_controller.mode();
         let held = self.mode_controller.is_held()
             || self.program_stop != ProgramStop::No

@@ -73,6 +73,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn begin_restart_to(&mut self, wants: &Outputs, concerned: impl Fn(u8) -> bool) {
         let outputs = self.outputs_compared_with(wants);
         self.streamer.restart_steps(&outputs, wants, concerned, &mut self.restart.steps);
+        self.recovery.start_in_motion(&mut self.restart.steps, &self.config.fire_channels);
         (self.restart.before, self.restart.sent, self.restart.done) = (self.card.status().repeated, 0, 0);
         self.restart.stage = if self.restart.steps.is_empty() { RestartStage::Idle } else { RestartStage::Asking };
         if !self.restart.is_active() {
@@ -146,14 +147,24 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    /// Handles a cutting output that the card has switched off by itself. Where the machine was at rest, the job is
-    /// interrupted.
+    /// Handles a cutting output that the card has switched off by itself. Where the machine was at rest, and where the
+    /// cutter was lost or not started, the job is interrupted.
     pub(super) fn cutter_went_off(&mut self, off: CutterOff) {
         for at in (0..self.config.cutter_channels.len()).filter(|at| off.channels >> at & 1 != 0) {
             let channel = self.config.cutter_channels[at];
             self.emit(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });
         }
-        if off.cause == CutterOffCause::Standing && self.mode_controller.mode() == Mode::Run {
+        self.record_cut_end(off);
+        let interrupts =
+            matches!(off.cause, CutterOffCause::Standing | CutterOffCause::Lost | CutterOffCause::NotStarted);
+        if matches!(off.cause, CutterOffCause::Lost | CutterOffCause::NotStarted) {
+            // The card has cancelled what it was executing: an instruction, or a step of a restart.
+            self.restart.stage = RestartStage::Idle;
+            if self.executing.take().is_some() {
+                self.streamer.mark_cancelled();
+            }
+        }
+        if interrupts && self.mode_controller.mode() == Mode::Run {
             // never rejected
             let _ = self.mode_controller.apply(retrace_core::mode::ModeCommand::Hold);
         }

@@ -5,15 +5,15 @@
 
 use retrace_config::MachineConfig;
 use retrace_controller::{
-    BlockDecoder, CommandSources, DecodedBlock, Event, EventKind, JobEnd, JobOptions, JobStart, Observer, Outcome,
-    RunMode, ScriptPlayer, Telemetry, interpreter_setup, parse_script, run_job,
+    BlockDecoder, CommandSources, CutterOffReason, DecodedBlock, Event, EventKind, JobEnd, JobOptions, JobStart,
+    Observer, Outcome, RunMode, ScriptPlayer, Telemetry, interpreter_setup, parse_script, run_job,
 };
 use retrace_core::RecordIndex;
 use retrace_core::mode::Mode;
 use retrace_gcode::{CanonStep, Program, Progress, Setup, Tool, ToolTable};
-use retrace_hal_sim::{Chance, Clock, PlantSettings, Process, SimCard};
+use retrace_hal_sim::{Clock, PlantSettings, Process, SimCard, SourceFaults, SourceSettings};
 use retrace_journal::JournalConfig;
-use retrace_link::{MotionCard, Outputs, PathStart, channel};
+use retrace_link::{CutterOffCause, MotionCard, Outputs, PathStart, channel};
 
 const WATERJET: &str = include_str!("../../../cli/src/machine/waterjet.toml");
 const PLASMA: &str = include_str!("../../../cli/src/machine/plasma.toml");
@@ -57,13 +57,27 @@ fn run(
     script: &str,
     processes: &[Process],
 ) -> (JobEnd<SimCard<4>>, Seen) {
+    run_with_sources(machine, program, script, processes, &[])
+}
+
+/// As [`run`], with sources of cutters.
+fn run_with_sources(
+    machine: &MachineConfig,
+    program: &'static str,
+    script: &str,
+    processes: &[Process],
+    sources: &[SourceSettings],
+) -> (JobEnd<SimCard<4>>, Seen) {
     let settings = machine.card_settings::<4>(PathStart::at(RecordIndex::new(0)));
     // the switches a little outside of the soft limits
     let ends = |axis: usize| machine.axes[axis].travel_mm.map(|mm| machine.counts_of(axis, mm * 1.01));
     let travel: Vec<[i64; 2]> =
         (0..machine.axes.len()).map(ends).map(|[low, high]| [low - 1000, high + 1000]).collect();
-    let wired =
-        PlantSettings { processes: processes.to_vec(), ..PlantSettings::wired_as(&settings.inputs, &travel, &[0; 4]) };
+    let wired = PlantSettings {
+        processes: processes.to_vec(),
+        sources: sources.to_vec(),
+        ..PlantSettings::wired_as(&settings.inputs, &travel, &[0; 4])
+    };
     let card = SimCard::with_machine(settings, &wired, Clock::Virtual).expect("it opens");
     let mut tools = ToolTable::default();
     tools.insert(Tool { number: 1, ..Tool::default() });
@@ -100,26 +114,28 @@ fn a_waterjet_pierces_cuts_and_lifts() {
     assert_eq!(end.card.status().counts, [4_000, 8_000, 48_000, 0]);
 }
 
-/// The arc takes 600 ms: longer than the pierce, so that the motion waits for it.
+/// The arc takes 600 ms; the pierce begins with it.
 #[test]
-fn a_plasma_torch_waits_for_its_arc_and_raises_an_alarm_where_none_comes() {
+fn a_plasma_torch_waits_for_its_arc_and_is_started_again_where_none_comes() {
     let program = "G0 X10 Y10 Z4\nM3 S1\nG1 X30 F3000\nM5\nM2\n";
-    let arc = |hangs| Process {
+    let arc = SourceSettings {
         channel: channel::SPINDLE,
         input: 5,
-        min_us: 600_000,
-        max_us: 600_000,
-        hangs,
-        fails: Chance::NEVER,
+        nm_per_pulse: [6250; 2],
+        needs_metal: true,
+        faults: SourceFaults { delay_us: [600_000; 2], ..SourceFaults::default() },
     };
-    let (end, _) = completed(PLASMA, program, &[arc(Chance::NEVER)]);
-    // 600 ms of arc, 250 ms behind M5 and again behind that of M2, and a period or two in which the card polls
-    assert!((1100..=1105).contains(&end.stats.switching), "{}", end.stats.switching);
+    let (end, _) = run_with_sources(&machine(PLASMA), program, "", &[], std::slice::from_ref(&arc));
+    assert_eq!(end.outcome, Outcome::Completed);
+    // 600 ms until the arc, 10 ms until it counts, 400 ms of pierce, and some periods in which the card polls
+    assert!((1010..=1025).contains(&end.stats.switching), "{}", end.stats.switching);
     let (end, seen) = run(&machine(PLASMA), program, "", &[]);
-    assert!(matches!(end.outcome, Outcome::Alarm(..)), "{:?}", end.outcome);
-    assert!(seen.events.iter().any(|kind| matches!(kind, EventKind::Alarm(..))));
-    // behind its 400 ms it waited for three seconds, at the place, and the fault has switched the torch off
-    assert!((3400..=3420).contains(&end.stats.switching), "{}", end.stats.switching);
+    assert_eq!(end.outcome, Outcome::Stopped, "nobody is there to try again");
+    let not_started = CutterOffReason::Card(CutterOffCause::NotStarted);
+    assert!(seen.events.contains(&EventKind::CutterOff { channel: channel::SPINDLE, reason: not_started }));
+    let lit: Vec<bool> = seen.periods.iter().map(|(_, outputs)| outputs[64] != 0).collect();
+    assert_eq!(lit.windows(2).filter(|pair| !pair[0] && pair[1]).count(), 3, "three attempts");
+    assert!((14_980..=15_020).contains(&lit.iter().filter(|lit| **lit).count()), "of 5 s each");
     assert_eq!((end.card.status().counts[0], end.card.status().outputs[64]), (1_600, 0));
 }
 

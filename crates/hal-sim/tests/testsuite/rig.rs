@@ -138,7 +138,7 @@ fn switch_and_run(process: Process) -> (CardStatus<3>, u64) {
     let mut host = host(&CardSimulatorSettings { machine, ..CardSimulatorSettings::default() }, settings());
     let mut instruction = Instruction { number: 1, count: 1, periods: 1, ..Instruction::default() };
     instruction.changes[0] = OutputChange { channel: channel::SPINDLE, value: 1 };
-    instruction.until = Some(InputWait { input: wiring::DONE, active: true, timeout_periods: 100 });
+    instruction.until = Some(InputWait::new(wiring::DONE, true, 100));
     host.send(HostCommand::Instruction(instruction)).expect("taken");
     host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
     for _ in 0..1000 {

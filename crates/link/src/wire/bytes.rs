@@ -155,6 +155,11 @@ impl<'b> ByteReader<'b> {
         u32::try_from(self.count()?).ok()
     }
 
+    /// Reads a number written by [`ByteWriter::count`] that fits 16 bits.
+    pub fn count16(&mut self) -> Option<u16> {
+        u16::try_from(self.count()?).ok()
+    }
+
     /// Reads a number written by [`ByteWriter::signed`].
     pub fn signed(&mut self) -> Option<i64> {
         let value = self.count()?;

@@ -8,7 +8,7 @@
 //!
 //! Invariant: an entry is self-contained. Events of a period precede the entry of that period.
 
-use retrace_core::Distance;
+use retrace_core::{Distance, Place, RecordIndex};
 
 use super::{ByteReader, ByteWriter};
 use crate::{Alarm, CutterOff, CutterOffCause, OutputChange};
@@ -124,7 +124,11 @@ impl ReportEntry {
                 writer.u8(REFUSED)?;
                 writer.u32(number)
             }
-            Self::CutterOff(off) => writer.slice(&[EXTENDED, extended::CUTTER_OFF, off.channels, off.cause.to_wire()]),
+            Self::CutterOff(off) => {
+                writer.slice(&[EXTENDED, extended::CUTTER_OFF, off.channels, off.cause.to_wire()])?;
+                writer.u32(off.place.record.number())?;
+                writer.u32(off.place.fraction)
+            }
             Self::Repeated(number) => {
                 writer.slice(&[EXTENDED, extended::REPEATED])?;
                 writer.u32(number)
@@ -170,8 +174,9 @@ impl ReportEntry {
     fn read_extended(reader: &mut ByteReader<'_>) -> Option<Self> {
         Some(match reader.u8()? {
             extended::CUTTER_OFF => {
-                let channels = reader.u8()?;
-                Self::CutterOff(CutterOff { channels, cause: CutterOffCause::from_wire(reader.u8()?)? })
+                let (channels, cause) = (reader.u8()?, CutterOffCause::from_wire(reader.u8()?)?);
+                let place = Place { record: RecordIndex::new(reader.u32()?), fraction: reader.u32()? };
+                Self::CutterOff(CutterOff { channels, cause, place })
             }
             extended::REPEATED => Self::Repeated(reader.u32()?),
             extended::BLOCKED => Self::Blocked(reader.u8()? != 0),

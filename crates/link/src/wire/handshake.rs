@@ -11,7 +11,7 @@ use super::message::{read_change, write_change};
 use super::{ByteReader, ByteWriter};
 use crate::{
     Alarm, CardIdentity, CardSettings, CuttingChannel, CuttingSettings, InputSetting, InputUse, MAX_CUTTING_CHANNELS,
-    MAX_SAFE, PathStart,
+    MAX_SAFE, PathStart, ProofInput,
 };
 
 /// Greeting: a card's answer to a greeting request.
@@ -200,7 +200,12 @@ fn write_cutting(writer: &mut ByteWriter<'_>, cutting: &CuttingSettings) -> Opti
     writer.count(u64::from(cutting.handover_periods))?;
     cutting.channels().iter().try_for_each(|of| {
         writer.u8(of.channel & !FIRES | if of.fires { FIRES } else { 0 })?;
-        writer.count(u64::from(of.standing_periods) << 1 | u64::from(of.lit_in_reverse))
+        let flags = u64::from(of.proof.is_some()) << 1 | u64::from(of.lit_in_reverse);
+        writer.count(u64::from(of.standing_periods) << 2 | flags)?;
+        let Some(proof) = of.proof else { return Some(()) };
+        writer.u8(proof.input)?;
+        let periods = [proof.proven_periods, proof.lost_periods, proof.out_periods];
+        periods.into_iter().try_for_each(|periods| writer.count(u64::from(periods)))
     })
 }
 
@@ -220,8 +225,18 @@ fn read_cutting(reader: &mut ByteReader<'_>) -> Option<CuttingSettings> {
         *slot = CuttingChannel {
             channel: channel & !FIRES,
             fires: channel & FIRES != 0,
-            standing_periods: u16::try_from(standing >> 1).ok()?,
+            standing_periods: u16::try_from(standing >> 2).ok()?,
             lit_in_reverse: standing & 1 == 1,
+            proof: if standing & 2 == 0 {
+                None
+            } else {
+                Some(ProofInput {
+                    input: reader.u8()?,
+                    proven_periods: reader.count16()?,
+                    lost_periods: reader.count16()?,
+                    out_periods: reader.count16()?,
+                })
+            },
         };
     }
     Some(cutting)

@@ -5,7 +5,8 @@
 use super::record::RECORD;
 use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
-    HomingCommand, HostCommand, InputWait, Instruction, MAX_CHANGES, OutputAction, OutputChange, RepeatedInstruction,
+    HomingCommand, HostCommand, Ignition, InputWait, Instruction, MAX_CHANGES, OutputAction, OutputChange,
+    RepeatedInstruction,
 };
 use retrace_core::RecordIndex;
 
@@ -165,6 +166,12 @@ fn write_instruction(writer: &mut ByteWriter<'_>, instruction: &Instruction) -> 
 const AWAITS: u8 = 0x80;
 /// Flag in the count of changes: time at rest is not counted.
 const KEEPS_CUTTER: u8 = 0x40;
+/// Number of the awaited input.
+const AWAITED_INPUT: u8 = 0x3F;
+/// Flag of the awaited input: it must become active.
+const AWAITED_ACTIVE: u8 = 0x80;
+/// Flag of the awaited input: a cutter is started.
+const IGNITES: u8 = 0x40;
 
 fn write_switching(
     writer: &mut ByteWriter<'_>,
@@ -177,9 +184,15 @@ fn write_switching(
     let flag = |flag: u8, so: bool| if so { flag } else { 0 };
     writer.u8(changes.len() as u8 | flag(AWAITS, until.is_some()) | flag(KEEPS_CUTTER, keeps_cutter))?;
     changes.iter().try_for_each(|&change| write_change(writer, change))?;
-    if let Some(InputWait { input, active, timeout_periods: at_most }) = until {
-        writer.u8(input | u8::from(active) << 7)?;
-        writer.count(u64::from(at_most))?;
+    if let Some(InputWait { input, active, timeout_periods, ignition }) = until {
+        writer.u8(input & AWAITED_INPUT | flag(AWAITED_ACTIVE, active) | flag(IGNITES, ignition.is_some()))?;
+        writer.count(u64::from(timeout_periods))?;
+        if let Some(ignition) = ignition {
+            writer.count(u64::from(ignition.stable_periods))?;
+            writer.u8(ignition.attempts)?;
+            writer.count(u64::from(ignition.retry_periods))?;
+            writer.count(u64::from(ignition.delay_periods))?;
+        }
     }
     Some(())
 }
@@ -214,8 +227,23 @@ fn read_until(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<InputWai
     if counts & AWAITS == 0 {
         return Some(None);
     }
-    let input = reader.u8()?;
-    Some(Some(InputWait { input: input & 0x7F, active: input & 0x80 != 0, timeout_periods: reader.count32()? }))
+    let (input, timeout_periods) = (reader.u8()?, reader.count32()?);
+    let ignition = if input & IGNITES == 0 {
+        None
+    } else {
+        Some(Ignition {
+            stable_periods: reader.count16()?,
+            attempts: reader.u8()?,
+            retry_periods: reader.count16()?,
+            delay_periods: reader.count32()?,
+        })
+    };
+    Some(Some(InputWait {
+        input: input & AWAITED_INPUT,
+        active: input & AWAITED_ACTIVE != 0,
+        timeout_periods,
+        ignition,
+    }))
 }
 
 fn write_homing(writer: &mut ByteWriter<'_>, homing: &HomingCommand) -> Option<()> {

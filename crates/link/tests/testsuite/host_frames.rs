@@ -614,7 +614,11 @@ fn lost_entries_and_rejected_instructions_end_the_run() {
 #[test]
 fn every_entry_is_applied_to_the_status() {
     let mut bench = HostBench::new(STARTS[1]);
-    let off = CutterOff { channels: 3, cause: CutterOffCause::Reverse };
+    let off = CutterOff {
+        channels: 3,
+        cause: CutterOffCause::Reverse,
+        place: Place { record: RecordIndex::new(8), fraction: 9 },
+    };
     let entries = [
         ReportEntry::Output(OutputChange { channel: 3, value: 5 }),
         ReportEntry::Output(OutputChange { channel: 200, value: 5 }),

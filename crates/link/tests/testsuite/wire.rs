@@ -9,8 +9,8 @@ use retrace_link::wire::{
 };
 use retrace_link::{
     Alarm, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, HomingCommand,
-    HostCommand, InputSetting, InputUse, InputWait, Instruction, MAX_CHANGES, MAX_CUTTING_CHANNELS, OutputAction,
-    OutputChange, PROTOCOL, PathStart, RepeatedInstruction,
+    HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, MAX_CHANGES, MAX_CUTTING_CHANNELS,
+    MAX_PROOFS, OutputAction, OutputChange, PROTOCOL, PathStart, ProofInput, RepeatedInstruction,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -31,12 +31,16 @@ fn change() -> impl Strategy<Value = OutputChange> {
 }
 
 fn instruction() -> impl Strategy<Value = Instruction> {
-    let until = prop::option::of((0u8..16, any::<bool>(), any::<u32>()));
+    let ignition = (any::<[u16; 2]>(), any::<u8>(), any::<u32>()).prop_map(|(periods, attempts, delay_periods)| {
+        Ignition { stable_periods: periods[0], attempts, retry_periods: periods[1], delay_periods }
+    });
+    let until = prop::option::of((0u8..16, any::<bool>(), any::<u32>(), prop::option::of(ignition)));
     let changes = prop::collection::vec(change(), 0..=MAX_CHANGES);
     (any::<[u32; 3]>(), changes, until, any::<bool>()).prop_map(|(n, list, until, keeps_cutter)| {
         let mut changes = [OutputChange::default(); MAX_CHANGES];
         changes[..list.len()].copy_from_slice(&list);
-        let until = until.map(|(input, active, at_most)| InputWait { input, active, timeout_periods: at_most });
+        let until = until
+            .map(|(input, active, at_most, ignition)| InputWait { ignition, ..InputWait::new(input, active, at_most) });
         Instruction {
             number: n[0],
             place: RecordIndex::new(n[1]),
@@ -98,8 +102,10 @@ fn entry() -> impl Strategy<Value = ReportEntry> {
         any::<u16>().prop_map(ReportEntry::Inputs),
         any::<i16>().prop_map(ReportEntry::Wheel),
         any::<u32>().prop_map(ReportEntry::Refused),
-        (any::<u8>(), 0u8..7).prop_map(|(channels, cause)| {
-            ReportEntry::CutterOff(CutterOff { channels, cause: CutterOffCause::from_wire(cause).expect("a cause") })
+        (any::<u8>(), 0u8..9, any::<[u32; 2]>()).prop_map(|(channels, cause, [record, fraction])| {
+            let cause = CutterOffCause::from_wire(cause).expect("a cause");
+            let place = Place { record: RecordIndex::new(record), fraction };
+            ReportEntry::CutterOff(CutterOff { channels, cause, place })
         }),
         any::<u32>().prop_map(ReportEntry::Repeated),
         any::<bool>().prop_map(ReportEntry::Blocked),
@@ -226,16 +232,23 @@ fn handshakes_are_read_back() {
     settings.safe[0] = OutputChange { channel: 64, value: 0 };
     settings.safe[1] = OutputChange { channel: 5, value: -1 };
     settings.safe_count = 2;
-    settings.cutting.channels[0] =
-        CuttingChannel { channel: 64, fires: true, standing_periods: u16::MAX, lit_in_reverse: true };
+    settings.cutting.channels[0] = CuttingChannel {
+        channel: 64,
+        fires: true,
+        standing_periods: u16::MAX,
+        lit_in_reverse: true,
+        proof: Some(PROOF),
+    };
     settings.cutting.channels[1] =
-        CuttingChannel { channel: 3, fires: false, standing_periods: 0, lit_in_reverse: false };
+        CuttingChannel { channel: 3, fires: false, standing_periods: 0, lit_in_reverse: false, proof: None };
     (settings.cutting.count, settings.cutting.handover_periods, settings.cutting.inhibit) = (2, 100, true);
     let mut writer = ByteWriter::new(&mut bytes);
     Opening(settings).write(&mut writer).expect("room");
     let length = writer.len();
     assert_eq!(Opening::read(&mut ByteReader::new(&bytes[..length])), Some(Opening(settings)));
 }
+
+const PROOF: ProofInput = ProofInput { input: 15, proven_periods: 100, lost_periods: 10_000, out_periods: u16::MAX };
 
 /// The longest opening that a card of four axes can get fits a frame.
 #[test]
@@ -246,9 +259,13 @@ fn the_longest_opening_of_four_axes_fits_a_frame() {
     settings.backlash_pulses = [u16::MAX; 4];
     settings.inputs = [InputSetting { used_for: InputUse::Door, active_low: true }; 16];
     settings.safe_count = 16;
-    let channel = CuttingChannel { channel: 64, fires: true, standing_periods: 20_000, lit_in_reverse: true };
+    let channel =
+        CuttingChannel { channel: 64, fires: true, standing_periods: 20_000, lit_in_reverse: true, proof: Some(PROOF) };
     settings.cutting =
         CuttingSettings { channels: [channel; MAX_CUTTING_CHANNELS], count: 8, handover_periods: 400, inhibit: true };
+    for without_input in &mut settings.cutting.channels[MAX_PROOFS..] {
+        without_input.proof = None;
+    }
     // kind and epoch binding besides
     let mut bytes = [0; MAX_PAYLOAD - 1];
     let mut writer = ByteWriter::new(&mut bytes);

@@ -79,7 +79,7 @@ impl Works {
         status.increments = increments.map(|pulses| pulses as i32);
         // what is said of one period only
         status.wheel = if status.period.is_multiple_of(37) { 2 } else { 0 };
-        let off = CutterOff { channels: 1, cause: CutterOffCause::Standing };
+        let off = CutterOff { channels: 1, cause: CutterOffCause::Standing, place: status.place };
         status.cutter_off = status.period.is_multiple_of(53).then_some(off);
         if self.open {
             self.log.push(*status);

@@ -1,0 +1,73 @@
+//! Single block: where sending ends.
+//!
+//! Invariant: the end of a block is a boundary between records of different lines, at which the card can still stop.
+
+use retrace_core::RecordIndex;
+use retrace_link::{HostCommand, MotionCard};
+
+use super::{RecordStreamer, SendHorizon};
+
+/// Single block: progress of the search for the end of the block.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BlockWindow {
+    searched_until: RecordIndex,
+    /// Whether the block ends at that place.
+    found: bool,
+}
+
+impl<const A: usize> RecordStreamer<'_, A> {
+    /// Place at which sending ahead ends, gates aside.
+    pub(super) fn send_end(&mut self, road: SendHorizon, reached: RecordIndex) -> RecordIndex {
+        if road == SendHorizon::Reached {
+            return reached;
+        }
+        // Records behind this place may have items before them that are not received yet.
+        let write = self.items_known_until;
+        while let Some(BlockWindow { searched_until: looked, found: false }) = self.block_window
+            && looked.is_before(write)
+        {
+            let place = looked + 1;
+            self.block_window = Some(BlockWindow { searched_until: place, found: self.is_block_end(place) });
+            if place == write {
+                // what follows is not planned yet: check this place again
+                self.block_window = Some(BlockWindow { searched_until: looked, found: false });
+                break;
+            }
+        }
+        match self.block_window {
+            Some(BlockWindow { searched_until: looked, found: true }) if looked.is_before(write) => looked,
+            _ => write,
+        }
+    }
+
+    /// Single block: ends sending at the first block boundary after `after` at which the card can still stop.
+    pub fn trim_at_block_end<C: MotionCard<A>>(&mut self, card: &mut C, after: RecordIndex) {
+        let mut place = after;
+        while place.is_before(card.status().high) {
+            place += 1;
+            if self.is_block_end(place) && card.send(HostCommand::Trim { high: place }).is_ok() {
+                self.block_window = Some(BlockWindow { searched_until: place, found: true });
+                return;
+            }
+        }
+        self.block_window = Some(BlockWindow { searched_until: place, found: false });
+    }
+
+    fn is_block_end(&self, place: RecordIndex) -> bool {
+        match (self.ring.record(place - 1), self.ring.record(place)) {
+            (Some(last), Some(next)) => last.line != next.line,
+            _ => false,
+        }
+    }
+
+    /// Place at which single block ends sending, once it is known.
+    #[must_use]
+    pub fn block_end(&self) -> Option<RecordIndex> {
+        self.block_window.filter(|b| b.found).map(|b| b.searched_until)
+    }
+
+    /// Removes the end of the block: single block is off.
+    pub fn clear_block_end(&mut self) {
+        self.block_window = None;
+    }
+}

@@ -1,0 +1,301 @@
+//! Recovery of an interrupted cut: back to where the cut ended, and from there the program again (CUT-30, CUT-34 …
+//! CUT-38).
+//!
+//! The program is executed again by a path of its own that begins at the place: the card forgets what it executed
+//! beyond, so records, actions and instructions pass again in their order, and the cutter is lit by the instructions
+//! that switched it.
+//!
+//! Invariant: the program is executed again only from a place where the machine is at rest with its cutters off; the
+//! counts of every place beyond are those of the first time.
+
+use retrace_config::{CutterConfig, CutterKind, MachineConfig};
+use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeState};
+use retrace_core::{Distance, Place};
+use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, MotionCard, PathStart};
+
+use super::back_target::{BackTarget, BackTargetKind};
+use super::restart::LeavingRun;
+use super::{JobPhase, ProgramStop, Session};
+use crate::event::{CardError, CutterOffReason, EventKind};
+use crate::operator::{CommandError, CutStart};
+use crate::restart::RestartStep;
+
+/// Where a cut was interrupted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct CutEnd {
+    place: Place,
+    channel: u8,
+}
+
+/// A cutter that started in motion and is not proven yet (CUT-38).
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Latch {
+    input: u8,
+    cut_end: CutEnd,
+    /// Length in mm beyond the end of the cut that is left to be proven in.
+    remaining_mm: f64,
+}
+
+/// State of the recovery of an interrupted cut.
+#[derive(Debug)]
+pub(super) struct CutRecovery {
+    cutters: Vec<CutterConfig>,
+    period_us: u32,
+    cut_end: Option<CutEnd>,
+    /// The machine goes back, and starts there in this way.
+    returning: Option<CutStart>,
+    /// The next restart of the outputs starts this cutter in motion.
+    starts_in_motion: bool,
+    latch: Option<Latch>,
+}
+
+impl CutRecovery {
+    pub(super) fn new(machine: &MachineConfig) -> Self {
+        Self {
+            cutters: machine.cutters.clone(),
+            period_us: machine.period_us,
+            cut_end: None,
+            returning: None,
+            starts_in_motion: false,
+            latch: None,
+        }
+    }
+
+    /// Place where the cut was interrupted, if it was.
+    pub(super) fn cut_end(&self) -> Option<Place> {
+        self.cut_end.map(|end| end.place)
+    }
+
+    /// Ends a return to the end of the cut: the operator has taken over.
+    pub(super) fn cancel_return(&mut self) {
+        self.returning = None;
+    }
+
+    fn cutter(&self, channel: u8) -> Option<&CutterConfig> {
+        self.cutters.iter().find(|cutter| cutter.fire == channel)
+    }
+
+    /// Whether this cutter starts in motion inside a cut.
+    fn usually_starts_in_motion(&self, channel: u8) -> bool {
+        self.cutter(channel).is_some_and(|cutter| cutter.kind == CutterKind::Torch && cutter.proof.is_some())
+    }
+
+    /// Length in mm before the end of the cut from which it is continued.
+    fn run_in_mm(&self, channel: u8) -> f64 {
+        let restart = self.cutter(channel).map(|cutter| cutter.restart).unwrap_or_default();
+        if self.usually_starts_in_motion(channel) { restart.run_in_mm } else { restart.overlap_mm }
+    }
+
+    /// Makes the steps of a restart that light a cutter start it in motion, where that is wanted: they take the time of
+    /// the pilot arc, and do not wait for the input.
+    pub(super) fn start_in_motion(&mut self, steps: &mut [RestartStep], fire_channels: &[u8]) {
+        if !std::mem::take(&mut self.starts_in_motion) {
+            return;
+        }
+        for step in steps {
+            let lit = step.changes().iter().find(|change| change.value != 0 && fire_channels.contains(&change.channel));
+            let Some(channel) = lit.map(|change| change.channel) else { continue };
+            let Some(cutter) = self.cutters.iter().find(|cutter| cutter.fire == channel) else { continue };
+            let Some(proof) = cutter.proof else { continue };
+            let pilot_periods = (cutter.restart.pilot_ms * 1000.0 / f64::from(self.period_us)).round() as u32;
+            (step.periods, step.until) = (pilot_periods, None);
+            self.latch = self.cut_end.filter(|end| end.channel == channel).map(|cut_end| Latch {
+                input: proof.input,
+                cut_end,
+                remaining_mm: cutter.restart.latch_mm,
+            });
+        }
+    }
+}
+
+const NOT_AT_REST: CommandError = CommandError::NotNow("the machine has to be at rest");
+const NOT_RETRACING: CommandError =
+    CommandError::NotNow("go back first: `reverse`, `back to cut end`, `back to pierce`");
+const BEFORE_THE_PIERCE: CommandError =
+    CommandError::NotNow("this is before the pierce of the interrupted cut: go forward first; `cut` cuts all anew");
+const NOT_RETAINED: CommandError =
+    CommandError::NotNow("the instructions of the program are not retained back to this place");
+
+impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
+    /// Records where a cut ended, if a cutter went out in it.
+    pub(super) fn record_cut_end(&mut self, off: CutterOff) {
+        let lost = off.cause == CutterOffCause::Lost;
+        if self.mode_controller.mode() != Mode::Run {
+            return;
+        }
+        let cutters = self.config.cutter_channels.iter().enumerate();
+        let channel = cutters.filter(|(at, _)| off.channels >> at & 1 != 0).map(|(_, &channel)| channel).next();
+        // Nothing is cut yet where its own instruction is still being executed.
+        let Some(channel) = channel.filter(|&channel| self.streamer.expected()[usize::from(channel)] != 0) else {
+            return;
+        };
+        let is_interrupted = lost || self.recovery.usually_starts_in_motion(channel);
+        // A cutter that did not start again, or was not proven yet, has cut nothing since.
+        let has_cut = self.recovery.latch.take().is_none() && off.cause != CutterOffCause::NotStarted;
+        if !is_interrupted || !has_cut {
+            return;
+        }
+        self.set_cut_end(CutEnd { place: off.place, channel });
+    }
+
+    fn set_cut_end(&mut self, end: CutEnd) {
+        self.recovery.cut_end = Some(end);
+        let CutEnd { place, channel } = end;
+        let line = self.streamer.record(place.record).map_or(self.card.status().line, |record| record.line);
+        self.emit(EventKind::CutEnd { channel, place, line });
+    }
+
+    /// Records where a cut ended because the operator switches this cutter off.
+    pub(super) fn record_cut_end_by_hand(&mut self, channel: u8) {
+        let status = self.card.status();
+        let is_on = status.outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
+        if is_on && self.mode_controller.mode() == Mode::Run && self.recovery.usually_starts_in_motion(channel) {
+            // The card switches it off later, so that this place is cut.
+            self.set_cut_end(CutEnd { place: status.place, channel });
+        }
+    }
+
+    /// Goes back to the place from which the interrupted cut is continued.
+    pub(super) fn back_to_cut_end(&mut self) -> Result<(), CommandError> {
+        let end = self.recovery.cut_end.ok_or(CommandError::NoCutEnd)?;
+        let run_in_mm = self.recovery.run_in_mm(end.channel);
+        self.recovery.cancel_return();
+        let mode = self.mode_controller.mode();
+        self.go_back(BackTargetKind::CutEnd(run_in_mm))?;
+        if mode == Mode::Run {
+            self.leaving_run = LeavingRun::Braking;
+        }
+        Ok(())
+    }
+
+    /// *Recover* after an interrupted cut: goes back, and cuts on from there. Returns false where no cut was
+    /// interrupted.
+    pub(super) fn begin_recovery(&mut self) -> Result<bool, CommandError> {
+        // At a stop of the program the cutter is started where it is.
+        let stands = self.program_stop != ProgramStop::No || self.single_stop;
+        let Some(end) = self.recovery.cut_end() else { return Ok(false) };
+        if stands || self.dnc.is_on() || self.restart.is_active() {
+            return Ok(false);
+        }
+        let place = self.card.status().place;
+        if end.distance_to(place) < Distance::ZERO {
+            // The operator has gone back already: from here, then, if it is inside the cut.
+            let pierce = self.streamer.pierce_before(end).map(Place::start_of);
+            return match self.mode_controller.mode() {
+                Mode::Run => Ok(false),
+                _ if pierce.is_some_and(|pierce| pierce.distance_to(place) >= Distance::ZERO) => {
+                    self.cut_from_here(CutStart::Usual).map(|()| true)
+                }
+                _ => Err(BEFORE_THE_PIERCE),
+            };
+        }
+        match self.back_to_cut_end() {
+            Ok(()) => self.recovery.returning = Some(CutStart::Usual),
+            // at the start of the history already: from here, then
+            Err(CommandError::NothingBehind) => return Ok(false),
+            Err(refused) => return Err(refused),
+        }
+        Ok(true)
+    }
+
+    /// *Cut*: the program is executed again from here.
+    pub(super) fn cut_from_here(&mut self, start: CutStart) -> Result<(), CommandError> {
+        if !matches!(self.mode_controller.mode(), Mode::Reverse | Mode::Forward | Mode::Wheel | Mode::AwaitOutputs) {
+            return Err(NOT_RETRACING);
+        }
+        if !self.card.status().at_rest {
+            return Err(NOT_AT_REST);
+        }
+        if self.card.status().place.record.is_before(self.streamer.oldest_return()) {
+            return Err(NOT_RETAINED);
+        }
+        self.back_target = None;
+        self.recovery.returning = Some(start);
+        Ok(())
+    }
+
+    /// Begins to execute the program again, once the machine is back. Called before every control period.
+    pub(super) fn advance_recovery(&mut self) -> Result<(), CardError> {
+        let Some(start) = self.recovery.returning else { return Ok(()) };
+        let status = *self.card.status();
+        let is_there = match &self.back_target {
+            None => true,
+            Some(target) => status.place.fraction == 0 && BackTarget::is_reached_at(target, status.place.record),
+        };
+        let is_held = self.back_target.is_some() && self.mode_controller.is_held();
+        if !is_there || !status.at_rest || is_held || self.leaving_run != LeavingRun::No || self.dnc.is_on() {
+            return Ok(());
+        }
+        self.recovery.returning = None;
+        self.execute_again(start)
+    }
+
+    fn execute_again(&mut self, start: CutStart) -> Result<(), CardError> {
+        let path_start = self.path_start();
+        let place = path_start.place;
+        // A cut that begins beyond this place is cut anew.
+        let pierce = self.recovery.cut_end().and_then(|end| self.streamer.pierce_before(end));
+        if pierce.is_none_or(|pierce| place.distance_to(Place::start_of(pierce)) > Distance::ZERO) {
+            self.recovery.cut_end = None;
+        }
+        let executed = self.streamer.return_to(place);
+        self.card.begin_path(PathStart { reached: place.boundary_ahead(), executed, ..path_start })?;
+        let _ = self.card.send(HostCommand::Replay { on: self.config.replays_outputs });
+        (self.target, self.executing, self.back_target) = (None, None, None);
+        (self.program_stop, self.single_stop) = (ProgramStop::No, false);
+        if self.phase == JobPhase::ProgramEnded {
+            self.phase = JobPhase::Running;
+        }
+        let lit = self.config.fire_channels.iter().find(|&&at| self.streamer.expected()[usize::from(at)] != 0);
+        let moving = lit.is_some_and(|&channel| match start {
+            CutStart::Usual => self.recovery.usually_starts_in_motion(channel) && !self.is_at_pierce(place),
+            CutStart::Pierce => false,
+            CutStart::Moving => true,
+        });
+        self.recovery.starts_in_motion = moving;
+        let state = self.mode_controller.state();
+        self.mode_controller = ModeController::with_state(ModeState {
+            mode: Mode::AwaitOutputs,
+            held: false,
+            rested_since_run: true,
+            confirmed: true,
+            notified: false,
+            ..state
+        });
+        self.emit(EventKind::CutFromHere { moving });
+        Ok(())
+    }
+
+    /// Whether the cutter was lit at this very place and has cut nothing beyond.
+    fn is_at_pierce(&self, place: Place) -> bool {
+        let pierce = self.streamer.pierce_before(place).map(Place::start_of);
+        pierce == Some(place) && self.recovery.cut_end().is_none_or(|end| end == place)
+    }
+
+    /// Checks that a cutter that started in motion is proven in time, and forgets the end of a cut that is passed.
+    pub(super) fn watch_latch(&mut self, status: &CardStatus<A>) {
+        let is_cutting = self.mode_controller.mode() == Mode::Run && status.rate.signum() > 0;
+        let Some(latch) = &mut self.recovery.latch else {
+            let passed = self.recovery.cut_end.is_some_and(|end| end.place.distance_to(status.place) > Distance::ZERO);
+            let lit = |end: CutEnd| status.outputs.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
+            if is_cutting && passed && self.recovery.cut_end.is_some_and(lit) {
+                self.recovery.cut_end = None;
+            }
+            return;
+        };
+        if status.inputs >> (latch.input & 15) & 1 == 1 {
+            self.recovery.latch = None;
+            return;
+        }
+        if latch.cut_end.place.distance_to(status.place) <= Distance::ZERO {
+            return;
+        }
+        let axes = status.increments.iter().zip(&self.config.mm_per_pulse);
+        latch.remaining_mm -= axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
+        if latch.remaining_mm < 0.0 {
+            self.recovery.latch = None;
+            self.switch_cutters_off(CutterOffReason::NotLatched);
+            let _ = self.mode_controller.apply(ModeCommand::Hold);
+        }
+    }
+}

@@ -1,0 +1,325 @@
+//! The simulated source of a cutter: its arc strikes over metal only, may fail to start, and may go out (CUT, section
+//! 8).
+//!
+//! Invariant: it depends on the card's pins and on its seed alone; metal that was cut stays cut.
+
+use std::collections::HashSet;
+
+use crate::random::{Chance, Random};
+
+/// Length of a cell of the sheet, in nanometres.
+const CELL_NM: f64 = 50_000.0;
+/// Longest step, in cells, between two samples of a stroke.
+const STEP_CELLS: f64 = 0.5;
+
+/// How a source fails.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SourceFaults {
+    /// Probability that a start strikes no arc.
+    pub no_start: Chance,
+    /// Lengths of the cut, in µm since the beginning, at which the arc goes out, in ascending order.
+    pub lose_at_um: Vec<u64>,
+    /// Mean number of losses in a kilometre of cut.
+    pub losses_per_km: u32,
+    /// Mean number of flickers of the contact in a kilometre of cut; the arc burns on.
+    pub flickers_per_km: u32,
+    /// Duration of a flicker, in microseconds.
+    pub flicker_us: u32,
+    /// Whether the contact is welded: the input is always active.
+    pub is_welded: bool,
+    /// Whether the arc burns on after it was switched off.
+    pub stays_on: bool,
+    /// Shortest and longest time from the switching to the arc, in microseconds.
+    pub delay_us: [u32; 2],
+    /// Seed of everything that is random.
+    pub seed: u64,
+}
+
+impl Default for SourceFaults {
+    fn default() -> Self {
+        Self {
+            no_start: Chance::NEVER,
+            lose_at_um: Vec::new(),
+            losses_per_km: 0,
+            flickers_per_km: 0,
+            flicker_us: 5_000,
+            is_welded: false,
+            stays_on: false,
+            delay_us: [50_000; 2],
+            seed: 0,
+        }
+    }
+}
+
+/// A source on a cutting output.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SourceSettings {
+    /// The output that lights it.
+    pub channel: u8,
+    /// The input that says that it burns or flows.
+    pub input: u8,
+    /// Length of a pulse of the first two axes, in nanometres.
+    pub nm_per_pulse: [u32; 2],
+    /// Whether it strikes only where metal is left.
+    pub needs_metal: bool,
+    /// How it fails.
+    pub faults: SourceFaults,
+}
+
+const ITEMS: &str = "seed=N, no-start=P, lose-per-m=N, lose@MM, flicker-per-m=N, flicker-ms=N, delay-ms=N, welded, \
+    stays-on; P is a probability, MM a length of cut";
+
+/// Parses the faults of a source: `no-start=0.1,lose@120.5,seed=7`.
+///
+/// # Errors
+/// The item that is not valid, and a list of the valid ones.
+pub fn source_faults(text: &str) -> Result<SourceFaults, String> {
+    let mut faults = SourceFaults::default();
+    for item in text.split(',').map(str::trim).filter(|item| !item.is_empty()) {
+        apply(item, &mut faults).ok_or_else(|| format!("`{item}` is not a fault of a source; valid are {ITEMS}"))?;
+    }
+    faults.lose_at_um.sort_unstable();
+    Ok(faults)
+}
+
+fn apply(item: &str, faults: &mut SourceFaults) -> Option<()> {
+    let number = |text: &str, most: f64| text.parse::<f64>().ok().filter(|value| (0.0..=most).contains(value));
+    if let Some(mm) = item.strip_prefix("lose@") {
+        faults.lose_at_um.push((number(mm, 1e9)? * 1000.0) as u64);
+        return Some(());
+    }
+    match item.split_once('=') {
+        None if item == "welded" => faults.is_welded = true,
+        None if item == "stays-on" => faults.stays_on = true,
+        Some(("seed", value)) => faults.seed = value.parse().ok()?,
+        Some(("no-start", value)) => faults.no_start = Chance::new(value.parse().ok()?)?,
+        Some(("lose-per-m", value)) => faults.losses_per_km = (number(value, 1e6)? * 1000.0) as u32,
+        Some(("flicker-per-m", value)) => faults.flickers_per_km = (number(value, 1e6)? * 1000.0) as u32,
+        Some(("flicker-ms", value)) => faults.flicker_us = (number(value, 1e4)? * 1000.0) as u32,
+        Some(("delay-ms", value)) => faults.delay_us = [(number(value, 1e5)? * 1000.0) as u32; 2],
+        _ => return None,
+    }
+    Some(())
+}
+
+/// State of the arc, or of the jet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ArcState {
+    Off,
+    /// Lit, and strikes from this time on where there is metal.
+    Pilot {
+        from_us: u64,
+    },
+    /// Lit without any effect: the start has failed, or the arc went out.
+    Dead,
+    Burning,
+}
+
+/// A source, and the sheet under it.
+#[derive(Clone, Debug)]
+pub(crate) struct CuttingSource {
+    settings: SourceSettings,
+    random: Random,
+    state: ArcState,
+    /// Last position, in cells.
+    at: Option<[f64; 2]>,
+    /// Length that was cut, in micrometres.
+    cut_um: f64,
+    next_loss_um: f64,
+    next_flicker_um: f64,
+    flickers_until_us: u64,
+    cells: HashSet<[i32; 2]>,
+}
+
+impl CuttingSource {
+    pub(crate) fn new(settings: &SourceSettings) -> Self {
+        let mut source = Self {
+            settings: settings.clone(),
+            random: Random::new(settings.faults.seed),
+            state: ArcState::Off,
+            at: None,
+            cut_um: 0.0,
+            next_loss_um: 0.0,
+            next_flicker_um: 0.0,
+            flickers_until_us: 0,
+            cells: HashSet::new(),
+        };
+        source.next_loss_um = source.next_at(settings.faults.losses_per_km);
+        source.next_flicker_um = source.next_at(settings.faults.flickers_per_km);
+        source
+    }
+
+    /// Length of cut at which the next of these random events happens, exponentially distributed.
+    fn next_at(&mut self, per_km: u32) -> f64 {
+        if per_km == 0 {
+            return f64::INFINITY;
+        }
+        let share = (self.random.next() >> 11) as f64 / (1u64 << 53) as f64;
+        self.cut_um - (1.0 - share).ln() * 1e9 / f64::from(per_km)
+    }
+
+    pub(crate) fn channel(&self) -> u8 {
+        self.settings.channel
+    }
+
+    pub(crate) fn input(&self) -> u8 {
+        self.settings.input
+    }
+
+    /// Applies the output at `now_us`.
+    pub(crate) fn switch(&mut self, now_us: u64, is_on: bool) {
+        match (is_on, self.state) {
+            (true, ArcState::Off) => {
+                let [shortest, longest] = self.settings.faults.delay_us;
+                let delay_us = shortest + self.random.up_to(longest.saturating_sub(shortest));
+                let fails = self.settings.faults.no_start.draw(&mut self.random);
+                let from_us = now_us + u64::from(delay_us);
+                self.state = if fails { ArcState::Dead } else { ArcState::Pilot { from_us } };
+            }
+            (false, ArcState::Burning) if self.settings.faults.stays_on => {}
+            (false, _) => self.state = ArcState::Off,
+            (true, _) => {}
+        }
+    }
+
+    /// Moves the source to the position of its axes at `now_us`, and returns whether its contact is closed.
+    pub(crate) fn advance(&mut self, now_us: u64, positions: &[i64]) -> bool {
+        let mut to = [0.0; 2];
+        for ((cell, &position), &nm) in to.iter_mut().zip(positions).zip(&self.settings.nm_per_pulse) {
+            *cell = position as f64 * f64::from(nm) / CELL_NM;
+        }
+        let from = self.at.replace(to).unwrap_or(to);
+        if let ArcState::Pilot { from_us } = self.state
+            && now_us >= from_us
+            && !(self.settings.needs_metal && self.cells.contains(&cell_at(to)))
+        {
+            self.state = ArcState::Burning;
+            self.cells.insert(cell_at(to));
+        } else if self.state == ArcState::Burning {
+            self.cut_from(from, to);
+        }
+        if self.cut_um >= self.next_flicker_um {
+            self.flickers_until_us = now_us + u64::from(self.settings.faults.flicker_us);
+            self.next_flicker_um = self.next_at(self.settings.faults.flickers_per_km);
+        }
+        self.settings.faults.is_welded || self.state == ArcState::Burning && now_us >= self.flickers_until_us
+    }
+
+    /// Cuts a straight stroke. The arc may go out in it.
+    fn cut_from(&mut self, from: [f64; 2], to: [f64; 2]) {
+        let length = (to[0] - from[0]).hypot(to[1] - from[1]);
+        let steps = (length / STEP_CELLS).ceil().max(1.0) as u32;
+        let step_um = length / f64::from(steps) * CELL_NM / 1000.0;
+        for step in 1..=steps {
+            let share = f64::from(step) / f64::from(steps);
+            let at = [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
+            self.cut_um += step_um;
+            let lost_here = self.settings.faults.lose_at_um.first().is_some_and(|&um| self.cut_um >= um as f64);
+            if lost_here || self.cut_um >= self.next_loss_um {
+                if lost_here {
+                    self.settings.faults.lose_at_um.remove(0);
+                } else {
+                    self.next_loss_um = self.next_at(self.settings.faults.losses_per_km);
+                }
+                self.state = ArcState::Dead;
+                return;
+            }
+            self.cells.insert(cell_at(at));
+        }
+    }
+
+    /// The cells that are cut, each 0.05 mm wide.
+    pub(crate) fn cut_cells(&self) -> &HashSet<[i32; 2]> {
+        &self.cells
+    }
+}
+
+fn cell_at(at: [f64; 2]) -> [i32; 2] {
+    at.map(|cell| cell.floor() as i32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A micrometre a pulse; the first axis moves by `um_per_ms` in each period of 1 ms.
+    fn source(faults: &str) -> CuttingSource {
+        let faults = source_faults(faults).expect("valid");
+        let settings = SourceSettings { channel: 64, input: 5, nm_per_pulse: [1000; 2], needs_metal: true, faults };
+        CuttingSource::new(&settings)
+    }
+
+    /// Times in ms at which the contact changes, while the source moves from `from_um` at 10 µm/ms.
+    fn changes(source: &mut CuttingSource, from_ms: u64, from_um: i64, periods: u64) -> Vec<u64> {
+        let (mut was, mut times) = (false, Vec::new());
+        for ms in from_ms..from_ms + periods {
+            let is = source.advance(ms * 1000, &[from_um + 10 * (ms - from_ms) as i64, 0]);
+            if is != was {
+                times.push(ms - from_ms);
+                was = is;
+            }
+        }
+        times
+    }
+
+    #[test]
+    fn it_strikes_after_its_delay_and_goes_out_where_it_is_told() {
+        let mut source = source("delay-ms=20,lose@1.5");
+        source.switch(0, true);
+        assert_eq!(changes(&mut source, 0, 0, 400), [20, 170]);
+        assert!(source.cut_cells().len() >= 29);
+        // once out, it stays out until it is switched off and on again
+        source.switch(400_000, true);
+        assert!(changes(&mut source, 400, 5000, 100).is_empty());
+        source.switch(500_000, false);
+        source.switch(501_000, true);
+        assert_eq!(changes(&mut source, 501, 6000, 100), [20]);
+    }
+
+    #[test]
+    fn it_does_not_strike_in_a_kerf_and_strikes_where_metal_begins() {
+        let mut source = source("delay-ms=0,lose@1");
+        source.switch(0, true);
+        changes(&mut source, 0, 0, 200);
+        source.switch(200_000, false);
+        // back to 0.5 mm and along the kerf: it strikes behind 1 mm
+        source.switch(201_000, true);
+        let struck = changes(&mut source, 201, 500, 200);
+        assert!((45..=55).contains(&struck[0]), "{struck:?}");
+    }
+
+    #[test]
+    fn starts_fail_as_often_as_is_told_and_flickers_pass() {
+        let mut failing = source("no-start=0.5,delay-ms=0,seed=3");
+        let mut struck = 0;
+        for n in 0..1000u64 {
+            failing.switch(n * 10_000, true);
+            struck += u64::from(failing.advance(n * 10_000 + 1, &[n as i64 * 100, 0]));
+            failing.switch(n * 10_000 + 5_000, false);
+        }
+        assert!((450..550).contains(&struck), "{struck}");
+        let mut flickering = source("delay-ms=0,flicker-per-m=1000,flicker-ms=3,seed=3");
+        flickering.switch(0, true);
+        let changes = changes(&mut flickering, 0, 0, 10_000);
+        assert!((100..300).contains(&changes.len()), "{}", changes.len());
+        assert_eq!(flickering.state, ArcState::Burning);
+    }
+
+    #[test]
+    fn a_welded_contact_and_a_source_that_stays_on() {
+        let mut welded = source("welded");
+        assert!(welded.advance(0, &[0, 0]));
+        let mut stuck = source("stays-on,delay-ms=0");
+        stuck.switch(0, true);
+        assert!(stuck.advance(1, &[0, 0]));
+        stuck.switch(10, false);
+        assert!(stuck.advance(1_000_000, &[0, 0]));
+    }
+
+    #[test]
+    fn what_is_not_a_fault_is_refused_with_the_item() {
+        for bad in ["lose", "no-start=2", "lose@x", "seed=", "lose-per-m=-1", "delay-ms=1e9"] {
+            assert!(source_faults(bad).expect_err(bad).contains(bad), "{bad}");
+        }
+    }
+}

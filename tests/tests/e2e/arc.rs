@@ -1,0 +1,144 @@
+//! A torch with an arc-ok input: starts, losses, contacts that lie, and the word that recovers the cut.
+
+use retrace_tests::command::Bench;
+use retrace_tests::cut_judge::{JudgedMachine, judge};
+use retrace_tests::pins::{Sample, samples};
+use retrace_tests::run::Run;
+use serde_json::Value;
+
+const JUDGED: JudgedMachine =
+    JudgedMachine { pulses_per_mm: 200.0, fire: "spindle", input: 5, pierce_ms: 400.0, pilot_ms: 298.0 };
+
+/// Line 4 is a cut of 60 mm in 2 s.
+const PROGRAM: &str = "G21 G90 F1800\nG0 X10\nM3 S1\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\nM5\nG0 X0\nM2\n";
+
+fn machine() -> String {
+    let axis = |name: &str| {
+        format!(
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = 200\nmax_velocity_mm_per_s = \
+             100\nmax_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-50, 500]\n"
+        )
+    };
+    let torch = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nok = { input = 5 }\n\
+                 start = { start_s = 1.0, retry_s = 0.5, pierce_s = 0.4 }\n";
+    format!("{torch}{}{}{}", axis("x"), axis("y"), axis("z"))
+}
+
+fn run(faults: &str, script: &str, more: &[&str]) -> (Run, Vec<Sample>) {
+    let bench = Bench::new();
+    let program = bench.file("part.ngc", PROGRAM);
+    let (machine, vcd) = (bench.file("m.toml", machine()).display().to_string(), bench.path("pins.vcd"));
+    let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+    let mut arguments =
+        vec!["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
+    arguments.extend(more);
+    let run = Run::of(&bench, &program, &arguments);
+    (run, samples(&vcd))
+}
+
+/// What a person reads at the terminal.
+fn text(faults: &str) -> String {
+    let bench = Bench::new();
+    let (program, machine) = (bench.file("part.ngc", PROGRAM), bench.file("m.toml", machine()));
+    let [program, machine] = [program, machine].map(|path| path.display().to_string());
+    bench.retrace(["run", &program, "--machine", &machine, "--source-faults", faults]).out
+}
+
+fn with_reason<'e>(run: &'e Run, reason: &str) -> Vec<&'e Value> {
+    run.events.iter().filter(|event| event["event"] == "cutter_off" && event["reason"] == reason).collect()
+}
+
+#[test]
+fn a_lost_arc_is_recovered_with_one_word() {
+    let (whole, uninterrupted) = run("", "", &[]);
+    assert_eq!(whole.report["outcome"], "completed");
+    let (run, trace) = run("lose@20", "at 3s recover\n", &[]);
+    assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()));
+    let verdict = judge(&uninterrupted, &trace, &JUDGED);
+    assert!(verdict.is_good() && verdict.ignitions == 3, "{verdict:?}");
+    // the place of the loss: 20 mm of cut behind the pierce at X10, in line 4
+    let end = run.events.iter().find(|event| event["event"] == "cut_end").expect("a place");
+    let at = |record: u64| trace.iter().find(|sample| sample.place == record as f64).expect("a sample").counts[0];
+    let lost_mm = at(end["cut_record"].as_u64().expect("a record")) as f64 / 200.0;
+    assert!((lost_mm - 30.0).abs() < 0.1 && end["cut_line"] == 4, "{lost_mm} {end}");
+    let lost = with_reason(&run, "lost");
+    assert_eq!(lost.len(), 1);
+    assert!(run.output.out.contains("\"moving\""), "a torch starts in motion in its kerf");
+    assert!(text("lose@20").contains("torch off: E3024"));
+}
+
+#[test]
+fn without_an_operator_a_lost_arc_ends_the_job_with_the_torch_off() {
+    let (run, trace) = run("lose@20", "", &[]);
+    assert_eq!(run.report["outcome"], "stopped");
+    let last = trace.last().expect("a trace");
+    assert!(last.at_rest && !last.is_on("spindle"));
+    assert!(run.report["alarms"].as_array().is_some_and(Vec::is_empty), "it is no alarm");
+}
+
+#[test]
+fn a_torch_that_does_not_start_waits_for_the_operator() {
+    let (run, trace) = run("no-start=1", "at 9s recover\n", &[]);
+    assert_eq!(with_reason(&run, "not_started").len(), 2);
+    assert_eq!(run.report["outcome"], "stopped");
+    let ignitions = trace.windows(2).filter(|pair| !pair[0].is_on("spindle") && pair[1].is_on("spindle")).count();
+    assert_eq!(ignitions, 6, "three attempts each time");
+    assert!(trace.iter().all(|sample| sample.counts[0] <= 2000), "it never feeds");
+    assert!(text("no-start=1").contains("torch off: E3025"));
+}
+
+#[test]
+fn a_welded_contact_is_an_alarm_before_anything_is_lit() {
+    let (run, trace) = run("welded", "", &[]);
+    assert!(run.report["alarms"][0].as_str().is_some_and(|alarm| alarm.starts_with("E3022")), "{}", run.report);
+    assert!(trace.iter().all(|sample| !sample.is_on("spindle")));
+}
+
+#[test]
+fn a_source_that_does_not_go_out_is_told() {
+    let (run, _) = run("stays-on", "", &[]);
+    assert!(run.report["alarms"][0].as_str().is_some_and(|alarm| alarm.starts_with("E3023")), "{}", run.report);
+}
+
+#[test]
+fn flickers_of_the_contact_are_no_loss() {
+    let (run, trace) = run("flicker-per-m=300,flicker-ms=8,seed=5", "", &[]);
+    assert_eq!(run.report["outcome"], "completed");
+    let flickers = trace.windows(2).filter(|pair| pair[0].inputs != 0 && pair[1].inputs == 0).count();
+    assert!(flickers > 10, "{flickers}");
+    assert!(with_reason(&run, "lost").is_empty());
+}
+
+#[test]
+fn the_operator_goes_to_the_end_of_the_cut_and_cuts_from_there() {
+    let (_, uninterrupted) = run("", "", &[]);
+    let script = "at 3s back to cut end\nafter 2s cut\nat 12s back to pierce\n";
+    let (run, trace) = run("lose@20", script, &[]);
+    assert_eq!(run.report["outcome"], "completed");
+    assert!(judge(&uninterrupted, &trace, &JUDGED).is_good());
+    assert!(run.output.out.contains("cut_from_here"));
+}
+
+#[test]
+fn a_word_that_does_not_apply_is_answered() {
+    let (run, _) = run("", "at 0.5s cut\nafter 0s back to cut end\n", &[]);
+    let reasons: Vec<&str> = run
+        .events
+        .iter()
+        .filter(|event| event["event"] == "command_rejected")
+        .filter_map(|event| event["reason"].as_str())
+        .collect();
+    assert_eq!(reasons.len(), 2, "{reasons:?}");
+    assert!(reasons[0].contains("go back first") && reasons[1].contains("no cut was interrupted"), "{reasons:?}");
+    assert_eq!(run.report["outcome"], "completed");
+}
+
+#[test]
+fn a_fault_of_a_source_that_there_is_not_is_refused() {
+    let bench = Bench::new();
+    let program = bench.file("part.ngc", PROGRAM);
+    let arguments = ["run", &program.display().to_string(), "--source-faults", "lose"];
+    let result = bench.retrace(arguments);
+    assert_eq!(result.code, Some(2));
+    assert!(result.err.contains("E2154") && result.err.contains("lose@MM"), "{}", result.err);
+}

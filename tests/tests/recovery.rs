@@ -1,0 +1,169 @@
+//! Random cuts that are interrupted and recovered: the arc is lost, the operator holds or puts the torch out, once or
+//! several times, and goes on by himself or by *recover*. The part has to be as whole as without any of it.
+//!
+//! Invariant: the judge has the traces of the pins alone.
+
+use retrace_tests::command::{Bench, cases};
+use retrace_tests::cut_judge::{JudgedMachine, Verdict, judge};
+use retrace_tests::limits::audit;
+use retrace_tests::pins::samples;
+use retrace_tests::run::Run;
+use retrace_tests::sender::TestRandom;
+use serde_json::Value;
+use std::fmt::Write;
+
+const PIERCE_MS: f64 = 200.0;
+const JUDGED: JudgedMachine =
+    JudgedMachine { pulses_per_mm: 160.0, fire: "spindle", input: 5, pierce_ms: PIERCE_MS, pilot_ms: 298.0 };
+
+/// Number of recoveries that the suite runs.
+const SUITE: u32 = 12;
+
+fn machine() -> String {
+    let mut text = String::new();
+    for (axis, pulses) in [("x", 160), ("y", 160), ("z", 640)] {
+        let _ = writeln!(
+            text,
+            "[[axis]]\nname = \"{axis}\"\npulses_per_mm = {pulses}\nmax_velocity_mm_per_s = 200\n\
+             max_acceleration_mm_per_s2 = 2500\nmax_jerk_mm_per_s3 = 40000\ntravel_mm = [-100, 500]"
+        );
+    }
+    text + "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nok = { input = 5 }\n\
+            start = { pierce_s = 0.2, start_s = 1, retry_s = 0.5 }\n[card]\nwatchdog_ms = 1000\n"
+}
+
+/// A program of several contours: lines and arcs, with or without compensation, in subprograms of some depth.
+fn program(chance: &mut TestRandom) -> String {
+    let depth = chance.below(4);
+    let mut subs = String::new();
+    let mut text = String::from("G21 G90 G94 F1800 G64 P0.05\n");
+    for contour in 0..2 + chance.below(3) {
+        let (x, y) = (20 + 60 * contour, 20 + chance.below(40));
+        let side = ["G40", "G41.1 D1", "G42.1 D1"][chance.below(3)];
+        let mut body = format!("M3 S1\n{side}\nG1 X{} Y{y}\n", x + 10);
+        let width = 15 + chance.below(20);
+        let _ = match chance.below(3) {
+            0 => writeln!(body, "G1 X{} Y{y}\nG1 X{} Y{}\nG1 X{x} Y{}", x + 10 + width, x + 10 + width, y + 12, y + 12),
+            1 => writeln!(body, "G3 X{} Y{} I0 J{}\nG1 X{x} Y{}", x + 10, y + 30, 15, y + 30),
+            _ => writeln!(body, "G1 X{} Y{}\nG1 X{} Y{}", x + 20, y + 9, x + 10, y + 25),
+        };
+        body += "G40\nM5\n";
+        let _ = writeln!(text, "G0 X{x} Y{y}");
+        if depth == 0 {
+            text += &body;
+            continue;
+        }
+        let number = 100 * (contour + 1);
+        let _ = write!(subs, "o{number} sub\n{body}o{number} endsub\n");
+        for level in 1..depth {
+            let _ = write!(subs, "o{} sub\no{} call\no{} endsub\n", number + level, number + level - 1, number + level);
+        }
+        let _ = writeln!(text, "o{} call", number + depth - 1);
+    }
+    subs + &text + "G0 X0 Y0\nM2\n"
+}
+
+/// Runs the program with these faults of the source and this script.
+fn run(
+    bench: &Bench,
+    program: &std::path::Path,
+    faults: &str,
+    script: &str,
+) -> (Run, Vec<retrace_tests::pins::Sample>) {
+    let (machine, operator) = (bench.file("m.toml", machine()), bench.file("s.op", script));
+    let (vcd, machine) = (bench.path("pins.vcd"), machine.display().to_string());
+    let (trace, operator) = (vcd.display().to_string(), operator.display().to_string());
+    if std::env::var_os("RETRACE_SHOW").is_some() {
+        println!("--- {faults}\n{script}");
+    }
+    let run = Run::of(
+        bench,
+        program,
+        &["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator, "--no-journal"],
+    );
+    (run, samples(&vcd))
+}
+
+/// What the operator does at an interruption that he sees at this time, and when he is done with it.
+fn recovery(chance: &mut TestRandom, at_s: f64) -> String {
+    let from = at_s + 0.8 + chance.below(20) as f64 / 10.0;
+    match chance.below(8) {
+        0 => format!("at {from:.3}s back to cut end\nafter 4s cut\n"),
+        1 => format!("at {from:.3}s back to pierce\nafter 8s cut moving\n"),
+        2 => format!("at {from:.3}s reverse 80%\nafter 0.{}s hold\nafter 1s recover\n", 1 + chance.below(9)),
+        3 => format!("at {from:.3}s back to cut end\nafter 4s forward 20%\nafter 0.1s hold\nafter 1s cut moving\n"),
+        4 => format!("at {from:.3}s recover\nafter 0.3s hold\nafter 0.5s resume\n"),
+        _ => format!("at {from:.3}s recover\n"),
+    }
+}
+
+fn case(seed: u64) -> Result<Verdict, String> {
+    let mut chance = TestRandom::new(seed);
+    let bench = Bench::new();
+    let program = bench.file("part.ngc", program(&mut chance));
+    let (whole, uninterrupted) = run(&bench, &program, "", "");
+    if whole.report["outcome"] != "completed" {
+        return Err(format!("the whole job: {}", whole.output.err));
+    }
+    let length_mm = judge(&uninterrupted, &uninterrupted, &JUDGED).cut_mm;
+    // where the arc goes out, by the length that was cut
+    let losses = 1 + chance.below(3);
+    let mut faults: Vec<String> =
+        (0..losses).map(|_| format!("lose@{:.2}", length_mm * chance.below(1000) as f64 / 1000.0)).collect();
+    faults.push(format!("no-start=0.1,seed={seed}"));
+    let faults = faults.join(",");
+    // or the operator interrupts
+    let mut script = match chance.below(4) {
+        0 => format!("at {:.2}s hold\n", 0.5 + chance.below(60) as f64 / 10.0),
+        1 => format!("at {:.2}s cutter off\n", 0.5 + chance.below(60) as f64 / 10.0),
+        _ => String::new(),
+    };
+    let mut last = String::new();
+    for _ in 0..40 {
+        let (run, trace) = run(&bench, &program, &faults, &script);
+        if run.report["outcome"] == "completed" {
+            let axes = [160.0, 160.0, 640.0]
+                .map(|pulses_per_mm| retrace_tests::limits::Axis { pulses_per_mm, limits: [200.0, 2500.0, 40000.0] });
+            let audit = audit(&run.records, &axes, 0.001);
+            if audit.violations != [0; 3] || run.counts() != whole.counts() {
+                return Err(format!("limits or counts: {:?}\n{script}\n{faults}", audit.first));
+            }
+            let verdict = judge(&uninterrupted, &trace, &JUDGED);
+            return if verdict.is_good() {
+                Ok(verdict)
+            } else {
+                Err(format!("{verdict:?}\n{script}\n{faults}\n{}", run.output.out))
+            };
+        }
+        // since the last interruption, or the last command, the job waits for the operator
+        let waits = run.events.iter().filter(|event| is_interruption(event)).filter_map(time_s).fold(0.0, f64::max);
+        script += &recovery(&mut chance, waits);
+        last = run.output.out;
+    }
+    Err(format!("it does not end\n{script}\n{faults}\n{last}"))
+}
+
+/// Whether the job waits for the operator from here on.
+fn is_interruption(event: &Value) -> bool {
+    event["event"] == "cutter_off" || event["event"] == "operator"
+}
+
+fn time_s(event: &Value) -> Option<f64> {
+    event["time_s"].as_f64()
+}
+
+#[test]
+fn an_interrupted_cut_is_recovered_whole() {
+    let first: u64 = std::env::var("RETRACE_FIRST_SEED").ok().and_then(|text| text.parse().ok()).unwrap_or(1);
+    let count = u64::from(cases(SUITE));
+    let mut failures = Vec::new();
+    let mut ignitions = 0;
+    for seed in first..first + count {
+        match case(seed) {
+            Ok(verdict) => ignitions += verdict.ignitions,
+            Err(why) => failures.push(format!("seed {seed}: {why}")),
+        }
+    }
+    println!("{count} jobs, {ignitions} ignitions, {} failed", failures.len());
+    assert!(failures.is_empty(), "{}", failures.join("\n\n"));
+}
