@@ -72,6 +72,13 @@ fn write_or_print(text: &str, output: Option<&Path>) -> Result<(), CommandFailur
 fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, CommandFailure> {
     let name = path.display().to_string();
     let MachineCheck { mut errors, machine } = MachineConfig::check_machine(&files::written_machine_text(path)?, &name);
+    let machine = machine.and_then(|machine| match files::with_materials(machine, path) {
+        Ok(machine) => Some(machine),
+        Err(refusal) => {
+            errors.push(refusal);
+            None
+        }
+    });
     let mut warnings = machine.as_ref().map_or_else(Vec::new, |machine| warnings(machine, &name));
     if let (Some(address), Some(machine)) = (card.filter(|&card| card != "sim"), &machine) {
         let card = linked_card::find::<{ linked_card::MAX_AXES }>(address)?;

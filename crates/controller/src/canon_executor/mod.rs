@@ -83,6 +83,8 @@ pub(crate) struct CanonExecutor<'m> {
     /// Whether the next straight move ends at machine coordinates.
     to_machine_coordinates: bool,
     selected_tool: u32,
+    /// Whether M62 P3 has forbidden the cutters.
+    is_cutter_forbidden: bool,
     cutters: CutterTrack,
 }
 
@@ -110,6 +112,7 @@ impl<'m> CanonExecutor<'m> {
             correction: None,
             to_machine_coordinates: false,
             selected_tool: 0,
+            is_cutter_forbidden: false,
             cutters: CutterTrack::new(machine),
         }
     }

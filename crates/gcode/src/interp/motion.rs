@@ -131,7 +131,7 @@ impl Core {
     fn set_inverse_time_rate(&mut self, length: f64, words: &Words, emit: &mut Emitter<'_>) {
         let rate = length * words.get(b'f').unwrap_or_default();
         self.state.feed_rate = rate;
-        emit.call(Canon::SetFeedRate(rate));
+        emit.call(Canon::SetFeedRate(self.shared_rate()));
     }
 
     /// Returns the end that the axis words give. An axis without a word keeps its position.

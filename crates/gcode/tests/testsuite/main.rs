@@ -4,6 +4,7 @@ mod arriving;
 mod common;
 mod compensation;
 mod control;
+mod cutting;
 mod cycles;
 mod cycles_golden;
 mod decoding;
