@@ -54,7 +54,10 @@ pub fn run(args: &args::Machine) -> Result<u8, CommandFailure> {
 }
 
 /// Writes a new file, or prints the text if no file is named.
-fn write_or_print(text: &str, output: Option<&Path>) -> Result<(), CommandFailure> {
+///
+/// # Errors
+/// `E2105`: it cannot be written, or exists.
+pub fn write_or_print(text: &str, output: Option<&Path>) -> Result<(), NumberedError> {
     let Some(path) = output else {
         crate::out::line(text.trim_end());
         return Ok(());

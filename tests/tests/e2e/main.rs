@@ -12,6 +12,7 @@ mod feed_override;
 mod hand;
 mod jumps;
 #[cfg(unix)]
+mod materials;
 mod offsets;
 #[cfg(target_os = "linux")]
 mod output;
