@@ -1,6 +1,8 @@
 //! `retrace materials`, and programs on a machine with a material table.
 
-use retrace_tests::command::Bench;
+use retrace_tests::command::{Bench, root};
+use retrace_tests::not_run::not_run;
+use std::path::{Path, PathBuf};
 
 /// A material file of QtPlasmaC in inches.
 const CFG: &str = "# my materials\n[MATERIAL_NUMBER_2]\nNAME = Mild steel 1/8\" = 45 A\nKERF_WIDTH = 0.055\nTHC = 1\n\
@@ -92,4 +94,60 @@ fn a_job_whose_material_table_has_changed_is_not_resumed() {
     bench.file("tables/materials.toml", &table);
     let resumed = bench.retrace(["resume", "--yes"]);
     assert_eq!(resumed.code, Some(0), "{}", resumed.err);
+}
+
+/// Where Debian's package installs the sample programs of QtPlasmaC.
+const SAMPLES: &str = "/usr/share/linuxcnc/ncfiles";
+
+/// The samples, with the shipped machine that each belongs to.
+fn samples() -> Vec<(PathBuf, &'static str)> {
+    let folder = Path::new(SAMPLES);
+    let listed = std::fs::read_dir(folder.join("plasmac")).into_iter().flatten();
+    let mut samples: Vec<PathBuf> = listed.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    samples.push(folder.join("plasmatest.ngc"));
+    samples.retain(|path| path.is_file() && path.extension().is_some_and(|ending| ending == "ngc"));
+    samples.sort();
+    let machine = |path: &PathBuf| {
+        let is_inch = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("imperial"));
+        if is_inch { "imperial.toml" } else { "metric.toml" }
+    };
+    samples.into_iter().map(|path| (path.clone(), machine(&path))).collect()
+}
+
+#[test]
+fn the_samples_of_qtplasmac_are_checked_and_run_to_their_end() {
+    let samples = samples();
+    if samples.len() < 2 {
+        return not_run("the samples of QtPlasmaC", "Debian's linuxcnc-uspace is not installed");
+    }
+    let bench = Bench::new();
+    let shipped = root().join("examples/plasma");
+    let tools = shipped.join("tools.tbl").display().to_string();
+    for (path, machine) in &samples {
+        let (path, machine) = (path.display().to_string(), shipped.join(machine).display().to_string());
+        let arguments = [path.as_str(), "--machine", &machine, "--tools", &tools];
+        let checked = bench.retrace(["check"].into_iter().chain(arguments));
+        assert!(checked.code == Some(0) && checked.out.contains("no errors"), "{path}: {}", checked.err);
+        let run = bench.retrace(["run"].into_iter().chain(arguments));
+        assert!(run.code == Some(0) && run.out.contains(": completed"), "{path}: {}", run.err);
+        assert!(run.out.contains("limit violations 0"), "{path}: {}", run.out);
+    }
+    println!("{} samples ran", samples.len());
+}
+
+/// Tube cutting and M159, of which the package has no sample.
+#[test]
+fn a_tube_is_cut_with_its_z_words_and_pierces_are_described() {
+    let bench = Bench::new();
+    bench.file(
+        "tube.ngc",
+        "G21 G90\n#<tube_cut> = 1\n(o=0, pd=0.5)\nF1500\nm159 p601 q2\nm159 p605 q[1.5*2]\nG0 X10 Z30 A0\n\
+            G92 Z[#5422 + 0]\nM3 $0 S1\nG1 Z28 F1500\nG1 A360\nM5 $0\nG0 Z40\nM2\n",
+    );
+    let machine = root().join("examples/plasma/metric-tube.toml").display().to_string();
+    let run = bench.retrace(["run", "tube.ngc", "--machine", &machine]);
+    assert!(run.code == Some(0) && run.out.contains("A 360.000"), "{} {}", run.err, run.out);
+    let plain = root().join("examples/plasma/metric.toml").display().to_string();
+    let refused = bench.retrace(["check", "tube.ngc", "--machine", &plain]);
+    assert!(refused.code == Some(1) && refused.err.contains("E1409"), "{}", refused.err);
 }
