@@ -16,7 +16,7 @@ pub(crate) fn cutting_setup(machine: &MachineConfig) -> Option<Arc<CuttingSetup>
         .iter()
         .filter_map(|cutter| {
             let uses_speed = matches!(cutter.kind, CutterKind::Spindle | CutterKind::Beam);
-            Some(CuttingTool { spindle: cutter.spindle?, uses_speed })
+            Some(CuttingTool { spindle: cutter.spindle?, cuts: cutter.kind.cuts_at_rest(), uses_speed })
         })
         .collect();
     tools.sort_by_key(|tool| tool.spindle);

@@ -11,6 +11,8 @@ use std::sync::Arc;
 pub struct CuttingTool {
     /// Number behind `$`.
     pub spindle: u8,
+    /// Whether it cuts: a torch, a jet or a beam.
+    pub cuts: bool,
     /// Whether S is its speed or power. S of a torch, a jet or a marker has no meaning.
     pub uses_speed: bool,
 }
@@ -29,6 +31,12 @@ pub struct CuttingSetup {
 }
 
 impl CuttingSetup {
+    /// The bits of the tools that cut, as in [`CuttingState`].
+    pub(crate) fn cutting_bits(&self) -> u8 {
+        let cutting = self.tools.iter().filter(|tool| tool.cuts);
+        cutting.fold(0, |bits, tool| bits | 1_u8.checked_shl(tool.spindle.into()).unwrap_or_default())
+    }
+
     /// Returns the tool of this number.
     #[must_use]
     pub fn tool(&self, spindle: i32) -> Option<CuttingTool> {
@@ -83,8 +91,14 @@ pub struct CuttingState {
     pub(crate) lit: u8,
     /// Whether M62 P3 or M64 P3 has forbidden the cutter.
     pub(crate) is_forbidden: bool,
+    /// Whether the cutter was forbidden while it was on: M5 allows it again.
+    pub(crate) is_off_in_passing: bool,
+    /// Whether an over cut has left the machine beyond the end of the program's circle.
+    pub(crate) is_displaced: bool,
     pub(crate) holes: HoleSettings,
     pub(crate) pierces_only: bool,
+    /// Whether a cutter is on in the steps of a program that only pierces.
+    pub(crate) is_piercing: bool,
     /// Whether the program cuts a tube, or keeps its Z motion: Z words are obeyed.
     pub(crate) cuts_tube: bool,
     pub(crate) keeps_z: bool,
@@ -100,8 +114,11 @@ impl Default for CuttingState {
             velocity_percent: 100.0,
             lit: 0,
             is_forbidden: false,
+            is_off_in_passing: false,
+            is_displaced: false,
             holes: HoleSettings::default(),
             pierces_only: false,
+            is_piercing: false,
             cuts_tube: false,
             keeps_z: false,
         }

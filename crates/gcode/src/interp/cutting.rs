@@ -5,7 +5,7 @@
 use super::block_motion::{AXES, BlockMotion};
 use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
-use crate::canon::{Canon, WaitFor, WaitInput};
+use crate::canon::{Canon, CanonStep, WaitFor, WaitInput};
 use crate::canon_modes::Plane;
 use crate::cutting::{CuttingSetting, CuttingSwitch, CuttingTool};
 use crate::diag::{BlockResult, Span, fault};
@@ -174,6 +174,18 @@ impl Core {
         let lit = &mut state.cutting.lit;
         *lit = if rotation == SpindleRotation::Stopped { *lit & !bit } else { *lit | bit };
         emit.call(rotation.canon(spindle));
+        if rotation == SpindleRotation::Stopped && !self.is_cutting() {
+            self.allow_after_passing(emit);
+        }
+    }
+
+    /// Allows a cutter that went off in passing to be lit again: it is behind M5.
+    fn allow_after_passing(&mut self, emit: &mut Emitter<'_>) {
+        let state = &mut self.state.cutting;
+        if std::mem::take(&mut state.is_off_in_passing) {
+            state.is_forbidden = false;
+            emit.call(Canon::SetCutting(CuttingSwitch::Cutter, true));
+        }
     }
 
     /// Ends cutting at the end of a program: every cutter off, everything allowed again.
@@ -185,7 +197,7 @@ impl Core {
             }
         }
         let state = &mut self.state.cutting;
-        if std::mem::take(&mut state.is_forbidden) {
+        if std::mem::take(&mut state.is_forbidden) | std::mem::take(&mut state.is_off_in_passing) {
             emit.call(Canon::SetCutting(CuttingSwitch::Cutter, true));
         }
         (state.lit, state.velocity_percent) = (0, 100.0);
@@ -204,7 +216,10 @@ impl Core {
             _ => return false,
         };
         if switch == CuttingSwitch::Cutter {
-            self.state.cutting.is_forbidden = is_set;
+            let is_cutting = self.is_cutting();
+            let state = &mut self.state.cutting;
+            state.is_forbidden = is_set;
+            state.is_off_in_passing = is_set && is_cutting;
         }
         emit.call(Canon::SetCutting(switch, on));
         true
@@ -258,6 +273,29 @@ impl Core {
             CuttingSetting::TubeCut => state.cuts_tube = value != 0.0,
             CuttingSetting::KeepZ => state.keeps_z = value != 0.0,
         }
+    }
+
+    /// Takes the feed moves between the going on and the going off of a cutter out of the steps from `first`:
+    /// `#<pierce-only>`.
+    #[cold]
+    pub(super) fn keep_pierces(&mut self, first: usize, steps: &mut Vec<CanonStep>) {
+        let Some(setup) = self.cutting.clone() else { return };
+        let is_pierce = &mut self.state.cutting.is_piercing;
+        let bits = setup.cutting_bits();
+        let cuts = |spindle: u8| bits & 1_u8.checked_shl(spindle.into()).unwrap_or_default() != 0;
+        let new = steps.split_off(first);
+        steps.extend(new.into_iter().filter(|step| {
+            match step.canon {
+                Canon::StartSpindleClockwise(spindle) | Canon::StartSpindleCounterclockwise(spindle)
+                    if cuts(spindle) =>
+                {
+                    *is_pierce = true;
+                }
+                Canon::StopSpindleTurning(spindle) if cuts(spindle) => *is_pierce = false,
+                _ => {}
+            }
+            !*is_pierce || !matches!(step.canon, Canon::StraightFeed(_) | Canon::ArcFeed(_) | Canon::NurbsFeed(_))
+        }));
     }
 
     /// Returns the block without its Z word, where that has no effect, and the motion that remains (CUT-16).

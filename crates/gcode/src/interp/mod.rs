@@ -14,6 +14,7 @@ mod cutter_compensation;
 mod cutting;
 mod cycle_host;
 mod execute;
+mod holes;
 mod interpreter_core;
 mod modes;
 mod motion;
@@ -390,9 +391,13 @@ impl Interpreter {
             }
         }
         let moves = matches!(motion, block_motion::BlockMotion::Move(_)) && words.has_any(b"xyz@^");
+        let first = emit.steps.len();
         let flow = self.core.execute(words, motion, &mut emit);
         let warning = emit.warning;
         self.core.state.waiting = waiting;
+        if self.core.state.cutting.pierces_only {
+            self.core.keep_pierces(first, steps);
+        }
         if let Some(warning) = warning {
             self.report(*warning);
         }

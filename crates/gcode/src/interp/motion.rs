@@ -86,6 +86,7 @@ impl Core {
         }
         emit.call(straight_canon(motion, end));
         self.state.position = end;
+        self.state.cutting.is_displaced = false;
         Ok(())
     }
 
@@ -239,7 +240,12 @@ impl Core {
             return self.compensated_arc(&shape, (first_centre, second_centre), end, emit);
         }
         let plane = self.state.plane;
-        emit.call(Canon::ArcFeed(ArcFeed { plane, end, first_centre, second_centre, turns: shape.turns }));
+        let feed = ArcFeed { plane, end, first_centre, second_centre, turns: shape.turns };
+        if self.cutting.is_some() {
+            self.cutting_arc(shape.start, feed, emit);
+        } else {
+            emit.call(Canon::ArcFeed(feed));
+        }
         self.state.position = end;
         Ok(())
     }

@@ -18,7 +18,7 @@ fn setup() -> Setup {
         pierce_delay_s: 0.25,
         ..Material::default()
     };
-    let tools = [0, 1].map(|spindle| CuttingTool { spindle, uses_speed: false });
+    let tools = [0, 1].map(|spindle| CuttingTool { spindle, cuts: spindle == 0, uses_speed: false });
     let mut table = ToolTable::default();
     for number in [0, 1] {
         table.insert(Tool { number, offset: Pose::ZERO, ..Tool::default() });
@@ -259,5 +259,140 @@ proptest! {
             _ => &[],
         };
         prop_assert_eq!(numbers, wanted);
+    }
+}
+
+#[test]
+fn a_program_that_only_pierces_has_no_feed_moves_while_it_cuts() {
+    let body = "F3000\nG0 X10\nM3\nG1 X20\nG3 X30 I5\nM5\nG0 X50\nM3 $1\nG1 X60\nM5 $1\nG0 X5";
+    let moves = |text: &str| {
+        let all = steps(text);
+        let of = |canon: &Canon| match canon {
+            Canon::StraightTraverse(end) => Some(("G0", end.0[0])),
+            Canon::StraightFeed(end) => Some(("G1", end.0[0])),
+            Canon::ArcFeed(arc) => Some(("G3", arc.end.0[0])),
+            _ => None,
+        };
+        all.iter().filter_map(of).collect::<Vec<_>>()
+    };
+    assert_eq!(moves(&format!("#<pierce-only> = 1\n{body}")), [("G0", 10.0), ("G0", 50.0), ("G1", 60.0), ("G0", 5.0)]);
+    assert_eq!(moves(body).len(), 6);
+    // Under cutter compensation, moves wait for the next one.
+    let compensated = "#<pierce-only> = 1\nF3000\nG0 X10\nM3\nG41.1 D2\nG1 X20\nX30 Y10\nG40\nG1 X40\nM5\nG0 X5";
+    assert_eq!(moves(compensated), [("G0", 10.0), ("G0", 5.0)]);
+}
+
+/// End and turns of each arc.
+fn arcs(steps: &[Canon]) -> Vec<(f64, f64, i32)> {
+    let of = |canon: &Canon| match canon {
+        Canon::ArcFeed(arc) => Some((arc.end.0[0], arc.end.0[1], arc.turns)),
+        _ => None,
+    };
+    steps.iter().filter_map(of).collect()
+}
+
+#[test]
+fn small_holes_are_slow_and_over_cut_whatever_they_are_written_with() {
+    let hole = "G21 F3000\nG0 X10\nM3\nG1 X16\nG3 I-6\nM5\nG0 X0";
+    let slow = [3000.0, 1800.0, 3000.0, 0.0];
+    assert_eq!(feeds(&steps(hole)), [3000.0, 0.0], "without #<holes>");
+    assert_eq!(feeds(&steps(&format!("#<holes> = 1\n{hole}"))), slow);
+    assert_eq!(feeds(&steps(&format!("#<holes> = 1\n#<h_velocity> = 40\n{hole}")))[1], 1200.0);
+    assert_eq!(feeds(&steps(&format!("#<holes> = 1\n#<h_diameter> = 11.9\n{hole}"))), [3000.0, 0.0]);
+    assert_eq!(
+        feeds(&steps(&format!("#<holes> = 1\n{hole}").replace("M3\n", "M3 $1\n").replace("M5", "M5 $1"))).len(),
+        2
+    );
+    // From a loop with expressions in a subprogram, clockwise, and in inches.
+    let sub = "o1 sub\nG1 X[10+#1] Y0\no2 repeat [1]\nG2 X[#5420] Y0 I[0-#1]\no2 endrepeat\no1 endsub\n";
+    let body = "G0 X10\nM3\no1 call [6]\nM5\nG0 X0";
+    assert_eq!(feeds(&steps(&format!("{sub}#<holes> = 2\nF3000\n{body}"))), slow);
+    let inch = "G20\n#<holes> = 1\n#<h_diameter> = 0.5\nF#<_hal[plasmac.cut-feed-rate]>\nM3\nG3 I0.2\nG3 I0.3\nM5";
+    assert_eq!(feeds(&steps(inch)).len(), 4, "one of two is small enough");
+    // Arcs that do not close only with 3 and 4; a great arc never.
+    let arc = "F3000\nM3\nG1 X16\nG3 X4 I-6\nG3 X60 I28\nM5";
+    assert_eq!(feeds(&steps(&format!("#<holes> = 2\n{arc}"))), [3000.0, 0.0]);
+    assert_eq!(feeds(&steps(&format!("#<holes> = 3\n{arc}"))), slow);
+
+    let over = steps(&format!("#<holes> = 2\n{hole}"));
+    let angle: f64 = 4.0 / 6.0;
+    let [whole, tail] = arcs(&over)[..] else { panic!("{over:?}") };
+    assert_eq!(whole, (16.0, 0.0, 1));
+    assert!(
+        (tail.0 - (10.0 + 6.0 * angle.cos())).abs() < 1e-9 && (tail.1 - 6.0 * angle.sin()).abs() < 1e-9 && tail.2 == 1
+    );
+    let order: Vec<String> = over
+        .iter()
+        .filter_map(|canon| match canon {
+            Canon::SetCutting(CuttingSwitch::Cutter, on) => Some(format!("allowed {on}")),
+            Canon::ArcFeed(_) => Some("arc".into()),
+            Canon::StartSpindleClockwise(_) => Some("on".into()),
+            Canon::StopSpindleTurning(_) => Some("off".into()),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(order, ["on", "arc", "allowed false", "arc", "off", "allowed true", "off"]);
+    let long = steps(&format!("#<holes> = 2\n#<oclength> = 6\n{hole}"));
+    assert!((arcs(&long)[1].0 - (10.0 + 6.0 * 1.0_f64.cos())).abs() < 1e-9);
+    // The program continues from the end of its own circle.
+    let next = steps(&format!("#<holes> = 2\n{}", hole.replace("M5\nG0 X0", "G3 X22 I3\nG91 G1 X1\nM5")));
+    assert!(has(&next, &Canon::StraightFeed(Pose::xyz(16.0, 0.0, 0.0))), "back to it before an arc: {next:?}");
+    assert!(has(&next, &Canon::StraightFeed(Pose::xyz(23.0, 0.0, 0.0))));
+}
+
+#[test]
+fn a_cutter_that_went_off_in_passing_is_allowed_behind_m5() {
+    use CuttingSwitch::Cutter;
+    let allowed = |text: &str| {
+        let all = steps(text);
+        let of = |canon: &Canon| if let Canon::SetCutting(Cutter, on) = canon { Some(*on) } else { None };
+        all.iter().filter_map(of).collect::<Vec<bool>>()
+    };
+    assert_eq!(allowed("M3\nG1 X1 F3000\nM62 P3\nG1 X2\nM5\nM3\nM5"), [false, true]);
+    assert_eq!(allowed("M3\nG1 X1 F3000\nM62 P3\nG1 X2\nM63 P3\nM5\nM3\nM5"), [false, true]);
+    // Forbidden while it was off, it stays so: a program that shows its path.
+    assert_eq!(allowed("M64 P3\nM3\nG1 X1 F3000\nM5\nM3\nM5"), [false, true]);
+}
+
+proptest! {
+    /// With over cuts or without, the program goes to the same places: the moves that are not over cuts are the same.
+    #[test]
+    fn an_over_cut_changes_no_other_move(
+        holes in prop::collection::vec((-50.0_f64..50.0, 1.0_f64..20.0, any::<bool>(), 0_u8..3), 1..6),
+    ) {
+        let mut text = String::from("F3000\n");
+        for (x, radius, clockwise, next) in &holes {
+            let turn = if *clockwise { 2 } else { 3 };
+            text += &format!("G0 X{x:.3} Y0\nM3\nG1 X{:.3}\nG{turn} I{:.3}\n", x + radius, -radius);
+            text += match next {
+                0 => "M5\n",
+                1 => "G1 Y3\nM5\n",
+                _ => "G3 Y4 J2\nM5\n",
+            };
+        }
+        let plain = steps(&text);
+        let over = steps(&format!("#<holes> = 2\n{text}"));
+        let ends = |steps: &[Canon]| {
+            let mut ends = Vec::new();
+            let mut is_forbidden = false;
+            for canon in steps {
+                match canon {
+                    Canon::SetCutting(CuttingSwitch::Cutter, on) => is_forbidden = !on,
+                    Canon::StraightTraverse(end) => ends.push((*end, 0)),
+                    Canon::StraightFeed(end) if !is_forbidden => ends.push((*end, 1)),
+                    Canon::ArcFeed(arc) if !is_forbidden => ends.push((arc.end, 2)),
+                    _ => {}
+                }
+            }
+            ends
+        };
+        // What follows an over cut before M5 is not cut, so it is no part of the comparison.
+        let cut: Vec<_> = ends(&over);
+        let all = ends(&plain);
+        prop_assert!(cut.iter().all(|end| all.contains(end)), "{:?} {:?}", cut, all);
+        let is_small = |radius: &f64| 2.0 * radius <= 32.0;
+        let small = holes.iter().filter(|(_, radius, _, _)| is_small(&((radius * 1e3).round() / 1e3))).count();
+        let overs = over.iter().filter(|canon| matches!(canon, Canon::SetCutting(CuttingSwitch::Cutter, false))).count();
+        prop_assert_eq!(overs, small);
     }
 }
