@@ -8,7 +8,7 @@ use retrace_gcode::{
 use std::sync::Arc;
 
 /// A torch ($0) and a scribe ($1), materials 0, 3 and 4, of which 3 is the default.
-fn setup() -> Setup {
+pub(crate) fn setup() -> Setup {
     let material = |number: u32, feed_mm_per_min: f64| Material {
         number,
         feed_mm_per_min,

@@ -23,6 +23,7 @@ mod not_run;
 mod offsets;
 mod outline;
 mod peer;
+mod plasma_samples;
 mod program_location;
 mod stock_golden;
 mod turning;
