@@ -104,6 +104,7 @@ const MODULES: &[Module] = modules! {
     literal_ring,
     playback,
     rate,
+    filter_balance,
     drive,
     braking,
     rate_law,

@@ -12,6 +12,7 @@
 pub mod braking;
 pub mod choice;
 pub mod drive;
+pub mod filter_balance;
 pub mod fine;
 pub mod frames;
 pub mod gates;

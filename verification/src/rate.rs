@@ -319,8 +319,8 @@ pub const ROWS: &[Row] = &[
             Mutant {
                 name: "the remainder is forgotten",
                 file: RATE,
-                find: "self.sums.push(sum) + self.remainder;",
-                put: "self.sums.push(sum);",
+                find: "(sum + self.remainder).div_euclid(weights)",
+                put: "sum.div_euclid(weights)",
                 killer: "law_pending_1_3",
             },
             Mutant {

@@ -124,4 +124,17 @@ mod tests {
         assert_eq!(of(51, 58_982, PulseLimits { velocity: 255, ..AXIS }), None);
         assert_eq!(of(51, 58_982, PulseLimits { acceleration: (1 << 48) + 1, jerk: 1 << 48, ..AXIS }), None);
     }
+
+    /// What the plan may use is above the exact share of a limit, by at most a unit.
+    #[test]
+    fn a_planned_share_is_rounded_up() {
+        for share in [1, 32_768, 58_982, u16::MAX] {
+            let limits = RateLimits::<1>::new(51, share, [AXIS]).expect("valid");
+            for limit in [0, 1, 0xFFFF, 0x1_0000, 0xFFFF_FFFF, (3 << 32) + 0xABCD, 1 << 48, (1 << 49) - 1] {
+                let exact = u128::from(limit) * u128::from(share);
+                let planned = u128::from(limits.planned_share(limit)) << 16;
+                assert!(exact < planned && planned <= exact + (1 << 16), "{share} of {limit}: {planned} {exact}");
+            }
+        }
+    }
 }

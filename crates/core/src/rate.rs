@@ -148,6 +148,42 @@ impl<const M: usize> MovingAverage<M> {
     }
 }
 
+/// What the commanded place is ahead of the cursor by: the part of a filter's state that is not its memory.
+///
+/// Invariant: n₁·n₂ times the lead is what the memory has not let the cursor run yet, and the remainder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FilterBalance {
+    /// Distance from the cursor to the commanded place.
+    pub lead: Distance,
+    /// Part below the last bit of the distance moved, in 0 … n₁·n₂ − 1, in units of 2⁻³²/(n₁·n₂) records.
+    pub remainder: i64,
+}
+
+impl FilterBalance {
+    /// At rest, with nothing remembered.
+    pub const ZERO: Self = Self { lead: Distance::ZERO, remainder: 0 };
+
+    /// Returns the balance after a control period, and the distance that the cursor moves in it.
+    ///
+    /// `sum` is the sum over both averages, `target` included, in units of 2⁻³² records per period; `weights` is n₁·n₂.
+    /// |`sum`| is at most n₁·n₂·[`Rate::MAX`].
+    #[inline]
+    #[must_use]
+    pub const fn after_period(self, target: Rate, sum: i64, weights: i64) -> (Self, Distance) {
+        let moved = Distance::from_units((sum + self.remainder).div_euclid(weights));
+        (self.after_moving(moved, target, sum, weights), moved)
+    }
+
+    /// Returns the balance after a control period in which the cursor moves by `moved`: the whole units in the sum and
+    /// the remainder ([`FilterBalance::after_period`]).
+    #[inline]
+    #[must_use]
+    pub const fn after_moving(self, moved: Distance, target: Rate, sum: i64, weights: i64) -> Self {
+        let lead = Distance::from_units(self.lead.units() + target.units() - moved.units());
+        Self { lead, remainder: sum + self.remainder - moved.units() * weights }
+    }
+}
+
 /// State of the rate law: the memory of both averages, for lengths up to `M`.
 ///
 /// # Examples
@@ -172,9 +208,7 @@ pub struct RateFilter<const M: usize> {
     lengths: FilterLengths,
     targets: MovingAverage<M>,
     sums: MovingAverage<M>,
-    /// Below the last bit of the distance moved, in units of 2⁻³²/(n₁·n₂) records.
-    remainder: i64,
-    lead: Distance,
+    balance: FilterBalance,
 }
 
 impl<const M: usize> RateFilter<M> {
@@ -185,7 +219,7 @@ impl<const M: usize> RateFilter<M> {
             return None;
         }
         let (targets, sums) = (MovingAverage::new(smoothing.first), MovingAverage::new(smoothing.second));
-        Some(Self { lengths: smoothing, targets, sums, remainder: 0, lead: Distance::ZERO })
+        Some(Self { lengths: smoothing, targets, sums, balance: FilterBalance::ZERO })
     }
 
     /// Returns the lengths of the averages.
@@ -198,7 +232,7 @@ impl<const M: usize> RateFilter<M> {
     /// is zero from now on.
     #[must_use]
     pub const fn lead(&self) -> Distance {
-        self.lead
+        self.balance.lead
     }
 
     /// Whether the cursor is at rest, with no distance remaining.
@@ -234,11 +268,10 @@ impl<const M: usize> RateFilter<M> {
     #[inline]
     pub fn step(&mut self, target: Rate) -> Distance {
         let sum = self.targets.push(target.units());
-        let total = self.sums.push(sum) + self.remainder;
-        let divisor = i64::from(self.lengths.first) * i64::from(self.lengths.second);
-        let moved = Distance::from_units(total.div_euclid(divisor));
-        self.remainder = total.rem_euclid(divisor);
-        self.lead += target.over(1) - moved;
+        let sum = self.sums.push(sum);
+        let weights = i64::from(self.lengths.first) * i64::from(self.lengths.second);
+        let (balance, moved) = self.balance.after_period(target, sum, weights);
+        self.balance = balance;
         moved
     }
 
@@ -247,8 +280,8 @@ impl<const M: usize> RateFilter<M> {
     pub fn set_steady(&mut self, rate: Rate) {
         self.targets.fill(rate.units());
         self.sums.fill(self.targets.sum);
-        self.remainder = 0;
-        self.lead = rate.over(i64::from(self.lengths.stopping_records()));
+        let lead = rate.over(i64::from(self.lengths.stopping_records()));
+        self.balance = FilterBalance { lead, remainder: 0 };
     }
 }
 
@@ -292,7 +325,7 @@ mod tests {
                     run += filter.step(Rate::ZERO);
                 }
                 assert_eq!(run, lead);
-                assert!(filter.at_rest() && filter.lead() == Distance::ZERO && filter.remainder == 0);
+                assert!(filter.at_rest() && filter.lead() == Distance::ZERO && filter.balance.remainder == 0);
             }
         }
     }
@@ -326,7 +359,7 @@ mod tests {
             }
             for _ in 0..n { run += filter.step(Rate::ZERO); }
             prop_assert_eq!(run, commanded);
-            prop_assert!(filter.at_rest() && filter.lead() == Distance::ZERO && filter.remainder == 0);
+            prop_assert!(filter.at_rest() && filter.lead() == Distance::ZERO && filter.balance.remainder == 0);
         }
 
         /// The rate changes by at most 1/max(n₁, n₂) of a full step per period, and that change by at most 2/(n₁·n₂).

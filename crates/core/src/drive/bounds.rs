@@ -243,7 +243,45 @@ mod tests {
         }
     }
 
+    /// Where the window ends, what follows may accelerate as the plan may: four blocks that are held still count, three
+    /// do not.
+    #[test]
+    fn the_end_of_the_window_hides_what_the_plan_may_use() {
+        let soft = PulseLimits { velocity: 30_000 << 32, acceleration: 1000 << 32, jerk: 5 << 32 };
+        let limits = RateLimits::new(201, 58_982, [soft]).expect("valid");
+        let bounds = |records: u32, speed: i16, sign: i64| {
+            let strip = Strip { low: 64, records: vec![(speed, 16); records as usize] };
+            let at = Place::start_of(if sign > 0 { strip.low() } else { strip.high() });
+            let ahead = DirectedWindow { at, sign, window: &strip };
+            IncrementBounds::over(&limits, &ahead, Distance::records(i64::from(records))).axes[0]
+        };
+        for sign in [1, -1] {
+            let (most, planned) = (bounds(32, 100, sign), limits.plan_jerk(&soft));
+            // after sixteen records with that jerk, from a constant speed
+            let reached = (16 * planned, (100 << 32) + 16 * 16 / 2 * planned);
+            assert!(most.acceleration >= reached.0 && most.velocity >= reached.1, "{most:?}");
+            assert!(most.acceleration < 2 * reached.0 && most.velocity < 3 * reached.1, "{most:?}");
+            let few = bounds(24, 100, sign);
+            assert!(few.acceleration == limits.plan_acceleration(&soft) && few.velocity == soft.velocity, "{few:?}");
+        }
+    }
+
     proptest! {
+        /// Blocks are of eight records on a fixed grid: wherever in a block the cursor is, the same sums are taken.
+        #[test]
+        fn bounds_do_not_depend_on_the_place_within_a_block(
+            increments in prop::collection::vec(-3000i16..3000, 160..=160), place in 1u32..8,
+        ) {
+            let strip = Strip { low: 0, records: increments.into_iter().map(|increment| (increment, 16)).collect() };
+            let limits = RateLimits::new(11, 58_982, [AXIS]).expect("valid");
+            // both see the records up to number 100
+            let bounds = |at: u32| {
+                let ahead = DirectedWindow { at: Place::start_of(RecordIndex::new(at)), sign: 1, window: &strip };
+                IncrementBounds::over(&limits, &ahead, Distance::records(i64::from(98 - at))).axes[0]
+            };
+            prop_assert_eq!(bounds(64), bounds(64 + place));
+        }
+
         /// The caps are those of the records that the cursor may reach, in either direction; velocity and acceleration
         /// are at least what these records show over sixteen of them, and at most what the plan may use at their lowest
         /// cap.

@@ -217,6 +217,22 @@ mod tests {
         })
     }
 
+    /// A machine that could stop faster brakes by a whole interval per period: 32 equal steps, and the ramp is what they
+    /// run, each counted at the rate that it begins with, except the last one, which a single period ends.
+    #[test]
+    fn a_stiff_machine_brakes_in_equal_steps() {
+        let stiff = PulseLimits { velocity: 100 << 32, acceleration: 40 << 32, jerk: 20 << 32 };
+        let limits = RateLimits::new(3, 1 << 14, [stiff]).expect("valid");
+        let braking = Braking::<INTERVALS>::new(&limits).expect("fast enough");
+        assert_eq!(braking.slopes, [Rate::ONE / 32; INTERVALS]);
+        assert_eq!(braking.periods(), 32);
+        for k in 2..=32 {
+            let steps: i64 = (2..=k).sum();
+            let rate = Rate::ONE / 32 * k;
+            assert_eq!(braking.length(rate), Distance::RECORD * steps / 32 + Distance::from_units(1), "{k}");
+        }
+    }
+
     proptest! {
         /// S(u) ≥ u⁻ + S(u⁻), except for the last bits.
         #[test]

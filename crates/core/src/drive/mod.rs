@@ -445,6 +445,32 @@ mod tests {
         assert!(ramps, "{} … {}", rates[0], rates[rates.len() - 1]);
     }
 
+    /// A whole period at the slower rate has passed three records before the first record that it applies to, and not
+    /// much earlier, whatever that rate is.
+    #[test]
+    fn the_slower_rate_is_in_force_three_records_before_it_applies() {
+        for average in [3, 13, 63] {
+            for sixteenths in 1..16 {
+                let mut window = strip(0, 3000, &[0, 3000]);
+                window.slow = (2000..3000).collect();
+                let target = RateTarget { feed: ONE / 16 * sixteenths, rapid: ONE };
+                let (mut drive, mut at) = (soft(average, 1 << 15), Place::start_of(RecordIndex::new(0)));
+                let mut slowed = None;
+                while at.record.number() < 2000 {
+                    let to = drive.step(at, drive.within_overrides(at, target, &window), &window).to;
+                    let rate = at.distance_to(to).per_period();
+                    if rate <= target.feed + Rate::from_units(1) && at.record.number() > 500 {
+                        slowed = slowed.or(Some(to));
+                    }
+                    at = to;
+                }
+                let spare = slowed.expect("it slows down").distance_to(Place::start_of(RecordIndex::new(2000)));
+                let in_time = Distance::records(3) <= spare && spare < Distance::records(4);
+                assert!(in_time, "{average} {sixteenths}: {spare:?}");
+            }
+        }
+    }
+
     #[test]
     fn rapid_retrace_keeps_every_cap_and_gets_faster_where_it_may() {
         for sign in [1, -1] {
