@@ -116,12 +116,17 @@ fn samples() -> Vec<(PathBuf, &'static str)> {
 
 #[test]
 fn the_samples_of_qtplasmac_are_checked_and_run_to_their_end() {
+    let bench = Bench::new();
+    let shipped = root().join("examples/plasma");
+    let bracket = [shipped.join("bracket.ngc"), "--machine".into(), shipped.join("metric.toml")];
+    for command in ["check", "run"] {
+        let done = bench.retrace(std::iter::once(PathBuf::from(command)).chain(bracket.clone()));
+        assert!(done.code == Some(0) && !done.err.contains("warning"), "{command}: {}", done.err);
+    }
     let samples = samples();
     if samples.len() < 2 {
         return not_run("the samples of QtPlasmaC", "Debian's linuxcnc-uspace is not installed");
     }
-    let bench = Bench::new();
-    let shipped = root().join("examples/plasma");
     let tools = shipped.join("tools.tbl").display().to_string();
     for (path, machine) in &samples {
         let (path, machine) = (path.display().to_string(), shipped.join(machine).display().to_string());
