@@ -63,8 +63,8 @@ fn divides_forward(c: &mut impl Choice) -> Option<()> {
     Some(())
 }
 
-/// A sum that is negative is divided as its magnitude is, and rounded away from zero: with [`divides_forward`], what remains
-/// is in 0 … weights − 1 in this direction too.
+/// A sum that is negative is divided as its magnitude is, and rounded away from zero: with [`divides_forward`], what
+/// remains is in 0 … weights − 1 in this direction too.
 fn divides_backward(c: &mut impl Choice) -> Option<()> {
     let weights = c.between(1, LONGEST);
     let magnitude = c.between(0, TOP * weights);
@@ -97,7 +97,7 @@ pub const ROWS: &[Row] = &[Row {
     requirement: "REV-12; REV, Beyond the source, *Rate law*",
     bound: "one period from any lead, remainder, sum and target: weights n₁·n₂ up to 2²⁴ for what is kept, every \
         divisor up to 4 096 for the division; on the filter itself, every odd length up to 4 095 with drawn targets",
-    assumes: "the sum is that of the memory: proved in row rate-rest for short averages, searched here for every length",
+    assumes: "the sum is that of the memory: proved in row rate-rest for short averages, searched here for all",
     suffices: "it is an induction over periods. With n the weights, S the sum, t the target, m moved, r the remainder, \
         and P what the memory has not released yet: P′ = P + n·t − S by definition and m·n + r′ = S + r as proved, so \
         n·lead − r = P holds again. As 0 ≤ r < n, the lead has the sign of P and is zero with it, and so is r. From \

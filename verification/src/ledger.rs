@@ -109,6 +109,7 @@ const MODULES: &[Module] = modules! {
     braking,
     rate_law,
     stopping,
+    card_window,
     modes,
     gates,
     threads,

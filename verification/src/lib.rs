@@ -10,6 +10,7 @@
 #![cfg_attr(not(verify_wasm), forbid(unsafe_code))]
 
 pub mod braking;
+pub mod card_window;
 pub mod choice;
 pub mod drive;
 pub mod filter_balance;

@@ -296,7 +296,8 @@ pub const ROWS: &[Row] = &[
         assumes: "the targets in the memory have one sign (row drive-road: a change of direction passes through rest)",
         suffices: "every reachable state is covered, as the remainder is determined by the memory; sums of targets \
             are linear and have no size at which they change, up to the 2⁵⁹ that 64 bits hold; the code depends on \
-            the lengths only by wrapping at them and by their product",
+            the lengths only by wrapping at them and by their product; row rate-balance has the arithmetic at every \
+            length",
         harnesses: &[
             "law_pending_1_1",
             "law_pending_2_2",

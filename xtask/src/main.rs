@@ -35,6 +35,7 @@ Tasks:
   campaign NAME   a random end-to-end test with its own seed and more cases; results go into docs/campaigns.md
            --full          the full size
            --seed N        the seed, 1 without it
+           --resume        of `mutants`: what an earlier run of the same sample has completed is not run again
            --list          name the campaigns and leave
   verify   every property of verification/ by every engine that is here; docs/verification.md says what that shows
            --quick         what a test run has time for; without it the ledger verification/LEDGER.md is written
@@ -171,11 +172,12 @@ fn campaign(options: &[&str]) -> ExitCode {
     if campaign.is_none() && name != "fuzz" && name != "mutants" {
         return refuse(&format!("there is no campaign `{name}`; see `cargo xtask campaign --list`"));
     }
-    let (mut full, mut seed) = (false, 1);
+    let (mut full, mut seed, mut resume) = (false, 1, false);
     loop {
         match rest {
             [] => break,
             ["--full", more @ ..] => (full, rest) = (true, more),
+            ["--resume", more @ ..] if name == "mutants" => (resume, rest) = (true, more),
             ["--seed", number, more @ ..] => match number.parse() {
                 Ok(number) => (seed, rest) = (number, more),
                 Err(_) => return refuse(&format!("`{number}` is not a seed: a whole number")),
@@ -185,7 +187,7 @@ fn campaign(options: &[&str]) -> ExitCode {
     }
     with_root(|root| match campaign {
         Some(campaign) => campaign::run(&root, campaign, full, seed),
-        None if name == "mutants" => mutants::run(&root, full, seed),
+        None if name == "mutants" => mutants::run(&root, full, seed, resume),
         None => fuzz::run(&root, full, seed),
     })
 }

@@ -99,7 +99,9 @@ impl Score {
 }
 
 /// Runs the campaign and returns whether it passed. Without `full` it tries one part in [`PARTS`] of the mutants.
-pub(crate) fn run(root: &Path, full: bool, seed: u64) -> bool {
+///
+/// With `resume`, what an earlier run of the same sample has completed is not run again.
+pub(crate) fn run(root: &Path, full: bool, seed: u64, resume: bool) -> bool {
     let has_tool = Command::new("cargo").args(["mutants", "--version"]).output().is_ok_and(|out| out.status.success());
     if !has_tool {
         println!("NOT RUN  cargo-mutants: missing; to get it: cargo install --locked cargo-mutants");
@@ -107,7 +109,7 @@ pub(crate) fn run(root: &Path, full: bool, seed: u64) -> bool {
     let equivalent = std::fs::read_to_string(root.join(EQUIVALENT)).unwrap_or_default();
     let mut scores = Vec::new();
     for target in TARGETS.iter().filter(|_| has_tool) {
-        match score(root, target, full, seed, &equivalent) {
+        match score(root, target, &Sample { full, seed, resume }, &equivalent) {
             Ok(score) => scores.push(score),
             Err(reason) => {
                 eprintln!("xtask: {}: {reason}", target.name);
@@ -140,18 +142,39 @@ fn by_cbmc(root: &Path) -> bool {
     }
 }
 
-fn score(root: &Path, target: &Target, full: bool, seed: u64, equivalent: &str) -> Result<Score, String> {
+/// Which mutants are tried.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    full: bool,
+    seed: u64,
+    resume: bool,
+}
+
+impl Sample {
+    fn part(self) -> u64 {
+        self.seed % PARTS
+    }
+
+    /// The folder of its results, in the target folder.
+    fn folder(self) -> String {
+        if self.full { "full".to_owned() } else { format!("part-{}", self.part()) }
+    }
+}
+
+fn score(root: &Path, target: &Target, sample: &Sample, equivalent: &str) -> Result<Score, String> {
     println!("campaign mutants: {}", target.name);
     let started = Instant::now();
-    let shard = format!("{}/{PARTS}", seed % PARTS);
-    let selection =
-        if full { Vec::new() } else { ["--sharding", "round-robin", "--shard", &shard].map(str::to_owned).into() };
-    let own = outcomes(root, target, target.tests, &selection)?;
+    let shard = format!("{}/{PARTS}", sample.part());
+    let selection = match sample.full {
+        true => Vec::new(),
+        false => ["--sharding", "round-robin", "--shard", &shard].map(str::to_owned).into(),
+    };
+    let own = outcomes(root, target, target.tests, sample, &selection)?;
     let missed: Vec<String> = names(&own, "MissedMutant").map(str::to_owned).collect();
     let mut score = read_score(target, &own, equivalent);
     if let (Some(package), false) = (target.more_tests, missed.is_empty()) {
         let selection = missed.iter().flat_map(|name| ["--re".to_owned(), format!("^{}$", escaped(name))]);
-        let mut more = outcomes(root, target, package, &selection.collect::<Vec<_>>())?;
+        let mut more = outcomes(root, target, package, sample, &selection.collect::<Vec<_>>())?;
         keep(&mut more, &missed);
         let more = read_score(target, &more, equivalent);
         score.noticed += more.noticed;
@@ -162,13 +185,20 @@ fn score(root: &Path, target: &Target, full: bool, seed: u64, equivalent: &str) 
 }
 
 /// Runs the tests of `package` on the selected mutants of a target.
-fn outcomes(root: &Path, target: &Target, package: &str, selection: &[String]) -> Result<Value, String> {
-    let output = root.join("target/mutants-campaign").join(target.name).join(package);
+fn outcomes(
+    root: &Path,
+    target: &Target,
+    package: &str,
+    sample: &Sample,
+    selection: &[String],
+) -> Result<Value, String> {
+    let output = root.join("target/mutants-campaign").join(sample.folder()).join(target.name).join(package);
+    if let (true, Ok(outcomes)) = (sample.resume, completed(&output)) {
+        return Ok(outcomes);
+    }
     std::fs::create_dir_all(&output).map_err(|error| format!("{}: {error}", output.display()))?;
-    let mut command = process::cargo(
-        root,
-        &["mutants", "--no-shuffle", "--minimum-test-timeout", LEAST_TEST_LIMIT, "--colors", "never"],
-    );
+    let mut command = process::cargo(root, &["mutants", "--no-shuffle", "--colors", "never"]);
+    command.args(["--minimum-test-timeout", LEAST_TEST_LIMIT]);
     command.arg("--output").arg(&output).args(target.files.iter().flat_map(|file| ["--file", *file]));
     command
         .args(["--package", target.tests, "--test-package", package])
@@ -179,8 +209,14 @@ fn outcomes(root: &Path, target: &Target, package: &str, selection: &[String]) -
     if !matches!(status.code(), Some(0 | 2 | 3)) {
         return Err(format!("cargo mutants: {status}; see {}", output.display()));
     }
+    completed(&output)
+}
+
+/// The outcomes of a run of cargo-mutants that was not interrupted.
+fn completed(output: &Path) -> Result<Value, String> {
     let text = std::fs::read_to_string(output.join("mutants.out/outcomes.json")).map_err(|error| error.to_string())?;
-    serde_json::from_str(&text).map_err(|error| error.to_string())
+    let outcomes: Value = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+    if outcomes["end_time"].is_string() { Ok(outcomes) } else { Err(format!("{}: not complete", output.display())) }
 }
 
 /// Removes the outcomes of all other mutants: cargo-mutants tries those that delete a field of a structure whatever
@@ -267,8 +303,8 @@ fn page(scores: &[Score], full: bool, seed: u64) -> String {
         false => ("", format!(" This is a sample: one mutant in {PARTS} of each crate, chosen by the seed.")),
     };
     format!(
-        "# Mutation score\n\nWritten by `cargo xtask campaign mutants{option} --seed {seed}`.{sample} A mutant is one small \
-         change of the code that cargo-mutants makes; it is noticed where a test of the crate, or a property of \
+        "# Mutation score\n\nWritten by `cargo xtask campaign mutants{option} --seed {seed}`.{sample} A mutant is one \
+         small change of the code that cargo-mutants makes; it is noticed where a test of the crate, or a property of \
          `verification/` in a native run, fails or does not end. Equivalent mutants are listed with their reasons in \
          `{EQUIVALENT}`.\n\n{}",
         table(scores)

@@ -217,8 +217,8 @@ mod tests {
         })
     }
 
-    /// A machine that could stop faster brakes by a whole interval per period: 32 equal steps, and the ramp is what they
-    /// run, each counted at the rate that it begins with, except the last one, which a single period ends.
+    /// A machine that could stop faster brakes by a whole interval per period: 32 equal steps, and the ramp is what
+    /// they run, each counted at the rate that it begins with, except the last one, which a single period ends.
     #[test]
     fn a_stiff_machine_brakes_in_equal_steps() {
         let stiff = PulseLimits { velocity: 100 << 32, acceleration: 40 << 32, jerk: 20 << 32 };
