@@ -1,7 +1,7 @@
 //! Small holes and arcs of a cutting program: cut slowly, and over cut (CUT-14, CUT-24).
 //!
-//! Invariant: an arc is judged by the path that is executed, whatever expressions or subprograms it comes from. After an
-//! over cut the program continues from the end of its own circle.
+//! Invariant: an arc is judged by the path that is executed, whatever expressions or subprograms it comes from. After
+//! an over cut the program continues from the end of its own circle.
 
 use super::interpreter_core::{Core, Emitter};
 use crate::angle::sweep;

@@ -343,15 +343,19 @@ fn small_holes_are_slow_and_over_cut_whatever_they_are_written_with() {
 #[test]
 fn a_cutter_that_went_off_in_passing_is_allowed_behind_m5() {
     use CuttingSwitch::Cutter;
-    let allowed = |text: &str| {
+    let order = |text: &str| {
         let all = steps(text);
-        let of = |canon: &Canon| if let Canon::SetCutting(Cutter, on) = canon { Some(*on) } else { None };
-        all.iter().filter_map(of).collect::<Vec<bool>>()
+        let of = |canon: &Canon| match canon {
+            Canon::SetCutting(Cutter, on) => Some(if *on { "allowed" } else { "forbidden" }),
+            Canon::StopSpindleTurning(_) => Some("off"),
+            _ => None,
+        };
+        all.iter().filter_map(of).collect::<Vec<&str>>().join(" ")
     };
-    assert_eq!(allowed("M3\nG1 X1 F3000\nM62 P3\nG1 X2\nM5\nM3\nM5"), [false, true]);
-    assert_eq!(allowed("M3\nG1 X1 F3000\nM62 P3\nG1 X2\nM63 P3\nM5\nM3\nM5"), [false, true]);
+    assert_eq!(order("M3\nG1 X1 F3000\nM62 P3\nG1 X2\nM5\nM3\nM5"), "forbidden off allowed off off");
+    assert_eq!(order("M3\nG1 X1 F3000\nM62 P3\nG1 X2\nM63 P3\nM5\nM3\nM5"), "forbidden allowed off off off");
     // Forbidden while it was off, it stays so: a program that shows its path.
-    assert_eq!(allowed("M64 P3\nM3\nG1 X1 F3000\nM5\nM3\nM5"), [false, true]);
+    assert_eq!(order("M64 P3\nM3\nG1 X1 F3000\nM5\nM3\nM5"), "forbidden off off off allowed");
 }
 
 proptest! {
@@ -392,7 +396,8 @@ proptest! {
         prop_assert!(cut.iter().all(|end| all.contains(end)), "{:?} {:?}", cut, all);
         let is_small = |radius: &f64| 2.0 * radius <= 32.0;
         let small = holes.iter().filter(|(_, radius, _, _)| is_small(&((radius * 1e3).round() / 1e3))).count();
-        let overs = over.iter().filter(|canon| matches!(canon, Canon::SetCutting(CuttingSwitch::Cutter, false))).count();
+        let is_over_cut = |canon: &&Canon| matches!(canon, Canon::SetCutting(CuttingSwitch::Cutter, false));
+        let overs = over.iter().filter(is_over_cut).count();
         prop_assert_eq!(overs, small);
     }
 }

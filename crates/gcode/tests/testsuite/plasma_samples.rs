@@ -1,7 +1,7 @@
 //! The sample programs of QtPlasmaC, as this interpreter and as LinuxCNC's `rs274` execute them.
 //!
-//! Invariant: `rs274` knows neither the controller's values nor its materials, so they are taken out of the text for it;
-//! the path does not depend on them.
+//! Invariant: `rs274` knows neither the controller's values nor its materials, so they are taken out of the text for
+//! it; the path does not depend on them.
 
 use crate::cutting::setup;
 use crate::not_run::not_run;
