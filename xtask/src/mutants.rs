@@ -6,7 +6,7 @@
 use retrace_task_support::process;
 use retrace_verify::Options;
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::path::Path;
 use std::process::Command;
@@ -171,15 +171,12 @@ fn score(root: &Path, target: &Target, sample: &Sample, equivalent: &str) -> Res
     };
     let own = outcomes(root, target, target.tests, sample, &selection)?;
     let missed: Vec<String> = names(&own, "MissedMutant").map(str::to_owned).collect();
-    let mut score = read_score(target, &own, equivalent);
+    let mut noticed_later = Value::Null;
     if let (Some(package), false) = (target.more_tests, missed.is_empty()) {
         let selection = missed.iter().flat_map(|name| ["--re".to_owned(), format!("^{}$", escaped(name))]);
-        let mut more = outcomes(root, target, package, sample, &selection.collect::<Vec<_>>())?;
-        keep(&mut more, &missed);
-        let more = read_score(target, &more, equivalent);
-        score.noticed += more.noticed;
-        (score.survivors, score.equivalent) = (more.survivors, more.equivalent);
+        noticed_later = outcomes(root, target, package, sample, &selection.collect::<Vec<_>>())?;
     }
+    let mut score = read_score(target, &own, &noticed_later, equivalent);
     score.seconds = started.elapsed().as_secs();
     Ok(score)
 }
@@ -219,15 +216,6 @@ fn completed(output: &Path) -> Result<Value, String> {
     if outcomes["end_time"].is_string() { Ok(outcomes) } else { Err(format!("{}: not complete", output.display())) }
 }
 
-/// Removes the outcomes of all other mutants: cargo-mutants tries those that delete a field of a structure whatever
-/// names it is given.
-fn keep(outcomes: &mut Value, wanted: &[String]) {
-    if let Some(outcomes) = outcomes["outcomes"].as_array_mut() {
-        let name = |outcome: &Value| outcome["scenario"]["Mutant"]["name"].as_str().map(str::to_owned);
-        outcomes.retain(|outcome| name(outcome).is_some_and(|name| wanted.contains(&name)));
-    }
-}
-
 /// The mutants with that outcome.
 fn names<'a>(outcomes: &'a Value, summary: &'static str) -> impl Iterator<Item = &'a str> {
     let outcomes = outcomes["outcomes"].as_array().map_or(&[][..], Vec::as_slice);
@@ -242,17 +230,20 @@ fn escaped(text: &str) -> String {
         .collect()
 }
 
-fn read_score(target: &Target, outcomes: &Value, equivalent: &str) -> Score {
+/// Reads the outcomes of a crate's own tests, and of more tests on those that they did not notice. A mutant counts
+/// once, and only what the own tests were tried on counts.
+fn read_score(target: &Target, own: &Value, more: &Value, equivalent: &str) -> Score {
     let listed: BTreeMap<&str, &str> = equivalent.lines().filter_map(|line| line.split_once(" -- ")).collect();
-    let (equivalent, survivors) = names(outcomes, "MissedMutant")
-        .map(without_place)
-        .partition::<Vec<_>, _>(|mutant| listed.contains_key(mutant.as_str()));
+    let noticed_later: BTreeSet<&str> = names(more, "CaughtMutant").chain(names(more, "Timeout")).collect();
+    let (noticed, missed) = names(own, "MissedMutant").partition::<Vec<_>, _>(|mutant| noticed_later.contains(mutant));
+    let (equivalent, survivors) =
+        missed.into_iter().map(without_place).partition::<Vec<_>, _>(|mutant| listed.contains_key(mutant.as_str()));
     Score {
         name: target.name,
-        noticed: names(outcomes, "CaughtMutant").count() + names(outcomes, "Timeout").count(),
+        noticed: names(own, "CaughtMutant").count() + names(own, "Timeout").count() + noticed.len(),
         survivors,
         equivalent: equivalent.len(),
-        unviable: names(outcomes, "Unviable").count(),
+        unviable: names(own, "Unviable").count(),
         seconds: 0,
         floor: target.floor,
     }
@@ -328,13 +319,16 @@ mod tests {
             outcome("Unviable", "a.rs:5:2: replace g with Default::default()"),
         ]});
         let listed = "# comment\na.rs: replace < with <= in f -- both ends are equal there\n";
-        let score = read_score(&TARGETS[0], &outcomes, listed);
+        let score = read_score(&TARGETS[0], &outcomes, &Value::Null, listed);
         assert_eq!((score.noticed, score.equivalent, score.unviable), (2, 1, 1));
         assert_eq!(score.survivors, ["a.rs: replace > with >= in g"]);
         assert_eq!(escaped("a/b.rs:1:2: replace f -> [T; 2]"), "a\\/b\\.rs:1:2: replace f \\-> \\[T; 2\\]");
-        let mut more = outcomes;
-        keep(&mut more, &["a.rs:4:2: replace > with >= in g".to_owned()]);
-        assert_eq!(more["outcomes"].as_array().map(Vec::len), Some(1));
+        let more = json!({"outcomes": [
+            outcome("CaughtMutant", "a.rs:4:2: replace > with >= in g"),
+            outcome("CaughtMutant", "b.rs:7:2: delete field of another sample"),
+        ]});
+        let later = read_score(&TARGETS[0], &outcomes, &more, listed);
+        assert!(later.noticed == 3 && later.survivors.is_empty() && later.equivalent == 1, "each counts once");
         assert!(score.percent() > 66.0 && score.percent() < 67.0 && !score.passes());
         assert!(table(&[score]).contains("| core | 2 | 3 | 66.7 % | 95 % | 1 | 1 | 0 |\n"));
     }

@@ -532,4 +532,14 @@ mod tests {
         }
         assert_eq!(controller.apply(ModeCommand::Reverse(Rate::ZERO)), Err(ModeError::RateNotPositive));
     }
+
+    /// An operator can tell the reasons apart.
+    #[test]
+    fn every_reason_has_words_of_its_own() {
+        use ModeError::{NotHeld, NotRetracing, NothingToConfirm, RateNotPositive};
+        let words = [NotRetracing, NothingToConfirm, NotHeld, RateNotPositive].map(|reason| reason.to_string());
+        for (n, reason) in words.iter().enumerate() {
+            assert!(!reason.is_empty() && !words[..n].contains(reason), "{reason}");
+        }
+    }
 }

@@ -188,4 +188,13 @@ mod tests {
         );
         assert_eq!(last.later(first), first);
     }
+
+    #[test]
+    fn the_fraction_is_the_share_of_the_record() {
+        for (fraction, share) in [(0, 0.0), (1 << 30, 0.25), (1 << 31, 0.5), (3 << 30, 0.75)] {
+            let place = Place { record: RecordIndex(9), fraction };
+            assert!((place.fraction_of_record() - share).abs() < f64::EPSILON, "{fraction}");
+        }
+        assert!(Place { record: RecordIndex(9), fraction: u32::MAX }.fraction_of_record() < 1.0);
+    }
 }

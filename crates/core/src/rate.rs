@@ -310,6 +310,17 @@ mod tests {
         assert!(RateFilter::<8>::new(FilterLengths::new(10, 2).expect("valid")).is_none());
     }
 
+    /// What an average delays: a target is reached when the last of both lengths has seen it, and the lead is half of
+    /// that.
+    #[test]
+    fn lengths_are_those_of_their_averages() {
+        for (a, b) in [(1, 1), (1, 51), (3, 5), (8, 2)] {
+            let lengths = FilterLengths::new(a, b).expect("valid");
+            assert_eq!((lengths.first(), lengths.second()), (a, b));
+            assert_eq!((lengths.periods(), 2 * lengths.stopping_records()), (a + b - 1, a + b - 2));
+        }
+    }
+
     #[test]
     fn a_steady_rate_is_steady_and_stops_within_its_lead() {
         for (a, b) in [(1, 1), (3, 5), (8, 8), (32, 2)] {

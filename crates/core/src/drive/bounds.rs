@@ -243,6 +243,20 @@ mod tests {
         }
     }
 
+    /// Constant speed is neither acceleration nor jerk, however many blocks are examined.
+    #[test]
+    fn a_straight_path_requires_its_speed_alone() {
+        let limits = RateLimits::new(11, 58_982, [AXIS]).expect("valid");
+        for (reach, speed) in (0..120).flat_map(|reach| [(reach, 100), (reach, -3000)]) {
+            let strip = Strip { low: 0, records: vec![(speed, 16); 200] };
+            let ahead = DirectedWindow { at: Place::start_of(RecordIndex::new(40)), sign: 1, window: &strip };
+            let bounds = IncrementBounds::over(&limits, &ahead, Distance::records(reach)).axes[0];
+            assert_eq!((bounds.acceleration, bounds.jerk), (0, 0), "{reach}");
+            let pulses = u64::from(speed.unsigned_abs()) << 32;
+            assert!((pulses..pulses + (1 << 32)).contains(&bounds.velocity), "{reach}: {bounds:?}");
+        }
+    }
+
     /// Where the window ends, what follows may accelerate as the plan may: four blocks that are held still count, three
     /// do not.
     #[test]
