@@ -334,9 +334,13 @@ fn small_holes_are_slow_and_over_cut_whatever_they_are_written_with() {
     assert_eq!(order, ["on", "arc", "allowed false", "arc", "off", "allowed true", "off"]);
     let long = steps(&format!("#<holes> = 2\n#<oclength> = 6\n{hole}"));
     assert!((arcs(&long)[1].0 - (10.0 + 6.0 * 1.0_f64.cos())).abs() < 1e-9);
+    let clockwise = steps(&format!("#<holes> = 2\n{}", hole.replace("G3", "G2")));
+    let tail = arcs(&clockwise)[1];
+    assert!((tail.1 + 6.0 * angle.sin()).abs() < 1e-9 && tail.2 == -1, "{tail:?}");
     // The program continues from the end of its own circle.
     let next = steps(&format!("#<holes> = 2\n{}", hole.replace("M5\nG0 X0", "G3 X22 I3\nG91 G1 X1\nM5")));
-    assert!(has(&next, &Canon::StraightFeed(Pose::xyz(16.0, 0.0, 0.0))), "back to it before an arc: {next:?}");
+    let back = next.iter().filter(|canon| **canon == Canon::StraightFeed(Pose::xyz(16.0, 0.0, 0.0))).count();
+    assert_eq!(back, 2, "to the hole, and back to its end before an arc: {next:?}");
     assert!(has(&next, &Canon::StraightFeed(Pose::xyz(23.0, 0.0, 0.0))));
 }
 
