@@ -188,8 +188,20 @@ pub fn machine_text(path: Option<&Path>) -> Result<String, NumberedError> {
 pub fn machine(path: Option<&Path>) -> Result<MachineConfig, NumberedError> {
     match path {
         None => MachineConfig::built_in(),
-        Some(path) => MachineConfig::parse(&written_machine_text(path)?, &path.display().to_string()),
+        Some(path) => {
+            with_materials(MachineConfig::parse(&written_machine_text(path)?, &path.display().to_string())?, path)
+        }
     }
+}
+
+/// The machine with the material table that one of its cutters names, beside the machine file at `path`.
+///
+/// # Errors
+/// The table cannot be read or has errors.
+pub fn with_materials(machine: MachineConfig, path: &Path) -> Result<MachineConfig, NumberedError> {
+    let Some(file) = machine.material_file() else { return Ok(machine) };
+    let file = path.parent().unwrap_or(Path::new("")).join(file);
+    machine.with_materials(text(&file, "material table")?, file.display().to_string())
 }
 
 /// Text of a machine file that is not empty.

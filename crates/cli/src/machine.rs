@@ -54,7 +54,10 @@ pub fn run(args: &args::Machine) -> Result<u8, CommandFailure> {
 }
 
 /// Writes a new file, or prints the text if no file is named.
-fn write_or_print(text: &str, output: Option<&Path>) -> Result<(), CommandFailure> {
+///
+/// # Errors
+/// `E2105`: it cannot be written, or exists.
+pub fn write_or_print(text: &str, output: Option<&Path>) -> Result<(), NumberedError> {
     let Some(path) = output else {
         crate::out::line(text.trim_end());
         return Ok(());
@@ -72,6 +75,13 @@ fn write_or_print(text: &str, output: Option<&Path>) -> Result<(), CommandFailur
 fn check(path: &Path, card: Option<&str>, json: bool) -> Result<u8, CommandFailure> {
     let name = path.display().to_string();
     let MachineCheck { mut errors, machine } = MachineConfig::check_machine(&files::written_machine_text(path)?, &name);
+    let machine = machine.and_then(|machine| match files::with_materials(machine, path) {
+        Ok(machine) => Some(machine),
+        Err(refusal) => {
+            errors.push(refusal);
+            None
+        }
+    });
     let mut warnings = machine.as_ref().map_or_else(Vec::new, |machine| warnings(machine, &name));
     if let (Some(address), Some(machine)) = (card.filter(|&card| card != "sim"), &machine) {
         let card = linked_card::find::<{ linked_card::MAX_AXES }>(address)?;

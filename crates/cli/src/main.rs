@@ -39,6 +39,7 @@ mod machine;
 mod machine_tables;
 mod manual;
 mod manual_inputs;
+mod materials;
 mod operate;
 mod program;
 mod program_check;
@@ -80,6 +81,7 @@ fn main() -> ExitCode {
         Command::Jog(args) => manual::jog(&args),
         Command::Mdi(args) => manual::mdi(&args),
         Command::Machine(args) => machine::run(&args),
+        Command::Materials(args) => materials::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::Jobs(args) => jobs::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::Size(args) => size::run(&args).map_err(CommandFailure::from).map(|()| 0),
         Command::ShellFiles(args) => shell_files::run(&args).map_err(CommandFailure::from).map(|()| 0),

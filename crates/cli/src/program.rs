@@ -76,6 +76,11 @@ impl Program {
         let (mut program, notes) = Self::open_with_notes(reading, setup_for(machine), arrives, latched)?;
         notes.iter().for_each(|note| eprintln!("note: {note}"));
         program.opening.serial = machine.serial;
+        program.files.extend(machine.materials.as_ref().map(|materials| ReadFile {
+            role: FileRole::Materials,
+            path: files::absolute(Path::new(&materials.path)),
+            hash: FileHash::of(materials.text.as_bytes()),
+        }));
         match &program.arrives {
             Some(StreamSource::Serial(address)) => _ = serial_source::parse(address, machine.serial)?,
             Some(StreamSource::Socket(address)) if socket::is_remote(address) => eprintln!(
@@ -196,7 +201,10 @@ impl Program {
         let without_tables = Reading { tools: None, params: None, machine_tables: None, ..reading.clone() };
         let (mut other, _) =
             Self::open_with_notes(&without_tables, setup, StreamSource::named(&reading.program), None)?;
-        let tables = self.files.iter().filter(|file| matches!(file.role, FileRole::Tools | FileRole::Parameters));
+        let tables = self
+            .files
+            .iter()
+            .filter(|file| matches!(file.role, FileRole::Tools | FileRole::Parameters | FileRole::Materials));
         other.files.extend(tables.cloned());
         let Self { has_tool_table, has_tool_lengths, .. } = *self;
         other.opening.serial = self.opening.serial;

@@ -4,7 +4,7 @@
 //! with the journal and the operator has confirmed.
 
 use std::cell::Cell;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{
@@ -116,7 +116,7 @@ fn newest(jobs: &JobStore) -> Result<JobFolder, NumberedError> {
 fn machine(job: &JobHeader) -> Result<MachineConfig, NumberedError> {
     let machine = match &job.machine.path {
         None => MachineConfig::built_in()?,
-        Some(path) => MachineConfig::parse(&job.machine.text, path)?,
+        Some(path) => files::with_materials(MachineConfig::parse(&job.machine.text, path)?, Path::new(path))?,
     };
     Ok(machine.standing_at(&job.counts))
 }
@@ -532,6 +532,7 @@ fn role_name(role: FileRole) -> &'static str {
         FileRole::Tools => "tool table",
         FileRole::Parameters => "parameter file",
         FileRole::Ini => "INI file",
+        FileRole::Materials => "material table",
     }
 }
 

@@ -11,6 +11,9 @@ use crate::cutter_start::{CutterProof, CutterRestart, CutterStart};
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
 
+/// Highest number of a spindle behind `$`.
+const MAX_SPINDLE: u8 = 7;
+
 /// Kind of a cutter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -43,6 +46,25 @@ impl CutterKind {
     }
 }
 
+/// Treatment of Z words of a program (CUT-16).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ZWords {
+    /// The cut cycle rules the height; the words of straight moves and arcs have no effect.
+    Ignored,
+    /// The program rules the height.
+    Obeyed,
+}
+
+/// Sensing of the sheet, `sense` of a `[[cutter]]`.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct SenseSection {
+    /// Travel of the float switch between the contact with the sheet and its opening, in mm.
+    #[schemars(range(min = 0.0, max = 50.0))]
+    float_travel_mm: f64,
+}
+
 /// A cutter, `[[cutter]]`.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -63,6 +85,17 @@ pub(crate) struct CutterSection {
     /// Output of the abrasive.
     #[schemars(range(max = 64))]
     abrasive: Option<u8>,
+    /// Number behind `$` with which M3, M4 and M5 address the cutter; 0 by default where `fire` is 64.
+    #[schemars(range(max = 7))]
+    spindle: Option<u8>,
+    /// File of the material table, relative to the machine file. One cutter at most has a table.
+    materials: Option<String>,
+    /// Z words of a program: obeyed, or ignored because the cut cycle rules the height. Ignored by default for a torch
+    /// or a beam with a material table.
+    z_words: Option<ZWords>,
+    /// Finding the sheet before a pierce.
+    #[serde(default)]
+    sense: SenseSection,
     /// Maximum time on while the machine is at rest, in ms.
     #[schemars(range(min = 0.0, max = 5000.0))]
     standing_ms: Option<f64>,
@@ -97,6 +130,14 @@ pub struct CutterConfig {
     pub assist: Option<u8>,
     /// Channel of its abrasive, if any.
     pub abrasive: Option<u8>,
+    /// Number behind `$` in M3, M4 and M5, if it has one.
+    pub spindle: Option<u8>,
+    /// File of its material table as written, relative to the machine file; if any.
+    pub materials: Option<String>,
+    /// Treatment of a program's Z words.
+    pub z_words: ZWords,
+    /// Travel of its float switch, mm.
+    pub float_travel_mm: f64,
     /// Time for which it may be on while the machine is at rest, ms. Not used for markers and spindles.
     pub standing_ms: f64,
     /// Whether it may be on while the path is retraced. Jets only.
@@ -111,6 +152,32 @@ pub struct CutterConfig {
     pub restart: CutterRestart,
 }
 
+impl CutterSection {
+    /// The cutter with its defaults; its figures are in their ranges.
+    fn checked(self, standing_ms: f64) -> CutterConfig {
+        let Self { name, kind, fire, arm, assist, abrasive, materials, retrace_cut, rapid_lit, .. } = self;
+        let rules_height = matches!(kind, CutterKind::Torch | CutterKind::Beam) && materials.is_some();
+        CutterConfig {
+            name,
+            kind,
+            fire,
+            arm,
+            assist,
+            abrasive,
+            spindle: self.spindle.or((fire == channel::SPINDLE).then_some(0)),
+            materials,
+            z_words: self.z_words.unwrap_or(if rules_height { ZWords::Ignored } else { ZWords::Obeyed }),
+            float_travel_mm: self.sense.float_travel_mm,
+            standing_ms,
+            retrace_cut,
+            rapid_lit,
+            proof: self.ok,
+            start: self.start,
+            restart: self.restart,
+        }
+    }
+}
+
 impl CutterConfig {
     /// Cutter of a channel that `cutting_outputs` names and no table describes: a torch on M3's channel, else a jet.
     fn of_channel(fire: u8) -> Self {
@@ -119,6 +186,7 @@ impl CutterConfig {
             _ => (format!("output {fire}"), CutterKind::Jet),
         };
         let standing_ms = kind.usual_standing_ms();
+        let spindle = (fire == channel::SPINDLE).then_some(0);
         Self {
             name,
             kind,
@@ -126,6 +194,10 @@ impl CutterConfig {
             arm: None,
             assist: None,
             abrasive: None,
+            spindle,
+            materials: None,
+            z_words: ZWords::Obeyed,
+            float_travel_mm: 0.0,
             standing_ms,
             retrace_cut: false,
             rapid_lit: false,
@@ -197,22 +269,15 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         cutter.start.check(&cutter.name)?;
         cutter.restart.check(&cutter.name)?;
         cutter.ok.map_or(Ok(()), |proof| proof.check(&cutter.name))?;
-        let CutterSection { name, kind, fire, arm, assist, abrasive, retrace_cut, rapid_lit, start, .. } = cutter;
-        let (proof, restart) = (cutter.ok, cutter.restart);
-        cutters.push(CutterConfig {
-            name,
-            kind,
-            fire,
-            arm,
-            assist,
-            abrasive,
-            standing_ms,
-            retrace_cut,
-            rapid_lit,
-            proof,
-            start,
-            restart,
-        });
+        let float_travel_mm = cutter.sense.float_travel_mm;
+        within(&format!("cutter {}: sense.float_travel_mm", cutter.name), float_travel_mm, 0.0, 50.0)?;
+        if cutter.spindle.is_some_and(|number| number > MAX_SPINDLE) {
+            return refuse("there is no such spindle", "a number from 0 to 7, as in M3 $1");
+        }
+        if cutter.materials.as_ref().is_some_and(|file| file.trim().is_empty()) {
+            return refuse("materials is empty", "the name of a file, such as \"materials.toml\"");
+        }
+        cutters.push(cutter.checked(standing_ms));
     }
     for &fire in cutting_outputs {
         if !cutters.iter().any(|cutter| cutter.fire == fire) {
@@ -239,6 +304,15 @@ fn unique(cutters: &[CutterConfig]) -> Result<(), NumberedError> {
         if cutters[..at].iter().any(|other| other.name == cutter.name) {
             let what = format!("[[cutter]] {}: the name is used twice", cutter.name);
             return Err(NumberedError::new("E2112", what, "each cutter needs a name of its own"));
+        }
+        let same = |other: &&CutterConfig| cutter.spindle.is_some() && other.spindle == cutter.spindle;
+        if let Some(other) = cutters[..at].iter().find(same) {
+            let what = format!("[[cutter]] {}: cutter {} has the same spindle", cutter.name, other.name);
+            return Err(NumberedError::new("E2112", what, "each cutter needs a number of its own behind $"));
+        }
+        if cutter.materials.is_some() && cutters[..at].iter().any(|other| other.materials.is_some()) {
+            let what = format!("[[cutter]] {}: another cutter has materials, too", cutter.name);
+            return Err(NumberedError::new("E2112", what, "one material table serves the whole machine"));
         }
         let fire = std::iter::once((cutter.fire, "fire"));
         for (channel, what) in fire.chain(cutter.auxiliaries()) {

@@ -1,4 +1,5 @@
-//! The machine file of retrace: axes, limits, card settings, switching codes, cutters, homing and serial lines.
+//! The machine file of retrace: axes, limits, card settings, switching codes, cutters, homing and serial lines; and the
+//! table of the materials that it cuts.
 //!
 //! ```text
 //!  TOML text ─> machine_file ─> axis, cutter, card_config, ─> MachineConfig ─> limits, card_settings, rate_limits
@@ -37,7 +38,10 @@ mod machine_check;
 mod machine_config;
 mod machine_file;
 mod manual_config;
+mod material;
+mod material_table;
 mod numbered_error;
+mod qtplasmac_file;
 mod rate_limits;
 mod serial;
 mod switching;
@@ -46,13 +50,15 @@ mod value_range;
 pub use axis::{AXIS_LETTERS, AxisConfig, HomeConfig};
 pub use card_config::CardConfig;
 pub use channel_names::{ChannelNames, channel_name};
-pub use cutter::{CutterConfig, CutterKind};
+pub use cutter::{CutterConfig, CutterKind, ZWords};
 pub use cutter_start::{CutterProof, CutterRestart, CutterStart};
 pub use machine_changes::machine_changes;
 pub use machine_check::MachineCheck;
-pub use machine_config::MachineConfig;
+pub use machine_config::{MachineConfig, MaterialFile};
 pub use machine_file::{RetraceOutputs, ToolChange, WheelSettings, machine_file_schema};
 pub use manual_config::ManualConfig;
+pub use material::{FIRST_TEMPORARY_MATERIAL, MaterialConfig, MaterialUnits};
+pub use material_table::MaterialTable;
 pub use numbered_error::{NumberedError, nearest};
 pub use rate_limits::{IN_FLIGHT_RECORDS, StoppingTimes};
 pub use serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};

@@ -4,6 +4,7 @@
 //! rate law fits the card.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use retrace_core::limits::RateLimits;
 use retrace_link::{HomingCommand, InputWait, OutputChange};
@@ -15,10 +16,22 @@ use crate::channel_names::{self, ChannelNames};
 use crate::cutter::{self, CutterConfig};
 use crate::machine_file::{MachineFile, OutputSection, RetraceOutputs, ToolChange};
 use crate::manual_config::{ManualConfig, Written};
+use crate::material_table::MaterialTable;
 use crate::numbered_error::NumberedError;
 use crate::rate_limits::{self, IN_FLIGHT_RECORDS, StoppingTimes};
 use crate::serial::SerialSettings;
 use crate::switching::SwitchingTable;
+
+/// A material table with the file that it was read from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MaterialFile {
+    /// Path of the file, for messages and for the journal.
+    pub path: String,
+    /// Text of the file.
+    pub text: String,
+    /// Its materials.
+    pub table: MaterialTable,
+}
 
 /// Configuration of a machine, checked.
 #[derive(Clone, Debug)]
@@ -47,6 +60,8 @@ pub struct MachineConfig {
     pub retrace_outputs: RetraceOutputs,
     /// Its cutters.
     pub cutters: Vec<CutterConfig>,
+    /// The material table that a cutter names, once [`MachineConfig::with_materials`] has set it.
+    pub materials: Option<Arc<MaterialFile>>,
     /// Output channels that cut: the fire channels of torches, jets and beams. Rapid retrace only while they are off.
     pub cutting_outputs: Vec<u8>,
     /// Tool change: automatic or manual.
@@ -81,6 +96,23 @@ impl MachineConfig {
             *mm = axis.mm_of(count);
         }
         self
+    }
+
+    /// The file that a cutter names as its material table, relative to the machine file; `None` where no cutter has
+    /// one.
+    #[must_use]
+    pub fn material_file(&self) -> Option<&str> {
+        self.cutters.iter().find_map(|cutter| cutter.materials.as_deref())
+    }
+
+    /// Sets the text of the material table, which was read from `path`.
+    ///
+    /// # Errors
+    /// See [`MaterialTable::parse`].
+    pub fn with_materials(mut self, text: String, path: String) -> Result<Self, NumberedError> {
+        let table = MaterialTable::parse(&text, &path)?;
+        self.materials = Some(Arc::new(MaterialFile { path, text, table }));
+        Ok(self)
     }
 
     /// Position at which a job begins, with `A` axes.
@@ -155,6 +187,7 @@ impl MachineConfig {
             setting_up,
             retrace_outputs: file.retrace_outputs,
             cutters,
+            materials: None,
             cutting_outputs,
             tool_change: file.tool_change,
             output_names,
@@ -209,6 +242,21 @@ impl MachineConfig {
             0 => (0, cutter.end_of_cut(self.period_us)),
             _ => cutter.start_of_cut(pierce_s.unwrap_or(cutter.start.pierce_s), self.period_us),
         }
+    }
+
+    /// The channel that M3, M4 and M5 with this number behind `$` switch; `None` where no cutter has the number.
+    #[must_use]
+    pub fn spindle_channel(&self, spindle: u8) -> Option<u8> {
+        let cutter = self.cutters.iter().find(|cutter| cutter.spindle == Some(spindle));
+        cutter.map(|cutter| cutter.fire).or((spindle == 0).then_some(retrace_link::channel::SPINDLE))
+    }
+
+    /// Whether this tool of a program is a cutter on the head, which needs no change: its number is that of the cutter
+    /// behind `$`, and the machine has a material table.
+    #[must_use]
+    pub fn is_on_head(&self, tool: u32) -> bool {
+        let is_tool = |cutter: &CutterConfig| cutter.spindle.is_some_and(|number| u32::from(number) == tool);
+        self.material_file().is_some() && self.cutters.iter().any(is_tool)
     }
 
     /// Channels that are kept off in a dry run: fire, arm, assist and abrasive of every cutter. Empty otherwise.

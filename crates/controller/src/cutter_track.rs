@@ -64,6 +64,11 @@ impl CutterTrack {
         }
     }
 
+    /// Whether the program has switched the cutter of this channel on.
+    pub(crate) fn is_lit(&self, machine: &MachineConfig, channel: u8) -> bool {
+        machine.cutters.iter().zip(&self.lit).any(|(cutter, &lit)| cutter.fire == channel && lit)
+    }
+
     /// Records that the program switches these outputs.
     pub(crate) fn record_switching(&mut self, machine: &MachineConfig, changes: &[OutputChange]) {
         for (at, cutter) in machine.cutters.iter().enumerate() {

@@ -39,6 +39,7 @@ mod limit_check;
 mod limit_monitor;
 mod manual;
 mod manual_move;
+mod material_figures;
 mod mdi;
 mod motion_sink;
 mod operator;

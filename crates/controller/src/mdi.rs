@@ -14,13 +14,15 @@ use retrace_gcode::{
 use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::check_finding::CheckFinding;
 use crate::job;
+use crate::material_figures::cutting_setup;
 
 /// Interpreter setup of a machine in millimetres at its current position.
 #[must_use]
 pub fn interpreter_setup(machine: &MachineConfig) -> Setup {
     let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
     let user_codes = machine.switching.user_codes().fold(UserCodes::default(), UserCodes::with);
-    Setup { axes: AxisSet::from_axes(&axes), user_codes, position: position(machine), ..Setup::default() }
+    let cutting = cutting_setup(machine);
+    Setup { axes: AxisSet::from_axes(&axes), user_codes, cutting, position: position(machine), ..Setup::default() }
 }
 
 /// Position of the machine, mm and degrees, machine coordinates.

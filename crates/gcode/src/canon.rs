@@ -6,6 +6,8 @@
 
 use crate::block_number::BlockNumber;
 use crate::canon_modes::{FeedMode, LengthUnit, PathControl, Plane, Probing};
+use crate::cutting::CuttingSwitch;
+use crate::material::Material;
 use crate::pose::Pose;
 use crate::spline::Nurbs;
 use crate::tool::Tool;
@@ -100,9 +102,12 @@ pub enum Canon {
     Dwell(f64),
     /// Sets the spindle speed in turns per minute, at least 0.
     SetSpindleSpeed(f64),
-    StartSpindleClockwise,
-    StartSpindleCounterclockwise,
-    StopSpindleTurning,
+    /// Starts the spindle or cutter of this number (`$`; M3). 0 is the spindle of a program without `$`.
+    StartSpindleClockwise(u8),
+    /// M4.
+    StartSpindleCounterclockwise(u8),
+    /// M5.
+    StopSpindleTurning(u8),
     /// Selects constant surface speed with this maximum in turns per minute; 0 selects constant speed (G97).
     SetSpindleMode(f64),
     /// Turns the spindle to an angle and holds it there. Direction: 0 the shortest, 1 and 2 as in M19, 2 and 3 as in
@@ -184,6 +189,16 @@ pub enum Canon {
         number: u8,
         p: Option<f64>,
         q: Option<f64>,
+    },
+    /// The material of the following contours: from M190, from a comment `(o=0, …)`, and at the beginning of a program.
+    /// Only on a machine with a material table.
+    SelectMaterial(Arc<Material>),
+    /// Allows or forbids a function of the cut cycle (M62 to M65 with P1 to P3 on a machine with a material table).
+    SetCutting(CuttingSwitch, bool),
+    /// M159: figure 601 to 609 of a moving pierce.
+    SetPierceValue {
+        number: u16,
+        value: f64,
     },
     /// The straight move that follows ends at machine coordinates, on the axes that it moves (G53, G28, G30).
     MachineCoordinates,

@@ -155,6 +155,13 @@ fn call(out: &mut TextBuffer, canon: &Canon) -> io::Result<()> {
             out.push_fixed(b"RIGID_TAP(");
             push_numbers(out, end)
         }
+        Canon::StartSpindleClockwise(spindle) => write!(out, "START_SPINDLE_CLOCKWISE({spindle})"),
+        Canon::StartSpindleCounterclockwise(spindle) => write!(out, "START_SPINDLE_COUNTERCLOCKWISE({spindle})"),
+        Canon::StopSpindleTurning(spindle) => write!(out, "STOP_SPINDLE_TURNING({spindle})"),
+        // These three are retrace's own.
+        Canon::SelectMaterial(material) => write!(out, "SELECT_MATERIAL({}, \"{}\")", material.number, material.name),
+        Canon::SetCutting(switch, on) => write!(out, "SET_CUTTING({switch:?}, {})", u8::from(*on)),
+        Canon::SetPierceValue { number, value } => write!(out, "SET_PIERCE_VALUE({number}, {value:.6})"),
         Canon::SelectTool(tool) => write!(out, "SELECT_TOOL({tool})"),
         Canon::ChangeToolNumber { index, .. } => write!(out, "CHANGE_TOOL_NUMBER({index})"),
         Canon::UseToolLengthOffset(offset) => tool_offset(out, offset),
@@ -184,9 +191,6 @@ const fn plain_name(canon: &Canon) -> &'static str {
         Canon::OnReset => "ON_RESET()",
         Canon::Finish => "FINISH()",
         Canon::SetFeedReference => "SET_FEED_REFERENCE(CANON_XYZ)",
-        Canon::StartSpindleClockwise => "START_SPINDLE_CLOCKWISE(0)",
-        Canon::StartSpindleCounterclockwise => "START_SPINDLE_COUNTERCLOCKWISE(0)",
-        Canon::StopSpindleTurning => "STOP_SPINDLE_TURNING(0)",
         Canon::StopSpeedFeedSynch => "STOP_SPEED_FEED_SYNCH()",
         Canon::StartChange => "START_CHANGE()",
         Canon::TurnProbeOn => "TURN_PROBE_ON()",

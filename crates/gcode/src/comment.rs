@@ -7,6 +7,7 @@ use crate::canon::Canon;
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::eval::{EQUAL, Environment};
+use crate::material_comment::MaterialComment;
 use crate::params::Names;
 use crate::params::Reference;
 use std::fmt::Write as _;
@@ -28,6 +29,8 @@ pub(crate) enum Comment {
     /// Written to the log file.
     Log(Arc<[CommentPart]>),
     LogClose,
+    /// Declares a material; only on a machine with a material table.
+    Material(Arc<MaterialComment>),
     /// Ends the program with an error.
     Abort(Arc<[CommentPart]>),
 }
@@ -90,6 +93,7 @@ impl Comment {
     pub(crate) fn canon(&self, environment: &impl Environment, show_debug: bool) -> BlockResult<Option<Canon>> {
         Ok(Some(match self {
             Comment::Plain(text) => Canon::Comment(Arc::clone(text)),
+            Comment::Material(material) => Canon::Comment(Arc::clone(&material.text)),
             Comment::Message(text) => Canon::Message(Arc::clone(text)),
             Comment::Debug(pieces) if show_debug => Canon::Message(expand(pieces, environment)),
             Comment::Debug(_) => return Ok(None),

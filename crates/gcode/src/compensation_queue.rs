@@ -111,9 +111,12 @@ impl CompensationQueue {
                 | Canon::MistOff
                 | Canon::FloodOn
                 | Canon::FloodOff
-                | Canon::StartSpindleClockwise
-                | Canon::StartSpindleCounterclockwise
-                | Canon::StopSpindleTurning
+                | Canon::StartSpindleClockwise(_)
+                | Canon::StartSpindleCounterclockwise(_)
+                | Canon::StopSpindleTurning(_)
+                | Canon::SelectMaterial(_)
+                | Canon::SetCutting(..)
+                | Canon::SetPierceValue { .. }
                 | Canon::SetSpindleMode(_)
                 | Canon::SetSpindleSpeed(_)
                 | Canon::OrientSpindle { .. }

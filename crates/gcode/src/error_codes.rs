@@ -361,6 +361,14 @@ retrace_cycles::error_codes! {
         "An entry of the INI file changes how programs are read, and is not supported."
         "Remove the entry, or run the program without the INI file.";
 
+    NoSuchMaterial "E1733" "no such material"
+        "M190 names a material that neither the material table nor a comment of the program has."
+        "Add the material to the table, or correct the number; M190 P-1 selects the default.";
+    BadMaterialComment "E1734" "material comment not understood"
+        "A comment that begins with o=0, o=1 or o=2 declares a material, and one of its items is unknown, missing or \
+        out of range."
+        "Write (o=0, na=name, ph=…, pd=…, ch=…, fr=…); o=1 and o=2 need nu=number, too.";
+
     BadControl "E1801" "O word not understood"
         "The line does not have the form of an O word: label, keyword, values in brackets."
         "Write lines such as O100 if [#1 GT 0]; by number or by name.";
@@ -454,6 +462,17 @@ retrace_cycles::error_codes! {
     CycleWarning "W1003" "cycle warns"
         "A cycle has arguments that are legal but suspicious."
         "The message has the details; docs/cycles.md lists the alarms.";
+    FeedOfMaterial "W1005" "feed rate differs from the material's"
+        "An F word differs by more than 1 from the feed rate of the material in force."
+        "Write F#<_hal[plasmac.cut-feed-rate]>, or select the material that was meant (M190).";
+    ZIgnored "W1006" "Z words are ignored"
+        "The cut cycle rules the height of this cutter, so Z words of straight moves and arcs have no effect. This is \
+        reported once for each program."
+        "Nothing, if the program is written for such a cutter; otherwise set z_words = \"obeyed\" in its [[cutter]] \
+        table, or #<keep-z-motion> = 1 in the program.";
+    SmallShare "W1007" "very small share of the feed rate"
+        "M67 E3 or M68 E3 sets a share below 10 %, which other controls raise to 10 %."
+        "Check the Q word.";
     SpindleWithoutSpeed "W1002" "spindle started without a speed"
         "M3 or M4 is executed while the spindle speed is zero."
         "Give an S word first.";

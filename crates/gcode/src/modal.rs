@@ -7,6 +7,7 @@ use crate::angle::rotate;
 use crate::canon_modes::{FeedMode, LengthUnit, PathControl, Plane};
 use crate::compensation::Compensation;
 use crate::compensation_queue::CompensationQueue;
+use crate::cutting::CuttingState;
 use crate::drilling_cycle::DrillingSeries;
 use crate::modal_groups::{ArcCentres, DistanceMode, MotionMode, SpindleRotation};
 use crate::pose::{Axis, Pose};
@@ -85,6 +86,8 @@ pub struct ModalState {
     pub selected_tool: u32,
     /// Tool in the spindle; 0 is none.
     pub current_tool: u32,
+    /// Cutting: material, share of the feed rate, small holes. Initial on a machine without a material table.
+    pub cutting: CuttingState,
     /// Return value of the last subprogram.
     pub returned_value: Option<f64>,
     /// Number of open calls of subprograms.
@@ -140,6 +143,7 @@ impl ModalState {
             feed_hold: true,
             selected_tool: 0,
             current_tool: 0,
+            cutting: CuttingState::default(),
             returned_value: None,
             call_level: 0,
             lathe_diameter: false,

@@ -2,8 +2,10 @@
 //!
 //! Invariant: numbered parameters 1 … 5601 always have a value; a named one has a value from its first assignment.
 
+use crate::cutting::HalValue;
 use crate::diag::{BlockResult, Diagnostic, Span, fault};
 use crate::error_codes::ErrorCode;
+use crate::nearest::nearest;
 use crate::system::SystemParameter;
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -66,6 +68,8 @@ pub(crate) struct Names {
     texts: Vec<Box<str>>,
     /// Names with fixed values.
     fixed: HashMap<Box<str>, f64>,
+    /// Whether `_hal[…]` names are values of the plasma controller: the machine has a material table.
+    has_hal: bool,
     /// Buffer for the name being looked up, retained to avoid allocation.
     plain: String,
     /// Cache of the last names as written; empty before the first.
@@ -100,6 +104,11 @@ impl Names {
     pub(crate) fn with_fixed(self, values: &[(String, f64)]) -> Names {
         let fixed = values.iter().map(|(name, value)| (name.as_str().into(), *value)).collect();
         Names { fixed, recent: Vec::new(), ..self }
+    }
+
+    /// Makes `_hal[…]` names values of the plasma controller.
+    pub(crate) fn with_hal(self, has_hal: bool) -> Names {
+        Names { has_hal, recent: Vec::new(), ..self }
     }
 
     /// Returns the parameter that `#<text>` names.
@@ -147,6 +156,11 @@ impl Names {
         if let Some(value) = self.fixed.get(name.as_str()) {
             return Ok(Reference::System(SystemParameter::Fixed(*value)));
         }
+        if self.has_hal
+            && let Some(pin) = name.strip_prefix("_hal[")
+        {
+            return hal_value(pin.trim_end_matches(']'), at);
+        }
         if let Some(id) = self.numbers.get(name.as_str()) {
             return Ok(Reference::Named(*id));
         }
@@ -174,6 +188,22 @@ impl Names {
     pub(crate) fn text(&self, id: NameId) -> &str {
         self.texts.get(id.index as usize).map_or("", |text| text)
     }
+}
+
+/// Returns the value of the plasma controller that `#<_hal[pin]>` names.
+///
+/// # Errors
+/// E1302 for an unknown one.
+fn hal_value(pin: &str, at: Span) -> BlockResult<Reference> {
+    let names = || HalValue::NAMES.iter().map(|(name, _)| *name);
+    if let Some((_, value)) = HalValue::NAMES.iter().find(|(name, _)| *name == pin) {
+        return Ok(Reference::System(SystemParameter::Hal(*value)));
+    }
+    let message = match nearest(pin, names()) {
+        Some(near) => format!("#<_hal[{pin}]> is not known; did you mean #<_hal[{near}]>?"),
+        None => format!("#<_hal[{pin}]> is not known; known are {}", names().collect::<Vec<_>>().join(", ")),
+    };
+    fault(ErrorCode::ParameterUndefined, at, message)
 }
 
 /// The values of all parameters.

@@ -17,6 +17,7 @@ use crate::expr::{Compiler, Operand};
 use crate::lex::Cursor;
 use crate::line_split::MAX_LINE_LENGTH;
 use crate::macro_words;
+use crate::material_comment::MaterialComment;
 use crate::params::Names;
 use crate::pose::{Axis, AxisSet};
 use crate::setup::Setup;
@@ -33,6 +34,8 @@ pub(crate) struct LineReader {
     pub(crate) cycles: Option<Arc<CycleLibrary>>,
     /// Whether M98, M99 and an O number alone are refused.
     pub(crate) disable_fanuc_subs: bool,
+    /// Whether the machine has a material table, so that comments may declare materials.
+    pub(crate) has_materials: bool,
     /// Line compiled last.
     pub(crate) block: NcBlock,
 }
@@ -40,15 +43,16 @@ pub(crate) struct LineReader {
 impl LineReader {
     pub(crate) fn new(axes: AxisSet, block_delete: bool, cycles: Option<Arc<CycleLibrary>>) -> LineReader {
         let (names, block) = (Names::default(), NcBlock::default());
-        LineReader { axes, block_delete, names, cycles, disable_fanuc_subs: false, block }
+        LineReader { axes, block_delete, names, cycles, disable_fanuc_subs: false, has_materials: false, block }
     }
 
     /// Creates the compiler for an interpreter with this setup, with the parameter names known so far.
     pub(crate) fn of(setup: &Setup) -> LineReader {
         let known = setup.snapshot.as_ref().map(|snapshot| snapshot.names.clone()).unwrap_or_default();
-        let names = known.with_fixed(&setup.fixed_values);
+        let names = known.with_fixed(&setup.fixed_values).with_hal(setup.cutting.is_some());
         let reader = LineReader::new(setup.axes, setup.block_delete, setup.cycles.clone());
-        LineReader { names, disable_fanuc_subs: setup.disable_fanuc_subs, ..reader }
+        let has_materials = setup.cutting.is_some();
+        LineReader { names, disable_fanuc_subs: setup.disable_fanuc_subs, has_materials, ..reader }
     }
 
     /// Compiles a line; false when it is deleted.
@@ -62,6 +66,9 @@ impl LineReader {
             return Ok(false);
         }
         parse(text, self.axes, &mut self.names, self.cycles.as_deref(), &mut self.block)?;
+        if self.has_materials {
+            self.compile_material_comment(text)?;
+        }
         if self.disable_fanuc_subs
             && let Some(control) = &self.block.control
             && matches!(control.keyword, Keyword::M98 | Keyword::M99 | Keyword::Start)
@@ -73,6 +80,18 @@ impl LineReader {
 }
 
 impl LineReader {
+    /// Replaces a comment that declares a material.
+    #[cold]
+    fn compile_material_comment(&mut self, text: &[u8]) -> BlockResult<()> {
+        let Some(Comment::Plain(comment)) = &self.block.comment else { return Ok(()) };
+        let start = text.iter().rposition(|byte| *byte == b'(').unwrap_or_default();
+        let end = text.iter().rposition(|byte| *byte == b')').map_or(text.len(), |end| end + 1);
+        if let Some(material) = MaterialComment::compile(comment, Span::new(start, end.max(start)))? {
+            self.block.comment = Some(Comment::Material(Arc::new(material)));
+        }
+        Ok(())
+    }
+
     /// Refuses U and W words of axes that the machine does not have.
     #[cold]
     pub(crate) fn check_increments(&self, words: &Words) -> BlockResult<()> {

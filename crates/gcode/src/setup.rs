@@ -3,6 +3,7 @@
 //! Invariant: a snapshot replaces the parameters and the tools.
 
 use crate::canon_modes::LengthUnit;
+use crate::cutting::CuttingSetup;
 use crate::modal::ModalState;
 use crate::modal_snapshot::{ModalSnapshot, StartTables};
 use crate::params::{Names, Parameters};
@@ -42,6 +43,8 @@ pub struct Setup {
     pub disable_fanuc_subs: bool,
     /// Named read-only parameters, such as the numbers of an INI file; names in lower case.
     pub fixed_values: Vec<(String, f64)>,
+    /// Cutters and materials; `None` for a machine without a material table.
+    pub cutting: Option<Arc<CuttingSetup>>,
     /// State that earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::continuing`] and
     /// [`Setup::following`].
     pub snapshot: Option<Arc<ModalSnapshot>>,
@@ -64,6 +67,7 @@ impl Default for Setup {
             orient_offset_degrees: 0.0,
             disable_fanuc_subs: false,
             fixed_values: Vec::new(),
+            cutting: None,
             snapshot: None,
         }
     }

@@ -37,13 +37,23 @@ impl SpindleTurn {
     #[must_use]
     pub const fn start(self) -> Canon {
         match self {
-            SpindleTurn::Clockwise => Canon::StartSpindleClockwise,
-            SpindleTurn::Counterclockwise => Canon::StartSpindleCounterclockwise,
+            SpindleTurn::Clockwise => Canon::StartSpindleClockwise(0),
+            SpindleTurn::Counterclockwise => Canon::StartSpindleCounterclockwise(0),
         }
     }
 }
 
 impl SpindleRotation {
+    /// Returns the canonical function that switches the spindle of this number so.
+    #[must_use]
+    pub const fn canon(self, spindle: u8) -> Canon {
+        match self {
+            SpindleRotation::Clockwise => Canon::StartSpindleClockwise(spindle),
+            SpindleRotation::Counterclockwise => Canon::StartSpindleCounterclockwise(spindle),
+            SpindleRotation::Stopped => Canon::StopSpindleTurning(spindle),
+        }
+    }
+
     /// Returns the direction, if the spindle turns.
     #[must_use]
     pub const fn turn(self) -> Option<SpindleTurn> {

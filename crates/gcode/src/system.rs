@@ -4,6 +4,7 @@
 
 use crate::canon_modes::{FeedMode, Plane, Probing};
 use crate::compensation::Side;
+use crate::cutting::HalValue;
 use crate::modal::ModalState;
 use crate::modal_groups::{ArcCentres, DistanceMode, MotionMode, SpindleRotation};
 use crate::pose::Axis;
@@ -54,6 +55,8 @@ pub(crate) enum SystemParameter {
     CurrentPocket,
     /// Pocket of the selected tool; -1 for none.
     SelectedPocket,
+    /// Value of the plasma controller; 0 on a machine without a material table.
+    Hal(HalValue),
 }
 
 impl SystemParameter {
@@ -120,6 +123,7 @@ impl SystemParameter {
             P::Position(axis) => state.position[axis],
             P::MachinePosition(axis) => state.machine_position()[axis],
             P::Fixed(value) => value,
+            P::Hal(_) => 0.0,
             P::Line => line.into(),
             P::MotionMode => match state.motion {
                 Some(MotionMode::Traverse) => 0.0,

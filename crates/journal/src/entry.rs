@@ -122,6 +122,8 @@ pub enum FileRole {
     Parameters,
     /// A LinuxCNC machine configuration.
     Ini,
+    /// The material table that the machine file names.
+    Materials,
 }
 
 /// A file that decoding has read.

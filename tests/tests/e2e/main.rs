@@ -13,6 +13,7 @@ mod feed_override;
 mod hand;
 mod jumps;
 #[cfg(unix)]
+mod materials;
 mod offsets;
 #[cfg(target_os = "linux")]
 mod output;

@@ -10,6 +10,7 @@ mod cycles;
 mod doctor;
 mod machine;
 mod manual;
+mod materials;
 mod reading;
 mod resume;
 mod run;
@@ -27,6 +28,7 @@ pub use self::cycles::{CycleFolders, Cycles, CyclesAction};
 pub use self::doctor::Doctor;
 pub use self::machine::{Machine, MachineKind};
 pub use self::manual::{Home, Jog, ManualOptions, Mdi};
+pub use self::materials::{Materials, Units};
 pub use self::reading::{MAX_CHECKED_LOOP_BLOCKS, Reading};
 pub use self::resume::{Jobs, JobsAction, Resume};
 pub use self::run::Run;
@@ -106,6 +108,13 @@ pub enum Command {
         after_help = "Examples:\n  retrace machine new -o mill.toml\n  retrace machine check examples/02-back-up.toml"
     )]
     Machine(Machine),
+    /// Import, export and list material tables.
+    #[command(
+        subcommand,
+        after_help = "Examples:\n  retrace materials import plasma_material.cfg --units mm --out materials.toml\n  \
+            retrace materials list materials.toml"
+    )]
+    Materials(Materials),
     /// Home the machine over the card's switches: one axis, or all in the machine file's order.
     #[command(
         after_help = "Examples:\n  retrace home --card /dev/ttyUSB0 --machine mill.toml\n  retrace home z --card \

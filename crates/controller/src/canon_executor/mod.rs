@@ -83,6 +83,12 @@ pub(crate) struct CanonExecutor<'m> {
     /// Whether the next straight move ends at machine coordinates.
     to_machine_coordinates: bool,
     selected_tool: u32,
+    /// Whether M62 P3 has forbidden the cutters.
+    is_cutter_forbidden: bool,
+    /// Pierce delay of the material, s; `None` without a material table.
+    pierce_s: Option<f64>,
+    /// Time at rest with the cutter on at the end of a cut, s; of the material.
+    pause_at_end_s: f64,
     cutters: CutterTrack,
 }
 
@@ -110,6 +116,9 @@ impl<'m> CanonExecutor<'m> {
             correction: None,
             to_machine_coordinates: false,
             selected_tool: 0,
+            is_cutter_forbidden: false,
+            pierce_s: None,
+            pause_at_end_s: 0.0,
             cutters: CutterTrack::new(machine),
         }
     }

@@ -4,7 +4,7 @@
 //! function.
 
 use retrace_config::{CodeClass, CodeSwitching, InReverse, ToolChange};
-use retrace_gcode::{Canon, FeedMode};
+use retrace_gcode::{Canon, CuttingSwitch, FeedMode};
 use retrace_link::{OutputChange, channel};
 
 use super::{CanonError, CanonExecutor};
@@ -20,9 +20,18 @@ impl CanonExecutor<'_> {
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
         match canon {
-            Canon::StartSpindleClockwise => self.switch("M3", channel::SPINDLE, 1, line, sink),
-            Canon::StartSpindleCounterclockwise => self.switch("M4", channel::SPINDLE, -1, line, sink),
-            Canon::StopSpindleTurning => self.switch("M5", channel::SPINDLE, 0, line, sink),
+            Canon::StartSpindleClockwise(spindle) => self.spindle("M3", *spindle, 1, line, sink),
+            Canon::StartSpindleCounterclockwise(spindle) => self.spindle("M4", *spindle, -1, line, sink),
+            Canon::StopSpindleTurning(spindle) => self.spindle("M5", *spindle, 0, line, sink),
+            Canon::SetCutting(CuttingSwitch::Cutter, allowed) => {
+                self.allow_cutter(*allowed, line, sink);
+                Ok(())
+            }
+            Canon::SelectMaterial(material) => {
+                self.pierce_s = Some(material.pierce_delay_s);
+                self.pause_at_end_s = material.pause_at_end_s;
+                Ok(())
+            }
             Canon::MistOn => self.switch("M7", channel::MIST, 1, line, sink),
             Canon::FloodOn => self.switch("M8", channel::FLOOD, 1, line, sink),
             Canon::MistOff => self.switch("M9", channel::MIST, 0, line, sink),
@@ -39,23 +48,18 @@ impl CanonExecutor<'_> {
                 if tool != was {
                     self.forget_entered_length();
                 }
+                if self.machine.is_on_head(*tool) && self.machine.is_on_head(*was) {
+                    // Both tools are on the head: nobody has to change anything, and it is no barrier to reverse run.
+                    sink.lasting_action(OutputChange { channel: channel::TOOL, value: *tool as i32 }, line);
+                    return Ok(());
+                }
                 self.change_tool(*tool, remark.as_deref(), line, sink)
             }
             Canon::SetMotionOutputBit(n) => self.switch_output("M62", digital(*n, 1)?, line, sink),
             Canon::ClearMotionOutputBit(n) => self.switch_output("M63", digital(*n, 0)?, line, sink),
             Canon::SetAuxOutputBit(n) => self.switch_output("M64", digital(*n, 1)?, line, sink),
             Canon::ClearAuxOutputBit(n) => self.switch_output("M65", digital(*n, 0)?, line, sink),
-            Canon::Dwell(seconds) => {
-                let periods = (seconds / self.machine.period_s()).ceil().clamp(0.0, f64::from(u32::MAX)) as u32;
-                let dwell = SwitchInstruction {
-                    line,
-                    kind: ExclusiveKind::Dwell,
-                    code: "G4",
-                    periods,
-                    ..SwitchInstruction::default()
-                };
-                Ok(sink.exclusive(dwell)?)
-            }
+            Canon::Dwell(seconds) => self.dwell(*seconds, "G4", line, sink),
             Canon::ProgramStop => {
                 let stop = SwitchInstruction {
                     line,
@@ -113,6 +117,8 @@ impl CanonExecutor<'_> {
             | Canon::TurnProbeOff
             | Canon::SetToolTableEntry { .. }
             | Canon::ReloadToolData
+            | Canon::SetCutting(..)
+            | Canon::SetPierceValue { .. }
             | Canon::LogOpen { .. }
             | Canon::Log(_)
             | Canon::LogClose
@@ -133,6 +139,62 @@ impl CanonExecutor<'_> {
             | Canon::SetNaivecamTolerance(_)
             | Canon::Message(_)
             | Canon::Print(_) => Ok(()),
+        }
+    }
+
+    /// M3, M4 and M5 of a spindle or cutter. One that is forbidden (M62 P3) is not lit.
+    fn spindle<const A: usize>(
+        &mut self,
+        code: &'static str,
+        spindle: u8,
+        value: i32,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let Some(channel) = self.machine.spindle_channel(spindle) else {
+            return Err(CanonError::NotSupported("a spindle that the machine file does not declare"));
+        };
+        let cuts = self.machine.cutter_of(channel).is_some_and(|cutter| cutter.kind.cuts_at_rest());
+        if value != 0 && cuts && self.is_cutter_forbidden {
+            return Ok(());
+        }
+        if value == 0 && cuts && self.pause_at_end_s > 0.0 && self.cutters.is_lit(self.machine, channel) {
+            self.dwell(self.pause_at_end_s, code, line, sink)?;
+        }
+        if channel == channel::SPINDLE {
+            return self.switch(code, channel, value, line, sink);
+        }
+        // The machine file describes the spindle's own output as M3; another output is switched as M64 and M65 do it.
+        let switching = self.machine.switching.code(if value == 0 { "M65" } else { "M64" });
+        self.execute_change(code, OutputChange { channel, value: value.abs() }, switching, line, sink)
+    }
+
+    fn dwell<const A: usize>(
+        &self,
+        seconds: f64,
+        code: &'static str,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let periods = (seconds / self.machine.period_s()).ceil().clamp(0.0, f64::from(u32::MAX)) as u32;
+        let kind = ExclusiveKind::Dwell;
+        Ok(sink.exclusive(SwitchInstruction { line, kind, code, periods, ..SwitchInstruction::default() })?)
+    }
+
+    /// M62 P3 to M65 P3 with a material table: a forbidden cutter goes off in passing. Allowed again, it stays off
+    /// until the next M3.
+    fn allow_cutter<const A: usize>(&mut self, allowed: bool, line: u32, sink: &mut impl MotionSink<A>) {
+        self.is_cutter_forbidden = !allowed;
+        if allowed {
+            return;
+        }
+        let machine = self.machine;
+        for cutter in machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest()) {
+            let change = OutputChange { channel: cutter.fire, value: 0 };
+            if self.cutters.is_lit(machine, cutter.fire) {
+                self.cutters.record_switching(machine, &[change]);
+                sink.action(change, line);
+            }
         }
     }
 
@@ -213,7 +275,7 @@ impl CanonExecutor<'_> {
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
         self.cutters.record_switching(self.machine, &[change]);
-        let (periods, until) = self.machine.cutter_switching(change, None);
+        let (periods, until) = self.machine.cutter_switching(change, self.pierce_s);
         let periods = switching.periods.saturating_add(periods);
         let switching = CodeSwitching { periods, until: switching.until.or(until), ..switching };
         match (switching.class, switching.in_reverse) {

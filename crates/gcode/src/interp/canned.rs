@@ -264,7 +264,7 @@ fn make_hole(
             let turn = required_direction(cycle, state, words)?;
             hole.feed_to(bottom);
             hole.emit.call(Canon::Dwell(dwell));
-            hole.emit.call(Canon::StopSpindleTurning);
+            hole.emit.call(Canon::StopSpindleTurning(0));
             if cycle == DrillingCycle::BoringManual {
                 hole.emit.call(Canon::ProgramStop);
             } else {
@@ -310,11 +310,11 @@ fn tap(
     hole.emit.call(Canon::DisableFeedOverride);
     hole.emit.call(Canon::DisableSpeedOverride);
     hole.feed_to(bottom);
-    hole.emit.call(Canon::StopSpindleTurning);
+    hole.emit.call(Canon::StopSpindleTurning(0));
     hole.emit.call(turn.opposite().start());
     hole.emit.call(Canon::Dwell(dwell));
     hole.feed_to(retract);
-    hole.emit.call(Canon::StopSpindleTurning);
+    hole.emit.call(Canon::StopSpindleTurning(0));
     hole.emit.call(turn.start());
     if state.feed_override {
         hole.emit.call(Canon::EnableFeedOverride);
@@ -341,14 +341,14 @@ fn bore_back(hole: &mut Hole<'_, '_>, given: &CycleWords, state: &ModalState, wo
     let orient = Canon::OrientSpindle { degrees: 0.0, mode: if turn == SpindleTurn::Clockwise { 2 } else { 3 } };
     hole.at[normal] = clearance;
     hole.traverse_over(off_axis.0, off_axis.1);
-    hole.emit.call(Canon::StopSpindleTurning);
+    hole.emit.call(Canon::StopSpindleTurning(0));
     hole.emit.call(orient.clone());
     hole.traverse_to(bottom);
     hole.traverse_over(on_axis.0, on_axis.1);
     hole.emit.call(turn.start());
     hole.feed_to(middle);
     hole.feed_to(bottom);
-    hole.emit.call(Canon::StopSpindleTurning);
+    hole.emit.call(Canon::StopSpindleTurning(0));
     hole.emit.call(orient);
     hole.traverse_over(off_axis.0, off_axis.1);
     hole.traverse_to(retract);

@@ -328,6 +328,7 @@ impl Caller<'_> {
         }
         let motion = check::determine_motion(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
+        self.core.check_spindle(words)?;
         self.core.execute(words, motion, &mut self.emit)?;
         if block.triggers
             && let Some((modal, machine)) = self.modal.take()

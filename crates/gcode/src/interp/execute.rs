@@ -10,7 +10,7 @@ use crate::angle::turned_xy;
 use crate::block::Words;
 use crate::canon::Canon;
 use crate::canon_modes::FeedMode;
-use crate::diag::{BlockResult, fault};
+use crate::diag::{BlockError, BlockResult, fault};
 use crate::error_codes::ErrorCode;
 use crate::eval::to_whole_number;
 use crate::groups::{GroupG, GroupM};
@@ -32,12 +32,17 @@ impl Core {
             && self.state.feed_mode != FeedMode::InverseTime
         {
             self.state.feed_rate = feed;
-            emit.call(Canon::SetFeedRate(feed));
+            emit.call(Canon::SetFeedRate(self.shared_rate()));
+            if self.cutting.is_some() && self.state.feed_mode == FeedMode::UnitsPerMinute {
+                self.compare_feed(feed, words.span(b'f'), emit);
+            }
         }
         if let Some(code) = words.g(GroupG::SpindleMode) {
             self.set_spindle_mode(code, words, emit);
         }
-        if let Some(speed) = words.get(b's') {
+        if let Some(speed) = words.get(b's')
+            && !self.ignores_speed(words)
+        {
             self.state.spindle_speed = speed;
             emit.call(Canon::SetSpindleSpeed(speed));
         }
@@ -129,8 +134,9 @@ impl Core {
 
     fn change_tool(&mut self, emit: &mut Emitter<'_>) {
         emit.call(Canon::StartChange);
-        emit.call(Canon::StopSpindleTurning);
+        emit.call(Canon::StopSpindleTurning(0));
         self.state.spindle = SpindleRotation::Stopped;
+        self.state.cutting.lit &= !1;
         let was = std::mem::replace(&mut self.state.current_tool, self.state.selected_tool);
         let tool = self.state.current_tool;
         let comment = self.tools.name(tool).map(Into::into);
@@ -160,19 +166,20 @@ impl Core {
     }
 
     fn spindle(&mut self, code: u8, words: &Words, emit: &mut Emitter<'_>) {
+        let has_speed = self.state.spindle_speed != 0.0 || self.ignores_speed(words);
+        if code != 5 && !has_speed {
+            emit.warning =
+                Some(Box::new(BlockError::plain(ErrorCode::SpindleWithoutSpeed, words.m_span(GroupM::Spindle))));
+        }
+        if self.switch_cutter(code, words, emit) {
+            return;
+        }
         self.state.spindle = match code {
             3 => SpindleRotation::Clockwise,
             4 => SpindleRotation::Counterclockwise,
             _ => SpindleRotation::Stopped,
         };
-        emit.call(match self.state.spindle {
-            SpindleRotation::Clockwise => Canon::StartSpindleClockwise,
-            SpindleRotation::Counterclockwise => Canon::StartSpindleCounterclockwise,
-            SpindleRotation::Stopped => Canon::StopSpindleTurning,
-        });
-        if self.state.spindle != SpindleRotation::Stopped && self.state.spindle_speed == 0.0 {
-            emit.warning = Some((ErrorCode::SpindleWithoutSpeed, words.m_span(GroupM::Spindle)));
-        }
+        emit.call(self.state.spindle.canon(0));
     }
 
     fn coolant(&mut self, code: u8, emit: &mut Emitter<'_>) {

@@ -8,7 +8,8 @@ use crate::block_number::BlockNumber;
 use crate::canon::{Canon, CanonStep};
 use crate::canon_modes::LengthUnit;
 use crate::compensation_queue::{CompensationQueue, QueueRole};
-use crate::diag::Span;
+use crate::cutting::CuttingSetup;
+use crate::diag::{BlockError, Span};
 use crate::error_codes::ErrorCode;
 use crate::eval::Environment;
 use crate::modal::ModalState;
@@ -20,6 +21,7 @@ use crate::system::SystemParameter;
 use crate::tool::ToolTable;
 use crate::turning::Profile;
 use crate::user_codes::UserCodes;
+use std::sync::Arc;
 
 /// State and data that blocks work on.
 #[derive(Clone, Debug)]
@@ -31,6 +33,8 @@ pub(crate) struct Core {
     /// Angle added to the R word of M19, in degrees.
     pub(super) orient_offset_degrees: f64,
     pub(super) user_codes: UserCodes,
+    /// Cutters and materials; `None` on a machine without a material table.
+    pub(crate) cutting: Option<Arc<CuttingSetup>>,
     /// Profile that the subprogram of the next turning cycle has drawn.
     pub(super) profile: Option<Profile>,
 }
@@ -43,10 +47,16 @@ pub(super) struct Emitter<'a> {
     /// Functions that wait for the next corner of a compensated path; empty without one.
     pub(super) waiting: &'a mut CompensationQueue,
     /// Warning for this block: legal, but suspicious.
-    pub(super) warning: Option<(ErrorCode, Span)>,
+    pub(super) warning: Option<Box<BlockError>>,
 }
 
 impl Emitter<'_> {
+    /// Sets the warning for this block.
+    #[cold]
+    pub(super) fn warn(&mut self, code: ErrorCode, at: Span, message: String) {
+        self.warning = Some(Box::new(BlockError::new(code, at, message)));
+    }
+
     #[inline]
     pub(super) fn call(&mut self, canon: Canon) {
         if !self.waiting.is_empty() && CompensationQueue::must_wait(&canon) {
@@ -164,6 +174,9 @@ impl Environment for BlockEnvironment<'_> {
 
     fn system(&self, parameter: SystemParameter) -> f64 {
         let state = &self.core.state;
+        if let (SystemParameter::Hal(value), Some(setup)) = (parameter, &self.core.cutting) {
+            return value.value(setup, &state.cutting, state.units);
+        }
         let pocket = |tool: u32| self.core.tools.get(tool).map_or(0.0, |tool| tool.pocket.into());
         match parameter {
             SystemParameter::CurrentPocket => pocket(state.current_tool),

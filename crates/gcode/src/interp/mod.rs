@@ -11,8 +11,10 @@ mod compensation_corner;
 mod context;
 mod contours;
 mod cutter_compensation;
+mod cutting;
 mod cycle_host;
 mod execute;
+mod holes;
 mod interpreter_core;
 mod modes;
 mod motion;
@@ -34,9 +36,11 @@ use self::interpreter_core::{BlockEnvironment, Emitter};
 use crate::block::{Assignment, Words, letters};
 use crate::block_number::BlockNumber;
 use crate::canon::{Canon, CanonStep};
+use crate::comment::Comment;
 use crate::compensation_queue::CompensationQueue;
 use crate::compiled_code::CompiledCode as CompiledLines;
 use crate::control::{Control, Keyword, MAX_ARGUMENTS};
+use crate::cutting::CuttingSetting;
 use crate::diag::{BlockError, BlockResult, Diagnostic, Severity, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::groups::GroupG;
@@ -102,6 +106,8 @@ pub struct Interpreter {
     step_line: u32,
     /// Whether it draws the profile of a turning cycle, in which U and W are increments of X and Z.
     draws_profile: bool,
+    /// Whether Z words without effect have been reported.
+    has_reported_z: bool,
     diagnostics: Vec<Diagnostic>,
     errors: usize,
     warnings: usize,
@@ -118,9 +124,11 @@ impl Interpreter {
         };
         let (machine_units, user_codes) = (setup.machine_units, setup.user_codes);
         let orient_offset_degrees = setup.orient_offset_degrees;
+        let cutting = setup.cutting;
         let mut core =
-            Core { machine_units, state, parameters, tools, user_codes, orient_offset_degrees, profile: None };
+            Core { machine_units, state, parameters, tools, user_codes, orient_offset_degrees, cutting, profile: None };
         core.load_parameters(&setup.position);
+        core.begin_cutting();
         Interpreter {
             core,
             reader,
@@ -131,6 +139,7 @@ impl Interpreter {
             line: 0,
             step_line: 0,
             draws_profile: false,
+            has_reported_z: false,
             diagnostics: Vec::new(),
             errors: 0,
             warnings: 0,
@@ -158,6 +167,9 @@ impl Interpreter {
         emit.call(Canon::SetG92Offset(state.g92_offset));
         emit.call(Canon::SetXyRotation(state.rotation_degrees));
         emit.call(Canon::SetFeedReference);
+        if let Some(material) = &state.cutting.material {
+            emit.call(Canon::SelectMaterial(Arc::clone(material)));
+        }
         ModalSnapshot::announce(state, &ModalState::initial(state.units), |canon| emit.call(canon));
     }
 
@@ -319,7 +331,14 @@ impl Interpreter {
             for assignment in &self.assignments {
                 match *assignment {
                     Assignment::Numbered(number, value) => self.core.parameters.set(number, value),
-                    Assignment::Named(name, value) => self.core.parameters.set_named(name, value),
+                    Assignment::Named(name, value) => {
+                        self.core.parameters.set_named(name, value);
+                        if self.core.cutting.is_some()
+                            && let Some(setting) = CuttingSetting::of_name(self.reader.names.text(name))
+                        {
+                            self.core.set_cutting(setting, value);
+                        }
+                    }
                     Assignment::Argument(_) => {}
                 }
             }
@@ -344,8 +363,19 @@ impl Interpreter {
             }
         }
         let words = if is_constant && !is_changed { &self.reader.block.words } else { &self.words };
-        let motion = check::determine_motion(words, &self.core.state)?;
+        let mut motion = check::determine_motion(words, &self.core.state)?;
         check::words_have_uses(words, motion)?;
+        self.core.check_spindle(words)?;
+        let changed;
+        let mut ignored_z = None;
+        let words = match self.core.without_z(words, motion) {
+            Some((without, remaining)) => {
+                ignored_z = Some(words.span(b'z'));
+                (changed, motion) = (without, remaining);
+                &changed
+            }
+            None => words,
+        };
         // Taken out of the state for the block: the block's functions are either queued there or emitted.
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
         let (line, number) = (self.step_line, self.reader.block.number);
@@ -356,13 +386,25 @@ impl Interpreter {
             if let Some(canon) = comment.canon(&environment, show_debug)? {
                 emit.call(canon);
             }
+            if let Comment::Material(material) = comment {
+                self.core.declare_material(material, &mut emit)?;
+            }
         }
         let moves = matches!(motion, block_motion::BlockMotion::Move(_)) && words.has_any(b"xyz@^");
+        let first = emit.steps.len();
         let flow = self.core.execute(words, motion, &mut emit);
         let warning = emit.warning;
         self.core.state.waiting = waiting;
-        if let Some((code, at)) = warning {
-            self.report(BlockError::plain(code, at));
+        if self.core.state.cutting.pierces_only {
+            self.core.keep_pierces(first, steps);
+        }
+        if let Some(warning) = warning {
+            self.report(*warning);
+        }
+        if let Some(at) = ignored_z
+            && !std::mem::replace(&mut self.has_reported_z, true)
+        {
+            self.report(BlockError::plain(ErrorCode::ZIgnored, at));
         }
         if moves && self.has_modal() && flow.is_ok() {
             self.modal_cycle(steps)?;

@@ -86,6 +86,7 @@ impl Core {
         }
         emit.call(straight_canon(motion, end));
         self.state.position = end;
+        self.state.cutting.is_displaced = false;
         Ok(())
     }
 
@@ -131,7 +132,7 @@ impl Core {
     fn set_inverse_time_rate(&mut self, length: f64, words: &Words, emit: &mut Emitter<'_>) {
         let rate = length * words.get(b'f').unwrap_or_default();
         self.state.feed_rate = rate;
-        emit.call(Canon::SetFeedRate(rate));
+        emit.call(Canon::SetFeedRate(self.shared_rate()));
     }
 
     /// Returns the end that the axis words give. An axis without a word keeps its position.
@@ -239,7 +240,12 @@ impl Core {
             return self.compensated_arc(&shape, (first_centre, second_centre), end, emit);
         }
         let plane = self.state.plane;
-        emit.call(Canon::ArcFeed(ArcFeed { plane, end, first_centre, second_centre, turns: shape.turns }));
+        let feed = ArcFeed { plane, end, first_centre, second_centre, turns: shape.turns };
+        if self.cutting.is_some() {
+            self.cutting_arc(shape.start, feed, emit);
+        } else {
+            emit.call(Canon::ArcFeed(feed));
+        }
         self.state.position = end;
         Ok(())
     }

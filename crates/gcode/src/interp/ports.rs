@@ -2,6 +2,7 @@
 //!
 //! Invariant: an output or input is a number of at least 0. Only user codes that the machine has declared are executed.
 
+use super::cutting::{PIERCE_VALUE, SELECT_MATERIAL};
 use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, WaitFor, WaitForInput, WaitInput};
@@ -15,8 +16,10 @@ impl Core {
     /// Executes M62 … M68.
     pub(super) fn port(&mut self, code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
         match code {
+            62..=65 if self.cutting_switch(code, words, emit) => Ok(()),
             62..=65 => digital_output(code, words, emit),
             66 => self.wait(words, emit),
+            _ if self.velocity_share(words, emit) => Ok(()),
             _ => analog_output(code, words, emit),
         }
     }
@@ -53,13 +56,22 @@ impl Core {
                 );
             }
         }
+        if self.waits_for_material(input, wait_for) {
+            self.parameters.set(INPUT, 1.0);
+            return Ok(());
+        }
         emit.call(Canon::Wait(WaitForInput { input, wait_for, timeout: timeout.max(0.0) }));
         self.parameters.set(INPUT, 0.0);
         Ok(())
     }
 
     /// Executes M100 … M199.
-    pub(super) fn user_code(&self, code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
+    pub(super) fn user_code(&mut self, code: u8, words: &Words, emit: &mut Emitter<'_>) -> BlockResult<()> {
+        match code {
+            SELECT_MATERIAL if self.cutting.is_some() => return self.select_material(words, emit),
+            PIERCE_VALUE if self.cutting.is_some() => return self.pierce_value(words, emit),
+            _ => {}
+        }
         if !self.user_codes.has(code) {
             let message = format!("M{code} is not declared for this machine");
             return fault(ErrorCode::UserCodeUndeclared, words.m_span(GroupM::User), message);

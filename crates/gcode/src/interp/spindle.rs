@@ -131,6 +131,8 @@ fn check_spindle_number(words: &Words, to_be: BlockMotion) -> BlockResult<()> {
     match to_whole_number(words.get(b'$').unwrap_or_default(), at, "$")? {
         0 => Ok(()),
         -1 if !one => Ok(()),
+        // Whether the machine has it is checked with the machine's cutters.
+        1..=7 if switch || words.has(b's') => Ok(()),
         number => fault(ErrorCode::NoSuchSpindle, at, format!("there is no spindle {number}")),
     }
 }

@@ -55,7 +55,9 @@ impl Core {
             emit.call(Canon::EnableSpeedOverride);
         }
         state.spindle = SpindleRotation::Stopped;
-        emit.call(Canon::StopSpindleTurning);
+        emit.call(Canon::StopSpindleTurning(0));
+        self.end_cutting(emit);
+        let state = &mut self.state;
         state.constant_surface_speed = false;
         state.max_spindle_speed = 0.0;
         emit.call(Canon::SetSpindleMode(0.0));

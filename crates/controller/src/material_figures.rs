@@ -1,0 +1,70 @@
+//! The machine's cutters and materials as the interpreter needs them.
+//!
+//! Invariant: every figure of the material table reaches the program; a machine without a table has no cutting words.
+
+use std::sync::Arc;
+
+use retrace_config::{CutterKind, MachineConfig, MaterialConfig, ZWords};
+use retrace_gcode::{CuttingSetup, CuttingTool, Material, MaterialList};
+
+/// Cutters and materials for an interpreter; `None` where no cutter has a material table.
+pub(crate) fn cutting_setup(machine: &MachineConfig) -> Option<Arc<CuttingSetup>> {
+    let table = &machine.materials.as_ref()?.table;
+    let cutter = machine.cutters.iter().find(|cutter| cutter.materials.is_some())?;
+    let mut tools: Vec<CuttingTool> = machine
+        .cutters
+        .iter()
+        .filter_map(|cutter| {
+            let uses_speed = matches!(cutter.kind, CutterKind::Spindle | CutterKind::Beam);
+            Some(CuttingTool { spindle: cutter.spindle?, cuts: cutter.kind.cuts_at_rest(), uses_speed })
+        })
+        .collect();
+    tools.sort_by_key(|tool| tool.spindle);
+    Some(Arc::new(CuttingSetup {
+        materials: Arc::new(MaterialList::new(table.materials().iter().map(material), table.default_number())),
+        tools,
+        float_travel_mm: cutter.float_travel_mm,
+        ignores_z: cutter.z_words == ZWords::Ignored,
+    }))
+}
+
+/// A material of the table, for a program.
+fn material(of: &MaterialConfig) -> Material {
+    // Every field is named, so that a new figure cannot be left out.
+    let MaterialConfig {
+        number,
+        name,
+        thickness_mm,
+        kerf_mm,
+        pierce_height_mm,
+        pierce_delay_s,
+        cut_height_mm,
+        feed_mm_per_min,
+        puddle_percent,
+        puddle_s,
+        amps,
+        volts,
+        pause_at_end_s,
+        gas_bar,
+        cut_mode,
+        height_control,
+    } = of.clone();
+    Material {
+        number,
+        name,
+        thickness_mm,
+        kerf_mm,
+        pierce_height_mm,
+        pierce_delay_s,
+        cut_height_mm,
+        feed_mm_per_min,
+        puddle_percent,
+        puddle_s,
+        amps,
+        volts,
+        pause_at_end_s,
+        gas_bar,
+        cut_mode,
+        height_control,
+    }
+}

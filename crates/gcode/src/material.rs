@@ -1,0 +1,91 @@
+//! Materials as programs see them: the figures of a cut, and the list that M190 selects from (CUT-22, CUT-24).
+//!
+//! Invariant: lengths are in mm and speeds in mm per minute, whatever the units of the program and of the table are.
+
+use std::sync::Arc;
+
+/// First number of temporary materials: those of `(o=0, …)` comments.
+pub const FIRST_TEMPORARY_MATERIAL: u32 = 1_000_000;
+
+/// A material: the figures with which the program's next contours are cut.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Material {
+    /// Number, as in M190 P; from [`FIRST_TEMPORARY_MATERIAL`] for temporary ones.
+    pub number: u32,
+    /// Name, for people; may be empty.
+    pub name: String,
+    /// Thickness of the expected sheet, mm; 0 is unknown.
+    pub thickness_mm: f64,
+    /// Width of the kerf, mm.
+    pub kerf_mm: f64,
+    /// Height of the cutter over the sheet while it pierces, mm.
+    pub pierce_height_mm: f64,
+    /// Time from the proved arc to the first motion, s.
+    pub pierce_delay_s: f64,
+    /// Height over the sheet while it cuts, mm.
+    pub cut_height_mm: f64,
+    /// Feed rate of a cut, mm per minute; 0 is unknown.
+    pub feed_mm_per_min: f64,
+    /// Height behind the pierce, as a percentage of the pierce height; 0 is 100.
+    pub puddle_percent: f64,
+    /// Time at that height, s.
+    pub puddle_s: f64,
+    /// Cutting current, A.
+    pub amps: f64,
+    /// Arc voltage that height control aims at, V.
+    pub volts: f64,
+    /// Time at rest at the end of a contour with the cutter on, s.
+    pub pause_at_end_s: f64,
+    /// Gas pressure, bar.
+    pub gas_bar: f64,
+    /// Mode of the source: 1 normal, 2 constant pilot arc, 3 gouging; 0 is not given.
+    pub cut_mode: u8,
+    /// Whether height control is on.
+    pub height_control: bool,
+}
+
+/// The materials that a program can select, and the default one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MaterialList {
+    /// In rising order of their numbers.
+    materials: Vec<Arc<Material>>,
+    default: u32,
+}
+
+impl MaterialList {
+    /// Creates a list. Of several materials with one number, the last remains.
+    #[must_use]
+    pub fn new(materials: impl IntoIterator<Item = Material>, default: u32) -> MaterialList {
+        let mut list = MaterialList { materials: Vec::new(), default };
+        for material in materials {
+            list.insert(material);
+        }
+        list
+    }
+
+    /// Returns the material of this number.
+    #[must_use]
+    pub fn get(&self, number: u32) -> Option<&Arc<Material>> {
+        let place = self.materials.binary_search_by_key(&number, |material| material.number).ok()?;
+        self.materials.get(place)
+    }
+
+    /// Returns the default material.
+    #[must_use]
+    pub fn default_material(&self) -> Option<&Arc<Material>> {
+        self.get(self.default)
+    }
+
+    /// Returns the numbers of all materials, in rising order.
+    pub fn numbers(&self) -> impl Iterator<Item = u32> {
+        self.materials.iter().map(|material| material.number)
+    }
+
+    /// Adds a material, or replaces that of the same number.
+    pub(crate) fn insert(&mut self, material: Material) {
+        match self.materials.binary_search_by_key(&material.number, |other| other.number) {
+            Ok(place) => self.materials[place] = Arc::new(material),
+            Err(place) => self.materials.insert(place, Arc::new(material)),
+        }
+    }
+}
