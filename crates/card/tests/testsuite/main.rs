@@ -7,3 +7,4 @@ mod epochs;
 mod order;
 mod permit;
 mod pulses;
+mod settings;

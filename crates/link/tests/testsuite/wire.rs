@@ -260,3 +260,27 @@ fn limits<const A: usize>() -> RateLimits<A> {
     let axis = PulseLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
     RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }
+
+/// Every input keeps its use over the line, whichever that is.
+#[test]
+fn every_use_of_an_input_is_read_back() {
+    let uses = [
+        InputUse::Plain,
+        InputUse::Limit { axis: 0, upper: false },
+        InputUse::Limit { axis: 3, upper: true },
+        InputUse::Home { axis: 2 },
+        InputUse::Door,
+        InputUse::EmergencyStop,
+        InputUse::Probe,
+    ];
+    for used_for in uses {
+        let mut settings = CardSettings::<4>::new(9, PathStart::at(RecordIndex::new(77)), 1000, limits());
+        settings.inputs[5] = InputSetting { used_for, active_low: true };
+        settings.inputs[15] = InputSetting { used_for, active_low: false };
+        let mut bytes = [0; MAX_PAYLOAD];
+        let mut writer = ByteWriter::new(&mut bytes);
+        Opening(settings).write(&mut writer).expect("room");
+        let length = writer.len();
+        assert_eq!(Opening::read(&mut ByteReader::new(&bytes[..length])), Some(Opening(settings)), "{used_for:?}");
+    }
+}
