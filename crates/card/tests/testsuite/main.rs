@@ -8,3 +8,4 @@ mod epochs;
 mod order;
 mod permit;
 mod pulses;
+mod settings;

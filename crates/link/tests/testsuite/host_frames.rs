@@ -1,7 +1,9 @@
 //! The host's endpoint alone, frame by frame: its numbers begin anywhere and cross the wrap, and its times are exact.
 
-use crate::works::{STARTS, Works, limits, record};
-use retrace_core::{Distance, Place, Rate, RateTarget, RecordIndex};
+use crate::works::{STARTS, WINDOW, Works, limits, record};
+use retrace_core::drive::{Drive, RecordWindow};
+use retrace_core::limits::{PulseLimits, RateLimits};
+use retrace_core::{Distance, Place, RapidCap, Rate, RateTarget, RecordIndex};
 use retrace_link::frame::{FrameDecoder, MAX_PAYLOAD, MAX_WIRE, encode_with_key};
 use retrace_link::sequence::FirstNumbers;
 use retrace_link::wire::{ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, kind, read_command};
@@ -52,6 +54,9 @@ struct HostBench {
     epoch: u16,
     key: u32,
     now: u64,
+    /// Records of the card's window.
+    window: u32,
+    limits: RateLimits<3>,
 }
 
 fn ran(distance: Distance, count: u32) -> ReportEntry {
@@ -64,15 +69,27 @@ impl HostBench {
     fn unconnected((numbers, last_epoch): (FirstNumbers, u16)) -> Self {
         let epoch = next_epoch(last_epoch);
         let host = Box::new(HostEndpoint::starting_at(NONCE, numbers));
-        Self { host, numbers, last_epoch, epoch, key: session_key(BOOT, !NONCE, epoch), now: 1_000_000 }
+        Self {
+            host,
+            numbers,
+            last_epoch,
+            epoch,
+            key: session_key(BOOT, !NONCE, epoch),
+            now: 1_000_000,
+            window: WINDOW,
+            limits: limits(),
+        }
     }
 
     /// A host whose epoch is open, whose first report has arrived, and which has nothing to send for now.
     fn new(start: (FirstNumbers, u16)) -> Self {
-        let mut bench = Self::unconnected(start);
+        Self::connected(Self::unconnected(start))
+    }
+
+    fn connected(mut bench: Self) -> Self {
         assert_eq!(bench.frames(), [Sent::Hello(NONCE)]);
         bench.greet(NONCE, BOOT, 0);
-        bench.host.open(CardSettings::new(0, PathStart::at(RecordIndex::new(START)), 1000, limits()));
+        bench.host.open(CardSettings::new(0, PathStart::at(RecordIndex::new(START)), 1000, bench.limits));
         assert_eq!(bench.frames(), [Sent::Open { boot: BOOT, nonce: !NONCE, epoch: bench.epoch }]);
         assert!(!bench.host.is_open());
         bench.report(Report { entries: &[REST], flags: ALL, ..Report::default() });
@@ -149,7 +166,7 @@ impl HostBench {
     fn greet_as(&mut self, nonce: u32, boot: u32, epoch: u16, at_rest: bool) {
         let works = Works::new();
         let mut identity = works.identity;
-        identity.boot = boot;
+        (identity.boot, identity.window) = (boot, self.window);
         let status = works.status;
         let greeting = Greeting::<3> {
             nonce,
@@ -937,6 +954,18 @@ fn states_are_equal_if_they_behave_alike() {
     assert_eq!(hash(&acknowledged(1), 200_000), hash(&acknowledged(1), 200_000));
     assert_ne!(hash(&acknowledged(1), 200_000), hash(&acknowledged(2), 200_000));
     assert_ne!(hash(&acknowledged(1), 0), hash(&bench, 0));
+    // and so do commands that wait, wherever their numbers are
+    for start in STARTS {
+        let waiting = |value| {
+            let mut bench = HostBench::new(start);
+            for command in [output(0), output(value)] {
+                bench.host.send(command).expect("room");
+            }
+            bench
+        };
+        assert_eq!(hash(&waiting(1), 0), hash(&waiting(1), 0), "{start:?}");
+        assert_ne!(hash(&waiting(1), 0), hash(&waiting(2), 0), "{start:?}");
+    }
 }
 
 #[test]
@@ -968,5 +997,108 @@ fn a_frame_that_is_cut_short_is_sent_again_completely() {
         bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
         // the zero byte, and the rate before everything else
         assert_eq!(bench.after(0), [rate(2, Rate::ZERO), stream(2, &commands[2..])], "{start:?}");
+    }
+}
+
+/// What is left of a frame is sent before a stop, if that is about as short as the stop itself.
+#[test]
+fn the_end_of_a_frame_is_not_cut_short() {
+    let long_frame = || {
+        let mut bench = HostBench::new(STARTS[0]);
+        bench.host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
+        assert_eq!(bench.after(0), [rate(1, Rate::ONE)]);
+        (0..30).for_each(|value| bench.host.send(output(value * 1_000_000)).expect("room"));
+        bench
+    };
+    let mut bench = long_frame();
+    let length = bench.host.transmit(bench.now, &mut [0; 8192]);
+    for (left, is_cut) in [(1, false), (20, false), (40, false), (60, true), (length - 1, true)] {
+        let (mut bench, mut bytes) = (long_frame(), [0; 8192]);
+        let begun = bench.host.transmit(bench.now, &mut bytes[..length - left]);
+        bench.host.send(HostCommand::rate(Rate::ZERO)).expect("a rate");
+        let end = begun + bench.host.transmit(bench.now, &mut bytes[begun..]);
+        let mut decoder = FrameDecoder::<MAX_PAYLOAD>::new();
+        decoder.set_key(bench.key);
+        let kinds: Vec<u8> = bytes[..end].iter().filter_map(|&byte| Some(decoder.push(byte)?.ok()?[0])).collect();
+        let expected = if is_cut { [kind::RATE, kind::STREAM] } else { [kind::STREAM, kind::RATE] };
+        assert_eq!(kinds, expected, "{left} of {length} bytes are left");
+    }
+}
+
+/// The host retains twice the window that it predicts, however large the card's window is.
+#[test]
+fn the_predicted_window_is_half_of_what_the_host_retains() {
+    for (window, predicted) in [(256, 256), (4096, 4096), (1 << 20, 4096)] {
+        let mut bench = HostBench::connected(HostBench { window, ..HostBench::unconnected(STARTS[0]) });
+        let mut sent = 0;
+        loop {
+            let command = bench.ahead(sent);
+            match bench.host.send(command) {
+                Ok(()) => sent += 1,
+                Err(reason) => {
+                    assert_eq!((reason, sent), (CommandRefusal::Full, predicted));
+                    break;
+                }
+            }
+            if sent % 64 == 0 {
+                bench.after(12_000);
+                let next_command = sent as u16;
+                bench.report(Report { next_command, length: sent, first: 1, flags: ALL, ..Report::default() });
+            }
+        }
+    }
+}
+
+/// A straight path that rests at its beginning.
+struct Straight;
+
+impl RecordWindow<3> for Straight {
+    fn low(&self) -> RecordIndex {
+        RecordIndex::new(0)
+    }
+    fn high(&self) -> RecordIndex {
+        RecordIndex::new(1000)
+    }
+    fn rests_at(&self, place: RecordIndex) -> bool {
+        place.number() == 0
+    }
+    fn cap(&self, _: RecordIndex) -> RapidCap {
+        RapidCap::PLANNED
+    }
+    fn increments(&self, _: RecordIndex) -> [i16; 3] {
+        [1; 3]
+    }
+    fn is_rapid(&self, _: RecordIndex) -> bool {
+        false
+    }
+}
+
+/// While a rate is requested, the host keeps as many records ahead as a card at rate one needs to stop, and 40 to 48
+/// more: on machines that stop in few records, and in hundreds.
+#[test]
+fn a_trim_leaves_the_records_of_a_stop() {
+    for acceleration in [12, 1] {
+        let axis = PulseLimits { velocity: 200 << 32, acceleration: acceleration << 32, jerk: 1 << 32 };
+        let limits = RateLimits::new(13, 1 << 15, [axis; 3]).expect("valid");
+        let mut drive = Drive::<3, 16>::new(limits).expect("fits");
+        let start_place = Place::start_of(RecordIndex::new(0));
+        drive.step(start_place, Rate::ONE, &Straight);
+        let needed = start_place.moved(drive.stopping_distance()).boundary_ahead().number();
+        for start in STARTS {
+            let unconnected = HostBench::unconnected(start);
+            let mut bench = HostBench::connected(HostBench { window: 1024, limits, ..unconnected });
+            for n in 0..needed + 64 {
+                bench.send_ahead(n);
+                if n % 32 == 31 {
+                    bench.after(12_000);
+                    let next_command = n as u16 + 1;
+                    bench.report(Report { next_command, length: n + 1, first: 1, flags: ALL, ..Report::default() });
+                }
+            }
+            bench.host.send(HostCommand::rate(Rate::ONE)).expect("a rate");
+            let mut trim = |high| bench.host.send(HostCommand::Trim { high: RecordIndex::new(START + high) });
+            assert_eq!(trim(needed + 39), Err(CommandRefusal::InMotion), "{start:?}: a stop takes {needed} records");
+            assert_eq!(trim(needed + 48), Ok(()), "{start:?}: a stop takes {needed} records");
+        }
     }
 }

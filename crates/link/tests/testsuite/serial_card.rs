@@ -362,3 +362,32 @@ fn a_host_that_resumes_waits_until_no_other_can_move_the_card() {
     card.wait_at_rest(20).expect("at rest");
     assert!(card.greeting().is_some_and(|greeting| greeting.at_rest));
 }
+
+/// A line that nothing can reopen, as a port is that says nothing about it.
+struct FixedPort(LoopPort);
+
+impl BytePort for FixedPort {
+    type Fault = Unplugged;
+
+    fn now_us(&self) -> u64 {
+        self.0.now_us()
+    }
+
+    fn writable_bytes(&mut self) -> usize {
+        self.0.writable_bytes()
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Unplugged> {
+        self.0.write(bytes)
+    }
+
+    fn read(&mut self, bytes: &mut [u8], wait_us: u32) -> Result<usize, Unplugged> {
+        self.0.read(bytes, wait_us)
+    }
+}
+
+#[test]
+fn a_port_that_cannot_be_reopened_stays_gone() {
+    let mut port = FixedPort(LoopPort { gone: true, ..LoopPort::new() });
+    assert!(!port.revive() && port.read(&mut [0], 0) == Err(Unplugged));
+}

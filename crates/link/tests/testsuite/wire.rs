@@ -277,3 +277,60 @@ fn limits<const A: usize>() -> RateLimits<A> {
     let axis = PulseLimits { velocity: 200 << 32, acceleration: 12 << 32, jerk: 1 << 32 };
     RateLimits::new(13, 1 << 15, [axis; A]).expect("valid")
 }
+
+/// Every input keeps its use over the line, whichever that is.
+#[test]
+fn every_use_of_an_input_is_read_back() {
+    let uses = [
+        InputUse::Plain,
+        InputUse::Limit { axis: 0, upper: false },
+        InputUse::Limit { axis: 3, upper: true },
+        InputUse::Home { axis: 2 },
+        InputUse::Door,
+        InputUse::EmergencyStop,
+        InputUse::Probe,
+    ];
+    for used_for in uses {
+        let mut settings = CardSettings::<4>::new(9, PathStart::at(RecordIndex::new(77)), 1000, limits());
+        settings.inputs[5] = InputSetting { used_for, active_low: true };
+        settings.inputs[15] = InputSetting { used_for, active_low: false };
+        let mut bytes = [0; MAX_PAYLOAD];
+        let mut writer = ByteWriter::new(&mut bytes);
+        Opening(settings).write(&mut writer).expect("room");
+        let length = writer.len();
+        assert_eq!(Opening::read(&mut ByteReader::new(&bytes[..length])), Some(Opening(settings)), "{used_for:?}");
+    }
+}
+
+/// Differences of −1 on every axis are not those of zero, nor is one −1 among zeros: after any record, every other is
+/// read back as it was.
+#[test]
+fn small_differences_are_read_back() {
+    const SMALL: [i16; 7] = [-9, -8, -1, 0, 1, 7, 8];
+    let records = SMALL.iter().flat_map(|&first| SMALL.map(|second| [first, second]));
+    for increments in records {
+        let record = |increments| Record { increments, ..Record::<2>::default() };
+        let commands = [[0, 0], increments, [0, 0]].map(record);
+        let mut bytes = [0; 100];
+        let (mut writer, mut run) = (ByteWriter::new(&mut bytes), RecordRun::new(2));
+        let command = |n: usize| HostCommand::Ahead { place: RecordIndex::new(n as u32), record: commands[n] };
+        (0..3).for_each(|n| write_command(&mut writer, &mut run, &command(n)).expect("room"));
+        let length = writer.len();
+        let (mut reader, mut run) = (ByteReader::new(&bytes[..length]), RecordRun::new(2));
+        (0..3).for_each(|n| assert_eq!(read_command(&mut reader, &mut run), Some(command(n)), "{increments:?}"));
+    }
+}
+
+/// As many cutting channels as the settings have room for are read back.
+#[test]
+fn all_cutting_channels_are_read_back() {
+    let mut settings = CardSettings::<4>::new(9, PathStart::at(RecordIndex::new(77)), 1000, limits());
+    for count in 0..=MAX_CUTTING_CHANNELS {
+        settings.cutting.count = count as u8;
+        let mut bytes = [0; MAX_PAYLOAD];
+        let mut writer = ByteWriter::new(&mut bytes);
+        Opening(settings).write(&mut writer).expect("room");
+        let length = writer.len();
+        assert_eq!(Opening::read(&mut ByteReader::new(&bytes[..length])), Some(Opening(settings)), "{count}");
+    }
+}
