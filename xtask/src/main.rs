@@ -36,6 +36,7 @@ Tasks:
            --full          the full size
            --seed N        the seed, 1 without it
            --resume        of `mutants`: what an earlier run of the same sample has completed is not run again
+           --page          of `mutants`: writes the page of what is complete, and runs nothing
            --list          name the campaigns and leave
   verify   every property of verification/ by every engine that is here; docs/verification.md says what that shows
            --quick         what a test run has time for; without it the ledger verification/LEDGER.md is written
@@ -172,12 +173,13 @@ fn campaign(options: &[&str]) -> ExitCode {
     if campaign.is_none() && name != "fuzz" && name != "mutants" {
         return refuse(&format!("there is no campaign `{name}`; see `cargo xtask campaign --list`"));
     }
-    let (mut full, mut seed, mut resume) = (false, 1, false);
+    let (mut full, mut seed, mut reuse) = (false, 1, mutants::Reuse::Nothing);
     loop {
         match rest {
             [] => break,
             ["--full", more @ ..] => (full, rest) = (true, more),
-            ["--resume", more @ ..] if name == "mutants" => (resume, rest) = (true, more),
+            ["--resume", more @ ..] if name == "mutants" => (reuse, rest) = (mutants::Reuse::Resume, more),
+            ["--page", more @ ..] if name == "mutants" => (reuse, rest) = (mutants::Reuse::PageOnly, more),
             ["--seed", number, more @ ..] => match number.parse() {
                 Ok(number) => (seed, rest) = (number, more),
                 Err(_) => return refuse(&format!("`{number}` is not a seed: a whole number")),
@@ -187,7 +189,7 @@ fn campaign(options: &[&str]) -> ExitCode {
     }
     with_root(|root| match campaign {
         Some(campaign) => campaign::run(&root, campaign, full, seed),
-        None if name == "mutants" => mutants::run(&root, full, seed, resume),
+        None if name == "mutants" => mutants::run(&root, full, seed, reuse),
         None => fuzz::run(&root, full, seed),
     })
 }

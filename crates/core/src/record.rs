@@ -134,3 +134,27 @@ impl<const A: usize> Default for Record<A> {
 }
 
 const _: () = assert!(size_of::<Record<4>>() == 16 && size_of::<Record<3>>() <= 16);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn caps_are_clamped_to_one_and_eight() {
+        for sixteenths in 0..=u8::MAX {
+            let cap = RapidCap::sixteenths(sixteenths);
+            assert_eq!(cap.get(), sixteenths.clamp(16, 128));
+            assert!(Rate::ONE <= cap.rate() && cap.rate() <= Rate::MAX);
+        }
+    }
+
+    #[test]
+    fn flags_are_contained_whatever_others_are_set() {
+        let flags = [Flags::REST, Flags::MARKER, Flags::RAPID];
+        for set in (0..8).map(Flags::from_bits) {
+            for (bit, flag) in flags.into_iter().enumerate() {
+                assert_eq!(set.contains(flag), set.bits() >> bit & 1 == 1, "{set:?} {flag:?}");
+            }
+        }
+    }
+}

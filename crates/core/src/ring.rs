@@ -435,6 +435,17 @@ mod tests {
     }
 
     #[test]
+    fn a_record_is_read_by_its_number_while_it_is_held() {
+        let held: Box<[Cell<u32>]> = (0..4).map(Cell::new).collect();
+        let [head, reached, write] = [u32::MAX, 1, 2].map(RecordIndex::new);
+        let mut ring = Ring::with_records(held, 2, 2, RecordSpan { head, reached, write }).expect("valid");
+        let (_, consumer) = ring.split();
+        for (index, record) in [(u32::MAX - 1, None), (u32::MAX, Some(3)), (0, Some(0)), (1, Some(1)), (2, None)] {
+            assert_eq!(consumer.record(RecordIndex::new(index)), record, "{index}");
+        }
+    }
+
+    #[test]
     fn the_empty_ring_stops_at_once_in_both_directions() {
         let mut ring = Ring::new(cells(4), 2, 2, RecordIndex::new(9)).expect("valid");
         let (_, mut consumer) = ring.split();
