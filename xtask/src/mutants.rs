@@ -86,8 +86,8 @@ struct Score {
     unviable: usize,
     seconds: u64,
     floor: Option<f64>,
-    /// Whether the second stage is missing: what the crate's own tests miss counts as a survivor.
-    own_tests_alone: bool,
+    /// Mutants that the crate's own tests miss and that the second stage was not run on; they count as survivors.
+    untried: usize,
 }
 
 impl Score {
@@ -186,17 +186,21 @@ fn score(root: &Path, target: &Target, sample: &Sample, equivalent: &str) -> Res
     };
     let own = outcomes(root, target, target.tests, sample, &selection)?;
     let missed: Vec<String> = names(&own, "MissedMutant").map(str::to_owned).collect();
-    let (mut noticed_later, mut own_tests_alone) = (Value::Null, false);
+    let mut noticed_later = Value::Null;
     if let (Some(package), false) = (target.more_tests, missed.is_empty()) {
         let selection = missed.iter().flat_map(|name| ["--re".to_owned(), format!("^{}$", escaped(name))]);
         match outcomes(root, target, package, sample, &selection.collect::<Vec<_>>()) {
             Ok(outcomes) => noticed_later = outcomes,
-            Err(_) if sample.reuse == Reuse::PageOnly => own_tests_alone = true,
+            Err(_) if sample.reuse == Reuse::PageOnly => {}
             Err(reason) => return Err(reason),
         }
     }
     let mut score = read_score(target, &own, &noticed_later, equivalent);
-    score.own_tests_alone = own_tests_alone;
+    let tried = |name: &String| {
+        let outcomes = noticed_later["outcomes"].as_array().map_or(&[][..], Vec::as_slice);
+        outcomes.iter().any(|outcome| outcome["scenario"]["Mutant"]["name"] == name.as_str())
+    };
+    score.untried = if target.more_tests.is_some() { missed.iter().filter(|name| !tried(name)).count() } else { 0 };
     if sample.reuse == Reuse::Nothing {
         score.seconds = started.elapsed().as_secs();
     }
@@ -269,7 +273,7 @@ fn read_score(target: &Target, own: &Value, more: &Value, equivalent: &str) -> S
         unviable: names(own, "Unviable").count(),
         seconds: 0,
         floor: target.floor,
-        own_tests_alone: false,
+        untried: 0,
     }
 }
 
@@ -292,7 +296,7 @@ fn table(scores: &[Score]) -> String {
             text,
             "| {}{} | {} | {} | {:.1} % | {floor} | {} | {} | {} |",
             score.name,
-            if score.own_tests_alone { ", own tests alone" } else { "" },
+            if score.untried == 0 { String::new() } else { format!(", properties not run on {}", score.untried) },
             score.noticed,
             score.noticed + score.survivors.len(),
             score.percent(),
