@@ -52,7 +52,7 @@ const KINDS: [Kind; 4] = [
         ready_ms: [1500.0, 1500.0],
         grace_ms: Some(500.0),
     },
-    Kind { template: "plasma", on: "M3 S1", off: "M5", fire: "spindle", ready_ms: [400.0, 460.0], grace_ms: Some(0.0) },
+    Kind { template: "plasma", on: "M3 S1", off: "M5", fire: "spindle", ready_ms: [300.0, 470.0], grace_ms: Some(0.0) },
     Kind { template: "laser", on: "M3 S1", off: "M5", fire: "spindle", ready_ms: [50.0, 50.0], grace_ms: Some(0.0) },
     Kind { template: "router", on: "M3 S1000", off: "M5", fire: "spindle", ready_ms: [4000.0, 4000.0], grace_ms: None },
 ];

@@ -90,7 +90,7 @@ fn recovery(chance: &mut TestRandom, at_s: f64) -> String {
     match chance.below(8) {
         0 => format!("at {from:.3}s back to cut end\nafter 4s cut\n"),
         1 => format!("at {from:.3}s back to pierce\nafter 8s cut moving\n"),
-        2 => format!("at {from:.3}s reverse 80%\nafter 0.{}s hold\nafter 1s recover\n", 1 + chance.below(9)),
+        2 => format!("at {from:.3}s back to cut end\nafter 4s forward 20%\nafter 0.1s hold\nafter 1s recover\n"),
         3 => format!("at {from:.3}s back to cut end\nafter 4s forward 20%\nafter 0.1s hold\nafter 1s cut moving\n"),
         4 => format!("at {from:.3}s recover\nafter 0.3s hold\nafter 0.5s resume\n"),
         _ => format!("at {from:.3}s recover\n"),

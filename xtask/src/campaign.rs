@@ -127,6 +127,15 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 30,
     },
     Campaign {
+        name: "recovery",
+        purpose: "cuts that are lost, held and put out at random and recovered: the sheet and every count are those of \
+            the job that was not interrupted",
+        test: ["retrace-tests", "recovery", ""],
+        asked: BY_SEED,
+        full: 1000,
+        slice: 12,
+    },
+    Campaign {
         name: "cut",
         purpose: "a journal cut at every write and every byte of its last records: the job is resumed and ends exactly",
         test: ["retrace-tests", "cut", ""],

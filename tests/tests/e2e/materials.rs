@@ -45,7 +45,7 @@ fn a_material_file_comes_through_the_command_and_back() {
     // An existing file stays.
     let again = bench.retrace(["materials", "import", "m.cfg", "--units", "inch", "--out", "m.toml"]);
     assert!(again.code == Some(2) && again.err.contains("E2105"), "{}", again.err);
-    bench.file("bad.cfg", &CFG.replace("CUT_SPEED = 60", "CUT_SPED = 60"));
+    bench.file("bad.cfg", CFG.replace("CUT_SPEED = 60", "CUT_SPED = 60"));
     let refused = bench.retrace(["materials", "import", "bad.cfg", "--units", "inch"]);
     let told = ["E2118", "[MATERIAL_NUMBER_1]", "CUT_SPED", "did you mean CUT_SPEED?"];
     assert!(refused.code == Some(2) && told.iter().all(|part| refused.err.contains(part)), "{}", refused.err);
@@ -70,7 +70,7 @@ fn a_program_uses_the_material_table_beside_the_machine_file() {
     let checked = bench.retrace(["check", "cut.ngc", "--machine", "./machine.toml"]);
     assert_eq!((checked.code, checked.err.as_str()), (Some(0), ""), "{}", checked.out);
     assert!(checked.out.contains("feed 2540.0 mm/min"), "{}", checked.out);
-    bench.file("other.ngc", &PROGRAM.replace("P2", "P3"));
+    bench.file("other.ngc", PROGRAM.replace("P2", "P3"));
     let refused = bench.retrace(["check", "other.ngc", "--machine", "machine.toml"]);
     assert!(refused.code == Some(1) && refused.err.contains("E1733"), "{}", refused.err);
     bench.file("tables/materials.toml", "units = \"mm\"\nkerf = 1\n");
@@ -87,7 +87,7 @@ fn a_job_whose_material_table_has_changed_is_not_resumed() {
     let stopped = bench.retrace(["run", "cut.ngc", "--machine", "machine.toml", "--operator", "stop.op"]);
     assert_eq!(stopped.code, Some(4), "{}", stopped.err);
     let table = std::fs::read_to_string(bench.path("tables/materials.toml")).expect("the table");
-    bench.file("tables/materials.toml", &table.replace("100", "90"));
+    bench.file("tables/materials.toml", table.replace("100", "90"));
     let refused = bench.retrace(["resume", "--yes"]);
     let told = refused.err.contains("E2210") && refused.err.contains("the material table");
     assert!(refused.code == Some(2) && told, "{}", refused.err);

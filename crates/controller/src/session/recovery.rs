@@ -8,7 +8,7 @@
 //! Invariant: the program is executed again only from a place where the machine is at rest with its cutters off; the
 //! counts of every place beyond are those of the first time.
 
-use retrace_config::{CutterConfig, CutterKind, MachineConfig};
+use retrace_config::{CutterConfig, CutterKind, CutterRestart, MachineConfig};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeState};
 use retrace_core::{Distance, Place};
 use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, MotionCard, PathStart};
@@ -88,7 +88,7 @@ impl CutRecovery {
 
     /// Makes the steps of a restart that light a cutter start it in motion, where that is wanted: they take the time of
     /// the pilot arc, and do not wait for the input.
-    pub(super) fn start_in_motion(&mut self, steps: &mut [RestartStep], fire_channels: &[u8]) {
+    pub(super) fn start_in_motion(&mut self, steps: &mut [RestartStep], fire_channels: &[u8], place: Place) {
         if !std::mem::take(&mut self.starts_in_motion) {
             return;
         }
@@ -99,11 +99,13 @@ impl CutRecovery {
             let Some(proof) = cutter.proof else { continue };
             let pilot_periods = (cutter.restart.pilot_ms * 1000.0 / f64::from(self.period_us)).round() as u32;
             (step.periods, step.until) = (pilot_periods, None);
-            self.latch = self.cut_end.filter(|end| end.channel == channel).map(|cut_end| Latch {
-                input: proof.input,
-                cut_end,
-                remaining_mm: cutter.restart.latch_mm,
-            });
+            let CutterRestart { run_in_mm, latch_mm, .. } = cutter.restart;
+            // Where no end of a cut is known, the kerf is taken to end within the run-in.
+            let (cut_end, remaining_mm) = match self.cut_end.filter(|end| end.channel == channel) {
+                Some(cut_end) => (cut_end, latch_mm),
+                None => (CutEnd { place, channel }, run_in_mm + latch_mm),
+            };
+            self.latch = Some(Latch { input: proof.input, cut_end, remaining_mm });
         }
     }
 }

@@ -73,7 +73,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn begin_restart_to(&mut self, wants: &Outputs, concerned: impl Fn(u8) -> bool) {
         let outputs = self.outputs_compared_with(wants);
         self.streamer.restart_steps(&outputs, wants, concerned, &mut self.restart.steps);
-        self.recovery.start_in_motion(&mut self.restart.steps, &self.config.fire_channels);
+        let place = self.card.status().place;
+        self.recovery.start_in_motion(&mut self.restart.steps, &self.config.fire_channels, place);
         (self.restart.before, self.restart.sent, self.restart.done) = (self.card.status().repeated, 0, 0);
         self.restart.stage = if self.restart.steps.is_empty() { RestartStage::Idle } else { RestartStage::Asking };
         if !self.restart.is_active() {
