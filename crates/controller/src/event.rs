@@ -193,6 +193,8 @@ pub enum EventKind {
         /// Program line there.
         line: u32,
     },
+    /// A cut was continued beyond the place where it had ended; the length in mm that is not cut.
+    NotCut(f64),
     /// The program is executed again from here, where it was executed before.
     CutFromHere {
         /// Whether the cutter starts in motion.
@@ -290,6 +292,7 @@ impl Event {
                 "event": "cut_end", "channel": channel, "cut_record": place.record.number(),
                 "cut_fraction": place.fraction, "cut_line": line,
             }),
+            EventKind::NotCut(mm) => json!({"event": "not_cut", "mm": mm}),
             EventKind::CutFromHere { moving } => {
                 json!({"event": "cut_from_here", "start": if *moving { "moving" } else { "pierce" }})
             }
@@ -391,6 +394,11 @@ impl Event {
             EventKind::CutterOff { channel, reason } => format!("{} off: {}", channel_name(*channel), reason.text()),
             EventKind::CutEnd { channel, line, .. } => {
                 format!("{}: the cut ends in line {line}", channel_name(*channel))
+            }
+            EventKind::NotCut(mm) => {
+                format!(
+                    "{mm:.2} mm behind the end of the cut are not cut; `back to pierce`, `cut` cuts the contour again"
+                )
             }
             EventKind::CutFromHere { moving: true } => "cutting from here: the cutter starts in motion".into(),
             EventKind::CutFromHere { moving: false } => "cutting from here".into(),

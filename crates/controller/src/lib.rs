@@ -80,7 +80,9 @@ pub use limit_monitor::{AxisExtremes, LimitMonitor, LimitReport, LimitViolation,
 pub use manual::{ManualTask, ManualTaskDone, ManualTaskError, perform_manual_task};
 pub use mdi::{MdiBlock, ModalContext, interpreter_setup};
 pub use motion_sink::MotionSink;
-pub use operator::{CommandError, OperatorCommand, ScriptInstruction, ScriptTime, parse_script, rate_percent};
+pub use operator::{
+    CommandError, CutStart, OperatorCommand, ScriptInstruction, ScriptTime, parse_script, rate_percent,
+};
 pub use overrides::{OverrideApplier, OverrideQueueFull, OverrideRequester};
 pub use plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanEnd, PlanSummary};
 pub use plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};

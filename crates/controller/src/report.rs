@@ -141,6 +141,8 @@ impl<const A: usize> Report<'_, A> {
             "min_buffered_records": t.min_buffered_records,
             "reversals": t.reversals,
             "switch_events": t.switch_events,
+            "cut_interruptions": t.cut_interruptions,
+            "not_cut_mm": t.not_cut_um as f64 / 1000.0,
             "dropped_events": t.dropped_events,
             "peak_rss_mib": peak_rss_mib(),
             "alarms": self.alarms,

@@ -28,6 +28,10 @@ pub struct RunStats {
     pub underruns: u64,
     /// Number of times the direction of motion along the path changed.
     pub reversals: u64,
+    /// Number of cuts that were interrupted.
+    pub cut_interruptions: u64,
+    /// Length of path that is not cut where a cut was interrupted, µm.
+    pub not_cut_um: u64,
     /// Exclusive instructions and synchronous actions executed.
     pub switch_events: u64,
     /// Fewest records that the card held ahead of the cursor, at rate 1 and with more to come. None where that never

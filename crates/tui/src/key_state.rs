@@ -3,7 +3,7 @@
 //! Invariant: a pure function of key, time and model. Space is feed hold whatever dialog is open, except while a line
 //! is typed where nothing runs: there it is a blank.
 
-use retrace_controller::{EnteredLength, ManualTask, OperatorCommand};
+use retrace_controller::{CutStart, EnteredLength, ManualTask, OperatorCommand};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::channel;
@@ -255,6 +255,8 @@ impl KeyState {
             KeyAction::Agree => OperatorCommand::Confirm,
             KeyAction::BackBlock => OperatorCommand::BackToBlock,
             KeyAction::BackJet => OperatorCommand::BackToPierce,
+            KeyAction::BackToCutEnd => OperatorCommand::BackToCutEnd,
+            KeyAction::CutFromHere => OperatorCommand::CutFromHere(CutStart::Usual),
             KeyAction::Faster => OperatorCommand::Override(self.request_override(model, 10.0, now_ms)),
             KeyAction::Slower => OperatorCommand::Override(self.request_override(model, -10.0, now_ms)),
             KeyAction::Whole => {

@@ -77,6 +77,10 @@ pub(crate) enum KeyAction {
     BackBlock,
     /// Back to the last pierce.
     BackJet,
+    /// Back to the end of an interrupted cut.
+    BackToCutEnd,
+    /// Executes the program again from here.
+    CutFromHere,
     /// Override up.
     Faster,
     /// Override down.
@@ -290,6 +294,9 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('B')], "B", "block", "back to the start of this block", MOVING, KeyAction::BackBlock),
     row(&[Key::Char('j')], "j", "pierce", "back to the last pierce, where the cutter came on", MOVING,
         KeyAction::BackJet),
+    row(&[Key::Char('J')], "J", "cut end", "back to the end of an interrupted cut", MOVING, KeyAction::BackToCutEnd),
+    row(&[Key::Char('K')], "K", "cut here", "cut from here: execute the program again", RETRACE | WHEEL,
+        KeyAction::CutFromHere),
     row(&[Key::Char('+'), Key::Char('=')], "+", "faster", "feed override 10 % up; rapids have their own", JOB,
         KeyAction::Faster),
     row(&[Key::Char('-')], "-", "slower", "feed override 10 % down", JOB, KeyAction::Slower),
@@ -301,7 +308,7 @@ pub(crate) const TABLE: &[Row] = &[
         KeyAction::CutterOff),
     row(&[Key::Char('i')], "i", "cutter on", "cutter on, where manual cutting is permitted", MOVING,
         KeyAction::CutterOn),
-    row(&[Key::Char('k')], "k", "recover", "restore the outputs, the cutter last, and resume", RUN | RETRACE | WHEEL,
+    row(&[Key::Char('k')], "k", "recover", "back to the end of the cut, cutter on, and resume", RUN | RETRACE | WHEEL,
         KeyAction::Recover),
     row(&[Key::Char('S')], "S", "spindle", "stop the spindle; again: restart it", PAUSED, KeyAction::Spindle),
     row(&[Key::Char('M')], "M", "M1 stop", "optional stop (M1) on, off", SETUP | JOB, KeyAction::OptionalStop),

@@ -212,6 +212,8 @@ pub struct ScreenModel {
     pub tool_change: Option<i32>,
     /// Whether the cutter went off where it was to cut: the program resumes only with it on.
     pub cutter_is_off: bool,
+    /// Program line in which an interrupted cut ends.
+    pub cut_end_line: Option<u32>,
     /// Whether the machine is at rest where the program switched the cutter, which is on manually.
     pub at_cutter_boundary: bool,
     /// Modal state.
@@ -284,6 +286,7 @@ impl ScreenModel {
             optional_stop: false,
             tool_change: None,
             cutter_is_off: false,
+            cut_end_line: None,
             at_cutter_boundary: false,
             active: Active::default(),
             alarm: None,

@@ -293,7 +293,11 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
         EventKind::CommandRejected(_) if model.pause.is_some() && before.is_some() => model.pause = before,
         EventKind::CutterBoundary => model.at_cutter_boundary = true,
         EventKind::ToolChange(tool) => model.tool_change = Some(*tool),
-        EventKind::CutterOff { channel, reason: CutterOffReason::Card(_) | CutterOffReason::Operator } => {
+        EventKind::CutEnd { line, .. } => model.cut_end_line = Some(*line),
+        EventKind::CutterOff {
+            channel,
+            reason: CutterOffReason::Card(_) | CutterOffReason::Operator | CutterOffReason::NotLatched,
+        } => {
             model.cutter_is_off |= model.mode == Mode::Run && model.program_output(*channel) != 0;
         }
         EventKind::OverridePlanned(percent) => model.override_planned = percent / 100.0,
@@ -305,7 +309,7 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
         }
         EventKind::OutputsRestored | EventKind::RunResumed => {
             model.differing_outputs.clear();
-            model.cutter_is_off = false;
+            (model.cutter_is_off, model.cut_end_line) = (false, None);
         }
         EventKind::Switching(code) => model.switching = Some(code),
         EventKind::Switched(_) => model.switching = None,
@@ -332,6 +336,7 @@ fn begin(model: &mut ScreenModel, event: &Event) {
     (model.stage, model.began, model.alarm) = (ScreenStage::Job, event.period, None);
     (model.ended, model.hold_reason, model.waiting) = (None, HoldReason::None, None);
     (model.optional_stop, model.tool_change, model.cutter_is_off) = (false, None, false);
+    model.cut_end_line = None;
     if model.history_before.is_none() {
         model.program_outputs = model.outputs.clone();
     }

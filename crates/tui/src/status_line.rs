@@ -165,19 +165,24 @@ fn normal(model: &ScreenModel) -> StatusHint {
         }
         HoldReason::Hold if model.cutter_is_off => {
             let actions = [
-                KeyAction::CycleStart,
                 KeyAction::Recover,
+                KeyAction::CycleStart,
+                KeyAction::BackToCutEnd,
                 KeyAction::Reverse,
                 KeyAction::Wheel,
                 KeyAction::BackBy,
                 KeyAction::Quit,
             ];
-            hint(
-                HintLevel::Waiting,
-                "FEED HOLD",
-                "the cutter is off; c asks before it restarts, k restarts it",
-                &actions,
-            )
+            match model.cut_end_line {
+                Some(line) => {
+                    let text = format!("the cut ends in line {line}; k goes back a little and cuts on");
+                    hint(HintLevel::Waiting, "CUT INTERRUPTED", text, &actions)
+                }
+                None => {
+                    let text = "the cutter is off; c asks before it restarts, k restarts it";
+                    hint(HintLevel::Waiting, "FEED HOLD", text, &actions)
+                }
+            }
         }
         HoldReason::Hold => hint(HintLevel::Waiting, "FEED HOLD", "held by the operator", &held),
         HoldReason::ProgramStop => match model.tool_change {

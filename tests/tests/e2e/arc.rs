@@ -4,6 +4,7 @@ use retrace_tests::command::Bench;
 use retrace_tests::cut_judge::{JudgedMachine, judge};
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
+use retrace_tests::terminal::Terminal;
 use serde_json::Value;
 
 const JUDGED: JudgedMachine =
@@ -62,7 +63,7 @@ fn a_lost_arc_is_recovered_with_one_word() {
     let lost_mm = at(end["cut_record"].as_u64().expect("a record")) as f64 / 200.0;
     assert!((lost_mm - 30.0).abs() < 0.1 && end["cut_line"] == 4, "{lost_mm} {end}");
     let lost = with_reason(&run, "lost");
-    assert_eq!(lost.len(), 1);
+    assert_eq!((lost.len(), &run.report["cut_interruptions"], &run.report["not_cut_mm"]), (1, &1.into(), &0.0.into()));
     assert!(run.output.out.contains("\"moving\""), "a torch starts in motion in its kerf");
     assert!(text("lose@20").contains("torch off: E3024"));
 }
@@ -109,6 +110,17 @@ fn flickers_of_the_contact_are_no_loss() {
     assert!(with_reason(&run, "lost").is_empty());
 }
 
+/// Where the operator confirms the outputs, the torch pierces where the machine came to rest: it has braked on the path.
+#[test]
+fn what_is_not_cut_is_told() {
+    let (run, trace) = run("lose@20", "at 3s resume\nafter 1s agree\n", &[]);
+    assert_eq!(run.report["outcome"], "completed");
+    let not_cut = run.report["not_cut_mm"].as_f64().expect("a length");
+    let rests = trace.iter().find(|sample| sample.at_us > 2_500_000).expect("a sample").counts[0] as f64 / 200.0;
+    assert!((not_cut - (rests - 30.0)).abs() < 0.2 && not_cut > 0.5, "{not_cut} {rests}");
+    assert!(run.events.iter().any(|event| event["event"] == "not_cut"));
+}
+
 #[test]
 fn the_operator_goes_to_the_end_of_the_cut_and_cuts_from_there() {
     let (_, uninterrupted) = run("", "", &[]);
@@ -117,6 +129,25 @@ fn the_operator_goes_to_the_end_of_the_cut_and_cuts_from_there() {
     assert_eq!(run.report["outcome"], "completed");
     assert!(judge(&uninterrupted, &trace, &JUDGED).is_good());
     assert!(run.output.out.contains("cut_from_here"));
+}
+
+/// One key, read off the screen.
+#[test]
+fn at_the_screen_an_interrupted_cut_takes_one_key() {
+    let bench = Bench::new();
+    let (program, machine) = (bench.file("part.ngc", PROGRAM), bench.file("m.toml", machine()));
+    let [program, machine] = [program, machine].map(|path| path.display().to_string());
+    let arguments = ["run", &program, "--tui", "--machine", &machine, "--source-faults", "lose@20"];
+    let mut terminal = Terminal::running(&arguments, 80, 24);
+    terminal.wait_for_text("READY");
+    terminal.keys("c");
+    let interrupted = terminal.wait_for_text("CUT INTERRUPTED");
+    assert!(interrupted.contains("the cut ends in line 4") && interrupted.contains("k recover"), "{interrupted}");
+    terminal.keys("k");
+    let end = terminal.wait_for_text("ENDED");
+    assert!(end.contains("completed"), "{end}");
+    terminal.keys("q");
+    assert_eq!(terminal.wait_for_end(), Some(0));
 }
 
 #[test]

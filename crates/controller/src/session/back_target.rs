@@ -116,7 +116,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     /// Length of a record in mm.
-    fn record_length_mm(&self, place: RecordIndex) -> Option<f64> {
+    pub(super) fn record_length_mm(&self, place: RecordIndex) -> Option<f64> {
         let record = self.streamer.record(place)?;
         let axes = record.increments.iter().zip(&self.config.mm_per_pulse);
         Some(axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt())

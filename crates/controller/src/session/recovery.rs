@@ -110,6 +110,12 @@ impl CutRecovery {
     }
 }
 
+/// Records between the end of a cut and its continuation that count as none: the places are those of whole control
+/// periods, and the input of an arc that strikes is debounced.
+const UNNOTICED_RECORDS: i64 = 3;
+/// Maximum number of records that are measured in one control period.
+const MAX_MEASURED_RECORDS: i64 = 20_000;
+
 const NOT_AT_REST: CommandError = CommandError::NotNow("the machine has to be at rest");
 const NOT_RETRACING: CommandError =
     CommandError::NotNow("go back first: `reverse`, `back to cut end`, `back to pierce`");
@@ -142,6 +148,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     fn set_cut_end(&mut self, end: CutEnd) {
         self.recovery.cut_end = Some(end);
+        self.stats.cut_interruptions += 1;
         let CutEnd { place, channel } = end;
         let line = self.streamer.record(place.record).map_or(self.card.status().line, |record| record.line);
         self.emit(EventKind::CutEnd { channel, place, line });
@@ -274,19 +281,34 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         pierce == Some(place) && self.recovery.cut_end().is_none_or(|end| end == place)
     }
 
+    /// The cut that ended at `end` is continued at `at`: counts what lies in between.
+    fn end_interruption(&mut self, end: Place, at: Place) {
+        self.recovery.cut_end = None;
+        let records = end.distance_to(at).units() >> 32;
+        if records < UNNOTICED_RECORDS {
+            return;
+        }
+        let last = records.min(MAX_MEASURED_RECORDS) as u32;
+        let mm: f64 = (0..last).filter_map(|record| self.record_length_mm(end.record + record)).sum();
+        self.stats.not_cut_um += (mm * 1000.0).round() as u64;
+        self.emit(EventKind::NotCut((mm * 1000.0).round() / 1000.0));
+    }
+
     /// Checks that a cutter that started in motion is proven in time, and forgets the end of a cut that is passed.
     pub(super) fn watch_latch(&mut self, status: &CardStatus<A>) {
         let is_cutting = self.mode_controller.mode() == Mode::Run && status.rate.signum() > 0;
         let Some(latch) = &mut self.recovery.latch else {
-            let passed = self.recovery.cut_end.is_some_and(|end| end.place.distance_to(status.place) > Distance::ZERO);
-            let lit = |end: CutEnd| status.outputs.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
-            if is_cutting && passed && self.recovery.cut_end.is_some_and(lit) {
-                self.recovery.cut_end = None;
+            let Some(end) = self.recovery.cut_end else { return };
+            let is_lit = status.outputs.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
+            if is_cutting && is_lit && end.place.distance_to(status.place) > Distance::ZERO {
+                self.end_interruption(end.place, status.place.moved(-status.rate.over(1)));
             }
             return;
         };
         if status.inputs >> (latch.input & 15) & 1 == 1 {
+            let end = latch.cut_end.place;
             self.recovery.latch = None;
+            self.end_interruption(end, status.place);
             return;
         }
         if latch.cut_end.place.distance_to(status.place) <= Distance::ZERO {

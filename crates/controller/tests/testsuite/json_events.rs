@@ -39,6 +39,7 @@ fn examples() -> Vec<EventKind> {
         EventKind::RestartSwitched("M3"),
         EventKind::CutterOff { channel: 3, reason: CutterOffReason::Operator },
         EventKind::CutEnd { channel: 3, place: Place::default(), line: 4 },
+        EventKind::NotCut(1.25),
         EventKind::CutFromHere { moving: true },
         EventKind::CutterOn(3),
         EventKind::RetraceSwitched(3, 1),
@@ -71,7 +72,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::CommandRejected(_) | EventKind::HistoryStartReached | EventKind::RetraceBarrier(_) => {}
             EventKind::CutterBoundary | EventKind::BackTargetReached | EventKind::HistoryEndReached => {}
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
-            EventKind::CutEnd { .. } | EventKind::CutFromHere { .. } => {}
+            EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::RestartSwitched(_) | EventKind::CutterOff { .. } | EventKind::CutterOn(_) => {}
             EventKind::RetraceSwitched(..) | EventKind::RunResumed | EventKind::ProgramEnd => {}
             EventKind::Switching(_) | EventKind::Switched(_) | EventKind::OutputChanged(..) => {}
