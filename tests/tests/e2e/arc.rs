@@ -110,7 +110,7 @@ fn flickers_of_the_contact_are_no_loss() {
     assert!(with_reason(&run, "lost").is_empty());
 }
 
-/// Where the operator confirms the outputs, the torch pierces where the machine came to rest: it has braked on the path.
+/// Where the operator confirms the outputs, the torch pierces where the machine came to rest.
 #[test]
 fn what_is_not_cut_is_told() {
     let (run, trace) = run("lose@20", "at 3s resume\nafter 1s agree\n", &[]);
