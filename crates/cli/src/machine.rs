@@ -8,7 +8,8 @@ use std::io::{self, ErrorKind, Write as _};
 use std::path::Path;
 
 use retrace_config::{
-    CodeClass, CodeSwitching, CutterConfig, InReverse, MachineCheck, MachineConfig, NumberedError, machine_file_schema,
+    CodeClass, CodeSwitching, CutterConfig, CutterProof, CutterStart, InReverse, MachineCheck, MachineConfig,
+    NumberedError, machine_file_schema,
 };
 use retrace_link::channel;
 use serde_json::json;
@@ -223,11 +224,18 @@ fn described_cutter(cutter: &CutterConfig) -> String {
         fire => format!("output {fire}"),
     };
     let retrace = if cutter.retrace_cut { "; may be on while the path is retraced" } else { "" };
-    if cutter.kind.cuts_at_rest() {
-        format!("{kind} on {fire}, off {} ms after the machine comes to rest{retrace}", cutter.standing_ms)
-    } else {
-        format!("{kind} on {fire}")
+    if !cutter.kind.cuts_at_rest() {
+        return format!("{kind} on {fire}");
     }
+    let CutterStart { start_s, starts, pierce_s, .. } = cutter.start;
+    let started = match cutter.proof {
+        Some(CutterProof { input, lost_ms, .. }) => {
+            format!("; {starts} starts of {start_s} s, until input {input} is active; lost {lost_ms} ms without it")
+        }
+        None => "; its loss is not watched".to_owned(),
+    };
+    let standing = format!("off {} ms after the machine comes to rest{retrace}", cutter.standing_ms);
+    format!("{kind} on {fire}, {standing}{started}; pierce {pierce_s} s")
 }
 
 /// Text about homing and the safe direction.
@@ -324,7 +332,7 @@ mod tests {
         }
         let plasma = described(&MachineConfig::parse(file(Some(MachineKind::Plasma)), "kind").expect("valid"));
         assert!(
-            plasma.contains("M3: at rest, 0.4 s, until input 5 is active, at most 3 s; unchanged in reverse"),
+            plasma.contains("3 starts of 5 s, until input 5 is active; lost 10 ms without it; pierce 0.4 s"),
             "{plasma}"
         );
     }

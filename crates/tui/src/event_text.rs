@@ -28,6 +28,9 @@ pub(crate) fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
             let why = text.split_once(" off: ").map_or("", |(_, why)| why);
             format!("{} off: {}", model.facts.output_name(*channel), why.replace("`recover`", "k"))
         }
+        EventKind::CutEnd { channel, line, .. } => {
+            format!("{}: the cut ends in line {line}", model.facts.output_name(*channel))
+        }
         EventKind::CutterBoundary => {
             "at rest where the program switched the cutter, which is on: x switches it off, r continues cutting".into()
         }
