@@ -263,7 +263,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             HostCommand::Rate(target) => self.target = target,
             HostCommand::Replay { on } => self.replay = on,
             HostCommand::Instruction(instruction) => self.store_instruction(instruction)?,
-            HostCommand::ManualOutput(change) => self.outputs.set_manually(change)?,
+            HostCommand::ManualOutput(change) => {
+                self.outputs.set_manually(change)?;
+                self.cancel_start(change);
+            }
             HostCommand::ClearAlarm => {}
             HostCommand::Home(_) => return Err(CommandRefusal::Unsupported),
             HostCommand::Restart { last } => self.block_until_repeated(last),
@@ -271,6 +274,15 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         }
         self.update_status();
         Ok(())
+    }
+
+    /// Cancels the start of a cutter that is switched off manually: no further attempt lights it.
+    fn cancel_start(&mut self, change: OutputChange) {
+        if change.value == 0 && self.permit.fires(change.channel) && self.switching.is_starting(change.channel) {
+            self.switching.cancel_running();
+            self.permit.report_off(self.outputs.values(), CutterOffCause::NotStarted, self.status.place);
+            self.block = MotionBlock::CutterOff;
+        }
     }
 
     fn accept_action(&mut self, action: OutputAction) -> Result<(), CommandRefusal> {

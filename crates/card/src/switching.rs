@@ -352,6 +352,22 @@ impl InstructionExecutor {
         }
     }
 
+    /// Whether an instruction is being executed that starts the cutter on this channel.
+    #[must_use]
+    pub(crate) fn is_starting(&self, channel: u8) -> bool {
+        let starts = |changes: &[OutputChange], until: Option<InputWait>| {
+            until.is_some_and(|until| until.ignition.is_some())
+                && changes.iter().any(|change| change.channel == channel && change.value != 0)
+        };
+        let pending = match &self.pending {
+            Some(PendingInstruction { instruction, stage: InstructionStage::Running(_) }) => {
+                starts(instruction.changes(), instruction.until)
+            }
+            _ => false,
+        };
+        pending || self.repeat.is_some_and(|repeat| starts(repeat.instruction.changes(), repeat.instruction.until))
+    }
+
     /// Returns the changes that the waiting instruction makes.
     pub(crate) fn waiting_changes(&self) -> &[OutputChange] {
         match &self.pending {

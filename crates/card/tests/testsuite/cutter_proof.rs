@@ -319,3 +319,22 @@ fn a_source_that_does_not_go_out_is_an_alarm() {
         assert_eq!(bench.status().alarm, alarm);
     }
 }
+
+#[test]
+fn a_cutter_that_is_switched_off_in_its_start_is_not_lit_again() {
+    for periods in [1, 10, 22, 40] {
+        let mut bench = Bench::new(SOURCE);
+        bench.start();
+        for _ in 0..periods {
+            bench.period();
+        }
+        bench.send(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 0 }));
+        let told = (0..200).filter(|_| {
+            let status = bench.period();
+            assert!(!bench.is_on() && status.at_rest, "after {periods} periods");
+            status.cutter_off.is_some_and(|off| off.cause == CutterOffCause::NotStarted)
+        });
+        assert_eq!(told.count(), 1);
+        assert!(bench.status().blocked && bench.status().executed == 0);
+    }
+}
