@@ -231,6 +231,13 @@ impl CutterPermit {
         self.pending = self.pending.or(Some(CutterOff { channels, cause, place }));
     }
 
+    /// Reports that the start of a cutter was cancelled by hand; the cursor is at `place`. No channel went off by
+    /// itself.
+    pub fn report_cancelled_start(&mut self, place: Place) {
+        let cancelled = CutterOff { channels: 0, cause: CutterOffCause::NotStarted, place };
+        self.pending = self.pending.or(Some(cancelled));
+    }
+
     /// Counts for how long the input of a channel stays active after the channel went off, and returns the first input
     /// for which that is too long.
     fn watch_proof_after_off(&mut self, inputs: u16) -> Option<u8> {

@@ -276,11 +276,12 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         Ok(())
     }
 
-    /// Cancels the start of a cutter that is switched off manually: no further attempt lights it.
+    /// Cancels the start of a cutter that is switched off manually: neither a further attempt nor the instruction that
+    /// waits for its place lights it.
     fn cancel_start(&mut self, change: OutputChange) {
-        if change.value == 0 && self.permit.fires(change.channel) && self.switching.is_starting(change.channel) {
-            self.switching.cancel_running();
-            self.permit.report_off(self.outputs.values(), CutterOffCause::NotStarted, self.status.place);
+        if change.value == 0 && self.permit.fires(change.channel) && self.switching.switches_on(change.channel) {
+            self.switching.cancel();
+            self.permit.report_cancelled_start(self.status.place);
             self.block = MotionBlock::CutterOff;
         }
     }

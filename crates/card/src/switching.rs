@@ -352,20 +352,13 @@ impl InstructionExecutor {
         }
     }
 
-    /// Whether an instruction is being executed that starts the cutter on this channel.
+    /// Whether an instruction switches this channel on that is being executed or waits for its place.
     #[must_use]
-    pub(crate) fn is_starting(&self, channel: u8) -> bool {
-        let starts = |changes: &[OutputChange], until: Option<InputWait>| {
-            until.is_some_and(|until| until.ignition.is_some())
-                && changes.iter().any(|change| change.channel == channel && change.value != 0)
-        };
-        let pending = match &self.pending {
-            Some(PendingInstruction { instruction, stage: InstructionStage::Running(_) }) => {
-                starts(instruction.changes(), instruction.until)
-            }
-            _ => false,
-        };
-        pending || self.repeat.is_some_and(|repeat| starts(repeat.instruction.changes(), repeat.instruction.until))
+    pub(crate) fn switches_on(&self, channel: u8) -> bool {
+        let is_on = |changes: &[OutputChange]| changes.iter().any(|c| c.channel == channel && c.value != 0);
+        let pending = self.pending.as_ref().filter(|pending| pending.stage != InstructionStage::Cancelled);
+        pending.is_some_and(|pending| is_on(pending.instruction.changes()))
+            || self.repeat.as_ref().is_some_and(|repeat| is_on(repeat.instruction.changes()))
     }
 
     /// Returns the changes that the waiting instruction makes.

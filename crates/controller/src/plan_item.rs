@@ -47,6 +47,14 @@ pub struct ExclusiveInstruction {
     pub is_barrier: bool,
 }
 
+impl ExclusiveInstruction {
+    /// Whether it switches this channel on.
+    #[must_use]
+    pub fn switches_on(&self, channel: u8) -> bool {
+        self.changes[..usize::from(self.count)].iter().any(|change| change.channel == channel && change.value != 0)
+    }
+}
+
 /// How the program ended.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PlanEnd {

@@ -378,6 +378,12 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         self.exclusives.front().filter(|_| self.gates.c_open(status.place, status.at_rest))
     }
 
+    /// Returns the instruction that was sent last, while the card executes it.
+    #[must_use]
+    pub fn sent_instruction(&self) -> Option<&ExclusiveInstruction> {
+        self.exclusives.front()
+    }
+
     /// Number of the pending instruction.
     #[must_use]
     pub fn instruction_number(&self) -> u32 {

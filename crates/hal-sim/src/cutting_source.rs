@@ -12,6 +12,11 @@ const CELL_NM: f64 = 50_000.0;
 /// Longest step, in cells, between two samples of a stroke.
 const STEP_CELLS: f64 = 0.5;
 
+/// Distance at which an arc reaches metal around a hole, in cells.
+const REACH_CELLS: i32 = 10;
+/// Number of cut cells within that distance up to which the place is a hole, and not a kerf: 0.15 mm.
+const HOLE_CELLS: usize = 3;
+
 /// How a source fails.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SourceFaults {
@@ -60,7 +65,7 @@ pub struct SourceSettings {
     pub input: u8,
     /// Length of a pulse of the first two axes, in nanometres.
     pub nm_per_pulse: [u32; 2],
-    /// Whether it strikes only where metal is left.
+    /// Whether it strikes only where metal is in reach.
     pub needs_metal: bool,
     /// How it fails.
     pub faults: SourceFaults,
@@ -191,7 +196,7 @@ impl CuttingSource {
         let from = self.at.replace(to).unwrap_or(to);
         if let ArcState::Pilot { from_us } = self.state
             && now_us >= from_us
-            && !(self.settings.needs_metal && self.cells.contains(&cell_at(to)))
+            && (!self.settings.needs_metal || self.reaches_metal(cell_at(to)))
         {
             self.state = ArcState::Burning;
             self.cells.insert(cell_at(to));
@@ -203,6 +208,14 @@ impl CuttingSource {
             self.next_flicker_um = self.next_at(self.settings.faults.flickers_per_km);
         }
         self.settings.faults.is_welded || self.state == ArcState::Burning && now_us >= self.flickers_until_us
+    }
+
+    /// Whether an arc strikes here: over metal, and in a hole that was pierced without being cut on, because there is
+    /// metal around it.
+    fn reaches_metal(&self, [x, y]: [i32; 2]) -> bool {
+        let around = |at: i32| at - REACH_CELLS..=at + REACH_CELLS;
+        let cut = || around(x).flat_map(|x| around(y).map(move |y| [x, y])).filter(|cell| self.cells.contains(cell));
+        !self.cells.contains(&[x, y]) || cut().take(HOLE_CELLS + 1).count() <= HOLE_CELLS
     }
 
     /// Cuts a straight stroke. The arc may go out in it.
@@ -286,6 +299,21 @@ mod tests {
         source.switch(201_000, true);
         let struck = changes(&mut source, 201, 500, 200);
         assert!((45..=55).contains(&struck[0]), "{struck:?}");
+    }
+
+    #[test]
+    fn it_strikes_again_in_a_hole_that_was_only_pierced() {
+        let mut source = source("delay-ms=0");
+        source.switch(0, true);
+        assert!((0..300).all(|ms| source.advance(ms * 1000, &[0, 0])));
+        source.switch(300_000, false);
+        assert!(!source.advance(300_000, &[0, 0]));
+        source.switch(301_000, true);
+        assert!(source.advance(301_000, &[0, 0]));
+        changes(&mut source, 302, 0, 100);
+        source.switch(500_000, false);
+        source.switch(501_000, true);
+        assert!(!source.advance(502_000, &[0, 0]), "a kerf begins here now");
     }
 
     #[test]

@@ -114,7 +114,8 @@ pub enum CutterOffCause {
     /// The input that proves the cutter became inactive: the arc went out, the pressure fell. The card brakes on the
     /// path and blocks motion until [`crate::HostCommand::Restart`].
     Lost,
-    /// The cutter was not proven in any of its attempts. The card blocks motion until [`crate::HostCommand::Restart`].
+    /// The cutter was not proven in any of its attempts, or was switched off manually in its start: no channel is named
+    /// then. The card blocks motion until [`crate::HostCommand::Restart`].
     NotStarted,
 }
 

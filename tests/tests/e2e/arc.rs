@@ -88,6 +88,64 @@ fn a_torch_that_does_not_start_waits_for_the_operator() {
     assert!(text("no-start=1").contains("torch off: E3025"));
 }
 
+/// Whatever ends a start that has not succeeded: nothing is lit from then on, neither by the attempt after it nor
+/// later.
+#[test]
+fn a_start_that_is_ended_by_hand_lights_nothing_any_more() {
+    // 1.0 s: in the first attempt, 1.6 s: between two, 2.0 s: in the second one
+    for at_s in [1.0, 1.6, 2.0] {
+        for end in ["cutter off", "stop", "reverse 20%"] {
+            let (run, trace) = run("no-start=1", &format!("at {at_s}s {end}\n"), &[]);
+            let from_us = (at_s * 1e6) as u64 + 5_000;
+            let lit = trace.iter().filter(|sample| sample.at_us > from_us && sample.is_on("spindle")).count();
+            assert_eq!(lit, 0, "{end} at {at_s} s\n{}", run.output.out);
+            assert_eq!(run.report["outcome"], "stopped");
+            let ends_us = trace.last().expect("a trace").at_us;
+            if end == "stop" {
+                assert!(ends_us < from_us + 100_000, "{end} at {at_s} s: it ends at {ends_us} us");
+            }
+            assert!(with_reason(&run, "not_started").is_empty(), "{}", run.output.out);
+        }
+    }
+}
+
+/// The program is held, and lights the torch anew from the beginning of its start.
+#[test]
+fn a_program_whose_torch_is_put_out_in_its_start_waits_and_starts_it_anew() {
+    let (whole, uninterrupted) = run("", "", &[]);
+    // before and after the arc has struck
+    for at_s in [0.268, 0.3, 0.5, 0.7] {
+        let (run, trace) = run("", &format!("at {at_s}s cutter off\nafter 3s resume\n"), &[]);
+        assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()), "{at_s}");
+        let verdict = judge(&uninterrupted, &trace, &JUDGED);
+        assert!(verdict.is_good(), "{at_s} {verdict:?}");
+        let from_us = (at_s * 1e6) as u64 + 2_000;
+        let waits = trace.iter().filter(|sample| (from_us..from_us + 2_990_000).contains(&sample.at_us));
+        assert!(waits.clone().all(|sample| !sample.is_on("spindle")), "{at_s}");
+        assert_eq!(run.report["cut_interruptions"], 0);
+    }
+}
+
+/// On the way back, while the outputs are restored, in the pilot arc, in the kerf, and beyond it.
+#[test]
+fn a_recovery_in_which_the_torch_is_put_out_begins_anew() {
+    let (whole, uninterrupted) = run("", "", &[]);
+    for after_s in [0.1, 0.5, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.5] {
+        for end in ["cutter off", "reverse 5%\nafter 0.5s hold"] {
+            if end != "cutter off" && after_s >= 1.0 {
+                // it cuts again, so that nothing is left to be recovered
+                continue;
+            }
+            let script = format!("at 3s recover\nafter {after_s}s {end}\nafter 2s recover\n");
+            let (run, trace) = run("lose@20", &script, &[]);
+            let what = format!("{end} after {after_s} s\n{}", run.output.out);
+            assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()), "{what}");
+            let verdict = judge(&uninterrupted, &trace, &JUDGED);
+            assert!(verdict.is_good(), "{verdict:?}\n{what}");
+        }
+    }
+}
+
 #[test]
 fn a_welded_contact_is_an_alarm_before_anything_is_lit() {
     let (run, trace) = run("welded", "", &[]);

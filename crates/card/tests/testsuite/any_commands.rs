@@ -183,6 +183,7 @@ struct Seen {
     put_out: u32,
     blocked: u32,
     repeated: u32,
+    starts_cancelled: u32,
 }
 
 /// What is known of the cutting channels from the words and the reports.
@@ -315,6 +316,9 @@ impl Witness {
             HostStep::ByHand(channel, value) => {
                 if self.send(HostCommand::ManualOutput(OutputChange { channel, value })) {
                     self.asks(OutputChange { channel, value });
+                    if value == 0 && CUTTING.iter().any(|of| of.channel == channel && of.fires) {
+                        self.cancel_start(channel);
+                    }
                 }
             }
             HostStep::Replay(on) => {
@@ -485,6 +489,16 @@ impl Witness {
             if self.begun.is_some() || self.instruction.is_none() {
                 self.asks(instruction.changes[1]);
             }
+        }
+    }
+
+    /// A cutter that is switched off by hand is not lit by what was to light it; the place stays barred.
+    fn cancel_start(&mut self, channel: u8) {
+        let is_on = |changes: &[OutputChange]| changes.iter().any(|c| c.channel == channel && c.value != 0);
+        let instruction = self.instruction.is_some_and(|instruction| is_on(instruction.changes()));
+        if instruction || self.cutting.repeat.is_some_and(|repeat| is_on(repeat.changes())) {
+            (self.instruction, self.begun, self.cutting.repeat) = (None, None, None);
+            self.seen.starts_cancelled += 1;
         }
     }
 
@@ -701,6 +715,7 @@ fn the_deeds_are_not_empty() {
         all.put_out += seen.put_out;
         all.blocked += seen.blocked;
         all.repeated += seen.repeated;
+        all.starts_cancelled += seen.starts_cancelled;
         all.moved += seen.moved;
         all.stood_for_an_instruction += seen.stood_for_an_instruction;
     }
@@ -708,6 +723,6 @@ fn the_deeds_are_not_empty() {
     assert!(all.alarms > 300 && all.cleared > 200 && all.executed > 100 && all.homed > 30, "{all:?}");
     assert!(all.moved > 20_000 && all.stood_for_an_instruction > 2000, "{all:?}");
     assert!(all.lit > 5000 && all.lit_backward > 50 && all.put_out > 150, "{all:?}");
-    assert!(all.blocked > 5000 && all.repeated > 300, "{all:?}");
+    assert!(all.blocked > 5000 && all.repeated > 300 && all.starts_cancelled > 20, "{all:?}");
     assert!(record(15).flags.contains(Flags::REST));
 }

@@ -322,7 +322,8 @@ fn a_source_that_does_not_go_out_is_an_alarm() {
 
 #[test]
 fn a_cutter_that_is_switched_off_in_its_start_is_not_lit_again() {
-    for periods in [1, 10, 22, 40] {
+    // also in the very period in which it arrives, and between two attempts
+    for periods in [0, 1, 10, 22, 40] {
         let mut bench = Bench::new(SOURCE);
         bench.start();
         for _ in 0..periods {
@@ -336,5 +337,43 @@ fn a_cutter_that_is_switched_off_in_its_start_is_not_lit_again() {
         });
         assert_eq!(told.count(), 1);
         assert!(bench.status().blocked && bench.status().executed == 0);
+    }
+}
+
+/// A jet without an input only takes its time. The same holds for it, and for a restart.
+#[test]
+fn the_start_of_a_jet_that_is_switched_off_is_cancelled() {
+    let off = HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 0 });
+    let mut bench = Bench::new(SOURCE);
+    let (number, place, changes) = (1, bench.status().place.record, Bench::changes());
+    bench.send(HostCommand::Instruction(Instruction {
+        number,
+        place,
+        changes,
+        count: 1,
+        periods: 20,
+        until: None,
+        keeps_cutter: true,
+    }));
+    bench.send(HostCommand::rate(Rate::ONE));
+    for _ in 0..5 {
+        bench.period();
+    }
+    assert!(bench.is_on());
+    bench.send(off);
+    let cancelled = bench.period().cutter_off.expect("told");
+    assert_eq!((cancelled.channels, cancelled.cause), (0, CutterOffCause::NotStarted));
+    for _ in 0..100 {
+        let status = bench.period();
+        assert!(!bench.is_on() && status.place == Place::start_of(place) && status.executed == 0);
+    }
+    bench.send(HostCommand::Restart { last: number });
+    bench.send(HostCommand::Repeat(RepeatedInstruction { number, changes, count: 1, periods: 20, until: None }));
+    bench.period();
+    assert!(bench.is_on());
+    bench.send(off);
+    for _ in 0..100 {
+        let status = bench.period();
+        assert!(!bench.is_on() && status.place == Place::start_of(place) && status.repeated == 0);
     }
 }

@@ -26,6 +26,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if self.mode_controller.mode() != mode {
                 if mode == Mode::Run {
                     self.leaving_run = LeavingRun::Braking;
+                    self.cancel_cutter_start(CutterOffReason::Retrace);
                 }
                 self.emit_mode();
             }
@@ -66,6 +67,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::Stop => {
                 self.phase.stop();
                 self.mode_controller.apply(ModeCommand::Hold)?;
+                self.cancel_restart();
+                self.cancel_cutter_start(CutterOffReason::JobStopped);
             }
             OperatorCommand::Wheel { .. } if self.mode_controller.mode() == Mode::Wheel => {}
             OperatorCommand::Wheel { .. } => {
@@ -122,21 +125,29 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(())
     }
 
-    /// *Cutter off*: always, and immediately. A program that cuts is held, because the path from here on would not be
-    /// cut.
+    /// *Cutter off*: always, and immediately. A program that cuts, or is about to, is held, because the path from here
+    /// on would not be cut.
     fn cutter_off(&mut self) {
-        self.cancel_restart();
         let expected = self.streamer.expected();
         let cuts =
             self.config.fire_channels.iter().any(|&c| expected.get(usize::from(c)).is_some_and(|&value| value != 0));
-        if cuts {
+        let holds = cuts || self.restart.is_active() || self.is_starting_cutter();
+        if cuts && !self.restart.is_active() && self.executing.is_none() {
             for at in 0..self.config.fire_channels.len() {
                 self.record_cut_end_by_hand(self.config.fire_channels[at]);
             }
         }
         self.switch_cutters_off(CutterOffReason::Operator);
-        if cuts {
+        self.cancel_restart();
+        if holds {
             self.hold_program();
+        }
+    }
+
+    /// Cancels the start of a cutter that the program does not go on to use.
+    fn cancel_cutter_start(&mut self, reason: CutterOffReason) {
+        if self.is_starting_cutter() {
+            self.switch_cutters_off(reason);
         }
     }
 

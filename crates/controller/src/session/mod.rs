@@ -346,7 +346,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if self.dnc.is_paused() {
             return self.paused_output();
         }
-        if self.restart.is_active() && self.mode_controller.mode() != Mode::Run {
+        if self.restart.is_ending() || self.restart.is_active() && self.mode_controller.mode() != Mode::Run {
             // One restart at a time: what the furthest place needs is compared when this one is complete.
             return ModeOutput { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
         }

@@ -44,8 +44,8 @@ pub(super) struct CutRecovery {
     cut_end: Option<CutEnd>,
     /// The machine goes back, and starts there in this way.
     returning: Option<CutStart>,
-    /// The next restart of the outputs starts this cutter in motion.
-    starts_in_motion: bool,
+    /// How the next restart of the outputs starts the cutter, where that was chosen.
+    chosen_start: Option<CutStart>,
     latch: Option<Latch>,
 }
 
@@ -56,7 +56,7 @@ impl CutRecovery {
             period_us: machine.period_us,
             cut_end: None,
             returning: None,
-            starts_in_motion: false,
+            chosen_start: None,
             latch: None,
         }
     }
@@ -86,12 +86,9 @@ impl CutRecovery {
         if self.usually_starts_in_motion(channel) { restart.run_in_mm } else { restart.overlap_mm }
     }
 
-    /// Makes the steps of a restart that light a cutter start it in motion, where that is wanted: they take the time of
-    /// the pilot arc, and do not wait for the input.
-    pub(super) fn start_in_motion(&mut self, steps: &mut [RestartStep], fire_channels: &[u8], place: Place) {
-        if !std::mem::take(&mut self.starts_in_motion) {
-            return;
-        }
+    /// Makes the steps of a restart that light a cutter start it in motion: they take the time of the pilot arc, and do
+    /// not wait for the input.
+    fn start_in_motion(&mut self, steps: &mut [RestartStep], fire_channels: &[u8], place: Place) {
         for step in steps {
             let lit = step.changes().iter().find(|change| change.value != 0 && fire_channels.contains(&change.channel));
             let Some(channel) = lit.map(|change| change.channel) else { continue };
@@ -158,6 +155,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn record_cut_end_by_hand(&mut self, channel: u8) {
         let status = self.card.status();
         let is_on = status.outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
+        // Started in motion and not proven: it has cut nothing since.
+        if self.recovery.latch.take().is_some() {
+            return;
+        }
         if is_on && self.mode_controller.mode() == Mode::Run && self.recovery.usually_starts_in_motion(channel) {
             // The card switches it off later, so that this place is cut.
             self.set_cut_end(CutEnd { place: status.place, channel });
@@ -256,12 +257,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.phase = JobPhase::Running;
         }
         let lit = self.config.fire_channels.iter().find(|&&at| self.streamer.expected()[usize::from(at)] != 0);
-        let moving = lit.is_some_and(|&channel| match start {
-            CutStart::Usual => self.recovery.usually_starts_in_motion(channel) && !self.is_at_pierce(place),
-            CutStart::Pierce => false,
-            CutStart::Moving => true,
-        });
-        self.recovery.starts_in_motion = moving;
+        let moving = lit.is_some_and(|&channel| self.starts_in_motion(channel, place, Some(start)));
+        self.recovery.chosen_start = Some(start);
         let state = self.mode_controller.state();
         self.mode_controller = ModeController::with_state(ModeState {
             mode: Mode::AwaitOutputs,
@@ -273,6 +270,30 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         });
         self.emit(EventKind::CutFromHere { moving });
         Ok(())
+    }
+
+    /// Whether a restart at this place starts the cutter in motion. Where the operator has not chosen to cut from here,
+    /// it does so in the kerf of a cut that was interrupted further on.
+    fn starts_in_motion(&self, channel: u8, place: Place, chosen: Option<CutStart>) -> bool {
+        let is_in_kerf =
+            chosen.is_some() || self.recovery.cut_end().is_some_and(|end| place.distance_to(end) > Distance::ZERO);
+        match chosen.unwrap_or(CutStart::Usual) {
+            CutStart::Usual => {
+                is_in_kerf && self.recovery.usually_starts_in_motion(channel) && !self.is_at_pierce(place)
+            }
+            CutStart::Pierce => false,
+            CutStart::Moving => true,
+        }
+    }
+
+    /// Prepares the steps of a restart for the way in which the cutter starts.
+    pub(super) fn prepare_cutter_start(&mut self) {
+        let chosen = self.recovery.chosen_start.take();
+        let place = self.card.status().place;
+        let fires = self.config.fire_channels.iter().find(|&&channel| self.restart.switches_on(channel));
+        if fires.is_some_and(|&channel| self.starts_in_motion(channel, place, chosen)) {
+            self.recovery.start_in_motion(&mut self.restart.steps, &self.config.fire_channels, place);
+        }
     }
 
     /// Whether the cutter was lit at this very place and has cut nothing beyond.

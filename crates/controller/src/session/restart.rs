@@ -24,6 +24,8 @@ enum RestartStage {
     Blocking,
     /// Motion is blocked; the instructions are being executed.
     Repeating,
+    /// Cancelled; the card has not reported the end of the instruction that was sent last.
+    Ending,
 }
 
 /// A restart of the outputs.
@@ -31,7 +33,7 @@ enum RestartStage {
 pub(super) struct OutputRestart {
     stage: RestartStage,
     /// The instructions to execute, in this order.
-    steps: Vec<RestartStep>,
+    pub(super) steps: Vec<RestartStep>,
     /// The card's number of the repeat before the first one.
     before: u32,
     /// Number of steps that were sent.
@@ -50,9 +52,25 @@ impl OutputRestart {
         self.stage != RestartStage::Idle
     }
 
-    /// Whether a rate may be sent. Not before the card is known to block motion.
+    /// Whether a rate may be sent. Not before the card is known to block motion, and not after that block is no use any
+    /// more.
     pub(super) fn permits_rate(&self) -> bool {
-        !matches!(self.stage, RestartStage::Asking | RestartStage::Blocking)
+        matches!(self.stage, RestartStage::Idle | RestartStage::Repeating)
+    }
+
+    /// Whether the restart was cancelled, and is not over yet.
+    pub(super) fn is_ending(&self) -> bool {
+        self.stage == RestartStage::Ending
+    }
+
+    /// Whether an instruction switches this channel on that is executed or still to be sent.
+    pub(super) fn switches_on(&self, channel: u8) -> bool {
+        let switches = |step: &RestartStep| step.changes().iter().any(|c| c.channel == channel && c.value != 0);
+        self.is_active() && self.steps[self.done.min(self.steps.len())..].iter().any(switches)
+    }
+
+    fn end(&mut self) {
+        (self.stage, self.sent, self.done) = (RestartStage::Idle, 0, 0);
     }
 
     /// The card's number of the last repeat.
@@ -73,10 +91,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn begin_restart_to(&mut self, wants: &Outputs, concerned: impl Fn(u8) -> bool) {
         let outputs = self.outputs_compared_with(wants);
         self.streamer.restart_steps(&outputs, wants, concerned, &mut self.restart.steps);
-        let place = self.card.status().place;
-        self.recovery.start_in_motion(&mut self.restart.steps, &self.config.fire_channels, place);
         (self.restart.before, self.restart.sent, self.restart.done) = (self.card.status().repeated, 0, 0);
         self.restart.stage = if self.restart.steps.is_empty() { RestartStage::Idle } else { RestartStage::Asking };
+        self.prepare_cutter_start();
         if !self.restart.is_active() {
             self.emit(EventKind::OutputsRestored);
         }
@@ -92,9 +109,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.begin_restart_to(&wants, |concerned| concerned == channel);
     }
 
-    /// Cancels a restart: its remaining steps are dropped, and motion is not blocked any more.
+    /// Cancels a restart: its remaining steps are dropped. Motion is not blocked any more once the instruction has ended
+    /// that the card is executing.
     pub(super) fn cancel_restart(&mut self) {
-        if self.restart.is_active() {
+        if self.restart.sent > self.restart.done {
+            self.restart.steps.truncate(self.restart.sent);
+            self.restart.stage = RestartStage::Ending;
+        } else if self.restart.is_active() {
             self.restart.stage = RestartStage::Idle;
             self.release_block();
         }
@@ -110,6 +131,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Advances an active restart. Called before every control period.
     pub(super) fn advance_restart(&mut self) {
+        if self.restart.stage == RestartStage::Ending
+            && self.card.status().repeated.wrapping_sub(self.restart.before) as usize >= self.restart.sent
+        {
+            self.restart.end();
+            self.release_block();
+        }
         if self.restart.stage == RestartStage::Asking
             && self.card.send(HostCommand::Restart { last: self.restart.last() }).is_ok()
         {
@@ -129,7 +156,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 self.emit_at(step.line, EventKind::RestartSwitched(step.code));
             }
             if self.restart.done == self.restart.steps.len() {
-                self.restart.stage = RestartStage::Idle;
+                self.restart.end();
                 self.emit(EventKind::OutputsRestored);
                 return;
             }
@@ -160,7 +187,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             matches!(off.cause, CutterOffCause::Standing | CutterOffCause::Lost | CutterOffCause::NotStarted);
         if matches!(off.cause, CutterOffCause::Lost | CutterOffCause::NotStarted) {
             // The card has cancelled what it was executing: an instruction, or a step of a restart.
-            self.restart.stage = RestartStage::Idle;
+            self.restart.end();
             if self.executing.take().is_some() {
                 self.streamer.mark_cancelled();
             }
@@ -171,19 +198,43 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    /// Switches every cutting output off immediately.
+    /// Whether a cutter on this channel is being lit, by an instruction of the program or by a restart. Between two
+    /// attempts its output is off.
+    fn is_starting(&self, channel: u8) -> bool {
+        let executing = self.executing.and_then(|_| self.streamer.sent_instruction());
+        executing.is_some_and(|instruction| instruction.switches_on(channel)) || self.restart.switches_on(channel)
+    }
+
+    /// Whether any cutter is being lit.
+    pub(super) fn is_starting_cutter(&self) -> bool {
+        self.config.fire_channels.iter().any(|&channel| self.is_starting(channel))
+    }
+
+    /// Switches every cutting output off immediately, and cancels the start of those that are being lit.
     pub(super) fn switch_cutters_off(&mut self, reason: CutterOffReason) {
         for at in 0..self.config.fire_channels.len() {
-            self.switch_off(self.config.fire_channels[at], reason);
+            let channel = self.config.fire_channels[at];
+            if self.is_starting(channel) {
+                self.switch_off_now(channel, reason);
+            } else {
+                self.switch_off(channel, reason);
+            }
+        }
+        if self.config.fire_channels.iter().any(|&channel| self.restart.switches_on(channel)) {
+            self.cancel_restart();
         }
     }
 
     fn switch_off(&mut self, channel: u8, reason: CutterOffReason) {
         if self.card.status().outputs.get(usize::from(channel)).is_some_and(|&value| value != 0) {
-            // a card accepts every channel that its settings name
-            self.send_manual_output(OutputChange { channel, value: 0 });
-            self.emit(EventKind::CutterOff { channel, reason });
+            self.switch_off_now(channel, reason);
         }
+    }
+
+    fn switch_off_now(&mut self, channel: u8, reason: CutterOffReason) {
+        // a card accepts every channel that its settings name
+        self.send_manual_output(OutputChange { channel, value: 0 });
+        self.emit(EventKind::CutterOff { channel, reason });
     }
 
     /// Switches off immediately what the end of a program switches off.
