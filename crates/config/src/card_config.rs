@@ -203,6 +203,11 @@ impl CardConfig {
         u32::from(number) < u16::BITS && self.declared_inputs & (1 << number) != 0
     }
 
+    /// Meaning of an input.
+    pub(crate) fn input_use(&self, number: u8) -> InputUse {
+        self.inputs.get(usize::from(number)).map_or(InputUse::Plain, |input| input.used_for)
+    }
+
     /// Whether an axis has a switch for homing at this end: its home switch, or the limit switch there.
     pub(crate) fn can_home(&self, axis: usize, upper: bool) -> bool {
         self.inputs.iter().any(|input| match input.used_for {

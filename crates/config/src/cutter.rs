@@ -3,10 +3,11 @@
 //!
 //! Invariant: every cutting output belongs to exactly one cutter, and no channel has two uses.
 
-use retrace_link::{CuttingChannel, CuttingSettings, InputWait, MAX_CUTTING_CHANNELS, MAX_PROOFS, channel};
+use retrace_link::{CuttingChannel, CuttingSettings, InputUse, InputWait, MAX_CUTTING_CHANNELS, MAX_PROOFS, channel};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::card_config::CardConfig;
 use crate::cutter_start::{CutterProof, CutterRestart, CutterStart};
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
@@ -108,11 +109,9 @@ pub(crate) struct CutterSection {
     /// Input that proves that the cutter burns or flows.
     ok: Option<CutterProof>,
     /// How the cutter starts.
-    #[serde(default)]
-    start: CutterStart,
+    start: Option<CutterStart>,
     /// How the cutter starts again where a cut was interrupted.
-    #[serde(default)]
-    restart: CutterRestart,
+    restart: Option<CutterRestart>,
 }
 
 /// A cutter, checked.
@@ -172,8 +171,8 @@ impl CutterSection {
             retrace_cut,
             rapid_lit,
             proof: self.ok,
-            start: self.start,
-            restart: self.restart,
+            start: self.start.unwrap_or_default(),
+            restart: self.restart.unwrap_or_default(),
         }
     }
 }
@@ -266,8 +265,15 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         }
         let standing_ms = cutter.standing_ms.unwrap_or(cutter.kind.usual_standing_ms());
         within(&format!("cutter {}: standing_ms", cutter.name), standing_ms, 0.0, 5000.0)?;
-        cutter.start.check(&cutter.name)?;
-        cutter.restart.check(&cutter.name)?;
+        let has_start = cutter.ok.is_some() || cutter.start.is_some() || cutter.restart.is_some();
+        if has_start && !cutter.kind.cuts_at_rest() {
+            return refuse(
+                "`ok`, `start` and `restart` are of torches, jets and beams",
+                "write the delay and the input of M3 under [code.M3]",
+            );
+        }
+        cutter.start.map_or(Ok(()), |start| start.check(&cutter.name))?;
+        cutter.restart.map_or(Ok(()), |restart| restart.check(&cutter.name))?;
         cutter.ok.map_or(Ok(()), |proof| proof.check(&cutter.name))?;
         let float_travel_mm = cutter.sense.float_travel_mm;
         within(&format!("cutter {}: sense.float_travel_mm", cutter.name), float_travel_mm, 0.0, 50.0)?;
@@ -295,6 +301,22 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         return Err(NumberedError::new("E2112", what, "leave `ok` out of the others: they run by time"));
     }
     Ok(cutters)
+}
+
+/// Checks that the input that proves a cutter has no other meaning on the card.
+///
+/// # Errors
+/// `E2112`
+pub(crate) fn proofs_are_plain_inputs(cutters: &[CutterConfig], card: &CardConfig) -> Result<(), NumberedError> {
+    for cutter in cutters {
+        let Some(proof) = &cutter.proof else { continue };
+        if card.input_use(proof.input) != InputUse::Plain {
+            let what =
+                format!("[[cutter]] {}: ok.input = {} has another use in its [[card.input]]", cutter.name, proof.input);
+            return Err(NumberedError::new("E2112", what, "an input with `use = \"plain\"`"));
+        }
+    }
+    Ok(())
 }
 
 /// Rejects a channel that two cutters use, or that does not exist, and duplicate names.
@@ -377,4 +399,33 @@ pub(crate) fn name_of(cutters: &[CutterConfig], channel: u8) -> Option<String> {
         let (_, what) = cutter.auxiliaries().find(|(other, _)| *other == channel)?;
         Some(format!("{} {what}", cutter.name))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::MachineConfig;
+
+    #[test]
+    fn what_a_cutter_cannot_have_is_refused() {
+        let refused = |text: &str| match MachineConfig::parse(text, "m.toml") {
+            Ok(_) => String::new(),
+            Err(error) => format!("{error}"),
+        };
+        let cutter =
+            |kind: &str, more: &str| format!("[[cutter]]\nname = \"tool\"\nkind = \"{kind}\"\nfire = 64\n{more}\n");
+        for more in ["ok = { input = 5 }", "start = { pierce_s = 1 }", "restart = { run_in_mm = 3 }"] {
+            assert_eq!(refused(&cutter("torch", more)), "");
+            for kind in ["spindle", "marker"] {
+                let error = refused(&cutter(kind, more));
+                assert!(error.contains("E2112") && error.contains("torches, jets and beams"), "{kind} {more}: {error}");
+            }
+        }
+        for (used_for, is_free) in [("plain", true), ("door", false), ("emergency-stop", false), ("probe", false)] {
+            let input = format!("[[card.input]]\nnumber = 5\nuse = \"{used_for}\"\n");
+            let error = refused(&(cutter("torch", "ok = { input = 5 }") + &input));
+            assert_eq!(error.is_empty(), is_free, "{used_for}: {error}");
+            assert!(is_free || error.contains("ok.input = 5"), "{error}");
+        }
+        assert!(refused(&(cutter("torch", "") + "[code.M3]\nduration_ms = 5\n")).contains("beside [[cutter]] tool"));
+    }
 }

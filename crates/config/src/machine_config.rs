@@ -164,6 +164,7 @@ impl MachineConfig {
         let cutters = cutter::checked(file.cutter, &file.cutting_outputs)?;
         let cutting_outputs = cutter::cutting_outputs(&cutters);
         let card = file.card.checked(&axes, &cutting_outputs, file.control_period_ms)?;
+        cutter::proofs_are_plain_inputs(&cutters, &card)?;
         let output_names = output_names(file.output, &cutters)?;
         let written = Written {
             homing: file.homing,

@@ -21,6 +21,8 @@ pub(crate) enum CanonError {
     BeyondLimit(LimitFinding),
     /// E4306: a rapid move while the cutter of this name is on.
     RapidWhileLit(String),
+    /// E4307: this code switches the cutter of this name on in passing, although its start takes time.
+    LitInPassing(&'static str, String),
     /// The planner rejected the move.
     Move(MoveError),
     /// The job was cancelled.
@@ -43,6 +45,11 @@ impl CanonError {
                 "E4306",
                 format!("a rapid move (G0) while the {cutter} is on"),
                 "switch it off before the move (M5, M65 …), use G1, or write rapid_lit = true in its [[cutter]] table",
+            ),
+            Self::LitInPassing(code, cutter) => (
+                "E4307",
+                format!("{code} switches the {cutter} on without a stop, and its start takes time"),
+                "switch it on by M3 or M64, or by a code with class = \"exclusive\"",
             ),
             Self::Move(error) => (error.number(), error.to_string(), "correct the move"),
             Self::Cancelled => ("", String::new(), ""),

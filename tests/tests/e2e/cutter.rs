@@ -374,6 +374,30 @@ fn what_a_program_does_with_its_cutter_is_checked_before_the_run() {
     assert!(!check(Some(named), JET_PROGRAM).err.contains("W410"));
 }
 
+/// The feed would begin before the cutter is ready.
+#[test]
+fn a_cutter_whose_start_takes_time_is_not_lit_in_passing() {
+    let check = |cutter: &str, more: &str, program: &str| {
+        let bench = Bench::new();
+        let [machine, program] = [bench.file("m.toml", machine(cutter, more)), bench.file("part.ngc", program)];
+        let [machine, program] = [machine, program].map(|path| path.display().to_string());
+        bench.retrace(["check", &program, "--machine", &machine])
+    };
+    let program = |on: &str, off: &str| format!("G21 G90 F1800\nG1 X10\n{on}\nG1 X20\n{off}\nM2\n");
+    let pierces = format!("{JET}start = {{ pierce_s = 0.5 }}\n");
+    let user_code = "[code.M101]\noutput = 3\nclass = \"synchronous\"\n";
+    for (cutter, code, more) in [(&*pierces, "M62 P3", ""), (&pierces, "M101", user_code)] {
+        let result = check(cutter, more, &program(code, "M63 P3"));
+        let names = result.err.contains("E4307") && result.err.contains(":3:") && result.err.contains(&code[..3]);
+        assert!(result.code == Some(1) && names, "{}", result.err);
+    }
+    // at rest, or a jet that needs no time
+    for (cutter, code) in [(&*pierces, "M64 P3"), (JET, "M62 P3")] {
+        let result = check(cutter, "", &program(code, "M63 P3"));
+        assert_eq!(result.code, Some(0), "{}", result.err);
+    }
+}
+
 #[test]
 fn a_beam_is_off_in_rapids_and_on_again_behind_them() {
     let beam = "[[cutter]]\nname = \"beam\"\nkind = \"beam\"\nfire = 64\n";

@@ -274,8 +274,16 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        self.cutters.record_switching(self.machine, &[change]);
         let (periods, until) = self.machine.cutter_switching(change, self.pierce_s);
+        if switching.class == CodeClass::Synchronous
+            && change.value != 0
+            && (periods > 0 || until.is_some())
+            && let Some(cutter) = self.machine.cutter_of(change.channel)
+        {
+            // The feed would begin before the cutter is ready.
+            return Err(CanonError::LitInPassing(code, cutter.name.clone()));
+        }
+        self.cutters.record_switching(self.machine, &[change]);
         let periods = switching.periods.saturating_add(periods);
         let switching = CodeSwitching { periods, until: switching.until.or(until), ..switching };
         match (switching.class, switching.in_reverse) {
