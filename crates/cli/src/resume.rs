@@ -10,6 +10,7 @@ use retrace_config::{MachineConfig, NumberedError};
 use retrace_controller::{
     JobStart, MANUAL_PLACE_OFFSET, ResumePlan, ResumePoint, ScriptInstruction, parse_script, planning_fingerprint,
 };
+use retrace_core::Place;
 use retrace_core::place::number_is_before;
 use retrace_hal_sim::SourceFaults;
 use retrace_journal::{
@@ -376,7 +377,15 @@ impl ResumeStep<'_> {
         let outputs = outputs(&job.outputs);
         let rests = self.record.rests().to_vec();
         let lengths = self.record.lengths().to_vec();
-        Ok(ResumePoint { start, origin: job.origin, executed: job.executed, outputs, overrides, marks, rests, lengths })
+        let cut_ends = self.cut_ends();
+        let (origin, executed) = (job.origin, job.executed);
+        Ok(ResumePoint { start, origin, executed, outputs, overrides, marks, rests, lengths, cut_ends })
+    }
+
+    /// Where each cutter has certainly cut to, if it was cutting.
+    fn cut_ends(&self) -> Vec<(u8, Place)> {
+        let cutters = self.machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest());
+        cutters.filter_map(|cutter| Some((cutter.fire, self.record.certain_cut_end(cutter.fire)?))).collect()
     }
 
     /// Locates the breakpoint, asks for confirmation, and runs the job.
@@ -401,7 +410,7 @@ impl ResumeStep<'_> {
         let manners = OutputOptions {
             json: args.format.json,
             records: args.operation.records.as_deref(),
-            script: with_confirmation(script.clone())?,
+            script: with_confirmation(script.clone(), !resumption.cut_ends.is_empty())?,
             operator: args.operation.operator.is_some(),
             wall_time,
             optional_stop: args.operation.optional_stop.map(OnOff::is_on).or(record.optional_stop),
@@ -511,9 +520,10 @@ fn resume_entry<const A: usize>(prepared: &ResumePlan<A>, card: JobCard, machine
     }
 }
 
-/// Script prefix of a confirmed job: the outputs are restored without another question.
-fn with_confirmation(script: Vec<ScriptInstruction>) -> Result<Vec<ScriptInstruction>, NumberedError> {
-    let mut all = parse_script("at 0s leave", "resume")?;
+/// Script prefix of a confirmed job: the outputs are restored without another question, and an interrupted cut is
+/// continued.
+fn with_confirmation(script: Vec<ScriptInstruction>, recovers: bool) -> Result<Vec<ScriptInstruction>, NumberedError> {
+    let mut all = parse_script(if recovers { "at 0s recover" } else { "at 0s leave" }, "resume")?;
     all.extend(script);
     Ok(all)
 }

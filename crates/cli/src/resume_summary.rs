@@ -134,8 +134,25 @@ impl<const A: usize> ResumeSummary<'_, A> {
         if behind > 0 {
             words.push(("then", format!("forward {behind} records to the furthest place executed, then normal run")));
         }
+        words.extend(self.continued_cut().map(|text| ("cut", text)));
         words.push(("history", format!("{:.1} s, {:.3} mm back", self.history_s(), prepared.history_mm())));
         words
+    }
+
+    /// How the cut goes on in which the job was interrupted, if it was in one.
+    fn continued_cut(&self) -> Option<String> {
+        let (expected, record) = (self.prepared.expected_outputs(), self.record);
+        let mut cutters = self.machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest());
+        let lit = cutters.find(|cutter| expected[usize::from(cutter.fire)] != 0)?;
+        record.certain_cut_end(lit.fire)?;
+        let (name, mm) = (&lit.name, lit.run_in_mm());
+        Some(if lit.starts_in_motion() {
+            format!(
+                "goes on: back along the path to {mm} mm before the end of the kerf, where the {name} starts in motion"
+            )
+        } else {
+            format!("goes on: back along the path to {mm} mm before the end of the kerf, where the {name} pierces")
+        })
     }
 
     fn position_text(&self) -> String {

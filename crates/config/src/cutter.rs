@@ -222,6 +222,19 @@ impl CutterConfig {
         self.proof.as_ref().and_then(|proof| proof.stop_wait(period_us))
     }
 
+    /// Whether it starts in motion where an interrupted cut is continued: a torch, as no arc strikes over a kerf, whose
+    /// input tells when the arc meets metal (CUT-38).
+    #[must_use]
+    pub fn starts_in_motion(&self) -> bool {
+        self.kind == CutterKind::Torch && self.proof.is_some()
+    }
+
+    /// Length in mm before the end of an interrupted cut from which it is continued.
+    #[must_use]
+    pub fn run_in_mm(&self) -> f64 {
+        if self.starts_in_motion() { self.restart.run_in_mm } else { self.restart.overlap_mm }
+    }
+
     /// Its channels other than `fire`, with their purpose.
     fn auxiliaries(&self) -> impl Iterator<Item = (u8, &'static str)> {
         let all = [(self.arm, "arm"), (self.assist, "assist"), (self.abrasive, "abrasive")];

@@ -14,7 +14,7 @@ use std::time::Duration;
 use retrace_config::{MachineConfig, NumberedError};
 use retrace_core::place::number_is_before;
 use retrace_core::playback::partial_increment;
-use retrace_core::{Rate, RecordIndex};
+use retrace_core::{Place, Rate, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::{LengthChange, MarkDifference, PlaceMark};
 use retrace_link::{CardStatus, Outputs, PathStart, channel};
@@ -43,6 +43,9 @@ pub struct ResumePoint {
     pub rests: Vec<u64>,
     /// Tool lengths that were entered in pauses, in order. At the machine's position the path is moved by all of them.
     pub lengths: Vec<LengthChange>,
+    /// Places up to which cutters have certainly cut, each with the channel. They count where the program expects the
+    /// cutter to be on at `reached`.
+    pub cut_ends: Vec<(u8, Place)>,
 }
 
 impl ResumePoint {
@@ -59,6 +62,7 @@ impl ResumePoint {
             marks: Vec::new(),
             rests: Vec::new(),
             lengths: Vec::new(),
+            cut_ends: Vec::new(),
         }
     }
 }

@@ -280,6 +280,12 @@ impl PositionEntry {
         // Whether the path rests there follows from the records; a ramp is right in any case.
         PathStart { place: self.place, rests: false, reached: self.reached, executed: self.executed }
     }
+
+    /// Whether the output of a cutter was on in normal run.
+    #[must_use]
+    pub fn is_cutting_with(&self, channel: u8) -> bool {
+        self.mode == Mode::Run && self.outputs.iter().any(|&(of, value)| of == channel && value != 0)
+    }
 }
 
 /// Length of a streamed program that has been saved.

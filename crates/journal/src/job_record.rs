@@ -7,6 +7,8 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use retrace_config::NumberedError;
+use retrace_core::mode::Mode;
+use retrace_core::{Distance, Place, RecordIndex};
 use retrace_link::PathStart;
 use serde_json::Value;
 
@@ -53,6 +55,17 @@ pub struct JobRecord {
     /// Blocks behind which the path rests because the program was cut off or rejected.
     rests: Vec<u64>,
     lengths: Vec<LengthChange>,
+    /// The interrupted cut that was not continued: the channel of its cutter, and where it ended.
+    interrupted_cut: Option<(u8, Place)>,
+}
+
+/// Channel and place of an event that reports the end of an interrupted cut.
+fn interrupted_cut(event: &Value) -> Option<(u8, Place)> {
+    let number = |key: &str| event[key].as_u64();
+    let is_cut_end = event["event"] == "cut_end";
+    let record = RecordIndex::new(u32::try_from(number("cut_record").filter(|_| is_cut_end)?).ok()?);
+    let fraction = u32::try_from(number("cut_fraction")?).ok()?;
+    Some((u8::try_from(number("channel")?).ok()?, Place { record, fraction }))
 }
 
 /// Last known position of a machine.
@@ -107,6 +120,7 @@ impl JobRecord {
             overrides: Vec::new(),
             rests: Vec::new(),
             lengths: Vec::new(),
+            interrupted_cut: None,
         }
     }
 
@@ -131,11 +145,17 @@ impl JobRecord {
             }
             JournalEntry::Position(at) => {
                 self.last_position = LastPosition { start: at.start(), counts: at.counts.clone() };
+                self.interrupted_cut = self.interrupted_cut.filter(|&(channel, end)| {
+                    let is_beyond = end.distance_to(at.place) > Distance::ZERO;
+                    !(is_beyond && at.is_cutting_with(channel))
+                });
                 self.at = Some(*at);
             }
             JournalEntry::Event(event) => {
                 if event["event"] == "alarm" {
                     self.alarm = Some(event);
+                } else if let Some(cut) = interrupted_cut(&event) {
+                    self.interrupted_cut = Some(cut);
                 } else if let Some(is_on) = optional_stop(&event) {
                     self.optional_stop = Some(is_on);
                 }
@@ -155,6 +175,20 @@ impl JobRecord {
             JournalEntry::Lost(lost) => self.lost += lost.entries,
             JournalEntry::End(end) => self.end = Some(*end),
         }
+    }
+
+    /// A place up to which the cutter on this channel has certainly cut, where the program expects it to be on at the
+    /// end of the journal: where its cut was interrupted, or the last position at which it is recorded to be on. A cut
+    /// that goes on after the last entry is up to one second longer (CUT-46).
+    #[must_use]
+    pub fn certain_cut_end(&self, channel: u8) -> Option<Place> {
+        let interrupted = self.interrupted_cut.filter(|&(of, _)| of == channel).map(|(_, place)| place);
+        let at = self.at.as_ref();
+        interrupted.or_else(|| at.filter(|at| at.is_cutting_with(channel)).map(|at| at.place)).or_else(|| {
+            // Outside of normal run, and in a hold, it ended where normal run came to rest.
+            let at = at.filter(|at| at.mode != Mode::Run || at.at_rest)?;
+            (at.reached != self.job.origin).then(|| Place::start_of(at.reached - 1))
+        })
     }
 
     /// Counts the valid marks. An override invalidates marks that were made before it for places beyond it; without
@@ -308,7 +342,7 @@ mod tests {
     use crate::place_index::{IndexEntry, IndexWriter};
     use crate::spool::SpoolWriter;
     use crate::timestamp::Timestamp;
-    use retrace_core::{Place, Rate, RecordIndex};
+    use retrace_core::Rate;
     use serde_json::json;
 
     fn mark(place: u32) -> PlaceMark {
@@ -378,6 +412,39 @@ mod tests {
     fn read(entries: Vec<JournalEntry>) -> JobRecord {
         let (_folder, path) = written(entries);
         JobRecord::read(&path).expect("whole")
+    }
+
+    /// A position in normal run, with the cutter on channel 3 on or off.
+    fn runs(record: u32, is_on: bool, at_rest: bool) -> JournalEntry {
+        let JournalEntry::Position(at) = at(record) else { unreachable!("a position") };
+        let outputs = if is_on { vec![(3, 1)] } else { Vec::new() };
+        JournalEntry::Position(Box::new(PositionEntry { at_rest, outputs, ..*at }))
+    }
+
+    fn retraces(record: u32, reached: u32) -> JournalEntry {
+        let JournalEntry::Position(at) = runs(record, false, false) else { unreachable!("a position") };
+        JournalEntry::Position(Box::new(PositionEntry {
+            mode: Mode::Reverse,
+            reached: RecordIndex::new(reached),
+            ..*at
+        }))
+    }
+
+    #[test]
+    fn a_cut_ends_where_it_was_interrupted_or_last_seen() {
+        let end = |entries| read(entries).certain_cut_end(3).map(|place| (place.record.number(), place.fraction));
+        let lost = json!({"event": "cut_end", "channel": 3, "cut_record": 40, "cut_fraction": 7});
+        let lost = JournalEntry::Event(lost);
+        assert_eq!(end(vec![runs(20, true, false), runs(30, true, false)]), Some((30, 3)), "it cuts");
+        assert_eq!(end(vec![runs(30, true, false), lost.clone()]), Some((40, 7)));
+        assert_eq!(end(vec![lost.clone(), runs(55, false, true)]), Some((40, 7)), "it rests beyond");
+        assert_eq!(end(vec![lost.clone(), retraces(10, 56)]), Some((40, 7)));
+        assert_eq!(end(vec![lost.clone(), runs(38, true, false)]), Some((40, 7)), "it is cut again, up to here");
+        assert_eq!(end(vec![lost.clone(), runs(45, true, false)]), Some((45, 3)), "it was continued");
+        assert_eq!(end(vec![runs(30, true, false), runs(33, false, true)]), Some((33, 0)), "a hold");
+        assert_eq!(end(vec![runs(30, true, false), retraces(10, 36)]), Some((35, 0)));
+        assert_eq!(end(vec![runs(30, false, false)]), None, "a rapid");
+        assert_eq!(read(vec![lost]).certain_cut_end(4), None, "another cutter");
     }
 
     #[test]

@@ -6,6 +6,7 @@ mod arc;
 mod card;
 mod check;
 mod command;
+mod cut_resume;
 mod cutter;
 mod dnc;
 mod error_catalogue;

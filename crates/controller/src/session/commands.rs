@@ -197,7 +197,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if self.begin_recovery()? {
             return Ok(());
         }
-        self.mode_controller.apply(ModeCommand::Recover)?;
+        let rejoins = self.mode_controller.mode() == Mode::Rejoin;
+        self.mode_controller.apply(if rejoins { ModeCommand::Leave { ask: false } } else { ModeCommand::Recover })?;
         self.continue_from_stop();
         Ok(())
     }

@@ -256,6 +256,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.mode_controller = ModeController::rejoining();
         self.stats = RunStats::new(at.start.reached);
+        self.restore_cut_end(&at.cut_ends, at.start.reached);
         // Before anything moves in the work, its tool has to turn; cutters are lit only at the furthest place.
         let cutting = std::mem::take(&mut self.config.fire_channels);
         self.begin_restart(|channel| !cutting.contains(&channel));
@@ -350,6 +351,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             // One restart at a time: what the furthest place needs is compared when this one is complete.
             return ModeOutput { target: RateTarget::ZERO, look_ahead: false, restore_outputs: false, notice: None };
         }
+        self.recover_when_rejoined();
         self.search_back();
         let (facts, mode) = (self.motion_facts(), self.mode_controller.mode());
         let mut demand = self.mode_controller.advance_period(&facts);

@@ -8,9 +8,9 @@
 //! Invariant: the program is executed again only from a place where the machine is at rest with its cutters off; the
 //! counts of every place beyond are those of the first time.
 
-use retrace_config::{CutterConfig, CutterKind, CutterRestart, MachineConfig};
+use retrace_config::{CutterConfig, CutterRestart, MachineConfig};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeState};
-use retrace_core::{Distance, Place};
+use retrace_core::{Distance, Place, RecordIndex};
 use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, MotionCard, PathStart};
 
 use super::back_target::{BackTarget, BackTargetKind};
@@ -23,7 +23,10 @@ use crate::restart::RestartStep;
 /// Where a cut was interrupted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct CutEnd {
+    /// Place up to which it was cut.
     place: Place,
+    /// The furthest place to which it may have been cut: beyond `place` where a job is resumed whose journal ends before.
+    latest: Place,
     channel: u8,
 }
 
@@ -47,6 +50,8 @@ pub(super) struct CutRecovery {
     /// How the next restart of the outputs starts the cutter, where that was chosen.
     chosen_start: Option<CutStart>,
     latch: Option<Latch>,
+    /// The interrupted cut is to be continued once the machine is at the furthest place.
+    continues_when_rejoined: bool,
 }
 
 impl CutRecovery {
@@ -58,6 +63,7 @@ impl CutRecovery {
             returning: None,
             chosen_start: None,
             latch: None,
+            continues_when_rejoined: false,
         }
     }
 
@@ -77,13 +83,12 @@ impl CutRecovery {
 
     /// Whether this cutter starts in motion inside a cut.
     fn usually_starts_in_motion(&self, channel: u8) -> bool {
-        self.cutter(channel).is_some_and(|cutter| cutter.kind == CutterKind::Torch && cutter.proof.is_some())
+        self.cutter(channel).is_some_and(CutterConfig::starts_in_motion)
     }
 
     /// Length in mm before the end of the cut from which it is continued.
     fn run_in_mm(&self, channel: u8) -> f64 {
-        let restart = self.cutter(channel).map(|cutter| cutter.restart).unwrap_or_default();
-        if self.usually_starts_in_motion(channel) { restart.run_in_mm } else { restart.overlap_mm }
+        self.cutter(channel).map_or(0.0, CutterConfig::run_in_mm)
     }
 
     /// Makes the steps of a restart that light a cutter start it in motion: they take the time of the pilot arc, and do
@@ -100,7 +105,7 @@ impl CutRecovery {
             // Where no end of a cut is known, the kerf is taken to end within the run-in.
             let (cut_end, remaining_mm) = match self.cut_end.filter(|end| end.channel == channel) {
                 Some(cut_end) => (cut_end, latch_mm),
-                None => (CutEnd { place, channel }, run_in_mm + latch_mm),
+                None => (CutEnd { place, latest: place, channel }, run_in_mm + latch_mm),
             };
             self.latch = Some(Latch { input: proof.input, cut_end, remaining_mm });
         }
@@ -140,13 +145,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if !is_interrupted || !has_cut {
             return;
         }
-        self.set_cut_end(CutEnd { place: off.place, channel });
+        self.set_cut_end(off.place, channel);
     }
 
-    fn set_cut_end(&mut self, end: CutEnd) {
-        self.recovery.cut_end = Some(end);
+    fn set_cut_end(&mut self, place: Place, channel: u8) {
+        self.recovery.cut_end = Some(CutEnd { place, latest: place, channel });
         self.stats.cut_interruptions += 1;
-        let CutEnd { place, channel } = end;
         let line = self.streamer.record(place.record).map_or(self.card.status().line, |record| record.line);
         self.emit(EventKind::CutEnd { channel, place, line });
     }
@@ -161,7 +165,46 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         if is_on && self.mode_controller.mode() == Mode::Run && self.recovery.usually_starts_in_motion(channel) {
             // The card switches it off later, so that this place is cut.
-            self.set_cut_end(CutEnd { place: status.place, channel });
+            self.set_cut_end(status.place, channel);
+        }
+    }
+
+    /// A job is resumed inside a cut: it is continued from where it certainly ended. The pierce is complete at the
+    /// furthest place, so that the cut is not shorter than its beginning.
+    pub(super) fn restore_cut_end(&mut self, ends: &[(u8, Place)], reached: RecordIndex) {
+        let expected = self.streamer.expected();
+        let lit =
+            ends.iter().find(|&&(channel, _)| expected.get(usize::from(channel)).is_some_and(|&value| value != 0));
+        let Some(&(channel, place)) = lit else { return };
+        let latest = Place::start_of(reached);
+        let begin = self.streamer.pierce_before(latest).map(|pierce| Place::start_of(pierce + 1));
+        let later = |a: Place, b: Place| if a.distance_to(b) > Distance::ZERO { b } else { a };
+        let place = begin.map_or(place, |begin| later(place, begin));
+        let place = if place.distance_to(latest) > Distance::ZERO { place } else { latest };
+        self.recovery.cut_end = Some(CutEnd { place, latest, channel });
+        let line = self.streamer.record(place.record).map_or(0, |record| record.line);
+        self.emit(EventKind::CutEnd { channel, place, line });
+    }
+
+    /// Goes to the furthest place, and continues the interrupted cut from there. Returns false where no cut was
+    /// interrupted.
+    fn continue_when_rejoined(&mut self) -> bool {
+        let rejoins = self.mode_controller.mode() == Mode::Rejoin && self.recovery.cut_end.is_some();
+        self.recovery.continues_when_rejoined |= rejoins;
+        rejoins
+    }
+
+    /// Continues an interrupted cut whose job was resumed, once the machine is at the furthest place.
+    pub(super) fn recover_when_rejoined(&mut self) {
+        let status = self.card.status();
+        let is_there = status.at_rest && status.place == Place::start_of(status.reached);
+        if !self.recovery.continues_when_rejoined || !is_there || self.restart.is_active() {
+            return;
+        }
+        self.recovery.continues_when_rejoined = false;
+        if self.mode_controller.mode() == Mode::Rejoin && !self.begin_recovery().is_ok_and(|begun| begun) {
+            // The cutter is started at the furthest place then.
+            let _ = self.mode_controller.apply(ModeCommand::Leave { ask: false });
         }
     }
 
@@ -181,6 +224,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// *Recover* after an interrupted cut: goes back, and cuts on from there. Returns false where no cut was
     /// interrupted.
     pub(super) fn begin_recovery(&mut self) -> Result<bool, CommandError> {
+        let is_there = self.card.status().place == self.furthest_place() && !self.restart.is_active();
+        if self.mode_controller.mode() == Mode::Rejoin && !is_there {
+            return Ok(self.continue_when_rejoined());
+        }
         // At a stop of the program the cutter is started where it is.
         let stands = self.program_stop != ProgramStop::No || self.single_stop;
         let Some(end) = self.recovery.cut_end() else { return Ok(false) };
@@ -210,7 +257,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// *Cut*: the program is executed again from here.
     pub(super) fn cut_from_here(&mut self, start: CutStart) -> Result<(), CommandError> {
-        if !matches!(self.mode_controller.mode(), Mode::Reverse | Mode::Forward | Mode::Wheel | Mode::AwaitOutputs) {
+        if self.mode_controller.mode() == Mode::Run {
             return Err(NOT_RETRACING);
         }
         if !self.card.status().at_rest {
@@ -302,9 +349,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         pierce == Some(place) && self.recovery.cut_end().is_none_or(|end| end == place)
     }
 
-    /// The cut that ended at `end` is continued at `at`: counts what lies in between.
-    fn end_interruption(&mut self, end: Place, at: Place) {
+    fn furthest_place(&self) -> Place {
+        Place::start_of(self.card.status().reached)
+    }
+
+    /// The cut that ended at `end` is continued at `at`: counts what lies in between, as far as that is known.
+    fn end_interruption(&mut self, end: CutEnd, at: Place) {
         self.recovery.cut_end = None;
+        let end = end.latest;
         let records = end.distance_to(at).units() >> 32;
         if records < UNNOTICED_RECORDS {
             return;
@@ -318,21 +370,24 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Checks that a cutter that started in motion is proven in time, and forgets the end of a cut that is passed.
     pub(super) fn watch_latch(&mut self, status: &CardStatus<A>) {
         let is_cutting = self.mode_controller.mode() == Mode::Run && status.rate.signum() > 0;
+        if self.recovery.latch.is_some_and(|latch| self.streamer.expected()[usize::from(latch.cut_end.channel)] == 0) {
+            self.end_latch_with_cut(status);
+        }
         let Some(latch) = &mut self.recovery.latch else {
             let Some(end) = self.recovery.cut_end else { return };
             let is_lit = status.outputs.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
             if is_cutting && is_lit && end.place.distance_to(status.place) > Distance::ZERO {
-                self.end_interruption(end.place, status.place.moved(-status.rate.over(1)));
+                self.end_interruption(end, status.place.moved(-status.rate.over(1)));
             }
             return;
         };
         if status.inputs >> (latch.input & 15) & 1 == 1 {
-            let end = latch.cut_end.place;
+            let end = latch.cut_end;
             self.recovery.latch = None;
             self.end_interruption(end, status.place);
             return;
         }
-        if latch.cut_end.place.distance_to(status.place) <= Distance::ZERO {
+        if latch.cut_end.latest.distance_to(status.place) <= Distance::ZERO {
             return;
         }
         let axes = status.increments.iter().zip(&self.config.mm_per_pulse);
@@ -342,5 +397,19 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.switch_cutters_off(CutterOffReason::NotLatched);
             let _ = self.mode_controller.apply(ModeCommand::Hold);
         }
+    }
+
+    /// The program has switched the cutter off, and it was not proven. Where it may have been cut to here before, that
+    /// is the end of it; else the cut remains interrupted.
+    fn end_latch_with_cut(&mut self, status: &CardStatus<A>) {
+        let Some(Latch { cut_end, .. }) = self.recovery.latch.take() else { return };
+        let records = cut_end.latest.distance_to(status.place).units() >> 32;
+        if records < UNNOTICED_RECORDS {
+            self.recovery.cut_end = None;
+            return;
+        }
+        self.emit(EventKind::CutterOff { channel: cut_end.channel, reason: CutterOffReason::NotLatched });
+        // never rejected
+        let _ = self.mode_controller.apply(ModeCommand::Hold);
     }
 }

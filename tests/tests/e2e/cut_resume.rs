@@ -1,0 +1,87 @@
+//! A cut whose host is killed: the resumed job continues it where it certainly ended, and the part is whole (CUT-46).
+
+use std::process::Stdio;
+use std::thread;
+use std::time::Duration;
+
+use retrace_tests::command::Bench;
+use retrace_tests::cut_judge::{JudgedMachine, judge};
+use retrace_tests::pins::samples;
+use retrace_tests::run::Run;
+use retrace_tests::served::ServedCard;
+
+/// Two cuts of 60 mm, 3 s each.
+const PROGRAM: &str = "G21 G90 F1200\nG0 X10\nM3 S1\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\nM5\nG0 X0\nM2\n";
+const MACHINE: &str = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nok = { input = 5 }\nstart = { start_s = \
+                       1.0, retry_s = 0.5, pierce_s = 0.4 }\n[card]\nwatchdog_ms = 1000\n";
+const JUDGED: JudgedMachine =
+    JudgedMachine { pulses_per_mm: 1000.0, fire: "spindle", input: 5, pierce_ms: 400.0, pilot_ms: 298.0 };
+/// Card time over wall time.
+const SPEED: f64 = 4.0;
+
+/// Kills the host at this card time, more or less, and resumes the job; returns what is wrong with the part.
+fn killed_and_resumed(faults: &str, script: &str, at_s: f64) -> Result<(), String> {
+    let bench = Bench::new();
+    for (name, text) in [("part.ngc", PROGRAM), ("m.toml", MACHINE), ("s.op", script)] {
+        bench.file(name, text);
+    }
+    let whole = bench.path("whole.vcd");
+    let arguments = ["--machine", "m.toml", "--no-journal", "--vcd", "whole.vcd"];
+    let _ = Run::of(&bench, std::path::Path::new("part.ngc"), &arguments);
+    let vcd = bench.path("pins.vcd").display().to_string();
+    let machine = bench.path("m.toml").display().to_string();
+    let speed = SPEED.to_string();
+    let card = ServedCard::with(&["--machine", &machine, "--source-faults", faults, "--vcd", &vcd, "--speed", &speed]);
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json", "--operator", "s.op"];
+    let mut host = bench.start(&run, Stdio::null(), "killed.txt");
+    thread::sleep(Duration::from_secs_f64(0.3 + at_s / SPEED));
+    host.kill().expect("it is killed");
+    host.wait().expect("it ends");
+    let mut told = std::fs::read_to_string(bench.path("killed.txt")).unwrap_or_default();
+    for _ in 0..6 {
+        let result = bench.retrace(["resume", "--yes", "--json"]);
+        told += &format!("--- resumed\n{}{}", result.out, result.err);
+        match result.code {
+            Some(0) => break,
+            // a host that was kept from running for longer than the watchdog allows
+            Some(3) => {}
+            other => return Err(format!("{other:?} after {at_s} s\n{told}")),
+        }
+    }
+    let _ = card.end();
+    let verdict = judge(&samples(&whole), &samples(&bench.path("pins.vcd")), &JUDGED);
+    if verdict.is_good() { Ok(()) } else { Err(format!("{verdict:?} after {at_s} s\n{told}")) }
+}
+
+#[test]
+fn a_cut_goes_on_where_a_killed_host_left_it() {
+    for at_s in [1.5, 2.4, 3.1] {
+        killed_and_resumed("", "", at_s).unwrap_or_else(|why| panic!("{why}"));
+    }
+}
+
+/// Stopped in the cut by the operator; the summary says how the cut goes on, and so it does.
+#[test]
+fn a_job_that_was_stopped_in_a_cut_is_resumed_in_its_kerf() {
+    let bench = Bench::new();
+    for (name, text) in [("part.ngc", PROGRAM), ("m.toml", MACHINE), ("s.op", "at 2.5s stop\n")] {
+        bench.file(name, text);
+    }
+    let stopped = bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--operator", "s.op"]);
+    assert_eq!(stopped.code, Some(4), "{}", stopped.err);
+    let refused = bench.retrace(["resume"]);
+    let told = format!("{}{}", refused.out, refused.err);
+    assert!(told.contains("5 mm before the end of the kerf, where the torch starts in motion"), "{told}");
+    let resumed = bench.retrace(["resume", "--yes", "--json"]);
+    assert_eq!(resumed.code, Some(0), "{}", resumed.err);
+    let events: Vec<&str> = resumed.out.lines().filter(|line| line.contains("cut_from_here")).collect();
+    assert!(events.len() == 1 && events[0].contains("\"moving\""), "{}", resumed.out);
+}
+
+/// On the way back, in the pilot arc, and beyond the end of the cut.
+#[test]
+fn a_recovery_goes_on_where_a_killed_host_left_it() {
+    for at_s in [3.2, 3.6, 4.0, 4.5] {
+        killed_and_resumed("lose@20", "at 3s recover\n", at_s).unwrap_or_else(|why| panic!("{why}"));
+    }
+}
