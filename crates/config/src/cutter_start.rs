@@ -78,11 +78,14 @@ pub struct CutterRestart {
     /// Length in mm beyond the end of the cut within which a torch that started in motion must be proven.
     #[schemars(range(min = 0.0, max = 100.0))]
     pub latch_mm: f64,
+    /// Maximum distance in mm at which a cutter starts beside the path.
+    #[schemars(range(min = 0.0, max = 100.0))]
+    pub shift_max_mm: f64,
 }
 
 impl Default for CutterRestart {
     fn default() -> Self {
-        Self { run_in_mm: 5.0, overlap_mm: 1.0, pilot_ms: 300.0, latch_mm: 5.0 }
+        Self { run_in_mm: 5.0, overlap_mm: 1.0, pilot_ms: 300.0, latch_mm: 5.0, shift_max_mm: 10.0 }
     }
 }
 
@@ -91,7 +94,8 @@ impl CutterRestart {
         within(&format!("cutter {cutter}: restart.run_in_mm"), self.run_in_mm, 0.0, 100.0)?;
         within(&format!("cutter {cutter}: restart.overlap_mm"), self.overlap_mm, 0.0, 100.0)?;
         within(&format!("cutter {cutter}: restart.pilot_ms"), self.pilot_ms, 0.0, 5000.0)?;
-        within(&format!("cutter {cutter}: restart.latch_mm"), self.latch_mm, 0.0, 100.0)
+        within(&format!("cutter {cutter}: restart.latch_mm"), self.latch_mm, 0.0, 100.0)?;
+        within(&format!("cutter {cutter}: restart.shift_max_mm"), self.shift_max_mm, 0.0, 100.0)
     }
 }
 

@@ -195,6 +195,10 @@ pub enum EventKind {
     },
     /// A cut was continued beyond the place where it had ended; the length in mm that is not cut.
     NotCut(f64),
+    /// The next start of the cutter lies at this distance from its place on the path, X and Y in mm.
+    Shift([f64; 2]),
+    /// The lead-in has joined the path.
+    Joined,
     /// The program is executed again from here, where it was executed before.
     CutFromHere {
         /// Whether the cutter starts in motion.
@@ -293,6 +297,8 @@ impl Event {
                 "cut_fraction": place.fraction, "cut_line": line,
             }),
             EventKind::NotCut(mm) => json!({"event": "not_cut", "mm": mm}),
+            EventKind::Shift([x, y]) => json!({"event": "shift", "x_mm": x, "y_mm": y}),
+            EventKind::Joined => json!({"event": "joined"}),
             EventKind::CutFromHere { moving } => {
                 json!({"event": "cut_from_here", "start": if *moving { "moving" } else { "pierce" }})
             }
@@ -400,6 +406,9 @@ impl Event {
                     "{mm:.2} mm behind the end of the cut are not cut; `back to pierce`, `cut` cuts the contour again"
                 )
             }
+            EventKind::Shift([x, y]) if [*x, *y] == [0.0; 2] => "the cutter starts on the path".into(),
+            EventKind::Shift([x, y]) => format!("the cutter starts X{x:+.3} Y{y:+.3} mm beside the path"),
+            EventKind::Joined => "the lead-in has joined the path".into(),
             EventKind::CutFromHere { moving: true } => "cutting from here: the cutter starts in motion".into(),
             EventKind::CutFromHere { moving: false } => "cutting from here".into(),
             EventKind::CutterOn(channel) => format!("{} on by the operator", channel_name(*channel)),

@@ -37,6 +37,15 @@ pub enum CutStart {
     Moving,
 }
 
+/// Where a cutter starts beside the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shift {
+    /// At this distance in X and Y, mm.
+    To([f64; 2]),
+    /// So many widths of the kerf further in X and Y than before.
+    Steps([i8; 2]),
+}
+
 /// A command of the operator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OperatorCommand {
@@ -96,6 +105,8 @@ pub enum OperatorCommand {
     BackToCutEnd,
     /// Executes the program again from here, where the path is being retraced.
     CutFromHere(CutStart),
+    /// Shifts the next start of the cutter beside the path.
+    Shift(Shift),
     /// *Pause*: interrupts the program at a breakpoint (DNC-1).
     Pause,
     /// Stops the spindle manually (DNC-3).
@@ -141,6 +152,11 @@ impl fmt::Display for OperatorCommand {
             Self::BackToBlock => write!(f, "back to block"),
             Self::BackToPierce => write!(f, "back to pierce"),
             Self::BackToCutEnd => write!(f, "back to cut end"),
+            Self::Shift(Shift::To([x, y])) => write!(f, "shift {x} {y}"),
+            Self::Shift(Shift::Steps(steps)) => {
+                let found = DIRECTIONS.iter().find(|(_, direction)| direction == steps);
+                write!(f, "shift {}", found.map_or("0", |(name, _)| name))
+            }
             Self::CutFromHere(CutStart::Usual) => write!(f, "cut"),
             Self::CutFromHere(CutStart::Pierce) => write!(f, "cut pierce"),
             Self::CutFromHere(CutStart::Moving) => write!(f, "cut moving"),
@@ -305,6 +321,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["cut"] => OperatorCommand::CutFromHere(CutStart::Usual),
         ["cut", "pierce"] => OperatorCommand::CutFromHere(CutStart::Pierce),
         ["cut", "moving"] => OperatorCommand::CutFromHere(CutStart::Moving),
+        ["shift", rest @ ..] => OperatorCommand::Shift(parse_shift(rest)?),
         ["cutter", "off"] => OperatorCommand::CutterOff,
         ["cutter", "on"] => OperatorCommand::CutterOn,
         ["optional", "stop", state @ ("on" | "off")] => OperatorCommand::OptionalStop(*state == "on"),
@@ -332,7 +349,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
             let known = [
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
                 "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
-                "tool", "cut",
+                "tool", "cut", "shift",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -349,6 +366,7 @@ fn usage_example(word: &str) -> &'static str {
     match word {
         "back" => "back 50 mm · back to block · back to pierce · back to cut end",
         "cut" => "cut · cut pierce · cut moving",
+        "shift" => "shift 1.5 -0.8 · shift nw · shift 0",
         "spindle" => "spindle stop · spindle start",
         "jog" => "jog z 10",
         "tool" => "tool length 84.2 · tool length by -0.35",
@@ -372,6 +390,30 @@ fn parse_back(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
             _ => wrong(format!("`back {mm} mm` goes nowhere"), "a length above 0, as in back 50 mm"),
         },
         _ => wrong(format!("`back {}` is not understood", words.join(" ")), usage_example("back")),
+    }
+}
+
+/// Words for the eight directions, with their steps in X and Y.
+const DIRECTIONS: [(&str, [i8; 2]); 8] = [
+    ("n", [0, 1]),
+    ("ne", [1, 1]),
+    ("e", [1, 0]),
+    ("se", [1, -1]),
+    ("s", [0, -1]),
+    ("sw", [-1, -1]),
+    ("w", [-1, 0]),
+    ("nw", [-1, 1]),
+];
+
+fn parse_shift(words: &[&str]) -> Result<Shift, InstructionError> {
+    match words {
+        ["0"] => Ok(Shift::To([0.0; 2])),
+        [x, y] => Ok(Shift::To([parse_length(x)?, parse_length(y)?])),
+        [direction] if DIRECTIONS.iter().any(|(name, _)| name == direction) => {
+            let found = DIRECTIONS.iter().find(|(name, _)| name == direction);
+            Ok(Shift::Steps(found.map_or([0; 2], |(_, steps)| *steps)))
+        }
+        _ => wrong(format!("`shift {}` is not understood", words.join(" ")), usage_example("shift")),
     }
 }
 
@@ -469,7 +511,7 @@ mod tests {
             ask|agree|output 3 on|single|\
             stop|back 50 mm|back 0.25 mm|back to block|back to pierce|pause|spindle stop|spindle start|jog z 10|jog x \
             -0.5|online|cycle start|recover|cutter off|cutter on|optional stop on|optional stop off|output 64 \
-            off|rapid override 25%|back to cut end|cut|cut pierce|cut moving";
+            off|rapid override 25%|back to cut end|cut|cut pierce|cut moving|shift 1.5 -0.8|shift 0 0|shift nw";
         for written in deeds.split('|') {
             let script = parse_script(&format!("after 0s {written}"), "script").expect(written);
             assert_eq!(script[0].command.to_string(), written);
@@ -501,6 +543,8 @@ mod tests {
             "at line x hold",
             "after 1s pause now",
             "after 1s back -3 mm",
+            "at 1s shift 1",
+            "at 1s shift nnw",
             "after 1s back to the block",
             "after 1s back inf mm",
             "after 1s jog q 10",

@@ -7,6 +7,7 @@
 //! reached the rest remains in the channel.
 
 mod block_window;
+mod lead_in;
 mod returning;
 
 use std::collections::VecDeque;
@@ -22,6 +23,7 @@ use retrace_link::{CardStatus, HostCommand, MAX_CHANGES, MotionCard, OutputActio
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
 use crate::restart::{OutputOrigins, RestartStep};
 use block_window::BlockWindow;
+pub(crate) use lead_in::{LeadIn, LeadInMove};
 
 /// How far ahead records may be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,6 +96,8 @@ pub struct RecordStreamer<'r, const A: usize> {
     done: VecDeque<(ExclusiveInstruction, [i32; MAX_CHANGES])>,
     /// No return to a place before this one: the instructions there are not retained any more.
     done_retained_from: Option<RecordIndex>,
+    /// The lead-in, from its beginning until the card has forgotten its records.
+    lead_in: Option<LeadIn<A>>,
 }
 
 impl<'r, const A: usize> RecordStreamer<'r, A> {
@@ -136,6 +140,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             reached: start,
             done: VecDeque::with_capacity(MAX_DONE),
             done_retained_from: None,
+            lead_in: None,
         }
     }
 
@@ -296,7 +301,9 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     #[must_use]
     pub fn oldest(&self) -> RecordIndex {
         let one_way = self.barrier.map(|(place, _)| place);
-        [one_way, self.actions_retained_from].into_iter().flatten().fold(self.ring.head(), RecordIndex::later)
+        // Backward from the path, the recorded path is retraced, and not the lead-in.
+        let join = self.lead_in.as_ref().map(LeadIn::join);
+        [one_way, self.actions_retained_from, join].into_iter().flatten().fold(self.ring.head(), RecordIndex::later)
     }
 
     /// Code of the barrier, if one limits reverse run.
@@ -501,6 +508,20 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn fill_ahead<C: MotionCard<A>>(&mut self, card: &mut C, road: SendHorizon) {
         let (mut place, reached) = (card.status().high, card.status().reached);
         let end = self.send_end(road, reached);
+        if let Some(lead_in) = &self.lead_in {
+            let lead_in_end = lead_in.end_of_sending(card.status().place, card.status().at_rest);
+            while place.is_before(lead_in_end.unwrap_or(place))
+                && let Some(record) = lead_in.record(place)
+            {
+                if card.send(HostCommand::Ahead { place, record }).is_err() {
+                    return;
+                }
+                place += 1;
+            }
+            if lead_in_end.is_some() {
+                return;
+            }
+        }
         let mut action = self.actions.partition_point(|(a, _)| a.place.is_before(place));
         let sure = self.safe_to_send_until();
         while place.is_before(end) && place.is_before(sure) && self.gates.b_open(place) {
@@ -518,6 +539,22 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             }
             place += 1;
         }
+    }
+
+    /// Begins a lead-in, whose records are sent in place of those of the path until it is joined.
+    pub(crate) fn begin_lead_in(&mut self, lead_in: LeadIn<A>) {
+        self.lead_in = Some(lead_in);
+    }
+
+    /// The lead-in, until the card has forgotten its records.
+    #[must_use]
+    pub(crate) fn lead_in(&self) -> Option<&LeadIn<A>> {
+        self.lead_in.as_ref()
+    }
+
+    /// Ends the lead-in: the card holds the records of the path.
+    pub(crate) fn end_lead_in(&mut self) {
+        self.lead_in = None;
     }
 
     /// Sends records behind until the card is full or `oldest` is sent.

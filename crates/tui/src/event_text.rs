@@ -98,6 +98,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::BackToPierce => "back to the last pierce".into(),
         OperatorCommand::BackToCutEnd => "back to the end of the cut".into(),
         OperatorCommand::CutFromHere(_) => "cut from here".into(),
+        OperatorCommand::Shift(_) => "shift the start of the cut".into(),
         OperatorCommand::Pause => "pause".into(),
         OperatorCommand::SpindleStop => "stop the spindle".into(),
         OperatorCommand::SpindleStart => "start the spindle".into(),

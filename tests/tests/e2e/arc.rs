@@ -26,9 +26,13 @@ fn machine() -> String {
 }
 
 fn run(faults: &str, script: &str, more: &[&str]) -> (Run, Vec<Sample>) {
+    run_on(&machine(), faults, script, more)
+}
+
+fn run_on(machine: &str, faults: &str, script: &str, more: &[&str]) -> (Run, Vec<Sample>) {
     let bench = Bench::new();
     let program = bench.file("part.ngc", PROGRAM);
-    let (machine, vcd) = (bench.file("m.toml", machine()).display().to_string(), bench.path("pins.vcd"));
+    let (machine, vcd) = (bench.file("m.toml", machine).display().to_string(), bench.path("pins.vcd"));
     let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
     let mut arguments =
         vec!["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
@@ -143,6 +147,72 @@ fn a_recovery_in_which_the_torch_is_put_out_begins_anew() {
             let verdict = judge(&uninterrupted, &trace, &JUDGED);
             assert!(verdict.is_good(), "{verdict:?}\n{what}");
         }
+    }
+}
+
+/// On the way to the start, in the pierce, on the lead-in and beyond it: held, put out, or lost again.
+#[test]
+fn an_interrupted_lead_in_is_done_again() {
+    let (whole, uninterrupted) = run("", "", &[]);
+    for after_s in [0.3, 0.8, 1.1, 1.3, 1.5, 1.7, 1.9, 2.1] {
+        for (end, again) in [
+            ("hold", "resume"),
+            ("cutter off", "shift 2 4\nafter 0.1s recover"),
+            ("reverse 50%", "cutter off\nafter 0.5s shift 1 -4\nafter 0.5s recover"),
+        ] {
+            if end.starts_with("reverse") && !(0.7..1.5).contains(&after_s) {
+                // before and behind the lead-in, it retraces the path
+                continue;
+            }
+            let script = format!("at 3s shift 0 4\nafter 0s recover\nafter {after_s}s {end}\nafter 1s {again}\n");
+            let script = script + "after 6s hold\nafter 0.5s shift -1 4\nafter 0.1s recover\n";
+            let (run, trace) = run("lose@20", &script, &[]);
+            let what = format!("{end} after {after_s} s\n{}", run.output.out);
+            assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()), "{what}");
+            let verdict = judge(&uninterrupted, &trace, &JUDGED);
+            assert_eq!((verdict.not_cut, verdict.too_early, verdict.backward), (0, 0, 0), "{verdict:?} {what}");
+            assert_eq!(run.audit().violations, [0; 3], "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_shift_that_is_too_far_or_leaves_the_soft_limits_is_refused_before_anything_moves() {
+    let reasons = |script: &str, faults: &str| {
+        let (run, trace) = run_on(&machine().replace("[-50, 500]", "[-1, 500]"), faults, script, &[]);
+        let rejected = run.events.iter().filter(|event| event["event"] == "command_rejected");
+        let reasons: Vec<String> = rejected.map(|event| event["reason"].to_string()).collect();
+        (reasons, trace.last().expect("a trace").counts)
+    };
+    let (far, _) = reasons("at 3s shift 8 7\n", "lose@20");
+    assert!(far.len() == 1 && far[0].contains("shift_max_mm"), "{far:?}");
+    // the lowest Y is -1 mm
+    let (beyond, ends) = reasons("at 3s shift 2 -4\nafter 0.1s recover\nat 9s hold\n", "lose@20");
+    assert!(beyond.len() == 1 && beyond[0].contains("axis Y would go beyond its soft limit"), "{beyond:?}");
+    assert!(ends[1] == 0 && ends[0] < 30 * 200, "{ends:?}");
+    let (moving, _) = reasons("at 1s shift 1 1\n", "");
+    assert!(moving.len() == 1 && moving[0].contains("at rest"), "{moving:?}");
+}
+
+/// The torch pierces beside the path and leads in to it; from the join on it is the path.
+#[test]
+fn a_shifted_restart_pierces_beside_the_path_and_leads_in_to_it() {
+    let (whole, uninterrupted) = run("", "", &[]);
+    for (shift, mm) in [("shift 3 -4", [3.0, -4.0]), ("shift n\nafter 0.1s shift nw", [-1.5, 3.0])] {
+        let (run, trace) = run("lose@20", &format!("at 3s {shift}\nafter 0.1s recover\n"), &[]);
+        let what = format!("{shift}\n{}", run.output.out);
+        assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()), "{what}");
+        let verdict = judge(&uninterrupted, &trace, &JUDGED);
+        assert_eq!((verdict.not_cut, verdict.too_early, verdict.standing, verdict.backward), (0, 0, 0, 0), "{what}");
+        assert_eq!(verdict.ignitions, 3, "{what}");
+        assert_eq!(run.audit().violations, [0; 3], "{what}");
+        // it pierces at the shifted place, 1 mm before the end of the cut at X30
+        let lit = |pair: &&[Sample]| !pair[0].is_on("spindle") && pair[1].is_on("spindle");
+        let pierces: Vec<[f64; 2]> =
+            trace.windows(2).filter(lit).map(|pair| [0, 1].map(|axis| pair[1].counts[axis] as f64 / 200.0)).collect();
+        let off = [pierces[1][0] - 29.0 - mm[0], pierces[1][1] - mm[1]];
+        assert!(off[0].abs() < 0.06 && off[1].abs() < 0.01, "{pierces:?}");
+        assert!(run.events.iter().any(|event| event["event"] == "joined"), "{what}");
     }
 }
 

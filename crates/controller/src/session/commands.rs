@@ -37,6 +37,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     fn apply_command(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
+        if retraces(&command) {
+            self.require_path()?;
+        }
         if let Some(taken) = self.apply_command_in_pause(command) {
             return taken;
         }
@@ -54,6 +57,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::BackToPierce => return self.go_back(BackTargetKind::Pierce),
             OperatorCommand::BackToCutEnd => return self.back_to_cut_end(),
             OperatorCommand::CutFromHere(start) => return self.cut_from_here(start),
+            OperatorCommand::Shift(by) => return self.shift(by),
             OperatorCommand::Override(rate) => return self.request_override(rate),
             OperatorCommand::RapidOverride(rate) => self.set_rapid_override(rate)?,
             OperatorCommand::Output { number, on } => return self.switch_output(number, on),
@@ -272,4 +276,22 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.streamer.clear_block_end();
         }
     }
+}
+
+/// Whether a command leaves the lead-in of a shifted restart.
+fn retraces(command: &OperatorCommand) -> bool {
+    matches!(
+        command,
+        OperatorCommand::Reverse(_)
+            | OperatorCommand::Forward(_)
+            | OperatorCommand::Wheel { .. }
+            | OperatorCommand::Leave { .. }
+            | OperatorCommand::BackBy(_)
+            | OperatorCommand::BackToBlock
+            | OperatorCommand::BackToPierce
+            | OperatorCommand::BackToCutEnd
+            | OperatorCommand::CutterOn
+            | OperatorCommand::Pause
+            | OperatorCommand::Single
+    )
 }

@@ -7,6 +7,7 @@
 mod back_target;
 mod commands;
 mod dnc_pause;
+mod lead_in;
 mod manual_outputs;
 mod recovery;
 mod restart;
@@ -282,6 +283,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.poll_planner();
         self.apply_commands();
         self.advance_recovery()?;
+        self.advance_lead_in();
         self.advance_restart();
         let demand = self.mode_output();
         while self.send_due_instruction(demand)? {
@@ -346,6 +348,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     fn mode_output(&mut self) -> ModeOutput {
         if self.dnc.is_paused() {
             return self.paused_output();
+        }
+        if let Some(output) = self.lead_in_output() {
+            return output;
         }
         if self.restart.is_ending() || self.restart.is_active() && self.mode_controller.mode() != Mode::Run {
             // One restart at a time: what the furthest place needs is compared when this one is complete.

@@ -18,6 +18,7 @@ use super::restart::LeavingRun;
 use super::{JobPhase, ProgramStop, Session};
 use crate::event::{CardError, CutterOffReason, EventKind};
 use crate::operator::{CommandError, CutStart};
+use crate::record_streamer::LeadIn;
 use crate::restart::RestartStep;
 
 /// Where a cut was interrupted.
@@ -42,8 +43,7 @@ struct Latch {
 /// State of the recovery of an interrupted cut.
 #[derive(Debug)]
 pub(super) struct CutRecovery {
-    cutters: Vec<CutterConfig>,
-    period_us: u32,
+    machine: MachineConfig,
     cut_end: Option<CutEnd>,
     /// The machine goes back, and starts there in this way.
     returning: Option<CutStart>,
@@ -52,19 +52,59 @@ pub(super) struct CutRecovery {
     latch: Option<Latch>,
     /// The interrupted cut is to be continued once the machine is at the furthest place.
     continues_when_rejoined: bool,
+    /// Where the next start of the cutter lies in X and Y, from its place on the path.
+    pub(super) shift_mm: [f64; 2],
+    /// Counts where the lead-in joins the path.
+    join_counts: Option<Vec<i64>>,
 }
 
 impl CutRecovery {
     pub(super) fn new(machine: &MachineConfig) -> Self {
         Self {
-            cutters: machine.cutters.clone(),
-            period_us: machine.period_us,
+            machine: machine.clone(),
             cut_end: None,
             returning: None,
             chosen_start: None,
             latch: None,
             continues_when_rejoined: false,
+            shift_mm: [0.0; 2],
+            join_counts: None,
         }
+    }
+
+    pub(super) fn machine(&self) -> &MachineConfig {
+        &self.machine
+    }
+
+    /// Indices of the axes X and Y.
+    pub(super) fn plane_axes(&self) -> Option<[usize; 2]> {
+        let axis = |name: char| self.machine.axes.iter().position(|axis| axis.name == name);
+        Some([axis('x')?, axis('y')?])
+    }
+
+    /// Width of the kerf of the usual material, mm.
+    pub(super) fn kerf_mm(&self) -> Option<f64> {
+        let materials = &self.machine.materials.as_ref()?.table;
+        materials.get(materials.default_number()).map(|material| material.kerf_mm).filter(|&mm| mm > 0.0)
+    }
+
+    /// Longest shift in mm.
+    pub(super) fn shift_max_mm(&self) -> f64 {
+        let channel = self.cut_end.map(|end| end.channel);
+        let cutter = channel.map_or(self.machine.cutters.first(), |channel| self.cutter(channel));
+        cutter.map(|cutter| cutter.restart).unwrap_or_default().shift_max_mm
+    }
+
+    pub(super) fn join_counts(&self) -> Option<&[i64]> {
+        self.join_counts.as_deref()
+    }
+
+    pub(super) fn set_join_counts(&mut self, counts: &[i64]) {
+        self.join_counts = Some(counts.to_vec());
+    }
+
+    fn is_shifted(&self) -> bool {
+        self.shift_mm != [0.0; 2]
     }
 
     /// Place where the cut was interrupted, if it was.
@@ -78,7 +118,7 @@ impl CutRecovery {
     }
 
     fn cutter(&self, channel: u8) -> Option<&CutterConfig> {
-        self.cutters.iter().find(|cutter| cutter.fire == channel)
+        self.machine.cutters.iter().find(|cutter| cutter.fire == channel)
     }
 
     /// Whether this cutter starts in motion inside a cut.
@@ -88,7 +128,9 @@ impl CutRecovery {
 
     /// Length in mm before the end of the cut from which it is continued.
     fn run_in_mm(&self, channel: u8) -> f64 {
-        self.cutter(channel).map_or(0.0, CutterConfig::run_in_mm)
+        let cutter = self.cutter(channel);
+        // A shifted cutter pierces.
+        cutter.map_or(0.0, |cutter| if self.is_shifted() { cutter.restart.overlap_mm } else { cutter.run_in_mm() })
     }
 
     /// Makes the steps of a restart that light a cutter start it in motion: they take the time of the pilot arc, and do
@@ -97,9 +139,9 @@ impl CutRecovery {
         for step in steps {
             let lit = step.changes().iter().find(|change| change.value != 0 && fire_channels.contains(&change.channel));
             let Some(channel) = lit.map(|change| change.channel) else { continue };
-            let Some(cutter) = self.cutters.iter().find(|cutter| cutter.fire == channel) else { continue };
+            let Some(cutter) = self.machine.cutters.iter().find(|cutter| cutter.fire == channel) else { continue };
             let Some(proof) = cutter.proof else { continue };
-            let pilot_periods = (cutter.restart.pilot_ms * 1000.0 / f64::from(self.period_us)).round() as u32;
+            let pilot_periods = (cutter.restart.pilot_ms * 1000.0 / f64::from(self.machine.period_us)).round() as u32;
             (step.periods, step.until) = (pilot_periods, None);
             let CutterRestart { run_in_mm, latch_mm, .. } = cutter.restart;
             // Where no end of a cut is known, the kerf is taken to end within the run-in.
@@ -130,7 +172,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Records where a cut ended, if a cutter went out in it.
     pub(super) fn record_cut_end(&mut self, off: CutterOff) {
         let lost = off.cause == CutterOffCause::Lost;
-        if self.mode_controller.mode() != Mode::Run {
+        // On a lead-in nothing of the path is cut.
+        if self.mode_controller.mode() != Mode::Run || self.is_on_lead_in() {
             return;
         }
         let cutters = self.config.cutter_channels.iter().enumerate();
@@ -161,6 +204,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let is_on = status.outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
         // Started in motion and not proven: it has cut nothing since.
         if self.recovery.latch.take().is_some() {
+            return;
+        }
+        if self.is_on_lead_in() {
             return;
         }
         if is_on && self.mode_controller.mode() == Mode::Run && self.recovery.usually_starts_in_motion(channel) {
@@ -234,6 +280,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if stands || self.dnc.is_on() || self.restart.is_active() {
             return Ok(false);
         }
+        if self.is_on_lead_in() {
+            // Nothing was cut where the machine stands at its start; else it leads in anew.
+            let start = self.streamer.lead_in().map(LeadIn::start).map(Place::start_of);
+            if start == Some(self.card.status().place) {
+                return Ok(false);
+            }
+            return self.cut_from_here(CutStart::Pierce).map(|()| true);
+        }
         let place = self.card.status().place;
         if end.distance_to(place) < Distance::ZERO {
             // The operator has gone back already: from here, then, if it is inside the cut.
@@ -257,13 +311,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// *Cut*: the program is executed again from here.
     pub(super) fn cut_from_here(&mut self, start: CutStart) -> Result<(), CommandError> {
-        if self.mode_controller.mode() == Mode::Run {
+        let is_on_lead_in = self.is_on_lead_in();
+        if self.mode_controller.mode() == Mode::Run && !is_on_lead_in {
             return Err(NOT_RETRACING);
         }
         if !self.card.status().at_rest {
             return Err(NOT_AT_REST);
         }
-        if self.card.status().place.record.is_before(self.streamer.oldest_return()) {
+        if !is_on_lead_in && self.card.status().place.record.is_before(self.streamer.oldest_return()) {
             return Err(NOT_RETAINED);
         }
         self.back_target = None;
@@ -289,14 +344,30 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     fn execute_again(&mut self, start: CutStart) -> Result<(), CardError> {
         let path_start = self.path_start();
-        let place = path_start.place;
+        let lead_in = match self.plan_lead_in() {
+            Ok(lead_in) => lead_in,
+            Err(why) => {
+                self.emit(EventKind::CommandRejected(why));
+                let _ = self.mode_controller.apply(ModeCommand::Hold);
+                return Ok(());
+            }
+        };
+        let place = lead_in.as_ref().map_or(path_start.place, |lead_in| Place::start_of(lead_in.join()));
         // A cut that begins beyond this place is cut anew.
         let pierce = self.recovery.cut_end().and_then(|end| self.streamer.pierce_before(end));
         if pierce.is_none_or(|pierce| place.distance_to(Place::start_of(pierce)) > Distance::ZERO) {
             self.recovery.cut_end = None;
         }
         let executed = self.streamer.return_to(place);
-        self.card.begin_path(PathStart { reached: place.boundary_ahead(), executed, ..path_start })?;
+        let begin = match lead_in {
+            None => PathStart { reached: place.boundary_ahead(), executed, ..path_start },
+            Some(lead_in) => {
+                let begin = lead_in.begin();
+                self.streamer.begin_lead_in(lead_in);
+                PathStart { place: Place::start_of(begin), rests: false, reached: begin, executed }
+            }
+        };
+        self.card.begin_path(begin)?;
         let _ = self.card.send(HostCommand::Replay { on: self.config.replays_outputs });
         (self.target, self.executing, self.back_target) = (None, None, None);
         (self.program_stop, self.single_stop) = (ProgramStop::No, false);
@@ -325,6 +396,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let is_in_kerf =
             chosen.is_some() || self.recovery.cut_end().is_some_and(|end| place.distance_to(end) > Distance::ZERO);
         match chosen.unwrap_or(CutStart::Usual) {
+            _ if self.is_on_lead_in() => false,
             CutStart::Usual => {
                 is_in_kerf && self.recovery.usually_starts_in_motion(channel) && !self.is_at_pierce(place)
             }

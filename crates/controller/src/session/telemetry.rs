@@ -21,6 +21,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             hold_reason: self.hold_reason(),
             override_rate: self.overrides.requested(),
             rapid_override: self.mode_controller.rapid_override(),
+            off_path: self.is_on_lead_in(),
             ..PeriodRecord::from_status(status)
         };
         self.telemetry.send(Telemetry::Period(period));

@@ -109,7 +109,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let at_block_end = self.single_block && self.streamer.block_end() == Some(status.high);
         // a machine at rest does not run dry: either there was nothing to run, or it was reported while braking
-        let dry = status.starved && status.rate != Rate::ZERO && mode == Mode::Run && !at_block_end;
+        let ends_early = at_block_end || self.streamer.lead_in().is_some();
+        let dry = status.starved && status.rate != Rate::ZERO && mode == Mode::Run && !ends_early;
         if dry && !self.dry {
             self.stats.underruns += 1;
             self.emit(EventKind::Underrun);

@@ -40,6 +40,8 @@ fn examples() -> Vec<EventKind> {
         EventKind::CutterOff { channel: 3, reason: CutterOffReason::Operator },
         EventKind::CutEnd { channel: 3, place: Place::default(), line: 4 },
         EventKind::NotCut(1.25),
+        EventKind::Shift([1.5, -0.75]),
+        EventKind::Joined,
         EventKind::CutFromHere { moving: true },
         EventKind::CutterOn(3),
         EventKind::RetraceSwitched(3, 1),
@@ -73,6 +75,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::CutterBoundary | EventKind::BackTargetReached | EventKind::HistoryEndReached => {}
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
+            EventKind::Shift(_) | EventKind::Joined => {}
             EventKind::RestartSwitched(_) | EventKind::CutterOff { .. } | EventKind::CutterOn(_) => {}
             EventKind::RetraceSwitched(..) | EventKind::RunResumed | EventKind::ProgramEnd => {}
             EventKind::Switching(_) | EventKind::Switched(_) | EventKind::OutputChanged(..) => {}

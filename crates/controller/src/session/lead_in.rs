@@ -1,0 +1,167 @@
+//! A shifted restart: the cutter starts beside the path, and leads in to it along a straight line (CUT-37, CUT-39,
+//! CUT-40).
+//!
+//! The way to the start is that of every approach: the tool axis up to the retract plane, the other axes across, the
+//! tool axis down. The cutter is off on it. The lead-in runs at the feed of the contour, and rests where it joins the
+//! path.
+//!
+//! Invariant: the shifted start is within the soft limits before anything moves; from the join on, the records are those
+//! of the path.
+
+use retrace_core::mode::{Mode, ModeOutput};
+use retrace_core::playback::partial_increment;
+use retrace_core::{Distance, Place, RateTarget, RecordIndex};
+use retrace_link::{HostCommand, MotionCard};
+
+use super::Session;
+use crate::approach::approach;
+use crate::event::EventKind;
+use crate::operator::{CommandError, Shift};
+use crate::record_streamer::{LeadIn, LeadInMove};
+
+/// Share of an axis' maximum velocity at which it moves to the start: a record may be a pulse faster.
+const RAPID_SHARE: f64 = 0.9;
+/// Records behind the join in which the feed of the contour is looked for.
+const FEED_RECORDS: u32 = 2_000;
+/// Kerf in mm where no material states one.
+const USUAL_KERF_MM: f64 = 1.5;
+
+const IN_LEAD_IN: CommandError =
+    CommandError::NotNow("the machine is on its lead-in: `hold`, `resume`, `recover`, `shift`, `cut` or `stop`");
+const NO_PLANE: CommandError = CommandError::NotNow("a shift needs the axes X and Y");
+const TOO_FAR: CommandError = CommandError::NotNow("farther than `shift_max_mm` of the cutter's restart");
+const MOVES: CommandError = CommandError::NotNow("the machine has to be at rest, held or retracing");
+
+impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
+    /// Whether the machine is on a lead-in.
+    pub(super) fn is_on_lead_in(&self) -> bool {
+        let place = self.card.status().place;
+        self.streamer.lead_in().is_some_and(|lead_in| lead_in.record(place.record).is_some())
+    }
+
+    /// Refuses commands that retrace while the machine is on a lead-in.
+    pub(super) fn require_path(&self) -> Result<(), CommandError> {
+        if self.is_on_lead_in() { Err(IN_LEAD_IN) } else { Ok(()) }
+    }
+
+    /// *Shift*: where the next start of the cutter lies, from its place on the path.
+    pub(super) fn shift(&mut self, by: Shift) -> Result<(), CommandError> {
+        let (place, is_held) = (self.card.status(), self.mode_controller.is_held());
+        if !place.at_rest || self.mode_controller.mode() == Mode::Run && !is_held {
+            return Err(MOVES);
+        }
+        let kerf_mm = self.recovery.kerf_mm().unwrap_or(USUAL_KERF_MM);
+        let [x, y] = self.recovery.shift_mm;
+        let shift_mm = match by {
+            Shift::To(mm) => mm,
+            Shift::Steps([dx, dy]) => [x + kerf_mm * f64::from(dx), y + kerf_mm * f64::from(dy)],
+        };
+        self.recovery.plane_axes().ok_or(NO_PLANE)?;
+        if shift_mm[0].hypot(shift_mm[1]) > self.recovery.shift_max_mm() {
+            return Err(TOO_FAR);
+        }
+        self.recovery.shift_mm = shift_mm;
+        self.emit(EventKind::Shift(shift_mm));
+        Ok(())
+    }
+
+    /// The place where the path is joined by a lead-in from where the machine is, and its counts: the next record
+    /// boundary, or where the lead-in that it is on ends.
+    fn join(&self) -> (RecordIndex, [i64; A]) {
+        let status = self.card.status();
+        if let (Some(lead_in), Some(counts)) = (self.streamer.lead_in(), self.recovery.join_counts()) {
+            let mut join_counts = status.counts;
+            join_counts.iter_mut().zip(counts).for_each(|(slot, &count)| *slot = count);
+            return (lead_in.join(), join_counts);
+        }
+        let (place, mut counts) = (status.place, status.counts);
+        if let Some(record) = self.streamer.record(place.record).filter(|_| place.fraction != 0) {
+            for (count, &pulses) in counts.iter_mut().zip(&record.increments) {
+                *count += i64::from(pulses) - i64::from(partial_increment(pulses, place.fraction));
+            }
+        }
+        (place.boundary_ahead(), counts)
+    }
+
+    /// Plans the lead-in of a shifted restart from where the machine is. `None` where there is no shift.
+    ///
+    /// # Errors
+    /// An axis would leave its soft limits.
+    pub(super) fn plan_lead_in(&mut self) -> Result<Option<LeadIn<A>>, CommandError> {
+        let [dx, dy] = self.recovery.shift_mm;
+        let is_on_lead_in = self.is_on_lead_in();
+        if [dx, dy] == [0.0; 2] && !is_on_lead_in {
+            return Ok(None);
+        }
+        let axes = self.recovery.plane_axes().ok_or(NO_PLANE)?;
+        let (join, join_counts) = self.join();
+        let mut start = join_counts;
+        for (axis, mm) in axes.into_iter().zip([dx, dy]) {
+            start[axis] += (mm / self.config.mm_per_pulse[axis]).round() as i64;
+        }
+        let from = self.card.status().counts;
+        let machine = self.recovery.machine();
+        let ends = approach(machine, from, start).map_err(|_| CommandError::BeyondLimit(self.axis_beyond(&start)))?;
+        let rapid_mm_s = machine.axes.iter().map(|axis| axis.max_velocity_mm_per_s).fold(f64::INFINITY, f64::min);
+        let velocity_mm_s = RAPID_SHARE * rapid_mm_s.min(machine.path_velocity_mm_s);
+        let mut moves: Vec<LeadInMove<A>> =
+            ends.into_iter().map(|to| LeadInMove { to, velocity_mm_s, is_rapid: true }).collect();
+        let feed_mm_s = self.feed_mm_s(join).min(velocity_mm_s);
+        moves.push(LeadInMove { to: join_counts, velocity_mm_s: feed_mm_s, is_rapid: false });
+        let axes_count = machine.axes.len().min(A);
+        self.recovery.set_join_counts(&join_counts[..axes_count]);
+        Ok(Some(LeadIn::new(join, from, &moves, &self.config.mm_per_pulse, self.config.period_s)))
+    }
+
+    /// Letter of the first axis that is beyond its soft limits at these counts.
+    fn axis_beyond(&self, counts: &[i64; A]) -> char {
+        let machine = self.recovery.machine();
+        let beyond = machine.axes.iter().enumerate().take(A).find(|&(index, axis)| {
+            let [low, high] = axis.travel_mm.map(|mm| machine.counts_of(index, mm));
+            !(low..=high).contains(&counts[index])
+        });
+        beyond.map_or('x', |(_, axis)| axis.name)
+    }
+
+    /// Feed of the contour behind a place, in mm/s: that of its fastest record before the next instruction.
+    fn feed_mm_s(&self, place: RecordIndex) -> f64 {
+        let end = place + FEED_RECORDS;
+        let end = self.streamer.next_exclusive().filter(|next| next.is_before(end)).unwrap_or(end);
+        let records = (0..end.since(place)).map_while(|n| self.record_length_mm(place + n));
+        let longest_mm = records.fold(0.0, f64::max);
+        // A path that hardly moves is joined slowly, and not never.
+        (longest_mm / self.config.period_s).max(1.0)
+    }
+
+    /// Mode output on the way to a shifted start, where no program is executed; `None` anywhere else.
+    pub(super) fn lead_in_output(&self) -> Option<ModeOutput> {
+        let lead_in = self.streamer.lead_in()?;
+        let status = self.card.status();
+        let is_at_start = status.at_rest && status.place == Place::start_of(lead_in.start());
+        let is_before_start = Place::start_of(lead_in.start()).distance_to(status.place) < Distance::ZERO;
+        if is_at_start || !is_before_start {
+            return None;
+        }
+        let rate = self.mode_controller.rapid_override();
+        let target = if self.mode_controller.is_held() { RateTarget::ZERO } else { RateTarget::both(rate) };
+        Some(ModeOutput { target, look_ahead: true, restore_outputs: false, notice: None })
+    }
+
+    /// Ends a lead-in once the path is joined: the card forgets its records, so that the recorded path is retraced.
+    pub(super) fn advance_lead_in(&mut self) {
+        let Some(join) = self.streamer.lead_in().map(LeadIn::join) else { return };
+        let status = *self.card.status();
+        let beyond = Place::start_of(join).distance_to(status.place);
+        if beyond < Distance::ZERO || beyond == Distance::ZERO && !status.at_rest {
+            return;
+        }
+        if status.low.is_before(join) {
+            // Where the card cannot do that yet, it is sent again in the next period.
+            let _ = self.card.send(HostCommand::Forget { low: join });
+            return;
+        }
+        self.streamer.end_lead_in();
+        self.recovery.shift_mm = [0.0; 2];
+        self.emit(EventKind::Joined);
+    }
+}
