@@ -81,7 +81,7 @@ pub use manual::{ManualTask, ManualTaskDone, ManualTaskError, perform_manual_tas
 pub use mdi::{MdiBlock, ModalContext, interpreter_setup};
 pub use motion_sink::MotionSink;
 pub use operator::{
-    CommandError, CutStart, OperatorCommand, ScriptInstruction, ScriptTime, parse_script, rate_percent,
+    CommandError, CutStart, OperatorCommand, ScriptInstruction, ScriptTime, Shift, parse_script, rate_percent,
 };
 pub use overrides::{OverrideApplier, OverrideQueueFull, OverrideRequester};
 pub use plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanEnd, PlanSummary};

@@ -393,6 +393,16 @@ fn parse_back(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
     }
 }
 
+impl std::str::FromStr for Shift {
+    type Err = String;
+
+    /// Parses what is entered for a shift: two lengths in mm with a comma or a space, a direction, or 0.
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let words: Vec<&str> = text.split([',', ' ']).filter(|word| !word.is_empty()).collect();
+        parse_shift(&words).map_err(|_| "enter X and Y in mm such as 1.5,-0.8, a direction such as nw, or 0".into())
+    }
+}
+
 /// Words for the eight directions, with their steps in X and Y.
 const DIRECTIONS: [(&str, [i8; 2]); 8] = [
     ("n", [0, 1]),

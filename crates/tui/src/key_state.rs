@@ -18,6 +18,8 @@ use crate::ui_command::UiCommand;
 pub(crate) enum PendingQuestion {
     /// Distance to go back, mm.
     BackBy,
+    /// Distance of the start of the cut from the path.
+    Shift,
     /// Number or name of an output.
     Output,
     /// MDI block.
@@ -187,11 +189,10 @@ impl KeyState {
             OpenDialog::Prompt(PendingQuestion::Program, ..) if is_job && !model.is_at_program_end() => {
                 &OpenDialog::Nothing
             }
-            OpenDialog::Prompt(PendingQuestion::Stop | PendingQuestion::BackBy | PendingQuestion::ToolLength, ..)
-                if !is_job =>
-            {
-                &OpenDialog::Nothing
-            }
+            OpenDialog::Prompt(
+                PendingQuestion::Stop | PendingQuestion::BackBy | PendingQuestion::Shift | PendingQuestion::ToolLength,
+                ..,
+            ) if !is_job => &OpenDialog::Nothing,
             OpenDialog::Prompt(PendingQuestion::Mdi | PendingQuestion::WorkZero, ..) if is_job => &OpenDialog::Nothing,
             open => open,
         }
@@ -306,6 +307,7 @@ impl KeyState {
         let ask = |ask, text: &str| OpenDialog::Prompt(ask, text.into(), None);
         self.open = match act {
             KeyAction::BackBy => ask(PendingQuestion::BackBy, "20"),
+            KeyAction::Shift => ask(PendingQuestion::Shift, ""),
             KeyAction::Output => ask(PendingQuestion::Output, ""),
             KeyAction::Mdi => ask(PendingQuestion::Mdi, ""),
             KeyAction::WorkZero => ask(PendingQuestion::WorkZero, "all"),
@@ -490,6 +492,7 @@ fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCom
             Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(UiCommand::Job(OperatorCommand::BackBy(mm))),
             _ => Err("enter a distance above 0 mm, such as 20".into()),
         },
+        PendingQuestion::Shift => text.parse().map(|shift| UiCommand::Job(OperatorCommand::Shift(shift))),
         PendingQuestion::Output => output(text, model),
         PendingQuestion::Mdi if text.is_empty() => Err("enter a block such as G0 X10".into()),
         PendingQuestion::Mdi => Ok(UiCommand::Task(ManualTask::Mdi(text.into()))),

@@ -81,6 +81,8 @@ pub(crate) enum KeyAction {
     BackToCutEnd,
     /// Executes the program again from here.
     CutFromHere,
+    /// Shifts the start of the cut beside the path.
+    Shift,
     /// Override up.
     Faster,
     /// Override down.
@@ -297,6 +299,8 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('J')], "J", "cut end", "back to the end of an interrupted cut", MOVING, KeyAction::BackToCutEnd),
     row(&[Key::Char('K')], "K", "cut here", "cut from here: execute the program again", RETRACE | WHEEL,
         KeyAction::CutFromHere),
+    row(&[Key::Char('D')], "D", "shift", "shift the start of the cut: 1.5,-0.8 mm, nw, 0", RUN | RETRACE | WHEEL,
+        KeyAction::Shift),
     row(&[Key::Char('+'), Key::Char('=')], "+", "faster", "feed override 10 % up; rapids have their own", JOB,
         KeyAction::Faster),
     row(&[Key::Char('-')], "-", "slower", "feed override 10 % down", JOB, KeyAction::Slower),

@@ -168,6 +168,7 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 KeyAction::Recover,
                 KeyAction::CycleStart,
                 KeyAction::BackToCutEnd,
+                KeyAction::Shift,
                 KeyAction::Reverse,
                 KeyAction::Wheel,
                 KeyAction::BackBy,

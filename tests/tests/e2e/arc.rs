@@ -278,6 +278,54 @@ fn at_the_screen_an_interrupted_cut_takes_one_key() {
     assert_eq!(terminal.wait_for_end(), Some(0));
 }
 
+/// A shift is typed, and `k` pierces there.
+#[test]
+fn at_the_screen_the_start_of_the_cut_is_shifted() {
+    let bench = Bench::new();
+    let mut terminal = at_the_screen(&bench, &machine(), "lose@20");
+    terminal.wait_for_text("CUT INTERRUPTED");
+    terminal.keys("D");
+    terminal.wait_for_text("Start of the cut beside the path");
+    terminal.keys("2,nowhere\r");
+    terminal.wait_for_text("! enter X and Y in mm");
+    terminal.keys(&"\u{7f}".repeat(9));
+    terminal.keys("1,4\r");
+    terminal.wait_for_text("X+1.000 Y+4.000 mm beside the path");
+    terminal.keys("k");
+    terminal.wait_for_text("the lead-in has joined the path");
+    let end = terminal.wait_for_text("ENDED");
+    assert!(end.contains("completed"), "{end}");
+    terminal.keys("q");
+    assert_eq!(terminal.wait_for_end(), Some(0));
+}
+
+/// The last contour is cut again while the part is still clamped.
+#[test]
+fn at_the_screen_a_contour_is_cut_again_after_the_end_of_the_program() {
+    let bench = Bench::new();
+    // without an input, so that it burns in the kerf as well
+    let mut terminal = at_the_screen(&bench, &machine().replace("ok = { input = 5 }\n", ""), "");
+    terminal.wait_for_text("ENDED");
+    terminal.keys("j");
+    terminal.wait_for_text("at the target of the reverse run");
+    terminal.keys("K");
+    terminal.wait_for_text("RUNNING");
+    let end = terminal.wait_for_text("ENDED");
+    assert!(end.contains("completed") && end.contains("X       0.000"), "{end}");
+    terminal.keys("q");
+    assert_eq!(terminal.wait_for_end(), Some(0));
+}
+
+fn at_the_screen(bench: &Bench, machine: &str, faults: &str) -> Terminal {
+    let (program, machine) = (bench.file("part.ngc", PROGRAM), bench.file("m.toml", machine));
+    let [program, machine] = [program, machine].map(|path| path.display().to_string());
+    let arguments = ["run", &program, "--tui", "--machine", &machine, "--source-faults", faults];
+    let terminal = Terminal::running(&arguments, 80, 24);
+    terminal.wait_for_text("READY");
+    terminal.keys("c");
+    terminal
+}
+
 #[test]
 fn a_word_that_does_not_apply_is_answered() {
     let (run, _) = run("", "at 0.5s cut\nafter 0s back to cut end\n", &[]);

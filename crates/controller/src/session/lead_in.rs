@@ -5,8 +5,8 @@
 //! tool axis down. The cutter is off on it. The lead-in runs at the feed of the contour, and rests where it joins the
 //! path.
 //!
-//! Invariant: the shifted start is within the soft limits before anything moves; from the join on, the records are those
-//! of the path.
+//! Invariant: the shifted start is within the soft limits before anything moves; from the join on, the records are
+//! those of the path.
 
 use retrace_core::mode::{Mode, ModeOutput};
 use retrace_core::playback::partial_increment;

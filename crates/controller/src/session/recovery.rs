@@ -26,7 +26,8 @@ use crate::restart::RestartStep;
 struct CutEnd {
     /// Place up to which it was cut.
     place: Place,
-    /// The furthest place to which it may have been cut: beyond `place` where a job is resumed whose journal ends before.
+    /// The furthest place to which it may have been cut: beyond `place` where a job is resumed whose journal
+    /// ends before.
     latest: Place,
     channel: u8,
 }

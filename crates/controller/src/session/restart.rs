@@ -109,8 +109,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.begin_restart_to(&wants, |concerned| concerned == channel);
     }
 
-    /// Cancels a restart: its remaining steps are dropped. Motion is not blocked any more once the instruction has ended
-    /// that the card is executing.
+    /// Cancels a restart: its remaining steps are dropped. Motion is not blocked any more once the instruction has
+    /// ended that the card is executing.
     pub(super) fn cancel_restart(&mut self) {
         if self.restart.sent > self.restart.done {
             self.restart.steps.truncate(self.restart.sent);

@@ -144,6 +144,11 @@ fn log(out: &mut Buffer, model: &ScreenModel, back: usize, theme: Theme) {
 fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str>, theme: Theme) {
     let (title, question, keys) = match ask {
         PendingQuestion::BackBy => ("back by", "Distance back along the path, mm:", "Enter OK · Esc cancel"),
+        PendingQuestion::Shift => (
+            "shift",
+            "Start of the cut beside the path, X and Y in mm: 1.5,-0.8; or nw; or 0:",
+            "Enter OK · Esc cancel",
+        ),
         PendingQuestion::Output => {
             ("output", "Output number or name, then + or -, such as 3+:", "Enter OK · Esc cancel")
         }
