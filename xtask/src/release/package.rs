@@ -12,11 +12,12 @@ use serde_json::Value;
 use retrace_task_support::{process::cargo, tree};
 
 /// Packages that are never published.
-const INTERNAL: [&str; 8] = [
+const INTERNAL: [&str; 9] = [
     "xtask",
     "retrace-task-support",
     "retrace-bench",
     "retrace-tests",
+    "cut-judge",
     "retrace-verification",
     "retrace-verify",
     "retrace-loom",

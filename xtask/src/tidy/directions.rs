@@ -76,6 +76,8 @@ const ARROWS: &[Arrows] = &[
     arrows("verification/shuttle/Cargo.toml", &["core"]),
     // The end-to-end tests see the command alone, so that they judge it with nothing of its own.
     arrows("tests/Cargo.toml", &[]),
+    // The judge of cuts has nothing of ours and nothing of others.
+    Arrows { outside: false, ..arrows("tests/judge/Cargo.toml", &[]) },
     arrows("bench/Cargo.toml", &["task-support"]),
     arrows("verification/engines/Cargo.toml", &["task-support"]),
     arrows("xtask/Cargo.toml", &["bench", "verify", "task-support"]),

@@ -1,0 +1,65 @@
+//! What a trace cuts: cells of the sheet, and places of the path.
+//!
+//! Invariant: the cutter burns while its output is on and its input is active; the judge has no other knowledge of it.
+
+use crate::place_ranges::PlaceRanges;
+use crate::vcd::Sample;
+use std::collections::HashSet;
+
+/// Width of a cell of the sheet in mm.
+pub(crate) const CELL_MM: f64 = 0.05;
+
+/// What was cut of the sheet.
+#[derive(Debug, Default)]
+pub(crate) struct Kerf {
+    /// Cells that the middle of the kerf touches.
+    cells: HashSet<[i32; 2]>,
+    /// Where the cutter burnt for certain: from a proven sample to the next one.
+    pub(crate) places: PlaceRanges,
+    /// Where it may have burnt: it begins and ends somewhere between two samples.
+    pub(crate) possible_places: PlaceRanges,
+    /// Begins of possible places at which the arc struck while the machine was moving.
+    struck_in_motion: Vec<f64>,
+    /// Length in mm, with what was cut twice.
+    pub(crate) length_mm: f64,
+}
+
+impl Kerf {
+    /// Adds the way between two samples.
+    pub(crate) fn add(&mut self, from: &Sample, to: &Sample, plane: [usize; 2], pulses_per_mm: f64) {
+        let [burns, will_burn] = [from, to].map(|sample| sample.is_lit && sample.is_proven);
+        if burns || will_burn {
+            self.possible_places.insert(from.place, to.place);
+        }
+        if !burns && will_burn && from.place != to.place {
+            self.struck_in_motion.push(from.place);
+        }
+        if !from.is_lit || !from.is_proven || !to.is_proven {
+            return;
+        }
+        self.places.insert(from.place, to.place);
+        // in pulses, so that a place on the edge of a cell is always in the same one
+        let cell = CELL_MM * pulses_per_mm;
+        let [x, y] = plane.map(|axis| from.counts[axis] as f64);
+        let [dx, dy] = plane.map(|axis| (to.counts[axis] - from.counts[axis]) as f64);
+        let length = dx.hypot(dy);
+        self.length_mm += length / pulses_per_mm;
+        let steps = (length / cell * 4.0).ceil().max(1.0);
+        for step in 0..=steps as u32 {
+            let share = f64::from(step) / steps;
+            self.cells.insert([x + share * dx, y + share * dy].map(|pulses| (pulses / cell).floor() as i32));
+        }
+    }
+
+    /// Whether the arc struck in motion at this place.
+    pub(crate) fn struck_in_motion(&self, place: f64) -> bool {
+        self.struck_in_motion.contains(&place)
+    }
+
+    /// Number of cells that have no cell of the other kerf at or beside them: where a job is slower, other cells are
+    /// touched at their corners.
+    pub(crate) fn cells_beside(&self, other: &Self) -> usize {
+        let is_near = |[x, y]: [i32; 2]| (-1..=1).any(|dx| (-1..=1).any(|dy| other.cells.contains(&[x + dx, y + dy])));
+        self.cells.iter().filter(|&&cell| !is_near(cell)).count()
+    }
+}

@@ -1,0 +1,195 @@
+//! The command `cut-judge`: reads its arguments, runs the judge over the files, prints a line for each trace.
+//!
+//! Invariant: it depends on the standard library alone, so that no defect of retrace can be a defect of its judge.
+#![forbid(unsafe_code)]
+
+mod kerf;
+mod place_ranges;
+mod vcd;
+mod verdict;
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, BufReader, Write as _};
+use std::process::ExitCode;
+use vcd::{CutterSignals, ReadError, TraceReader};
+use verdict::{JudgedMachine, ReferenceJob, Verdict, judge};
+
+/// A trace is not as good as the uninterrupted job.
+const NOT_GOOD: u8 = 1;
+/// Wrong arguments, or a file that cannot be read.
+const USAGE_ERROR: u8 = 2;
+
+const HELP: &str = "\
+Compares traces of an interrupted cut with the trace of the same job without an interruption.
+
+Usage: cut-judge WHOLE.vcd TRACE.vcd... [OPTIONS]
+
+WHOLE.vcd is the trace of the job without an interruption, each TRACE.vcd one of the same job with the same machine
+that was held, lost its arc or was put out, and was recovered. `retrace run PROGRAM --vcd FILE` writes such files.
+
+Options:
+  --pulses-per-mm N   pulses per mm of X and Y [default: 200]
+  --fire NAME         output that switches the cutter [default: spindle]
+  --input N           input that proves the cutter, 0 to 63 [default: 5]
+  --pierce-ms N       time from the proof to the first motion [default: 400]
+  --pilot-ms N        shortest time from an ignition in the kerf to the first motion [default: 298]
+  --period-ms N       control period [default: 1]
+  --standing-ms N     time that the cutter may be on at rest, but for one period [default: 0]; a card behind a serial
+                      line waits for the next instruction for up to its handover time, 100 ms
+  --help              this text
+
+For each trace it prints one JSON object in a line:
+  trace               the file
+  good                true where every figure below is 0 or false, but for ignitions and cut_mm
+  not_cut             cells of 0.05 mm that only WHOLE cut
+  cut_besides         cells of 0.05 mm that only TRACE cut
+  records_not_cut     records of the path that only WHOLE cut, in gaps of more than one record; where an arc strikes
+                      in motion, of more than one record and a cell
+  wrong_counts        samples at a place of WHOLE with other counts on any axis
+  too_early           ignitions at which motion began before the pierce, or before the pilot time in a kerf, was over
+  standing            times that the cutter was on at rest for too long
+  backward            samples with the cutter on and the path running backward
+  lit_in_rapid        samples with the cutter on and moving where WHOLE moves with the cutter off
+  lit_under_alarm     times that the cutter was on for more than two periods with an alarm latched
+  lit_after_motion    the cutter was on behind the last motion for longer than the handover, 100 ms and 3 periods
+  ignited_elsewhere   ignitions at a place where WHOLE never has the cutter on
+  on_at_end           the cutter is on at the end
+  ignitions           number of ignitions
+  cut_mm              length that was cut, with what was cut twice
+
+Exit codes: 0 all traces are good, 1 one is not, 2 wrong arguments or a file that cannot be read.
+
+Example: cut-judge whole.vcd recovered.vcd --pulses-per-mm 160 --pierce-ms 200
+";
+
+/// What the command line asks for.
+#[derive(Debug)]
+struct Arguments {
+    files: Vec<String>,
+    cutter: CutterSignals,
+    machine: JudgedMachine,
+}
+
+impl Arguments {
+    fn read(words: &[String]) -> Result<Self, String> {
+        let machine =
+            JudgedMachine { pulses_per_mm: 200.0, pierce_ms: 400.0, pilot_ms: 298.0, period_ms: 1.0, standing_ms: 0.0 };
+        let cutter = CutterSignals { fire: "spindle".into(), input: 5 };
+        let mut arguments = Self { files: Vec::new(), cutter, machine };
+        let mut rest = words.iter();
+        while let Some(word) = rest.next() {
+            if !word.starts_with("--") {
+                arguments.files.push(word.clone());
+                continue;
+            }
+            let machine = &mut arguments.machine;
+            let mut value = || rest.next().ok_or(format!("{word} has no value; write it behind the option"));
+            match word.as_str() {
+                "--fire" => arguments.cutter.fire = value()?.clone(),
+                "--input" => arguments.cutter.input = input(value()?)?,
+                "--pulses-per-mm" => machine.pulses_per_mm = positive(word, value()?)?,
+                "--period-ms" => machine.period_ms = positive(word, value()?)?,
+                "--pierce-ms" => machine.pierce_ms = number(word, value()?)?,
+                "--standing-ms" => machine.standing_ms = number(word, value()?)?,
+                "--pilot-ms" => machine.pilot_ms = number(word, value()?)?,
+                _ => return Err(format!("there is no option `{word}`; `cut-judge --help` lists them")),
+            }
+        }
+        if arguments.files.len() < 2 {
+            let text = "the judge compares two traces: cut-judge WHOLE.vcd TRACE.vcd; see `cut-judge --help`";
+            return Err(text.into());
+        }
+        Ok(arguments)
+    }
+}
+
+fn number(option: &str, text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number| (0.0..=1e9).contains(number));
+    number.ok_or_else(|| format!("`{text}` of {option} is not a number from 0 to 1000000000; correct it"))
+}
+
+fn positive(option: &str, text: &str) -> Result<f64, String> {
+    let number = number(option, text)?;
+    if number > 0.0 { Ok(number) } else { Err(format!("{option} is 0; give a number greater than 0")) }
+}
+
+fn input(text: &str) -> Result<u32, String> {
+    let number = text.parse().ok().filter(|number| *number < u64::BITS);
+    number.ok_or_else(|| format!("`{text}` is not the number of an input; give --input a number from 0 to 63"))
+}
+
+fn main() -> ExitCode {
+    let words: Vec<String> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    if words.iter().any(|word| word == "--help" || word == "-h") {
+        // a reader that has seen enough of it is no error
+        let _ = io::stdout().write_all(HELP.as_bytes());
+        return ExitCode::SUCCESS;
+    }
+    match Arguments::read(&words).and_then(|arguments| judge_files(&arguments)) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(NOT_GOOD),
+        Err(reason) => {
+            eprintln!("cut-judge: {reason}");
+            ExitCode::from(USAGE_ERROR)
+        }
+    }
+}
+
+/// Judges every trace, prints its line, and returns whether all are good.
+fn judge_files(arguments: &Arguments) -> Result<bool, String> {
+    let Arguments { files, cutter, machine } = arguments;
+    let open = |path: &String| {
+        let file = File::open(path).map_err(ReadError::File)?;
+        TraceReader::open(BufReader::with_capacity(1 << 16, file), cutter)
+    };
+    let in_file = |path: &String| {
+        let path = path.clone();
+        move |error: ReadError| format!("{path}: {error}")
+    };
+    let whole = &files[0];
+    let job = open(whole).and_then(|trace| ReferenceJob::read(trace, machine)).map_err(in_file(whole))?;
+    let mut all_good = true;
+    for path in &files[1..] {
+        let verdict = open(path).and_then(|trace| judge(&job, trace, machine)).map_err(in_file(path))?;
+        writeln!(io::stdout(), "{}", json_line(path, &verdict)).map_err(cannot_write)?;
+        all_good &= verdict.is_good();
+    }
+    Ok(all_good)
+}
+
+fn cannot_write(error: io::Error) -> String {
+    format!("the verdict cannot be written: {error}; check where standard output goes")
+}
+
+fn json_line(path: &str, verdict: &Verdict) -> String {
+    let mut line = format!("{{\"trace\":{},\"good\":{}", json_text(path), verdict.is_good());
+    for (name, value) in verdict.figures() {
+        let _ = write!(line, ",\"{name}\":{value}");
+    }
+    line + "}"
+}
+
+fn json_text(text: &str) -> String {
+    let mut quoted = String::from("\"");
+    for letter in text.chars() {
+        match letter {
+            '"' | '\\' => quoted.extend(['\\', letter]),
+            control if control < ' ' => {
+                let _ = write!(quoted, "\\u{:04x}", u32::from(control));
+            }
+            other => quoted.push(other),
+        }
+    }
+    quoted + "\""
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_quoted_as_json_has_it() {
+        assert_eq!(json_text("a\"b\\c\nd é"), "\"a\\\"b\\\\c\\u000ad é\"");
+    }
+}
