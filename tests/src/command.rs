@@ -51,14 +51,15 @@ pub fn binary() -> &'static Path {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
     BINARY.get_or_init(|| match std::env::var_os("RETRACE_BIN") {
         Some(path) => PathBuf::from(path),
-        None => built().expect("cargo builds the retrace command"),
+        None => built("retrace-cli").expect("cargo builds the retrace command"),
     })
 }
 
-fn built() -> Option<PathBuf> {
+/// The executable of a package of the workspace, which cargo builds in the profile of the tests.
+pub(crate) fn built(package: &str) -> Option<PathBuf> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new(cargo);
-    command.args(["build", "--package", "retrace-cli", "--message-format", "json-render-diagnostics"]);
+    command.args(["build", "--package", package, "--message-format", "json-render-diagnostics"]);
     if !cfg!(debug_assertions) {
         command.arg("--release");
     }

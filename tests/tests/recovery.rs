@@ -6,11 +6,11 @@
 use retrace_tests::command::{Bench, cases};
 use retrace_tests::cut_judge::{JudgedMachine, Verdict, judge};
 use retrace_tests::limits::audit;
-use retrace_tests::pins::samples;
 use retrace_tests::run::Run;
 use retrace_tests::sender::TestRandom;
 use serde_json::Value;
 use std::fmt::Write;
+use std::path::{Path, PathBuf};
 
 const PIERCE_MS: f64 = 200.0;
 const JUDGED: JudgedMachine =
@@ -63,15 +63,10 @@ fn program(chance: &mut TestRandom) -> String {
     subs + &text + "G0 X0 Y0\nM2\n"
 }
 
-/// Runs the program with these faults of the source and this script.
-fn run(
-    bench: &Bench,
-    program: &std::path::Path,
-    faults: &str,
-    script: &str,
-) -> (Run, Vec<retrace_tests::pins::Sample>) {
+/// Runs the program with these faults of the source and this script; its trace goes to a file of this name.
+fn run(bench: &Bench, program: &Path, faults: &str, script: &str, trace: &str) -> (Run, PathBuf) {
     let (machine, operator) = (bench.file("m.toml", machine()), bench.file("s.op", script));
-    let (vcd, machine) = (bench.path("pins.vcd"), machine.display().to_string());
+    let (vcd, machine) = (bench.path(trace), machine.display().to_string());
     let (trace, operator) = (vcd.display().to_string(), operator.display().to_string());
     if std::env::var_os("RETRACE_SHOW").is_some() {
         println!("--- {faults}\n{script}");
@@ -81,7 +76,7 @@ fn run(
         program,
         &["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator, "--no-journal"],
     );
-    (run, samples(&vcd))
+    (run, vcd)
 }
 
 /// What the operator does at an interruption that he sees at this time, and when he is done with it.
@@ -101,7 +96,7 @@ fn case(seed: u64) -> Result<Verdict, String> {
     let mut chance = TestRandom::new(seed);
     let bench = Bench::new();
     let program = bench.file("part.ngc", program(&mut chance));
-    let (whole, uninterrupted) = run(&bench, &program, "", "");
+    let (whole, uninterrupted) = run(&bench, &program, "", "", "whole.vcd");
     if whole.report["outcome"] != "completed" {
         return Err(format!("the whole job: {}", whole.output.err));
     }
@@ -120,7 +115,7 @@ fn case(seed: u64) -> Result<Verdict, String> {
     };
     let mut last = String::new();
     for _ in 0..40 {
-        let (run, trace) = run(&bench, &program, &faults, &script);
+        let (run, trace) = run(&bench, &program, &faults, &script, "pins.vcd");
         if run.report["outcome"] == "completed" {
             let axes = [160.0, 160.0, 640.0]
                 .map(|pulses_per_mm| retrace_tests::limits::Axis { pulses_per_mm, limits: [200.0, 2500.0, 40000.0] });

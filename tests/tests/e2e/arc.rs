@@ -6,6 +6,8 @@ use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
 use retrace_tests::terminal::Terminal;
 use serde_json::Value;
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
 
 const JUDGED: JudgedMachine =
     JudgedMachine { pulses_per_mm: 200.0, fire: "spindle", input: 5, pierce_ms: 400.0, pilot_ms: 298.0 };
@@ -25,11 +27,32 @@ fn machine() -> String {
     format!("{torch}{}{}{}", axis("x"), axis("y"), axis("z"))
 }
 
-fn run(faults: &str, script: &str, more: &[&str]) -> (Run, Vec<Sample>) {
+/// The samples of a trace, and its file for the judge, which exists as long as its bench.
+struct Trace {
+    samples: Vec<Sample>,
+    vcd: PathBuf,
+    _bench: Bench,
+}
+
+impl Deref for Trace {
+    type Target = [Sample];
+
+    fn deref(&self) -> &[Sample] {
+        &self.samples
+    }
+}
+
+impl AsRef<Path> for Trace {
+    fn as_ref(&self) -> &Path {
+        &self.vcd
+    }
+}
+
+fn run(faults: &str, script: &str, more: &[&str]) -> (Run, Trace) {
     run_on(&machine(), faults, script, more)
 }
 
-fn run_on(machine: &str, faults: &str, script: &str, more: &[&str]) -> (Run, Vec<Sample>) {
+fn run_on(machine: &str, faults: &str, script: &str, more: &[&str]) -> (Run, Trace) {
     let bench = Bench::new();
     let program = bench.file("part.ngc", PROGRAM);
     let (machine, vcd) = (bench.file("m.toml", machine).display().to_string(), bench.path("pins.vcd"));
@@ -38,7 +61,7 @@ fn run_on(machine: &str, faults: &str, script: &str, more: &[&str]) -> (Run, Vec
         vec!["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
     arguments.extend(more);
     let run = Run::of(&bench, &program, &arguments);
-    (run, samples(&vcd))
+    (run, Trace { samples: samples(&vcd), vcd, _bench: bench })
 }
 
 /// What a person reads at the terminal.

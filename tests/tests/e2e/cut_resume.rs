@@ -5,8 +5,7 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_tests::command::Bench;
-use retrace_tests::cut_judge::{JudgedMachine, Verdict, judge};
-use retrace_tests::pins::samples;
+use retrace_tests::cut_judge::{JudgedMachine, Verdict, judge_served};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
 
@@ -49,7 +48,7 @@ fn killed_and_resumed(faults: &str, script: &str, at_s: f64) -> Result<(), Strin
         }
     }
     let _ = card.end();
-    let verdict = judge(&samples(&whole), &samples(&bench.path("pins.vcd")), &JUDGED);
+    let verdict = judge_served(&whole, bench.path("pins.vcd"), &JUDGED);
     // A lead-in cuts beside the path; places of lead-ins are not those of the path.
     let verdict =
         if script.contains("shift") { Verdict { cut_besides: 0, wrong_counts: 0, ..verdict } } else { verdict };
