@@ -25,6 +25,8 @@ pub struct JudgedMachine {
     pub pierce_ms: f64,
     /// Shortest time in ms from the ignition to the first motion.
     pub pilot_ms: f64,
+    /// Whether the job may have lead-ins of shifted starts.
+    pub has_lead_ins: bool,
 }
 
 /// What the judge found.
@@ -123,13 +125,16 @@ pub fn judge_served(whole: impl AsRef<Path>, trace: impl AsRef<Path>, machine: &
 }
 
 fn judge_standing(whole: &Path, trace: &Path, machine: &JudgedMachine, standing_ms: u32) -> Verdict {
-    let JudgedMachine { pulses_per_mm, fire, input, pierce_ms, pilot_ms } = *machine;
+    let JudgedMachine { pulses_per_mm, fire, input, pierce_ms, pilot_ms, has_lead_ins } = *machine;
     let mut command = Command::new(binary());
     command.args([whole, trace]).args(["--fire", fire, "--input", &input.to_string()]);
     command.args(["--standing-ms", &standing_ms.to_string()]);
     let numbers = [("--pulses-per-mm", pulses_per_mm), ("--pierce-ms", pierce_ms), ("--pilot-ms", pilot_ms)];
     for (option, number) in numbers {
         command.args([option, &number.to_string()]);
+    }
+    if has_lead_ins {
+        command.arg("--lead-ins");
     }
     let output = command.output().expect("the judge runs");
     let text = String::from_utf8_lossy(&output.stdout);

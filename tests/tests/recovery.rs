@@ -13,8 +13,14 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 const PIERCE_MS: f64 = 200.0;
-const JUDGED: JudgedMachine =
-    JudgedMachine { pulses_per_mm: 160.0, fire: "spindle", input: 5, pierce_ms: PIERCE_MS, pilot_ms: 298.0 };
+const JUDGED: JudgedMachine = JudgedMachine {
+    pulses_per_mm: 160.0,
+    fire: "spindle",
+    input: 5,
+    pierce_ms: PIERCE_MS,
+    pilot_ms: 298.0,
+    has_lead_ins: false,
+};
 
 /// Number of recoveries that the suite runs.
 const SUITE: u32 = 12;

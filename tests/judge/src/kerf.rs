@@ -14,6 +14,8 @@ pub(crate) const CELL_MM: f64 = 0.05;
 pub(crate) struct Kerf {
     /// Cells that the middle of the kerf touches.
     cells: HashSet<[i32; 2]>,
+    /// Cells that lead-ins touch.
+    lead_in_cells: HashSet<[i32; 2]>,
     /// Where the cutter burnt for certain: from a proven sample to the next one.
     pub(crate) places: PlaceRanges,
     /// Where it may have burnt: it begins and ends somewhere between two samples.
@@ -38,16 +40,13 @@ impl Kerf {
             return;
         }
         self.places.insert(from.place, to.place);
-        // in pulses, so that a place on the edge of a cell is always in the same one
-        let cell = CELL_MM * pulses_per_mm;
-        let [x, y] = plane.map(|axis| from.counts[axis] as f64);
-        let [dx, dy] = plane.map(|axis| (to.counts[axis] - from.counts[axis]) as f64);
-        let length = dx.hypot(dy);
-        self.length_mm += length / pulses_per_mm;
-        let steps = (length / cell * 4.0).ceil().max(1.0);
-        for step in 0..=steps as u32 {
-            let share = f64::from(step) / steps;
-            self.cells.insert([x + share * dx, y + share * dy].map(|pulses| (pulses / cell).floor() as i32));
+        self.length_mm += add_cells(&mut self.cells, from, to, plane, pulses_per_mm);
+    }
+
+    /// Adds the way between two samples on a lead-in.
+    pub(crate) fn add_lead_in(&mut self, from: &Sample, to: &Sample, plane: [usize; 2], pulses_per_mm: f64) {
+        if from.is_lit && from.is_proven && to.is_proven {
+            self.length_mm += add_cells(&mut self.lead_in_cells, from, to, plane, pulses_per_mm);
         }
     }
 
@@ -59,7 +58,23 @@ impl Kerf {
     /// Number of cells that have no cell of the other kerf at or beside them: where a job is slower, other cells are
     /// touched at their corners.
     pub(crate) fn cells_beside(&self, other: &Self) -> usize {
-        let is_near = |[x, y]: [i32; 2]| (-1..=1).any(|dx| (-1..=1).any(|dy| other.cells.contains(&[x + dx, y + dy])));
+        let is_cut = |cell: &[i32; 2]| other.cells.contains(cell) || other.lead_in_cells.contains(cell);
+        let is_near = |[x, y]: [i32; 2]| (-1..=1).any(|dx| (-1..=1).any(|dy| is_cut(&[x + dx, y + dy])));
         self.cells.iter().filter(|&&cell| !is_near(cell)).count()
     }
+}
+
+/// Adds the cells between two samples, and returns the length in mm.
+fn add_cells(cells: &mut HashSet<[i32; 2]>, from: &Sample, to: &Sample, plane: [usize; 2], pulses_per_mm: f64) -> f64 {
+    // in pulses, so that a place on the edge of a cell is always in the same one
+    let cell = CELL_MM * pulses_per_mm;
+    let [x, y] = plane.map(|axis| from.counts[axis] as f64);
+    let [dx, dy] = plane.map(|axis| (to.counts[axis] - from.counts[axis]) as f64);
+    let length = dx.hypot(dy);
+    let steps = (length / cell * 4.0).ceil().max(1.0);
+    for step in 0..=steps as u32 {
+        let share = f64::from(step) / steps;
+        cells.insert([x + share * dx, y + share * dy].map(|pulses| (pulses / cell).floor() as i32));
+    }
+    length / pulses_per_mm
 }

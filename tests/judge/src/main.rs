@@ -37,6 +37,8 @@ Options:
   --period-ms N       control period [default: 1]
   --standing-ms N     time that the cutter may be on at rest, but for one period [default: 0]; a card behind a serial
                       line waits for the next instruction for up to its handover time, 100 ms
+  --lead-ins          TRACE may have lead-ins of shifted starts: motion of no line of the program, whose places, kerf
+                      and ignitions are not those of WHOLE
   --help              this text
 
 For each trace it prints one JSON object in a line:
@@ -73,8 +75,14 @@ struct Arguments {
 
 impl Arguments {
     fn read(words: &[String]) -> Result<Self, String> {
-        let machine =
-            JudgedMachine { pulses_per_mm: 200.0, pierce_ms: 400.0, pilot_ms: 298.0, period_ms: 1.0, standing_ms: 0.0 };
+        let machine = JudgedMachine {
+            pulses_per_mm: 200.0,
+            pierce_ms: 400.0,
+            pilot_ms: 298.0,
+            period_ms: 1.0,
+            standing_ms: 0.0,
+            has_lead_ins: false,
+        };
         let cutter = CutterSignals { fire: "spindle".into(), input: 5 };
         let mut arguments = Self { files: Vec::new(), cutter, machine };
         let mut rest = words.iter();
@@ -92,6 +100,7 @@ impl Arguments {
                 "--period-ms" => machine.period_ms = positive(word, value()?)?,
                 "--pierce-ms" => machine.pierce_ms = number(word, value()?)?,
                 "--standing-ms" => machine.standing_ms = number(word, value()?)?,
+                "--lead-ins" => machine.has_lead_ins = true,
                 "--pilot-ms" => machine.pilot_ms = number(word, value()?)?,
                 _ => return Err(format!("there is no option `{word}`; `cut-judge --help` lists them")),
             }

@@ -26,6 +26,9 @@ pub(crate) struct Sample {
     pub(crate) is_proven: bool,
     /// Whether an alarm is latched.
     pub(crate) has_alarm: bool,
+    /// Whether the record under the cursor belongs to a line of the program: not that of a lead-in, nor at the end of
+    /// what the card holds.
+    pub(crate) has_line: bool,
     /// Count of each axis, in the order of the file.
     pub(crate) counts: Vec<i64>,
 }
@@ -71,6 +74,7 @@ enum Signal {
     Rate,
     AtRest,
     Alarm,
+    Line,
     Inputs,
     Fire,
     Count(usize),
@@ -84,6 +88,7 @@ impl Signal {
             Self::Rate => "card.rate",
             Self::AtRest => "card.at_rest",
             Self::Alarm => "card.alarm",
+            Self::Line => "card.line",
             Self::Inputs => "card.inputs",
             Self::Fire => "fire",
             Self::Count(_) => "count",
@@ -224,6 +229,7 @@ impl<R: BufRead> TraceReader<R> {
             ("card", "rate") => Some(Signal::Rate),
             ("card", "at_rest") => Some(Signal::AtRest),
             ("card", "alarm") => Some(Signal::Alarm),
+            ("card", "line") => Some(Signal::Line),
             ("card", "inputs") => Some(Signal::Inputs),
             ("outputs", _) => {
                 self.outputs.push(name.to_owned());
@@ -279,6 +285,7 @@ impl<R: BufRead> TraceReader<R> {
             (Signal::Rate, Value::Real(rate)) => now.rate = rate,
             (Signal::AtRest, _) => now.at_rest = is_set,
             (Signal::Alarm, _) => now.has_alarm = is_set,
+            (Signal::Line, _) => now.has_line = is_set,
             (Signal::Fire, _) => now.is_lit = is_set,
             (Signal::Inputs, Value::Bits(bits)) => now.is_proven = bits >> self.cutter.input & 1 == 1,
             // a negative number is written with all of its 64 bits

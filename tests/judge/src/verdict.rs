@@ -37,6 +37,8 @@ pub(crate) struct JudgedMachine {
     pub(crate) period_ms: f64,
     /// Time in ms that the cutter may be on at rest once it has moved, beyond `MAX_REST_PERIODS`.
     pub(crate) standing_ms: f64,
+    /// Whether the job may have lead-ins: motion of no line of the program, whose places are not those of the path.
+    pub(crate) has_lead_ins: bool,
 }
 
 /// What the judge found.
@@ -209,7 +211,12 @@ pub(crate) fn judge<R: BufRead>(
             is_first = false;
         }
         judge.judge_sample(&before, &now);
-        judge.kerf.add(&before, &now, job.plane, machine.pulses_per_mm);
+        let is_lead_in = machine.has_lead_ins && !(before.has_line && now.has_line);
+        if is_lead_in {
+            judge.kerf.add_lead_in(&before, &now, job.plane, machine.pulses_per_mm);
+        } else {
+            judge.kerf.add(&before, &now, job.plane, machine.pulses_per_mm);
+        }
         std::mem::swap(&mut before, &mut now);
     }
     Ok(judge.finish(&before))
@@ -219,8 +226,7 @@ pub(crate) fn judge<R: BufRead>(
 #[derive(Debug)]
 struct Ignition {
     at_ns: u64,
-    /// Whether it is in a kerf of this job, where an arc may be lit in motion.
-    is_in_kerf: bool,
+    place: f64,
     proven_ns: Option<u64>,
     has_moved: bool,
     /// Since when the machine rests, and whether that was counted as too long.
@@ -242,6 +248,7 @@ struct Judge<'j> {
     max_alarm_ns: u64,
     /// Diagonal of a cell.
     cell_pulses: f64,
+    has_lead_ins: bool,
     verdict: Verdict,
     kerf: Kerf,
     ignition: Option<Ignition>,
@@ -261,6 +268,7 @@ impl<'j> Judge<'j> {
             max_rest_ns: ns(machine.standing_ms + MAX_REST_PERIODS * machine.period_ms),
             max_alarm_ns: ns(MAX_ALARM_PERIODS * machine.period_ms),
             cell_pulses: CELL_MM * std::f64::consts::SQRT_2 * machine.pulses_per_mm,
+            has_lead_ins: machine.has_lead_ins,
             verdict: Verdict::default(),
             kerf: Kerf::default(),
             ignition: None,
@@ -277,11 +285,17 @@ impl<'j> Judge<'j> {
         if moves {
             self.lit_since_motion_ns = 0;
         }
-        if whole_place(now).and_then(|place| self.job.counts.get(&place)).is_some_and(|counts| *counts != now.counts) {
+        let is_on_path = now.has_line || !self.has_lead_ins;
+        if whole_place(now)
+            .filter(|_| is_on_path)
+            .and_then(|place| self.job.counts.get(&place))
+            .is_some_and(|counts| *counts != now.counts)
+        {
             self.verdict.wrong_counts += 1;
         }
         self.verdict.backward += usize::from(now.is_lit && now.rate < 0.0);
-        let is_in_rapid = self.job.rapids.contains(now.place) && self.job.lit.distance(now.place) > PLACE_TOLERANCE;
+        let is_in_rapid =
+            is_on_path && self.job.rapids.contains(now.place) && self.job.lit.distance(now.place) > PLACE_TOLERANCE;
         self.verdict.lit_in_rapid += usize::from(before.is_lit && now.is_lit && moves && is_in_rapid);
         self.judge_durations(now.at_ns);
         if now.is_lit {
@@ -311,11 +325,11 @@ impl<'j> Judge<'j> {
     /// Judges a sample with the cutter on.
     fn judge_lit(&mut self, now: &Sample) {
         let (verdict, kerf, job) = (&mut self.verdict, &self.kerf, self.job);
+        let is_on_path = now.has_line || !self.has_lead_ins;
         let ignition = self.ignition.get_or_insert_with(|| {
             verdict.ignitions += 1;
-            verdict.ignited_elsewhere += usize::from(job.lit.distance(now.place) > PLACE_TOLERANCE);
-            let is_in_kerf = kerf.places.distance(now.place) <= PLACE_TOLERANCE;
-            Ignition { at_ns: now.at_ns, is_in_kerf, proven_ns: None, has_moved: false, rest: None, alarm: None }
+            verdict.ignited_elsewhere += usize::from(is_on_path && job.lit.distance(now.place) > PLACE_TOLERANCE);
+            Ignition { at_ns: now.at_ns, place: now.place, proven_ns: None, has_moved: false, rest: None, alarm: None }
         });
         if now.is_proven {
             ignition.proven_ns.get_or_insert(now.at_ns);
@@ -323,7 +337,9 @@ impl<'j> Judge<'j> {
         if now.rate != 0.0 && !ignition.has_moved {
             ignition.has_moved = true;
             let is_pierced = ignition.proven_ns.is_some_and(|proven_ns| now.at_ns - proven_ns >= self.pierce_ns);
-            let is_ready = is_pierced || ignition.is_in_kerf && now.at_ns - ignition.at_ns >= self.pilot_ns;
+            // Whether it is in a kerf of this job, where an arc may be lit in motion. At rest, the record may not be known.
+            let is_in_kerf = is_on_path && kerf.places.distance(ignition.place) <= PLACE_TOLERANCE;
+            let is_ready = is_pierced || is_in_kerf && now.at_ns - ignition.at_ns >= self.pilot_ns;
             verdict.too_early += usize::from(!is_ready);
         }
         if now.rate == 0.0 && now.at_rest {

@@ -5,7 +5,7 @@ use std::thread;
 use std::time::Duration;
 
 use retrace_tests::command::Bench;
-use retrace_tests::cut_judge::{JudgedMachine, Verdict, judge_served};
+use retrace_tests::cut_judge::{JudgedMachine, judge_served};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
 
@@ -13,8 +13,14 @@ use retrace_tests::served::ServedCard;
 const PROGRAM: &str = "G21 G90 F1200\nG0 X10\nM3 S1\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\nM5\nG0 X0\nM2\n";
 const MACHINE: &str = "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nok = { input = 5 }\n\
                        start = { start_s = 1.0, retry_s = 0.5, pierce_s = 0.4 }\n[card]\nwatchdog_ms = 1000\n";
-const JUDGED: JudgedMachine =
-    JudgedMachine { pulses_per_mm: 1000.0, fire: "spindle", input: 5, pierce_ms: 400.0, pilot_ms: 298.0 };
+const JUDGED: JudgedMachine = JudgedMachine {
+    pulses_per_mm: 1000.0,
+    fire: "spindle",
+    input: 5,
+    pierce_ms: 400.0,
+    pilot_ms: 298.0,
+    has_lead_ins: false,
+};
 /// Card time over wall time.
 const SPEED: f64 = 4.0;
 
@@ -48,10 +54,8 @@ fn killed_and_resumed(faults: &str, script: &str, at_s: f64) -> Result<(), Strin
         }
     }
     let _ = card.end();
-    let verdict = judge_served(&whole, bench.path("pins.vcd"), &JUDGED);
-    // A lead-in cuts beside the path; places of lead-ins are not those of the path.
-    let verdict =
-        if script.contains("shift") { Verdict { cut_besides: 0, wrong_counts: 0, ..verdict } } else { verdict };
+    let judged = JudgedMachine { has_lead_ins: script.contains("shift"), ..JUDGED };
+    let verdict = judge_served(&whole, bench.path("pins.vcd"), &judged);
     if verdict.is_good() { Ok(()) } else { Err(format!("{verdict:?} after {at_s} s\n{told}")) }
 }
 
