@@ -1,16 +1,21 @@
-//! Random cuts that are interrupted and recovered: the arc is lost, the operator holds or puts the torch out, once or
-//! several times, and goes on by himself or by *recover*. The part has to be as whole as without any of it.
+//! Random cuts that are interrupted and recovered: the arc is lost, the operator holds or puts the torch out, the host is
+//! killed, once or several times, and the cut goes on by *recover*, beside the path, step by step, or by `resume`. The
+//! part has to be as whole as without any of it.
 //!
 //! Invariant: the judge has the traces of the pins alone.
 
 use retrace_tests::command::{Bench, cases};
-use retrace_tests::cut_judge::{JudgedMachine, Verdict, judge};
+use retrace_tests::cut_judge::{JudgedMachine, Verdict, judge, judge_served};
 use retrace_tests::limits::audit;
 use retrace_tests::run::Run;
 use retrace_tests::sender::TestRandom;
+use retrace_tests::served::ServedCard;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::thread;
+use std::time::{Duration, Instant};
 
 const PIERCE_MS: f64 = 200.0;
 const JUDGED: JudgedMachine = JudgedMachine {
@@ -24,6 +29,12 @@ const JUDGED: JudgedMachine = JudgedMachine {
 
 /// Number of recoveries that the suite runs.
 const SUITE: u32 = 12;
+/// Every so many of them are over a line, with killed hosts.
+const SERVED: u64 = 6;
+/// Card time over wall time there.
+const SPEED: f64 = 6.0;
+/// Longest wall time of a job there; then its host is killed.
+const MAX_JOB_S: f64 = 40.0;
 
 fn machine() -> String {
     let mut text = String::new();
@@ -94,7 +105,79 @@ fn recovery(chance: &mut TestRandom, at_s: f64) -> String {
         2 => format!("at {from:.3}s back to cut end\nafter 4s forward 20%\nafter 0.1s hold\nafter 1s recover\n"),
         3 => format!("at {from:.3}s back to cut end\nafter 4s forward 20%\nafter 0.1s hold\nafter 1s cut moving\n"),
         4 => format!("at {from:.3}s recover\nafter 0.3s hold\nafter 0.5s resume\n"),
+        5 => {
+            // where nothing is interrupted yet, it is refused, and the start is tried again on the path
+            let [x, y] = [0; 2].map(|_| chance.below(1400) as f64 / 100.0 - 7.0);
+            format!("at {from:.3}s shift {x:.2} {y:.2}\nafter 0.1s recover\nafter 12s shift 0\nafter 0.1s recover\n")
+        }
         _ => format!("at {from:.3}s recover\n"),
+    }
+}
+
+/// Where the arc goes out, by the length that was cut, and how often it does not strike.
+fn faults(chance: &mut TestRandom, seed: u64, length_mm: f64) -> String {
+    let losses = 1 + chance.below(3);
+    let mut faults: Vec<String> =
+        (0..losses).map(|_| format!("lose@{:.2}", length_mm * chance.below(1000) as f64 / 1000.0)).collect();
+    faults.push(format!("no-start=0.1,seed={seed}"));
+    faults.join(",")
+}
+
+/// A job on a card behind a line whose host is killed: at any moment, and wherever the arc goes out. Each time, the job
+/// is resumed.
+fn served_case(seed: u64) -> Result<Verdict, String> {
+    let mut chance = TestRandom::new(seed);
+    let bench = Bench::new();
+    let program = bench.file("part.ngc", program(&mut chance));
+    let (whole, uninterrupted) = run(&bench, &program, "", "", "whole.vcd");
+    let length_mm = judge(&uninterrupted, &uninterrupted, &JUDGED).cut_mm;
+    let faults = faults(&mut chance, seed, length_mm);
+    let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd").display().to_string());
+    let speed = SPEED.to_string();
+    let card = ServedCard::with(&["--machine", &machine, "--source-faults", &faults, "--vcd", &vcd, "--speed", &speed]);
+    let job_s = whole.number("periods") / 1000.0 / SPEED;
+    let mut arguments = vec!["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+    let mut told = format!("{faults}\n");
+    let mut kills = 1 + chance.below(3);
+    for _ in 0..40 {
+        let kill_s = if kills == 0 { f64::INFINITY } else { job_s * chance.below(1000) as f64 / 1000.0 };
+        kills = kills.saturating_sub(1);
+        let (code, out) = host_until(&bench, &arguments, kill_s)?;
+        told += &out;
+        if code == Some(0) {
+            let ended = card.end();
+            let verdict = judge_served(&uninterrupted, bench.path("pins.vcd"), &JUDGED);
+            let counts: Vec<i64> = (0..3).filter_map(|axis| ended["counts"][axis].as_i64()).collect();
+            let is_good = verdict.is_good() && counts == whole.counts();
+            return if is_good { Ok(verdict) } else { Err(format!("{verdict:?} {counts:?}\n{told}")) };
+        }
+        arguments = vec!["resume", "--yes", "--json"];
+    }
+    Err(format!("it does not end\n{told}"))
+}
+
+/// Runs a host and kills it at this time, or where it waits because the torch went out; returns its exit code, where it
+/// was not killed, and its output.
+fn host_until(bench: &Bench, arguments: &[&str], kill_s: f64) -> Result<(Option<i32>, String), String> {
+    let mut host = bench.start(arguments, Stdio::null(), "host.txt");
+    let begun = Instant::now();
+    let read = || std::fs::read_to_string(bench.path("host.txt")).unwrap_or_default();
+    loop {
+        thread::sleep(Duration::from_millis(20));
+        if let Some(status) = host.try_wait().expect("a child") {
+            let code = status.code();
+            let out = read();
+            // an alarm of the silent host before, or no job yet that could be resumed
+            return if matches!(code, Some(0 | 2 | 3)) { Ok((code, out)) } else { Err(format!("{code:?}\n{out}")) };
+        }
+        let waits =
+            ["lost", "not_started", "not_latched"].iter().any(|why| read().contains(&format!("\"reason\":\"{why}\"")));
+        if waits || begun.elapsed().as_secs_f64() > kill_s.min(MAX_JOB_S) {
+            thread::sleep(Duration::from_millis(100));
+            host.kill().expect("it is killed");
+            host.wait().expect("it ends");
+            return Ok((None, read()));
+        }
     }
 }
 
@@ -107,12 +190,7 @@ fn case(seed: u64) -> Result<Verdict, String> {
         return Err(format!("the whole job: {}", whole.output.err));
     }
     let length_mm = judge(&uninterrupted, &uninterrupted, &JUDGED).cut_mm;
-    // where the arc goes out, by the length that was cut
-    let losses = 1 + chance.below(3);
-    let mut faults: Vec<String> =
-        (0..losses).map(|_| format!("lose@{:.2}", length_mm * chance.below(1000) as f64 / 1000.0)).collect();
-    faults.push(format!("no-start=0.1,seed={seed}"));
-    let faults = faults.join(",");
+    let faults = faults(&mut chance, seed, length_mm);
     // or the operator interrupts
     let mut script = match chance.below(4) {
         0 => format!("at {:.2}s hold\n", 0.5 + chance.below(60) as f64 / 10.0),
@@ -129,7 +207,8 @@ fn case(seed: u64) -> Result<Verdict, String> {
             if audit.violations != [0; 3] || run.counts() != whole.counts() {
                 return Err(format!("limits or counts: {:?}\n{script}\n{faults}", audit.first));
             }
-            let verdict = judge(&uninterrupted, &trace, &JUDGED);
+            let judged = JudgedMachine { has_lead_ins: script.contains("shift"), ..JUDGED };
+            let verdict = judge(&uninterrupted, &trace, &judged);
             return if verdict.is_good() {
                 Ok(verdict)
             } else {
@@ -160,7 +239,8 @@ fn an_interrupted_cut_is_recovered_whole() {
     let mut failures = Vec::new();
     let mut ignitions = 0;
     for seed in first..first + count {
-        match case(seed) {
+        let result = if seed % SERVED == 0 { served_case(seed) } else { case(seed) };
+        match result {
             Ok(verdict) => ignitions += verdict.ignitions,
             Err(why) => failures.push(format!("seed {seed}: {why}")),
         }

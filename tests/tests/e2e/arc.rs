@@ -219,6 +219,10 @@ fn a_shift_that_is_too_far_or_leaves_the_soft_limits_is_refused_before_anything_
     let (beyond, ends) = reasons("at 3s shift 2 -4\nafter 0.1s recover\nat 9s hold\n", "lose@20");
     assert!(beyond.len() == 1 && beyond[0].contains("axis Y would go beyond its soft limit"), "{beyond:?}");
     assert!(ends[1] == 0 && ends[0] < 30 * 200, "{ends:?}");
+    // it has not started: nothing is interrupted
+    let (early, ends) = reasons("at 6s shift 1 1\nafter 0.1s recover\n", "no-start=1");
+    assert!(early.len() == 1 && early[0].contains("no cut is interrupted here"), "{early:?}");
+    assert_eq!(ends, [2000, 0, 0]);
     let (moving, _) = reasons("at 1s shift 1 1\n", "");
     assert!(moving.len() == 1 && moving[0].contains("at rest"), "{moving:?}");
 }

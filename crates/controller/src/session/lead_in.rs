@@ -30,6 +30,9 @@ const IN_LEAD_IN: CommandError =
     CommandError::NotNow("the machine is on its lead-in: `hold`, `resume`, `recover`, `shift`, `cut` or `stop`");
 const NO_PLANE: CommandError = CommandError::NotNow("a shift needs the axes X and Y");
 const TOO_FAR: CommandError = CommandError::NotNow("farther than `shift_max_mm` of the cutter's restart");
+pub(super) const NOT_IN_CUT: CommandError = CommandError::NotNow(
+    "no cut is interrupted here that could start beside the path: go back into it, then `cut`; `shift 0` starts on it",
+);
 const MOVES: CommandError = CommandError::NotNow("the machine has to be at rest, held or retracing");
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
@@ -95,6 +98,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let axes = self.recovery.plane_axes().ok_or(NO_PLANE)?;
         let (join, join_counts) = self.join();
+        let at = Place::start_of(join);
+        let pierce = self.streamer.pierce_before(at);
+        if pierce.is_none() || self.streamer.cut_change_before(at, None) != pierce {
+            return Err(NOT_IN_CUT);
+        }
         let mut start = join_counts;
         for (axis, mm) in axes.into_iter().zip([dx, dy]) {
             start[axis] += (mm / self.config.mm_per_pulse[axis]).round() as i64;

@@ -14,6 +14,7 @@ use retrace_core::{Distance, Place, RecordIndex};
 use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, MotionCard, PathStart};
 
 use super::back_target::{BackTarget, BackTargetKind};
+use super::lead_in::NOT_IN_CUT;
 use super::restart::LeavingRun;
 use super::{JobPhase, ProgramStop, Session};
 use crate::event::{CardError, CutterOffReason, EventKind};
@@ -277,7 +278,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         // At a stop of the program the cutter is started where it is.
         let stands = self.program_stop != ProgramStop::No || self.single_stop;
-        let Some(end) = self.recovery.cut_end() else { return Ok(false) };
+        let Some(end) = self.recovery.cut_end() else {
+            return if self.recovery.is_shifted() { Err(NOT_IN_CUT) } else { Ok(false) };
+        };
         if stands || self.dnc.is_on() || self.restart.is_active() {
             return Ok(false);
         }
