@@ -1,6 +1,6 @@
-//! Random cuts that are interrupted and recovered: the arc is lost, the operator holds or puts the torch out, the host is
-//! killed, once or several times, and the cut goes on by *recover*, beside the path, step by step, or by `resume`. The
-//! part has to be as whole as without any of it.
+//! Random cuts that are interrupted and recovered: the arc is lost, the operator holds or puts the torch out, the host
+//! is killed, once or several times, and the cut goes on by *recover*, beside the path, step by step, or by `resume`.
+//! The part has to be as whole as without any of it.
 //!
 //! Invariant: the judge has the traces of the pins alone.
 
@@ -176,7 +176,9 @@ fn host_until(bench: &Bench, arguments: &[&str], kill_s: f64) -> Result<(Option<
             thread::sleep(Duration::from_millis(100));
             host.kill().expect("it is killed");
             host.wait().expect("it ends");
-            return Ok((None, read()));
+            let out = read();
+            // it may have come to its end meanwhile
+            return Ok((out.contains("\"exit_code\":0").then_some(0), out));
         }
     }
 }
@@ -212,7 +214,7 @@ fn case(seed: u64) -> Result<Verdict, String> {
             return if verdict.is_good() {
                 Ok(verdict)
             } else {
-                Err(format!("{verdict:?}\n{script}\n{faults}\n{}", run.output.out))
+                Err(format!("{verdict:?}\n{script}\n{faults}\n{}\n{}", run.output.out, run.output.err))
             };
         }
         // since the last interruption, or the last command, the job waits for the operator

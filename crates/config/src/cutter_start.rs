@@ -121,7 +121,8 @@ impl CutterProof {
     }
 
     /// Settings of the input for the card.
-    pub(crate) fn settings(&self, period_us: u32) -> ProofInput {
+    #[must_use]
+    pub fn settings(&self, period_us: u32) -> ProofInput {
         let at_least_one = |ms: f64| short_periods(ms, period_us).max(1);
         ProofInput {
             input: self.input,

@@ -195,6 +195,15 @@ pub enum EventKind {
     },
     /// A cut was continued beyond the place where it had ended; the length in mm that is not cut.
     NotCut(f64),
+    /// An interrupted cut is continued: its end is passed, or is cut anew.
+    CutContinued,
+    /// A contour has ended.
+    Contour {
+        /// Its number in the program, from 1.
+        number: u32,
+        /// Length that is not cut, mm.
+        not_cut_mm: f64,
+    },
     /// The next start of the cutter lies at this distance from its place on the path, X and Y in mm.
     Shift([f64; 2]),
     /// The lead-in has joined the path.
@@ -297,6 +306,10 @@ impl Event {
                 "cut_fraction": place.fraction, "cut_line": line,
             }),
             EventKind::NotCut(mm) => json!({"event": "not_cut", "mm": mm}),
+            EventKind::CutContinued => json!({"event": "cut_continued"}),
+            EventKind::Contour { number, not_cut_mm } => {
+                json!({"event": "contour", "number": number, "not_cut_mm": not_cut_mm})
+            }
             EventKind::Shift([x, y]) => json!({"event": "shift", "x_mm": x, "y_mm": y}),
             EventKind::Joined => json!({"event": "joined"}),
             EventKind::CutFromHere { moving } => {
@@ -406,6 +419,9 @@ impl Event {
                     "{mm:.2} mm behind the end of the cut are not cut; `back to pierce`, `cut` cuts the contour again"
                 )
             }
+            EventKind::CutContinued => "the cut goes on".into(),
+            EventKind::Contour { number, not_cut_mm: 0.0 } => format!("contour {number} is cut"),
+            EventKind::Contour { number, not_cut_mm } => format!("contour {number}: {not_cut_mm:.2} mm are not cut"),
             EventKind::Shift([x, y]) if [*x, *y] == [0.0; 2] => "the cutter starts on the path".into(),
             EventKind::Shift([x, y]) => format!("the cutter starts X{x:+.3} Y{y:+.3} mm beside the path"),
             EventKind::Joined => "the lead-in has joined the path".into(),

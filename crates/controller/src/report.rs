@@ -142,6 +142,8 @@ impl<const A: usize> Report<'_, A> {
             "reversals": t.reversals,
             "switch_events": t.switch_events,
             "cut_interruptions": t.cut_interruptions,
+            "contours": t.contours,
+            "contours_not_cut": t.contours_not_cut,
             "not_cut_mm": t.not_cut_um as f64 / 1000.0,
             "dropped_events": t.dropped_events,
             "peak_rss_mib": peak_rss_mib(),

@@ -30,7 +30,11 @@ pub struct RunStats {
     pub reversals: u64,
     /// Number of cuts that were interrupted.
     pub cut_interruptions: u64,
-    /// Length of path that is not cut where a cut was interrupted, µm.
+    /// Number of contours that were begun.
+    pub contours: u32,
+    /// Number of those of which something is not cut.
+    pub contours_not_cut: u32,
+    /// Length of the contours that is not cut, µm.
     pub not_cut_um: u64,
     /// Exclusive instructions and synchronous actions executed.
     pub switch_events: u64,

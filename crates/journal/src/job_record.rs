@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use retrace_config::NumberedError;
 use retrace_core::mode::Mode;
-use retrace_core::{Distance, Place, RecordIndex};
+use retrace_core::{Place, RecordIndex};
 use retrace_link::PathStart;
 use serde_json::Value;
 
@@ -145,10 +145,6 @@ impl JobRecord {
             }
             JournalEntry::Position(at) => {
                 self.last_position = LastPosition { start: at.start(), counts: at.counts.clone() };
-                self.interrupted_cut = self.interrupted_cut.filter(|&(channel, end)| {
-                    let is_beyond = end.distance_to(at.place) > Distance::ZERO;
-                    !(is_beyond && at.is_cutting_with(channel))
-                });
                 self.at = Some(*at);
             }
             JournalEntry::Event(event) => {
@@ -156,6 +152,8 @@ impl JobRecord {
                     self.alarm = Some(event);
                 } else if let Some(cut) = interrupted_cut(&event) {
                     self.interrupted_cut = Some(cut);
+                } else if event["event"] == "cut_continued" {
+                    self.interrupted_cut = None;
                 } else if let Some(is_on) = optional_stop(&event) {
                     self.optional_stop = Some(is_on);
                 }
@@ -440,7 +438,9 @@ mod tests {
         assert_eq!(end(vec![lost.clone(), runs(55, false, true)]), Some((40, 7)), "it rests beyond");
         assert_eq!(end(vec![lost.clone(), retraces(10, 56)]), Some((40, 7)));
         assert_eq!(end(vec![lost.clone(), runs(38, true, false)]), Some((40, 7)), "it is cut again, up to here");
-        assert_eq!(end(vec![lost.clone(), runs(45, true, false)]), Some((45, 3)), "it was continued");
+        assert_eq!(end(vec![lost.clone(), runs(45, true, false)]), Some((40, 7)), "it is not proven yet");
+        let continued = JournalEntry::Event(json!({"event": "cut_continued"}));
+        assert_eq!(end(vec![lost.clone(), continued, runs(45, true, false)]), Some((45, 3)));
         assert_eq!(end(vec![runs(30, true, false), runs(33, false, true)]), Some((33, 0)), "a hold");
         assert_eq!(end(vec![runs(30, true, false), retraces(10, 36)]), Some((35, 0)));
         assert_eq!(end(vec![runs(30, false, false)]), None, "a rapid");

@@ -337,7 +337,7 @@ impl<'j> Judge<'j> {
         if now.rate != 0.0 && !ignition.has_moved {
             ignition.has_moved = true;
             let is_pierced = ignition.proven_ns.is_some_and(|proven_ns| now.at_ns - proven_ns >= self.pierce_ns);
-            // Whether it is in a kerf of this job, where an arc may be lit in motion. At rest, the record may not be known.
+            // In a kerf of this job an arc may be lit in motion. At rest, the record may not be known.
             let is_in_kerf = is_on_path && kerf.places.distance(ignition.place) <= PLACE_TOLERANCE;
             let is_ready = is_pierced || is_in_kerf && now.at_ns - ignition.at_ns >= self.pilot_ns;
             verdict.too_early += usize::from(!is_ready);

@@ -100,7 +100,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let (join, join_counts) = self.join();
         let at = Place::start_of(join);
         let pierce = self.streamer.pierce_before(at);
-        if pierce.is_none() || self.streamer.cut_change_before(at, None) != pierce {
+        let is_in_cut = pierce.is_some() && self.streamer.cut_change_before(at, None) == pierce;
+        if !is_on_lead_in && !is_in_cut {
             return Err(NOT_IN_CUT);
         }
         let mut start = join_counts;

@@ -6,6 +6,7 @@
 
 mod back_target;
 mod commands;
+mod cut_map;
 mod dnc_pause;
 mod lead_in;
 mod manual_outputs;
@@ -25,7 +26,7 @@ use retrace_config::MachineConfig;
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice};
 use retrace_core::wheel::Wheel;
 use retrace_core::{Place, Rate, RateTarget, RecordIndex};
-use retrace_link::{CardStatus, HostCommand, MotionCard, Outputs, channel};
+use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, Outputs, channel};
 
 use crate::command_queue::CommandSources;
 use crate::event::{CardError, CutterOffReason, EventKind};
@@ -37,6 +38,7 @@ use crate::resume::{PlanReplay, ResumeError, ResumePlan, ResumePoint};
 use crate::run_stats::{PeriodClass, RunStats};
 use crate::telemetry::{Telemetry, TelemetrySender};
 use back_target::BackTarget;
+use cut_map::CutMap;
 use dnc_pause::DncPause;
 use manual_outputs::ManualOutputs;
 use recovery::CutRecovery;
@@ -135,6 +137,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     back_target: Option<BackTarget>,
     /// Recovery of an interrupted cut.
     recovery: CutRecovery,
+    /// What was cut of the contours.
+    cut_map: CutMap,
     /// Whether the handwheel has been behind `reached`.
     wheel_was_behind: bool,
     /// Whether the card's window ends where the mode requires.
@@ -181,6 +185,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             tool_length: ToolLengthEntry::new(machine),
             back_target: None,
             recovery: CutRecovery::new(machine),
+            cut_map: CutMap::new(),
             wheel_was_behind: false,
             window_is_trimmed: true,
             alarm_reported: false,
@@ -220,6 +225,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             _ => CutterOffReason::JobStopped,
         });
         self.stats.dropped_events = self.telemetry.dropped_events();
+        self.count_contours();
         (outcome, self.stats, self.card)
     }
 
@@ -428,6 +434,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.cutter_went_off(off);
         }
         self.watch_latch(status);
+        self.map_period(status);
         let mode = self.mode_controller.mode();
         let held = self.mode_controller.is_held()
             || self.program_stop != ProgramStop::No
@@ -451,6 +458,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             match news {
                 PassedItem::Action(action, line) => {
                     self.stats.switch_events += 1;
+                    self.map_switching(
+                        action.place,
+                        line,
+                        &[OutputChange { channel: action.channel, value: action.after }],
+                    );
                     self.emit_at(line, EventKind::OutputChanged(action.channel, action.after));
                 }
                 PassedItem::Message(line, text) => self.emit_at(line, EventKind::Message(text)),

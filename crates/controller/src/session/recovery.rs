@@ -10,8 +10,8 @@
 
 use retrace_config::{CutterConfig, CutterRestart, MachineConfig};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeState};
-use retrace_core::{Distance, Place, RecordIndex};
-use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, MotionCard, PathStart};
+use retrace_core::{Distance, Place, Record, RecordIndex};
+use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, MotionCard, OutputChange, Outputs, PathStart};
 
 use super::back_target::{BackTarget, BackTargetKind};
 use super::lead_in::NOT_IN_CUT;
@@ -19,7 +19,7 @@ use super::restart::LeavingRun;
 use super::{JobPhase, ProgramStop, Session};
 use crate::event::{CardError, CutterOffReason, EventKind};
 use crate::operator::{CommandError, CutStart};
-use crate::record_streamer::LeadIn;
+use crate::record_streamer::{LeadIn, RecordStreamer};
 use crate::restart::RestartStep;
 
 /// Where a cut was interrupted.
@@ -40,6 +40,11 @@ struct Latch {
     cut_end: CutEnd,
     /// Length in mm beyond the end of the cut that is left to be proven in.
     remaining_mm: f64,
+    /// Where the input became active, and the control periods since. An arc that goes out again before it is proven is
+    /// not noticed by the card.
+    struck: Option<(Place, u16)>,
+    /// Control periods after which the cutter is proven.
+    proven_periods: u16,
 }
 
 /// State of the recovery of an interrupted cut.
@@ -151,7 +156,8 @@ impl CutRecovery {
                 Some(cut_end) => (cut_end, latch_mm),
                 None => (CutEnd { place, latest: place, channel }, run_in_mm + latch_mm),
             };
-            self.latch = Some(Latch { input: proof.input, cut_end, remaining_mm });
+            let proven_periods = proof.settings(self.machine.period_us).proven_periods;
+            self.latch = Some(Latch { input: proof.input, cut_end, remaining_mm, struck: None, proven_periods });
         }
     }
 }
@@ -230,6 +236,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let place = begin.map_or(place, |begin| later(place, begin));
         let place = if place.distance_to(latest) > Distance::ZERO { place } else { latest };
         self.recovery.cut_end = Some(CutEnd { place, latest, channel });
+        if let Some(pierce) = self.streamer.pierce_before(latest) {
+            self.cut_map.begin_contour(pierce, self.streamer.record(pierce).map_or(0, |record| record.line));
+            self.cut_map.record_cut(Place::start_of(pierce), place);
+        }
         let line = self.streamer.record(place.record).map_or(0, |record| record.line);
         self.emit(EventKind::CutEnd { channel, place, line });
     }
@@ -279,7 +289,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         // At a stop of the program the cutter is started where it is.
         let stands = self.program_stop != ProgramStop::No || self.single_stop;
         let Some(end) = self.recovery.cut_end() else {
-            return if self.recovery.is_shifted() { Err(NOT_IN_CUT) } else { Ok(false) };
+            return if self.recovery.is_shifted() && self.starts_cutter_here() { Err(NOT_IN_CUT) } else { Ok(false) };
         };
         if stands || self.dnc.is_on() || self.restart.is_active() {
             return Ok(false);
@@ -311,6 +321,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             Err(refused) => return Err(refused),
         }
         Ok(true)
+    }
+
+    /// Whether the program goes on here with a cutter that is on, or is to be lit.
+    fn starts_cutter_here(&self) -> bool {
+        let place = self.card.status().place;
+        let next = self.streamer.sent_instruction().filter(|next| Place::start_of(next.place) == place);
+        self.config.fire_channels.iter().any(|&channel| {
+            self.streamer.expected()[usize::from(channel)] != 0 || next.is_some_and(|next| next.switches_on(channel))
+        })
     }
 
     /// *Cut*: the program is executed again from here.
@@ -359,8 +378,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let place = lead_in.as_ref().map_or(path_start.place, |lead_in| Place::start_of(lead_in.join()));
         // A cut that begins beyond this place is cut anew.
         let pierce = self.recovery.cut_end().and_then(|end| self.streamer.pierce_before(end));
-        if pierce.is_none_or(|pierce| place.distance_to(Place::start_of(pierce)) > Distance::ZERO) {
-            self.recovery.cut_end = None;
+        if pierce.is_none_or(|pierce| place.distance_to(Place::start_of(pierce)) > Distance::ZERO)
+            && self.recovery.cut_end.take().is_some()
+        {
+            self.emit(EventKind::CutContinued);
         }
         let executed = self.streamer.return_to(place);
         let begin = match lead_in {
@@ -432,6 +453,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// The cut that ended at `end` is continued at `at`: counts what lies in between, as far as that is known.
     fn end_interruption(&mut self, end: CutEnd, at: Place) {
         self.recovery.cut_end = None;
+        self.emit(EventKind::CutContinued);
         let end = end.latest;
         let records = end.distance_to(at).units() >> 32;
         if records < UNNOTICED_RECORDS {
@@ -439,13 +461,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let last = records.min(MAX_MEASURED_RECORDS) as u32;
         let mm: f64 = (0..last).filter_map(|record| self.record_length_mm(end.record + record)).sum();
-        self.stats.not_cut_um += (mm * 1000.0).round() as u64;
         self.emit(EventKind::NotCut((mm * 1000.0).round() / 1000.0));
     }
 
     /// Checks that a cutter that started in motion is proven in time, and forgets the end of a cut that is passed.
     pub(super) fn watch_latch(&mut self, status: &CardStatus<A>) {
-        let is_cutting = self.mode_controller.mode() == Mode::Run && status.rate.signum() > 0;
+        // In a hold, the output may be on for the time of a report.
+        let runs = self.mode_controller.mode() == Mode::Run && !self.mode_controller.is_held();
+        let is_cutting = runs && status.rate.signum() > 0;
         if self.recovery.latch.is_some_and(|latch| self.streamer.expected()[usize::from(latch.cut_end.channel)] == 0) {
             self.end_latch_with_cut(status);
         }
@@ -458,11 +481,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return;
         };
         if status.inputs >> (latch.input & 15) & 1 == 1 {
-            let end = latch.cut_end;
-            self.recovery.latch = None;
-            self.end_interruption(end, status.place);
+            let (place, periods) = latch.struck.unwrap_or((status.place, 0));
+            latch.struck = Some((place, periods + 1));
+            if periods + 1 >= latch.proven_periods {
+                let end = latch.cut_end;
+                self.recovery.latch = None;
+                self.end_interruption(end, place);
+            }
             return;
         }
+        latch.struck = None;
         if latch.cut_end.latest.distance_to(status.place) <= Distance::ZERO {
             return;
         }
@@ -470,6 +498,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         latch.remaining_mm -= axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
         if latch.remaining_mm < 0.0 {
             self.recovery.latch = None;
+            if let Some(end) = self.recovery.cut_end.as_mut().filter(|end| end.latest != end.place) {
+                // The kerf may be longer than was thought: the next attempt looks for its end further on.
+                end.latest = status.place;
+            }
             self.switch_cutters_off(CutterOffReason::NotLatched);
             let _ = self.mode_controller.apply(ModeCommand::Hold);
         }
@@ -482,10 +514,67 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let records = cut_end.latest.distance_to(status.place).units() >> 32;
         if records < UNNOTICED_RECORDS {
             self.recovery.cut_end = None;
+            self.emit(EventKind::CutContinued);
             return;
         }
         self.emit(EventKind::CutterOff { channel: cut_end.channel, reason: CutterOffReason::NotLatched });
         // never rejected
         let _ = self.mode_controller.apply(ModeCommand::Hold);
     }
+
+    /// Maps what was cut in a control period.
+    pub(super) fn map_period(&mut self, status: &CardStatus<A>) {
+        let is_run = self.mode_controller.mode() == Mode::Run && status.rate.signum() > 0;
+        if !is_run || self.config.inhibits_outputs || self.is_on_lead_in() {
+            return;
+        }
+        let burns = |&channel: &u8| {
+            let is_on = |outputs: &Outputs| outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
+            let proof = self.recovery.cutter(channel).and_then(|cutter| cutter.proof);
+            let is_proven = proof.is_none_or(|proof| status.inputs >> (proof.input & 15) & 1 == 1);
+            is_on(&self.outputs) && is_on(&status.outputs) && is_proven
+        };
+        if self.config.fire_channels.iter().any(burns) {
+            self.cut_map.record_cut(status.place.moved(-status.rate.over(1)), status.place);
+        }
+    }
+
+    /// Begins or ends a contour where the program has switched a cutter at this place.
+    pub(super) fn map_switching(&mut self, place: RecordIndex, line: u32, changes: &[OutputChange]) {
+        let fires = changes.iter().find(|change| self.config.fire_channels.contains(&change.channel));
+        let Some(change) = fires.filter(|_| !self.config.inhibits_outputs) else { return };
+        if change.value != 0 {
+            self.cut_map.begin_contour(place, line);
+            return;
+        }
+        let length_um = |first, records| measure_um(&self.streamer, &self.config.mm_per_pulse, first, records);
+        if let Some(contour) = self.cut_map.end_contour(place, length_um) {
+            let not_cut_mm = contour.not_cut_um as f64 / 1000.0;
+            self.emit_at(contour.line, EventKind::Contour { number: contour.number, not_cut_mm });
+        }
+    }
+
+    /// Counts the contours, and what is not cut of them, at the end of the job.
+    pub(super) fn count_contours(&mut self) {
+        let reached = self.furthest_place().record;
+        let length_um = |first, records| measure_um(&self.streamer, &self.config.mm_per_pulse, first, records);
+        self.cut_map.measure_current(reached, length_um);
+        (self.stats.contours, self.stats.not_cut_um) = self.cut_map.totals();
+        self.stats.contours_not_cut = self.cut_map.contours().iter().filter(|c| c.not_cut_um > 0).count() as u32;
+    }
+}
+
+/// Length in µm of some records, as far as they are retained.
+fn measure_um<const A: usize>(
+    streamer: &RecordStreamer<'_, A>,
+    mm_per_pulse: &[f64; A],
+    first: RecordIndex,
+    records: u32,
+) -> u64 {
+    let length_mm = |record: Record<A>| {
+        let axes = record.increments.iter().zip(mm_per_pulse);
+        axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt()
+    };
+    let mm: f64 = (0..records).filter_map(|n| streamer.record(first + n)).map(length_mm).sum();
+    (mm * 1000.0).round() as u64
 }

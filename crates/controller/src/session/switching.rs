@@ -64,6 +64,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if let Some(done) = self.streamer.acknowledge(self.card.status().executed) {
             self.executing = None;
             self.emit_at(done.line, EventKind::Switched(done.code));
+            self.map_switching(done.place, done.line, &done.changes[..usize::from(done.count)]);
             let want = self.streamer.expected();
             let are = self.outputs_compared_with(want);
             let differs = |change: &OutputChange| are[usize::from(change.channel)] != want[usize::from(change.channel)];

@@ -40,6 +40,8 @@ fn examples() -> Vec<EventKind> {
         EventKind::CutterOff { channel: 3, reason: CutterOffReason::Operator },
         EventKind::CutEnd { channel: 3, place: Place::default(), line: 4 },
         EventKind::NotCut(1.25),
+        EventKind::CutContinued,
+        EventKind::Contour { number: 3, not_cut_mm: 0.5 },
         EventKind::Shift([1.5, -0.75]),
         EventKind::Joined,
         EventKind::CutFromHere { moving: true },
@@ -75,7 +77,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::CutterBoundary | EventKind::BackTargetReached | EventKind::HistoryEndReached => {}
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
-            EventKind::Shift(_) | EventKind::Joined => {}
+            EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(_) | EventKind::Joined => {}
             EventKind::RestartSwitched(_) | EventKind::CutterOff { .. } | EventKind::CutterOn(_) => {}
             EventKind::RetraceSwitched(..) | EventKind::RunResumed | EventKind::ProgramEnd => {}
             EventKind::Switching(_) | EventKind::Switched(_) | EventKind::OutputChanged(..) => {}

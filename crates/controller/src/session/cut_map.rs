@@ -1,0 +1,228 @@
+//! The map of what was really cut, and the contours of the program with what is missing of each (CUT-26 … CUT-28).
+//!
+//! A record is cut where the cutter burnt in every control period that executed a part of it; what was cut stays cut.
+//! A contour reaches from the place where the program lights the cutter to that where it switches it off.
+//!
+//! Invariant: the ranges are disjoint and in the order of the path; a contour that is executed again keeps its number.
+//! Nothing allocates after the start.
+
+use retrace_core::{Distance, Place, RecordIndex};
+
+/// Most ranges that are retained, and most contours. Beyond them the oldest are forgotten.
+const MAX_RANGES: usize = 4096;
+/// Records in a row that count as none: an input is debounced, and an arc strikes within a period.
+const UNNOTICED_RECORDS: u32 = 3;
+
+/// A contour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Contour {
+    /// Its number in the program, from 1.
+    pub(super) number: u32,
+    /// Program line that lights the cutter.
+    pub(super) line: u32,
+    /// Where it begins.
+    pub(super) pierce: RecordIndex,
+    /// Where it ends, once the program has switched the cutter off.
+    pub(super) end: Option<RecordIndex>,
+    /// Length that is not cut, µm, as it was when the contour ended last.
+    pub(super) not_cut_um: u64,
+}
+
+/// What was cut, and the contours.
+#[derive(Clone, Debug)]
+pub(super) struct CutMap {
+    /// First record that is cut, and the first behind it that is not.
+    ranges: Vec<[RecordIndex; 2]>,
+    /// The last stretch in which the cutter burnt without a break.
+    stretch: Option<[Place; 2]>,
+    contours: Vec<Contour>,
+    /// Number of the last contour of the program that was begun.
+    last_number: u32,
+    /// Index of the contour that is being cut.
+    current: Option<usize>,
+}
+
+impl CutMap {
+    pub(super) fn new() -> Self {
+        Self {
+            ranges: Vec::with_capacity(MAX_RANGES),
+            stretch: None,
+            contours: Vec::with_capacity(MAX_RANGES),
+            last_number: 0,
+            current: None,
+        }
+    }
+
+    /// Records a control period in which the cutter burnt, from this place to that.
+    pub(super) fn record_cut(&mut self, from: Place, to: Place) {
+        let is_within = |[begin, end]: [Place; 2]| {
+            begin.distance_to(from) >= Distance::ZERO && from.distance_to(end) >= Distance::ZERO
+        };
+        match self.stretch.filter(|&stretch| is_within(stretch)) {
+            Some([begin, end]) => {
+                let end = if end.distance_to(to) > Distance::ZERO { to } else { end };
+                self.stretch = Some([begin, end]);
+            }
+            None => {
+                self.store_stretch();
+                self.stretch = Some([from, to]);
+            }
+        }
+    }
+
+    /// Stores the whole records of the last stretch. The stretch may go on afterwards.
+    fn store_stretch(&mut self) {
+        let Some([from, to]) = self.stretch else { return };
+        let [begin, end] = [from.boundary_ahead(), to.record];
+        if !begin.is_before(end) {
+            return;
+        }
+        // what touches the new range becomes part of it
+        let first = self.ranges.partition_point(|[_, other_end]| other_end.is_before(begin));
+        let behind = self.ranges.partition_point(|[other_begin, _]| !end.is_before(*other_begin)).max(first);
+        let merged = self.ranges[first..behind].iter().fold([begin, end], |[begin, end], &[from, to]| {
+            [if from.is_before(begin) { from } else { begin }, RecordIndex::later(end, to)]
+        });
+        if first < behind {
+            self.ranges[first] = merged;
+            self.ranges.drain(first + 1..behind);
+        } else if self.ranges.len() < MAX_RANGES {
+            self.ranges.insert(first, merged);
+        } else if let Some(later) = first.checked_sub(1) {
+            self.ranges.remove(0);
+            self.ranges.insert(later, merged);
+        }
+    }
+
+    /// Length in µm of the stretches of records between two places that are not cut; `length_um` measures records.
+    fn not_cut_um(&mut self, begin: RecordIndex, end: RecordIndex, length_um: impl Fn(RecordIndex, u32) -> u64) -> u64 {
+        self.store_stretch();
+        let (mut at, mut sum_um) = (begin, 0);
+        let ends = self.ranges.iter().copied().filter(|[from, _]| from.is_before(end)).chain([[end, end]]);
+        for [from, to] in ends {
+            if at.is_before(from) && from.since(at) >= UNNOTICED_RECORDS {
+                sum_um += length_um(at, from.since(at));
+            }
+            at = RecordIndex::later(at, to);
+        }
+        sum_um
+    }
+
+    /// The program has lit the cutter before the record at `pierce`.
+    pub(super) fn begin_contour(&mut self, pierce: RecordIndex, line: u32) {
+        self.current = self.contours.iter().rposition(|contour| contour.pierce == pierce);
+        if self.current.is_none() {
+            if self.contours.len() == MAX_RANGES {
+                self.contours.remove(0);
+            }
+            self.last_number += 1;
+            let number = self.last_number;
+            self.contours.push(Contour { number, line, pierce, end: None, not_cut_um: 0 });
+            self.current = Some(self.contours.len() - 1);
+        }
+    }
+
+    /// The program has switched the cutter off before the record at `end`; `length_um` measures records. Returns the
+    /// contour.
+    pub(super) fn end_contour(
+        &mut self,
+        end: RecordIndex,
+        length_um: impl Fn(RecordIndex, u32) -> u64,
+    ) -> Option<Contour> {
+        let index = self.current.take()?;
+        self.measure(index, end, length_um)?;
+        let contour = self.contours.get_mut(index)?;
+        contour.end = Some(end);
+        Some(*contour)
+    }
+
+    /// Measures the contour that is being cut up to a place, at the end of the job.
+    pub(super) fn measure_current(&mut self, end: RecordIndex, length_um: impl Fn(RecordIndex, u32) -> u64) {
+        if let Some(index) = self.current {
+            let _ = self.measure(index, end, length_um);
+        }
+    }
+
+    fn measure(&mut self, index: usize, end: RecordIndex, length_um: impl Fn(RecordIndex, u32) -> u64) -> Option<()> {
+        let pierce = self.contours.get(index)?.pierce;
+        let not_cut = self.not_cut_um(pierce, end, length_um);
+        self.contours.get_mut(index)?.not_cut_um = not_cut;
+        Some(())
+    }
+
+    /// The contours that were begun.
+    pub(super) fn contours(&self) -> &[Contour] {
+        &self.contours
+    }
+
+    /// Number of contours that were begun, and length that is not cut of all, µm.
+    pub(super) fn totals(&self) -> (u32, u64) {
+        (self.last_number, self.contours.iter().map(|contour| contour.not_cut_um).sum())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn place(eighths: u64) -> Place {
+        Place {
+            record: RecordIndex::new(4_294_967_200u32.wrapping_add((eighths / 8) as u32)),
+            fraction: ((eighths % 8) << 29) as u32,
+        }
+    }
+
+    proptest! {
+        /// Any stretches: a record is cut exactly where one of them, or one that was continued, covers it.
+        #[test]
+        fn a_record_is_cut_where_it_was_cut_without_a_break(
+            stretches in prop::collection::vec((0u64..1600, 1u64..200), 1..30),
+        ) {
+            let mut map = CutMap::new();
+            let mut covered = Vec::new();
+            let mut last: Option<[u64; 2]> = None;
+            for (from, length) in stretches {
+                let to = from + length;
+                // in several periods
+                map.record_cut(place(from), place(from + length / 2));
+                map.record_cut(place(from + length / 2), place(to));
+                let joined = last.filter(|&[begin, end]| (begin..=end).contains(&from));
+                let stretch = joined.map_or([from, to], |[begin, end]| [begin, end.max(to)]);
+                if joined.is_some() {
+                    covered.pop();
+                }
+                covered.push(stretch);
+                last = Some(stretch);
+            }
+            map.store_stretch();
+            for record in 0..230u64 {
+                let is_cut = covered.iter().any(|&[from, to]| from <= 8 * record && 8 * record + 8 <= to);
+                let at = place(8 * record).record;
+                let is_in_map = map.ranges.iter().any(|&[from, to]| !at.is_before(from) && at.is_before(to));
+                prop_assert_eq!(is_in_map, is_cut, "record {}", record);
+            }
+            for pair in map.ranges.windows(2) {
+                prop_assert!(pair[0][1].is_before(pair[1][0]));
+            }
+        }
+    }
+
+    #[test]
+    fn a_contour_misses_what_was_not_cut_until_it_is_cut() {
+        let (mut map, at) = (CutMap::new(), |n: u32| RecordIndex::new(n));
+        let length = |_, records: u32| u64::from(records) * 10;
+        map.begin_contour(at(100), 7);
+        map.record_cut(Place::start_of(at(100)), Place::start_of(at(150)));
+        map.record_cut(Place::start_of(at(160)), Place::start_of(at(198)));
+        let contour = map.end_contour(at(200), length).expect("it was begun");
+        assert_eq!((contour.number, contour.line, contour.not_cut_um), (1, 7, 100), "the last two records are no gap");
+        map.begin_contour(at(300), 9);
+        map.measure_current(at(320), length);
+        assert_eq!(map.totals(), (2, 300));
+        map.begin_contour(at(100), 7);
+        map.record_cut(Place::start_of(at(149)), Place::start_of(at(161)));
+        let contour = map.end_contour(at(200), length).expect("it was begun");
+        assert_eq!((contour.number, contour.not_cut_um, map.totals()), (1, 0, (2, 200)));
+    }
+}
