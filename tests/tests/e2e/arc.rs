@@ -282,6 +282,12 @@ fn what_is_not_cut_is_told() {
     let rests = trace.iter().find(|sample| sample.at_us > 2_500_000).expect("a sample").counts[0] as f64 / 200.0;
     assert!((not_cut - (rests - 30.0)).abs() < 0.2 && not_cut > 0.5, "{not_cut} {rests}");
     assert!(run.events.iter().any(|event| event["event"] == "not_cut"));
+    let contours: Vec<(u64, bool)> = run
+        .of_kind("contour")
+        .map(|event| (event["number"].as_u64().expect("a number"), event["not_cut_mm"] == 0.0))
+        .collect();
+    assert_eq!(contours, [(1, false), (2, true)]);
+    assert_eq!((&run.report["contours"], &run.report["contours_not_cut"]), (&2.into(), &1.into()));
 }
 
 #[test]
