@@ -28,7 +28,7 @@ const JUDGED: JudgedMachine = JudgedMachine {
 };
 
 /// Number of recoveries that the suite runs.
-const SUITE: u32 = 12;
+const SUITE: u32 = 8;
 /// Every so many of them are over a line, with killed hosts.
 const SERVED: u64 = 6;
 /// Card time over wall time there.

@@ -133,7 +133,7 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         test: ["retrace-tests", "recovery", ""],
         asked: BY_SEED,
         full: 1000,
-        slice: 12,
+        slice: 8,
     },
     Campaign {
         name: "cut",

@@ -44,7 +44,7 @@ use crate::telemetry::{self, Observer};
 use crate::tool_length;
 
 /// Capacity of the item queue between the threads.
-const ITEM_QUEUE_CAPACITY: usize = 1024;
+const ITEM_QUEUE_CAPACITY: usize = 256;
 
 /// Maximum number of findings; a check ends there.
 const MAX_FINDINGS: usize = 100;

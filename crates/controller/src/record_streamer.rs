@@ -300,10 +300,15 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     /// Oldest place that reverse run can reach.
     #[must_use]
     pub fn oldest(&self) -> RecordIndex {
-        let one_way = self.barrier.map(|(place, _)| place);
         // Backward from the path, the recorded path is retraced, and not the lead-in.
         let join = self.lead_in.as_ref().map(LeadIn::join);
-        [one_way, self.actions_retained_from, join].into_iter().flatten().fold(self.ring.head(), RecordIndex::later)
+        join.into_iter().fold(self.oldest_recorded(), RecordIndex::later)
+    }
+
+    /// Oldest place of the recorded path that reverse run can reach.
+    fn oldest_recorded(&self) -> RecordIndex {
+        let one_way = self.barrier.map(|(place, _)| place);
+        [one_way, self.actions_retained_from].into_iter().flatten().fold(self.ring.head(), RecordIndex::later)
     }
 
     /// Code of the barrier, if one limits reverse run.
@@ -323,7 +328,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     #[must_use]
     pub fn pierce_before(&self, place: Place) -> Option<RecordIndex> {
         let jet = self.pierces.iter().rev().find(|&&jet| Place::start_of(jet).distance_to(place) >= Distance::ZERO);
-        jet.copied().filter(|&jet| !jet.is_before(self.oldest()))
+        jet.copied().filter(|&jet| !jet.is_before(self.oldest_recorded()))
     }
 
     /// Sets an output that the program expects, at `place`.
@@ -508,20 +513,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     pub fn fill_ahead<C: MotionCard<A>>(&mut self, card: &mut C, road: SendHorizon) {
         let (mut place, reached) = (card.status().high, card.status().reached);
         let end = self.send_end(road, reached);
-        if let Some(lead_in) = &self.lead_in {
-            let lead_in_end = lead_in.end_of_sending(card.status().place, card.status().at_rest);
-            while place.is_before(lead_in_end.unwrap_or(place))
-                && let Some(record) = lead_in.record(place)
-            {
-                if card.send(HostCommand::Ahead { place, record }).is_err() {
-                    return;
-                }
-                place += 1;
-            }
-            if lead_in_end.is_some() {
-                return;
-            }
-        }
+        let Some(joined) = self.fill_lead_in(card, place) else { return };
+        place = joined;
         let mut action = self.actions.partition_point(|(a, _)| a.place.is_before(place));
         let sure = self.safe_to_send_until();
         while place.is_before(end) && place.is_before(sure) && self.gates.b_open(place) {
@@ -539,22 +532,6 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             }
             place += 1;
         }
-    }
-
-    /// Begins a lead-in, whose records are sent in place of those of the path until it is joined.
-    pub(crate) fn begin_lead_in(&mut self, lead_in: LeadIn<A>) {
-        self.lead_in = Some(lead_in);
-    }
-
-    /// The lead-in, until the card has forgotten its records.
-    #[must_use]
-    pub(crate) fn lead_in(&self) -> Option<&LeadIn<A>> {
-        self.lead_in.as_ref()
-    }
-
-    /// Ends the lead-in: the card holds the records of the path.
-    pub(crate) fn end_lead_in(&mut self) {
-        self.lead_in = None;
     }
 
     /// Sends records behind until the card is full or `oldest` is sent.

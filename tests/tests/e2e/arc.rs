@@ -193,8 +193,10 @@ fn an_interrupted_lead_in_is_done_again() {
                 // before and behind the lead-in, it retraces the path
                 continue;
             }
+            // the second time, the arc is lost again 2 mm behind its strike, on the lead-in
             let script = format!("at 3s shift 0 4\nafter 0s recover\nafter {after_s}s {end}\nafter 1s {again}\n");
-            let script = script + "after 6s hold\nafter 0.5s shift -1 4\nafter 0.1s recover\n";
+            let script = script + "after 4s shift -2 -3\nafter 0.1s recover\n";
+            let script = script + "after 4s hold\nafter 0.5s shift -1 4\nafter 0.1s recover\n";
             let (run, trace) = run("lose@20", &script, &[]);
             let what = format!("{end} after {after_s} s\n{}", run.output.out);
             assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()), "{what}");
@@ -225,6 +227,22 @@ fn a_shift_that_is_too_far_or_leaves_the_soft_limits_is_refused_before_anything_
     assert_eq!(ends, [2000, 0, 0]);
     let (moving, _) = reasons("at 1s shift 1 1\n", "");
     assert!(moving.len() == 1 && moving[0].contains("at rest"), "{moving:?}");
+}
+
+/// In single block the machine rests at the end of the block, also behind a recovery and a lead-in.
+#[test]
+fn in_single_block_a_recovered_cut_ends_with_its_block() {
+    let (_, uninterrupted) = run("", "", &[]);
+    for shift in ["", "after 0s shift 0 4\n"] {
+        let script = format!("at 2.5s single\nafter 0.5s back 15 mm\nafter 3s hold\n{shift}after 0.5s cut\n");
+        let (run, trace) = run("lose@20", &script, &[]);
+        // line 4 ends at X70
+        assert_eq!(run.counts(), [14_000, 0, 0], "{}", run.output.out);
+        assert_eq!(run.of_kind("single_block").count(), 1, "{}", run.output.out);
+        let judged = JudgedMachine { has_lead_ins: true, ..JUDGED };
+        let verdict = judge(&uninterrupted, &trace, &judged);
+        assert_eq!((verdict.wrong_counts, verdict.too_early, verdict.backward), (0, 0, 0), "{verdict:?}");
+    }
 }
 
 /// The torch pierces beside the path and leads in to it; from the join on it is the path.

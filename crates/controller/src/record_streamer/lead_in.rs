@@ -8,6 +8,9 @@
 //! Invariant: the increments of each move sum to the difference of its ends exactly.
 
 use retrace_core::{Distance, Flags, Place, Record, RecordIndex};
+use retrace_link::{HostCommand, MotionCard};
+
+use super::RecordStreamer;
 
 /// Largest increment of an axis in one record.
 const MAX_INCREMENT: u64 = 30_000;
@@ -83,6 +86,37 @@ impl<const A: usize> LeadIn<A> {
             stop.distance_to(place) > Distance::ZERO || place == stop && at_rest
         };
         self.stops.iter().copied().find(|&stop| !is_done(stop))
+    }
+}
+
+impl<const A: usize> RecordStreamer<'_, A> {
+    /// Begins a lead-in, whose records are sent in place of those of the path until it is joined.
+    pub(crate) fn begin_lead_in(&mut self, lead_in: LeadIn<A>) {
+        self.lead_in = Some(lead_in);
+    }
+
+    /// The lead-in, until the card has forgotten its records.
+    pub(crate) fn lead_in(&self) -> Option<&LeadIn<A>> {
+        self.lead_in.as_ref()
+    }
+
+    /// Ends the lead-in: the card holds the records of the path.
+    pub(crate) fn end_lead_in(&mut self) {
+        self.lead_in = None;
+    }
+
+    /// Sends the records of a lead-in from `place` on. Returns the place from which those of the path are to be sent;
+    /// `None` where the machine has to come to rest first, or the card is full.
+    pub(super) fn fill_lead_in<C: MotionCard<A>>(&self, card: &mut C, place: RecordIndex) -> Option<RecordIndex> {
+        let Some(lead_in) = &self.lead_in else { return Some(place) };
+        let (mut place, status) = (place, card.status());
+        let Some(end) = lead_in.end_of_sending(status.place, status.at_rest) else { return Some(place) };
+        while place.is_before(end) {
+            let record = lead_in.record(place)?;
+            card.send(HostCommand::Ahead { place, record }).ok()?;
+            place += 1;
+        }
+        None
     }
 }
 

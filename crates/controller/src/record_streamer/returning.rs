@@ -12,7 +12,7 @@ impl<const A: usize> RecordStreamer<'_, A> {
     /// Oldest place to which [`RecordStreamer::return_to`] can return.
     #[must_use]
     pub fn oldest_return(&self) -> RecordIndex {
-        self.done_retained_from.into_iter().fold(self.oldest(), RecordIndex::later)
+        self.done_retained_from.into_iter().fold(self.oldest_recorded(), RecordIndex::later)
     }
 
     /// Returns to a place: what was executed beyond it counts as not executed any more, and is executed again as the

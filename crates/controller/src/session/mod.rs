@@ -185,7 +185,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             tool_length: ToolLengthEntry::new(machine),
             back_target: None,
             recovery: CutRecovery::new(machine),
-            cut_map: CutMap::new(),
+            cut_map: CutMap::new(!machine.cutting_outputs.is_empty()),
             wheel_was_behind: false,
             window_is_trimmed: true,
             alarm_reported: false,

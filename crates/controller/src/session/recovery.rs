@@ -286,14 +286,6 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if self.mode_controller.mode() == Mode::Rejoin && !is_there {
             return Ok(self.continue_when_rejoined());
         }
-        // At a stop of the program the cutter is started where it is.
-        let stands = self.program_stop != ProgramStop::No || self.single_stop;
-        let Some(end) = self.recovery.cut_end() else {
-            return if self.recovery.is_shifted() && self.starts_cutter_here() { Err(NOT_IN_CUT) } else { Ok(false) };
-        };
-        if stands || self.dnc.is_on() || self.restart.is_active() {
-            return Ok(false);
-        }
         if self.is_on_lead_in() {
             // Nothing was cut where the machine stands at its start; else it leads in anew.
             let start = self.streamer.lead_in().map(LeadIn::start).map(Place::start_of);
@@ -301,6 +293,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 return Ok(false);
             }
             return self.cut_from_here(CutStart::Pierce).map(|()| true);
+        }
+        // At a stop of the program the cutter is started where it is.
+        let stands = self.program_stop != ProgramStop::No || self.single_stop;
+        let Some(end) = self.recovery.cut_end() else {
+            return if self.recovery.is_shifted() && self.starts_cutter_here() { Err(NOT_IN_CUT) } else { Ok(false) };
+        };
+        if stands || self.dnc.is_on() || self.restart.is_active() {
+            return Ok(false);
         }
         let place = self.card.status().place;
         if end.distance_to(place) < Distance::ZERO {
@@ -341,7 +341,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if !self.card.status().at_rest {
             return Err(NOT_AT_REST);
         }
-        if !is_on_lead_in && self.card.status().place.record.is_before(self.streamer.oldest_return()) {
+        let place = self.streamer.lead_in().filter(|_| is_on_lead_in).map(LeadIn::join);
+        if place.unwrap_or(self.card.status().place.record).is_before(self.streamer.oldest_return()) {
             return Err(NOT_RETAINED);
         }
         self.back_target = None;
@@ -394,6 +395,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         };
         self.card.begin_path(begin)?;
         let _ = self.card.send(HostCommand::Replay { on: self.config.replays_outputs });
+        if self.single_block {
+            // The block ends beyond this place, wherever its end was looked for before.
+            self.streamer.trim_at_block_end(&mut self.card, place.boundary_ahead());
+        }
         (self.target, self.executing, self.back_target) = (None, None, None);
         (self.program_stop, self.single_stop) = (ProgramStop::No, false);
         if self.phase == JobPhase::ProgramEnded {
