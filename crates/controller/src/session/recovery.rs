@@ -230,13 +230,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let lit =
             ends.iter().find(|&&(channel, _)| expected.get(usize::from(channel)).is_some_and(|&value| value != 0));
         let Some(&(channel, place)) = lit else { return };
-        let latest = Place::start_of(reached);
-        let begin = self.streamer.pierce_before(latest).map(|pierce| Place::start_of(pierce + 1));
+        let reached = Place::start_of(reached);
+        let begin = self.streamer.pierce_before(reached).map(|pierce| Place::start_of(pierce + 1));
         let later = |a: Place, b: Place| if a.distance_to(b) > Distance::ZERO { b } else { a };
         let place = begin.map_or(place, |begin| later(place, begin));
-        let place = if place.distance_to(latest) > Distance::ZERO { place } else { latest };
+        // Where the machine had gone back to continue it, it ends beyond the furthest place.
+        let latest = later(place, reached);
         self.recovery.cut_end = Some(CutEnd { place, latest, channel });
-        if let Some(pierce) = self.streamer.pierce_before(latest) {
+        if let Some(pierce) = self.streamer.pierce_before(reached) {
             self.cut_map.begin_contour(pierce, self.streamer.record(pierce).map_or(0, |record| record.line));
             self.cut_map.record_cut(Place::start_of(pierce), place);
         }
