@@ -46,6 +46,7 @@ fn append(chain: &mut Vec<Piece>, mut piece: Piece) {
         chain.push(piece);
         return;
     };
+    close_narrow_dip(last, &mut piece);
     let step = piece.from.v - last.to.v;
     if step.abs() <= TINY {
         let same = last.bend == piece.bend && last.line == piece.line;
@@ -70,4 +71,20 @@ fn append(chain: &mut Vec<Piece>, mut piece: Piece) {
     piece.from.u = from.u;
     chain.push(Piece::straight(from, piece.from, piece.line));
     chain.push(piece);
+}
+
+/// Joins two pieces at the height of the upper one where the lower one reaches that height within [`TINY`] of the
+/// joint.
+///
+/// Places closer than that are one place, so a crossing beside the upright start of an arc falls on that start. Without
+/// this, the envelope would go down to it: by the square root of the radius times twice [`TINY`].
+fn close_narrow_dip(last: &mut Piece, piece: &mut Piece) {
+    let (ended, begun) = (last.to, piece.from);
+    if begun.v < ended.v && piece.to.v >= ended.v {
+        if begun.u - piece.at_height(ended.v).u <= TINY {
+            piece.from = Point::new(begun.u, ended.v);
+        }
+    } else if begun.v > ended.v && last.from.v >= begun.v && last.at_height(begun.v).u - ended.u <= TINY {
+        last.to.v = begun.v;
+    }
 }

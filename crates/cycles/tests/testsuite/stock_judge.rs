@@ -173,6 +173,15 @@ fn cases() -> u32 {
     std::env::var("RETRACE_STOCK").ok().and_then(|count| count.parse().ok()).unwrap_or(100)
 }
 
+/// Cases that failed once.
+#[test]
+fn roughing_takes_nothing_of_the_part_in_cases_that_failed_once() {
+    for (seed, falls) in [(15760046238273249670, true)] {
+        let case = case(seed, falls, 0);
+        judge_roughing(&case, &rough_path(&case), seed);
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: cases(), failure_persistence: None, ..ProptestConfig::default() })]
 
