@@ -11,7 +11,7 @@ use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Distance, Place, RapidCap, Rate, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardSettings, CommandRefusal, HomingCommand, HostCommand, InputUse, InputWait, Instruction,
-    OutputAction, OutputChange, channel,
+    OutputAction, OutputChange, RepeatedInstruction, channel,
 };
 
 /// A card in motion over 60 records at full rate, ten periods under way.
@@ -228,6 +228,20 @@ fn an_instruction_that_fails_or_takes_too_long_is_not_executed_and_its_number_st
     assert_eq!((card.accept(HostCommand::ClearAlarm), card.status().executed), (Err(CommandRefusal::Alarm), 0));
     card.run_period(levels(0));
     assert_eq!(card.accept(HostCommand::ClearAlarm), Ok(()));
+}
+
+/// A wait for an input that the card does not have would never end.
+#[test]
+fn a_wait_for_an_input_that_the_card_does_not_have_is_refused() {
+    for (input, accepted) in [(0, true), (5, true), (6, false), (15, false), (16, false), (255, false)] {
+        let until = Some(InputWait::new(input, true, 10));
+        let instruction = Instruction { number: 1, until, ..Instruction::default() };
+        let repeated = RepeatedInstruction { number: 1, until, ..RepeatedInstruction::default() };
+        for command in [HostCommand::Instruction(instruction), HostCommand::Repeat(repeated)] {
+            let expected = if accepted { Ok(()) } else { Err(CommandRefusal::Unsupported) };
+            assert_eq!(opened(0).accept(command), expected, "input {input}: {command:?}");
+        }
+    }
 }
 
 #[test]

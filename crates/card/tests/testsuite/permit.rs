@@ -474,3 +474,21 @@ fn a_repeat_is_refused_under_an_alarm_and_in_motion() {
     bench.rest();
     assert_eq!(bench.card.accept(repeat(1, TORCH, 1, 5)), Err(CommandRefusal::Alarm));
 }
+
+/// A cutter that must not be on in reverse is not lit by hand either while reverse run is requested, although the
+/// machine stands at the oldest record.
+#[test]
+fn nothing_is_lit_by_hand_where_reverse_run_is_requested() {
+    let lit = OutputChange { channel: JET, value: 1 };
+    for (target, accepted) in [(-Rate::ONE, false), (Rate::ZERO, true), (Rate::ONE, true)] {
+        let mut bench = Bench::new(false, false);
+        bench.rate(-Rate::ONE);
+        assert!(bench.period().at_rest);
+        bench.rate(target);
+        assert_eq!(bench.card.accept(HostCommand::ManualOutput(lit)).is_ok(), accepted, "{target:?}");
+        assert_eq!(bench.value(JET), i32::from(accepted));
+    }
+    let mut bench = Bench::new(true, false);
+    bench.rate(-Rate::ONE);
+    bench.card.accept(HostCommand::ManualOutput(lit)).expect("it may be on in reverse");
+}

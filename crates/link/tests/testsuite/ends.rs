@@ -319,3 +319,20 @@ fn a_record_at_constant_speed_costs_little() {
         assert_eq!(outputs, [0; channel::COUNT]);
     }
 }
+
+/// Every byte counts, in both directions, whatever it means.
+#[test]
+fn the_bytes_of_the_line_are_counted() {
+    for (numbers, _) in STARTS {
+        let mut host = Box::new(HostEndpoint::<3>::starting_at(1, numbers));
+        let (mut bytes, mut written, mut read) = ([0; 7], 0, 0);
+        for n in 0..50 {
+            written += host.transmit(n * 100_000, &mut bytes) as u64;
+            let received = &bytes[..n as usize % 8];
+            host.receive(received, n * 100_000);
+            read += received.len() as u64;
+            assert_eq!((host.line_counts().written, host.line_counts().read), (written, read));
+        }
+        assert!(written > 20, "the host requests the identity of the card");
+    }
+}

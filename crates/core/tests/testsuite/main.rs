@@ -1,0 +1,3 @@
+//! The integration tests of `retrace-core`, in one binary, which links once.
+
+mod drive;
