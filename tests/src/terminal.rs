@@ -43,7 +43,9 @@ impl Terminal {
     /// Where it cannot be run.
     #[must_use]
     pub fn with(arguments: &[&str], columns: u16, rows: u16, environment: &[(&str, &str)]) -> Self {
-        Self::spawned(Command::new(binary()).args(arguments), columns, rows, environment)
+        // A test runner in the background of a shell ignores Ctrl-C, and hands that down; a terminal does not.
+        let command = Command::new("env").arg("--default-signal=INT").arg(binary()).args(arguments);
+        Self::spawned(command, columns, rows, environment)
     }
 
     /// Runs a line of the shell, with job control; `$RETRACE` is the command.

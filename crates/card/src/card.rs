@@ -92,6 +92,16 @@ impl<const A: usize, const W: usize, const M: usize, S> Card<A, W, M, S> {
 }
 
 impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A, W, M, S> {
+    /// Creates a card as [`Card::new`] does, with a window whose records are stored in `records`: a computer allocates
+    /// them. Returns `None` if `records` are not `W` records, too.
+    #[must_use]
+    pub fn with_records(identity: CardIdentity, records: S) -> Option<Self> {
+        if records.as_ref().len() != W {
+            return None;
+        }
+        Some(Self::with_player(identity, Player::unconfigured_with_records(records, identity.outputs)?))
+    }
+
     /// Restores counts and output values, for a card that retained both over a restart. To be called before anything
     /// has moved.
     pub fn restore_state(&mut self, counts: [i64; A], outputs: &Outputs) {

@@ -47,6 +47,12 @@ impl<const A: usize, const W: usize, const M: usize, const E: usize> LinkedCard<
 }
 
 impl<const A: usize, const W: usize, const M: usize, const E: usize, S: RecordStorage<A>> LinkedCard<A, W, M, E, S> {
+    /// Creates a card as [`Card::with_records`] does.
+    #[must_use]
+    pub fn with_records(identity: CardIdentity, records: S) -> Option<Self> {
+        Some(Self { card: Card::with_records(identity, records)?, endpoint: CardEndpoint::new() })
+    }
+
     /// Sets serial number and start number, as [`Card::set_identity`] does.
     pub const fn set_identity(&mut self, serial: u32, boot: u32) {
         self.card.set_identity(serial, boot);

@@ -129,6 +129,12 @@ impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
 }
 
 impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player<A, W, M, S> {
+    /// Creates a player as [`Player::unconfigured`] does, with its `W` records in `records`.
+    pub(crate) fn unconfigured_with_records(records: S, digital: u8) -> Option<Self> {
+        let start = RecordIndex::new(0);
+        Some(Self::with_window(CardWindow::with_records(start, records), Drive::unconfigured()?, start, digital))
+    }
+
     /// Begins an epoch: the window is empty and instruction_begins with the record of `start`. Counts and outputs are
     /// unchanged, except cutting outputs, which are switched off. A pending instruction is cancelled, even while it is
     /// being executed: so a host can end one that waits forever.

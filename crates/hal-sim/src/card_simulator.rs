@@ -11,7 +11,7 @@ use std::io::{self, Write};
 use retrace_link::CardStatus;
 
 use crate::count_checker::CountChecker;
-use crate::linked_card::{SimLinkedCard, TICK_HZ, identity};
+use crate::linked_card::{SimLinkedCard, TICK_HZ, identity, records};
 use crate::pins::Pins;
 use crate::plant::{Plant, PlantSettings};
 use crate::serial_channel::{InFlightPolicy, SerialChannel, SerialChannelSettings};
@@ -95,7 +95,7 @@ impl<const A: usize> CardSimulator<A> {
     #[must_use]
     pub fn new(settings: &CardSimulatorSettings) -> Option<Self> {
         Some(Self {
-            card: Box::new(SimLinkedCard::new(identity::<A>(settings.serial, settings.boot))?),
+            card: Box::new(SimLinkedCard::with_records(identity::<A>(settings.serial, settings.boot), records())?),
             machine: Plant::new(&settings.machine),
             pins: Pins::default(),
             up: SerialChannel::new(&settings.up),

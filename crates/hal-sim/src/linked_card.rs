@@ -3,6 +3,7 @@
 //! Invariant: it is the same code that a microcontroller runs; nothing is added.
 
 use retrace_card::{CheckedSettings, LinkedCard};
+use retrace_core::Record;
 use retrace_link::{CardIdentity, CardSettings, CommandRefusal, PROTOCOL};
 
 /// Number of reports that it stores until the host has them.
@@ -15,7 +16,15 @@ pub const WINDOW: usize = 4096;
 pub(crate) const MEMORY: usize = 1023;
 
 /// A simulated card of `A` axes with its link endpoint.
-pub type SimLinkedCard<const A: usize> = LinkedCard<A, WINDOW, MEMORY, ENTRIES>;
+pub type SimLinkedCard<const A: usize> = LinkedCard<A, WINDOW, MEMORY, ENTRIES, SimRecords<A>>;
+
+/// Storage for the records of a simulated card.
+pub(crate) type SimRecords<const A: usize> = Box<[Record<A>]>;
+
+/// Allocates the records of a simulated card.
+pub(crate) fn records<const A: usize>() -> SimRecords<A> {
+    vec![Record::ZERO; WINDOW].into_boxed_slice()
+}
 
 /// Frequency of the simulated card's clock, ticks per second.
 pub const TICK_HZ: u32 = 10_000_000;

@@ -15,7 +15,7 @@ use retrace_link::{
 };
 
 use crate::count_checker::CountChecker;
-use crate::linked_card::{MEMORY, WINDOW};
+use crate::linked_card::{MEMORY, SimRecords, WINDOW, records};
 use crate::pins::Pins;
 use crate::trace::Trace;
 use crate::{Clock, Plant, PlantSettings, PulseCounters, identity};
@@ -38,7 +38,7 @@ impl<const A: usize> fmt::Debug for Traced<A> {
 /// A simulated card for `A` axes, and the plant on it.
 #[derive(Debug)]
 pub struct SimCard<const A: usize> {
-    card: Box<Card<A, WINDOW, MEMORY>>,
+    card: Box<Card<A, WINDOW, MEMORY, SimRecords<A>>>,
     machine: Plant<A>,
     counters: PulseCounters<A>,
     compared: CountChecker<A>,
@@ -131,7 +131,7 @@ impl<const A: usize> SimCard<A> {
     ) -> Result<Self, CommandRefusal> {
         let identity = CardIdentity { tick_hz: FINE_HZ, max_pulses_hz: u32::MAX, ..identity::<A>(0, 0) };
         let settings = CardSettings { epoch: 1, pulse_ns: 0, direction_setup_ns: 0, ..settings };
-        let mut card = Box::new(Card::new(identity).ok_or(CommandRefusal::Unsupported)?);
+        let mut card = Box::new(Card::with_records(identity, records()).ok_or(CommandRefusal::Unsupported)?);
         card.open(&settings)?;
         let mut compared = CountChecker::new([0; A]);
         compared.set_backlash(&settings.backlash_pulses, &[0; A], &[0; A]);
