@@ -87,6 +87,7 @@ fn run(bench: &Bench, program: &Path, faults: &str, script: &str, trace: &str) -
     let (trace, operator) = (vcd.display().to_string(), operator.display().to_string());
     if std::env::var_os("RETRACE_SHOW").is_some() {
         println!("--- {faults}\n{script}");
+        println!("{}", std::fs::read_to_string(program).unwrap_or_default());
     }
     let run = Run::of(
         bench,

@@ -161,12 +161,13 @@ impl ReferenceJob {
     }
 
     /// Length in records of the gaps that the other kerf leaves, beyond the tolerance of a place. An arc that strikes
-    /// in motion does so behind the cell that was cut last.
+    /// in motion does so behind the cell that was cut last. Where the machine comes to rest, records with at most one
+    /// pulse among them have no length.
     fn records_not_cut(&self, kerf: &Kerf, cell_pulses: f64) -> f64 {
         let is_gap = |[from, to]: &[f64; 2]| {
             let end = to - PLACE_TOLERANCE;
             let is_in_cell = || kerf.struck_in_motion(*to) && self.pulses(*from, end) <= cell_pulses;
-            end > *from && !is_in_cell()
+            end > *from && self.pulses(*from, *to) > 1.0 && !is_in_cell()
         };
         let gaps = self.kerf.places.missing_in(&kerf.possible_places);
         gaps.iter().filter(|gap| is_gap(gap)).fold(0.0, |length, [from, to]| length + (to - from))

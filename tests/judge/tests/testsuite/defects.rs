@@ -178,6 +178,34 @@ fn a_loss_that_is_placed_one_record_late_is_within_the_tolerance() {
     }
 }
 
+/// The arc goes out in the last records of a contour, which emit this many pulses. Returns the judge's line.
+fn judge_loss_at_the_end(pulses: i64) -> String {
+    let folder = folder("no-length");
+    let file = |name: &str, is_lost: bool, mut trace: Trace| {
+        let end = trace.periods[trace.contour_end].place;
+        let from = counts_at(end - 7.0);
+        for period in trace.periods.iter_mut().filter(|period| period.place > end - 7.0 && period.place <= end) {
+            period.counts = from;
+            period.counts[0] += if period.place > end - 4.0 { pulses } else { 0 };
+            period.is_proven &= !is_lost;
+        }
+        let path = folder.join(format!("{name}-{pulses}.vcd"));
+        fs::write(&path, trace.vcd()).expect("a trace");
+        path.display().to_string()
+    };
+    let whole = file("whole", false, Trace::whole());
+    let lost = file("lost", true, Trace::recovered(&mut Random::new(1)));
+    String::from_utf8_lossy(&cut_judge(&[&whole, &lost]).stdout).into_owned()
+}
+
+#[test]
+fn records_without_a_length_are_no_gap() {
+    for pulses in [0, 1] {
+        assert_eq!(figure(&judge_loss_at_the_end(pulses), "records_not_cut"), "0", "{pulses}");
+    }
+    assert_ne!(figure(&judge_loss_at_the_end(2), "records_not_cut"), "0");
+}
+
 #[test]
 fn every_seeded_defect_is_found_and_the_trace_without_it_is_good() {
     let folder = folder("defects");
