@@ -385,15 +385,44 @@ fn at_the_screen(bench: &Bench, machine: &str, faults: &str) -> Terminal {
     terminal
 }
 
+fn rejections(run: &Run) -> Vec<&str> {
+    let rejected = run.events.iter().filter(|event| event["event"] == "command_rejected");
+    rejected.filter_map(|event| event["reason"].as_str()).collect()
+}
+
+/// The operator goes back into a contour that is whole: the arc would find no metal there, and the job would stand in
+/// its kerf.
+#[test]
+fn a_contour_that_is_cut_to_its_end_is_cut_again_only_at_the_second_word() {
+    let back = "at 2.9s hold\nafter 0.5s back to pierce\nafter 4s cut moving\n";
+    let (whole, uninterrupted) = run("", "", &[]);
+    let (run_on, trace) = run("", &format!("{back}after 0.1s recover\n"), &[]);
+    let rejected = rejections(&run_on);
+    assert!(rejected.len() == 1 && rejected[0].contains("once more"), "{rejected:?}");
+    assert_eq!((&run_on.report["outcome"], run_on.counts()), (&whole.report["outcome"], whole.counts()));
+    let verdict = judge(&uninterrupted, &trace, &JUDGED);
+    assert!(verdict.is_good() && verdict.ignitions == 2, "{verdict:?}");
+    let (again, _) = run("", &format!("{back}after 0.1s cut moving\n"), &[]);
+    assert_eq!((rejections(&again).len(), with_reason(&again, "lost").len()), (1, 1), "it was tried");
+}
+
+/// The torch is put out while it starts: the machine is at the pierce already, and not at that of the contour before.
+#[test]
+fn back_to_pierce_stays_at_the_contour_whose_start_was_interrupted() {
+    let (whole, _) = run("", "", &[]);
+    let second = whole.events.iter().filter(|event| event["event"] == "switching" && event["code"] == "M3").nth(1);
+    let at_s = second.expect("a second contour")["time_s"].as_f64().expect("a time") + 0.02;
+    let (run, trace) = run("", &format!("at {at_s:.3}s cutter off\nafter 1s back to pierce\nafter 1s recover\n"), &[]);
+    let rejected = rejections(&run);
+    assert!(rejected.len() == 1 && rejected[0].contains("at the pierce"), "{rejected:?}");
+    assert!(trace.iter().all(|sample| sample.rate >= 0.0), "it does not go back");
+    assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()));
+}
+
 #[test]
 fn a_word_that_does_not_apply_is_answered() {
     let (run, _) = run("", "at 0.5s cut\nafter 0s back to cut end\n", &[]);
-    let reasons: Vec<&str> = run
-        .events
-        .iter()
-        .filter(|event| event["event"] == "command_rejected")
-        .filter_map(|event| event["reason"].as_str())
-        .collect();
+    let reasons = rejections(&run);
     assert_eq!(reasons.len(), 2, "{reasons:?}");
     assert!(reasons[0].contains("go back first") && reasons[1].contains("no cut was interrupted"), "{reasons:?}");
     assert_eq!(run.report["outcome"], "completed");

@@ -17,6 +17,10 @@ use crate::operator::CommandError;
 /// Records searched per control period.
 const RECORDS_A_PERIOD: u32 = 4096;
 
+const AT_PIERCE: CommandError = CommandError::NotNow(
+    "the machine is at the pierce of the contour: `recover` starts the cutter again; `back 5 mm` goes back further",
+);
+
 /// Kind of target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum BackTargetKind {
@@ -77,6 +81,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let status = *self.card.status();
         if status.place == Place::start_of(self.streamer.oldest()) {
             return Err(CommandError::NothingBehind);
+        }
+        // Nothing is cut yet of the contour that begins here: the cutter went out while it started.
+        if matches!(wanted, BackTargetKind::Pierce) && status.at_rest && self.lights_cutter_here() {
+            return Err(AT_PIERCE);
         }
         // While reversing, a near target may be passed before the machine stops. The search begins from rest then.
         let counts_from_here = status.at_rest || self.mode_controller.mode() == Mode::Run;

@@ -196,13 +196,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(())
     }
 
-    /// *Recover*: restores the outputs, the cutter last, and resumes the program.
+    /// *Recover*: continues an interrupted cut. Where there is none, restores the outputs, the cutter last, and resumes
+    /// the program; from a place behind, once the machine is back at the furthest one.
     fn recover(&mut self) -> Result<(), CommandError> {
         if self.begin_recovery()? {
             return Ok(());
         }
-        let rejoins = self.mode_controller.mode() == Mode::Rejoin;
-        self.mode_controller.apply(if rejoins { ModeCommand::Leave { ask: false } } else { ModeCommand::Recover })?;
+        let is_behind =
+            matches!(self.mode_controller.mode(), Mode::Rejoin | Mode::Reverse | Mode::Forward | Mode::Wheel);
+        self.mode_controller.apply(if is_behind { ModeCommand::Leave { ask: false } } else { ModeCommand::Recover })?;
         self.continue_from_stop();
         Ok(())
     }

@@ -152,6 +152,17 @@ impl CutMap {
         Some(())
     }
 
+    /// Whether this place lies in a contour that has ended and is cut from here to its end.
+    pub(super) fn is_cut_to_its_end(&mut self, place: Place) -> bool {
+        let is_in = |contour: &&Contour| {
+            let from_pierce = Place::start_of(contour.pierce).distance_to(place);
+            let to_end = contour.end.map_or(Distance::ZERO, |end| place.distance_to(Place::start_of(end)));
+            from_pierce >= Distance::ZERO && to_end > Distance::ZERO
+        };
+        let Some(end) = self.contours.iter().rev().find(is_in).and_then(|contour| contour.end) else { return false };
+        self.not_cut_um(place.boundary_ahead(), end, |_, records| u64::from(records)) == 0
+    }
+
     /// The contours that were begun.
     pub(super) fn contours(&self) -> &[Contour] {
         &self.contours

@@ -59,6 +59,8 @@ pub(super) struct CutRecovery {
     latch: Option<Latch>,
     /// The interrupted cut is to be continued once the machine is at the furthest place.
     continues_when_rejoined: bool,
+    /// Where *cut* was refused because everything is cut already.
+    refused_at: Option<Place>,
     /// Where the next start of the cutter lies in X and Y, from its place on the path.
     pub(super) shift_mm: [f64; 2],
     /// Counts where the lead-in joins the path.
@@ -74,6 +76,7 @@ impl CutRecovery {
             chosen_start: None,
             latch: None,
             continues_when_rejoined: false,
+            refused_at: None,
             shift_mm: [0.0; 2],
             join_counts: None,
         }
@@ -173,6 +176,10 @@ const NOT_RETRACING: CommandError =
     CommandError::NotNow("go back first: `reverse`, `back to cut end`, `back to pierce`");
 const BEFORE_THE_PIERCE: CommandError =
     CommandError::NotNow("this is before the pierce of the interrupted cut: go forward first; `cut` cuts all anew");
+const CUT_ALREADY: CommandError = CommandError::NotNow(
+    "the contour is cut from here to its end, and over a kerf no arc strikes: `recover` goes on behind it; `cut` once \
+     more cuts it all the same",
+);
 const NOT_RETAINED: CommandError =
     CommandError::NotNow("the instructions of the program are not retained back to this place");
 
@@ -326,11 +333,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Whether the program goes on here with a cutter that is on, or is to be lit.
     fn starts_cutter_here(&self) -> bool {
+        let expected = self.streamer.expected();
+        self.lights_cutter_here() || self.config.fire_channels.iter().any(|&at| expected[usize::from(at)] != 0)
+    }
+
+    /// Whether the next instruction of the program is here, and lights a cutter.
+    pub(super) fn lights_cutter_here(&self) -> bool {
         let place = self.card.status().place;
         let next = self.streamer.sent_instruction().filter(|next| Place::start_of(next.place) == place);
-        self.config.fire_channels.iter().any(|&channel| {
-            self.streamer.expected()[usize::from(channel)] != 0 || next.is_some_and(|next| next.switches_on(channel))
-        })
+        next.is_some_and(|next| self.config.fire_channels.iter().any(|&channel| next.switches_on(channel)))
     }
 
     /// *Cut*: the program is executed again from here.
@@ -346,9 +357,26 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if place.unwrap_or(self.card.status().place.record).is_before(self.streamer.oldest_return()) {
             return Err(NOT_RETAINED);
         }
+        if place.is_none() && self.is_cut_already() {
+            return Err(CUT_ALREADY);
+        }
         self.back_target = None;
         self.recovery.returning = Some(start);
         Ok(())
+    }
+
+    /// Whether a torch would find no metal from here to the end of its contour. It is refused once at a place: the
+    /// operator may have laid a new sheet.
+    fn is_cut_already(&mut self) -> bool {
+        let place = self.card.status().place;
+        let was_refused = self.recovery.refused_at.take() == Some(place);
+        let strikes_over_metal = |&channel: &u8| self.recovery.usually_starts_in_motion(channel);
+        if was_refused || !self.config.fire_channels.iter().any(strikes_over_metal) {
+            return false;
+        }
+        let is_cut = self.cut_map.is_cut_to_its_end(place);
+        self.recovery.refused_at = is_cut.then_some(place);
+        is_cut
     }
 
     /// Begins to execute the program again, once the machine is back. Called before every control period.
