@@ -45,6 +45,14 @@ impl CutterKind {
             _ => 0.0,
         }
     }
+
+    /// Default step of single block while it is on.
+    const fn usual_step(self) -> SingleBlockStep {
+        match self {
+            Self::Torch | Self::Jet => SingleBlockStep::Contour,
+            _ => SingleBlockStep::Block,
+        }
+    }
 }
 
 /// Treatment of Z words of a program (CUT-16).
@@ -55,6 +63,17 @@ pub enum ZWords {
     Ignored,
     /// The program rules the height.
     Obeyed,
+}
+
+/// What one step of single block is while a cutter is on (CUT-11).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum SingleBlockStep {
+    /// The whole contour, with the code that lights the cutter and the one that switches it off: each stop inside would
+    /// cost a pierce.
+    Contour,
+    /// A block.
+    Block,
 }
 
 /// Sensing of the sheet, `sense` of a `[[cutter]]`.
@@ -106,6 +125,8 @@ pub(crate) struct CutterSection {
     /// Whether the cutter may be on in a rapid move.
     #[serde(default)]
     rapid_lit: bool,
+    /// One step of single block while the cutter is on: the contour by default for a torch or a jet.
+    single_block: Option<SingleBlockStep>,
     /// Input that proves that the cutter burns or flows.
     ok: Option<CutterProof>,
     /// How the cutter starts.
@@ -143,6 +164,8 @@ pub struct CutterConfig {
     pub retrace_cut: bool,
     /// Whether it may be on during a rapid move.
     pub rapid_lit: bool,
+    /// One step of single block while it is on.
+    pub single_block: SingleBlockStep,
     /// Input that proves that it burns or flows, if any; without one its loss is not watched.
     pub proof: Option<CutterProof>,
     /// How it starts.
@@ -170,6 +193,7 @@ impl CutterSection {
             standing_ms,
             retrace_cut,
             rapid_lit,
+            single_block: self.single_block.unwrap_or(kind.usual_step()),
             proof: self.ok,
             start: self.start.unwrap_or_default(),
             restart: self.restart.unwrap_or_default(),
@@ -200,6 +224,7 @@ impl CutterConfig {
             standing_ms,
             retrace_cut: false,
             rapid_lit: false,
+            single_block: kind.usual_step(),
             proof: None,
             start: CutterStart::default(),
             restart: CutterRestart::default(),
@@ -284,6 +309,9 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
                 "`ok`, `start` and `restart` are of torches, jets and beams",
                 "write the delay and the input of M3 under [code.M3]",
             );
+        }
+        if cutter.single_block.is_some() && !cutter.kind.cuts_at_rest() {
+            return refuse("`single_block` is of torches, jets and beams", "remove it: a step is a block");
         }
         cutter.start.map_or(Ok(()), |start| start.check(&cutter.name))?;
         cutter.restart.map_or(Ok(()), |restart| restart.check(&cutter.name))?;

@@ -50,7 +50,7 @@ mod value_range;
 pub use axis::{AXIS_LETTERS, AxisConfig, HomeConfig};
 pub use card_config::CardConfig;
 pub use channel_names::{ChannelNames, channel_name};
-pub use cutter::{CutterConfig, CutterKind, ZWords};
+pub use cutter::{CutterConfig, CutterKind, SingleBlockStep, ZWords};
 pub use cutter_start::{CutterProof, CutterRestart, CutterStart};
 pub use machine_changes::machine_changes;
 pub use machine_check::MachineCheck;

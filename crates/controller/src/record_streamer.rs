@@ -79,6 +79,8 @@ pub struct RecordStreamer<'r, const A: usize> {
     /// Places where the program switched a cutting output on or off, in path order.
     cut_changes: VecDeque<RecordIndex>,
     fire_channels: Vec<u8>,
+    /// Those whose contours are one step of single block.
+    contour_channels: Vec<u8>,
     last_fired_channel: Option<u8>,
     /// Result of comparing the marks of an earlier run: all passed, or the first that differs.
     marks: Option<Result<(), Box<MarkDifference>>>,
@@ -131,6 +133,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             pierces: VecDeque::with_capacity(MAX_PIERCES),
             cut_changes: VecDeque::with_capacity(MAX_PIERCES),
             fire_channels: Vec::new(),
+            contour_channels: Vec::new(),
             last_fired_channel: None,
             marks: None,
             barrier: None,
@@ -154,6 +157,12 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     #[must_use]
     pub fn with_fire_channels(self, outputs: &[u8]) -> Self {
         Self { fire_channels: outputs.to_vec(), ..self }
+    }
+
+    /// Sets the fire channels whose contours are one step of single block.
+    #[must_use]
+    pub fn with_contour_channels(self, outputs: Vec<u8>) -> Self {
+        Self { contour_channels: outputs, ..self }
     }
 
     /// Receives what has been planned. `write` is read before the items: an item is sent before the records behind it.

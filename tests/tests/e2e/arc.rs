@@ -245,6 +245,33 @@ fn in_single_block_a_recovered_cut_ends_with_its_block() {
     }
 }
 
+/// Each stop inside a contour would cost a pierce: a step ends before the torch is lit and after it is switched off.
+#[test]
+fn in_single_block_one_step_is_the_whole_contour() {
+    let program = "G21 G90 F1800\nG0 X10\nM3 S1\nG1 X30\nG1 X40 Y10\nG4 P0.2\nM5\nG0 X100\nM3\nG1 X120\nG1 X130 Y5\n\
+                   M5\nG0 X0\nM2\n";
+    let bench = Bench::new();
+    let program = bench.file("p.ngc", program);
+    let steps = |machine: &str, starts: usize| {
+        let vcd = bench.path("pins.vcd");
+        let script = "at 0s single\n".to_string() + &"after 6s cycle start\n".repeat(starts);
+        let (machine, operator) = (bench.file("m.toml", machine), bench.file("s.op", script));
+        let [machine, operator, trace] = [&machine, &operator, &vcd].map(|path| path.display().to_string());
+        let run = Run::of(&bench, &program, &["--machine", &machine, "--operator", &operator, "--vcd", &trace]);
+        let ends: Vec<u64> = run.of_kind("single_block").filter_map(|event| event["line"].as_u64()).collect();
+        let lit = samples(&vcd).windows(2).filter(|pair| !pair[0].is_on("spindle") && pair[1].is_on("spindle")).count();
+        (ends, lit, run.report["outcome"].clone(), run.report["not_cut_mm"].clone())
+    };
+    assert_eq!(steps(&machine(), 4), (vec![2, 5, 8, 11], 2, "completed".into(), 0.0.into()));
+    let in_blocks = machine().replace("kind = \"torch\"", "kind = \"torch\"\nsingle_block = \"block\"");
+    let (ends, _, outcome, _) = steps(&in_blocks, 1);
+    assert_eq!(
+        (&ends[..], outcome),
+        (&[2][..], "stopped".into()),
+        "the pierce is part of the step, and it stops in the cut"
+    );
+}
+
 /// The torch pierces beside the path and leads in to it; from the join on it is the path.
 #[test]
 fn a_shifted_restart_pierces_beside_the_path_and_leads_in_to_it() {

@@ -1,11 +1,13 @@
 //! Single block: where sending ends.
 //!
-//! Invariant: the end of a block is a boundary between records of different lines, at which the card can still stop.
+//! Invariant: the end of a block is a boundary between records of different lines, at which the card can still stop,
+//! and at which no cutter is on whose contours are one step.
 
 use retrace_core::RecordIndex;
 use retrace_link::{HostCommand, MotionCard};
 
 use super::{RecordStreamer, SendHorizon};
+use crate::plan_item::ExclusiveInstruction;
 
 /// Single block: progress of the search for the end of the block.
 #[derive(Clone, Copy, Debug)]
@@ -55,9 +57,35 @@ impl<const A: usize> RecordStreamer<'_, A> {
 
     fn is_block_end(&self, place: RecordIndex) -> bool {
         match (self.ring.record(place - 1), self.ring.record(place)) {
-            (Some(last), Some(next)) => last.line != next.line,
+            (Some(last), Some(next)) => last.line != next.line && !self.is_in_contour(place),
             _ => false,
         }
+    }
+
+    /// Whether a cutter whose contours are one step is on before this place and behind it. The place is not before the
+    /// furthest one that was executed.
+    fn is_in_contour(&self, place: RecordIndex) -> bool {
+        self.contour_channels.iter().any(|&channel| {
+            let is_on = self.expected[usize::from(channel)] != 0;
+            let instructed = self.exclusives.iter().filter_map(|exclusive| {
+                let mut changes = exclusive.changes[..usize::from(exclusive.count)].iter().rev();
+                changes.find(|change| change.channel == channel).map(|change| (exclusive.place, change.value != 0))
+            });
+            let actions = self.actions.iter().skip(self.passed).filter(|(action, _)| action.channel == channel);
+            // an action is executed in passing: behind this place
+            let in_passing = actions.map(|(action, _)| (action.place, action.after != 0));
+            is_on_around(is_on, instructed.chain(in_passing.filter(|(at, _)| at.is_before(place))), place)
+        })
+    }
+
+    /// Whether a cutter is on whose contours are one step.
+    pub fn is_contour_open(&self) -> bool {
+        self.contour_channels.iter().any(|&channel| self.expected[usize::from(channel)] != 0)
+    }
+
+    /// Whether an instruction lights a cutter whose contours are one step.
+    pub fn begins_contour(&self, exclusive: &ExclusiveInstruction) -> bool {
+        self.contour_channels.iter().any(|&channel| exclusive.switches_on(channel))
     }
 
     /// Place at which single block ends sending, once it is known.
@@ -70,4 +98,19 @@ impl<const A: usize> RecordStreamer<'_, A> {
     pub fn clear_block_end(&mut self) {
         self.block_window = None;
     }
+}
+
+/// Whether a channel that is now on or off is on both before and behind `place`; each change has its place.
+fn is_on_around(is_on: bool, changes: impl Iterator<Item = (RecordIndex, bool)>, place: RecordIndex) -> bool {
+    let mut before = (None, is_on);
+    let mut goes_off = false;
+    for (at, value) in changes {
+        if at.is_before(place) {
+            let is_later = before.0.is_none_or(|last: RecordIndex| !at.is_before(last));
+            before = if is_later { (Some(at), value) } else { before };
+        } else if at == place {
+            goes_off |= !value;
+        }
+    }
+    before.1 && !goes_off
 }

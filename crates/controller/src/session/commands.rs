@@ -273,6 +273,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if self.single_block {
             // beyond what was executed already: retracing is not divided into blocks
             let after = self.card.status().reached;
+            self.step_begin = after;
             self.streamer.trim_at_block_end(&mut self.card, after);
         } else {
             self.streamer.clear_block_end();

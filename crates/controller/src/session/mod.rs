@@ -44,7 +44,7 @@ use manual_outputs::ManualOutputs;
 use recovery::CutRecovery;
 use restart::{LeavingRun, OutputRestart};
 pub use session_config::RunMode;
-use session_config::SessionConfig;
+use session_config::{SessionConfig, contour_channels};
 use tool_length::ToolLengthEntry;
 
 /// How a run ended.
@@ -128,6 +128,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     /// Whether the machine is at rest at the end of a block until cycle start.
     single_stop: bool,
     single_block: bool,
+    /// Furthest place when the step of single block began.
+    step_begin: RecordIndex,
     phase: JobPhase,
     /// State of a DNC pause.
     dnc: DncPause<'r, A>,
@@ -162,7 +164,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     ) -> Self {
         Self {
             stats: RunStats::new(card.status().place.record),
-            streamer: streamer.with_fire_channels(&machine.cutting_outputs),
+            streamer: streamer
+                .with_fire_channels(&machine.cutting_outputs)
+                .with_contour_channels(contour_channels(machine)),
             card,
             mode_controller: ModeController::default(),
             commands,
@@ -180,6 +184,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             program_stop: ProgramStop::No,
             single_stop: false,
             single_block: false,
+            step_begin: RecordIndex::new(0),
             phase: JobPhase::Running,
             dnc: DncPause::new(machine),
             tool_length: ToolLengthEntry::new(machine),

@@ -2,7 +2,7 @@
 //!
 //! Invariant: nothing in here changes after the session was created.
 
-use retrace_config::{IN_FLIGHT_RECORDS, MachineConfig, RetraceOutputs};
+use retrace_config::{CutterConfig, IN_FLIGHT_RECORDS, MachineConfig, RetraceOutputs, SingleBlockStep};
 
 /// Timing and attendance of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,4 +57,13 @@ impl<const A: usize> SessionConfig<A> {
             mm_per_pulse,
         }
     }
+}
+
+/// The fire channels whose contours are one step of single block. In a dry run nothing is lit, and no stop costs a
+/// pierce.
+pub(super) fn contour_channels(machine: &MachineConfig) -> Vec<u8> {
+    let in_one_step = |cutter: &&CutterConfig| {
+        cutter.kind.cuts_at_rest() && cutter.single_block == SingleBlockStep::Contour && !machine.inhibits_outputs
+    };
+    machine.cutters.iter().filter(in_one_step).map(|cutter| cutter.fire).collect()
 }

@@ -39,6 +39,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             }
             return Ok(false);
         }
+        let ends_step = self.single_block && self.step_begin != exclusive.place;
+        if ends_step && self.streamer.begins_contour(exclusive) {
+            // The step ends before the cutter is lit, also where the motion behind is not planned yet.
+            self.single_stop = true;
+            self.emit(EventKind::SingleBlock);
+            return Ok(false);
+        }
         let (changes, count, periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place, until) = (self.streamer.instruction_number(), exclusive.place, exclusive.until);
         let fires = |change: &OutputChange| self.config.fire_channels.contains(&change.channel);

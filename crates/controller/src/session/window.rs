@@ -121,6 +121,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             && !self.single_stop
             && status.at_rest
             && status.place == Place::start_of(status.high)
+            && !self.streamer.is_contour_open()
         {
             self.single_stop = true;
             self.emit(EventKind::SingleBlock);
