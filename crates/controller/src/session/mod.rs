@@ -7,6 +7,7 @@
 mod back_target;
 mod commands;
 mod cut_map;
+mod cut_mapping;
 mod dnc_pause;
 mod lead_in;
 mod manual_outputs;

@@ -10,8 +10,8 @@
 
 use retrace_config::{CutterConfig, CutterRestart, MachineConfig};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeState};
-use retrace_core::{Distance, Place, Record, RecordIndex};
-use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, MotionCard, OutputChange, Outputs, PathStart};
+use retrace_core::{Distance, Place, RecordIndex};
+use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, MotionCard, PathStart};
 
 use super::back_target::{BackTarget, BackTargetKind};
 use super::lead_in::NOT_IN_CUT;
@@ -19,7 +19,7 @@ use super::restart::LeavingRun;
 use super::{JobPhase, ProgramStop, Session};
 use crate::event::{CardError, CutterOffReason, EventKind};
 use crate::operator::{CommandError, CutStart};
-use crate::record_streamer::{LeadIn, RecordStreamer};
+use crate::record_streamer::LeadIn;
 use crate::restart::RestartStep;
 
 /// Where a cut was interrupted.
@@ -60,7 +60,7 @@ pub(super) struct CutRecovery {
     /// The interrupted cut is to be continued once the machine is at the furthest place.
     continues_when_rejoined: bool,
     /// Where *cut* was refused because everything is cut already.
-    refused_at: Option<Place>,
+    pub(super) refused_at: Option<Place>,
     /// Where the next start of the cutter lies in X and Y, from its place on the path.
     pub(super) shift_mm: [f64; 2],
     /// Counts where the lead-in joins the path.
@@ -127,12 +127,12 @@ impl CutRecovery {
         self.returning = None;
     }
 
-    fn cutter(&self, channel: u8) -> Option<&CutterConfig> {
+    pub(super) fn cutter(&self, channel: u8) -> Option<&CutterConfig> {
         self.machine.cutters.iter().find(|cutter| cutter.fire == channel)
     }
 
     /// Whether this cutter starts in motion inside a cut.
-    fn usually_starts_in_motion(&self, channel: u8) -> bool {
+    pub(super) fn usually_starts_in_motion(&self, channel: u8) -> bool {
         self.cutter(channel).is_some_and(CutterConfig::starts_in_motion)
     }
 
@@ -365,20 +365,6 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(())
     }
 
-    /// Whether a torch would find no metal from here to the end of its contour. It is refused once at a place: the
-    /// operator may have laid a new sheet.
-    fn is_cut_already(&mut self) -> bool {
-        let place = self.card.status().place;
-        let was_refused = self.recovery.refused_at.take() == Some(place);
-        let strikes_over_metal = |&channel: &u8| self.recovery.usually_starts_in_motion(channel);
-        if was_refused || !self.config.fire_channels.iter().any(strikes_over_metal) {
-            return false;
-        }
-        let is_cut = self.cut_map.is_cut_to_its_end(place);
-        self.recovery.refused_at = is_cut.then_some(place);
-        is_cut
-    }
-
     /// Begins to execute the program again, once the machine is back. Called before every control period.
     pub(super) fn advance_recovery(&mut self) -> Result<(), CardError> {
         let Some(start) = self.recovery.returning else { return Ok(()) };
@@ -480,7 +466,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         pierce == Some(place) && self.recovery.cut_end().is_none_or(|end| end == place)
     }
 
-    fn furthest_place(&self) -> Place {
+    pub(super) fn furthest_place(&self) -> Place {
         Place::start_of(self.card.status().reached)
     }
 
@@ -555,60 +541,4 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         // never rejected
         let _ = self.mode_controller.apply(ModeCommand::Hold);
     }
-
-    /// Maps what was cut in a control period.
-    pub(super) fn map_period(&mut self, status: &CardStatus<A>) {
-        let is_run = self.mode_controller.mode() == Mode::Run && status.rate.signum() > 0;
-        if !is_run || self.config.inhibits_outputs || self.is_on_lead_in() {
-            return;
-        }
-        let burns = |&channel: &u8| {
-            let is_on = |outputs: &Outputs| outputs.get(usize::from(channel)).is_some_and(|&value| value != 0);
-            let proof = self.recovery.cutter(channel).and_then(|cutter| cutter.proof);
-            let is_proven = proof.is_none_or(|proof| status.inputs >> (proof.input & 15) & 1 == 1);
-            is_on(&self.outputs) && is_on(&status.outputs) && is_proven
-        };
-        if self.config.fire_channels.iter().any(burns) {
-            self.cut_map.record_cut(status.place.moved(-status.rate.over(1)), status.place);
-        }
-    }
-
-    /// Begins or ends a contour where the program has switched a cutter at this place.
-    pub(super) fn map_switching(&mut self, place: RecordIndex, line: u32, changes: &[OutputChange]) {
-        let fires = changes.iter().find(|change| self.config.fire_channels.contains(&change.channel));
-        let Some(change) = fires.filter(|_| !self.config.inhibits_outputs) else { return };
-        if change.value != 0 {
-            self.cut_map.begin_contour(place, line);
-            return;
-        }
-        let length_um = |first, records| measure_um(&self.streamer, &self.config.mm_per_pulse, first, records);
-        if let Some(contour) = self.cut_map.end_contour(place, length_um) {
-            let not_cut_mm = contour.not_cut_um as f64 / 1000.0;
-            self.emit_at(contour.line, EventKind::Contour { number: contour.number, not_cut_mm });
-        }
-    }
-
-    /// Counts the contours, and what is not cut of them, at the end of the job.
-    pub(super) fn count_contours(&mut self) {
-        let reached = self.furthest_place().record;
-        let length_um = |first, records| measure_um(&self.streamer, &self.config.mm_per_pulse, first, records);
-        self.cut_map.measure_current(reached, length_um);
-        (self.stats.contours, self.stats.not_cut_um) = self.cut_map.totals();
-        self.stats.contours_not_cut = self.cut_map.contours().iter().filter(|c| c.not_cut_um > 0).count() as u32;
-    }
-}
-
-/// Length in µm of some records, as far as they are retained.
-fn measure_um<const A: usize>(
-    streamer: &RecordStreamer<'_, A>,
-    mm_per_pulse: &[f64; A],
-    first: RecordIndex,
-    records: u32,
-) -> u64 {
-    let length_mm = |record: Record<A>| {
-        let axes = record.increments.iter().zip(mm_per_pulse);
-        axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt()
-    };
-    let mm: f64 = (0..records).filter_map(|n| streamer.record(first + n)).map(length_mm).sum();
-    (mm * 1000.0).round() as u64
 }
