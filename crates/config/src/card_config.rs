@@ -150,8 +150,9 @@ impl CardSection {
         }
         let off_at_fault = self.off_at_fault.unwrap_or_else(|| {
             let mut all = cutting.to_vec();
-            all.push(channel::SPINDLE);
-            all.dedup();
+            if !all.contains(&channel::SPINDLE) {
+                all.push(channel::SPINDLE);
+            }
             all
         });
         if off_at_fault.len() > MAX_SAFE || off_at_fault.iter().any(|&c| usize::from(c) >= channel::COUNT) {

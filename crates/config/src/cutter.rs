@@ -431,6 +431,12 @@ pub(crate) fn inhibited(cutters: &[CutterConfig]) -> Vec<u8> {
     cutters.iter().flat_map(|cutter| std::iter::once(cutter.fire).chain(cutter.auxiliaries().map(|a| a.0))).collect()
 }
 
+/// Channels that a fault switches off by default: all those of torches, jets and beams.
+pub(crate) fn off_at_fault(cutters: &[CutterConfig]) -> Vec<u8> {
+    let cut = cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest());
+    cut.flat_map(|cutter| std::iter::once(cutter.fire).chain(cutter.auxiliaries().map(|a| a.0))).collect()
+}
+
 /// Name of a channel: the cutter's name for its fire channel, the name and purpose for the others.
 pub(crate) fn name_of(cutters: &[CutterConfig], channel: u8) -> Option<String> {
     cutters.iter().find_map(|cutter| {

@@ -163,7 +163,7 @@ impl MachineConfig {
         cutter::no_code_starts_a_cutter(&file.cutter, file.code.keys())?;
         let cutters = cutter::checked(file.cutter, &file.cutting_outputs)?;
         let cutting_outputs = cutter::cutting_outputs(&cutters);
-        let card = file.card.checked(&axes, &cutting_outputs, file.control_period_ms)?;
+        let card = file.card.checked(&axes, &cutter::off_at_fault(&cutters), file.control_period_ms)?;
         cutter::proofs_are_plain_inputs(&cutters, &card)?;
         let output_names = output_names(file.output, &cutters)?;
         let written = Written {

@@ -131,6 +131,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     single_block: bool,
     /// Furthest place when the step of single block began.
     step_begin: RecordIndex,
+    /// Control periods behind the end of the program in which the card reported an output of a cutter on.
+    on_at_end_periods: u32,
     phase: JobPhase,
     /// State of a DNC pause.
     dnc: DncPause<'r, A>,
@@ -186,6 +188,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             single_stop: false,
             single_block: false,
             step_begin: RecordIndex::new(0),
+            on_at_end_periods: 0,
             phase: JobPhase::Running,
             dnc: DncPause::new(machine),
             tool_length: ToolLengthEntry::new(machine),
@@ -226,10 +229,14 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         };
         // A restart in progress may complete after the end: no rate may remain that would start motion then.
         let _ = self.card.send(HostCommand::rate(Rate::ZERO));
-        self.end_with_outputs_off(match outcome {
+        let switched_off = self.end_with_outputs_off(match outcome {
             Outcome::Completed => CutterOffReason::ProgramEnd,
             _ => CutterOffReason::JobStopped,
         });
+        let outcome = match switched_off {
+            Err(error) if !matches!(outcome, Outcome::Alarm(..)) => self.end_with_error(error),
+            _ => outcome,
+        };
         self.stats.dropped_events = self.telemetry.dropped_events();
         self.count_contours();
         (outcome, self.stats, self.card)
@@ -308,6 +315,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.set_rate(demand);
         let status = *self.card.run_period()?;
         self.account_period(&status);
+        self.watch_outputs_at_end()?;
         Ok(self.alarm(&status))
     }
 

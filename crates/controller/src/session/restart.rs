@@ -10,7 +10,7 @@ use retrace_link::{
 };
 
 use super::Session;
-use crate::event::{CutterOffReason, EventKind};
+use crate::event::{CardError, CutterOffReason, EventKind};
 use crate::restart::RestartStep;
 
 /// Progress of a restart.
@@ -246,24 +246,57 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// The end of a job: switches every channel of a cutter and the spindle off (CUT-4, CUT-10), and waits until the
     /// card has reported it.
-    pub(super) fn end_with_outputs_off(&mut self, reason: CutterOffReason) {
-        let is_on =
-            |outputs: &Outputs, channel: &u8| outputs.get(usize::from(*channel)).is_some_and(|&value| value != 0);
-        let mut outputs = self.card.status().outputs;
+    ///
+    /// # Errors
+    /// E3026 where the card goes on reporting one of them on (CUT-7).
+    pub(super) fn end_with_outputs_off(&mut self, reason: CutterOffReason) -> Result<(), CardError> {
         self.switch_off_at_end(reason);
         for _ in 0..MAX_PERIODS_TO_REPORT {
-            if !self.config.off_at_end.iter().any(|channel| is_on(&outputs, channel)) {
-                return;
+            if self.output_on_at_end().is_none() {
+                return Ok(());
             }
-            let Ok(status) = self.card.run_period() else { return };
+            // What a card that fails reports is not known.
+            let Ok(status) = self.card.run_period() else { return Ok(()) };
             let status = *status;
-            outputs = status.outputs;
             if self.dnc.is_off_path() {
                 self.account_off_path_period(&status);
             } else {
                 self.account_period(&status);
             }
         }
+        self.output_on_at_end().map_or(Ok(()), |channel| Err(self.stays_on(channel)))
+    }
+
+    /// A channel that the end of a job switches off and the card reports on.
+    fn output_on_at_end(&self) -> Option<u8> {
+        let outputs = &self.card.status().outputs;
+        let is_on = |channel: &u8| outputs.get(usize::from(*channel)).is_some_and(|&value| value != 0);
+        self.config.off_at_end.iter().copied().find(is_on)
+    }
+
+    fn stays_on(&self, channel: u8) -> CardError {
+        CardError::Fault {
+            number: "E3026",
+            cause: format!(
+                "the card reports {} on, although the end of the job has switched it off",
+                self.recovery.machine().channel_name(channel)
+            ),
+            remedy: "switch off the source of the cutter at its own switch; check the card, and the line to it".into(),
+        }
+    }
+
+    /// At the end of the program the outputs of the cutters are off as the card reports them (CUT-7).
+    ///
+    /// # Errors
+    /// E3026
+    pub(super) fn watch_outputs_at_end(&mut self) -> Result<(), CardError> {
+        let on = self.output_on_at_end().filter(|_| self.phase.program_has_ended() && !self.restart.is_active());
+        let Some(channel) = on.filter(|_| self.mode_controller.mode() == Mode::Run) else {
+            self.on_at_end_periods = 0;
+            return Ok(());
+        };
+        self.on_at_end_periods += 1;
+        if self.on_at_end_periods < MAX_PERIODS_TO_REPORT { Ok(()) } else { Err(self.stays_on(channel)) }
     }
 }
 

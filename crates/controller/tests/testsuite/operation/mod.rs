@@ -6,3 +6,4 @@ mod index;
 mod jobs;
 mod resume;
 mod still;
+mod stuck_output;
