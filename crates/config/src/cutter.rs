@@ -15,6 +15,9 @@ use crate::value_range::within;
 /// Highest number of a spindle behind `$`.
 const MAX_SPINDLE: u8 = 7;
 
+/// Default of `dwell_lit_s` (CUT-6).
+const USUAL_DWELL_LIT_S: f64 = 30.0;
+
 /// Kind of a cutter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -119,6 +122,9 @@ pub(crate) struct CutterSection {
     /// Maximum time on while the machine is at rest, in ms.
     #[schemars(range(min = 0.0, max = 5000.0))]
     standing_ms: Option<f64>,
+    /// Longest dwell (G4) of a program with the cutter on, in s.
+    #[schemars(range(min = 0.0, max = 600.0))]
+    dwell_lit_s: Option<f64>,
     /// Whether the operator can open a jet while the path is retraced.
     #[serde(default)]
     retrace_cut: bool,
@@ -160,6 +166,8 @@ pub struct CutterConfig {
     pub float_travel_mm: f64,
     /// Time for which it may be on while the machine is at rest, ms. Not used for markers and spindles.
     pub standing_ms: f64,
+    /// Longest dwell (G4) of a program while it is on, s. Not used for markers and spindles.
+    pub dwell_lit_s: f64,
     /// Whether it may be on while the path is retraced. Jets only.
     pub retrace_cut: bool,
     /// Whether it may be on during a rapid move.
@@ -191,6 +199,7 @@ impl CutterSection {
             z_words: self.z_words.unwrap_or(if rules_height { ZWords::Ignored } else { ZWords::Obeyed }),
             float_travel_mm: self.sense.float_travel_mm,
             standing_ms,
+            dwell_lit_s: self.dwell_lit_s.unwrap_or(USUAL_DWELL_LIT_S),
             retrace_cut,
             rapid_lit,
             single_block: self.single_block.unwrap_or(kind.usual_step()),
@@ -222,6 +231,7 @@ impl CutterConfig {
             z_words: ZWords::Obeyed,
             float_travel_mm: 0.0,
             standing_ms,
+            dwell_lit_s: USUAL_DWELL_LIT_S,
             retrace_cut: false,
             rapid_lit: false,
             single_block: kind.usual_step(),
@@ -303,6 +313,8 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         }
         let standing_ms = cutter.standing_ms.unwrap_or(cutter.kind.usual_standing_ms());
         within(&format!("cutter {}: standing_ms", cutter.name), standing_ms, 0.0, 5000.0)?;
+        let dwell_lit_s = cutter.dwell_lit_s.unwrap_or(USUAL_DWELL_LIT_S);
+        within(&format!("cutter {}: dwell_lit_s", cutter.name), dwell_lit_s, 0.0, 600.0)?;
         let has_start = cutter.ok.is_some() || cutter.start.is_some() || cutter.restart.is_some();
         if has_start && !cutter.kind.cuts_at_rest() {
             return refuse(

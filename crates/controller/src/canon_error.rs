@@ -23,6 +23,8 @@ pub(crate) enum CanonError {
     RapidWhileLit(String),
     /// E4307: this code switches the cutter of this name on in passing, although its start takes time.
     LitInPassing(&'static str, String),
+    /// E4308: a dwell of more than so many seconds while the cutter of this name is on.
+    LitDwell(String, f64),
     /// The planner rejected the move.
     Move(MoveError),
     /// The job was cancelled.
@@ -50,6 +52,11 @@ impl CanonError {
                 "E4307",
                 format!("{code} switches the {cutter} on without a stop, and its start takes time"),
                 "switch it on by M3 or M64, or by a code with class = \"exclusive\"",
+            ),
+            Self::LitDwell(cutter, most_s) => (
+                "E4308",
+                format!("a dwell (G4) of more than {most_s} s while the {cutter} is on"),
+                "switch it off before the dwell, shorten it, or write a longer dwell_lit_s in its [[cutter]] table",
             ),
             Self::Move(error) => (error.number(), error.to_string(), "correct the move"),
             Self::Cancelled => ("", String::new(), ""),

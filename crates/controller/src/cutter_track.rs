@@ -1,5 +1,5 @@
 //! Tracks the machine's cutters between a program's moves: a beam goes off for a rapid, a torch or a jet must be off
-//! (CUT-4).
+//! (CUT-4), and none may be on in a long dwell (CUT-6).
 //!
 //! Invariant: no rapid move is given to a sink with a cutter on, unless the machine file permits it.
 
@@ -61,6 +61,18 @@ impl CutterTrack {
             if std::mem::take(interrupted) {
                 sink.action(OutputChange { channel: cutter.fire, value: 1 }, line);
             }
+        }
+    }
+
+    /// To be called before a dwell: a cutter burns at one place as long as it lasts (CUT-6).
+    ///
+    /// # Errors
+    /// [`CanonError::LitDwell`] where it is too long for a cutter that is on.
+    pub(crate) fn before_dwell(&self, machine: &MachineConfig, seconds: f64) -> Result<(), CanonError> {
+        let lit = machine.cutters.iter().zip(&self.lit).filter(|(cutter, lit)| **lit && cutter.kind.cuts_at_rest());
+        match lit.map(|(cutter, _)| cutter).find(|cutter| seconds > cutter.dwell_lit_s) {
+            None => Ok(()),
+            Some(cutter) => Err(CanonError::LitDwell(cutter.name.clone(), cutter.dwell_lit_s)),
         }
     }
 

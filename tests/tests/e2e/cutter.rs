@@ -2,7 +2,7 @@
 //!
 //! Invariant: the outputs are checked by the trace of the card alone.
 
-use retrace_tests::command::Bench;
+use retrace_tests::command::{Bench, CommandOutput};
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
 use retrace_tests::served::ServedCard;
@@ -147,7 +147,9 @@ fn every_other_stop_puts_the_torch_out_as_well() {
         ),
     ];
     for (program, script, what) in cases {
-        let (run, pins) = run(&machine(TORCH, ""), program, script, &[]);
+        // in single block a step would be the contour, and the torch go out behind it by the program
+        let torch = if what == "single" { format!("{TORCH}single_block = \"block\"\n") } else { TORCH.into() };
+        let (run, pins) = run(&machine(&torch, ""), program, script, &[]);
         run.assert_exact_and_legal();
         let (standing, line) = max_standing_ms(&pins, "spindle");
         assert!(standing <= 502, "{what}: lit for {standing} ms at rest, line {line}");
@@ -342,18 +344,29 @@ fn backing_with_the_jet_on_stops_with_a_question_where_the_program_switched_it()
     }
 }
 
+/// `retrace check` of a program, on a machine or on the built-in one.
+fn check(machine: Option<String>, program: &str) -> CommandOutput {
+    let bench = Bench::new();
+    let program = bench.file("part.ngc", program).display().to_string();
+    let machine = machine.map(|text| bench.file("m.toml", text).display().to_string());
+    let mut arguments = vec!["check", &program];
+    if let Some(machine) = &machine {
+        arguments.extend(["--machine", machine]);
+    }
+    bench.retrace(arguments)
+}
+
+#[test]
+fn a_long_dwell_with_the_cutter_on_is_refused() {
+    let program = |seconds: f64| format!("G21 G90 F1800\nG4 P100\nM64 P3\nG1 X10\nG4 P{seconds}\nM65 P3\nM2\n");
+    assert_eq!(check(Some(machine(JET, "")), &program(30.0)).code, Some(0));
+    let result = check(Some(machine(JET, "")), &program(30.5));
+    assert!(result.code == Some(1) && result.err.contains("E4308") && result.err.contains(":5:"), "{}", result.err);
+    assert_eq!(check(Some(machine(&format!("{JET}dwell_lit_s = 31\n"), "")), &program(30.5)).code, Some(0));
+}
+
 #[test]
 fn what_a_program_does_with_its_cutter_is_checked_before_the_run() {
-    let check = |machine: Option<String>, program: &str| {
-        let bench = Bench::new();
-        let program = bench.file("part.ngc", program).display().to_string();
-        let machine = machine.map(|text| bench.file("m.toml", text).display().to_string());
-        let mut arguments = vec!["check", &program];
-        if let Some(machine) = &machine {
-            arguments.extend(["--machine", machine]);
-        }
-        bench.retrace(arguments)
-    };
     // a rapid with the jet on, and on a machine that allows it
     let rapid = "G21 G90 F1800\nM64 P3\nG1 X10\nG0 X20\nM65 P3\nM2\n";
     let result = check(Some(machine(JET, "")), rapid);

@@ -59,7 +59,10 @@ impl CanonExecutor<'_> {
             Canon::ClearMotionOutputBit(n) => self.switch_output("M63", digital(*n, 0)?, line, sink),
             Canon::SetAuxOutputBit(n) => self.switch_output("M64", digital(*n, 1)?, line, sink),
             Canon::ClearAuxOutputBit(n) => self.switch_output("M65", digital(*n, 0)?, line, sink),
-            Canon::Dwell(seconds) => self.dwell(*seconds, "G4", line, sink),
+            Canon::Dwell(seconds) => {
+                self.cutters.before_dwell(self.machine, *seconds)?;
+                self.dwell(*seconds, "G4", line, sink)
+            }
             Canon::ProgramStop => {
                 let stop = SwitchInstruction {
                     line,

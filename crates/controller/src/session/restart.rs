@@ -250,9 +250,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// # Errors
     /// E3026 where the card goes on reporting one of them on (CUT-7).
     pub(super) fn end_with_outputs_off(&mut self, reason: CutterOffReason) -> Result<(), CardError> {
+        // It is off at the pins once a period has passed.
+        let mut on = self.output_on_at_end();
         self.switch_off_at_end(reason);
         for _ in 0..MAX_PERIODS_TO_REPORT {
-            if self.output_on_at_end().is_none() {
+            if on.is_none() {
                 return Ok(());
             }
             // What a card that fails reports is not known.
@@ -263,8 +265,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             } else {
                 self.account_period(&status);
             }
+            on = self.output_on_at_end();
         }
-        self.output_on_at_end().map_or(Ok(()), |channel| Err(self.stays_on(channel)))
+        on.map_or(Ok(()), |channel| Err(self.stays_on(channel)))
     }
 
     /// A channel that the end of a job switches off and the card reports on.
