@@ -7,6 +7,7 @@ use std::fmt::Write as _;
 use retrace_config::MachineConfig;
 use retrace_controller::{ProgramAnalysis, TravelLeft, ValueRange, WorkExtents};
 use retrace_gcode::{Axis, Tool, system_name};
+use retrace_link::channel;
 use serde_json::{Map, Value, json};
 
 use crate::program::Program;
@@ -78,7 +79,8 @@ impl<const A: usize> CheckReport<'_, A> {
         if !tools.is_empty() {
             let _ = write!(text, "\n  tools: {}", tools.join(", "));
         }
-        let ranges = [("feed", analysis.feed_mm_per_min, "mm/min"), ("spindle", analysis.speed_rpm, "turns/min")];
+        let (word, unit) = if self.has_spindle() { ("spindle", " turns/min") } else { ("S", "") };
+        let ranges = [("feed", analysis.feed_mm_per_min, " mm/min"), (word, analysis.speed_rpm, unit)];
         let ranges: Vec<String> =
             ranges.iter().filter_map(|(what, range, unit)| range_text(what, *range, unit)).collect();
         if !ranges.is_empty() {
@@ -88,6 +90,11 @@ impl<const A: usize> CheckReport<'_, A> {
         text += &list_line("cannot be passed backward", barriers);
         text += &list_line("stops", analysis.stops.iter().map(|line| format!("line {line}")));
         text
+    }
+
+    /// Whether M3 turns a spindle. Where it switches a torch, a jet or a beam, S is no speed.
+    fn has_spindle(&self) -> bool {
+        self.machine.cutters.iter().all(|cutter| cutter.fire != channel::SPINDLE || !cutter.kind.cuts_at_rest())
     }
 
     fn work_text(&self, work: &WorkExtents<A>) -> String {
@@ -190,9 +197,9 @@ fn clock(seconds: f64) -> String {
 fn range_text(what: &str, range: Option<ValueRange>, unit: &str) -> Option<String> {
     let ValueRange { least, greatest } = range?;
     Some(if least == greatest {
-        format!("{what} {least:.1} {unit}")
+        format!("{what} {least:.1}{unit}")
     } else {
-        format!("{what} {least:.1} … {greatest:.1} {unit}")
+        format!("{what} {least:.1} … {greatest:.1}{unit}")
     })
 }
 

@@ -372,21 +372,27 @@ fn summary_line<const A: usize>(report: &Report<'_, A>) -> String {
         Outcome::BlockError(_) => "stopped: a block has an error (g)".to_owned(),
         Outcome::Alarm(number, cause, _) => format!("alarm {number}: {cause}"),
     };
-    format!("{how} · motion {:.2} s, retraced {:.2} s", seconds(stats.motion), seconds(stats.retracing))
+    let contours = match (stats.contours, stats.contours_not_cut) {
+        (0, _) => String::new(),
+        (1, 0) => " · 1 contour cut".into(),
+        (contours, 0) => format!(" · {contours} contours cut"),
+        (contours, not_cut) => format!(" · {not_cut} of {contours} contours NOT cut through"),
+    };
+    format!("{how}{contours} · motion {:.2} s, retraced {:.2} s", seconds(stats.motion), seconds(stats.retracing))
 }
 
 /// Report for a person.
 fn report_text<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> String {
     let value = report.to_json();
-    let seconds = |key: &str| value[key].as_f64().unwrap_or(0.0);
+    let number = |key: &str| value[key].as_f64().unwrap_or(0.0);
     let times = format!(
         "  motion {:.3} s · dwell {:.3} s · switching {:.3} s · held {:.3} s · retracing {:.3} s · {} periods in \
             {:.2} s of real time",
-        seconds("motion_s"),
-        seconds("dwell_s"),
-        seconds("switch_s"),
-        seconds("held_s"),
-        seconds("retrace_s"),
+        number("motion_s"),
+        number("dwell_s"),
+        number("switch_s"),
+        number("held_s"),
+        number("retrace_s"),
         report.stats.periods,
         report.wall_s
     );
@@ -409,6 +415,15 @@ fn report_text<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> S
         "  limit violations {} · underruns {} · reversals {}",
         report.limit_report.violations, report.stats.underruns, report.stats.reversals
     );
+    let cut = match report.stats.contours {
+        0 => String::new(),
+        contours => format!(
+            "\n  contours {contours} · not whole {} · not cut {:.3} mm · interruptions {}",
+            report.stats.contours_not_cut,
+            number("not_cut_mm"),
+            report.stats.cut_interruptions
+        ),
+    };
     let offsets = tables.parameters.as_ref().map_or(String::new(), |path| format!("\n  offsets {}", path.display()));
-    format!("{}: {}\n{times}\n{position}\n{counted}{offsets}", escape::name(report.program), report.outcome.word())
+    format!("{}: {}\n{times}\n{position}\n{counted}{cut}{offsets}", escape::name(report.program), report.outcome.word())
 }

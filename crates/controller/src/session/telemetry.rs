@@ -9,6 +9,7 @@ use retrace_link::{CardStatus, MotionCard, channel};
 
 use super::{ProgramStop, Session};
 use crate::event::{DifferingOutputs, Event, EventKind};
+use crate::record_streamer::LeadIn;
 use crate::telemetry::{PeriodRecord, Telemetry};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
@@ -22,6 +23,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             override_rate: self.overrides.requested(),
             rapid_override: self.mode_controller.rapid_override(),
             off_path: self.is_on_lead_in(),
+            line: self.line_at_cursor(status),
             ..PeriodRecord::from_status(status)
         };
         self.telemetry.send(Telemetry::Period(period));
@@ -72,7 +74,22 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     pub(super) fn emit(&mut self, kind: EventKind) {
-        self.emit_at(self.card.status().line, kind);
+        self.emit_at(self.line_at_cursor(self.card.status()), kind);
+    }
+
+    /// Program line at the cursor: that of the record that was executed last. A card that has begun a path anew reports
+    /// none until it has executed a record of it; on a lead-in, the line is that of the place where it joins the path.
+    fn line_at_cursor(&self, status: &CardStatus<A>) -> u32 {
+        if status.line != 0 {
+            return status.line;
+        }
+        let join = self.streamer.lead_in().filter(|_| self.is_on_lead_in()).map(LeadIn::join);
+        let last = match join {
+            Some(join) => join - 1,
+            None if status.place.fraction == 0 => status.place.record - 1,
+            None => status.place.record,
+        };
+        self.streamer.record(last).map_or(0, |record| record.line)
     }
 
     pub(super) fn emit_at(&mut self, line: u32, kind: EventKind) {
