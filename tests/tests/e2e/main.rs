@@ -20,6 +20,7 @@ mod offsets;
 mod output;
 #[cfg(target_os = "linux")]
 mod real_time;
+mod recovery_examples;
 mod refusals;
 mod resume;
 mod resume_files;
