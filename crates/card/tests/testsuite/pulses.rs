@@ -6,7 +6,7 @@ use crate::common;
 
 use common::{identity, levels, rates, settings};
 use proptest::prelude::*;
-use retrace_card::{Card, StepDirection};
+use retrace_card::{Card, Edge, PulsePlanError, StepDirection, StepTiming};
 use retrace_core::{Flags, RapidCap, Rate, Record, RecordIndex};
 use retrace_link::{Alarm, CardCore, CardSettings, CommandRefusal, HostCommand};
 
@@ -87,5 +87,50 @@ proptest! {
         let fits = i64::from(increment).abs() * i64::from(cap.get()) <= 246 * 16;
         prop_assert_eq!(card.accept(command), if fits { Ok(()) } else { Err(CommandRefusal::Unsupported) });
         prop_assert_eq!(card.status().alarm, (!fits).then_some(Alarm::TooManyPulses { axis: 1 }));
+    }
+}
+
+/// A count of pulses has 16 bits, however long the period is.
+#[test]
+fn more_pulses_than_can_be_counted_are_refused() {
+    let timing = StepTiming::new(1 << 20, 1, 1).expect("fits");
+    assert_eq!(timing.max_increment(), u16::MAX);
+    for backward in [1, -1] {
+        let mut output = StepDirection::new(timing);
+        assert_eq!(output.begin_period(65_535 * backward), Ok(()));
+        assert_eq!(output.edges().filter(|(_, edge)| *edge == Edge::Rise).count(), 65_535);
+        for pulses in [65_536, 65_537, 100_000] {
+            assert_eq!(output.begin_period(pulses * backward), Err(PulsePlanError), "{pulses}");
+        }
+    }
+}
+
+/// In a hold and in the start after it, no axis uses more than its acceleration, or more than twice its jerk.
+#[test]
+fn a_hold_keeps_the_limits_of_a_path_at_full_velocity() {
+    for sign in [1, -1] {
+        let mut card = LongCard::new(identity()).expect("a memory");
+        card.open(&settings(1, 0)).expect("fit");
+        for place in 0..200 {
+            let record = Record { increments: [30 * sign, 0], ..Record::default() };
+            card.accept(HostCommand::Ahead { place: RecordIndex::new(place), record }).expect("room");
+        }
+        let limits = settings(1, 0).limits.axes()[0];
+        let (mut last, mut change, mut fastest) = (Rate::ONE, Rate::ZERO, Rate::ZERO);
+        for (target, periods) in [(Rate::ONE, 30), (Rate::ZERO, 60), (Rate::ONE, 60)] {
+            card.accept(HostCommand::rate(target)).expect("a rate");
+            for _ in 0..periods {
+                card.keep_alive();
+                let rate = card.run_period(levels(0)).rate;
+                // the path begins with a planned stop, from which the rate jumps
+                let now = rate - last;
+                let used = |figure: Rate| 30 * (figure.units().unsigned_abs() - figure.units().unsigned_abs().min(4));
+                assert!(used(now) <= limits.acceleration, "{now:?} to {rate:?}");
+                assert!(used(now - change) <= 2 * limits.jerk, "{change:?} and {now:?} to {rate:?}");
+                (last, change, fastest) = (rate, now, fastest.max(now.abs()));
+            }
+            assert_eq!(card.status().at_rest, target == Rate::ZERO);
+        }
+        assert!(fastest > Rate::ONE / 50, "{fastest:?}");
     }
 }
