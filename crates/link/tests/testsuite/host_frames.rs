@@ -311,6 +311,29 @@ fn an_opening_is_repeated_until_the_card_has_opened_or_refused() {
     }
 }
 
+/// The answer to an opening is a sign of life while the epoch is not open yet, and none after that.
+#[test]
+fn the_card_is_silent_since_its_last_answer() {
+    for start in STARTS {
+        let mut bench = HostBench::unconnected(start);
+        bench.frames();
+        bench.greet(NONCE, BOOT, 0);
+        bench.host.open(CardSettings::new(0, PathStart::at(RecordIndex::new(START)), 1000, limits()));
+        bench.frames();
+        bench.after(7_000);
+        bench.greet_as(!NONCE, BOOT, 0, false);
+        assert_eq!(bench.host.silent_us(), 0, "an answer to the opening");
+        bench.after(7_000);
+        bench.greet_as(!NONCE + 1, BOOT, 0, false);
+        assert_eq!(bench.host.silent_us(), 7_000, "an answer to another opening");
+        let epoch = bench.epoch;
+        bench.greet(!NONCE, BOOT, epoch);
+        bench.after(5_000);
+        bench.greet(!NONCE, BOOT, epoch);
+        assert_eq!(bench.host.silent_us(), 5_000, "a second answer, of a card that is open");
+    }
+}
+
 #[test]
 fn only_reports_of_this_epoch_are_processed() {
     for start in STARTS {
@@ -400,6 +423,24 @@ fn records_are_gathered_and_other_commands_are_not() {
         assert!(bench.host.is_acknowledged());
         bench.send_ahead(3);
         assert_eq!(bench.after(12_000), [stream(17, &records[3..4])], "{start:?}");
+    }
+}
+
+/// A record waits for others no longer than for a time of its own, whenever they come.
+#[test]
+fn later_records_do_not_delay_the_first() {
+    for start in STARTS {
+        let mut bench = HostBench::new(start);
+        let records: Vec<_> = (0..3).map(|offset| bench.ahead(offset)).collect();
+        // other frames are late enough not to take part
+        bench.after(40_000);
+        bench.send_ahead(0);
+        assert_eq!(bench.after(6_000), [], "{start:?}");
+        bench.send_ahead(1);
+        assert_eq!(bench.after(3_000), [], "{start:?}");
+        bench.send_ahead(2);
+        assert_eq!(bench.after(2_999), [], "{start:?}");
+        assert_eq!(bench.after(1), [stream(0, &records)], "{start:?}");
     }
 }
 
