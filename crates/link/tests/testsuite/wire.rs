@@ -10,7 +10,7 @@ use retrace_link::wire::{
 use retrace_link::{
     Alarm, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, HomingCommand,
     HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, MAX_CHANGES, MAX_CUTTING_CHANNELS,
-    MAX_PROOFS, OutputAction, OutputChange, PROTOCOL, PathStart, ProofInput, RepeatedInstruction,
+    MAX_PROOFS, MAX_SAFE, OutputAction, OutputChange, PROTOCOL, PathStart, ProofInput, RepeatedInstruction,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -327,6 +327,23 @@ fn all_cutting_channels_are_read_back() {
     let mut settings = CardSettings::<4>::new(9, PathStart::at(RecordIndex::new(77)), 1000, limits());
     for count in 0..=MAX_CUTTING_CHANNELS {
         settings.cutting.count = count as u8;
+        let mut bytes = [0; MAX_PAYLOAD];
+        let mut writer = ByteWriter::new(&mut bytes);
+        Opening(settings).write(&mut writer).expect("room");
+        let length = writer.len();
+        assert_eq!(Opening::read(&mut ByteReader::new(&bytes[..length])), Some(Opening(settings)), "{count}");
+    }
+}
+
+/// As many safe outputs as the settings have room for are read back.
+#[test]
+fn all_safe_outputs_are_read_back() {
+    let mut settings = CardSettings::<4>::new(9, PathStart::at(RecordIndex::new(77)), 1000, limits());
+    for count in 0..=MAX_SAFE {
+        if let Some(last) = count.checked_sub(1) {
+            settings.safe[last] = OutputChange { channel: count as u8, value: -1 - count as i32 };
+        }
+        settings.safe_count = count as u8;
         let mut bytes = [0; MAX_PAYLOAD];
         let mut writer = ByteWriter::new(&mut bytes);
         Opening(settings).write(&mut writer).expect("room");
