@@ -3,6 +3,7 @@
 //!
 //! Invariant: the largest rate and the legal slope are defined here by their inequalities, not by the table.
 
+use self::one_period::{the_cursor_keeps_its_ramp, what_is_allowed_can_be_braked};
 use crate::choice::{Choice, ONE};
 use crate::harness::{built, cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
@@ -10,6 +11,8 @@ use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::drive::Braking;
 use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Distance, Rate};
+
+mod one_period;
 
 /// A machine whose rate may change by about a hundredth per period.
 const SOFT: PulseLimits = PulseLimits { velocity: 100 << 32, acceleration: 3 << 32, jerk: 1 << 32 };
@@ -36,6 +39,12 @@ fn ramps_have_a_slope_to_spare(c: &mut impl Choice, braking: &Braking<8>) -> Opt
 harnesses! {
     braking_spare_soft, unwind 301, covers [Limited, Falling] => |c| ramps_have_a_slope_to_spare(c, &braking(45_000));
     braking_spare_tight, unwind 301, covers [Limited, Falling] => |c| ramps_have_a_slope_to_spare(c, &braking(60_000));
+    braking_allows_8, unwind 20, covers [AtEnd, Limited, Rising] =>
+        |c| what_is_allowed_can_be_braked::<8, 20>(c, 52_000);
+    braking_allows_4, unwind 20, covers [AtEnd, Limited, Rising] =>
+        |c| what_is_allowed_can_be_braked::<4, 20>(c, 20_000);
+    braking_cursor_4, unwind 20, covers [Forward, Backward, Wrapped, AtEnd, Limited] =>
+        |c| the_cursor_keeps_its_ramp::<4, 20>(c, 52_000, 10);
 }
 
 /// The rate that a distance allows can be braked from within it, and four last bits more cannot; without any distance
@@ -102,58 +111,61 @@ const SLOPE: &str = "crates/core/src/drive/slope.rs";
 
 /// The rows of this module.
 #[cfg(not(any(kani, verify_wasm)))]
-pub const ROWS: &[Row] = &[Row {
-    name: "braking-table",
-    says: "The slopes of braking are the steepest that are legal anywhere on the machine, the length of a ramp \
-        includes a whole slope more than it needs, and the rate that a distance allows is the largest that can be \
-        braked in it",
-    requirement: "REV, Beyond the source, *Braking to a place*",
-    bound: "any rate up to 1 in steps of 2⁻¹⁶ for the slope to spare; distances in steps of 2⁻¹⁰ up to the ramp from \
-        rate 1 and 3 records for the largest rate, searched, not proved; on two machines with 8 intervals; the slopes \
-        on drawn machines with velocities of 2⁻²⁴ to 2¹⁶ pulses",
-    assumes: "nothing",
-    suffices: "lengths are linear over each interval; the slopes are one formula of the limits",
-    harnesses: &["braking_spare_soft", "braking_spare_tight"],
-    searches: &[
-        Search { name: "largest-rate", run: the_largest_rate_is_allowed },
-        Search { name: "slopes-legal", run: slopes_are_legal },
-    ],
-    models: &[],
-    mutants: &[
-        Mutant {
-            name: "the growth of the ramp is rounded down",
-            file: BRAKING,
-            find: "(SIXTEENTHS * end + slope - 1).div_euclid(slope)",
-            put: "(SIXTEENTHS * end).div_euclid(slope)",
-            killer: "braking_spare_tight",
-        },
-        Mutant {
-            name: "the largest rate is negative beyond the end",
-            file: BRAKING,
-            find: "return one_period.clamp(Rate::ZERO, Rate::ONE);",
-            put: "return one_period.min(Rate::ONE);",
-            killer: "largest-rate",
-        },
-        Mutant {
-            name: "a tenth of a record is not used",
-            file: BRAKING,
-            find: "let over = free - Distance::from_units(1) - self.lengths[k] - start.over(1);",
-            put: "let over = free - Distance::RECORD / 10 - self.lengths[k] - start.over(1);",
-            killer: "largest-rate",
-        },
-        Mutant {
-            name: "the divisor of a ratio is rounded down",
-            file: SLOPE,
-            find: "(denominator >> (32 - shift)) + 1",
-            put: "(denominator >> (32 - shift))",
-            killer: "slopes-legal",
-        },
-        Mutant {
-            name: "a scaled figure is rounded down",
-            file: SLOPE,
-            find: "product.div_ceil(1 << 10)",
-            put: "product / (1 << 10)",
-            killer: "slopes-legal",
-        },
-    ],
-}];
+pub const ROWS: &[Row] = &[
+    one_period::ROW,
+    Row {
+        name: "braking-table",
+        says: "The slopes of braking are the steepest that are legal anywhere on the machine, the length of a ramp \
+            includes a whole slope more than it needs, and the rate that a distance allows is the largest that can \
+            be braked in it",
+        requirement: "REV, Beyond the source, *Braking to a place*",
+        bound: "any rate up to 1 in steps of 2⁻¹⁶ for the slope to spare; distances in steps of 2⁻¹⁰ up to the ramp \
+            from rate 1 and 3 records for the largest rate, searched, not proved; on two machines with 8 intervals; \
+            the slopes on drawn machines with velocities of 2⁻²⁴ to 2¹⁶ pulses",
+        assumes: "nothing",
+        suffices: "lengths are linear over each interval; the slopes are one formula of the limits",
+        harnesses: &["braking_spare_soft", "braking_spare_tight"],
+        searches: &[
+            Search { name: "largest-rate", run: the_largest_rate_is_allowed },
+            Search { name: "slopes-legal", run: slopes_are_legal },
+        ],
+        models: &[],
+        mutants: &[
+            Mutant {
+                name: "the growth of the ramp is rounded down",
+                file: BRAKING,
+                find: "(SIXTEENTHS * end + slope - 1).div_euclid(slope)",
+                put: "(SIXTEENTHS * end).div_euclid(slope)",
+                killer: "braking_spare_tight",
+            },
+            Mutant {
+                name: "the largest rate is negative beyond the end",
+                file: BRAKING,
+                find: "return one_period.clamp(Rate::ZERO, Rate::ONE);",
+                put: "return one_period.min(Rate::ONE);",
+                killer: "largest-rate",
+            },
+            Mutant {
+                name: "a tenth of a record is not used",
+                file: BRAKING,
+                find: "let over = free - Distance::from_units(1) - self.lengths[k] - start.over(1);",
+                put: "let over = free - Distance::RECORD / 10 - self.lengths[k] - start.over(1);",
+                killer: "largest-rate",
+            },
+            Mutant {
+                name: "the divisor of a ratio is rounded down",
+                file: SLOPE,
+                find: "(denominator >> (32 - shift)) + 1",
+                put: "(denominator >> (32 - shift))",
+                killer: "slopes-legal",
+            },
+            Mutant {
+                name: "a scaled figure is rounded down",
+                file: SLOPE,
+                find: "product.div_ceil(1 << 10)",
+                put: "product / (1 << 10)",
+                killer: "slopes-legal",
+            },
+        ],
+    },
+];

@@ -4,6 +4,7 @@
 //! Invariant: every state of the filter that targets of one sign can lead to is reached by running it from rest over as
 //! many targets as it remembers, because its remainder is determined by what it remembers.
 
+use self::averaged_limits::{an_average_keeps_the_acceleration, an_average_keeps_the_jerk};
 use crate::choice::{Choice, ONE};
 use crate::harness::{built, cover, harnesses, holds};
 #[cfg(not(any(kani, verify_wasm)))]
@@ -11,6 +12,8 @@ use crate::ledger::{Mutant, Row, Search, Size};
 use retrace_core::rate::{FilterLengths, RateFilter};
 use retrace_core::wheel::Wheel;
 use retrace_core::{Distance, Rate};
+
+mod averaged_limits;
 
 /// Longest memory that is modelled.
 const MEMORY: usize = 8;
@@ -222,6 +225,9 @@ harnesses! {
     law_rests_2_2, unwind 6, covers [AtRest, Forward] => |c| comes_to_rest::<2, 3>(c, 2, 2, LAST_BITS);
     law_change_2_2, unwind 6, covers [Rising, Falling, Limited] => |c| change_is_bounded::<2, 3>(c, 2, 2, 63);
     law_change_4_2, unwind 10, covers [Rising, Falling, Limited] => |c| change_is_bounded::<4, 5>(c, 4, 2, 63);
+    law_limits_3, unwind 5, covers [Rising, Falling, Limited] => |c| an_average_keeps_the_acceleration::<3>(c, 63);
+    law_limits_5, unwind 7, covers [Rising, Falling, Limited] => |c| an_average_keeps_the_acceleration::<5>(c, 15);
+    law_jerk_3, unwind 6, covers [Rising, Falling] => |c| an_average_keeps_the_jerk::<3, 5>(c, 7);
     wheel_mean, unwind 8, covers [AtRest, Forward, Backward, Limited] => |c| wheel_follows(c);
 }
 
@@ -286,6 +292,7 @@ const RATE: &str = "crates/core/src/rate.rs";
 /// The rows of this module.
 #[cfg(not(any(kani, verify_wasm)))]
 pub const ROWS: &[Row] = &[
+    averaged_limits::ROW,
     Row {
         name: "rate-rest",
         says: "The cursor comes to rest exactly at the commanded place and never beyond, nothing commanded is lost; \
