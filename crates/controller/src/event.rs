@@ -9,6 +9,7 @@ use retrace_journal::Timestamp;
 use retrace_link::{Alarm, CardFailure, CutterOffCause};
 use serde_json::{Value, json};
 
+use crate::cutter_state::CutterState;
 use crate::dnc_events::DncEvent;
 use crate::operator::{CommandError, OperatorCommand};
 
@@ -184,6 +185,15 @@ pub enum EventKind {
         /// Reason.
         reason: CutterOffReason,
     },
+    /// The state of a cutter has changed (CUT-2).
+    CutterState {
+        /// Channel that fires it.
+        channel: u8,
+        /// New state.
+        state: CutterState,
+        /// Number of the contour that is being cut, or was cut last; 0 before the first.
+        contour: u32,
+    },
     /// The end of the cut (CUT-30): the cutter went out there, and what the program cuts behind it is not cut.
     CutEnd {
         /// Channel.
@@ -301,6 +311,9 @@ impl Event {
             EventKind::CutterOff { channel, reason } => {
                 json!({"event": "cutter_off", "channel": channel, "reason": reason.name()})
             }
+            EventKind::CutterState { channel, state, contour } => {
+                json!({"event": "cutter_state", "channel": channel, "state": state.name(), "contour": contour})
+            }
             EventKind::CutEnd { channel, place, line } => json!({
                 "event": "cut_end", "channel": channel, "cut_record": place.record.number(),
                 "cut_fraction": place.fraction, "cut_line": line,
@@ -411,6 +424,7 @@ impl Event {
             EventKind::RestartSwitching(code) => format!("restart: {code} begins"),
             EventKind::RestartSwitched(code) => format!("restart: {code} done"),
             EventKind::CutterOff { channel, reason } => format!("{} off: {}", channel_name(*channel), reason.text()),
+            EventKind::CutterState { channel, state, .. } => format!("{}: {}", channel_name(*channel), state.name()),
             EventKind::CutEnd { channel, line, .. } => {
                 format!("{}: the cut ends in line {line}", channel_name(*channel))
             }

@@ -28,6 +28,8 @@ pub(crate) fn lines(model: &ScreenModel, event: &Event) -> Vec<String> {
             let why = text.split_once(" off: ").map_or("", |(_, why)| why);
             format!("{} off: {}", model.facts.output_name(*channel), why.replace("`recover`", "k"))
         }
+        // the readouts show it
+        EventKind::CutterState { .. } => return Vec::new(),
         EventKind::CutEnd { channel, line, .. } => {
             format!("{}: the cut ends in line {line}", model.facts.output_name(*channel))
         }

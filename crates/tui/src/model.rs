@@ -5,6 +5,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+use retrace_controller::CutterState;
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
@@ -212,6 +213,10 @@ pub struct ScreenModel {
     pub tool_change: Option<i32>,
     /// Whether the cutter went off where it was to cut: the program resumes only with it on.
     pub cutter_is_off: bool,
+    /// State of each cutter by the channel that fires it, with the number of its contour; off where none was reported.
+    pub cutter_states: BTreeMap<u8, (CutterState, u32)>,
+    /// Why a cutter went off last, by the channel that fires it.
+    pub cutter_off_reasons: BTreeMap<u8, &'static str>,
     /// Program line in which an interrupted cut ends.
     pub cut_end_line: Option<u32>,
     /// Whether the machine is at rest where the program switched the cutter, which is on manually.
@@ -285,6 +290,8 @@ impl ScreenModel {
             program_outputs: BTreeMap::new(),
             optional_stop: false,
             tool_change: None,
+            cutter_states: BTreeMap::new(),
+            cutter_off_reasons: BTreeMap::new(),
             cutter_is_off: false,
             cut_end_line: None,
             at_cutter_boundary: false,

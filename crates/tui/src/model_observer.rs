@@ -293,12 +293,15 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
         EventKind::CommandRejected(_) if model.pause.is_some() && before.is_some() => model.pause = before,
         EventKind::CutterBoundary => model.at_cutter_boundary = true,
         EventKind::ToolChange(tool) => model.tool_change = Some(*tool),
+        EventKind::CutterState { channel, state, contour } => {
+            model.cutter_states.insert(*channel, (*state, *contour));
+        }
         EventKind::CutEnd { line, .. } => model.cut_end_line = Some(*line),
-        EventKind::CutterOff {
-            channel,
-            reason: CutterOffReason::Card(_) | CutterOffReason::Operator | CutterOffReason::NotLatched,
-        } => {
-            model.cutter_is_off |= model.mode == Mode::Run && model.program_output(*channel) != 0;
+        EventKind::CutterOff { channel, reason } => {
+            model.cutter_off_reasons.insert(*channel, reason.name());
+            let holds =
+                matches!(reason, CutterOffReason::Card(_) | CutterOffReason::Operator | CutterOffReason::NotLatched);
+            model.cutter_is_off |= holds && model.mode == Mode::Run && model.program_output(*channel) != 0;
         }
         EventKind::OverridePlanned(percent) => model.override_planned = percent / 100.0,
         EventKind::OutputsDiffer(some) => {

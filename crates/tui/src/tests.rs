@@ -10,6 +10,7 @@ use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use retrace_config::MachineConfig;
+use retrace_controller::CutterState;
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
 use retrace_journal::HoldReason;
@@ -256,6 +257,11 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     let on = shown(&model, &KeyState::new());
     assert!(on.contains("torch ON · program here ON") && on.contains("outputs ON: clamp"), "{on}");
     assert!(!on.contains("spindle"), "{on}");
+    model.cutter_states = [(64, (CutterState::Cutting, 3))].into();
+    assert!(shown(&model, &KeyState::new()).contains("torch ON, cutting contour 3"));
+    (model.outputs, model.cutter_off_reasons) = ([(5, 1)].into(), [(64, "lost")].into());
+    model.cutter_states = [(64, (CutterState::Lost, 3))].into();
+    assert!(shown(&model, &KeyState::new()).contains("torch off, cut interrupted: lost"));
     let mut key_state = KeyState::new();
     for open in [
         OpenDialog::Nothing,

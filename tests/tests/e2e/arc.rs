@@ -101,6 +101,37 @@ fn a_lost_arc_is_recovered_with_one_word() {
     assert!(text("lose@20").contains("torch off: E3024"));
 }
 
+/// Each change of the cutter is told, as the pins show it; the arc is lost once.
+#[test]
+fn every_change_of_the_cutters_state_is_an_event() {
+    let (run, trace) = run("lose@20", "at 3s recover\n", &[]);
+    assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+    let told: Vec<(u64, &str)> = run
+        .of_kind("cutter_state")
+        .filter_map(|event| Some((event["period"].as_u64()?, event["state"].as_str()?)))
+        .collect();
+    let states: Vec<&str> = told.iter().map(|&(_, state)| state).collect();
+    let whole = ["igniting", "piercing", "cutting", "lost", "igniting", "cutting", "off"];
+    assert_eq!(states, [&whole[..], &["igniting", "piercing", "cutting", "off"]].concat());
+    for window in told.windows(2) {
+        let [(from, state), (to, _)] = [window[0], window[1]];
+        let does_not_fit = |sample: &&Sample| {
+            let (is_lit, is_proven) = (sample.is_on("spindle"), sample.inputs >> 5 & 1 == 1);
+            !match state {
+                // a loss is debounced
+                "cutting" => is_lit,
+                "piercing" => is_lit && is_proven && sample.rate == 0.0,
+                "igniting" => is_lit && !is_proven,
+                _ => !is_lit,
+            }
+        };
+        let others = trace.iter().filter(|sample| (from..to).contains(&(sample.at_us / 1000))).filter(does_not_fit);
+        // the proof of an arc that strikes in motion is debounced
+        let debounced = if state == "igniting" { 10 } else { 0 };
+        assert!(others.clone().count() <= debounced, "{state}: {:?}", others.clone().next());
+    }
+}
+
 #[test]
 fn without_an_operator_a_lost_arc_ends_the_job_with_the_torch_off() {
     let (run, trace) = run("lose@20", "", &[]);

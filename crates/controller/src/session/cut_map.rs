@@ -168,6 +168,11 @@ impl CutMap {
         &self.contours
     }
 
+    /// Number of the contour that is being cut, or was cut last; 0 before the first.
+    pub(super) fn current_number(&self) -> u32 {
+        self.current.and_then(|index| self.contours.get(index)).map_or(self.last_number, |contour| contour.number)
+    }
+
     /// Number of contours that were begun, and length that is not cut of all, µm.
     pub(super) fn totals(&self) -> (u32, u64) {
         (self.last_number, self.contours.iter().map(|contour| contour.not_cut_um).sum())

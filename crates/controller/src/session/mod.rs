@@ -8,6 +8,7 @@ mod back_target;
 mod commands;
 mod cut_map;
 mod cut_mapping;
+mod cutter_watch;
 mod dnc_pause;
 mod lead_in;
 mod manual_outputs;
@@ -30,6 +31,7 @@ use retrace_core::{Place, Rate, RateTarget, RecordIndex};
 use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, Outputs, channel};
 
 use crate::command_queue::CommandSources;
+use crate::cutter_state::CutterState;
 use crate::event::{CardError, CutterOffReason, EventKind};
 use crate::operator::rate_percent;
 use crate::overrides::OverrideRequester;
@@ -144,6 +146,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     recovery: CutRecovery,
     /// What was cut of the contours.
     cut_map: CutMap,
+    /// State of each cutter, in the order of the fire channels.
+    cutter_states: Vec<CutterState>,
     /// Whether the handwheel has been behind `reached`.
     wheel_was_behind: bool,
     /// Whether the card's window ends where the mode requires.
@@ -194,6 +198,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             tool_length: ToolLengthEntry::new(machine),
             back_target: None,
             recovery: CutRecovery::new(machine),
+            cutter_states: vec![CutterState::Off; machine.cutting_outputs.len()],
             cut_map: CutMap::new(!machine.cutting_outputs.is_empty()),
             wheel_was_behind: false,
             window_is_trimmed: true,
@@ -449,6 +454,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         }
         self.watch_latch(status);
         self.map_period(status);
+        self.watch_cutter_states(status);
         let mode = self.mode_controller.mode();
         let held = self.mode_controller.is_held()
             || self.program_stop != ProgramStop::No

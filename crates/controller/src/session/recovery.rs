@@ -122,6 +122,16 @@ impl CutRecovery {
         self.cut_end.map(|end| end.place)
     }
 
+    /// Whether the cut of this cutter is interrupted.
+    pub(super) fn is_interrupted(&self, channel: u8) -> bool {
+        self.cut_end.is_some_and(|end| end.channel == channel)
+    }
+
+    /// Whether this cutter started in motion and is not proven yet.
+    pub(super) fn is_latched(&self, channel: u8) -> bool {
+        self.latch.is_some_and(|latch| latch.cut_end.channel == channel)
+    }
+
     /// Ends a return to the end of the cut: the operator has taken over.
     pub(super) fn cancel_return(&mut self) {
         self.returning = None;

@@ -200,7 +200,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Whether a cutter on this channel is being lit, by an instruction of the program or by a restart. Between two
     /// attempts its output is off.
-    fn is_starting(&self, channel: u8) -> bool {
+    pub(super) fn is_starting(&self, channel: u8) -> bool {
         let executing = self.executing.and_then(|_| self.streamer.sent_instruction());
         executing.is_some_and(|instruction| instruction.switches_on(channel)) || self.restart.switches_on(channel)
     }

@@ -9,8 +9,8 @@ use std::collections::BTreeSet;
 use json_page::JsonPage;
 use retrace_config::ChannelNames;
 use retrace_controller::{
-    AxisCounts, CardError, CommandError, CutterOffReason, DifferingOutputs, DncEvent, DncFlags, DncStep, Event,
-    EventKind, OperatorCommand,
+    AxisCounts, CardError, CommandError, CutterOffReason, CutterState, DifferingOutputs, DncEvent, DncFlags, DncStep,
+    Event, EventKind, OperatorCommand,
 };
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
@@ -38,6 +38,7 @@ fn examples() -> Vec<EventKind> {
         EventKind::RestartSwitching("M3"),
         EventKind::RestartSwitched("M3"),
         EventKind::CutterOff { channel: 3, reason: CutterOffReason::Operator },
+        EventKind::CutterState { channel: 3, state: CutterState::Piercing, contour: 2 },
         EventKind::CutEnd { channel: 3, place: Place::default(), line: 4 },
         EventKind::NotCut(1.25),
         EventKind::CutContinued,
@@ -78,7 +79,10 @@ fn examples() -> Vec<EventKind> {
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(_) | EventKind::Joined => {}
-            EventKind::RestartSwitched(_) | EventKind::CutterOff { .. } | EventKind::CutterOn(_) => {}
+            EventKind::RestartSwitched(_)
+            | EventKind::CutterOff { .. }
+            | EventKind::CutterState { .. }
+            | EventKind::CutterOn(_) => {}
             EventKind::RetraceSwitched(..) | EventKind::RunResumed | EventKind::ProgramEnd => {}
             EventKind::Switching(_) | EventKind::Switched(_) | EventKind::OutputChanged(..) => {}
             EventKind::ProgramStop(_) | EventKind::ToolChange(_) | EventKind::SingleBlock | EventKind::Message(_) => {}

@@ -5,6 +5,7 @@
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Modifier, Style};
+use retrace_controller::CutterState;
 use retrace_link::channel;
 
 use super::{Theme, fold, pane, put_at, truncate};
@@ -188,6 +189,23 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state
     }
 }
 
+/// What a cutter does, beyond on and off.
+fn cutter_state(model: &ScreenModel, channel: u8) -> String {
+    let (state, contour) = model.cutter_states.get(&channel).copied().unwrap_or_default();
+    match state {
+        CutterState::Off => String::new(),
+        CutterState::Igniting => ", igniting".into(),
+        CutterState::Piercing => ", piercing".into(),
+        CutterState::Cutting => format!(", cutting contour {contour}"),
+        CutterState::Ending => format!(", end of contour {contour}"),
+        CutterState::Lost => {
+            let why = model.cutter_off_reasons.get(&channel).map_or(String::new(), |why| format!(": {why}"));
+            format!(", cut interrupted{}", why.replace('_', " "))
+        }
+        CutterState::Dry => ", dry run".into(),
+    }
+}
+
 /// Lines for the cutters: state, and the state that the program expects at this place.
 fn cutters(model: &ScreenModel) -> Vec<String> {
     let state = |value: i32| if value == 0 { "off" } else { "ON" };
@@ -197,7 +215,8 @@ fn cutters(model: &ScreenModel) -> Vec<String> {
         } else {
             String::new()
         };
-        format!("{} {}{program}", cutter.name, state(model.output(cutter.fire)))
+        let doing = cutter_state(model, cutter.fire);
+        format!("{} {}{doing}{program}", cutter.name, state(model.output(cutter.fire)))
     };
     model.facts.cutters.iter().map(line).collect()
 }

@@ -1,0 +1,54 @@
+//! Follows the state of each cutter, and reports its changes (CUT-2, CUT-12).
+//!
+//! Invariant: a state is what the card reports in that control period; a change is reported once.
+
+use retrace_link::{CardStatus, MotionCard};
+
+use super::Session;
+use crate::cutter_state::CutterState;
+use crate::event::EventKind;
+use crate::plan_item::ExclusiveKind;
+
+impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
+    /// Reports the cutters whose state has changed.
+    pub(super) fn watch_cutter_states(&mut self, status: &CardStatus<A>) {
+        for at in 0..self.config.fire_channels.len() {
+            let channel = self.config.fire_channels[at];
+            let state = self.cutter_state(channel, status);
+            if std::mem::replace(&mut self.cutter_states[at], state) != state {
+                let contour = self.cut_map.current_number();
+                self.emit(EventKind::CutterState { channel, state, contour });
+            }
+        }
+    }
+
+    fn cutter_state(&self, channel: u8, status: &CardStatus<A>) -> CutterState {
+        let wants = self.streamer.expected()[usize::from(channel)] != 0;
+        if self.config.inhibits_outputs {
+            return if wants { CutterState::Dry } else { CutterState::Off };
+        }
+        let is_on = status.outputs[usize::from(channel)] != 0;
+        let proof = self.recovery.cutter(channel).and_then(|cutter| cutter.proof);
+        let is_unproven = proof.is_some_and(|proof| status.inputs >> (proof.input & 15) & 1 == 0);
+        let is_starting = self.is_starting(channel);
+        match is_on {
+            true if is_starting && !is_unproven => CutterState::Piercing,
+            _ if is_starting => CutterState::Igniting,
+            true if self.recovery.is_latched(channel) => CutterState::Igniting,
+            true if self.ends_contour(channel) => CutterState::Ending,
+            true => CutterState::Cutting,
+            false if self.recovery.is_interrupted(channel) => CutterState::Lost,
+            false => CutterState::Off,
+        }
+    }
+
+    /// Whether an instruction is executed that ends a contour: the pause at its end, or switching the cutter off.
+    fn ends_contour(&self, channel: u8) -> bool {
+        let executing = self.executing.and_then(|_| self.streamer.sent_instruction());
+        executing.is_some_and(|instruction| {
+            let changes = &instruction.changes[..usize::from(instruction.count)];
+            let is_pause = instruction.kind == ExclusiveKind::Dwell && instruction.code != "G4";
+            is_pause || changes.iter().any(|change| change.channel == channel && change.value == 0)
+        })
+    }
+}
