@@ -88,6 +88,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::Leave { ask: false } => "forward, then resume".into(),
         OperatorCommand::Leave { ask: true } => "forward, then resume, asking before outputs change".into(),
         OperatorCommand::Confirm => "confirmed".into(),
+        OperatorCommand::Recover if model.cut_end_line.is_some() => "recover the cut".into(),
         OperatorCommand::Recover => "restart the cutter and resume".into(),
         OperatorCommand::CutterOff => "cutter off".into(),
         OperatorCommand::CutterOn => "cutter on".into(),

@@ -2,7 +2,7 @@
 //!
 //! Invariant: its size is bounded however long the job is. The screen is a function of this model and of the key state.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use retrace_controller::CutterState;
@@ -14,6 +14,9 @@ use retrace_link::channel;
 use crate::path_length::PathLengths;
 use crate::program_facts::ProgramFacts;
 use crate::trail::Trail;
+
+/// Maximum number of contours that are remembered as not whole.
+pub(crate) const MAX_CONTOURS: usize = 1000;
 
 /// Maximum number of retained messages.
 pub(crate) const MESSAGES: usize = 200;
@@ -219,6 +222,14 @@ pub struct ScreenModel {
     pub cutter_off_reasons: BTreeMap<u8, &'static str>,
     /// Program line in which an interrupted cut ends.
     pub cut_end_line: Option<u32>,
+    /// Output of the cutter that was lost in the cut, until it is started again.
+    pub lost_cutter: Option<u8>,
+    /// Whether the machine goes back to continue an interrupted cut.
+    pub recovering: bool,
+    /// Instruction that a restart executes again.
+    pub restarting: Option<&'static str>,
+    /// Number of contours that have ended, and the numbers of those that are not whole, at most [`MAX_CONTOURS`].
+    pub contours: (u32, BTreeSet<u32>),
     /// Whether the machine is at rest where the program switched the cutter, which is on manually.
     pub at_cutter_boundary: bool,
     /// Modal state.
@@ -294,6 +305,10 @@ impl ScreenModel {
             cutter_off_reasons: BTreeMap::new(),
             cutter_is_off: false,
             cut_end_line: None,
+            lost_cutter: None,
+            recovering: false,
+            restarting: None,
+            contours: (0, BTreeSet::new()),
             at_cutter_boundary: false,
             active: Active::default(),
             alarm: None,

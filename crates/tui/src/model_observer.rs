@@ -2,7 +2,7 @@
 //!
 //! Invariant: telemetry is applied in the order in which it arrives; the lock is held for one item at a time.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use retrace_config::AXIS_LETTERS;
@@ -13,10 +13,10 @@ use retrace_core::mode::Mode;
 use retrace_core::{Distance, RecordIndex};
 use retrace_gcode::{FeedMode, MotionMode, Pose};
 use retrace_journal::HoldReason;
-use retrace_link::channel;
+use retrace_link::{CutterOffCause, channel};
 
 use crate::event_text;
-use crate::model::{Active, AlarmShown, MotionKind, Pause, ScreenModel, ScreenStage};
+use crate::model::{Active, AlarmShown, MAX_CONTOURS, MotionKind, Pause, ScreenModel, ScreenStage};
 use crate::path_length::PathLengths;
 use crate::program_outputs::ProgramOutputs;
 use crate::trail::{Trail, TrailPoint};
@@ -281,6 +281,19 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
             if *command == OperatorCommand::Single {
                 model.single = !model.single;
             }
+            match command {
+                OperatorCommand::Recover => model.recovering = model.cut_end_line.is_some(),
+                // these take the machine elsewhere
+                OperatorCommand::Reverse(_)
+                | OperatorCommand::Forward(_)
+                | OperatorCommand::Wheel { .. }
+                | OperatorCommand::Leave { .. }
+                | OperatorCommand::BackBy(_)
+                | OperatorCommand::BackToBlock
+                | OperatorCommand::BackToPierce
+                | OperatorCommand::BackToCutEnd => model.recovering = false,
+                _ => {}
+            }
             if let OperatorCommand::OptionalStop(on) = command {
                 model.optional_stop = *on;
             }
@@ -293,14 +306,29 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
         EventKind::CommandRejected(_) if model.pause.is_some() && before.is_some() => model.pause = before,
         EventKind::CutterBoundary => model.at_cutter_boundary = true,
         EventKind::ToolChange(tool) => model.tool_change = Some(*tool),
+        EventKind::CommandRejected(_) if model.mode == Mode::Run => model.recovering = false,
         EventKind::CutterState { channel, state, contour } => {
             model.cutter_states.insert(*channel, (*state, *contour));
         }
         EventKind::CutEnd { line, .. } => model.cut_end_line = Some(*line),
+        EventKind::CutFromHere { .. } => model.recovering = false,
+        EventKind::Contour { number, not_cut_mm } => {
+            let (ended, not_whole) = &mut model.contours;
+            *ended = (*ended).max(*number);
+            if *not_cut_mm == 0.0 {
+                not_whole.remove(number);
+            } else if not_whole.len() < MAX_CONTOURS {
+                not_whole.insert(*number);
+            }
+        }
         EventKind::CutterOff { channel, reason } => {
             model.cutter_off_reasons.insert(*channel, reason.name());
             let holds =
                 matches!(reason, CutterOffReason::Card(_) | CutterOffReason::Operator | CutterOffReason::NotLatched);
+            if holds {
+                (model.restarting, model.recovering) = (None, false);
+                model.lost_cutter = (*reason == CutterOffReason::Card(CutterOffCause::Lost)).then_some(*channel);
+            }
             model.cutter_is_off |= holds && model.mode == Mode::Run && model.program_output(*channel) != 0;
         }
         EventKind::OverridePlanned(percent) => model.override_planned = percent / 100.0,
@@ -312,8 +340,11 @@ fn apply_event(model: &mut ScreenModel, event: &Event, before: Option<Pause>) ->
         }
         EventKind::OutputsRestored | EventKind::RunResumed => {
             model.differing_outputs.clear();
-            (model.cutter_is_off, model.cut_end_line) = (false, None);
+            (model.cutter_is_off, model.cut_end_line, model.lost_cutter) = (false, None, None);
+            (model.recovering, model.restarting) = (false, None);
         }
+        EventKind::RestartSwitching(code) => model.restarting = Some(code),
+        EventKind::RestartSwitched(_) | EventKind::Mode(_) => model.restarting = None,
         EventKind::Switching(code) => model.switching = Some(code),
         EventKind::Switched(_) => model.switching = None,
         EventKind::StreamStalled { source, .. } => model.waiting = Some((source.clone(), event.period)),
@@ -339,7 +370,8 @@ fn begin(model: &mut ScreenModel, event: &Event) {
     (model.stage, model.began, model.alarm) = (ScreenStage::Job, event.period, None);
     (model.ended, model.hold_reason, model.waiting) = (None, HoldReason::None, None);
     (model.optional_stop, model.tool_change, model.cutter_is_off) = (false, None, false);
-    model.cut_end_line = None;
+    (model.cut_end_line, model.lost_cutter) = (None, None);
+    (model.recovering, model.restarting, model.contours) = (false, None, (0, BTreeSet::new()));
     if model.history_before.is_none() {
         model.program_outputs = model.outputs.clone();
     }

@@ -6,6 +6,7 @@ use retrace_core::Place;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
 
+use crate::cut_text::{confirmation_text, contours_text, interrupted_text};
 use crate::event_text::tool_change_text;
 use crate::key_state::KeyState;
 use crate::keys::KeyAction;
@@ -175,10 +176,7 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 KeyAction::Quit,
             ];
             match model.cut_end_line {
-                Some(line) => {
-                    let text = format!("the cut ends in line {line}; k goes back a little and cuts on");
-                    hint(HintLevel::Waiting, "CUT INTERRUPTED", text, &actions)
-                }
+                Some(line) => hint(HintLevel::Waiting, "CUT INTERRUPTED", interrupted_text(model, line), &actions),
                 None => {
                     let text = "the cutter is off; c asks before it restarts, k restarts it";
                     hint(HintLevel::Waiting, "FEED HOLD", text, &actions)
@@ -203,12 +201,13 @@ fn normal(model: &ScreenModel) -> StatusHint {
                 KeyAction::OpenProgram,
                 KeyAction::Output,
             ];
-            hint(HintLevel::Waiting, "ENDED", "program completed; reverse run is still possible", &actions)
+            let text = format!("program completed{}; reverse run is still possible", contours_text(model));
+            hint(HintLevel::Waiting, "ENDED", text, &actions)
         }
         HoldReason::Paused => {
             hint(HintLevel::Waiting, "PAUSED", "at the breakpoint", &[KeyAction::CycleStart, KeyAction::Quit])
         }
-        HoldReason::None => match model.switching {
+        HoldReason::None => match model.switching.or(model.restarting) {
             Some(code) => hint(HintLevel::Normal, "RUNNING", format!("waiting for {code} to complete"), &running),
             None => match model.stalled_source() {
                 Some((source, seconds)) if model.at_rest => {
@@ -229,13 +228,19 @@ fn normal(model: &ScreenModel) -> StatusHint {
 
 fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
     if !model.differing_outputs.is_empty() {
-        let actions = [KeyAction::Agree, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Output, KeyAction::Quit];
-        return hint(HintLevel::Waiting, "OUTPUTS DIFFER", "from the state that the program expects here", &actions);
+        let mut actions =
+            vec![KeyAction::Agree, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Output, KeyAction::Quit];
+        let mut why = "from the state that the program expects here";
+        if model.cut_end_line.is_some() {
+            why = confirmation_text(model);
+            actions.insert(0, KeyAction::Recover);
+        }
+        return hint(HintLevel::Waiting, "OUTPUTS DIFFER", why, &actions);
     }
     let back = format!("{:.1} mm back", model.back_mm());
     let at_oldest = model.at_rest && model.place == Place::start_of(model.oldest);
     let at_reached = model.at_rest && model.place == Place::start_of(model.reached);
-    let at_rest = [
+    let mut at_rest = vec![
         KeyAction::Leave,
         KeyAction::LeaveAsk,
         KeyAction::Forward,
@@ -245,6 +250,18 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
         KeyAction::Output,
         KeyAction::Quit,
     ];
+    let stands = match model.cut_end_line {
+        Some(line) => {
+            at_rest.insert(0, KeyAction::CutFromHere);
+            format!("{back}; the cut ends in line {line}, K cuts on from here")
+        }
+        None => {
+            if !model.facts.cutters.is_empty() {
+                at_rest.insert(3, KeyAction::CutFromHere);
+            }
+            back.clone()
+        }
+    };
     match mode {
         _ if model.hold_reason == HoldReason::Hold => {
             let actions = [
@@ -284,7 +301,8 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
         ),
         Mode::Rejoin | Mode::AwaitOutputs => {
             let actions = [KeyAction::Leave, KeyAction::Reverse, KeyAction::Wheel, KeyAction::Quit];
-            hint(HintLevel::Waiting, "RETURNING", format!("at rest; {back}"), &actions)
+            let why = model.restarting.map(|code| format!("waiting for {code} to complete"));
+            hint(HintLevel::Waiting, "RETURNING", why.unwrap_or_else(|| format!("at rest; {back}")), &actions)
         }
         Mode::Reverse if model.at_cutter_boundary => {
             let actions = [
@@ -301,7 +319,7 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
             hint(HintLevel::Waiting, "REVERSE", format!("at the start of the history, {back}"), &at_rest)
         }
         Mode::Forward if at_reached => hint(HintLevel::Waiting, "FORWARD", "at the furthest place", &at_rest),
-        _ if model.at_rest => hint(HintLevel::Waiting, "AT REST", back, &at_rest),
+        _ if model.at_rest => hint(HintLevel::Waiting, "AT REST", stands, &at_rest),
         Mode::Forward => {
             let actions = [
                 KeyAction::Hold,
@@ -325,7 +343,8 @@ fn retracing(model: &ScreenModel, mode: Mode) -> StatusHint {
                 KeyAction::BackJet,
                 KeyAction::Quit,
             ];
-            hint(HintLevel::Normal, "REVERSE", back, &actions)
+            let why = if model.recovering { format!("recovering the cut, {back}") } else { back };
+            hint(HintLevel::Normal, "REVERSE", why, &actions)
         }
     }
 }

@@ -10,16 +10,19 @@ use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use retrace_config::MachineConfig;
-use retrace_controller::CutterState;
+use retrace_controller::{
+    CutterOffReason, CutterState, DifferingOutputs, Event, EventKind, Observer, OperatorCommand, Telemetry,
+};
 use retrace_core::mode::Mode;
-use retrace_core::{Place, RecordIndex};
+use retrace_core::{Place, Rate, RecordIndex};
 use retrace_journal::HoldReason;
+use retrace_link::CutterOffCause;
 
 use crate::fake_machine::{self, FakeMachine, FakePath};
 use crate::key_state::{KeyState, OpenDialog, PendingQuestion};
 use crate::keys::{Key, TABLE};
 use crate::model::{AlarmShown, AxisHoming, Pause, ScreenModel, ScreenStage};
-use crate::model_observer::lock_model;
+use crate::model_observer::{ModelObserver, lock_model};
 use crate::program_facts::{AxisFacts, Planned, ProgramFacts, Text};
 use crate::trail::TrailPoint;
 use crate::{UiCommand, layout, view};
@@ -282,6 +285,76 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     Arc::make_mut(&mut model.facts).tool_names = [(3, "6 mm end mill".to_owned())].into();
     let change = shown(&model, &KeyState::new());
     assert!(change.contains("TOOL CHANGE") && change.contains("insert tool T3: 6 mm end mill"), "{change}");
+}
+
+/// From the loss of an arc to the end of the job: what the second line says.
+#[test]
+fn a_lost_cut_is_explained_until_it_is_whole() {
+    let machine =
+        MachineConfig::parse("[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\n", "m.toml").expect("valid");
+    let model = Arc::new(Mutex::new(ScreenModel::new(Arc::new(ProgramFacts::of(&machine, "a.ngc", "")))));
+    let mut observer = ModelObserver::new(Arc::clone(&model));
+    let mut event = |kind| {
+        let event = Event { period: 1, time_s: 0.001, place: Place::default(), line: 13, kind };
+        Observer::<3>::on_telemetry(&mut observer, &Telemetry::Event(event));
+    };
+    let set = |mode, hold_reason, at_rest| {
+        let mut model = lock_model(&model);
+        (model.mode, model.hold_reason, model.at_rest) = (mode, hold_reason, at_rest);
+    };
+    let says = |words: &str| {
+        let shown = text(&drawn(&lock_model(&model), &KeyState::new(), 80, 24, 0));
+        assert!(shown.contains(words), "no `{words}` in\n{shown}");
+    };
+    lock_model(&model).stage = ScreenStage::Job;
+    lock_model(&model).program_outputs = [(64, 1)].into();
+    event(EventKind::CutterOff { channel: 64, reason: CutterOffReason::Card(CutterOffCause::Lost) });
+    event(EventKind::CutEnd { channel: 64, place: Place::default(), line: 13 });
+    set(Mode::Run, HoldReason::Hold, true);
+    says("CUT INTERRUPTED");
+    says(" torch lost; the cut ends in line 13; k goes back and cuts on — k recover");
+    event(EventKind::Operator(OperatorCommand::Recover));
+    says("operator: recover the cut");
+    set(Mode::Reverse, HoldReason::None, false);
+    says("recovering the cut, 0.0 mm back");
+    event(EventKind::CutFromHere { moving: true });
+    event(EventKind::RunResumed);
+    event(EventKind::RestartSwitching("M3"));
+    set(Mode::AwaitOutputs, HoldReason::None, true);
+    says("waiting for M3 to complete");
+    set(Mode::Run, HoldReason::None, true);
+    says("waiting for M3 to complete");
+    event(EventKind::RestartSwitched("M3"));
+    says("at rest until more path is planned");
+    // another interruption, by a hold
+    event(EventKind::CutterOff { channel: 64, reason: CutterOffReason::Card(CutterOffCause::Standing) });
+    event(EventKind::CutEnd { channel: 64, place: Place::default(), line: 14 });
+    set(Mode::Run, HoldReason::Hold, true);
+    says(" the cut ends in line 14; k goes back and cuts on");
+    event(EventKind::Operator(OperatorCommand::Recover));
+    event(EventKind::Operator(OperatorCommand::Reverse(Rate::ONE)));
+    set(Mode::Reverse, HoldReason::None, false);
+    says(" 0.0 mm back — Space");
+    lock_model(&model).oldest = RecordIndex::new(0) - 9;
+    set(Mode::Reverse, HoldReason::None, true);
+    says(" 0.0 mm back; the cut ends in line 14, K cuts on from here — K cut here");
+    set(Mode::AwaitOutputs, HoldReason::None, true);
+    event(EventKind::OutputsDiffer(DifferingOutputs::first(&mut [(64, 0, 1)].into_iter())));
+    says(" y starts the cutter here; k goes back and cuts on — k recover · y confirm");
+    says("k: recover the interrupted cut: go back and cut on");
+    lock_model(&model).lost_cutter = Some(64);
+    says(" y leaves a gap in the cut; k goes back and cuts on — k recover");
+    event(EventKind::OutputsRestored);
+    set(Mode::Run, HoldReason::Ended, true);
+    says("program completed; reverse run");
+    for (number, not_cut_mm, contours) in [
+        (1, 0.0, "completed, 1 contour cut; reverse run"),
+        (2, 1.5, "completed, 1 of 2 contours NOT cut through;"),
+        (2, 0.0, "completed, 2 contours cut;"),
+    ] {
+        event(EventKind::Contour { number, not_cut_mm });
+        says(contours);
+    }
 }
 
 #[test]

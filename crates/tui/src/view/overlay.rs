@@ -213,6 +213,9 @@ fn differ(out: &mut Buffer, model: &ScreenModel, theme: Theme) {
     }
     lines.push(String::new());
     lines.push("y: switch to the expected states and resume".into());
+    if model.cut_end_line.is_some() {
+        lines.push("k: recover the interrupted cut: go back and cut on".into());
+    }
     lines.push("o: switch one output · r: reverse run".into());
     draw_box(out, "OUTPUTS DIFFER", &lines, theme);
 }
