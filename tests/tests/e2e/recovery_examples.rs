@@ -124,3 +124,40 @@ fn a_laser_has_no_spindle_speed() {
     let check = Bench::new().retrace(["check", page.program(), "--machine", page.option("--machine")]);
     assert!(check.out.contains("feed 2400.0 mm/min · S 1500.0\n"), "{}", check.out);
 }
+
+/// The first two lines of each screen, and its messages, as far as they do not depend on the time.
+#[cfg(unix)]
+#[test]
+fn a_recovery_at_the_screen_is_as_its_page_shows() {
+    use retrace_tests::terminal::Terminal;
+
+    let page = fs::read_to_string(root().join("docs/recovering-a-cut.md")).expect("the page");
+    let command = page.lines().find(|line| line.starts_with("    retrace run")).expect("a command");
+    let arguments: Vec<&str> = command.split_whitespace().skip(1).collect();
+    let screens: Vec<&str> =
+        page.split("```text\n").skip(1).map(|block| block.split("\n```").next().unwrap_or_default()).collect();
+    let [lost, returning, cutting, end] = screens.as_slice() else { panic!("{} screens", screens.len()) };
+    let second_line = |screen: &str| screen.lines().nth(1).unwrap_or_default().trim_end().to_owned();
+    let message = |screen: &str, words: &str| {
+        let line = screen.lines().find(|line| line.contains(words)).unwrap_or_else(|| panic!("`{words}`\n{screen}"));
+        line.split_once(" s ").expect("a time").1.to_owned()
+    };
+    let (columns, rows) = (100, lost.lines().count() as u16);
+    let mut terminal = Terminal::running(&arguments, columns, rows);
+    terminal.wait_for_text("READY");
+    terminal.keys("c");
+    terminal.wait_for_text("CUT INTERRUPTED");
+    let shown = terminal.wait_for_text(&message(lost, "torch: the cut ends"));
+    assert_eq!((second_line(&shown), rows), (second_line(lost), 30), "{shown}");
+    terminal.keys("k");
+    // these may be on the screen for a moment only
+    for (screen, words) in [(returning, "operator:"), (cutting, "the cut goes on")] {
+        terminal.wait_for_text(&message(screen, words));
+    }
+    let shown = terminal.wait_for_text("ENDED");
+    assert_eq!(second_line(&shown), second_line(end), "{shown}");
+    terminal.keys("q");
+    assert_eq!(terminal.wait_for_end(), Some(0));
+    let report = page.split('`').find(|words| words.starts_with("contours")).expect("the figures of the page");
+    terminal.wait_for_text(report);
+}
