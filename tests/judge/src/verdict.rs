@@ -229,6 +229,8 @@ struct Ignition {
     at_ns: u64,
     place: f64,
     proven_ns: Option<u64>,
+    /// Since when the input has been inactive.
+    unproven_ns: Option<u64>,
     has_moved: bool,
     /// Since when the machine rests, and whether that was counted as too long.
     rest: Option<(u64, bool)>,
@@ -245,6 +247,8 @@ struct Judge<'j> {
     handover_ns: u64,
     /// Longest time from the proof to the first motion.
     max_pierce_ns: u64,
+    /// Longest time without the input that is a flicker.
+    max_flicker_ns: u64,
     max_rest_ns: u64,
     max_alarm_ns: u64,
     /// Diagonal of a cell.
@@ -266,6 +270,7 @@ impl<'j> Judge<'j> {
             pilot_ns: ns(machine.pilot_ms),
             handover_ns: ns(handover_ms),
             max_pierce_ns: ns(machine.pierce_ms + PROOF_MS + handover_ms),
+            max_flicker_ns: ns(PROOF_MS + HANDOVER_PERIODS * machine.period_ms),
             max_rest_ns: ns(machine.standing_ms + MAX_REST_PERIODS * machine.period_ms),
             max_alarm_ns: ns(MAX_ALARM_PERIODS * machine.period_ms),
             cell_pulses: CELL_MM * std::f64::consts::SQRT_2 * machine.pulses_per_mm,
@@ -309,6 +314,11 @@ impl<'j> Judge<'j> {
     /// Counts what has lasted for too long at this moment.
     fn judge_durations(&mut self, at_ns: u64) {
         let Some(ignition) = &mut self.ignition else { return };
+        // An arc that goes out before the end of the pierce is a start that failed; a flicker is not.
+        let is_out = ignition.unproven_ns.is_some_and(|since_ns| at_ns - since_ns > self.max_flicker_ns);
+        if is_out && !ignition.has_moved {
+            ignition.proven_ns = None;
+        }
         if let Some((since_ns, is_counted @ false)) = &mut ignition.rest {
             *is_counted = if ignition.has_moved {
                 at_ns - *since_ns > self.max_rest_ns
@@ -330,10 +340,14 @@ impl<'j> Judge<'j> {
         let ignition = self.ignition.get_or_insert_with(|| {
             verdict.ignitions += 1;
             verdict.ignited_elsewhere += usize::from(is_on_path && job.lit.distance(now.place) > PLACE_TOLERANCE);
-            Ignition { at_ns: now.at_ns, place: now.place, proven_ns: None, has_moved: false, rest: None, alarm: None }
+            let (at_ns, place) = (now.at_ns, now.place);
+            Ignition { at_ns, place, proven_ns: None, unproven_ns: None, has_moved: false, rest: None, alarm: None }
         });
         if now.is_proven {
             ignition.proven_ns.get_or_insert(now.at_ns);
+            ignition.unproven_ns = None;
+        } else {
+            ignition.unproven_ns.get_or_insert(now.at_ns);
         }
         if now.rate != 0.0 && !ignition.has_moved {
             ignition.has_moved = true;

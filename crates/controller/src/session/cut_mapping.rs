@@ -5,12 +5,21 @@
 //! dry run.
 
 use retrace_core::mode::Mode;
-use retrace_core::{Record, RecordIndex};
+use retrace_core::{Distance, Place, Record, RecordIndex};
 use retrace_link::{CardStatus, MotionCard, OutputChange, Outputs};
 
 use super::Session;
 use crate::event::EventKind;
+use crate::operator::CommandError;
 use crate::record_streamer::RecordStreamer;
+
+const CUT_ALREADY: CommandError = CommandError::NotNow(
+    "the contour is cut from here to its end, and over a kerf no arc strikes: `recover` goes on behind it; `cut` once \
+     more cuts it all the same",
+);
+const BEYOND_THE_CUT: CommandError = CommandError::NotNow(
+    "the cut ends before this place, and what is between would not be cut: `recover` goes back; `cut` once more leaves it",
+);
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Maps what was cut in a control period.
@@ -45,18 +54,31 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    /// Whether a torch would find no metal from here to the end of its contour. It is refused once at a place: the
-    /// operator may have laid a new sheet.
-    pub(super) fn is_cut_already(&mut self) -> bool {
+    /// What speaks against executing the program again from here: the cut ended before, so that a gap would remain, or
+    /// a torch would find no metal up to the end of the contour. It is said once at a place: the operator may have laid
+    /// a new sheet, or leave the gap.
+    pub(super) fn refuse_once(&mut self) -> Option<CommandError> {
         let place = self.card.status().place;
-        let was_refused = self.recovery.refused_at.take() == Some(place);
-        let strikes_over_metal = |&channel: &u8| self.recovery.usually_starts_in_motion(channel);
-        if was_refused || !self.config.fire_channels.iter().any(strikes_over_metal) {
-            return false;
+        if self.recovery.refused_at.take() == Some(place) {
+            return None;
         }
-        let is_cut = self.cut_map.is_cut_to_its_end(place);
-        self.recovery.refused_at = is_cut.then_some(place);
-        is_cut
+        let strikes_over_metal = |&channel: &u8| self.recovery.usually_starts_in_motion(channel);
+        let refused = if self.is_beyond_cut_end(place) {
+            BEYOND_THE_CUT
+        } else if self.config.fire_channels.iter().any(strikes_over_metal) && self.cut_map.is_cut_to_its_end(place) {
+            CUT_ALREADY
+        } else {
+            return None;
+        };
+        self.recovery.refused_at = Some(place);
+        Some(refused)
+    }
+
+    /// Whether this place is behind the end of the interrupted cut, in the same contour.
+    fn is_beyond_cut_end(&self, place: Place) -> bool {
+        let Some(end) = self.recovery.latest_cut_end() else { return false };
+        end.distance_to(place) > Distance::ZERO
+            && self.streamer.pierce_before(place) == self.streamer.pierce_before(end)
     }
 
     /// Counts the contours, and what is not cut of them, at the end of the job.

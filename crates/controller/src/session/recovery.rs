@@ -132,6 +132,11 @@ impl CutRecovery {
         self.latch.is_some_and(|latch| latch.cut_end.channel == channel)
     }
 
+    /// The furthest place to which the interrupted cut may have been cut.
+    pub(super) fn latest_cut_end(&self) -> Option<Place> {
+        self.cut_end.map(|end| end.latest)
+    }
+
     /// Ends a return to the end of the cut: the operator has taken over.
     pub(super) fn cancel_return(&mut self) {
         self.returning = None;
@@ -186,10 +191,6 @@ const NOT_RETRACING: CommandError =
     CommandError::NotNow("go back first: `reverse`, `back to cut end`, `back to pierce`");
 const BEFORE_THE_PIERCE: CommandError =
     CommandError::NotNow("this is before the pierce of the interrupted cut: go forward first; `cut` cuts all anew");
-const CUT_ALREADY: CommandError = CommandError::NotNow(
-    "the contour is cut from here to its end, and over a kerf no arc strikes: `recover` goes on behind it; `cut` once \
-     more cuts it all the same",
-);
 const NOT_RETAINED: CommandError =
     CommandError::NotNow("the instructions of the program are not retained back to this place");
 
@@ -367,8 +368,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if place.unwrap_or(self.card.status().place.record).is_before(self.streamer.oldest_return()) {
             return Err(NOT_RETAINED);
         }
-        if place.is_none() && self.is_cut_already() {
-            return Err(CUT_ALREADY);
+        if place.is_none()
+            && let Some(refused) = self.refuse_once()
+        {
+            return Err(refused);
         }
         self.back_target = None;
         self.recovery.returning = Some(start);

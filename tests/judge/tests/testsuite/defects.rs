@@ -207,6 +207,22 @@ fn records_without_a_length_are_no_gap() {
 }
 
 #[test]
+fn an_arc_that_goes_out_before_it_is_proven_is_a_start_that_failed() {
+    let folder = folder("failed-start");
+    let (whole, tried) = (folder.join("whole.vcd"), folder.join("tried.vcd"));
+    fs::write(&whole, Trace::whole().vcd()).expect("a trace");
+    let mut trace = Trace::recovered(&mut Random::new(1));
+    let at = trace.first_start.start;
+    trace.insert(at, 500, put_out);
+    for (periods, is_proven) in [(900, false), (3, true), (50, false)] {
+        trace.insert(at, periods, |period| (period.is_lit, period.is_proven) = (true, is_proven));
+    }
+    fs::write(&tried, trace.vcd()).expect("a trace");
+    let output = cut_judge(&[&whole, &tried].map(|path| path.to_str().expect("a path")));
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stdout));
+}
+
+#[test]
 fn every_seeded_defect_is_found_and_the_trace_without_it_is_good() {
     let folder = folder("defects");
     let file = |name: String, text: String| {
