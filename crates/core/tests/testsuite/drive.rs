@@ -4,9 +4,9 @@
 
 use retrace_core::drive::{Braking, Drive, RecordWindow};
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Place, RapidCap, Rate, RecordIndex};
+use retrace_core::{Place, RapidCap, Rate, RateTarget, RecordIndex};
 
-/// Records of one axis, at rest nowhere.
+/// Records of one axis, at rest nowhere; slow ones may be retraced at a higher rate.
 struct Increments(Vec<i16>);
 
 impl RecordWindow<1> for Increments {
@@ -19,8 +19,8 @@ impl RecordWindow<1> for Increments {
     fn rests_at(&self, _: RecordIndex) -> bool {
         false
     }
-    fn cap(&self, _: RecordIndex) -> RapidCap {
-        RapidCap::PLANNED
+    fn cap(&self, index: RecordIndex) -> RapidCap {
+        if self.increments(index)[0].abs() <= 10 { RapidCap::MAX } else { RapidCap::PLANNED }
     }
     fn increments(&self, index: RecordIndex) -> [i16; 1] {
         [self.0[index.number() as usize]]
@@ -61,6 +61,25 @@ fn the_rate_does_not_fall_on_its_way_to_one() {
             assert!(rate + Rate::from_units(2) >= last, "{last:?} {rate:?} at {at:?}, from {sixteenths}/16");
         }
         assert_eq!((rate, at.fraction), (Rate::ONE, 0));
+    }
+}
+
+/// Where rapid retrace ends and rate one goes on, records are not split for long, wherever one is reached.
+#[test]
+fn records_are_not_split_after_rapid_retrace() {
+    let window = Increments(vec![10; 8000]);
+    for (share, tenths) in [1000, 30_000].into_iter().flat_map(|share| (11..40).map(move |tenths| (share, tenths))) {
+        let mut drive = unsmoothed(share, 100, 3);
+        let mut at = Place { record: RecordIndex::new(300), fraction: 0x1234_5678 };
+        let mut rate = Rate::ZERO;
+        for _ in 0..300 {
+            rate = advance(&mut drive, &mut at, Rate::ONE * tenths / 10, &window);
+        }
+        assert_eq!(rate, Rate::ONE * tenths / 10);
+        for _ in 0..300 {
+            rate = advance(&mut drive, &mut at, Rate::ONE, &window);
+        }
+        assert_eq!((rate, at.fraction), (Rate::ONE, 0), "from {tenths}/10");
     }
 }
 
@@ -107,5 +126,15 @@ fn a_rise_is_braked_from_the_rate_that_it_reaches() {
             let reached = slopes[(k + 1).min(31)];
             assert_eq!(braking.rising_slope(middle, cap), reached * i64::from(cap) / 16, "{k} at {cap}");
         }
+    }
+}
+
+/// Rates of different signs request no motion; a rate of zero for one kind of motion leaves the other its own.
+#[test]
+fn a_target_of_zero_has_no_direction() {
+    for (feed, rapid, faster, slower) in [(0, 1, 1, 0), (1, 0, 1, 0), (0, -1, -1, 0), (-1, 0, -1, 0), (-1, 1, 0, 0)] {
+        let [feed, rapid, faster, slower] = [feed, rapid, faster, slower].map(|rate| Rate::ONE * rate);
+        let target = RateTarget { feed, rapid };
+        assert_eq!((target.faster(), target.slower()), (faster, slower), "{target:?}");
     }
 }
