@@ -1,3 +1,4 @@
 //! The integration tests of `retrace-core`, in one binary, which links once.
 
 mod drive;
+mod records;
