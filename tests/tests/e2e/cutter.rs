@@ -356,6 +356,32 @@ fn check(machine: Option<String>, program: &str) -> CommandOutput {
     bench.retrace(arguments)
 }
 
+/// Abrasive without water clogs the mixing tube: it goes off with the jet, and comes back behind it.
+#[test]
+fn the_abrasive_of_a_jet_goes_off_with_it_and_comes_back_behind_it() {
+    let program = "G21 G90 F1800\nG0 X10\nM64 P3\nG4 P0.3\nM64 P5\nG1 X70\nM65 P5\nM65 P3\nG0 X0\nM2\n";
+    let jet = format!("{JET}abrasive = 5\n");
+    let with_input = format!("{jet}ok = {{ input = 5 }}\nstart = {{ start_s = 2, pierce_s = 0.1 }}\n");
+    let cases = [
+        (&jet, "at line 6 override 100%\nafter 0.5s hold\nafter 3s recover\n", ""),
+        (&jet, "at line 6 override 100%\nafter 0.5s cutter off\nafter 3s recover\n", ""),
+        (&jet, "at line 6 override 100%\nafter 0.5s stop\n", ""),
+        (&with_input, "at 4s recover\n", "lose@20"),
+    ];
+    for (cutter, script, faults) in cases {
+        let (run, pins) = run(&machine(cutter, ""), program, script, &["--source-faults", faults]);
+        let ends = if script.contains("stop") { "stopped" } else { "completed" };
+        assert_eq!(run.report["outcome"], ends, "{script} {}", run.output.err);
+        let mut without_water = 0;
+        for sample in &pins {
+            without_water = if sample.is_on("out5") && !sample.is_on("out3") { without_water + 1 } else { 0 };
+            assert!(without_water <= 3, "{script}: {sample:?}");
+        }
+        let starts = pins.windows(2).filter(|pair| !pair[0].is_on("out5") && pair[1].is_on("out5")).count();
+        assert_eq!(starts, if ends == "completed" { 2 } else { 1 }, "{script}");
+    }
+}
+
 #[test]
 fn a_long_dwell_with_the_cutter_on_is_refused() {
     let program = |seconds: f64| format!("G21 G90 F1800\nG4 P100\nM64 P3\nG1 X10\nG4 P{seconds}\nM65 P3\nM2\n");

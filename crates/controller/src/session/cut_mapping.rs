@@ -18,7 +18,8 @@ const CUT_ALREADY: CommandError = CommandError::NotNow(
      more cuts it all the same",
 );
 const BEYOND_THE_CUT: CommandError = CommandError::NotNow(
-    "the cut ends before this place, and what is between would not be cut: `recover` goes back; `cut` once more leaves it",
+    "the cut ends before this place, and what is between would not be cut: `recover` goes back; `cut` once more leaves \
+     it",
 );
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {

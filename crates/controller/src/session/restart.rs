@@ -181,6 +181,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         for at in (0..self.config.cutter_channels.len()).filter(|at| off.channels >> at & 1 != 0) {
             let channel = self.config.cutter_channels[at];
             self.emit(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });
+            self.stop_abrasive(channel, CutterOffReason::Card(off.cause));
         }
         self.record_cut_end(off);
         let interrupts =
@@ -219,9 +220,17 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             } else {
                 self.switch_off(channel, reason);
             }
+            self.stop_abrasive(channel, reason);
         }
         if self.config.fire_channels.iter().any(|&channel| self.restart.switches_on(channel)) {
             self.cancel_restart();
+        }
+    }
+
+    /// Stops the abrasive of a jet that is off: without water it would clog the mixing tube (CUT-19).
+    fn stop_abrasive(&mut self, fire: u8, reason: CutterOffReason) {
+        if let Some(abrasive) = self.recovery.cutter(fire).and_then(|cutter| cutter.abrasive) {
+            self.switch_off(abrasive, reason);
         }
     }
 
