@@ -6,11 +6,11 @@
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
-use retrace_config::{MachineConfig, NumberedError};
+use retrace_config::{CutterConfig, MachineConfig, NumberedError};
 use retrace_controller::{
-    JobStart, MANUAL_PLACE_OFFSET, ResumePlan, ResumePoint, ScriptInstruction, parse_script, planning_fingerprint,
+    JobStart, MANUAL_PLACE_OFFSET, ResumePlan, ResumePoint, ResumedCutEnd, ScriptInstruction, parse_script,
+    planning_fingerprint,
 };
-use retrace_core::Place;
 use retrace_core::place::number_is_before;
 use retrace_hal_sim::SourceFaults;
 use retrace_journal::{
@@ -383,9 +383,14 @@ impl ResumeStep<'_> {
     }
 
     /// Where each cutter has certainly cut to, if it was cutting.
-    fn cut_ends(&self) -> Vec<(u8, Place)> {
+    fn cut_ends(&self) -> Vec<ResumedCutEnd> {
+        let interrupted = self.record.interrupted_cut().map(|(channel, _)| channel);
         let cutters = self.machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest());
-        cutters.filter_map(|cutter| Some((cutter.fire, self.record.certain_cut_end(cutter.fire)?))).collect()
+        let end = |cutter: &CutterConfig| {
+            let (channel, is_interruption) = (cutter.fire, interrupted == Some(cutter.fire));
+            Some(ResumedCutEnd { channel, place: self.record.certain_cut_end(channel)?, is_interruption })
+        };
+        cutters.filter_map(end).collect()
     }
 
     /// Locates the breakpoint, asks for confirmation, and runs the job.

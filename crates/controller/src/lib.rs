@@ -93,7 +93,7 @@ pub use read_ahead::{ReadAhead, SourceStatus};
 pub use record_streamer::{PassedItem, RecordStreamer, SendHorizon};
 pub use report::Report;
 pub use restart::RestartStep;
-pub use resume::{ResumeError, ResumePlan, ResumePoint};
+pub use resume::{ResumeError, ResumePlan, ResumePoint, ResumedCutEnd};
 pub use run_stats::{PeriodClass, RunStats};
 pub use script::ScriptPlayer;
 pub use session::{Outcome, RunMode, Session};

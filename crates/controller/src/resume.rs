@@ -43,9 +43,21 @@ pub struct ResumePoint {
     pub rests: Vec<u64>,
     /// Tool lengths that were entered in pauses, in order. At the machine's position the path is moved by all of them.
     pub lengths: Vec<LengthChange>,
-    /// Places up to which cutters have certainly cut, each with the channel. They count where the program expects the
-    /// cutter to be on at `reached`.
-    pub cut_ends: Vec<(u8, Place)>,
+    /// Places up to which cutters have certainly cut.
+    pub cut_ends: Vec<ResumedCutEnd>,
+}
+
+/// Place up to which a cutter has certainly cut in the job that is resumed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ResumedCutEnd {
+    /// Channel that fires the cutter.
+    pub channel: u8,
+    /// The place.
+    pub place: Place,
+    /// Whether the cut was interrupted there and not continued: it does not go on behind it, also where the program has
+    /// switched the cutter off since. Otherwise it counts where the program expects the cutter to be on at `reached`,
+    /// and the cut may go on up to there.
+    pub is_interruption: bool,
 }
 
 impl ResumePoint {

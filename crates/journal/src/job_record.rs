@@ -189,6 +189,12 @@ impl JobRecord {
         })
     }
 
+    /// The cut that was interrupted and not continued, if there is one: the channel of its cutter, and where it ends.
+    #[must_use]
+    pub fn interrupted_cut(&self) -> Option<(u8, Place)> {
+        self.interrupted_cut
+    }
+
     /// Counts the valid marks. An override invalidates marks that were made before it for places beyond it; without
     /// overrides, every mark is valid.
     fn count_marks(&mut self) -> Result<(), JournalError> {

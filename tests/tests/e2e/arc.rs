@@ -132,6 +132,19 @@ fn every_change_of_the_cutters_state_is_an_event() {
     }
 }
 
+/// The arc does not strike at the end of the contour, and M5 passes: the contour is reported with what is missing, and
+/// again when it is whole.
+#[test]
+fn a_contour_whose_end_is_cut_later_is_whole() {
+    // the second ignition of this seed strikes no arc
+    let (run, _) = run("lose@59,no-start=0.4,seed=11", "at 5.5s recover\nafter 5s recover\n", &[]);
+    assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+    let missing: Vec<bool> =
+        run.of_kind("contour").map(|event| event["not_cut_mm"].as_f64().expect("a length") > 0.0).collect();
+    assert_eq!(missing, [true, false, false], "{}", run.output.out);
+    assert_eq!((&run.report["contours"], &run.report["contours_not_cut"]), (&2.into(), &0.into()));
+}
+
 #[test]
 fn without_an_operator_a_lost_arc_ends_the_job_with_the_torch_off() {
     let (run, trace) = run("lose@20", "", &[]);

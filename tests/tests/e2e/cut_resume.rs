@@ -100,3 +100,11 @@ fn a_recovery_goes_on_where_a_killed_host_left_it() {
         killed_and_resumed("lose@20", "at 3s recover\n", at_s).unwrap_or_else(|why| panic!("{why}"));
     }
 }
+
+/// The arc does not strike at the end of the contour, and the program switches the torch off: the cut is interrupted
+/// all the same when the job is resumed.
+#[test]
+fn a_cut_is_resumed_whose_end_was_passed_without_an_arc() {
+    // the second ignition of this seed strikes no arc
+    killed_and_resumed("lose@59,no-start=0.4,seed=11", "at 5.5s recover\n", 8.5).unwrap_or_else(|why| panic!("{why}"));
+}

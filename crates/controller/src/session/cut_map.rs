@@ -124,6 +124,16 @@ impl CutMap {
         }
     }
 
+    /// The program is executed again from this place: the contour in which it lies has not ended yet.
+    pub(super) fn reopen_contour(&mut self, place: Place) {
+        let is_open_at = |contour: &Contour| {
+            let from_pierce = Place::start_of(contour.pierce).distance_to(place);
+            let is_before_end = |end| place.distance_to(Place::start_of(end)) > Distance::ZERO;
+            from_pierce > Distance::ZERO && contour.end.is_none_or(is_before_end)
+        };
+        self.current = self.contours.iter().rposition(is_open_at);
+    }
+
     /// The program has switched the cutter off before the record at `end`; `length_um` measures records. Returns the
     /// contour.
     pub(super) fn end_contour(

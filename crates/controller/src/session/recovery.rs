@@ -21,6 +21,7 @@ use crate::event::{CardError, CutterOffReason, EventKind};
 use crate::operator::{CommandError, CutStart};
 use crate::record_streamer::LeadIn;
 use crate::restart::RestartStep;
+use crate::resume::ResumedCutEnd;
 
 /// Where a cut was interrupted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,6 +32,8 @@ struct CutEnd {
     /// ends before.
     latest: Place,
     channel: u8,
+    /// Whether the kerf may be longer still: it comes from a journal, which may lack the last second.
+    may_be_longer: bool,
 }
 
 /// A cutter that started in motion and is not proven yet (CUT-38).
@@ -172,7 +175,7 @@ impl CutRecovery {
             // Where no end of a cut is known, the kerf is taken to end within the run-in.
             let (cut_end, remaining_mm) = match self.cut_end.filter(|end| end.channel == channel) {
                 Some(cut_end) => (cut_end, latch_mm),
-                None => (CutEnd { place, latest: place, channel }, run_in_mm + latch_mm),
+                None => (CutEnd { place, latest: place, channel, may_be_longer: false }, run_in_mm + latch_mm),
             };
             let proven_periods = proof.settings(self.machine.period_us).proven_periods;
             self.latch = Some(Latch { input: proof.input, cut_end, remaining_mm, struck: None, proven_periods });
@@ -218,7 +221,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     fn set_cut_end(&mut self, place: Place, channel: u8) {
-        self.recovery.cut_end = Some(CutEnd { place, latest: place, channel });
+        self.recovery.cut_end = Some(CutEnd { place, latest: place, channel, may_be_longer: false });
         self.stats.cut_interruptions += 1;
         let line = self.streamer.record(place.record).map_or(self.card.status().line, |record| record.line);
         self.emit(EventKind::CutEnd { channel, place, line });
@@ -241,21 +244,21 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    /// A job is resumed inside a cut: it is continued from where it certainly ended. The pierce is complete at the
-    /// furthest place, so that the cut is not shorter than its beginning.
-    pub(super) fn restore_cut_end(&mut self, ends: &[(u8, Place)], reached: RecordIndex) {
+    /// A job is resumed inside a cut, or behind one that was interrupted: it is continued from where it certainly ended.
+    /// The pierce is complete at the furthest place, so that the cut is not shorter than its beginning.
+    pub(super) fn restore_cut_end(&mut self, ends: &[ResumedCutEnd], reached: RecordIndex) {
         let expected = self.streamer.expected();
-        let lit =
-            ends.iter().find(|&&(channel, _)| expected.get(usize::from(channel)).is_some_and(|&value| value != 0));
-        let Some(&(channel, place)) = lit else { return };
+        let is_lit = |end: &&ResumedCutEnd| expected.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
+        let cut = ends.iter().find(is_lit).or_else(|| ends.iter().find(|end| end.is_interruption));
+        let Some(&ResumedCutEnd { channel, place, is_interruption }) = cut else { return };
         let reached = Place::start_of(reached);
-        let begin = self.streamer.pierce_before(reached).map(|pierce| Place::start_of(pierce + 1));
+        let pierce = self.streamer.pierce_before(if is_interruption { place } else { reached });
         let later = |a: Place, b: Place| if a.distance_to(b) > Distance::ZERO { b } else { a };
-        let place = begin.map_or(place, |begin| later(place, begin));
+        let place = pierce.map_or(place, |pierce| later(place, Place::start_of(pierce + 1)));
         // Where the machine had gone back to continue it, it ends beyond the furthest place.
-        let latest = later(place, reached);
-        self.recovery.cut_end = Some(CutEnd { place, latest, channel });
-        if let Some(pierce) = self.streamer.pierce_before(reached) {
+        let latest = if is_interruption { place } else { later(place, reached) };
+        self.recovery.cut_end = Some(CutEnd { place, latest, channel, may_be_longer: true });
+        if let Some(pierce) = pierce {
             self.cut_map.begin_contour(pierce, self.streamer.record(pierce).map_or(0, |record| record.line));
             self.cut_map.record_cut(Place::start_of(pierce), place);
         }
@@ -413,6 +416,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.emit(EventKind::CutContinued);
         }
         let executed = self.streamer.return_to(place);
+        self.cut_map.reopen_contour(place);
         let begin = match lead_in {
             None => PathStart { reached: place.boundary_ahead(), executed, ..path_start },
             Some(lead_in) => {
@@ -531,7 +535,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         latch.remaining_mm -= axes.map(|(&pulses, mm)| (f64::from(pulses) * mm).powi(2)).sum::<f64>().sqrt();
         if latch.remaining_mm < 0.0 {
             self.recovery.latch = None;
-            if let Some(end) = self.recovery.cut_end.as_mut().filter(|end| end.latest != end.place) {
+            if let Some(end) = self.recovery.cut_end.as_mut().filter(|end| end.may_be_longer) {
                 // The kerf may be longer than was thought: the next attempt looks for its end further on.
                 end.latest = status.place;
             }
