@@ -473,8 +473,13 @@ fn a_contour_that_is_cut_to_its_end_is_cut_again_only_at_the_second_word() {
     assert_eq!((&run_on.report["outcome"], run_on.counts()), (&whole.report["outcome"], whole.counts()));
     let verdict = judge(&uninterrupted, &trace, &JUDGED);
     assert!(verdict.is_good() && verdict.ignitions == 2, "{verdict:?}");
-    let (again, _) = run("", &format!("{back}after 0.1s cut moving\n"), &[]);
-    assert_eq!((rejections(&again).len(), with_reason(&again, "lost").len()), (1, 1), "it was tried");
+    // it is tried all the same, finds no metal, and the rest of the contour is passed with the torch off
+    let tried = format!("{back}after 0.1s cut moving\nafter 5s recover\n");
+    let (again, trace) = run("", &tried, &[]);
+    assert_eq!((rejections(&again).len(), with_reason(&again, "lost").len()), (1, 1), "{}", again.output.out);
+    assert_eq!((&again.report["outcome"], again.counts()), (&whole.report["outcome"], whole.counts()));
+    let verdict = judge(&uninterrupted, &trace, &JUDGED);
+    assert!(verdict.is_good() && verdict.ignitions == 3, "{verdict:?}");
 }
 
 /// The torch is put out while it starts: the machine is at the pierce already, and not at that of the contour before.

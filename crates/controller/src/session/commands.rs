@@ -202,6 +202,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if self.begin_recovery()? {
             return Ok(());
         }
+        self.decide_on_kerf();
         let is_behind =
             matches!(self.mode_controller.mode(), Mode::Rejoin | Mode::Reverse | Mode::Forward | Mode::Wheel);
         self.mode_controller.apply(if is_behind { ModeCommand::Leave { ask: false } } else { ModeCommand::Recover })?;

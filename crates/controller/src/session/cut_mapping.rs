@@ -75,6 +75,29 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Some(refused)
     }
 
+    /// *Recover*: decides whether the rest of the contour is passed with the torch off (CUT-41).
+    pub(super) fn decide_on_kerf(&mut self) {
+        let place = self.furthest_place();
+        let is_whole = self.recovery.cut_end().is_none() && self.cut_map.is_cut_to_its_end(place);
+        self.recovery.passes_kerf = is_whole && self.lit_torches().next().is_some();
+    }
+
+    /// Torches that the program expects to be on at the furthest place, and that strike no arc over a kerf.
+    fn lit_torches(&self) -> impl Iterator<Item = u8> {
+        let is_lit = |channel: &u8| self.streamer.expected()[usize::from(*channel)] != 0;
+        let fires = self.config.fire_channels.iter().copied().filter(is_lit);
+        fires.filter(|&channel| self.recovery.usually_starts_in_motion(channel))
+    }
+
+    /// Outputs that are to be on at the furthest place: what the program expects there, without a torch over a kerf.
+    pub(super) fn wanted_outputs(&self) -> Outputs {
+        let mut wants = *self.streamer.expected();
+        if self.recovery.passes_kerf {
+            self.lit_torches().for_each(|channel| wants[usize::from(channel)] = 0);
+        }
+        wants
+    }
+
     /// Whether this place is behind the end of the interrupted cut, in the same contour.
     fn is_beyond_cut_end(&self, place: Place) -> bool {
         let Some(end) = self.recovery.latest_cut_end() else { return false };

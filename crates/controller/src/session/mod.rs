@@ -359,13 +359,13 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     fn motion_facts(&self) -> MotionFacts {
-        let status = self.card.status();
+        let (status, wants) = (self.card.status(), self.wanted_outputs());
         MotionFacts {
             place: status.place,
             at_rest: status.at_rest,
             reached: status.reached,
             oldest: self.oldest(),
-            outputs_agree: self.outputs_compared_with(self.streamer.expected()) == *self.streamer.expected(),
+            outputs_agree: self.outputs_compared_with(&wants) == wants,
             wheel: self.wheel.rate(),
         }
     }

@@ -32,7 +32,7 @@ struct CutEnd {
     /// ends before.
     latest: Place,
     channel: u8,
-    /// Whether the kerf may be longer still: it comes from a journal, which may lack the last second.
+    /// Whether the kerf may be longer still: the place comes from a journal, which may lack the last second.
     may_be_longer: bool,
 }
 
@@ -62,6 +62,8 @@ pub(super) struct CutRecovery {
     latch: Option<Latch>,
     /// The interrupted cut is to be continued once the machine is at the furthest place.
     continues_when_rejoined: bool,
+    /// Whether the rest of the contour is passed with the torch off: it is cut, and over a kerf no arc strikes.
+    pub(super) passes_kerf: bool,
     /// Where *cut* was refused because everything is cut already.
     pub(super) refused_at: Option<Place>,
     /// Where the next start of the cutter lies in X and Y, from its place on the path.
@@ -79,6 +81,7 @@ impl CutRecovery {
             chosen_start: None,
             latch: None,
             continues_when_rejoined: false,
+            passes_kerf: false,
             refused_at: None,
             shift_mm: [0.0; 2],
             join_counts: None,
@@ -244,8 +247,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
     }
 
-    /// A job is resumed inside a cut, or behind one that was interrupted: it is continued from where it certainly ended.
-    /// The pierce is complete at the furthest place, so that the cut is not shorter than its beginning.
+    /// A job is resumed inside a cut, or behind one that was interrupted: it is continued from where it certainly
+    /// ended. The pierce is complete at the furthest place, so that the cut is not shorter than its beginning.
     pub(super) fn restore_cut_end(&mut self, ends: &[ResumedCutEnd], reached: RecordIndex) {
         let expected = self.streamer.expected();
         let is_lit = |end: &&ResumedCutEnd| expected.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
@@ -417,6 +420,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let executed = self.streamer.return_to(place);
         self.cut_map.reopen_contour(place);
+        self.recovery.passes_kerf = false;
         let begin = match lead_in {
             None => PathStart { reached: place.boundary_ahead(), executed, ..path_start },
             Some(lead_in) => {

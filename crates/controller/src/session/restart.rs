@@ -83,7 +83,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Begins to restore the outputs that the program expects, of the channels selected by `concerned`. Does nothing
     /// where none differs.
     pub(super) fn begin_restart(&mut self, concerned: impl Fn(u8) -> bool) {
-        let wants = *self.streamer.expected();
+        let wants = self.wanted_outputs();
         self.begin_restart_to(&wants, concerned);
     }
 

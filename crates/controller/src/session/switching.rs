@@ -71,6 +71,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if let Some(done) = self.streamer.acknowledge(self.card.status().executed) {
             self.executing = None;
             self.emit_at(done.line, EventKind::Switched(done.code));
+            let fires = |change: &OutputChange| self.config.fire_channels.contains(&change.channel);
+            self.recovery.passes_kerf &= !done.changes[..usize::from(done.count)].iter().any(fires);
             self.map_switching(done.place, done.line, &done.changes[..usize::from(done.count)]);
             let want = self.streamer.expected();
             let are = self.outputs_compared_with(want);

@@ -60,7 +60,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Reports the outputs that differ from what the program expects, several per event.
     pub(super) fn emit_differing_outputs(&mut self) {
-        let want = *self.streamer.expected();
+        let want = self.wanted_outputs();
         let are = self.outputs_compared_with(&want);
         let differs = (0..channel::COUNT).filter(|&at| are[at] != want[at]);
         let mut list = differs.map(|at| (at as u8, are[at], want[at])).peekable();
