@@ -384,11 +384,13 @@ impl ResumeStep<'_> {
 
     /// Where each cutter has certainly cut to, if it was cutting.
     fn cut_ends(&self) -> Vec<ResumedCutEnd> {
-        let interrupted = self.record.interrupted_cut().map(|(channel, _)| channel);
+        let interrupted = self.record.interrupted_cut();
         let cutters = self.machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest());
         let end = |cutter: &CutterConfig| {
-            let (channel, is_interruption) = (cutter.fire, interrupted == Some(cutter.fire));
-            Some(ResumedCutEnd { channel, place: self.record.certain_cut_end(channel)?, is_interruption })
+            let channel = cutter.fire;
+            let cut = interrupted.filter(|cut| cut.channel == channel);
+            let (is_interruption, is_exact) = (cut.is_some(), cut.is_some_and(|cut| cut.is_exact));
+            Some(ResumedCutEnd { channel, place: self.record.certain_cut_end(channel)?, is_interruption, is_exact })
         };
         cutters.filter_map(end).collect()
     }

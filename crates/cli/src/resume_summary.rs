@@ -143,7 +143,7 @@ impl<const A: usize> ResumeSummary<'_, A> {
     fn continued_cut(&self) -> Option<String> {
         let (expected, record) = (self.prepared.expected_outputs(), self.record);
         let mut cutters = self.machine.cutters.iter().filter(|cutter| cutter.kind.cuts_at_rest());
-        let interrupted = record.interrupted_cut().map(|(channel, _)| channel);
+        let interrupted = record.interrupted_cut().map(|cut| cut.channel);
         let lit = cutters.find(|cutter| expected[usize::from(cutter.fire)] != 0 || interrupted == Some(cutter.fire))?;
         record.certain_cut_end(lit.fire)?;
         let (name, mm) = (&lit.name, lit.run_in_mm());

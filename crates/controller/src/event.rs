@@ -202,6 +202,8 @@ pub enum EventKind {
         place: Place,
         /// Program line there.
         line: u32,
+        /// Whether the cut may go on behind it: the place is that of a journal.
+        may_be_longer: bool,
     },
     /// A cut was continued beyond the place where it had ended; the length in mm that is not cut.
     NotCut(f64),
@@ -314,9 +316,9 @@ impl Event {
             EventKind::CutterState { channel, state, contour } => {
                 json!({"event": "cutter_state", "channel": channel, "state": state.name(), "contour": contour})
             }
-            EventKind::CutEnd { channel, place, line } => json!({
+            EventKind::CutEnd { channel, place, line, may_be_longer } => json!({
                 "event": "cut_end", "channel": channel, "cut_record": place.record.number(),
-                "cut_fraction": place.fraction, "cut_line": line,
+                "cut_fraction": place.fraction, "cut_line": line, "may_be_longer": may_be_longer,
             }),
             EventKind::NotCut(mm) => json!({"event": "not_cut", "mm": mm}),
             EventKind::CutContinued => json!({"event": "cut_continued"}),

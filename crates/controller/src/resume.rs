@@ -54,10 +54,11 @@ pub struct ResumedCutEnd {
     pub channel: u8,
     /// The place.
     pub place: Place,
-    /// Whether the cut was interrupted there and not continued: it does not go on behind it, also where the program has
-    /// switched the cutter off since. Otherwise it counts where the program expects the cutter to be on at `reached`,
-    /// and the cut may go on up to there.
+    /// Whether the cut was interrupted there and not continued. It counts also where the program has switched the
+    /// cutter off since; other places count where the program expects the cutter to be on at `reached`.
     pub is_interruption: bool,
+    /// Whether the interruption was seen as it happened. Otherwise the cut may go on behind the place, up to `reached`.
+    pub is_exact: bool,
 }
 
 impl ResumePoint {

@@ -55,17 +55,30 @@ pub struct JobRecord {
     /// Blocks behind which the path rests because the program was cut off or rejected.
     rests: Vec<u64>,
     lengths: Vec<LengthChange>,
-    /// The interrupted cut that was not continued: the channel of its cutter, and where it ended.
-    interrupted_cut: Option<(u8, Place)>,
+    /// The interrupted cut that was not continued.
+    interrupted_cut: Option<InterruptedCut>,
 }
 
-/// Channel and place of an event that reports the end of an interrupted cut.
-fn interrupted_cut(event: &Value) -> Option<(u8, Place)> {
+/// A cut that was interrupted and not continued.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InterruptedCut {
+    /// Channel that fires the cutter.
+    pub channel: u8,
+    /// Where it ends.
+    pub place: Place,
+    /// Whether the interruption was seen as it happened, and the job not resumed since.
+    pub is_exact: bool,
+}
+
+/// The cut whose end an event reports.
+fn interrupted_cut(event: &Value) -> Option<InterruptedCut> {
     let number = |key: &str| event[key].as_u64();
     let is_cut_end = event["event"] == "cut_end";
     let record = RecordIndex::new(u32::try_from(number("cut_record").filter(|_| is_cut_end)?).ok()?);
     let fraction = u32::try_from(number("cut_fraction")?).ok()?;
-    Some((u8::try_from(number("channel")?).ok()?, Place { record, fraction }))
+    let channel = u8::try_from(number("channel")?).ok()?;
+    let is_exact = event["may_be_longer"] != true;
+    Some(InterruptedCut { channel, place: Place { record, fraction }, is_exact })
 }
 
 /// Last known position of a machine.
@@ -180,7 +193,7 @@ impl JobRecord {
     /// that goes on after the last entry is up to one second longer (CUT-46).
     #[must_use]
     pub fn certain_cut_end(&self, channel: u8) -> Option<Place> {
-        let interrupted = self.interrupted_cut.filter(|&(of, _)| of == channel).map(|(_, place)| place);
+        let interrupted = self.interrupted_cut.filter(|cut| cut.channel == channel).map(|cut| cut.place);
         let at = self.at.as_ref();
         interrupted.or_else(|| at.filter(|at| at.is_cutting_with(channel)).map(|at| at.place)).or_else(|| {
             // Outside of normal run, and in a hold, it ended where normal run came to rest.
@@ -189,9 +202,9 @@ impl JobRecord {
         })
     }
 
-    /// The cut that was interrupted and not continued, if there is one: the channel of its cutter, and where it ends.
+    /// The cut that was interrupted and not continued, if there is one.
     #[must_use]
-    pub fn interrupted_cut(&self) -> Option<(u8, Place)> {
+    pub fn interrupted_cut(&self) -> Option<InterruptedCut> {
         self.interrupted_cut
     }
 

@@ -57,7 +57,7 @@ pub use entry::{
 pub use file_hash::{FileHash, ParseHashError};
 pub use hold_reason::HoldReason;
 pub use homed_axes::{CardBoot, HomedAxes, axes_to_home};
-pub use job_record::{JobRecord, JobSummary, LastPosition};
+pub use job_record::{InterruptedCut, JobRecord, JobSummary, LastPosition};
 pub use job_store::{JobFolder, JobLock, JobState, JobStore, ListedJob, plain_name};
 pub use journal_queue::{Durability, JournalNotice};
 pub use journal_reader::{JournalEntries, JournalError, JournalTail};

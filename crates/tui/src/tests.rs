@@ -261,10 +261,10 @@ fn cutters_and_outputs_have_names_and_what_the_program_had_stands_beside_them() 
     assert!(on.contains("torch ON · program here ON") && on.contains("outputs ON: clamp"), "{on}");
     assert!(!on.contains("spindle"), "{on}");
     model.cutter_states = [(64, (CutterState::Cutting, 3))].into();
-    assert!(shown(&model, &KeyState::new()).contains("torch ON, cutting contour 3"));
+    assert!(shown(&model, &KeyState::new()).contains("torch ON · program here ON · cut"));
     (model.outputs, model.cutter_off_reasons) = ([(5, 1)].into(), [(64, "lost")].into());
     model.cutter_states = [(64, (CutterState::Lost, 3))].into();
-    assert!(shown(&model, &KeyState::new()).contains("torch off, cut interrupted: lost"));
+    assert!(shown(&model, &KeyState::new()).contains("torch off · program here ON · cut"));
     let mut key_state = KeyState::new();
     for open in [
         OpenDialog::Nothing,
@@ -309,7 +309,7 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     lock_model(&model).stage = ScreenStage::Job;
     lock_model(&model).program_outputs = [(64, 1)].into();
     event(EventKind::CutterOff { channel: 64, reason: CutterOffReason::Card(CutterOffCause::Lost) });
-    event(EventKind::CutEnd { channel: 64, place: Place::default(), line: 13 });
+    event(EventKind::CutEnd { channel: 64, place: Place::default(), line: 13, may_be_longer: false });
     set(Mode::Run, HoldReason::Hold, true);
     says("CUT INTERRUPTED");
     says(" torch lost; the cut ends in line 13; k goes back and cuts on — k recover");
@@ -328,7 +328,7 @@ fn a_lost_cut_is_explained_until_it_is_whole() {
     says("at rest until more path is planned");
     // another interruption, by a hold
     event(EventKind::CutterOff { channel: 64, reason: CutterOffReason::Card(CutterOffCause::Standing) });
-    event(EventKind::CutEnd { channel: 64, place: Place::default(), line: 14 });
+    event(EventKind::CutEnd { channel: 64, place: Place::default(), line: 14, may_be_longer: false });
     set(Mode::Run, HoldReason::Hold, true);
     says(" the cut ends in line 14; k goes back and cuts on");
     event(EventKind::Operator(OperatorCommand::Recover));

@@ -227,7 +227,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.recovery.cut_end = Some(CutEnd { place, latest: place, channel, may_be_longer: false });
         self.stats.cut_interruptions += 1;
         let line = self.streamer.record(place.record).map_or(self.card.status().line, |record| record.line);
-        self.emit(EventKind::CutEnd { channel, place, line });
+        self.emit(EventKind::CutEnd { channel, place, line, may_be_longer: false });
     }
 
     /// Records where a cut ended because the operator switches this cutter off.
@@ -252,21 +252,22 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn restore_cut_end(&mut self, ends: &[ResumedCutEnd], reached: RecordIndex) {
         let expected = self.streamer.expected();
         let is_lit = |end: &&ResumedCutEnd| expected.get(usize::from(end.channel)).is_some_and(|&value| value != 0);
-        let cut = ends.iter().find(is_lit).or_else(|| ends.iter().find(|end| end.is_interruption));
-        let Some(&ResumedCutEnd { channel, place, is_interruption }) = cut else { return };
+        let lit = ends.iter().find(is_lit);
+        let cut = lit.or_else(|| ends.iter().find(|end| end.is_interruption));
+        let Some(&ResumedCutEnd { channel, place, is_interruption, is_exact }) = cut else { return };
         let reached = Place::start_of(reached);
         let pierce = self.streamer.pierce_before(if is_interruption { place } else { reached });
         let later = |a: Place, b: Place| if a.distance_to(b) > Distance::ZERO { b } else { a };
         let place = pierce.map_or(place, |pierce| later(place, Place::start_of(pierce + 1)));
         // Where the machine had gone back to continue it, it ends beyond the furthest place.
-        let latest = if is_interruption { place } else { later(place, reached) };
+        let latest = if is_exact || lit.is_none() { place } else { later(place, reached) };
         self.recovery.cut_end = Some(CutEnd { place, latest, channel, may_be_longer: true });
         if let Some(pierce) = pierce {
             self.cut_map.begin_contour(pierce, self.streamer.record(pierce).map_or(0, |record| record.line));
             self.cut_map.record_cut(Place::start_of(pierce), place);
         }
         let line = self.streamer.record(place.record).map_or(0, |record| record.line);
-        self.emit(EventKind::CutEnd { channel, place, line });
+        self.emit(EventKind::CutEnd { channel, place, line, may_be_longer: true });
     }
 
     /// Goes to the furthest place, and continues the interrupted cut from there. Returns false where no cut was

@@ -39,7 +39,7 @@ fn examples() -> Vec<EventKind> {
         EventKind::RestartSwitched("M3"),
         EventKind::CutterOff { channel: 3, reason: CutterOffReason::Operator },
         EventKind::CutterState { channel: 3, state: CutterState::Piercing, contour: 2 },
-        EventKind::CutEnd { channel: 3, place: Place::default(), line: 4 },
+        EventKind::CutEnd { channel: 3, place: Place::default(), line: 4, may_be_longer: false },
         EventKind::NotCut(1.25),
         EventKind::CutContinued,
         EventKind::Contour { number: 3, not_cut_mm: 0.5 },

@@ -194,15 +194,15 @@ fn cutter_state(model: &ScreenModel, channel: u8) -> String {
     let (state, contour) = model.cutter_states.get(&channel).copied().unwrap_or_default();
     match state {
         CutterState::Off => String::new(),
-        CutterState::Igniting => ", igniting".into(),
-        CutterState::Piercing => ", piercing".into(),
-        CutterState::Cutting => format!(", cutting contour {contour}"),
-        CutterState::Ending => format!(", end of contour {contour}"),
+        CutterState::Igniting => " · igniting".into(),
+        CutterState::Piercing => " · piercing".into(),
+        CutterState::Cutting => format!(" · cutting contour {contour}"),
+        CutterState::Ending => format!(" · end of contour {contour}"),
         CutterState::Lost => {
             let why = model.cutter_off_reasons.get(&channel).map_or(String::new(), |why| format!(": {why}"));
-            format!(", cut interrupted{}", why.replace('_', " "))
+            format!(" · cut interrupted{}", why.replace('_', " "))
         }
-        CutterState::Dry => ", dry run".into(),
+        CutterState::Dry => " · dry run".into(),
     }
 }
 
@@ -216,7 +216,7 @@ fn cutters(model: &ScreenModel) -> Vec<String> {
             String::new()
         };
         let doing = cutter_state(model, cutter.fire);
-        format!("{} {}{doing}{program}", cutter.name, state(model.output(cutter.fire)))
+        format!("{} {}{program}{doing}", cutter.name, state(model.output(cutter.fire)))
     };
     model.facts.cutters.iter().map(line).collect()
 }
