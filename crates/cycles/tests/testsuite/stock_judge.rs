@@ -173,13 +173,12 @@ fn cases() -> u32 {
     std::env::var("RETRACE_STOCK").ok().and_then(|count| count.parse().ok()).unwrap_or(100)
 }
 
-/// Cases that failed once.
+/// Beside the upright start of an arc, the envelope fell into a dip that is not there.
 #[test]
-fn roughing_takes_nothing_of_the_part_in_cases_that_failed_once() {
-    for (seed, falls) in [(15760046238273249670, true)] {
-        let case = case(seed, falls, 0);
-        judge_roughing(&case, &rough_path(&case), seed);
-    }
+fn roughing_takes_nothing_of_the_part_beside_the_upright_start_of_an_arc() {
+    let seed = 15_760_046_238_273_249_670;
+    let case = case(seed, true, 0);
+    judge_roughing(&case, &rough_path(&case), seed);
 }
 
 proptest! {
