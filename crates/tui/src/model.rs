@@ -228,7 +228,7 @@ pub struct ScreenModel {
     pub recovering: bool,
     /// Instruction that a restart executes again.
     pub restarting: Option<&'static str>,
-    /// Number of contours that have ended, and the numbers of those that are not whole, at most [`MAX_CONTOURS`].
+    /// Number of contours that have ended, and the numbers of those that are not whole, at most 64.
     pub contours: (u32, BTreeSet<u32>),
     /// Whether the machine is at rest where the program switched the cutter, which is on manually.
     pub at_cutter_boundary: bool,
