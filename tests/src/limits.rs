@@ -127,7 +127,7 @@ mod tests {
             increments: vec![count(period + 1) - count(period)],
             retrace_switched: String::new(),
         };
-        Records { axes: vec!["x".to_owned()], rows: (0..300).map(row).collect() }
+        Records { axes: vec!["x".to_owned()], rows: (0..300).map(row).collect(), is_dry: false }
     }
 
     fn violations(records: &Records, axis: Axis) -> [u64; 3] {

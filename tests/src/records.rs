@@ -31,6 +31,8 @@ pub struct Records {
     pub axes: Vec<String>,
     /// The rows, in the order of time.
     pub rows: Vec<Row>,
+    /// Whether they are of a dry run.
+    pub is_dry: bool,
 }
 
 /// The columns before the axes.
@@ -43,7 +45,11 @@ impl Records {
     /// The first line that does not have the format of the interface.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut lines = text.lines();
-        let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+        let mut header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+        let is_dry = header.last() == Some(&"dry_run");
+        if is_dry {
+            header.pop();
+        }
         if header.get(..COLUMNS.len()) != Some(&COLUMNS[..]) || header.len() == COLUMNS.len() {
             return Err(format!("the header is {header:?}"));
         }
@@ -52,10 +58,11 @@ impl Records {
         let has_switched = axes.len() + COLUMNS.len() < header.len();
         let mut rows = Vec::new();
         for (index, line) in lines.enumerate() {
-            let row = row(line, axes.len(), has_switched).ok_or_else(|| format!("line {}: {line:?}", index + 2))?;
+            let fields = if is_dry { line.strip_suffix(",1").unwrap_or_default() } else { line };
+            let row = row(fields, axes.len(), has_switched).ok_or_else(|| format!("line {}: {line:?}", index + 2))?;
             rows.push(row);
         }
-        Ok(Self { axes, rows })
+        Ok(Self { axes, rows, is_dry })
     }
 
     /// The sum of every axis over all rows, in pulses.

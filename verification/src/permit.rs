@@ -18,16 +18,18 @@ use retrace_link::MAX_CUTTING_CHANNELS;
 use retrace_link::{CutterOffCause, CuttingChannel, CuttingSettings, ProofInput};
 
 fn any_conditions(c: &mut impl Choice) -> PermitConditions {
-    let denied = match c.below(4) {
-        0 => Some(CutterOffCause::Alarm),
+    let denied = match c.below(5) {
+        0 => Some(CutterOffCause::Collision),
+        3 => Some(CutterOffCause::Alarm),
         1 => Some(CutterOffCause::HostSilent),
         2 => Some(CutterOffCause::EpochClosed),
         _ => None,
     };
-    let (backward, moving, awaits_motion, keeps_cutter) = (c.flag(), c.flag(), c.flag(), c.flag());
+    let (backward, moving, awaits_motion) = (c.flag(), c.flag(), c.flag());
+    let (keeps_cutter, is_pulse) = (c.flag(), c.flag());
     let inputs = c.below(64) as u16;
     let place = Place { record: RecordIndex::new(c.word()), fraction: 0 };
-    PermitConditions { denied, backward, moving, awaits_motion, keeps_cutter, inputs, place }
+    PermitConditions { denied, backward, moving, awaits_motion, keeps_cutter, is_pulse, inputs, place }
 }
 
 fn any_channel(c: &mut impl Choice, number: u8, most: u32) -> CuttingChannel {
@@ -70,7 +72,7 @@ fn is_permitted(of: &CuttingChannel, settings: &CuttingSettings, timer: PermitTi
 /// Whether a cutter that was proven is lost in this period.
 fn is_lost(of: &CuttingChannel, timer: PermitTimer, now: &PermitConditions) -> bool {
     let (Some(proof), ProofState::Proven { inactive }) = (of.proof, timer.proof) else { return false };
-    now.inputs & 1 << proof.input == 0 && u32::from(inactive) + 1 >= u32::from(proof.lost_periods)
+    !now.is_pulse && now.inputs & 1 << proof.input == 0 && u32::from(inactive) + 1 >= u32::from(proof.lost_periods)
 }
 
 /// One channel, from any state: it is passed exactly where the requirements permit it, and its timer stays within its
@@ -315,6 +317,20 @@ pub const ROWS: &[Row] = &[Row {
             file: CARD,
             find: "self.player.apply_permit(self.permit_denial())",
             put: "self.player.apply_permit(None)",
+            killer: "permit-card",
+        },
+        Mutant {
+            name: "a cutter burns in a collision",
+            file: CARD,
+            find: "None if self.inputs.collisions() != 0 => Some(CutterOffCause::Collision),",
+            put: "",
+            killer: "permit-card",
+        },
+        Mutant {
+            name: "a test pulse does not end",
+            file: "crates/card/src/switching.rs",
+            find: "if instruction.is_pulse {\n                    switch_off(",
+            put: "if instruction.is_pulse && instruction.periods == 0 {\n                    switch_off(",
             killer: "permit-card",
         },
         Mutant {

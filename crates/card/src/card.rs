@@ -7,7 +7,7 @@
 use retrace_core::{Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardCore, CardIdentity, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HomingCommand,
-    HostCommand, Outputs, PROTOCOL,
+    HostCommand, MAX_PULSE_US, Outputs, PROTOCOL, RepeatedInstruction,
 };
 
 use crate::checked_settings::BACKLASH_IS_COMPENSATED;
@@ -125,10 +125,11 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         let wheel = self.inputs.read(&inputs);
         self.instruction_failed = inputs.failed;
         let homing = self.homing.as_ref().map(HomingSearch::target_switch);
-        // Only the door switch depends on it.
-        let acting =
-            self.inputs.active() != 0 && (homing.is_some() || self.player.is_lit() || self.player.is_about_to_act());
-        if let Some(alarm) = self.safety.check(&self.inputs, MotionState { moving_or_switching: acting, homing }) {
+        let lit = self.player.is_lit();
+        // Only the door switch and the collision inputs depend on it.
+        let acting = self.inputs.active() != 0 && (homing.is_some() || lit || self.player.is_about_to_act());
+        self.player.set_collision(self.inputs.collision(true, 0));
+        if let Some(alarm) = self.safety.check(&self.inputs, MotionState { moving_or_switching: acting, lit, homing }) {
             self.latch_alarm(alarm);
         }
         let alarm = match self.homing.take() {
@@ -161,6 +162,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
             Some(Alarm::HostSilent) => Some(CutterOffCause::HostSilent),
             Some(_) => Some(CutterOffCause::Alarm),
             None if !self.is_open || self.epoch_required => Some(CutterOffCause::EpochClosed),
+            None if self.inputs.collisions() != 0 => Some(CutterOffCause::Collision),
             None => None,
         }
     }
@@ -254,6 +256,12 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         };
         if until.is_some_and(|until| until.input >= self.identity.inputs.min(16)) {
             return Err(CommandRefusal::Unsupported);
+        }
+        if let HostCommand::Repeat(RepeatedInstruction { is_pulse: true, periods, until, .. }) = &command {
+            let period_us = self.settings.as_ref().map_or(0, |settings| settings.settings().period_us);
+            if u64::from(*periods) * u64::from(period_us) > MAX_PULSE_US || until.is_some() {
+                return Err(CommandRefusal::Unsupported);
+            }
         }
         self.player.accept(command)
     }

@@ -112,7 +112,7 @@ fn inputs_exist<const A: usize>(settings: &CardSettings<A>, inputs: u8) -> bool 
         match setting.used_for {
             InputUse::Plain => true,
             InputUse::Limit { axis, .. } | InputUse::Home { axis } => exists && axis < settings.axes,
-            InputUse::Door | InputUse::EmergencyStop | InputUse::Probe => exists,
+            InputUse::Door | InputUse::EmergencyStop | InputUse::Probe | InputUse::Collision { .. } => exists,
         }
     })
 }

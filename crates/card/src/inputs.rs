@@ -75,6 +75,26 @@ impl Inputs {
         })
     }
 
+    /// Returns the active collision inputs, one bit each.
+    #[must_use]
+    pub fn collisions(&self) -> u16 {
+        let inputs =
+            self.uses.iter().enumerate().filter(|(_, used_for)| matches!(used_for, InputUse::Collision { .. }));
+        inputs.fold(0, |bits, (number, _)| bits | 1 << number) & self.active
+    }
+
+    /// Returns the first active collision input whose bit is not in `except`: of those that count in all motion, and, if
+    /// the cutter is `lit`, of the others, too.
+    #[must_use]
+    pub fn collision(&self, lit: bool, except: u16) -> Option<u8> {
+        let of_use = |used_for: &InputUse| match *used_for {
+            InputUse::Collision { only_lit } => lit || !only_lit,
+            _ => false,
+        };
+        let active = self.active & !except;
+        (0u8..).zip(&self.uses).find(|(number, used_for)| active >> number & 1 == 1 && of_use(used_for)).map(|(n, _)| n)
+    }
+
     /// Returns the switch by which an axis is homed at an end: its home switch, else the limit switch there, as a set
     /// of bits; 0 for none.
     #[must_use]

@@ -38,6 +38,8 @@ pub struct PermitConditions {
     pub awaits_motion: bool,
     /// Whether an instruction was executed during which time at rest is not counted.
     pub keeps_cutter: bool,
+    /// Whether that instruction is a test pulse: a loss is not watched.
+    pub is_pulse: bool,
     /// Active inputs, one bit each.
     pub inputs: u16,
     /// Place of the cursor at the beginning of the period.
@@ -342,9 +344,8 @@ pub const fn check_channel(
     if now.backward && !of.lit_in_reverse {
         return Err(CutterOffCause::Reverse);
     }
-    let Some(proof) = timer.proof.after_period(of.proof, now.inputs) else {
-        return Err(CutterOffCause::Lost);
-    };
+    let proof = if now.is_pulse { Some(timer.proof) } else { timer.proof.after_period(of.proof, now.inputs) };
+    let Some(proof) = proof else { return Err(CutterOffCause::Lost) };
     if now.moving || now.keeps_cutter {
         return Ok(PermitTimer { handover: 0, standing: 0, proof });
     }

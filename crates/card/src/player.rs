@@ -59,6 +59,8 @@ pub struct Player<const A: usize, const W: usize, const M: usize, S = [Record<A>
     permit: CutterPermit,
     /// Alarm of an instruction that could not begin.
     start_alarm: Option<Alarm>,
+    /// Active collision input: no cutter is started.
+    collision: Option<u8>,
     /// Conditions of the last period, as far as the player knows them.
     conditions: PermitConditions,
     status: CardStatus<A>,
@@ -114,12 +116,14 @@ impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
             block: MotionBlock::None,
             permit: CutterPermit::new(),
             start_alarm: None,
+            collision: None,
             conditions: PermitConditions {
                 denied: None,
                 backward: false,
                 moving: false,
                 awaits_motion: false,
                 keeps_cutter: false,
+                is_pulse: false,
                 inputs: 0,
                 place: Place::start_of(start),
             },
@@ -197,6 +201,11 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         }
         self.update_status();
         outcome.stays_on.map(|input| Alarm::CutterStaysOn { input })
+    }
+
+    /// Sets the active collision input.
+    pub(crate) const fn set_collision(&mut self, input: Option<u8>) {
+        self.collision = input;
     }
 
     /// Whether a cutting output is on.
@@ -286,6 +295,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// waits for its place lights it.
     fn cancel_start(&mut self, change: OutputChange) {
         if change.value == 0 && self.permit.fires(change.channel) && self.switching.switches_on(change.channel) {
+            if self.switching.is_pulse() {
+                self.switching.end_pulse(&mut self.outputs);
+                return;
+            }
             self.switching.cancel();
             self.permit.report_cancelled_start(self.status.place);
             self.block = MotionBlock::CutterOff;
@@ -332,6 +345,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             moving: !status.at_rest,
             awaits_motion: self.awaits_motion(),
             keeps_cutter: self.switching.keeps_cutter(),
+            is_pulse: false,
             inputs: status.inputs,
             place: status.place,
         };
@@ -349,10 +363,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         if !self.has_stopped() {
             return Err(CommandRefusal::InMotion);
         }
-        let inputs = self.status.inputs;
-        if let Some(input) = self.permit.proven_before_start(repeated.changes(), self.outputs.values(), inputs) {
-            self.start_alarm = Some(Alarm::ProvenBeforeStart { input });
-            return Err(CommandRefusal::Alarm);
+        if let Some(alarm) = self.alarm_of_start(repeated.changes()) {
+            // Not a refusal, which would be reported before the alarm that is its cause.
+            self.start_alarm = Some(alarm);
+            return Ok(());
         }
         self.switching.repeat(repeated, &mut self.outputs)?;
         if let MotionBlock::Restart { begun, .. } = &mut self.block {
@@ -406,11 +420,20 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         if !self.is_due() {
             return;
         }
-        let (changes, inputs) = (self.switching.waiting_changes(), self.status.inputs);
-        match self.permit.proven_before_start(changes, self.outputs.values(), inputs) {
-            Some(input) => self.start_alarm = Some(Alarm::ProvenBeforeStart { input }),
+        match self.alarm_of_start(self.switching.waiting_changes()) {
+            Some(alarm) => self.start_alarm = Some(alarm),
             None => self.switching.begin(&mut self.outputs),
         }
+    }
+
+    /// Returns the reason why these changes, if they switch a cutter on, must not be made.
+    fn alarm_of_start(&self, changes: &[OutputChange]) -> Option<Alarm> {
+        let outputs = self.outputs.values();
+        if let Some(input) = self.permit.proven_before_start(changes, outputs, self.status.inputs) {
+            return Some(Alarm::ProvenBeforeStart { input });
+        }
+        let lights = changes.iter().any(|change| change.value != 0 && self.permit.fires(change.channel));
+        self.collision.filter(|_| lights).map(|input| Alarm::Collision { input })
     }
 
     /// Returns the furthest place ahead that the cursor is at or cannot avoid reaching.
@@ -449,7 +472,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             if instruction_begins || self.switching.is_busy() || waits { Rate::ZERO } else { self.unblocked_target() };
         // The path comes to rest, and cutting outputs are switched off, before it runs backward.
         let turns = wanted < Rate::ZERO && self.permit.is_lit_forward_only(self.outputs.values());
-        let keeps = self.switching.keeps_cutter();
+        let (keeps, is_pulse) = (self.switching.keeps_cutter(), self.switching.is_pulse());
         let ran = !self.drive.at_rest();
         let mut alarm = self.start_alarm.take();
         match self.switching.run_period(active, failed, &mut self.outputs) {
@@ -487,6 +510,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             moving: ran || rate != Rate::ZERO,
             awaits_motion: self.awaits_motion(),
             keeps_cutter: keeps,
+            is_pulse,
             denied: None,
             inputs: active,
             place: from,
@@ -754,7 +778,7 @@ mod tests {
             periods,
             changes: [OutputChange { channel: 3, value: number as i32 }; 4],
             count: 1,
-            until: None,
+            ..RepeatedInstruction::default()
         };
         assert_eq!(player.accept(HostCommand::Repeat(repeat(1, 3))), Err(CommandRefusal::InMotion));
         while !player.run_period().at_rest {}

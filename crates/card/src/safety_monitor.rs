@@ -11,6 +11,8 @@ use crate::Inputs;
 pub struct MotionState {
     /// Whether the machine moves or is about to, or an instruction is being executed.
     pub moving_or_switching: bool,
+    /// Whether a cutting output is on.
+    pub lit: bool,
     /// Axis and end that homing is searching.
     pub homing: Option<(u8, bool)>,
 }
@@ -23,15 +25,15 @@ pub struct SafetyMonitor {
     periods_without_host: u32,
     /// Maximum of these periods; 0: no host is expected yet.
     watchdog: u16,
-    /// Limit switches whose alarm was cleared while they were tripped, until they open, one bit each.
-    acknowledged_limits: u16,
+    /// Limit switches and collision inputs that were active when an alarm was cleared, until they open, one bit each.
+    acknowledged: u16,
 }
 
 impl SafetyMonitor {
     /// Creates a monitor without an alarm and without a watchdog.
     #[must_use]
     pub const fn new() -> Self {
-        Self { alarm: None, periods_without_host: 0, watchdog: 0, acknowledged_limits: 0 }
+        Self { alarm: None, periods_without_host: 0, watchdog: 0, acknowledged: 0 }
     }
 
     /// Returns the latched alarm.
@@ -62,7 +64,7 @@ impl SafetyMonitor {
     /// Checks the inputs at the beginning of a period and returns the cause that stops the machine, if any, the most
     /// serious first.
     pub fn check(&mut self, inputs: &Inputs, motion: MotionState) -> Option<Alarm> {
-        self.acknowledged_limits &= inputs.active();
+        self.acknowledged &= inputs.active();
         if self.watchdog != 0 {
             self.periods_without_host = self.periods_without_host.saturating_add(1);
         }
@@ -75,13 +77,18 @@ impl SafetyMonitor {
         }
         let mut limits = inputs.tripped().filter(|&(bit, axis, upper)| {
             // The switch that homing moves onto does not stop it.
-            self.acknowledged_limits & bit == 0 && motion.homing != Some((axis, upper))
+            self.acknowledged & bit == 0 && motion.homing != Some((axis, upper))
         });
         if let Some((_, axis, upper)) = limits.next() {
             return Some(Alarm::LimitSwitch { axis, upper });
         }
-        if motion.moving_or_switching && inputs.is_active(InputUse::Door) {
-            return Some(Alarm::DoorOpen);
+        if motion.moving_or_switching {
+            if let Some(input) = inputs.collision(motion.lit, self.acknowledged) {
+                return Some(Alarm::Collision { input });
+            }
+            if inputs.is_active(InputUse::Door) {
+                return Some(Alarm::DoorOpen);
+            }
         }
         self.host_timed_out().then_some(Alarm::HostSilent)
     }
@@ -90,12 +97,12 @@ impl SafetyMonitor {
     /// increments.
     #[must_use]
     pub fn check_acknowledged_limits(&self, inputs: &Inputs, increments: &[i32]) -> Option<Alarm> {
-        if self.acknowledged_limits == 0 {
+        if self.acknowledged == 0 {
             return None;
         }
         let mut limits = inputs.tripped().filter(|&(bit, axis, upper)| {
             let increment = increments.get(usize::from(axis)).copied().unwrap_or(0);
-            self.acknowledged_limits & bit != 0 && (if upper { increment > 0 } else { increment < 0 })
+            self.acknowledged & bit != 0 && (if upper { increment > 0 } else { increment < 0 })
         });
         limits.next().map(|(_, axis, upper)| Alarm::LimitSwitch { axis, upper })
     }
@@ -103,8 +110,8 @@ impl SafetyMonitor {
     /// Clears the alarm. Returns false and changes nothing if a cause is present. `failed` means that the machine still
     /// reports the instruction as failed.
     ///
-    /// A tripped limit switch is not such a cause, since only motion can open it: it is acknowledged until it opens,
-    /// and the axis may move off it. An open door is one only if it was the cause of the alarm.
+    /// A tripped limit switch or collision input is not such a cause, since only motion can open it: it is acknowledged
+    /// until it opens, and the axis may move off it. An open door is one only if it was the cause of the alarm.
     pub fn clear(&mut self, inputs: &Inputs, failed: bool) -> bool {
         let Some(alarm) = self.alarm else { return true };
         let door = alarm == Alarm::DoorOpen && inputs.is_active(InputUse::Door);
@@ -112,7 +119,7 @@ impl SafetyMonitor {
         if door || failed || self.host_timed_out() || inputs.is_active(InputUse::EmergencyStop) {
             return false;
         }
-        self.acknowledged_limits = inputs.tripped().fold(0, |bits, (bit, ..)| bits | bit);
+        self.acknowledged = inputs.tripped().fold(inputs.collisions(), |bits, (bit, ..)| bits | bit);
         self.alarm = None;
         true
     }
@@ -131,21 +138,25 @@ mod tests {
     const LIMIT: u16 = 1;
     const DOOR: u16 = 2;
     const STOP: u16 = 4;
+    const BREAKAWAY: u16 = 8;
+    const FLOAT: u16 = 16;
 
     fn inputs(levels: u16) -> Inputs {
-        let uses = [InputUse::Limit { axis: 0, upper: true }, InputUse::Door, InputUse::EmergencyStop];
+        let [breakaway, float] = [false, true].map(|only_lit| InputUse::Collision { only_lit });
+        let uses =
+            [InputUse::Limit { axis: 0, upper: true }, InputUse::Door, InputUse::EmergencyStop, breakaway, float];
         let mut settings = [InputSetting::default(); MAX_INPUTS];
         for (setting, used_for) in settings.iter_mut().zip(uses) {
             setting.used_for = used_for;
         }
         let mut inputs = Inputs::default();
-        inputs.configure(&settings, 3);
+        inputs.configure(&settings, 5);
         inputs.read(&InputLevels { levels, ..InputLevels::default() });
         inputs
     }
 
-    const STANDING: MotionState = MotionState { moving_or_switching: false, homing: None };
-    const ACTING: MotionState = MotionState { moving_or_switching: true, homing: None };
+    const STANDING: MotionState = MotionState { moving_or_switching: false, lit: false, homing: None };
+    const ACTING: MotionState = MotionState { moving_or_switching: true, lit: false, homing: None };
 
     #[test]
     fn the_gravest_cause_comes_first_and_the_first_alarm_stays() {
@@ -155,14 +166,8 @@ mod tests {
         assert_eq!(guard.check(&inputs(LIMIT | DOOR), ACTING), Some(limit));
         assert_eq!(guard.check(&inputs(DOOR), ACTING), Some(Alarm::DoorOpen));
         assert_eq!(guard.check(&inputs(DOOR), STANDING), None);
-        assert_eq!(
-            guard.check(&inputs(LIMIT), MotionState { moving_or_switching: true, homing: Some((0, true)) }),
-            None
-        );
-        assert_eq!(
-            guard.check(&inputs(LIMIT), MotionState { moving_or_switching: true, homing: Some((0, false)) }),
-            Some(limit)
-        );
+        assert_eq!(guard.check(&inputs(LIMIT), MotionState { homing: Some((0, true)), ..ACTING }), None);
+        assert_eq!(guard.check(&inputs(LIMIT), MotionState { homing: Some((0, false)), ..ACTING }), Some(limit));
         assert!(guard.latch(limit) && !guard.latch(Alarm::EmergencyStop));
         assert_eq!(guard.alarm(), Some(limit));
     }
@@ -188,6 +193,21 @@ mod tests {
         assert_eq!(guard.check_acknowledged_limits(&inputs(LIMIT), &[1]), limit);
         assert_eq!(guard.check(&inputs(0), ACTING), None);
         assert_eq!(guard.check(&inputs(LIMIT), ACTING), limit);
+    }
+
+    #[test]
+    fn a_collision_input_stops_motion_and_may_be_left_after_its_alarm_was_cleared() {
+        let mut guard = SafetyMonitor::default();
+        let lit = MotionState { lit: true, ..ACTING };
+        let [breakaway, float] = [3, 4].map(|input| Some(Alarm::Collision { input }));
+        assert_eq!(guard.check(&inputs(BREAKAWAY | FLOAT), STANDING), None, "a torch is being changed");
+        assert_eq!(guard.check(&inputs(BREAKAWAY | DOOR), ACTING), breakaway);
+        assert_eq!(guard.check(&inputs(FLOAT), ACTING), None, "the sheet is being sensed");
+        assert_eq!(guard.check(&inputs(FLOAT), lit), float);
+        assert!(guard.latch(Alarm::Collision { input: 3 }) && guard.clear(&inputs(BREAKAWAY), false));
+        assert_eq!(guard.check(&inputs(BREAKAWAY), ACTING), None, "it is lifted off");
+        assert_eq!(guard.check(&inputs(BREAKAWAY | FLOAT), lit), float, "another one");
+        assert_eq!((guard.check(&inputs(0), ACTING), guard.check(&inputs(BREAKAWAY), ACTING)), (None, breakaway));
     }
 
     #[test]

@@ -263,6 +263,10 @@ impl InstructionExecutor {
         if !instruction.changes().iter().all(|change| outputs.has_channel(change.channel)) {
             return Err(CommandRefusal::NoSuchChannel);
         }
+        if instruction.is_pulse && instruction.periods == 0 {
+            self.repeated = instruction.number;
+            return Ok(());
+        }
         apply_changes(instruction.changes(), outputs);
         if instruction.periods == 0 && instruction.until.is_none() {
             self.repeated = instruction.number;
@@ -326,6 +330,9 @@ impl InstructionExecutor {
         match progress {
             InstructionProgress::Complete => {
                 self.repeated = number;
+                if instruction.is_pulse {
+                    switch_off(instruction.changes(), outputs);
+                }
                 return None;
             }
             InstructionProgress::TimedOut => {
@@ -341,6 +348,20 @@ impl InstructionExecutor {
         }
         self.repeat = Some(PendingRepeat { instruction: *instruction, execution });
         None
+    }
+
+    /// Whether a test pulse is being executed.
+    #[must_use]
+    pub fn is_pulse(&self) -> bool {
+        self.repeat.as_ref().is_some_and(|repeat| repeat.instruction.is_pulse)
+    }
+
+    /// Ends the test pulse before its time: it is complete.
+    pub(crate) fn end_pulse(&mut self, outputs: &mut OutputBank) {
+        if let Some(PendingRepeat { instruction, .. }) = self.repeat.take() {
+            switch_off(instruction.changes(), outputs);
+            self.repeated = instruction.number;
+        }
     }
 
     /// Cancels the instruction that is being executed, because its cutter was lost or not started. One that waits for

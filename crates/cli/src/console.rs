@@ -126,7 +126,9 @@ impl<'m, const A: usize> Console<'m, A> {
         let Some((file, error)) = &mut self.records else { return };
         if error.is_none() {
             let switched = self.retrace_switched.as_deref();
-            *error = record_row(file, status, self.machine.axes.len(), switched).err();
+            let columns =
+                RecordColumns { axes: self.machine.axes.len(), switched, is_dry: self.machine.inhibits_outputs };
+            *error = record_row(file, status, &columns).err();
         }
         if let Some(switched) = &mut self.retrace_switched {
             switched.clear();
@@ -227,7 +229,8 @@ fn create(path: &Path, machine: &MachineConfig) -> Result<BufWriter<File>, Numbe
     let mut file = BufWriter::with_capacity(1 << 18, File::create(path).map_err(named)?);
     let axes: Vec<String> = machine.axes.iter().map(|a| a.name.to_string()).collect();
     let switched = if switches_while_retracing(machine) { ",retrace_switched" } else { "" };
-    writeln!(file, "period,line,rate,record,fraction,{}{switched}", axes.join(",")).map_err(named)?;
+    let dry = if machine.inhibits_outputs { ",dry_run" } else { "" };
+    writeln!(file, "period,line,rate,record,fraction,{}{switched}{dry}", axes.join(",")).map_err(named)?;
     Ok(file)
 }
 
@@ -236,22 +239,31 @@ fn switches_while_retracing(machine: &MachineConfig) -> bool {
     machine.retrace_outputs == RetraceOutputs::Replayed
 }
 
+/// What follows the fixed columns of a row.
+struct RecordColumns<'s> {
+    axes: usize,
+    switched: Option<&'s str>,
+    is_dry: bool,
+}
+
 /// Writes `period,line,rate,record,fraction,<axis>…`: the rate with nine decimals and never −0, the fraction in 2⁻³².
 /// Where retracing switches outputs, `retrace_switched` follows: `5=0 66=1`, each channel that was switched in the
-/// period with its value.
+/// period with its value. In a dry run `dry_run` is the last column, with 1 in every row.
 fn record_row<const A: usize>(
     out: &mut impl Write,
     status: &PeriodRecord<A>,
-    axes: usize,
-    switched: Option<&str>,
+    columns: &RecordColumns<'_>,
 ) -> std::io::Result<()> {
     let rate = RateText(status.rate);
     write!(out, "{},{},{rate},{},{}", status.period, status.line, status.place.record, status.place.fraction)?;
-    for increment in &status.increments[..axes] {
+    for increment in &status.increments[..columns.axes] {
         write!(out, ",{increment}")?;
     }
-    if let Some(switched) = switched {
+    if let Some(switched) = columns.switched {
         write!(out, ",{switched}")?;
+    }
+    if columns.is_dry {
+        out.write_all(b",1")?;
     }
     out.write_all(b"\n")
 }

@@ -7,7 +7,7 @@ use retrace_link::{InputSetting, InputUse};
 
 /// Syntax of the lines.
 const SYNTAX: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press \
-    probe`, \
+    probe`, `press breakaway`, \
     `input 5 on`, `input 5 off`";
 
 /// Manual input.
@@ -70,6 +70,7 @@ fn used_for(what: &str) -> Option<InputUse> {
         "door" => InputUse::Door,
         "emergency-stop" => InputUse::EmergencyStop,
         "probe" => InputUse::Probe,
+        "breakaway" => InputUse::Collision { only_lit: false },
         _ => return None,
     })
 }
@@ -92,12 +93,14 @@ mod tests {
     fn what_is_said_is_done_to_what_is_wired() {
         let mut inputs = [InputSetting::default(); 16];
         inputs[12].used_for = InputUse::Door;
+        inputs[7].used_for = InputUse::Collision { only_lit: false };
         let read = |line| ManualInput::read(line, &inputs).expect(line);
         assert_eq!(read("wheel -120 for 2s"), Some(ManualInput::Wheel { counts_per_s: -120, for_us: 2_000_000 }));
         assert_eq!(read("wheel 3 for 1.5ms # slowly"), Some(ManualInput::Wheel { counts_per_s: 3, for_us: 1500 }));
         assert_eq!(read("wheel -7"), Some(ManualInput::Notch(-7)));
         assert_eq!(read("press door"), Some(ManualInput::Input { number: 12, active: true }));
         assert_eq!(read("release door"), Some(ManualInput::Input { number: 12, active: false }));
+        assert_eq!(read("press breakaway"), Some(ManualInput::Input { number: 7, active: true }));
         assert_eq!(read(" input 5 on"), Some(ManualInput::Input { number: 5, active: true }));
         assert_eq!((read(""), read("# nothing")), (None, None));
         for bad in [

@@ -15,6 +15,8 @@ use crate::value_range::within;
 /// Highest number of a spindle behind `$`.
 const MAX_SPINDLE: u8 = 7;
 
+/// Default of `pulse_s` (CUT-9).
+const USUAL_PULSE_S: f64 = 1.0;
 /// Default of `dwell_lit_s` (CUT-6).
 const USUAL_DWELL_LIT_S: f64 = 30.0;
 
@@ -135,6 +137,12 @@ pub(crate) struct CutterSection {
     single_block: Option<SingleBlockStep>,
     /// Input that proves that the cutter burns or flows.
     ok: Option<CutterProof>,
+    /// Length of a test pulse, in s.
+    #[schemars(range(min = 0.05, max = 3.0))]
+    pulse_s: Option<f64>,
+    /// Inputs that show that the tool has touched something, such as the breakaway of a torch.
+    #[serde(default)]
+    collision: Vec<u8>,
     /// How the cutter starts.
     start: Option<CutterStart>,
     /// How the cutter starts again where a cut was interrupted.
@@ -176,6 +184,10 @@ pub struct CutterConfig {
     pub single_block: SingleBlockStep,
     /// Input that proves that it burns or flows, if any; without one its loss is not watched.
     pub proof: Option<CutterProof>,
+    /// Length of a test pulse, s (CUT-9).
+    pub pulse_s: f64,
+    /// Inputs that show that the tool has touched something (CUT-34).
+    pub collision: Vec<u8>,
     /// How it starts.
     pub start: CutterStart,
     /// How it starts again where a cut was interrupted.
@@ -204,6 +216,8 @@ impl CutterSection {
             rapid_lit,
             single_block: self.single_block.unwrap_or(kind.usual_step()),
             proof: self.ok,
+            pulse_s: self.pulse_s.unwrap_or(USUAL_PULSE_S),
+            collision: self.collision,
             start: self.start.unwrap_or_default(),
             restart: self.restart.unwrap_or_default(),
         }
@@ -236,6 +250,8 @@ impl CutterConfig {
             rapid_lit: false,
             single_block: kind.usual_step(),
             proof: None,
+            pulse_s: USUAL_PULSE_S,
+            collision: Vec::new(),
             start: CutterStart::default(),
             restart: CutterRestart::default(),
         }
@@ -315,12 +331,17 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         within(&format!("cutter {}: standing_ms", cutter.name), standing_ms, 0.0, 5000.0)?;
         let dwell_lit_s = cutter.dwell_lit_s.unwrap_or(USUAL_DWELL_LIT_S);
         within(&format!("cutter {}: dwell_lit_s", cutter.name), dwell_lit_s, 0.0, 600.0)?;
+        let pulse_s = cutter.pulse_s.unwrap_or(USUAL_PULSE_S);
+        within(&format!("cutter {}: pulse_s", cutter.name), pulse_s, 0.05, 3.0)?;
         let has_start = cutter.ok.is_some() || cutter.start.is_some() || cutter.restart.is_some();
         if has_start && !cutter.kind.cuts_at_rest() {
             return refuse(
                 "`ok`, `start` and `restart` are of torches, jets and beams",
                 "write the delay and the input of M3 under [code.M3]",
             );
+        }
+        if cutter.pulse_s.is_some() && !cutter.kind.cuts_at_rest() {
+            return refuse("`pulse_s` is of torches, jets and beams", "remove it");
         }
         if cutter.single_block.is_some() && !cutter.kind.cuts_at_rest() {
             return refuse("`single_block` is of torches, jets and beams", "remove it: a step is a block");
@@ -367,6 +388,32 @@ pub(crate) fn proofs_are_plain_inputs(cutters: &[CutterConfig], card: &CardConfi
             let what =
                 format!("[[cutter]] {}: ok.input = {} has another use in its [[card.input]]", cutter.name, proof.input);
             return Err(NumberedError::new("E2112", what, "an input with `use = \"plain\"`"));
+        }
+    }
+    Ok(())
+}
+
+/// Gives the collision inputs of the cutters their meaning on the card.
+///
+/// # Errors
+/// `E2112` for an input that does not exist or has another use.
+pub(crate) fn declare_collision_inputs(cutters: &[CutterConfig], card: &mut CardConfig) -> Result<(), NumberedError> {
+    for (cutter, &number) in cutters.iter().flat_map(|cutter| cutter.collision.iter().map(move |n| (cutter, n))) {
+        let refuse = |why: &str| {
+            let what = format!("[[cutter]] {}: collision = [{number}]: {why}", cutter.name);
+            Err(NumberedError::new("E2112", what, "an input from 0 to 15 with `use = \"plain\"`, for this use only"))
+        };
+        if cutters.iter().any(|other| other.proof.is_some_and(|proof| proof.input == number)) {
+            return refuse("it is the input of `ok`");
+        }
+        match card.inputs.get_mut(usize::from(number)) {
+            None => return refuse("there is no such input"),
+            Some(input) if input.used_for == InputUse::Plain => {
+                input.used_for = InputUse::Collision { only_lit: false };
+            }
+            // two cutters on one head share a breakaway
+            Some(input) if matches!(input.used_for, InputUse::Collision { .. }) => {}
+            Some(_) => return refuse("it has another use in its [[card.input]]"),
         }
     }
     Ok(())
@@ -484,6 +531,11 @@ mod tests {
             let error = refused(&(cutter("torch", "ok = { input = 5 }") + &input));
             assert_eq!(error.is_empty(), is_free, "{used_for}: {error}");
             assert!(is_free || error.contains("ok.input = 5"), "{error}");
+        }
+        for (number, why) in [(7, ""), (5, "input of `ok`"), (16, "no such input"), (9, "another use")] {
+            let door = "[[card.input]]\nnumber = 9\nuse = \"door\"\n";
+            let error = refused(&(cutter("torch", &format!("ok = {{ input = 5 }}\ncollision = [{number}]")) + door));
+            assert!(error.contains(why) && error.is_empty() == why.is_empty(), "{number}: {error}");
         }
         assert!(refused(&(cutter("torch", "") + "[code.M3]\nduration_ms = 5\n")).contains("beside [[cutter]] tool"));
     }

@@ -84,6 +84,8 @@ pub struct MachineConfig {
     pub stopping: StoppingTimes,
     /// Whether this is a dry run: every cutter is kept off (CUT-8).
     pub inhibits_outputs: bool,
+    /// Whether a dry run takes the time of what it leaves off.
+    pub dry_waits: bool,
     /// Position of the axes when a job begins, mm, in the order of `axes`: that of the card's counts.
     pub stands_at_mm: Vec<f64>,
 }
@@ -163,8 +165,9 @@ impl MachineConfig {
         cutter::no_code_starts_a_cutter(&file.cutter, file.code.keys())?;
         let cutters = cutter::checked(file.cutter, &file.cutting_outputs)?;
         let cutting_outputs = cutter::cutting_outputs(&cutters);
-        let card = file.card.checked(&axes, &cutter::off_at_fault(&cutters), file.control_period_ms)?;
+        let mut card = file.card.checked(&axes, &cutter::off_at_fault(&cutters), file.control_period_ms)?;
         cutter::proofs_are_plain_inputs(&cutters, &card)?;
+        cutter::declare_collision_inputs(&cutters, &mut card)?;
         let output_names = output_names(file.output, &cutters)?;
         let written = Written {
             homing: file.homing,
@@ -200,6 +203,7 @@ impl MachineConfig {
             switching: SwitchingTable::new(&file.code, period_us)?,
             stopping,
             inhibits_outputs: false,
+            dry_waits: file.dry_waits,
             stands_at_mm: vec![0.0; axes.len()],
             axes,
         };
@@ -236,12 +240,13 @@ impl MachineConfig {
         let Some(cutter) = self.cutter_of(change.channel).filter(|cutter| cutter.kind.cuts_at_rest()) else {
             return (0, None);
         };
-        if self.inhibits_outputs {
-            return (0, None);
-        }
-        match change.value {
-            0 => (0, cutter.end_of_cut(self.period_us)),
-            _ => cutter.start_of_cut(pierce_s.unwrap_or(cutter.start.pierce_s), self.period_us),
+        let pierce_s = pierce_s.unwrap_or(cutter.start.pierce_s);
+        match (self.inhibits_outputs, change.value) {
+            // its input proves nothing: it takes the time of a pierce
+            (true, 1..) if self.dry_waits => ((pierce_s * 1e6 / f64::from(self.period_us)).round() as u32, None),
+            (true, _) => (0, None),
+            (false, 0) => (0, cutter.end_of_cut(self.period_us)),
+            (false, _) => cutter.start_of_cut(pierce_s, self.period_us),
         }
     }
 
@@ -260,10 +265,23 @@ impl MachineConfig {
         self.material_file().is_some() && self.cutters.iter().any(is_tool)
     }
 
+    /// Whether this is a dry run that leaves out the time of what it leaves off (CUT-8).
+    #[must_use]
+    pub const fn skips_waits(&self) -> bool {
+        self.inhibits_outputs && !self.dry_waits
+    }
+
     /// Channels that are kept off in a dry run: fire, arm, assist and abrasive of every cutter. Empty otherwise.
     #[must_use]
     pub fn inhibited_channels(&self) -> Vec<u8> {
         if self.inhibits_outputs { cutter::inhibited(&self.cutters) } else { Vec::new() }
+    }
+
+    /// Length of a test pulse of the cutter that this channel fires, in control periods; 0 without one.
+    #[must_use]
+    pub fn test_pulse_periods(&self, fire: u8) -> u32 {
+        let cutter = self.cutters.iter().find(|cutter| cutter.fire == fire);
+        cutter.map_or(0, |cutter| (cutter.pulse_s * 1e6 / f64::from(self.period_us)).round() as u32)
     }
 
     /// Channels of the cutters in the order of the card's settings.

@@ -166,6 +166,8 @@ pub(crate) struct MachineFile {
     pub(crate) retrace_outputs: RetraceOutputs,
     /// Outputs that cut and have no `[[cutter]]`: 64 is then a torch, any other output a jet.
     pub(crate) cutting_outputs: Vec<u8>,
+    /// Whether a dry run takes the time of what it leaves off: run-up of a cutter, its pierce, dwells with it on.
+    pub(crate) dry_waits: bool,
     /// Cutters: torch, jet, beam, marker, spindle.
     pub(crate) cutter: Vec<CutterSection>,
     /// Names of outputs.
@@ -206,6 +208,7 @@ impl Default for MachineFile {
             retract_mm: None,
             retrace_outputs: RetraceOutputs::Manual,
             cutting_outputs: Vec::new(),
+            dry_waits: false,
             cutter: Vec::new(),
             output: Vec::new(),
             tool_change: ToolChange::Automatic,

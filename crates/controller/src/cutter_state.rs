@@ -21,6 +21,8 @@ pub enum CutterState {
     Lost,
     /// The program wants it on, and the dry run keeps it off.
     Dry,
+    /// On for a test pulse.
+    Test,
 }
 
 impl CutterState {
@@ -35,6 +37,7 @@ impl CutterState {
             Self::Ending => "ending",
             Self::Lost => "lost",
             Self::Dry => "dry",
+            Self::Test => "test",
         }
     }
 }

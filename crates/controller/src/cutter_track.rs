@@ -64,6 +64,11 @@ impl CutterTrack {
         }
     }
 
+    /// Whether the program has any cutter on.
+    pub(crate) fn is_any_lit(&self) -> bool {
+        self.lit.contains(&true)
+    }
+
     /// To be called before a dwell: a cutter burns at one place as long as it lasts (CUT-6).
     ///
     /// # Errors

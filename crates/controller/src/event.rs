@@ -113,6 +113,7 @@ impl CutterOffReason {
             Self::Card(CutterOffCause::EpochClosed | CutterOffCause::EpochOpened) => "epoch",
             Self::Card(CutterOffCause::Lost) | Self::NotLatched => "lost",
             Self::Card(CutterOffCause::NotStarted) => "not_started",
+            Self::Card(CutterOffCause::Collision) => "collision",
             Self::Operator => "operator",
             Self::ProgramEnd => "program_end",
             Self::JobStopped => "job_stopped",
@@ -136,6 +137,7 @@ impl CutterOffReason {
                 "E3025: it did not start in any attempt; check the consumables and the earth clamp, `recover` tries \
                  again"
             }
+            Self::Card(CutterOffCause::Collision) => "a collision input is active",
             Self::NotLatched => {
                 "E3024: it did not take hold where the cut ended; `recover` tries again, `back to pierce` and `cut` \
                  pierce anew"

@@ -164,7 +164,7 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
     let mut feeder =
         PlanWriter::new(planner.with_blending(machine.blending), producer, sender, origin.outputs, &cancel)
             .with_index(keeping.index, &origin.counts)
-            .with_inhibited(machine.inhibited_channels())
+            .with_inhibited(machine.inhibited_channels(), machine.dry_waits)
             .with_limits(machine);
     let (line, resumption) = match begin {
         JobStart::First => (None, None),

@@ -82,6 +82,8 @@ pub enum OperatorCommand {
     CutterOff,
     /// Switches the cutter on manually.
     CutterOn,
+    /// Switches the cutter on for the time of a test pulse, at rest.
+    TestPulse,
     /// Optional stop: whether M1 stops the program.
     OptionalStop(bool),
     /// Switches an output manually.
@@ -144,6 +146,7 @@ impl fmt::Display for OperatorCommand {
             Self::Recover => write!(f, "recover"),
             Self::CutterOff => write!(f, "cutter off"),
             Self::CutterOn => write!(f, "cutter on"),
+            Self::TestPulse => write!(f, "test pulse"),
             Self::OptionalStop(on) => write!(f, "optional stop {}", if *on { "on" } else { "off" }),
             Self::Output { number, on } => write!(f, "output {number} {}", if *on { "on" } else { "off" }),
             Self::Single => write!(f, "single"),
@@ -324,6 +327,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["shift", rest @ ..] => OperatorCommand::Shift(parse_shift(rest)?),
         ["cutter", "off"] => OperatorCommand::CutterOff,
         ["cutter", "on"] => OperatorCommand::CutterOn,
+        ["test", "pulse"] => OperatorCommand::TestPulse,
         ["optional", "stop", state @ ("on" | "off")] => OperatorCommand::OptionalStop(*state == "on"),
         ["output", word, state @ ("on" | "off")] => match word.parse() {
             Ok(number @ 0..=channel::SPINDLE) => OperatorCommand::Output { number, on: *state == "on" },

@@ -111,6 +111,7 @@ impl<const A: usize> Report<'_, A> {
             "event": "report",
             "program": self.program,
             "machine": self.machine.name,
+            "dry_run": self.machine.inhibits_outputs,
             "outcome": self.outcome.word(),
             "exit_code": self.outcome.exit_code(),
             "line": self.line,

@@ -54,6 +54,11 @@ pub enum Alarm {
         /// The input.
         input: u8,
     },
+    /// A collision input became active in motion, or with a cutting output on (CUT-34).
+    Collision {
+        /// The input.
+        input: u8,
+    },
     /// A record that the drive needs was not there: a defect of the card.
     Defect,
 }
@@ -74,6 +79,7 @@ impl Alarm {
             Self::Defect => (9, 0),
             Self::ProvenBeforeStart { input } => (10, input as u32),
             Self::CutterStaysOn { input } => (11, input as u32),
+            Self::Collision { input } => (12, input as u32),
         }
     }
 
@@ -92,6 +98,7 @@ impl Alarm {
             9 => Self::Defect,
             10 => Self::ProvenBeforeStart { input: detail as u8 },
             11 => Self::CutterStaysOn { input: detail as u8 },
+            12 => Self::Collision { input: detail as u8 },
             _ => return None,
         })
     }
@@ -111,6 +118,7 @@ impl CardFailure for Alarm {
             Self::Defect => "E3019",
             Self::ProvenBeforeStart { .. } => "E3022",
             Self::CutterStaysOn { .. } => "E3023",
+            Self::Collision { .. } => "E3027",
         }
     }
 
@@ -133,6 +141,9 @@ impl CardFailure for Alarm {
             }
             Self::CutterStaysOn { .. } => {
                 "switch the source off at its own switch; check the output's relay and the contact of the input"
+            }
+            Self::Collision { .. } => {
+                "clear the alarm, jog the tool off what it touched, check tool and position, then resume"
             }
         }
     }
@@ -161,6 +172,9 @@ impl fmt::Display for Alarm {
             }
             Self::CutterStaysOn { input } => {
                 write!(f, "input {input} still says that the cutter is on after it was switched off")
+            }
+            Self::Collision { input } => {
+                write!(f, "input {input} says that the tool has touched something; no axis moved by itself")
             }
         }
     }

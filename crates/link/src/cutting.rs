@@ -8,6 +8,8 @@ use retrace_core::Place;
 
 use crate::{InputWait, MAX_CHANGES, OutputChange};
 
+/// Longest test pulse of a cutter, in microseconds (CUT-9).
+pub const MAX_PULSE_US: u64 = 3_000_000;
 /// Maximum number of cutting channels of a card.
 pub const MAX_CUTTING_CHANNELS: usize = 8;
 /// Maximum number of cutting channels with a [`ProofInput`]: the settings then fit a frame.
@@ -83,6 +85,8 @@ pub struct RepeatedInstruction {
     pub periods: u32,
     /// Input that is awaited in addition.
     pub until: Option<InputWait>,
+    /// Whether this is a test pulse: what it switches on is switched off again at its end (CUT-9).
+    pub is_pulse: bool,
 }
 
 impl RepeatedInstruction {
@@ -117,6 +121,8 @@ pub enum CutterOffCause {
     /// The cutter was not proven in any of its attempts, or was switched off manually in its start: no channel is named
     /// then. The card blocks motion until [`crate::HostCommand::Restart`].
     NotStarted,
+    /// A collision input is active.
+    Collision,
 }
 
 impl CutterOffCause {
@@ -139,6 +145,7 @@ impl CutterOffCause {
             6 => Self::EpochOpened,
             7 => Self::Lost,
             8 => Self::NotStarted,
+            9 => Self::Collision,
             _ => return None,
         })
     }

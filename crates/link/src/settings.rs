@@ -13,7 +13,7 @@ pub const MAX_INPUTS: usize = 16;
 /// Maximum number of outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
 /// Version of the protocol that this crate implements.
-pub const PROTOCOL: u8 = 5;
+pub const PROTOCOL: u8 = 6;
 
 /// Identity and capabilities of a card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -70,6 +70,13 @@ pub enum InputUse {
     EmergencyStop,
     /// A probe.
     Probe,
+    /// A contact that shows that the tool has touched something: the breakaway of a torch, its float switch (CUT-34).
+    /// No cutting output is on while it is active.
+    Collision {
+        /// Whether it is an alarm only while a cutting output is on, as for a float switch, which is also closed when
+        /// the sheet is sensed; otherwise it is one in all motion.
+        only_lit: bool,
+    },
 }
 
 /// Settings of an input.

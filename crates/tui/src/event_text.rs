@@ -92,6 +92,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::Recover => "restart the cutter and resume".into(),
         OperatorCommand::CutterOff => "cutter off".into(),
         OperatorCommand::CutterOn => "cutter on".into(),
+        OperatorCommand::TestPulse => "test pulse of the cutter".into(),
         OperatorCommand::OptionalStop(on) => format!("optional stop {}", if *on { "on" } else { "off" }),
         OperatorCommand::Output { number, on } => format!("{} (manual)", output_text(model, *number, i32::from(*on))),
         OperatorCommand::Single => format!("single block {}", if model.single { "on" } else { "off" }),

@@ -28,10 +28,19 @@ pub(crate) enum PendingQuestion {
     WorkZero,
     /// Tool length.
     ToolLength,
+    /// Whether to fire the cutter for a test pulse.
+    TestPulse,
     /// Whether to stop the job.
     Stop,
     /// Path of another program.
     Program,
+}
+
+impl PendingQuestion {
+    /// Whether the answer is a text, and not a key.
+    pub(crate) const fn takes_text(self) -> bool {
+        !matches!(self, Self::Stop | Self::TestPulse)
+    }
 }
 
 /// Dialog over the screen.
@@ -313,6 +322,7 @@ impl KeyState {
             KeyAction::WorkZero => ask(PendingQuestion::WorkZero, "all"),
             KeyAction::ToolLength => ask(PendingQuestion::ToolLength, ""),
             KeyAction::OpenProgram => ask(PendingQuestion::Program, ""),
+            KeyAction::TestPulse => ask(PendingQuestion::TestPulse, ""),
             KeyAction::Quit => ask(PendingQuestion::Stop, ""),
             KeyAction::Help => OpenDialog::Help(0),
             KeyAction::Tools => OpenDialog::Tools,
@@ -423,7 +433,7 @@ impl KeyState {
             self.open = OpenDialog::Nothing;
             return (!matches!(model.stage, ScreenStage::Ended(_))).then_some(UiCommand::Job(OperatorCommand::Hold));
         }
-        let is_text_prompt = matches!(&self.open, OpenDialog::Prompt(ask, ..) if *ask != PendingQuestion::Stop);
+        let is_text_prompt = matches!(&self.open, OpenDialog::Prompt(ask, ..) if ask.takes_text());
         if matches!(key, Key::Char('x' | 'X')) && !is_text_prompt {
             self.open = OpenDialog::Nothing;
             return Some(UiCommand::CutterOff);
@@ -443,7 +453,8 @@ impl KeyState {
         *wrong = None;
         let done = match (*ask, key) {
             (PendingQuestion::Stop, Key::Char('y') | Key::Interrupt) => Ok(UiCommand::Job(OperatorCommand::Stop)),
-            (PendingQuestion::Stop, _) | (_, Key::Esc | Key::Interrupt) => {
+            (PendingQuestion::TestPulse, Key::Char('y')) => answer(PendingQuestion::TestPulse, "", model),
+            (PendingQuestion::Stop | PendingQuestion::TestPulse, _) | (_, Key::Esc | Key::Interrupt) => {
                 self.open = OpenDialog::Nothing;
                 return None;
             }
@@ -512,6 +523,9 @@ fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCom
             _ => Err("enter a length in mm such as 84.2, or a difference such as +0.35".into()),
         },
         PendingQuestion::Stop => Ok(UiCommand::Job(OperatorCommand::Stop)),
+        PendingQuestion::TestPulse if model.stage == ScreenStage::Job => Ok(UiCommand::Job(OperatorCommand::TestPulse)),
+        PendingQuestion::TestPulse if !model.homed => Err("home the machine first".into()),
+        PendingQuestion::TestPulse => Ok(UiCommand::Task(ManualTask::TestPulse)),
         PendingQuestion::Program if text.is_empty() => Err("enter the path of a program file".into()),
         PendingQuestion::Program => Ok(UiCommand::Load(files::expanded(text))),
     }

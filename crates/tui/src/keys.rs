@@ -99,6 +99,8 @@ pub(crate) enum KeyAction {
     CutterOff,
     /// Switches the cutter on manually.
     CutterOn,
+    /// Switches the cutter on for a test pulse.
+    TestPulse,
     /// Restores the outputs, the cutter last, and resumes.
     Recover,
     /// Optional stop (M1) on or off.
@@ -312,6 +314,8 @@ pub(crate) const TABLE: &[Row] = &[
         KeyAction::CutterOff),
     row(&[Key::Char('i')], "i", "cutter on", "cutter on, where manual cutting is permitted", MOVING,
         KeyAction::CutterOn),
+    row(&[Key::Char('!')], "!", "test pulse", "test pulse of the cutter at rest, after a question", SETUP | MOVING | PAUSED,
+        KeyAction::TestPulse),
     row(&[Key::Char('k')], "k", "recover", "back to the end of the cut, cutter on, and resume", RUN | RETRACE | WHEEL,
         KeyAction::Recover),
     row(&[Key::Char('S')], "S", "spindle", "stop the spindle; again: restart it", PAUSED, KeyAction::Spindle),

@@ -218,6 +218,8 @@ pub struct ScreenModel {
     pub cutter_is_off: bool,
     /// State of each cutter by the channel that fires it, with the number of its contour; off where none was reported.
     pub cutter_states: BTreeMap<u8, (CutterState, u32)>,
+    /// Period in which an output was switched on, of those that are on.
+    pub on_since: BTreeMap<u8, u64>,
     /// Why a cutter went off last, by the channel that fires it.
     pub cutter_off_reasons: BTreeMap<u8, &'static str>,
     /// Program line in which an interrupted cut ends.
@@ -302,6 +304,7 @@ impl ScreenModel {
             optional_stop: false,
             tool_change: None,
             cutter_states: BTreeMap::new(),
+            on_since: BTreeMap::new(),
             cutter_off_reasons: BTreeMap::new(),
             cutter_is_off: false,
             cut_end_line: None,
@@ -418,6 +421,13 @@ impl ScreenModel {
     #[must_use]
     pub fn output(&self, channel: u8) -> i32 {
         self.outputs.get(&channel).copied().unwrap_or(0)
+    }
+
+    /// Time in s for which an output has been on; 0 where it is off.
+    #[must_use]
+    pub fn on_s(&self, channel: u8) -> f64 {
+        let periods = self.on_since.get(&channel).map_or(0, |&since| self.period.saturating_sub(since));
+        periods as f64 * self.facts.period_s
     }
 
     /// Numbers of the digital outputs that are on.

@@ -149,6 +149,12 @@ impl<const A: usize> Observer<A> for ModelObserver {
             }
             Telemetry::Output(change) => {
                 model.outputs.insert(change.channel, change.value);
+                let period = model.period;
+                if change.value == 0 {
+                    model.on_since.remove(&change.channel);
+                } else {
+                    model.on_since.entry(change.channel).or_insert(period);
+                }
                 self.program_outputs.output_changed(model.place.record, change.channel, change.value);
                 let turns = model.output(channel::SPINDLE);
                 if let Some(pause) = &mut model.pause {

@@ -108,3 +108,41 @@ fn a_cut_is_resumed_whose_end_was_passed_without_an_arc() {
     // the second ignition of this seed strikes no arc
     killed_and_resumed("lose@59,no-start=0.4,seed=11", "at 5.5s recover\n", 8.5).unwrap_or_else(|why| panic!("{why}"));
 }
+
+/// The tool touches something in the cut, or the operator presses the emergency stop: the torch is off at once, the
+/// axes brake on the path, nothing else moves, and the job goes on from there.
+#[test]
+fn a_cut_is_resumed_after_a_collision_and_after_an_emergency_stop() {
+    let inputs = "[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n";
+    let machine = MACHINE.replace("fire = 64\n", "fire = 64\ncollision = [7]\n") + inputs;
+    for (what, number) in [("breakaway", "E3027"), ("emergency-stop", "E3012")] {
+        let bench = Bench::new();
+        bench.file("part.ngc", PROGRAM);
+        let file = bench.file("m.toml", &machine).display().to_string();
+        let vcd = bench.path("pins.vcd").display().to_string();
+        let _ = Run::of(
+            &bench,
+            std::path::Path::new("part.ngc"),
+            &["--machine", "m.toml", "--no-journal", "--vcd", "whole.vcd"],
+        );
+        let speed = SPEED.to_string();
+        let mut card = ServedCard::with(&["--machine", &file, "--vcd", &vcd, "--speed", &speed]);
+        let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+        let mut host = bench.start(&run, Stdio::null(), "stopped.txt");
+        thread::sleep(Duration::from_secs_f64(0.3 + 2.5 / SPEED));
+        card.operate(&format!("press {what}"));
+        assert_eq!(host.wait().expect("it ends").code(), Some(3), "{what}");
+        let told = std::fs::read_to_string(bench.path("stopped.txt")).unwrap_or_default();
+        assert!(told.contains(number), "{told}");
+        let blocked = bench.retrace(["resume", "--yes", "--json"]);
+        let told_again = format!("{}{}", blocked.out, blocked.err);
+        assert!(blocked.code != Some(0) && told_again.contains(number), "{what} is still active: {told_again}");
+        card.operate(&format!("release {what}"));
+        thread::sleep(Duration::from_millis(100));
+        let resumed = bench.retrace(["resume", "--yes", "--json"]);
+        assert_eq!(resumed.code, Some(0), "{what}: {told}\n{}{}", resumed.out, resumed.err);
+        let _ = card.end();
+        let verdict = judge_served(&bench.path("whole.vcd"), bench.path("pins.vcd"), &JUDGED);
+        assert!(verdict.is_good(), "{what}: {verdict:?}");
+    }
+}

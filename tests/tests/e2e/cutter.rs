@@ -297,6 +297,15 @@ fn a_dry_run_keeps_the_cutter_and_its_gas_off_and_nothing_else() {
     run.assert_exact_and_legal();
     assert!(pins.iter().all(|sample| !sample.is_on("out3") && !sample.is_on("out4")));
     assert!(pins.iter().any(|sample| sample.is_on("out5")) && pins.iter().any(|sample| sample.is_on("flood")));
+    assert!(run.records.is_dry && run.report["dry_run"] == true);
+    // run-up, pierce and the dwell with the jet on are left out
+    let took = |waits: &str| {
+        let abrasive = "[code.M8]\nduration_ms = 500\n[code.M101]\noutput = 4\nduration_ms = 900\n";
+        let program = JET_PROGRAM.replace("M64 P3", "M101\nM8\nM64 P3");
+        self::run(&(machine(&cutter, waits) + abrasive), &program, "", &["--dry-run"]).0.number("periods")
+    };
+    let (without, with) = (took(""), took("dry_waits = true\n"));
+    assert!(without > 500.0 && (with - without - 900.0 - 300.0).abs() < 20.0, "{with} {without}");
 }
 
 #[test]
@@ -547,4 +556,57 @@ fn a_tool_length_in_a_pause_lights_nothing_before_the_kerf() {
     );
     assert_off_at_the_end(&samples, "out3");
     assert_eq!(run.report["position_mm"]["z"], 1.5, "{}", run.report);
+}
+
+/// Lengths in ms of the times for which an output was on at rest before `from_ms`.
+fn pulses_ms(samples: &[Sample], output: &str, (from_ms, to_ms): (u64, u64)) -> Vec<u64> {
+    let (mut lengths, mut since) = (Vec::new(), None);
+    for sample in samples.iter().filter(|sample| (from_ms..to_ms).contains(&(sample.at_us / 1000))) {
+        match (sample.is_on(output), since) {
+            (true, None) => since = Some(sample.at_us),
+            (false, Some(begun)) => {
+                lengths.push((sample.at_us - begun) / 1000);
+                since = None;
+            }
+            _ => {}
+        }
+        assert!(since.is_none() || sample.at_rest, "it moves in a test pulse: {sample:?}");
+    }
+    lengths
+}
+
+/// The test pulse is on for its time, at rest; *hold* and *cutter off* end it, and nothing else can be asked for in it.
+#[test]
+fn a_test_pulse_fires_at_rest_for_its_time_and_ends_by_hand() {
+    let torch = TORCH.to_owned() + "pulse_s = 0.7\n";
+    let torch =
+        torch.replace("start = { pierce_s = 0.4 }\npulse_s = 0.7\n", "pulse_s = 0.7\nstart = { pierce_s = 0.4 }\n");
+    let script = "at line 6 override 100%\nafter 0.2s test pulse\nafter 0.1s hold\nafter 1s test pulse\n\
+        after 0.2s resume\nafter 1s test pulse\nafter 0.2s cutter off\nafter 1s resume\n";
+    let (run, pins) = run(&machine(&torch, ""), TORCH_PROGRAM, script, &[]);
+    run.assert_exact_and_legal();
+    let commands: Vec<u64> =
+        run.of_kind("operator").filter(|event| event["command"] == "test pulse").map(time_ms).collect();
+    let rejected: Vec<&str> = run.of_kind("command_rejected").filter_map(|event| event["reason"].as_str()).collect();
+    assert_eq!(rejected.len(), 2, "{rejected:?}");
+    assert!(
+        rejected[0].contains("needs the machine at rest") && rejected[1].contains("a test pulse is on"),
+        "{rejected:?}"
+    );
+    let resumed =
+        run.of_kind("operator").filter(|event| event["command"] == "resume").map(time_ms).last().expect("resumed");
+    let lengths = pulses_ms(&pins, "spindle", (commands[1] - 1, resumed));
+    assert!((699..=700).contains(&lengths[0]), "{lengths:?}");
+    assert!(lengths.len() == 2 && (199..=202).contains(&lengths[1]), "{lengths:?}");
+    let states: Vec<&str> = run.of_kind("cutter_state").filter_map(|event| event["state"].as_str()).collect();
+    assert_eq!(states.iter().filter(|state| **state == "test").count(), 2, "{states:?}");
+    // whole, and lit twice by the program
+    assert_eq!(run.report["outcome"], "completed");
+    assert_off_at_the_end(&pins, "spindle");
+    let dry = ["--dry-run"];
+    let (run, pins) = self::run(&machine(&torch, ""), TORCH_PROGRAM, script, &dry);
+    assert!(pins.iter().all(|sample| !sample.is_on("spindle")), "a dry run");
+    assert!(
+        run.of_kind("command_rejected").any(|event| event["reason"].as_str().is_some_and(|why| why.contains("dry")))
+    );
 }

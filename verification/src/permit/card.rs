@@ -18,6 +18,7 @@ const GRACE: u16 = 4;
 const HANDOVER: u16 = 6;
 const WATCHDOG: u16 = 30;
 const STOP: u16 = 1;
+const BREAKAWAY: u16 = 2;
 
 type TestCard = Card<1, 64, 32>;
 
@@ -38,6 +39,8 @@ struct Observer {
     /// An instruction or a repeat that retains the torch was accepted in this epoch: the length of a standstill means
     /// nothing then.
     keeps: bool,
+    /// Periods until a test pulse ends.
+    pulse: Option<u32>,
     /// Places of actions that light the torch.
     actions: Vec<RecordIndex>,
     lit: u64,
@@ -53,7 +56,7 @@ impl Observer {
             boot: 0,
             axes: 1,
             outputs: 8,
-            inputs: 1,
+            inputs: 2,
             window: 0,
             memory: 0,
             tick_hz: 1_000_000,
@@ -72,6 +75,7 @@ impl Observer {
             pending: None,
             blocked: false,
             keeps: false,
+            pulse: None,
             actions: Vec::new(),
             lit: 0,
             put_out: 0,
@@ -91,6 +95,8 @@ impl Observer {
         let mut settings = CardSettings::new(epoch, PathStart::at(RecordIndex::new(0)), 1000, limits);
         settings.watchdog_periods = WATCHDOG;
         settings.inputs[0] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
+        settings.inputs[1] =
+            InputSetting { used_for: InputUse::Collision { only_lit: epoch.is_multiple_of(2) }, active_low: false };
         settings.cutting = CuttingSettings { count: 1, handover_periods: HANDOVER, ..CuttingSettings::default() };
         settings.cutting.channels[0] =
             CuttingChannel { channel: TORCH, fires: true, standing_periods: GRACE, lit_in_reverse: false, proof: None };
@@ -98,6 +104,7 @@ impl Observer {
         if self.card.open(&settings).is_ok() {
             (self.epoch, self.closed, self.inhibit, self.silent) = (epoch, false, settings.cutting.inhibit, 0);
             (self.stood, self.asked, self.pending, self.blocked, self.keeps) = (0, false, None, false, false);
+            self.pulse = None;
             self.actions.clear();
             assert_eq!(self.torch(), 0, "lit behind an opening");
         }
@@ -129,7 +136,8 @@ impl Observer {
             }
             4 | 5 => {
                 let (number, periods) = (status.repeated.wrapping_add(1), draw.below(9));
-                HostCommand::Repeat(RepeatedInstruction { number, changes, count: 1, periods, until: None })
+                let is_pulse = draw.below(3) == 0;
+                HostCommand::Repeat(RepeatedInstruction { number, changes, count: 1, periods, until: None, is_pulse })
             }
             6 => HostCommand::Restart { last: status.repeated.wrapping_add(draw.below(2)) },
             7 => HostCommand::ManualOutput(OutputChange { channel: TORCH, value }),
@@ -153,6 +161,11 @@ impl Observer {
             return;
         }
         match command {
+            HostCommand::Repeat(RepeatedInstruction { is_pulse: true, periods, .. }) if value != 0 => {
+                self.asked = true;
+                self.pulse = Some(periods).filter(|&periods| periods > 0);
+            }
+            HostCommand::ManualOutput(_) if value == 0 => self.pulse = None,
             HostCommand::Instruction(instruction) if value != 0 => {
                 self.asked = true;
                 self.pending = Some(instruction.number).filter(|&number| number != self.status().executed);
@@ -187,6 +200,7 @@ impl Observer {
         if is {
             self.lit += 1;
             assert!(!self.closed && !self.inhibit && levels & STOP == 0, "lit without an epoch, dry, or in a stop");
+            assert!(levels & BREAKAWAY == 0, "lit in a collision");
             assert!(now.alarm.is_none() && self.silent < u32::from(WATCHDOG), "lit under an alarm or without a host");
             assert!(
                 was || self.asked || self.pending.is_some() || self.passes_first(&before, now.place),
@@ -196,6 +210,8 @@ impl Observer {
         let stands = is && before.at_rest && now.rate == Rate::ZERO && (was || !self.asked);
         self.stood = if stands && !self.keeps { self.stood + 1 } else { 0 };
         assert!(self.stood <= u32::from(GRACE + HANDOVER), "stood for {} periods", self.stood);
+        self.pulse = self.pulse.filter(|_| is).map(|left| left.saturating_sub(1));
+        assert!(self.pulse != Some(0), "a test pulse is too long");
         self.asked &= !is;
         self.pending = self.pending.filter(|&number| number != now.executed && now.alarm.is_none());
     }
@@ -227,7 +243,7 @@ pub(super) fn drawn_words(size: Size) -> String {
                 }
                 _ => observer.command(&mut draw),
             }
-            let levels = if draw.below(80) == 0 { STOP } else { 0 };
+            let levels = [STOP, BREAKAWAY].get(draw.below(160) as usize).copied().unwrap_or(0);
             let keep_alive = draw.below(40) != 0;
             for _ in 0..draw.below(24) {
                 observer.period(levels, keep_alive);

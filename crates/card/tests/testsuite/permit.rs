@@ -132,7 +132,7 @@ impl Bench {
 fn repeat(number: u32, channel: u8, value: i32, periods: u32) -> HostCommand<2> {
     let mut changes = [OutputChange::default(); MAX_CHANGES];
     changes[0] = OutputChange { channel, value };
-    HostCommand::Repeat(RepeatedInstruction { number, changes, count: 1, periods, until: None })
+    HostCommand::Repeat(RepeatedInstruction { number, changes, count: 1, periods, ..RepeatedInstruction::default() })
 }
 
 fn off(status: &CardStatus<2>) -> Option<(u8, CutterOffCause)> {
@@ -491,4 +491,50 @@ fn nothing_is_lit_by_hand_where_reverse_run_is_requested() {
     let mut bench = Bench::new(true, false);
     bench.rate(-Rate::ONE);
     bench.card.accept(HostCommand::ManualOutput(lit)).expect("it may be on in reverse");
+}
+
+fn pulse(number: u32, channel: u8, periods: u32) -> HostCommand<2> {
+    match repeat(number, channel, 1, periods) {
+        HostCommand::Repeat(repeated) => HostCommand::Repeat(RepeatedInstruction { is_pulse: true, ..repeated }),
+        other => other,
+    }
+}
+
+#[test]
+fn a_test_pulse_is_as_long_as_stated_and_nothing_moves_in_it() {
+    for channel in [TORCH, JET] {
+        let mut bench = Bench::new(false, false);
+        bench.send(pulse(1, channel, 25));
+        bench.rate(Rate::ONE);
+        for n in 1..25 {
+            let status = bench.period();
+            assert_eq!((bench.value(channel), status.rate, status.repeated), (1, Rate::ZERO, 0), "{n}");
+        }
+        let status = bench.period();
+        assert_eq!((bench.value(channel), status.repeated, status.blocked), (0, 1, false));
+        assert!(bench.period().rate > Rate::ZERO, "what is requested begins behind it");
+        bench.rest();
+    }
+}
+
+#[test]
+fn a_test_pulse_ends_by_hand_and_is_refused_where_it_is_too_long_or_the_machine_moves() {
+    let mut bench = Bench::new(false, false);
+    bench.send(pulse(1, TORCH, 1000));
+    bench.periods(10);
+    assert_eq!(bench.value(TORCH), 1);
+    bench.send(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 0 }));
+    assert_eq!(bench.value(TORCH), 0);
+    let status = bench.period();
+    assert_eq!((status.repeated, status.blocked, status.cutter_off), (1, false, None));
+    // a period is 1 ms
+    assert_eq!(bench.card.accept(pulse(2, TORCH, 3001)), Err(CommandRefusal::Unsupported));
+    assert_eq!(bench.card.accept(pulse(2, TORCH, 0)), Ok(()));
+    assert_eq!((bench.value(TORCH), bench.status().repeated), (0, 2));
+    let mut bench = Bench::cutting(false, JET);
+    assert_eq!(bench.card.accept(pulse(1, TORCH, 10)), Err(CommandRefusal::InMotion));
+    let mut dry = Bench::new(false, true);
+    dry.send(pulse(1, TORCH, 10));
+    dry.period();
+    assert_eq!(dry.value(TORCH), 0, "a dry run");
 }

@@ -179,6 +179,9 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
+        if self.machine.skips_waits() && self.cutters.is_any_lit() {
+            return Ok(());
+        }
         let periods = (seconds / self.machine.period_s()).ceil().clamp(0.0, f64::from(u32::MAX)) as u32;
         let kind = ExclusiveKind::Dwell;
         Ok(sink.exclusive(SwitchInstruction { line, kind, code, periods, ..SwitchInstruction::default() })?)
@@ -287,8 +290,8 @@ impl CanonExecutor<'_> {
             return Err(CanonError::LitInPassing(code, cutter.name.clone()));
         }
         self.cutters.record_switching(self.machine, &[change]);
-        let periods = switching.periods.saturating_add(periods);
-        let switching = CodeSwitching { periods, until: switching.until.or(until), ..switching };
+        let (periods, until) = (switching.periods.saturating_add(periods), switching.until.or(until));
+        let switching = CodeSwitching { periods, until, ..switching };
         match (switching.class, switching.in_reverse) {
             (CodeClass::Synchronous, InReverse::Unchanged) => sink.lasting_action(change, line),
             (CodeClass::Synchronous, _) => sink.action(change, line),

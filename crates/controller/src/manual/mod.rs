@@ -33,4 +33,6 @@ pub enum ManualTask {
     ClearAlarm,
     /// Switch an output manually: channel and value.
     Output(u8, i32),
+    /// Switch the first torch, jet or beam on for its test pulse (CUT-9).
+    TestPulse,
 }

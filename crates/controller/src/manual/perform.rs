@@ -8,10 +8,12 @@ use retrace_core::{Rate, RecordIndex};
 use std::sync::PoisonError;
 use std::thread;
 
-use retrace_config::{IN_FLIGHT_RECORDS, MachineConfig, NumberedError};
+use retrace_config::{CutterConfig, IN_FLIGHT_RECORDS, MachineConfig, NumberedError};
 use retrace_core::mode::Mode;
 use retrace_journal::JournalConfig;
-use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
+use retrace_link::{
+    Alarm, CardStatus, HostCommand, MAX_CHANGES, MotionCard, OutputChange, PathStart, RepeatedInstruction,
+};
 
 use super::ManualTask;
 use crate::command_queue::CommandSources;
@@ -205,9 +207,47 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
                 self.card.send(HostCommand::ManualOutput(change)).map_err(refused)?;
                 self.run_periods(if self.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 2 })
             }
+            ManualTask::TestPulse => self.test_pulse(),
             // Blocks are not handled here.
             ManualTask::Mdi(_) | ManualTask::WorkZero(_) => Ok(ManualTaskDone::Completed { cut_short: false }),
         }
+    }
+
+    /// Switches the first cutter on for its test pulse; *hold*, *stop* and *cutter off* end it.
+    fn test_pulse(&mut self) -> Result<ManualTaskDone, ManualTaskError> {
+        let refuse = |what: &str, remedy: &str| NumberedError::new("E2161", what, remedy.to_owned());
+        let machine = self.machine;
+        let Some(&channel) = machine.cutting_outputs.first() else {
+            return Err(refuse("the machine has no torch, jet or beam", "declare it as a [[cutter]]").into());
+        };
+        if machine.inhibits_outputs {
+            return Err(refuse("this is a dry run: the cutter stays off", "leave the dry run").into());
+        }
+        let touches = |cutter: &CutterConfig| cutter.collision.iter().any(|&n| self.card.status().inputs >> n & 1 == 1);
+        if machine.cutters.iter().any(touches) {
+            return Err(refuse("a collision input of the cutter is active", "free the tool, check its input").into());
+        }
+        self.begin()?;
+        let mut changes = [OutputChange::default(); MAX_CHANGES];
+        changes[0] = OutputChange { channel, value: 1 };
+        let (number, periods) = (1, machine.test_pulse_periods(channel));
+        let pulse = RepeatedInstruction {
+            number,
+            changes,
+            count: 1,
+            periods,
+            is_pulse: true,
+            ..RepeatedInstruction::default()
+        };
+        let refused = |_| refuse("the card refuses the test pulse", "a card with this output, at rest");
+        self.card.send(HostCommand::Repeat(pulse)).map_err(refused)?;
+        while self.card.status().repeated != number {
+            self.run_period()?;
+            if std::mem::take(&mut self.stopped) {
+                let _ = self.card.send(HostCommand::ManualOutput(OutputChange { channel, value: 0 }));
+            }
+        }
+        Ok(ManualTaskDone::Completed { cut_short: false })
     }
 
     /// Homes one axis to its switch, by the card.
@@ -318,7 +358,9 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
         while let Some(command) = self.operators.next_command(period, 0) {
             self.emit(EventKind::Operator(command));
             match command {
-                OperatorCommand::Stop | OperatorCommand::Hold | OperatorCommand::Pause => self.stopped = true,
+                OperatorCommand::Stop | OperatorCommand::Hold | OperatorCommand::Pause | OperatorCommand::CutterOff => {
+                    self.stopped = true
+                }
                 _ => self.emit(EventKind::CommandRejected(CommandError::NotNow(
                     "an axis is being moved manually: stop it first",
                 ))),

@@ -133,6 +133,8 @@ pub struct PlanWriter<'r, const A: usize> {
     lengths: Lengths,
     /// Channels that a dry run keeps off (CUT-8); none otherwise.
     inhibited: Vec<u8>,
+    /// Whether what is inhibited takes its time all the same.
+    dry_waits: bool,
     /// Serial number of the last move given to the planner, and its tag.
     serial: u32,
     /// Block of the moves to come.
@@ -174,6 +176,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             machine: None,
             lengths: Lengths::default(),
             inhibited: Vec::new(),
+            dry_waits: false,
             serial: 0,
             block: 0,
             origins: VecDeque::new(),
@@ -212,8 +215,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
 
     /// Never switches these channels: a dry run.
     #[must_use]
-    pub fn with_inhibited(self, inhibited: Vec<u8>) -> Self {
-        Self { inhibited, ..self }
+    pub fn with_inhibited(self, inhibited: Vec<u8>, dry_waits: bool) -> Self {
+        Self { inhibited, dry_waits, ..self }
     }
 
     /// Rejects every move that leaves the soft limits of this machine.
@@ -362,9 +365,13 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             *slot = *change;
             count += 1;
         }
-        // What is inhibited in a dry run takes no time, and reports nothing either.
-        let switch =
-            if count < switch.changes.len() { SwitchInstruction { periods: 0, until: None, ..switch } } else { switch };
+        // What is inhibited in a dry run reports nothing, and takes no time unless that is wanted.
+        let switch = if count < switch.changes.len() {
+            let periods = if self.dry_waits { switch.periods } else { 0 };
+            SwitchInstruction { periods, until: None, ..switch }
+        } else {
+            switch
+        };
         let before = self.outputs;
         for change in &changes[..count] {
             self.outputs[usize::from(change.channel)] = change.value;

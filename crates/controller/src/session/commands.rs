@@ -37,6 +37,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     fn apply_command(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
+        self.end_test_pulse_by(command)?;
         if retraces(&command) {
             self.require_path()?;
         }
@@ -63,6 +64,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::Output { number, on } => return self.switch_output(number, on),
             OperatorCommand::CutterOff => self.cutter_off(),
             OperatorCommand::CutterOn => return self.cutter_on(),
+            OperatorCommand::TestPulse => return self.test_pulse(),
             OperatorCommand::OptionalStop(on) => self.optional_stop = on,
             OperatorCommand::Recover => return self.recover(),
             OperatorCommand::Single => self.toggle_single_block(),

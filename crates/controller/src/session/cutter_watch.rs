@@ -32,6 +32,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let is_unproven = proof.is_some_and(|proof| status.inputs >> (proof.input & 15) & 1 == 0);
         let is_starting = self.is_starting(channel);
         match is_on {
+            true if self.is_test_pulse(channel) => CutterState::Test,
             true if is_starting && !is_unproven => CutterState::Piercing,
             _ if is_starting => CutterState::Igniting,
             true if self.recovery.is_latched(channel) => CutterState::Igniting,

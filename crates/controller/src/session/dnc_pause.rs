@@ -200,6 +200,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             | OperatorCommand::RapidOverride(_)
             | OperatorCommand::Output { .. }
             | OperatorCommand::CutterOff
+            | OperatorCommand::TestPulse
             | OperatorCommand::OptionalStop(_) => None,
             _ => Some(Err(CommandError::NotNow("the program is paused: resume it first"))),
         }
@@ -513,6 +514,8 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Counts and reports a control period off the program's path.
     pub(super) fn account_off_path_period(&mut self, status: &CardStatus<A>) {
         self.stats.count_paused();
+        self.watch_cutter_states(status);
+        self.watch_test_pulse(status);
         self.update_manual_outputs(status);
         self.telemetry.send_output_changes(&status.outputs);
         let period = PeriodRecord {

@@ -18,6 +18,7 @@ mod return_path;
 mod session_config;
 mod switching;
 mod telemetry;
+mod test_pulse;
 mod tool_length;
 mod window;
 
@@ -28,7 +29,7 @@ use retrace_config::MachineConfig;
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeOutput, MotionFacts, OperatorNotice};
 use retrace_core::wheel::Wheel;
 use retrace_core::{Place, Rate, RateTarget, RecordIndex};
-use retrace_link::{CardStatus, HostCommand, MotionCard, OutputChange, Outputs, channel};
+use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, Outputs, channel};
 
 use crate::command_queue::CommandSources;
 use crate::cutter_state::CutterState;
@@ -48,6 +49,7 @@ use recovery::CutRecovery;
 use restart::{LeavingRun, OutputRestart};
 pub use session_config::RunMode;
 use session_config::{SessionConfig, contour_channels};
+use test_pulse::TestPulse;
 use tool_length::ToolLengthEntry;
 
 /// How a run ended.
@@ -148,6 +150,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     cut_map: CutMap,
     /// State of each cutter, in the order of the fire channels.
     cutter_states: Vec<CutterState>,
+    /// Test pulse that is on.
+    test_pulse: Option<TestPulse>,
     /// Whether the handwheel has been behind `reached`.
     wheel_was_behind: bool,
     /// Whether the card's window ends where the mode requires.
@@ -200,6 +204,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             recovery: CutRecovery::new(machine),
             cutter_states: vec![CutterState::Off; machine.cutting_outputs.len()],
             cut_map: CutMap::new(!machine.cutting_outputs.is_empty()),
+            test_pulse: None,
             wheel_was_behind: false,
             window_is_trimmed: true,
             alarm_reported: false,
@@ -267,7 +272,11 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if let (Some(axis), false) = (self.tool_axis(), at.lengths.is_empty()) {
             self.bar_beyond_limits(prepared.counts()[axis], prepared.start().place);
         }
-        let begun = self.go_to_breakpoint(prepared.counts()).and_then(|ended| match ended {
+        let moved = match self.collision() {
+            Some(error) => Err(error),
+            None => self.go_to_breakpoint(prepared.counts()),
+        };
+        let begun = moved.and_then(|ended| match ended {
             None => self.card.begin_path(*prepared.start()).map(|()| None).map_err(CardError::from),
             ended => Ok(ended),
         });
@@ -321,7 +330,20 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let status = *self.card.run_period()?;
         self.account_period(&status);
         self.watch_outputs_at_end()?;
+        if status.alarm.is_none()
+            && status.rate != Rate::ZERO
+            && let Some(error) = self.collision()
+        {
+            return Err(error);
+        }
         Ok(self.alarm(&status))
+    }
+
+    /// The alarm of a collision input that is still active although its alarm was cleared. The card lets the operator
+    /// jog off it; a program does not go on with it.
+    fn collision(&self) -> Option<CardError> {
+        let active = self.card.status().inputs & self.config.collision_inputs;
+        (active != 0).then(|| CardError::Latched(Alarm::Collision { input: active.trailing_zeros() as u8 }))
     }
 
     /// Handles a latched alarm: reported immediately; it ends the job when the machine is at rest.
@@ -455,6 +477,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.watch_latch(status);
         self.map_period(status);
         self.watch_cutter_states(status);
+        self.watch_test_pulse(status);
         let mode = self.mode_controller.mode();
         let held = self.mode_controller.is_held()
             || self.program_stop != ProgramStop::No

@@ -165,7 +165,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             }
             let RestartStep { code, line, changes, count, periods, until } = self.restart.steps[self.restart.sent];
             let number = self.restart.before.wrapping_add(self.restart.sent as u32 + 1);
-            let repeated = RepeatedInstruction { number, changes, count, periods, until };
+            let repeated = RepeatedInstruction { number, changes, count, periods, until, is_pulse: false };
             if self.card.send(HostCommand::Repeat(repeated)).is_err() {
                 return;
             }

@@ -24,6 +24,10 @@ pub(super) struct SessionConfig<const A: usize> {
     pub(super) max_wait_periods: u64,
     /// The fire channels of torches, jets and beams.
     pub(super) fire_channels: Vec<u8>,
+    /// Length of a test pulse, in control periods, of each of these channels.
+    pub(super) pulse_periods: Vec<u32>,
+    /// Inputs that show that the tool has touched something, one bit each.
+    pub(super) collision_inputs: u16,
     /// The channels of the cutters, in the order of the card's settings.
     pub(super) cutter_channels: Vec<u8>,
     /// Channels that the end of a job switches off.
@@ -49,6 +53,8 @@ impl<const A: usize> SessionConfig<A> {
             look_ahead_records: machine.stopping.look_ahead_records + IN_FLIGHT_RECORDS,
             max_wait_periods: u64::from(machine.look_ahead_records),
             fire_channels: machine.cutting_outputs.clone(),
+            pulse_periods: machine.cutting_outputs.iter().map(|&fire| machine.test_pulse_periods(fire)).collect(),
+            collision_inputs: machine.cutters.iter().flat_map(|cutter| &cutter.collision).fold(0, |m, &n| m | 1 << n),
             cutter_channels: machine.cutting_channels(),
             off_at_end: machine.off_at_end(),
             inhibits_outputs: machine.inhibits_outputs,

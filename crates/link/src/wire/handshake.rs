@@ -139,6 +139,7 @@ impl<const A: usize> Opening<A> {
                 InputUse::Door => (4, 0),
                 InputUse::EmergencyStop => (5, 0),
                 InputUse::Probe => (6, 0),
+                InputUse::Collision { only_lit } => (7, u8::from(only_lit)),
             };
             writer.u8(number as u8)?;
             writer.u8(code | axis << 3 | u8::from(input.active_low) << 7)?;
@@ -174,7 +175,7 @@ impl<const A: usize> Opening<A> {
                 4 => InputUse::Door,
                 5 => InputUse::EmergencyStop,
                 6 => InputUse::Probe,
-                _ => return None,
+                _ => InputUse::Collision { only_lit: axis != 0 },
             };
             *input = InputSetting { used_for, active_low: byte & 0x80 != 0 };
         }

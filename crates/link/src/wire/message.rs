@@ -90,7 +90,7 @@ fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, co
         HostCommand::Repeat(repeated) => {
             writer.u8(tag::REPEAT)?;
             writer.u32(repeated.number)?;
-            write_switching(writer, repeated.periods, repeated.changes(), repeated.until, false)
+            write_switching(writer, repeated.periods, repeated.changes(), repeated.until, repeated.is_pulse)
         }
     }
 }
@@ -164,7 +164,7 @@ fn write_instruction(writer: &mut ByteWriter<'_>, instruction: &Instruction) -> 
 
 /// Flag in the count of changes: an input follows them.
 const AWAITS: u8 = 0x80;
-/// Flag in the count of changes: time at rest is not counted.
+/// Flag in the count of changes of an instruction: time at rest is not counted. Of a repeated one: a test pulse.
 const KEEPS_CUTTER: u8 = 0x40;
 /// Number of the awaited input.
 const AWAITED_INPUT: u8 = 0x3F;
@@ -210,7 +210,8 @@ fn read_repeated(reader: &mut ByteReader<'_>) -> Option<RepeatedInstruction> {
     let (number, periods, counts) = (reader.u32()?, reader.count32()?, reader.u8()?);
     let count = counts & !(AWAITS | KEEPS_CUTTER);
     let changes = read_changes(reader, count)?;
-    Some(RepeatedInstruction { number, changes, count, periods, until: read_until(reader, counts)? })
+    let is_pulse = counts & KEEPS_CUTTER != 0;
+    Some(RepeatedInstruction { number, changes, count, periods, until: read_until(reader, counts)?, is_pulse })
 }
 
 fn read_changes(reader: &mut ByteReader<'_>, count: u8) -> Option<[OutputChange; MAX_CHANGES]> {

@@ -72,8 +72,8 @@ fn command() -> impl Strategy<Value = HostCommand<4>> {
         change().prop_map(HostCommand::ManualOutput),
         Just(HostCommand::ClearAlarm),
         any::<u32>().prop_map(|last| HostCommand::Restart { last }),
-        instruction().prop_map(|Instruction { number, changes, count, periods, until, .. }| {
-            HostCommand::Repeat(RepeatedInstruction { number, changes, count, periods, until })
+        instruction().prop_map(|Instruction { number, changes, count, periods, until, keeps_cutter, .. }| {
+            HostCommand::Repeat(RepeatedInstruction { number, changes, count, periods, until, is_pulse: keeps_cutter })
         }),
         (0u8..9, any::<bool>(), any::<[i64; 4]>(), any::<u32>()).prop_map(|(axis, upper, n, farthest)| {
             HostCommand::Home(HomingCommand {
@@ -289,6 +289,8 @@ fn every_use_of_an_input_is_read_back() {
         InputUse::Door,
         InputUse::EmergencyStop,
         InputUse::Probe,
+        InputUse::Collision { only_lit: false },
+        InputUse::Collision { only_lit: true },
     ];
     for used_for in uses {
         let mut settings = CardSettings::<4>::new(9, PathStart::at(RecordIndex::new(77)), 1000, limits());

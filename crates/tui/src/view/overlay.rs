@@ -162,12 +162,17 @@ fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str
         PendingQuestion::Program => {
             ("open a program", "Program file, Tab completes its name:", "Enter OK · Esc cancel")
         }
+        PendingQuestion::TestPulse => (
+            "test pulse?",
+            "The cutter FIRES HERE for its pulse_s, with the machine at rest.",
+            "y fire · any other key: cancel",
+        ),
         PendingQuestion::Stop => {
             ("stop the job?", "The job stops here; the breakpoint is saved.", "y stop · any other key: cancel")
         }
     };
     let mut lines = vec![question.to_string()];
-    if ask != PendingQuestion::Stop {
+    if ask.takes_text() {
         let shown = text.chars().count().saturating_sub(60);
         let tail: String = text.chars().skip(shown).collect();
         lines.push(format!("> {tail}_"));

@@ -203,6 +203,7 @@ fn cutter_state(model: &ScreenModel, channel: u8) -> String {
             format!(" · cut interrupted{}", why.replace('_', " "))
         }
         CutterState::Dry => " · dry run".into(),
+        CutterState::Test => " · test pulse".into(),
     }
 }
 
@@ -216,7 +217,9 @@ fn cutters(model: &ScreenModel) -> Vec<String> {
             String::new()
         };
         let doing = cutter_state(model, cutter.fire);
-        format!("{} {}{program}{doing}", cutter.name, state(model.output(cutter.fire)))
+        let value = model.output(cutter.fire);
+        let lit = if value == 0 { String::new() } else { format!(" · {:.0} s", model.on_s(cutter.fire)) };
+        format!("{} {}{program}{doing}{lit}", cutter.name, state(value))
     };
     model.facts.cutters.iter().map(line).collect()
 }
