@@ -83,8 +83,8 @@ impl Inputs {
         inputs.fold(0, |bits, (number, _)| bits | 1 << number) & self.active
     }
 
-    /// Returns the first active collision input whose bit is not in `except`: of those that count in all motion, and, if
-    /// the cutter is `lit`, of the others, too.
+    /// Returns the first active collision input whose bit is not in `except`: of those that count in all motion, and,
+    /// if the cutter is `lit`, of the others, too.
     #[must_use]
     pub fn collision(&self, lit: bool, except: u16) -> Option<u8> {
         let of_use = |used_for: &InputUse| match *used_for {

@@ -19,6 +19,8 @@ use crate::switching::InstructionFault;
 use crate::window::RecordStorage;
 use crate::{ActionTable, CardWindow, CutterPermit, InstructionExecutor, OutputBank};
 
+mod cutters;
+
 /// Maximum number of output actions that a card holds.
 const ACTIONS: usize = 256;
 
@@ -203,16 +205,6 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         outcome.stays_on.map(|input| Alarm::CutterStaysOn { input })
     }
 
-    /// Sets the active collision input.
-    pub(crate) const fn set_collision(&mut self, input: Option<u8>) {
-        self.collision = input;
-    }
-
-    /// Whether a cutting output is on.
-    pub(crate) fn is_lit(&self) -> bool {
-        self.permit.is_lit(self.outputs.values())
-    }
-
     /// Returns the status of the last period.
     #[must_use]
     pub const fn status(&self) -> &CardStatus<A> {
@@ -291,20 +283,6 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         Ok(())
     }
 
-    /// Cancels the start of a cutter that is switched off manually: neither a further attempt nor the instruction that
-    /// waits for its place lights it.
-    fn cancel_start(&mut self, change: OutputChange) {
-        if change.value == 0 && self.permit.fires(change.channel) && self.switching.switches_on(change.channel) {
-            if self.switching.is_pulse() {
-                self.switching.end_pulse(&mut self.outputs);
-                return;
-            }
-            self.switching.cancel();
-            self.permit.report_cancelled_start(self.status.place);
-            self.block = MotionBlock::CutterOff;
-        }
-    }
-
     fn accept_action(&mut self, action: OutputAction) -> Result<(), CommandRefusal> {
         if !self.outputs.has_channel(action.channel) {
             return Err(CommandRefusal::NoSuchChannel);
@@ -333,23 +311,6 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         self.switching.store(instruction, &self.outputs)?;
         self.begin_due_instruction();
         Ok(())
-    }
-
-    /// Whether this change may be made manually. A cutting output is not switched on where it would be switched off at
-    /// once.
-    pub(crate) fn may_switch(&self, change: OutputChange, denied: Option<CutterOffCause>) -> bool {
-        let status = &self.status;
-        let now = PermitConditions {
-            denied,
-            backward: status.rate < Rate::ZERO || status.at_rest && self.unblocked_target() < Rate::ZERO,
-            moving: !status.at_rest,
-            awaits_motion: self.awaits_motion(),
-            keeps_cutter: self.switching.keeps_cutter(),
-            is_pulse: false,
-            inputs: status.inputs,
-            place: status.place,
-        };
-        change.value == 0 || self.permit.may_switch_on(change.channel, &now)
     }
 
     /// Blocks motion until the repeated instruction `last` is complete; releases the block if it is already complete.
@@ -424,16 +385,6 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             Some(alarm) => self.start_alarm = Some(alarm),
             None => self.switching.begin(&mut self.outputs),
         }
-    }
-
-    /// Returns the reason why these changes, if they switch a cutter on, must not be made.
-    fn alarm_of_start(&self, changes: &[OutputChange]) -> Option<Alarm> {
-        let outputs = self.outputs.values();
-        if let Some(input) = self.permit.proven_before_start(changes, outputs, self.status.inputs) {
-            return Some(Alarm::ProvenBeforeStart { input });
-        }
-        let lights = changes.iter().any(|change| change.value != 0 && self.permit.fires(change.channel));
-        self.collision.filter(|_| lights).map(|input| Alarm::Collision { input })
     }
 
     /// Returns the furthest place ahead that the cursor is at or cannot avoid reaching.

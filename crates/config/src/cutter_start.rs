@@ -81,11 +81,21 @@ pub struct CutterRestart {
     /// Maximum distance in mm at which a cutter starts beside the path.
     #[schemars(range(min = 0.0, max = 100.0))]
     pub shift_max_mm: f64,
+    /// Length in mm before the end of a contour within which a lost cut counts as done.
+    #[schemars(range(min = 0.0, max = 20.0))]
+    pub lost_at_end_mm: f64,
 }
 
 impl Default for CutterRestart {
     fn default() -> Self {
-        Self { run_in_mm: 5.0, overlap_mm: 1.0, pilot_ms: 300.0, latch_mm: 5.0, shift_max_mm: 10.0 }
+        Self {
+            run_in_mm: 5.0,
+            overlap_mm: 1.0,
+            pilot_ms: 300.0,
+            latch_mm: 5.0,
+            shift_max_mm: 10.0,
+            lost_at_end_mm: 0.0,
+        }
     }
 }
 
@@ -95,6 +105,7 @@ impl CutterRestart {
         within(&format!("cutter {cutter}: restart.overlap_mm"), self.overlap_mm, 0.0, 100.0)?;
         within(&format!("cutter {cutter}: restart.pilot_ms"), self.pilot_ms, 0.0, 5000.0)?;
         within(&format!("cutter {cutter}: restart.latch_mm"), self.latch_mm, 0.0, 100.0)?;
+        within(&format!("cutter {cutter}: restart.lost_at_end_mm"), self.lost_at_end_mm, 0.0, 20.0)?;
         within(&format!("cutter {cutter}: restart.shift_max_mm"), self.shift_max_mm, 0.0, 100.0)
     }
 }

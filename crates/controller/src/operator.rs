@@ -78,6 +78,8 @@ pub enum OperatorCommand {
     /// Starts the cutter again where it went out, and resumes the program. Also confirms the outputs that are to be
     /// restored.
     Recover,
+    /// Passes the rest of the contour with its cutter off, and continues the program.
+    SkipContour,
     /// Switches every cutter off immediately.
     CutterOff,
     /// Switches the cutter on manually.
@@ -144,6 +146,7 @@ impl fmt::Display for OperatorCommand {
             Self::Leave { ask: true } => write!(f, "leave ask"),
             Self::Confirm => write!(f, "agree"),
             Self::Recover => write!(f, "recover"),
+            Self::SkipContour => write!(f, "skip contour"),
             Self::CutterOff => write!(f, "cutter off"),
             Self::CutterOn => write!(f, "cutter on"),
             Self::TestPulse => write!(f, "test pulse"),
@@ -321,6 +324,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["leave", "ask"] => OperatorCommand::Leave { ask: true },
         ["agree"] => OperatorCommand::Confirm,
         ["recover"] => OperatorCommand::Recover,
+        ["skip", "contour"] => OperatorCommand::SkipContour,
         ["cut"] => OperatorCommand::CutFromHere(CutStart::Usual),
         ["cut", "pierce"] => OperatorCommand::CutFromHere(CutStart::Pierce),
         ["cut", "moving"] => OperatorCommand::CutFromHere(CutStart::Moving),

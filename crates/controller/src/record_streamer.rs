@@ -399,6 +399,15 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         self.exclusives.front().filter(|_| self.gates.c_open(status.place, status.at_rest))
     }
 
+    /// Place where the program switches this cutter off next, as far as that is planned; `None` too where it switches
+    /// it on before.
+    #[must_use]
+    pub fn end_of_cut(&self, channel: u8) -> Option<RecordIndex> {
+        let switches = |change: &retrace_link::OutputChange| change.channel == channel;
+        let next = self.exclusives.iter().find(|e| e.changes[..usize::from(e.count)].iter().any(switches))?;
+        (!next.switches_on(channel)).then_some(next.place)
+    }
+
     /// Returns the instruction that was sent last, while the card executes it.
     #[must_use]
     pub fn sent_instruction(&self) -> Option<&ExclusiveInstruction> {

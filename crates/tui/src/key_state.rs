@@ -282,6 +282,7 @@ impl KeyState {
             KeyAction::CutterOff => return Some(UiCommand::CutterOff),
             KeyAction::CutterOn => OperatorCommand::CutterOn,
             KeyAction::Recover => OperatorCommand::Recover,
+            KeyAction::SkipContour => OperatorCommand::SkipContour,
             KeyAction::OptionalStop => {
                 return Some(UiCommand::OptionalStop(!model.optional_stop));
             }

@@ -103,6 +103,8 @@ pub(crate) enum KeyAction {
     TestPulse,
     /// Restores the outputs, the cutter last, and resumes.
     Recover,
+    /// Passes the rest of the contour with the cutter off.
+    SkipContour,
     /// Optional stop (M1) on or off.
     OptionalStop,
     /// Stops or starts the spindle.
@@ -314,8 +316,10 @@ pub(crate) const TABLE: &[Row] = &[
         KeyAction::CutterOff),
     row(&[Key::Char('i')], "i", "cutter on", "cutter on, where manual cutting is permitted", MOVING,
         KeyAction::CutterOn),
-    row(&[Key::Char('!')], "!", "test pulse", "test pulse of the cutter at rest, after a question", SETUP | MOVING | PAUSED,
-        KeyAction::TestPulse),
+    row(&[Key::Char('!')], "!", "test pulse", "test pulse of the cutter at rest, after a question",
+        SETUP | MOVING | PAUSED, KeyAction::TestPulse),
+    row(&[Key::Char('N')], "N", "skip", "skip the rest of the contour: pass it with the cutter off",
+        RUN | RETRACE | WHEEL, KeyAction::SkipContour),
     row(&[Key::Char('k')], "k", "recover", "back to the end of the cut, cutter on, and resume", RUN | RETRACE | WHEEL,
         KeyAction::Recover),
     row(&[Key::Char('S')], "S", "spindle", "stop the spindle; again: restart it", PAUSED, KeyAction::Spindle),

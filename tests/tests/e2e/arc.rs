@@ -513,3 +513,59 @@ fn a_fault_of_a_source_that_there_is_not_is_refused() {
     assert_eq!(result.code, Some(2));
     assert!(result.err.contains("E2154") && result.err.contains("lose@MM"), "{}", result.err);
 }
+
+/// Numbers of the contours as they ended, and what is not cut of each, mm.
+fn contours(run: &Run) -> Vec<(u64, f64)> {
+    let told = run.of_kind("contour");
+    told.filter_map(|event| Some((event["number"].as_u64()?, event["not_cut_mm"].as_f64()?))).collect()
+}
+
+/// The rest of a contour, or a contour whose cutter does not start, is passed with the torch off; the next one is cut.
+#[test]
+fn a_contour_is_skipped_and_the_next_one_is_cut() {
+    let (whole, _) = run("", "", &[]);
+    for script in ["at 3s skip contour\n", "at 3s back 5 mm\nafter 2s skip contour\nafter 0.1s hold\nafter 1s resume\n"]
+    {
+        let (run, trace) = run("lose@20", script, &[]);
+        assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()), "{script}");
+        let ended = contours(&run);
+        assert!(ended.len() == 2 && (ended[0].1 - 40.0).abs() < 0.2 && ended[1] == (2, 0.0), "{script}: {ended:?}");
+        let lit = trace.windows(2).filter(|pair| !pair[0].is_on("spindle") && pair[1].is_on("spindle")).count();
+        assert_eq!((lit, run.audit().violations), (2, [0; 3]), "{script}");
+        let dark = trace.iter().filter(|sample| (40.0 * 200.0..69.0 * 200.0).contains(&(sample.counts[0] as f64)));
+        assert!(dark.filter(|sample| sample.rate > 0.0).all(|sample| !sample.is_on("spindle")), "{script}");
+    }
+    let (run, trace) = run("no-start=1", "at 6s skip contour\nafter 10s skip contour\n", &[]);
+    assert_eq!(
+        (&run.report["outcome"], run.counts()),
+        (&whole.report["outcome"], whole.counts()),
+        "{}",
+        run.output.out
+    );
+    let ended = contours(&run);
+    assert!(ended.len() == 2 && ended.iter().all(|(_, mm)| (mm - 60.0).abs() < 0.2), "{ended:?}");
+    assert!(trace.iter().all(|sample| !sample.is_on("spindle") || sample.at_rest), "no feed with the torch on");
+    // nothing is skipped where nothing is cut
+    let (run, _) = self::run("", "at 0.1s hold\nafter 0.5s skip contour\nafter 0.1s resume\n", &[]);
+    assert!(run.of_kind("command_rejected").any(|event| event["reason"] == "no contour is being cut"));
+}
+
+/// A cut that is lost close to the end of its contour counts as done, and what is missing is told.
+#[test]
+fn a_loss_close_to_the_end_of_a_contour_is_passed() {
+    let machine = machine().replace("pierce_s = 0.4 }", "pierce_s = 0.4 }\nrestart = { lost_at_end_mm = 3.0 }");
+    let (whole, _) = run("", "", &[]);
+    let (run, trace) = run_on(&machine, "lose@58", "", &[]);
+    assert_eq!(
+        (&run.report["outcome"], run.counts()),
+        (&whole.report["outcome"], whole.counts()),
+        "{}",
+        run.output.out
+    );
+    let ended = contours(&run);
+    assert!(ended.len() == 2 && (ended[0].1 - 2.0).abs() < 0.2 && ended[1] == (2, 0.0), "{ended:?}");
+    assert_eq!(run.report["cut_interruptions"], 1);
+    assert!(trace.last().is_some_and(|sample| !sample.is_on("spindle")));
+    let (run, _) = run_on(&machine, "lose@56", "at 6s stop\n", &[]);
+    assert_eq!((&run.report["outcome"], contours(&run).len()), (&"stopped".into(), 0), "4 mm are to be cut");
+}

@@ -366,19 +366,14 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             count += 1;
         }
         // What is inhibited in a dry run reports nothing, and takes no time unless that is wanted.
-        let switch = if count < switch.changes.len() {
-            let periods = if self.dry_waits { switch.periods } else { 0 };
-            SwitchInstruction { periods, until: None, ..switch }
-        } else {
-            switch
-        };
+        let is_inhibited = count < switch.changes.len();
+        let periods = if is_inhibited && !self.dry_waits { 0 } else { switch.periods };
+        let until = switch.until.filter(|_| !is_inhibited);
         let before = self.outputs;
         for change in &changes[..count] {
             self.outputs[usize::from(change.channel)] = change.value;
         }
-        let SwitchInstruction {
-            line, kind, code, periods, until, is_barrier: one_way, undone_in_reverse: undone, ..
-        } = switch;
+        let SwitchInstruction { line, kind, code, is_barrier: one_way, undone_in_reverse: undone, .. } = switch;
         let place = self.ring.write();
         let exclusive = ExclusiveInstruction {
             place,

@@ -67,6 +67,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::TestPulse => return self.test_pulse(),
             OperatorCommand::OptionalStop(on) => self.optional_stop = on,
             OperatorCommand::Recover => return self.recover(),
+            OperatorCommand::SkipContour => return self.skip_contour(),
             OperatorCommand::Single => self.toggle_single_block(),
             OperatorCommand::Hold => self.mode_controller.apply(ModeCommand::Hold)?,
             OperatorCommand::Confirm => self.mode_controller.apply(ModeCommand::Confirm)?,

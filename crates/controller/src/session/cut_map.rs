@@ -173,6 +173,11 @@ impl CutMap {
         self.not_cut_um(place.boundary_ahead(), end, |_, records| u64::from(records)) == 0
     }
 
+    /// Whether a contour is being cut: its cutter was lit, and not switched off by the program yet.
+    pub(super) const fn is_in_contour(&self) -> bool {
+        self.current.is_some()
+    }
+
     /// The contours that were begun.
     pub(super) fn contours(&self) -> &[Contour] {
         &self.contours

@@ -84,15 +84,22 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Torches that the program expects to be on at the furthest place, and that strike no arc over a kerf.
     fn lit_torches(&self) -> impl Iterator<Item = u8> {
-        let is_lit = |channel: &u8| self.streamer.expected()[usize::from(*channel)] != 0;
-        let fires = self.config.fire_channels.iter().copied().filter(is_lit);
-        fires.filter(|&channel| self.recovery.usually_starts_in_motion(channel))
+        self.expected_cutters().filter(|&channel| self.recovery.usually_starts_in_motion(channel))
     }
 
-    /// Outputs that are to be on at the furthest place: what the program expects there, without a torch over a kerf.
+    /// Cutters that the program expects to be on at the furthest place.
+    fn expected_cutters(&self) -> impl Iterator<Item = u8> {
+        let is_lit = |channel: &u8| self.streamer.expected()[usize::from(*channel)] != 0;
+        self.config.fire_channels.iter().copied().filter(is_lit)
+    }
+
+    /// Outputs that are to be on at the furthest place: what the program expects there, without a torch over a kerf,
+    /// and without the cutter of a contour that is skipped.
     pub(super) fn wanted_outputs(&self) -> Outputs {
         let mut wants = *self.streamer.expected();
-        if self.recovery.passes_kerf {
+        if self.recovery.skips_contour {
+            self.expected_cutters().for_each(|channel| wants[usize::from(channel)] = 0);
+        } else if self.recovery.passes_kerf {
             self.lit_torches().for_each(|channel| wants[usize::from(channel)] = 0);
         }
         wants
@@ -116,7 +123,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 }
 
 /// Length in µm of some records, as far as they are retained.
-fn measure_um<const A: usize>(
+pub(super) fn measure_um<const A: usize>(
     streamer: &RecordStreamer<'_, A>,
     mm_per_pulse: &[f64; A],
     first: RecordIndex,

@@ -16,6 +16,7 @@ mod recovery;
 mod restart;
 mod return_path;
 mod session_config;
+mod skip_contour;
 mod switching;
 mod telemetry;
 mod test_pulse;

@@ -64,6 +64,10 @@ pub(super) struct CutRecovery {
     continues_when_rejoined: bool,
     /// Whether the rest of the contour is passed with the torch off: it is cut, and over a kerf no arc strikes.
     pub(super) passes_kerf: bool,
+    /// Whether the rest of the contour is passed with its cutter off, as the operator said.
+    pub(super) skips_contour: bool,
+    /// Whether that is to be done once the machine is at rest: the cut was lost close to its end.
+    pub(super) skips_at_rest: bool,
     /// Where *cut* was refused because everything is cut already.
     pub(super) refused_at: Option<Place>,
     /// Where the next start of the cutter lies in X and Y, from its place on the path.
@@ -82,6 +86,8 @@ impl CutRecovery {
             latch: None,
             continues_when_rejoined: false,
             passes_kerf: false,
+            skips_contour: false,
+            skips_at_rest: false,
             refused_at: None,
             shift_mm: [0.0; 2],
             join_counts: None,
@@ -126,6 +132,13 @@ impl CutRecovery {
     /// Place where the cut was interrupted, if it was.
     pub(super) fn cut_end(&self) -> Option<Place> {
         self.cut_end.map(|end| end.place)
+    }
+
+    /// What is not cut stays so. Returns whether a cut was interrupted.
+    pub(super) const fn forget_cut_end(&mut self) -> bool {
+        let was_interrupted = self.cut_end.is_some();
+        (self.cut_end, self.latch, self.returning) = (None, None, None);
+        was_interrupted
     }
 
     /// Whether the cut of this cutter is interrupted.
@@ -221,6 +234,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return;
         }
         self.set_cut_end(off.place, channel);
+        self.recovery.skips_at_rest = lost && self.is_lost_at_end(channel, off.place);
     }
 
     fn set_cut_end(&mut self, place: Place, channel: u8) {
@@ -387,6 +401,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// Begins to execute the program again, once the machine is back. Called before every control period.
     pub(super) fn advance_recovery(&mut self) -> Result<(), CardError> {
+        self.pass_lost_end();
         let Some(start) = self.recovery.returning else { return Ok(()) };
         let status = *self.card.status();
         let is_there = match &self.back_target {
@@ -421,7 +436,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let executed = self.streamer.return_to(place);
         self.cut_map.reopen_contour(place);
-        self.recovery.passes_kerf = false;
+        (self.recovery.passes_kerf, self.recovery.skips_contour) = (false, false);
         let begin = match lead_in {
             None => PathStart { reached: place.boundary_ahead(), executed, ..path_start },
             Some(lead_in) => {

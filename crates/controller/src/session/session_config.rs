@@ -2,7 +2,7 @@
 //!
 //! Invariant: nothing in here changes after the session was created.
 
-use retrace_config::{CutterConfig, IN_FLIGHT_RECORDS, MachineConfig, RetraceOutputs, SingleBlockStep};
+use retrace_config::{CutterConfig, CutterKind, IN_FLIGHT_RECORDS, MachineConfig, RetraceOutputs, SingleBlockStep};
 
 /// Timing and attendance of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,6 +34,8 @@ pub(super) struct SessionConfig<const A: usize> {
     pub(super) off_at_end: Vec<u8>,
     /// Whether this is a dry run.
     pub(super) inhibits_outputs: bool,
+    /// Whether a cutter is a beam, which is switched within its contour too.
+    pub(super) switches_beams: bool,
     /// Whether a jet may cut while the path is retraced.
     pub(super) retrace_cuts: bool,
     /// Whether outputs are switched again where the path is retraced.
@@ -58,6 +60,7 @@ impl<const A: usize> SessionConfig<A> {
             cutter_channels: machine.cutting_channels(),
             off_at_end: machine.off_at_end(),
             inhibits_outputs: machine.inhibits_outputs,
+            switches_beams: machine.cutters.iter().any(|cutter| cutter.kind == CutterKind::Beam),
             retrace_cuts: machine.cutters.iter().any(|cutter| cutter.retrace_cut),
             replays_outputs: machine.retrace_outputs == RetraceOutputs::Replayed,
             mm_per_pulse,

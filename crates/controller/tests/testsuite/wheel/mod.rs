@@ -283,7 +283,7 @@ impl Case {
             retrace_switched: String::new(),
         };
         let axes = self.machine.axes.iter().map(|axis| axis.name.to_string()).collect();
-        records::Records { axes, rows: self.log.periods.iter().map(row).collect() }
+        records::Records { axes, rows: self.log.periods.iter().map(row).collect(), is_dry: false }
     }
 }
 

@@ -1,0 +1,63 @@
+//! What the player does for the cutters besides the permit: starts that are refused, and starts that are cancelled.
+//!
+//! Invariant: no cutter is started while its input or a collision input is active.
+
+use retrace_core::Rate;
+use retrace_link::{Alarm, CutterOffCause, OutputChange};
+
+use super::{MotionBlock, Player};
+use crate::permit::PermitConditions;
+use crate::window::RecordStorage;
+
+impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player<A, W, M, S> {
+    /// Sets the active collision input.
+    pub(crate) const fn set_collision(&mut self, input: Option<u8>) {
+        self.collision = input;
+    }
+
+    /// Whether a cutting output is on.
+    pub(crate) fn is_lit(&self) -> bool {
+        self.permit.is_lit(self.outputs.values())
+    }
+
+    /// Cancels the start of a cutter that is switched off manually: neither a further attempt nor the instruction that
+    /// waits for its place lights it.
+    pub(super) fn cancel_start(&mut self, change: OutputChange) {
+        if change.value == 0 && self.permit.fires(change.channel) && self.switching.switches_on(change.channel) {
+            if self.switching.is_pulse() {
+                self.switching.end_pulse(&mut self.outputs);
+                return;
+            }
+            self.switching.cancel();
+            self.permit.report_cancelled_start(self.status.place);
+            self.block = MotionBlock::CutterOff;
+        }
+    }
+
+    /// Whether this change may be made manually. A cutting output is not switched on where it would be switched off at
+    /// once.
+    pub(crate) fn may_switch(&self, change: OutputChange, denied: Option<CutterOffCause>) -> bool {
+        let status = &self.status;
+        let now = PermitConditions {
+            denied,
+            backward: status.rate < Rate::ZERO || status.at_rest && self.unblocked_target() < Rate::ZERO,
+            moving: !status.at_rest,
+            awaits_motion: self.awaits_motion(),
+            keeps_cutter: self.switching.keeps_cutter(),
+            is_pulse: false,
+            inputs: status.inputs,
+            place: status.place,
+        };
+        change.value == 0 || self.permit.may_switch_on(change.channel, &now)
+    }
+
+    /// Returns the reason why these changes, if they switch a cutter on, must not be made.
+    pub(super) fn alarm_of_start(&self, changes: &[OutputChange]) -> Option<Alarm> {
+        let outputs = self.outputs.values();
+        if let Some(input) = self.permit.proven_before_start(changes, outputs, self.status.inputs) {
+            return Some(Alarm::ProvenBeforeStart { input });
+        }
+        let lights = changes.iter().any(|change| change.value != 0 && self.permit.fires(change.channel));
+        self.collision.filter(|_| lights).map(|input| Alarm::Collision { input })
+    }
+}
