@@ -1,5 +1,5 @@
 //! Random cuts that are interrupted and recovered: the arc is lost, the operator holds or puts the torch out, the host
-//! is killed, once or several times, and the cut goes on by *recover*, beside the path, step by step, or by `resume`.
+//! is killed, the torch touches something, the emergency stop is pressed, once or several times, and the cut goes on by *recover*, beside the path, step by step, or by `resume`.
 //! The part has to be as whole as without any of it.
 //!
 //! Invariant: the judge has the traces of the pins alone.
@@ -45,8 +45,9 @@ fn machine() -> String {
              max_acceleration_mm_per_s2 = 2500\nmax_jerk_mm_per_s3 = 40000\ntravel_mm = [-100, 500]"
         );
     }
-    text + "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nok = { input = 5 }\n\
-            start = { pierce_s = 0.2, start_s = 1, retry_s = 0.5 }\n[card]\nwatchdog_ms = 1000\n"
+    text + "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nok = { input = 5 }\ncollision = [7]\n\
+            start = { pierce_s = 0.2, start_s = 1, retry_s = 0.5 }\n[card]\nwatchdog_ms = 1000\n\
+            [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n"
 }
 
 /// A program of several contours: lines and arcs, with or without compensation, in subprograms of some depth.
@@ -124,8 +125,11 @@ fn faults(chance: &mut TestRandom, seed: u64, length_mm: f64) -> String {
     faults.join(",")
 }
 
-/// A job on a card behind a line whose host is killed: at any moment, and wherever the arc goes out. Each time, the job
-/// is resumed.
+/// What ends a host before its job is complete.
+const STOPS: [Option<&str>; 4] = [None, None, Some("breakaway"), Some("emergency-stop")];
+
+/// A job on a card behind a line whose host is killed, or whose machine is stopped by an input: at any moment, and
+/// wherever the arc goes out. Each time, the job is resumed.
 fn served_case(seed: u64) -> Result<Verdict, String> {
     let mut chance = TestRandom::new(seed);
     let bench = Bench::new();
@@ -135,15 +139,18 @@ fn served_case(seed: u64) -> Result<Verdict, String> {
     let faults = faults(&mut chance, seed, length_mm);
     let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd").display().to_string());
     let speed = SPEED.to_string();
-    let card = ServedCard::with(&["--machine", &machine, "--source-faults", &faults, "--vcd", &vcd, "--speed", &speed]);
+    let mut card =
+        ServedCard::with(&["--machine", &machine, "--source-faults", &faults, "--vcd", &vcd, "--speed", &speed]);
     let job_s = whole.number("periods") / 1000.0 / SPEED;
-    let mut arguments = vec!["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+    let port = card.port.clone();
+    let mut arguments = vec!["run", "part.ngc", "--card", &port, "--machine", "m.toml", "--json"];
     let mut told = format!("{faults}\n");
     let mut kills = 1 + chance.below(3);
     for _ in 0..40 {
         let kill_s = if kills == 0 { f64::INFINITY } else { job_s * chance.below(1000) as f64 / 1000.0 };
         kills = kills.saturating_sub(1);
-        let (code, out) = host_until(&bench, &arguments, kill_s)?;
+        let stop = STOPS[chance.below(STOPS.len())];
+        let (code, out) = host_until(&bench, &arguments, &mut card, (kill_s, stop))?;
         told += &out;
         if code == Some(0) {
             let ended = card.end();
@@ -157,9 +164,14 @@ fn served_case(seed: u64) -> Result<Verdict, String> {
     Err(format!("it does not end\n{told}"))
 }
 
-/// Runs a host and kills it at this time, or where it waits because the torch went out; returns its exit code, where it
-/// was not killed, and its output.
-fn host_until(bench: &Bench, arguments: &[&str], kill_s: f64) -> Result<(Option<i32>, String), String> {
+/// Runs a host and kills it at this time, or makes this input of the card active then; kills it where it waits because
+/// the torch went out. Returns its exit code, where it was not killed, and its output.
+fn host_until(
+    bench: &Bench,
+    arguments: &[&str],
+    card: &mut ServedCard,
+    (mut stop_s, stop): (f64, Option<&str>),
+) -> Result<(Option<i32>, String), String> {
     let mut host = bench.start(arguments, Stdio::null(), "host.txt");
     let begun = Instant::now();
     let read = || std::fs::read_to_string(bench.path("host.txt")).unwrap_or_default();
@@ -173,7 +185,21 @@ fn host_until(bench: &Bench, arguments: &[&str], kill_s: f64) -> Result<(Option<
         }
         let waits =
             ["lost", "not_started", "not_latched"].iter().any(|why| read().contains(&format!("\"reason\":\"{why}\"")));
-        if waits || begun.elapsed().as_secs_f64() > kill_s.min(MAX_JOB_S) {
+        if let Some(input) = stop.filter(|_| !waits && begun.elapsed().as_secs_f64() > stop_s) {
+            card.operate(&format!("press {input}"));
+            // at rest a breakaway stops nothing
+            for _ in 0..25 {
+                thread::sleep(Duration::from_millis(20));
+                if host.try_wait().expect("a child").is_some() {
+                    break;
+                }
+            }
+            card.operate(&format!("release {input}"));
+            thread::sleep(Duration::from_millis(100));
+            stop_s = f64::INFINITY;
+            continue;
+        }
+        if waits || begun.elapsed().as_secs_f64() > stop_s.min(MAX_JOB_S) {
             thread::sleep(Duration::from_millis(100));
             host.kill().expect("it is killed");
             host.wait().expect("it ends");

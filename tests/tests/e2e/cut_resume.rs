@@ -142,7 +142,7 @@ fn a_cut_is_resumed_after_a_collision_and_after_an_emergency_stop() {
         let resumed = bench.retrace(["resume", "--yes", "--json"]);
         assert_eq!(resumed.code, Some(0), "{what}: {told}\n{}{}", resumed.out, resumed.err);
         let _ = card.end();
-        let verdict = judge_served(&bench.path("whole.vcd"), bench.path("pins.vcd"), &JUDGED);
+        let verdict = judge_served(bench.path("whole.vcd"), bench.path("pins.vcd"), &JUDGED);
         assert!(verdict.is_good(), "{what}: {verdict:?}");
     }
 }
