@@ -418,10 +418,12 @@ fn report_text<const A: usize>(report: &Report<'_, A>, tables: &TableFiles) -> S
     let cut = match report.stats.contours {
         0 => String::new(),
         contours => format!(
-            "\n  contours {contours} · not whole {} · not cut {:.3} mm · interruptions {}",
+            "\n  contours {contours} · not whole {} · not cut {:.3} mm · interruptions {} · flickers {} · lit {:.1} s",
             report.stats.contours_not_cut,
             number("not_cut_mm"),
-            report.stats.cut_interruptions
+            report.stats.cut_interruptions,
+            report.stats.cutter_flickers,
+            number("lit_s")
         ),
     };
     let offsets = tables.parameters.as_ref().map_or(String::new(), |path| format!("\n  offsets {}", path.display()));

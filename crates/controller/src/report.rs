@@ -107,7 +107,7 @@ impl<const A: usize> Report<'_, A> {
         let position_mm =
             counts.map_or(Value::Null, |counts| self.per_axis(|i| json!(self.machine.axes[i].mm_of(counts[i]))));
         let commanded = self.per_axis(|i| self.commanded_mm.get(i).map_or(Value::Null, |&mm| json!(mm)));
-        json!({
+        let mut report = json!({
             "event": "report",
             "program": self.program,
             "machine": self.machine.name,
@@ -142,13 +142,26 @@ impl<const A: usize> Report<'_, A> {
             "min_buffered_records": t.min_buffered_records,
             "reversals": t.reversals,
             "switch_events": t.switch_events,
-            "cut_interruptions": t.cut_interruptions,
-            "contours": t.contours,
-            "contours_not_cut": t.contours_not_cut,
-            "not_cut_mm": t.not_cut_um as f64 / 1000.0,
             "dropped_events": t.dropped_events,
             "peak_rss_mib": peak_rss_mib(),
             "alarms": self.alarms,
+        });
+        if let (Value::Object(all), Value::Object(cutting)) = (&mut report, self.cutting()) {
+            all.extend(cutting);
+        }
+        report
+    }
+
+    /// What was cut.
+    fn cutting(&self) -> Value {
+        let t = &self.stats;
+        json!({
+            "cut_interruptions": t.cut_interruptions,
+            "cutter_flickers": t.cutter_flickers,
+            "lit_s": self.seconds(t.lit),
+            "contours": t.contours,
+            "contours_not_cut": t.contours_not_cut,
+            "not_cut_mm": t.not_cut_um as f64 / 1000.0,
         })
     }
 

@@ -30,6 +30,10 @@ pub struct RunStats {
     pub reversals: u64,
     /// Number of cuts that were interrupted.
     pub cut_interruptions: u64,
+    /// Number of times the input of a cutter that cut became inactive and active again, without a loss.
+    pub cutter_flickers: u64,
+    /// Control periods in which a torch, jet or beam was on.
+    pub lit: u64,
     /// Number of contours that were begun.
     pub contours: u32,
     /// Number of those of which something is not cut.

@@ -359,6 +359,10 @@ fn flickers_of_the_contact_are_no_loss() {
     assert_eq!(run.report["outcome"], "completed");
     let flickers = trace.windows(2).filter(|pair| pair[0].inputs != 0 && pair[1].inputs == 0).count();
     assert!(flickers > 10, "{flickers}");
+    // the input goes inactive once more behind each of the two cuts, with the torch off
+    assert_eq!(run.number("cutter_flickers"), (flickers - 2) as f64);
+    let lit_us: u64 = trace.windows(2).filter(|p| p[0].is_on("spindle")).map(|p| p[1].at_us - p[0].at_us).sum();
+    assert!((run.number("lit_s") - lit_us as f64 / 1e6).abs() < 0.01, "{lit_us}");
     assert!(with_reason(&run, "lost").is_empty());
 }
 

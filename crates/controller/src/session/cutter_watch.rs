@@ -15,11 +15,24 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         for at in 0..self.config.fire_channels.len() {
             let channel = self.config.fire_channels[at];
             let state = self.cutter_state(channel, status);
+            self.count_flickers(at, state, status);
             if std::mem::replace(&mut self.cutter_states[at], state) != state {
                 let contour = self.cut_map.current_number();
                 self.emit(EventKind::CutterState { channel, state, contour });
             }
         }
+    }
+
+    /// Counts the flickers of a cutter that cuts: its input was inactive, and is active again before it counts as lost
+    /// (CUT-31).
+    fn count_flickers(&mut self, at: usize, state: CutterState, status: &CardStatus<A>) {
+        let channel = self.config.fire_channels[at];
+        self.stats.lit += u64::from(status.outputs[usize::from(channel)] != 0);
+        let Some(proof) = self.recovery.cutter(channel).and_then(|cutter| cutter.proof) else { return };
+        let cuts = matches!(state, CutterState::Cutting | CutterState::Ending);
+        let is_active = status.inputs >> (proof.input & 15) & 1 == 1;
+        let was_inactive = std::mem::replace(&mut self.cutter_inactive[at], cuts && !is_active);
+        self.stats.cutter_flickers += u64::from(was_inactive && cuts && is_active);
     }
 
     fn cutter_state(&self, channel: u8, status: &CardStatus<A>) -> CutterState {

@@ -151,6 +151,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     cut_map: CutMap,
     /// State of each cutter, in the order of the fire channels.
     cutter_states: Vec<CutterState>,
+    /// Whether the input of each of them was inactive in the last period while it cut.
+    cutter_inactive: Vec<bool>,
     /// Test pulse that is on.
     test_pulse: Option<TestPulse>,
     /// Whether the handwheel has been behind `reached`.
@@ -204,6 +206,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             back_target: None,
             recovery: CutRecovery::new(machine),
             cutter_states: vec![CutterState::Off; machine.cutting_outputs.len()],
+            cutter_inactive: vec![false; machine.cutting_outputs.len()],
             cut_map: CutMap::new(!machine.cutting_outputs.is_empty()),
             test_pulse: None,
             wheel_was_behind: false,
