@@ -1,6 +1,6 @@
 //! Random cuts that are interrupted and recovered: the arc is lost, the operator holds or puts the torch out, the host
-//! is killed, the torch touches something, the emergency stop is pressed, once or several times, and the cut goes on by *recover*, beside the path, step by step, or by `resume`.
-//! The part has to be as whole as without any of it.
+//! is killed, the torch touches something, the emergency stop is pressed, once or several times, and the cut goes on by
+//! *recover*, beside the path, step by step, or by `resume`. The part has to be as whole as without any of it.
 //!
 //! Invariant: the judge has the traces of the pins alone.
 
