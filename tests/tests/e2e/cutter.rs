@@ -375,6 +375,8 @@ fn the_abrasive_of_a_jet_goes_off_with_it_and_comes_back_behind_it() {
         (&jet, "at line 6 override 100%\nafter 0.5s hold\nafter 3s recover\n", ""),
         (&jet, "at line 6 override 100%\nafter 0.5s cutter off\nafter 3s recover\n", ""),
         (&jet, "at line 6 override 100%\nafter 0.5s stop\n", ""),
+        // the program might switch the abrasive within a contour that is skipped, so none is
+        (&jet, "at line 6 override 100%\nafter 0.5s hold\nafter 2s skip contour\nafter 1s recover\n", ""),
         (&with_input, "at 4s recover\n", "lose@20"),
     ];
     for (cutter, script, faults) in cases {

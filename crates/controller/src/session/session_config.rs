@@ -34,8 +34,8 @@ pub(super) struct SessionConfig<const A: usize> {
     pub(super) off_at_end: Vec<u8>,
     /// Whether this is a dry run.
     pub(super) inhibits_outputs: bool,
-    /// Whether a cutter is a beam, which is switched within its contour too.
-    pub(super) switches_beams: bool,
+    /// Why no contour can be skipped, if so: the program switches something within it that needs the cutter.
+    pub(super) skip_refusal: Option<&'static str>,
     /// Whether a jet may cut while the path is retraced.
     pub(super) retrace_cuts: bool,
     /// Whether outputs are switched again where the path is retraced.
@@ -60,12 +60,20 @@ impl<const A: usize> SessionConfig<A> {
             cutter_channels: machine.cutting_channels(),
             off_at_end: machine.off_at_end(),
             inhibits_outputs: machine.inhibits_outputs,
-            switches_beams: machine.cutters.iter().any(|cutter| cutter.kind == CutterKind::Beam),
+            skip_refusal: skip_refusal(machine),
             retrace_cuts: machine.cutters.iter().any(|cutter| cutter.retrace_cut),
             replays_outputs: machine.retrace_outputs == RetraceOutputs::Replayed,
             mm_per_pulse,
         }
     }
+}
+
+fn skip_refusal(machine: &MachineConfig) -> Option<&'static str> {
+    if machine.cutters.iter().any(|cutter| cutter.kind == CutterKind::Beam) {
+        return Some("a beam is switched within its contour too, and would be lit there");
+    }
+    let has_abrasive = machine.cutters.iter().any(|cutter| cutter.abrasive.is_some());
+    has_abrasive.then_some("the program may switch the abrasive within the contour, which would flow without water")
 }
 
 /// The fire channels whose contours are one step of single block. In a dry run nothing is lit, and no stop costs a

@@ -29,8 +29,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if !lights_here && !self.cut_map.is_in_contour() {
             return refuse("no contour is being cut");
         }
-        if self.config.switches_beams {
-            return refuse("a beam is switched within its contour too, and would be lit there");
+        if let Some(why) = self.config.skip_refusal {
+            return refuse(why);
         }
         self.recovery.skips_contour = true;
         self.recovery.skips_at_rest = false;
