@@ -149,7 +149,13 @@ fn warnings(machine: &MachineConfig, name: &str) -> Vec<NumberedError> {
             )
         })
     });
-    undeclared.chain(too_fast).collect()
+    let doubtful = machine.cutters_of_doubtful_kind().into_iter().map(|(cutter, why)| {
+        let what = format!("{name}: [[cutter]] {}: {why}", cutter.name);
+        let remedy = "a spindle keeps turning in a hold and at a program stop, a torch, a jet and a beam go off: \
+            correct the kind, or the name";
+        NumberedError::new("W2119", what, remedy)
+    });
+    undeclared.chain(too_fast).chain(doubtful).collect()
 }
 
 /// Creates a file with this text, completely or not at all, and never over an existing one.

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 
 use crate::axis::AxisConfig;
 use crate::card_config::CardSection;
+use crate::cutter::CutterConfig;
 use crate::machine_config::{MachineConfig, output_names};
 use crate::machine_file::{MachineFile, WheelSettings};
 use crate::manual_config::{HomingSection, ManualConfig, ManualSection, Written};
@@ -64,6 +65,13 @@ impl MachineConfig {
             }
         }
         undeclared
+    }
+
+    /// The cutters whose kind does not fit the rest of their table, each with the reason: a spindle that is named as a
+    /// cutter, or the reverse (CUT-10).
+    #[must_use]
+    pub fn cutters_of_doubtful_kind(&self) -> Vec<(&CutterConfig, String)> {
+        self.cutters.iter().filter_map(|cutter| Some((cutter, cutter.doubt_of_kind()?))).collect()
     }
 }
 

@@ -5,7 +5,8 @@
 use std::sync::Arc;
 
 use retrace_config::{CutterKind, MachineConfig, MaterialConfig, ZWords};
-use retrace_gcode::{CuttingSetup, CuttingTool, Material, MaterialList};
+use retrace_gcode::{CuttingSetup, CuttingTool, Material, MaterialList, SpindleUse};
+use retrace_link::channel;
 
 /// Cutters and materials for an interpreter; `None` where no cutter has a material table.
 pub(crate) fn cutting_setup(machine: &MachineConfig) -> Option<Arc<CuttingSetup>> {
@@ -26,6 +27,15 @@ pub(crate) fn cutting_setup(machine: &MachineConfig) -> Option<Arc<CuttingSetup>
         float_travel_mm: cutter.float_travel_mm,
         ignores_z: cutter.z_words == ZWords::Ignored,
     }))
+}
+
+/// What M3 starts on a machine without a material table.
+pub(crate) fn spindle_use(machine: &MachineConfig) -> SpindleUse {
+    match machine.cutter_of(channel::SPINDLE).map(|cutter| cutter.kind) {
+        None | Some(CutterKind::Spindle) => SpindleUse::Speed,
+        Some(CutterKind::Beam) => SpindleUse::Unknown,
+        Some(CutterKind::Torch | CutterKind::Jet | CutterKind::Marker) => SpindleUse::NoSpeed,
+    }
 }
 
 /// A material of the table, for a program.

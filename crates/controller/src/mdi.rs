@@ -14,15 +14,21 @@ use retrace_gcode::{
 use crate::block_decoder::{BlockDecoder, DecodedBlock};
 use crate::check_finding::CheckFinding;
 use crate::job;
-use crate::material_figures::cutting_setup;
+use crate::material_figures::{cutting_setup, spindle_use};
 
 /// Interpreter setup of a machine in millimetres at its current position.
 #[must_use]
 pub fn interpreter_setup(machine: &MachineConfig) -> Setup {
     let axes: Vec<Axis> = machine.axes.iter().map(|a| Axis::ALL[a.index()]).collect();
     let user_codes = machine.switching.user_codes().fold(UserCodes::default(), UserCodes::with);
-    let cutting = cutting_setup(machine);
-    Setup { axes: AxisSet::from_axes(&axes), user_codes, cutting, position: position(machine), ..Setup::default() }
+    Setup {
+        axes: AxisSet::from_axes(&axes),
+        user_codes,
+        cutting: cutting_setup(machine),
+        spindle_use: spindle_use(machine),
+        position: position(machine),
+        ..Setup::default()
+    }
 }
 
 /// Position of the machine, mm and degrees, machine coordinates.

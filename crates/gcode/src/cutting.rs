@@ -6,6 +6,21 @@ use crate::canon_modes::LengthUnit;
 use crate::material::{Material, MaterialList};
 use std::sync::Arc;
 
+/// What M3 and M4 start, as far as it decides which S words are plausible.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SpindleUse {
+    /// Not known, or a beam, whose S is a power: every S word is plausible.
+    #[default]
+    Unknown,
+    /// A spindle: S is its speed in turns per minute.
+    Speed,
+    /// A torch, a jet or a marker: S has no meaning.
+    NoSpeed,
+}
+
+/// Greatest S word that is no plausible speed of a spindle in turns per minute: programs for torches have `S1`.
+pub(crate) const GREATEST_PLAIN_SPEED: f64 = 10.0;
+
 /// A cutter or marker that `$` addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CuttingTool {
@@ -15,6 +30,17 @@ pub struct CuttingTool {
     pub cuts: bool,
     /// Whether S is its speed or power. S of a torch, a jet or a marker has no meaning.
     pub uses_speed: bool,
+}
+
+impl CuttingTool {
+    /// Returns which S words are plausible for the tool.
+    pub(crate) const fn spindle_use(self) -> SpindleUse {
+        match (self.uses_speed, self.cuts) {
+            (true, true) => SpindleUse::Unknown,
+            (true, false) => SpindleUse::Speed,
+            (false, _) => SpindleUse::NoSpeed,
+        }
+    }
 }
 
 /// Data of a machine that cuts by materials.

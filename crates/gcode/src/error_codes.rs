@@ -473,6 +473,19 @@ retrace_cycles::error_codes! {
     SmallShare "W1007" "very small share of the feed rate"
         "M67 E3 or M68 E3 sets a share below 10 %, which other controls raise to 10 %."
         "Check the Q word.";
+    SpeedOfCutter "W1008" "spindle speed for a cutter"
+        "M3 or M4 starts a torch, a jet or a marker, and S is a speed of a spindle: the program is for a spindle, or \
+        the machine file names a spindle as a cutter."
+        "Use a program that is written for this cutter, or declare the output with kind = \"spindle\" in its \
+        [[cutter]] table. Programs for torches have S1.";
+    TorchSpeedOfSpindle "W1009" "spindle started like a torch"
+        "M3 or M4 starts a spindle, and S is at most 10, as in programs for torches (S1): the machine file names a \
+        cutter as a spindle, or declares no cutter. A hold or a program stop leaves a spindle on."
+        "Declare what the output switches with [[cutter]] and its kind, \"torch\" or \"jet\"; or correct S.";
+    MaterialWithoutTable "W1010" "material comment without effect"
+        "The comment declares a material, and no cutter of the machine has a material table, so that it is a plain \
+        comment. Materials, M190 and pierce delays belong to a cutter of kind \"torch\", \"jet\" or \"beam\"."
+        "Name a table with materials = \"materials.toml\" in the [[cutter]] table.";
     SpindleWithoutSpeed "W1002" "spindle started without a speed"
         "M3 or M4 is executed while the spindle speed is zero."
         "Give an S word first.";

@@ -102,7 +102,7 @@ pub use canon::{ArcFeed, Canon, CanonStep, WaitFor, WaitForInput, WaitInput};
 pub use canon_modes::{FeedMode, LengthUnit, PathControl, Plane, Probing};
 pub use canon_text::CanonText;
 pub use compensation::{Compensation, Side};
-pub use cutting::{CuttingSetup, CuttingState, CuttingSwitch, CuttingTool};
+pub use cutting::{CuttingSetup, CuttingState, CuttingSwitch, CuttingTool, SpindleUse};
 pub use diag::{Diagnostic, Severity, Span};
 pub use drilling_cycle::{CycleWords, DrillingCycle, DrillingSeries};
 pub use error_codes::ErrorCode;

@@ -66,18 +66,18 @@ const ITEMS: [Item; 14] = [
 const REQUIRED: usize = 4;
 
 impl MaterialComment {
+    /// Whether the text of a comment declares a material.
+    pub(crate) fn declares(text: &str) -> bool {
+        declaration_of(text).is_some()
+    }
+
     /// Compiles the text of a comment; `None` for a comment that declares no material.
     ///
     /// # Errors
     /// E1734 for an unknown, repeated, missing or malformed item.
     pub(crate) fn compile(text: &Arc<str>, at: Span) -> BlockResult<Option<MaterialComment>> {
-        let mut items = text.split(',').map(|item| item.split_once('=').map(|(key, value)| (key.trim(), value.trim())));
-        let declaration = match items.next().flatten() {
-            Some((key, value)) if key.eq_ignore_ascii_case("o") && value.bytes().all(|byte| byte.is_ascii_digit()) => {
-                value
-            }
-            _ => return Ok(None),
-        };
+        let Some(declaration) = declaration_of(text) else { return Ok(None) };
+        let items = text.split(',').map(|item| item.split_once('=').map(|(key, value)| (key.trim(), value.trim())));
         let declaration = match declaration {
             "0" => Declaration::Temporary,
             "1" => Declaration::Add,
@@ -87,7 +87,7 @@ impl MaterialComment {
         let text = Arc::clone(text);
         let mut comment =
             MaterialComment { text, at, declaration, number: None, name: None, values: [None; ITEMS.len()] };
-        for (item, whole) in items.zip(comment.text.clone().split(',').skip(1)) {
+        for (item, whole) in items.skip(1).zip(comment.text.clone().split(',').skip(1)) {
             match item {
                 Some((key, value)) => comment.read(&key.to_ascii_lowercase(), value)?,
                 None => return refused(at, format!("`{}` is not an item such as ph=3.8", whole.trim())),
@@ -167,6 +167,14 @@ impl MaterialComment {
         }
         Ok(material)
     }
+}
+
+/// The value of the first item, `o=0`, of a comment that declares a material.
+fn declaration_of(text: &str) -> Option<&str> {
+    let (key, value) = text.split(',').next()?.split_once('=')?;
+    let (key, value) = (key.trim(), value.trim());
+    let is_declaration = key.eq_ignore_ascii_case("o") && value.bytes().all(|byte| byte.is_ascii_digit());
+    is_declaration.then_some(value)
 }
 
 fn refused<T>(at: Span, message: String) -> BlockResult<T> {

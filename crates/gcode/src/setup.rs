@@ -3,7 +3,7 @@
 //! Invariant: a snapshot replaces the parameters and the tools.
 
 use crate::canon_modes::LengthUnit;
-use crate::cutting::CuttingSetup;
+use crate::cutting::{CuttingSetup, SpindleUse};
 use crate::modal::ModalState;
 use crate::modal_snapshot::{ModalSnapshot, StartTables};
 use crate::params::{Names, Parameters};
@@ -45,6 +45,8 @@ pub struct Setup {
     pub fixed_values: Vec<(String, f64)>,
     /// Cutters and materials; `None` for a machine without a material table.
     pub cutting: Option<Arc<CuttingSetup>>,
+    /// What M3 starts on a machine without a material table.
+    pub spindle_use: SpindleUse,
     /// State that earlier blocks have left, in place of `parameters` and `tools`: see [`Setup::continuing`] and
     /// [`Setup::following`].
     pub snapshot: Option<Arc<ModalSnapshot>>,
@@ -68,6 +70,7 @@ impl Default for Setup {
             disable_fanuc_subs: false,
             fixed_values: Vec::new(),
             cutting: None,
+            spindle_use: SpindleUse::Unknown,
             snapshot: None,
         }
     }

@@ -260,6 +260,53 @@ fn undeclared_inputs_and_step_rates_that_cannot_be_made_are_found() {
     assert_ne!(run.code, Some(0), "{}", run.err);
 }
 
+/// A program for a torch has S1, one for a spindle its turns per minute: M3 tells which of them the machine has.
+#[test]
+fn a_cutter_that_is_named_as_a_spindle_or_the_reverse_is_a_warning() {
+    let bench = Bench::new();
+    let cutter = |name: &str, kind: &str| format!("[[cutter]]\nname = \"{name}\"\nkind = \"{kind}\"\nfire = 64\n");
+    let materials = cutter("torch", "torch") + "spindle = 0\nmaterials = \"materials.toml\"\n";
+    let materials = materials + "[[cutter]]\nname = \"drill\"\nkind = \"spindle\"\nfire = 1\nspindle = 1\n";
+    bench.file(
+        "materials.toml",
+        "units = \"mm\"\n[[material]]\nnumber = 0\npierce_height_mm = 4\npierce_delay_s = 0.1\ncut_height_mm = \
+            1.5\nfeed_mm_per_min = 600\n",
+    );
+    let check = |machine: &str, words: &str| {
+        bench.file("m.toml", machine);
+        bench.file("p.ngc", format!("G21 F600\n{words}\nG1 X10\nM5\nM2\n"));
+        let result = bench.retrace(["check", "p.ngc", "--machine", "m.toml", "--json"]);
+        assert_eq!(result.code, Some(0), "{}", result.err);
+        let found = last(&result.out)["diagnostics"].as_array().expect("a list").clone();
+        let found: Vec<String> =
+            found.iter().map(|one| format!("{} {}", one["number"], one["range"]["start"])).collect();
+        found.join(";").replace('"', "")
+    };
+    for (machine, words, warning) in [
+        (cutter("torch", "torch"), "M3 $0 S1", ""),
+        (cutter("torch", "torch"), "S8000 M3", "W1008 {column:1,line:2}"),
+        (cutter("jet", "jet"), "S8000\nM3", "W1008 {column:1,line:3}"),
+        (cutter("laser", "beam"), "M3 S8000", ""),
+        (cutter("laser", "beam"), "M3 S1", ""),
+        (cutter("router", "spindle"), "M3 S8000", ""),
+        (cutter("router", "spindle"), "M3 $0 S1", "W1009 {column:7,line:2}"),
+        (cutter("router", "spindle"), "(o=0, ph=4, pd=1, ch=1, fr=600)\nM3 S90", "W1010 {column:1,line:2}"),
+        (cutter("router", "spindle"), "(o is a letter)\nM3 S90", ""),
+        ("name = \"mill\"\n".into(), "M3 S1", "W1009 {column:4,line:2}"),
+        (materials.clone(), "M3 $0 S1\nM5 $0", ""),
+        (materials.clone(), "M3 S3000", "W1008 {column:4,line:2}"),
+        (materials.clone(), "M3 $1 S3000\nM5 $1", ""),
+        (materials, "M3 $1 S1\nM5 $1", "W1009 {column:7,line:2}"),
+    ] {
+        assert_eq!(check(&machine, words), warning, "{words} on {machine}");
+    }
+    bench.file("m.toml", cutter("torch", "spindle"));
+    let result = bench.retrace(["machine", "check", "m.toml"]);
+    assert_eq!(result.code, Some(0), "{}", result.err);
+    let told = result.err.contains("warning[W2119]: m.toml: [[cutter]] torch: kind = \"spindle\", and the name is");
+    assert!(told, "{}", result.err);
+}
+
 /// At a terminal a check that takes long shows its progress; Ctrl-C ends it at once.
 #[test]
 fn a_long_check_shows_its_lines_and_can_be_interrupted() {

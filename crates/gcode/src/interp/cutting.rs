@@ -7,7 +7,8 @@ use super::interpreter_core::{Core, Emitter};
 use crate::block::Words;
 use crate::canon::{Canon, CanonStep, WaitFor, WaitInput};
 use crate::canon_modes::Plane;
-use crate::cutting::{CuttingSetting, CuttingSwitch, CuttingTool};
+use crate::comment::Comment;
+use crate::cutting::{CuttingSetting, CuttingSwitch, CuttingTool, GREATEST_PLAIN_SPEED, SpindleUse};
 use crate::diag::{BlockResult, Span, fault};
 use crate::error_codes::ErrorCode;
 use crate::eval::to_whole_number;
@@ -116,6 +117,43 @@ impl Core {
     /// Whether S of this block has no meaning: its tool has no speed.
     pub(super) fn ignores_speed(&self, words: &Words) -> bool {
         self.addressed_tool(words).is_some_and(|tool| !tool.uses_speed)
+    }
+
+    /// Warns of M3 or M4 whose S word does not fit what it starts: a spindle that is named as a cutter, or the reverse
+    /// (CUT-10).
+    pub(super) fn check_speed_of_start(&self, code: u8, words: &Words, emit: &mut Emitter<'_>) {
+        let tool = self.addressed_tool(words);
+        let (spindle_use, speed) = match tool {
+            Some(tool) if !tool.uses_speed => (tool.spindle_use(), words.get(b's').unwrap_or_default()),
+            Some(tool) => (tool.spindle_use(), self.state.spindle_speed),
+            None => (self.spindle_use, self.state.spindle_speed),
+        };
+        if code == 5 || speed == 0.0 || self.state.constant_surface_speed {
+            return;
+        }
+        let at = if words.has(b's') { words.span(b's') } else { words.m_span(GroupM::Spindle) };
+        match spindle_use {
+            SpindleUse::NoSpeed if speed > GREATEST_PLAIN_SPEED => {
+                let message = format!("S is {speed}, and M{code} starts a cutter that has no speed");
+                emit.warn(ErrorCode::SpeedOfCutter, at, message);
+            }
+            SpindleUse::Speed if speed <= GREATEST_PLAIN_SPEED => {
+                let message = format!("S is {speed}, and M{code} starts a spindle, not a torch");
+                emit.warn(ErrorCode::TorchSpeedOfSpindle, at, message);
+            }
+            _ => {}
+        }
+    }
+
+    /// Warns of a comment that declares a material on a machine that has none.
+    pub(super) fn check_material_comment(&self, comment: &Comment, emit: &mut Emitter<'_>) {
+        if self.cutting.is_none()
+            && self.spindle_use != SpindleUse::Unknown
+            && let Comment::Plain(text) = comment
+            && MaterialComment::declares(text)
+        {
+            emit.warn(ErrorCode::MaterialWithoutTable, Span::default(), format!("({text}) has no effect"));
+        }
     }
 
     /// Checks that the machine has the spindle or cutter that M3, M4, M5 or S of the block addresses.

@@ -171,6 +171,7 @@ impl Core {
             emit.warning =
                 Some(Box::new(BlockError::plain(ErrorCode::SpindleWithoutSpeed, words.m_span(GroupM::Spindle))));
         }
+        self.check_speed_of_start(code, words, emit);
         if self.switch_cutter(code, words, emit) {
             return;
         }

@@ -8,7 +8,7 @@ use crate::block_number::BlockNumber;
 use crate::canon::{Canon, CanonStep};
 use crate::canon_modes::LengthUnit;
 use crate::compensation_queue::{CompensationQueue, QueueRole};
-use crate::cutting::CuttingSetup;
+use crate::cutting::{CuttingSetup, SpindleUse};
 use crate::diag::{BlockError, Span};
 use crate::error_codes::ErrorCode;
 use crate::eval::Environment;
@@ -35,6 +35,8 @@ pub(crate) struct Core {
     pub(super) user_codes: UserCodes,
     /// Cutters and materials; `None` on a machine without a material table.
     pub(crate) cutting: Option<Arc<CuttingSetup>>,
+    /// What M3 starts where there is no [`CuttingSetup`].
+    pub(crate) spindle_use: SpindleUse,
     /// Profile that the subprogram of the next turning cycle has drawn.
     pub(super) profile: Option<Profile>,
 }

@@ -124,9 +124,18 @@ impl Interpreter {
         };
         let (machine_units, user_codes) = (setup.machine_units, setup.user_codes);
         let orient_offset_degrees = setup.orient_offset_degrees;
-        let cutting = setup.cutting;
-        let mut core =
-            Core { machine_units, state, parameters, tools, user_codes, orient_offset_degrees, cutting, profile: None };
+        let (cutting, spindle_use) = (setup.cutting, setup.spindle_use);
+        let mut core = Core {
+            machine_units,
+            state,
+            parameters,
+            tools,
+            user_codes,
+            orient_offset_degrees,
+            cutting,
+            spindle_use,
+            profile: None,
+        };
         core.load_parameters(&setup.position);
         core.begin_cutting();
         Interpreter {
@@ -389,6 +398,7 @@ impl Interpreter {
             if let Comment::Material(material) = comment {
                 self.core.declare_material(material, &mut emit)?;
             }
+            self.core.check_material_comment(comment, &mut emit);
         }
         let moves = matches!(motion, block_motion::BlockMotion::Move(_)) && words.has_any(b"xyz@^");
         let first = emit.steps.len();
