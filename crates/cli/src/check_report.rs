@@ -10,6 +10,7 @@ use retrace_gcode::{Axis, Tool, system_name};
 use retrace_link::channel;
 use serde_json::{Map, Value, json};
 
+use crate::contour_report;
 use crate::program::Program;
 
 /// Program that was checked and planned.
@@ -46,6 +47,10 @@ impl<const A: usize> CheckReport<'_, A> {
             analysis.rapid_mm / 1000.0,
             analysis.pierces
         );
+        if analysis.pierce_periods > 0 {
+            let _ = write!(text, ", which take {:.3} s", self.seconds(analysis.pierce_periods));
+        }
+        text += &contour_report::text(&analysis.contours, self.machine);
         if analysis.tool_periods.len() > 1 {
             let times = analysis.tool_periods.iter();
             let times: Vec<String> =
@@ -157,6 +162,10 @@ impl<const A: usize> CheckReport<'_, A> {
             "cutting_mm": analysis.cutting_mm,
             "rapid_mm": analysis.rapid_mm,
             "pierces": analysis.pierces,
+            "pierce_s": self.seconds(analysis.pierce_periods),
+            "contours": contour_report::contours_json(&analysis.contours, self.machine),
+            "contour_count": analysis.contours.count,
+            "materials": contour_report::materials_json(&analysis.contours),
             "tool_motion_s": analysis
                 .tool_periods
                 .iter()

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use retrace_controller::{BlockDecoder, DecodedBlock, Identify};
-use retrace_gcode::{ActiveCodes, Canon, CanonStep, Progress, Severity};
+use retrace_gcode::{ActiveCodes, Canon, CanonStep, ProgramLocation, Progress, Severity};
 use retrace_journal::FileHash;
 
 use crate::check_progress::CheckProgress;
@@ -50,6 +50,10 @@ impl BlockDecoder for Decoder {
 
     fn active(&self) -> Option<ActiveCodes> {
         Some(self.program.interpreter().state().into())
+    }
+
+    fn location(&self) -> Option<ProgramLocation> {
+        Some(self.program.location())
     }
 
     fn identity(&self) -> Option<Identify> {

@@ -21,6 +21,7 @@ mod check_progress;
 mod check_report;
 mod command_failure;
 mod console;
+mod contour_report;
 mod cycles;
 mod decoder;
 mod diagnostic_json;

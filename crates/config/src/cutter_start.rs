@@ -54,11 +54,15 @@ pub struct CutterStart {
     /// Pierce delay in s, from `ok` or, without it, from the switching; where no material states one.
     #[schemars(range(min = 0.0, max = 600.0))]
     pub pierce_s: f64,
+    /// Time in s after which the input of `ok` usually becomes active. `retrace check` counts it; it has no other
+    /// effect.
+    #[schemars(range(min = 0.0, max = 60.0))]
+    pub usual_s: f64,
 }
 
 impl Default for CutterStart {
     fn default() -> Self {
-        Self { start_s: 5.0, starts: 3, retry_s: 3.0, pierce_s: 0.0 }
+        Self { start_s: 5.0, starts: 3, retry_s: 3.0, pierce_s: 0.0, usual_s: 0.05 }
     }
 }
 
@@ -168,7 +172,14 @@ impl CutterStart {
         within(&format!("cutter {cutter}: start.start_s"), self.start_s, 0.01, 60.0)?;
         within(&format!("cutter {cutter}: start.starts"), f64::from(self.starts), 1.0, 10.0)?;
         within(&format!("cutter {cutter}: start.retry_s"), self.retry_s, 0.0, 5.0)?;
+        within(&format!("cutter {cutter}: start.usual_s"), self.usual_s, 0.0, 60.0)?;
         within(&format!("cutter {cutter}: start.pierce_s"), self.pierce_s, 0.0, 600.0)
+    }
+
+    /// Control periods after which the input of `ok` usually becomes active.
+    #[must_use]
+    pub fn usual_periods(&self, period_us: u32) -> u32 {
+        long_periods(self.usual_s, period_us)
     }
 }
 
@@ -193,7 +204,7 @@ mod tests {
 
     #[test]
     fn every_time_fits_the_counters_of_the_card() {
-        let longest = CutterStart { start_s: 60.0, starts: 10, retry_s: 5.0, pierce_s: 600.0 };
+        let longest = CutterStart { start_s: 60.0, starts: 10, retry_s: 5.0, pierce_s: 600.0, usual_s: 0.0 };
         assert!(longest.check("torch").is_ok() && CutterStart { retry_s: 5.1, ..longest }.check("torch").is_err());
         let wait = PROOF.start_wait(&longest, longest.pierce_s, 100);
         let ignition = wait.ignition.expect("an ignition");

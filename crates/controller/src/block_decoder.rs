@@ -5,7 +5,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use retrace_gcode::{ActiveCodes, CanonStep};
+use retrace_gcode::{ActiveCodes, CanonStep, ProgramLocation};
 
 use crate::jog_planner::Identify;
 
@@ -16,6 +16,11 @@ pub trait BlockDecoder {
 
     /// The modal state behind the last block, where the source has one.
     fn active(&self) -> Option<ActiveCodes> {
+        None
+    }
+
+    /// The place of the last block with the calls and loops around it, where the source has one.
+    fn location(&self) -> Option<ProgramLocation> {
         None
     }
 

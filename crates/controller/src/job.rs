@@ -307,15 +307,15 @@ pub fn feed_program<const A: usize>(
     program: &mut impl BlockDecoder,
     sink: &mut impl MotionSink<A>,
 ) -> (u64, Vec<CheckFinding>) {
-    feed_each(machine, program, sink, |_, _| ())
+    feed_each(machine, program, sink, |_, _, _| ())
 }
 
 /// Gives all moves and switching of a program to `sink`, and calls `each` with the state behind each step.
-pub(crate) fn feed_each<const A: usize, S: MotionSink<A>>(
+pub(crate) fn feed_each<const A: usize, S: MotionSink<A>, D: BlockDecoder>(
     machine: &MachineConfig,
-    program: &mut impl BlockDecoder,
+    program: &mut D,
     sink: &mut S,
-    mut look: impl FnMut(&CanonExecutor<'_>, &mut S),
+    mut look: impl FnMut(&CanonExecutor<'_>, &D, &mut S),
 ) -> (u64, Vec<CheckFinding>) {
     let mut track = CanonExecutor::new(machine);
     let (mut steps, mut findings, mut blocks) = (Vec::new(), Vec::new(), 0);
@@ -326,7 +326,7 @@ pub(crate) fn feed_each<const A: usize, S: MotionSink<A>>(
             if let Err(why) = track.execute(&step.canon, step.line, sink) {
                 findings.push(why.finding(step.line));
             }
-            look(&track, sink);
+            look(&track, program, sink);
         }
         if decoded == DecodedBlock::End || findings.len() >= MAX_FINDINGS {
             return (blocks, findings);

@@ -16,6 +16,7 @@ use retrace_motion::{Arc, FeedRate, LimitError, PathMode, Planner};
 use crate::block_decoder::BlockDecoder;
 use crate::canon_executor::WorkOffset;
 use crate::check_finding::CheckFinding;
+use crate::contour_list::ContourList;
 use crate::job;
 use crate::limit_check::LimitCheck;
 use crate::motion_sink::MotionSink;
@@ -73,8 +74,10 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     pub motion_periods: u64,
     /// Control periods of dwells.
     pub dwell_periods: u64,
-    /// Control periods of switching, without waiting for inputs.
+    /// Control periods of switching. Of waiting for inputs, those of the start of a cutter as it usually is.
     pub switch_periods: u64,
+    /// Control periods of starting the cutters and of their pierces; part of those of switching and of dwells.
+    pub pierce_periods: u64,
     /// Numbers of the tools that are loaded into the spindle.
     pub tools: BTreeSet<u32>,
     /// Programmed feeds, mm/min (degrees/min where only rotary axes move).
@@ -85,7 +88,7 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     pub barriers: BTreeSet<BarrierLine>,
     /// Lines with a program stop.
     pub stops: BTreeSet<u32>,
-    /// Path length of feed moves over the linear axes, mm.
+    /// Path length of feed moves over the linear axes, mm; with a cutter on, where the machine has one.
     pub cutting_mm: f64,
     /// Path length of rapids over the linear axes, mm.
     pub rapid_mm: f64,
@@ -97,8 +100,12 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     pub feed_beyond: Option<(u32, f64)>,
     /// The tool in the spindle.
     tool: u32,
-    /// Cutting outputs that are on.
-    cutters_on: BTreeSet<u8>,
+    /// Contours and materials, on a machine with a cutter.
+    pub contours: ContourList<A>,
+    /// Whether the spindle of a machine without a cutter is on.
+    spindle_is_on: bool,
+    /// Whether nothing has moved since a cutter was switched on: a dwell is its pierce.
+    is_piercing: bool,
     planner: Planner<A>,
 }
 
@@ -118,6 +125,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             motion_periods: 0,
             dwell_periods: 0,
             switch_periods: 0,
+            pierce_periods: 0,
             tools: BTreeSet::new(),
             feed_mm_per_min: None,
             speed_rpm: None,
@@ -129,7 +137,9 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             tool_periods: BTreeMap::new(),
             feed_beyond: None,
             tool: 0,
-            cutters_on: BTreeSet::new(),
+            contours: ContourList::default(),
+            spindle_is_on: false,
+            is_piercing: false,
             planner,
         })
     }
@@ -153,9 +163,18 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
                 self.feed_beyond.get_or_insert((line, mm_s * 60.0));
             }
         }
+        self.is_piercing = false;
         match feed {
-            FeedRate::Rapid => self.rapid_mm += length_mm,
-            FeedRate::PerSecond(_) | FeedRate::Duration(_) => self.cutting_mm += length_mm,
+            FeedRate::Rapid => {
+                self.rapid_mm += length_mm;
+                self.contours.rapid(length_mm);
+            }
+            FeedRate::PerSecond(_) | FeedRate::Duration(_) => {
+                let is_cut = self.contours.cut(length_mm, self.planner.commanded_mm());
+                if is_cut || self.scan.machine().cutting_outputs.is_empty() {
+                    self.cutting_mm += length_mm;
+                }
+            }
         }
         self.count();
     }
@@ -167,17 +186,36 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         linear.map(|(index, _)| (to[index] - from[index]).powi(2)).sum()
     }
 
-    fn record_switching(&mut self, change: OutputChange) {
-        let cutting = &self.scan.machine().cutting_outputs;
-        if cutting.contains(&change.channel) || cutting.is_empty() && change.channel == channel::SPINDLE {
-            let was_on = self.cutters_on.contains(&change.channel);
-            if change.value == 0 {
-                self.cutters_on.remove(&change.channel);
-            } else if !was_on {
-                self.cutters_on.insert(change.channel);
+    /// Control periods from the switching of a cutter until it is proven, as far as they are known, and of its pierce.
+    fn start_periods(&self, switch: &SwitchInstruction<'_>) -> u64 {
+        let Some(ignition) = switch.until.and_then(|until| until.ignition) else { return 0 };
+        let machine = self.scan.machine();
+        let cutter = switch.changes.iter().find_map(|change| machine.cutter_of(change.channel));
+        let until_proof = cutter.map_or(0, |cutter| cutter.start.usual_periods(machine.period_us));
+        u64::from(until_proof) + u64::from(ignition.stable_periods) + u64::from(ignition.delay_periods)
+    }
+
+    /// Records that a cutting output is switched, or the spindle of a machine without one.
+    fn record_cutter(&mut self, change: OutputChange, line: u32) {
+        let machine = self.scan.machine();
+        let (channel, at, is_on) = (change.channel, self.planner.commanded_mm(), change.value != 0);
+        if machine.cutting_outputs.contains(&channel) {
+            if !is_on {
+                self.contours.end(channel, at);
+            } else if !self.contours.is_open(channel) {
+                let name = machine.cutter_of(channel).map_or("", |cutter| cutter.name.as_str());
+                self.contours.begin(channel, name, line, at);
                 self.pierces += 1;
+                self.is_piercing = true;
             }
+        } else if machine.cutting_outputs.is_empty() && channel == channel::SPINDLE {
+            self.pierces += u64::from(is_on && !self.spindle_is_on);
+            self.spindle_is_on = is_on;
         }
+    }
+
+    fn record_switching(&mut self, change: OutputChange, line: u32) {
+        self.record_cutter(change, line);
         match change.channel {
             channel::SPEED => ValueRange::extend(&mut self.speed_rpm, f64::from(change.value) / 1000.0),
             channel::TOOL => {
@@ -228,20 +266,24 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
 
     fn action(&mut self, change: OutputChange, line: u32) {
         self.scan.action(change, line);
-        self.record_switching(change);
+        self.record_switching(change, line);
     }
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         self.rest();
         self.scan.exclusive(switch)?;
-        let periods = u64::from(switch.periods);
+        let periods = u64::from(switch.periods) + self.start_periods(&switch);
+        switch.changes.iter().for_each(|&change| self.record_switching(change, switch.line));
         match switch.kind {
             ExclusiveKind::Dwell => self.dwell_periods += periods,
             ExclusiveKind::Switch => self.switch_periods += periods,
             ExclusiveKind::ProgramStop | ExclusiveKind::ToolChange => drop(self.stops.insert(switch.line)),
             ExclusiveKind::OptionalStop => {}
         }
-        switch.changes.iter().for_each(|&change| self.record_switching(change));
+        let lights = switch.changes.iter().any(|change| self.contours.is_open(change.channel));
+        if self.is_piercing && (lights || switch.kind == ExclusiveKind::Dwell && switch.code == "G4") {
+            self.pierce_periods += periods;
+        }
         if switch.is_barrier {
             self.barriers.insert(BarrierLine { line: switch.line, code: switch.code });
         }
@@ -293,8 +335,11 @@ pub fn analyse_program<'m, const A: usize>(
     program: &mut impl BlockDecoder,
 ) -> Result<(u64, Vec<CheckFinding>, ProgramAnalysis<'m, A>), LimitError> {
     let mut survey = ProgramAnalysis::new(machine)?;
-    let (blocks, mut findings) =
-        job::feed_each(machine, program, &mut survey, |track, survey| survey.assign_offset(track.work_offset()));
+    let (blocks, mut findings) = job::feed_each(machine, program, &mut survey, |track, program, survey| {
+        survey.assign_offset(track.work_offset());
+        survey.contours.set_material(track.material());
+        survey.contours.locate(|| program.location());
+    });
     survey.rest();
     findings.extend(survey.scan.beyond.iter().map(LimitFinding::finding));
     findings.extend(survey.scan.warnings());

@@ -57,6 +57,17 @@ pub struct ProgramLocation {
     pub cycle: Option<String>,
 }
 
+impl ProgramLocation {
+    /// Label of the innermost subprogram around the line, if there is one.
+    #[must_use]
+    pub fn subprogram(&self) -> Option<&str> {
+        self.frames.iter().find_map(|frame| match frame {
+            CallFrame::Sub { name, .. } => Some(name.as_str()),
+            CallFrame::Loop { .. } => None,
+        })
+    }
+}
+
 /// An ordinal number: 1st, 2nd, 3rd …
 struct Nth(u64);
 

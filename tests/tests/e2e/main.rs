@@ -5,6 +5,7 @@
 mod arc;
 mod card;
 mod check;
+mod check_contours;
 mod command;
 mod cut_resume;
 mod cutter;

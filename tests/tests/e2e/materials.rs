@@ -2,6 +2,7 @@
 
 use retrace_tests::command::{Bench, root};
 use retrace_tests::not_run::not_run;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// A material file of QtPlasmaC in inches.
@@ -130,12 +131,21 @@ fn the_samples_of_qtplasmac_are_checked_and_run_to_their_end() {
     let tools = shipped.join("tools.tbl").display().to_string();
     for (path, machine) in &samples {
         let (path, machine) = (path.display().to_string(), shipped.join(machine).display().to_string());
-        let arguments = [path.as_str(), "--machine", &machine, "--tools", &tools];
+        let arguments = [path.as_str(), "--machine", &machine, "--tools", &tools, "--json"];
+        let last = |out: &str| -> Value {
+            serde_json::from_str(out.lines().next_back().unwrap_or_default()).unwrap_or_default()
+        };
         let checked = bench.retrace(["check"].into_iter().chain(arguments));
-        assert!(checked.code == Some(0) && checked.out.contains("no errors"), "{path}: {}", checked.err);
+        assert_eq!(checked.code, Some(0), "{path}: {}", checked.err);
         let run = bench.retrace(["run"].into_iter().chain(arguments));
-        assert!(run.code == Some(0) && run.out.contains(": completed"), "{path}: {}", run.err);
-        assert!(run.out.contains("limit violations 0"), "{path}: {}", run.out);
+        assert_eq!(run.code, Some(0), "{path}: {}", run.err);
+        let (checked, report) = (last(&checked.out), last(&run.out));
+        assert_eq!((&report["outcome"], &report["limit_violations"]), (&json!("completed"), &json!(0)), "{path}");
+        // The plan knows what the run will do (CUT-60).
+        assert_eq!(checked["contour_count"], report["contours"], "{path}");
+        let ran_s = report["periods"].as_f64().expect("a number") * report["period_ms"].as_f64().expect("one") / 1000.0;
+        let said_s = checked["total_s"].as_f64().expect("a time");
+        assert!((said_s - ran_s).abs() <= 0.01 * ran_s, "{path}: {said_s} s, and the run took {ran_s} s");
     }
     println!("{} samples ran", samples.len());
 }

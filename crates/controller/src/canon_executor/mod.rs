@@ -7,9 +7,11 @@
 mod entered_length;
 mod switching;
 
+use std::sync::Arc;
+
 use retrace_config::MachineConfig;
-use retrace_gcode::{Axis, Canon, LengthUnit, Nurbs, PathControl, Plane, Pose};
-use retrace_motion::{Arc, FeedRate, PathMode};
+use retrace_gcode::{Axis, Canon, LengthUnit, Material, Nurbs, PathControl, Plane, Pose};
+use retrace_motion::{Arc as ArcMove, FeedRate, PathMode};
 
 use crate::canon_error::CanonError;
 use crate::cutter_track::CutterTrack;
@@ -85,10 +87,8 @@ pub(crate) struct CanonExecutor<'m> {
     selected_tool: u32,
     /// Whether M62 P3 has forbidden the cutters.
     is_cutter_forbidden: bool,
-    /// Pierce delay of the material, s; `None` without a material table.
-    pierce_s: Option<f64>,
-    /// Time at rest with the cutter on at the end of a cut, s; of the material.
-    pause_at_end_s: f64,
+    /// The material; `None` without a material table.
+    material: Option<Arc<Material>>,
     cutters: CutterTrack,
 }
 
@@ -117,8 +117,7 @@ impl<'m> CanonExecutor<'m> {
             to_machine_coordinates: false,
             selected_tool: 0,
             is_cutter_forbidden: false,
-            pierce_s: None,
-            pause_at_end_s: 0.0,
+            material: None,
             cutters: CutterTrack::new(machine),
         }
     }
@@ -183,6 +182,12 @@ impl<'m> CanonExecutor<'m> {
             origin_mm: self.g5x.plus(&self.g92).plus(&self.tool),
             rotation_deg: self.rotation_deg,
         }
+    }
+
+    /// The material in force, on a machine with a material table.
+    #[must_use]
+    pub(crate) fn material(&self) -> Option<&Arc<Material>> {
+        self.material.as_ref()
     }
 
     fn change_state(&mut self, change: impl FnOnce(&mut Self)) -> Result<(), CanonError> {
@@ -308,7 +313,7 @@ impl<'m> CanonExecutor<'m> {
                 correction.move_end(&self.at, &position, false)
             };
         }
-        let own = Arc {
+        let own = ArcMove {
             plane: [p, q],
             centre_mm: [centre[first], centre[second]],
             rotation: arc.turns,

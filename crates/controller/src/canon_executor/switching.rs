@@ -3,6 +3,8 @@
 //! Invariant: an unsupported function is rejected by name; the compiler demands a rule here for a new canonical
 //! function.
 
+use std::sync::Arc;
+
 use retrace_config::{CodeClass, CodeSwitching, InReverse, ToolChange};
 use retrace_gcode::{Canon, CuttingSwitch, FeedMode};
 use retrace_link::{OutputChange, channel};
@@ -28,8 +30,7 @@ impl CanonExecutor<'_> {
                 Ok(())
             }
             Canon::SelectMaterial(material) => {
-                self.pierce_s = Some(material.pierce_delay_s);
-                self.pause_at_end_s = material.pause_at_end_s;
+                self.material = Some(Arc::clone(material));
                 Ok(())
             }
             Canon::MistOn => self.switch("M7", channel::MIST, 1, line, sink),
@@ -161,8 +162,9 @@ impl CanonExecutor<'_> {
         if value != 0 && cuts && self.is_cutter_forbidden {
             return Ok(());
         }
-        if value == 0 && cuts && self.pause_at_end_s > 0.0 && self.cutters.is_lit(self.machine, channel) {
-            self.dwell(self.pause_at_end_s, code, line, sink)?;
+        let pause_s = self.material.as_ref().map_or(0.0, |material| material.pause_at_end_s);
+        if value == 0 && cuts && pause_s > 0.0 && self.cutters.is_lit(self.machine, channel) {
+            self.dwell(pause_s, code, line, sink)?;
         }
         if channel == channel::SPINDLE {
             return self.switch(code, channel, value, line, sink);
@@ -280,7 +282,8 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        let (periods, until) = self.machine.cutter_switching(change, self.pierce_s);
+        let pierce_s = self.material.as_ref().map(|material| material.pierce_delay_s);
+        let (periods, until) = self.machine.cutter_switching(change, pierce_s);
         if switching.class == CodeClass::Synchronous
             && change.value != 0
             && (periods > 0 || until.is_some())
