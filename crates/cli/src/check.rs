@@ -11,6 +11,7 @@ use crate::check_report::CheckReport;
 use crate::command_failure::CommandFailure;
 use crate::files;
 use crate::program::Program;
+use crate::saved_materials;
 
 /// Runs the command.
 ///
@@ -26,10 +27,14 @@ pub fn run(args: &args::Check) -> Result<(), CommandFailure> {
     }
     // Planned exactly as it runs.
     match machine.axes.len() {
-        0..=4 => print_report::<4>(args, &machine, &program),
-        5..=6 => print_report::<6>(args, &machine, &program),
-        _ => print_report::<9>(args, &machine, &program),
+        0..=4 => print_report::<4>(args, &machine, &program)?,
+        5..=6 => print_report::<6>(args, &machine, &program)?,
+        _ => print_report::<9>(args, &machine, &program)?,
     }
+    if args.save_materials {
+        saved_materials::save(&program, &machine)?;
+    }
+    Ok(())
 }
 
 fn print_report<const A: usize>(

@@ -50,6 +50,7 @@ mod resume_from_line;
 mod resume_summary;
 mod run;
 mod run_outputs;
+mod saved_materials;
 mod serial_source;
 mod shell_files;
 mod sim_wiring;

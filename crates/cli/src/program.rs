@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use retrace_config::{MachineConfig, NumberedError, SerialSettings};
-use retrace_controller::{SourceStatus, interpreter_setup};
+use retrace_controller::{BlockDecoder, DecodedBlock, SourceStatus, interpreter_setup};
 use retrace_gcode::cycles::CycleLibrary;
-use retrace_gcode::{Ini, Parameters, Prescan, Progress, Setup, Severity, StartTables, ToolTable};
+use retrace_gcode::{Ini, Material, Parameters, Prescan, Progress, Setup, Severity, StartTables, ToolTable};
 use retrace_journal::{FileHash, FileRole, ReadFile};
 
 use crate::args::Reading;
@@ -327,6 +327,16 @@ impl Program {
             is_at_end: false,
             progress: None,
         }
+    }
+
+    /// Materials that comments of the program add to the table or overwrite in it; `None` for a stream.
+    pub(crate) fn declared_materials(&self) -> Option<Vec<Arc<Material>>> {
+        self.prescan.as_ref()?;
+        let (mut decoder, mut steps) = (self.decoder(), Vec::new());
+        while decoder.next_block(&mut steps) != DecodedBlock::End {
+            steps.clear();
+        }
+        Some(decoder.program.interpreter().state().cutting.declared_materials())
     }
 
     /// Decoder for a check at a terminal, with a progress bar.

@@ -78,6 +78,7 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
         vcd: None,
         source: args::SimulatedSource::default(),
         dry_run: false,
+        save_materials: false,
         reading,
         port: CardPort { card },
         machine_file: MachineFile { machine: job.machine.path.as_ref().map(PathBuf::from) },

@@ -22,6 +22,7 @@ use crate::machine_tables::{self, TableFiles};
 use crate::operate;
 use crate::program::Program;
 use crate::program_stream::ProgramStream;
+use crate::saved_materials;
 use crate::sim_wiring::{parsed_source_faults, simulated, traced};
 
 /// Runs the command. Returns its exit code.
@@ -32,7 +33,7 @@ pub fn run(mut args: args::Run) -> Result<u8, CommandFailure> {
     let (params, tools) = (args.reading.params.as_deref(), args.reading.tools.as_deref());
     args.reading.machine_tables = machine_tables::of_machine(&args.port.card, args.machine_file.path(), params, tools);
     let args = &args;
-    let at_screen = operate::is_requested(args)?;
+    let at_screen = operate::is_requested(args)? && !args.save_materials;
     let mut machine = files::machine(args.machine_file.path())?;
     machine.inhibits_outputs = args.dry_run;
     run_on(args, machine, files::machine_text(args.machine_file.path())?, at_screen)
@@ -81,7 +82,8 @@ impl RunContext<'_> {
             }
             let card = traced(card, &machine, args.vcd.as_deref())?;
             let (journal, input) = begin_journal(args, &program, &machine, (&self.text, JobCard::Sim), card.status())?;
-            return self.job_runner(&machine, &program, journal, input).run(card, |_, _| Ok(())).map(|(code, _)| code);
+            let (code, _) = self.job_runner(&machine, &program, journal, input).run(card, |_, _| Ok(()))?;
+            return saved(args, &program, &machine, code);
         }
         if args.vcd.is_some() {
             let what = "--vcd: only the simulated card in this process can write a trace of its pins";
@@ -121,7 +123,7 @@ impl RunContext<'_> {
         let (code, _) = self.job_runner(&machine, &program, journal, input).run(&mut *card, |_, _| Ok(()))?;
         // The card is at rest, or has an alarm that says more than an error here would.
         let _ = card.close();
-        Ok(code)
+        saved(args, &program, &machine, code)
     }
 
     /// Opens the program and checks it completely. At the screen the check runs there, where its errors can be
@@ -130,6 +132,9 @@ impl RunContext<'_> {
         let program = Program::open(&self.args.reading, machine)?;
         if !self.at_screen {
             program.check(machine)?;
+        }
+        if self.args.save_materials {
+            saved_materials::check(&program, machine)?;
         }
         if let (Some(line), Some(lines)) = (self.args.start_line, program.lines())
             && u64::from(line) > lines
@@ -164,4 +169,12 @@ impl RunContext<'_> {
         let start = args.start_line.map_or(JobStart::First, JobStart::Line);
         JobRunner { options, machine, program, input, start, journal, at_screen: None }
     }
+}
+
+/// Saves the materials of a program that has completed, if that was asked for. Returns the exit code.
+fn saved(args: &args::Run, program: &Program, machine: &MachineConfig, code: u8) -> Result<u8, CommandFailure> {
+    if args.save_materials && code == 0 {
+        saved_materials::save(program, machine)?;
+    }
+    Ok(code)
 }

@@ -40,6 +40,7 @@ mod machine_file;
 mod manual_config;
 mod material;
 mod material_table;
+mod material_table_update;
 mod numbered_error;
 mod qtplasmac_file;
 mod rate_limits;

@@ -59,24 +59,8 @@ impl MaterialTable {
     #[must_use]
     pub fn write(&self) -> String {
         let mut text = format!("units = \"{}\"\ndefault = {}\n", self.units.name(), self.default);
-        let initial = MaterialConfig::empty(0);
         for material in &self.materials {
-            // Writing to a string cannot fail.
-            let _ = writeln!(text, "\n[[material]]\nnumber = {}", material.number);
-            if !material.name.is_empty() {
-                let _ = writeln!(text, "name = {}", toml::Value::String(material.name.clone()));
-            }
-            for figure in &FIGURES {
-                let value = figure.table_value(material, self.units);
-                if !figure.is_required && value == figure.table_value(&initial, self.units) {
-                    continue;
-                }
-                let value = match figure.kind {
-                    FigureKind::Switch => (value != 0.0).to_string(),
-                    _ => value.to_string(),
-                };
-                let _ = writeln!(text, "{} = {value}", figure.name(self.units));
-            }
+            text += &format!("\n{}", material_text(material, self.units));
         }
         text
     }
@@ -114,6 +98,28 @@ impl MaterialTable {
         };
         FIGURES.iter().map(|figure| (figure.name(self.units), shown(figure))).collect()
     }
+}
+
+/// Text of a material in a table with these units.
+pub(crate) fn material_text(material: &MaterialConfig, units: MaterialUnits) -> String {
+    let initial = MaterialConfig::empty(0);
+    let mut text = format!("[[material]]\nnumber = {}\n", material.number);
+    if !material.name.is_empty() {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "name = {}", toml::Value::String(material.name.clone()));
+    }
+    for figure in &FIGURES {
+        let value = figure.table_value(material, units);
+        if !figure.is_required && value == figure.table_value(&initial, units) {
+            continue;
+        }
+        let value = match figure.kind {
+            FigureKind::Switch => (value != 0.0).to_string(),
+            _ => value.to_string(),
+        };
+        let _ = writeln!(text, "{} = {value}", figure.name(units));
+    }
+    text
 }
 
 /// An error in a table, with its offset.

@@ -26,6 +26,7 @@ pub(crate) fn cutting_setup(machine: &MachineConfig) -> Option<Arc<CuttingSetup>
         tools,
         float_travel_mm: cutter.float_travel_mm,
         ignores_z: cutter.z_words == ZWords::Ignored,
+        watches_arc: machine.cutters.iter().any(|cutter| cutter.proof.is_some()),
     }))
 }
 
@@ -60,6 +61,48 @@ fn material(of: &MaterialConfig) -> Material {
         height_control,
     } = of.clone();
     Material {
+        number,
+        name,
+        thickness_mm,
+        kerf_mm,
+        pierce_height_mm,
+        pierce_delay_s,
+        cut_height_mm,
+        feed_mm_per_min,
+        puddle_percent,
+        puddle_s,
+        amps,
+        volts,
+        pause_at_end_s,
+        gas_bar,
+        cut_mode,
+        height_control,
+    }
+}
+
+/// A material of a program, for the table (`--save-materials`).
+#[must_use]
+pub fn material_config(of: &Material) -> MaterialConfig {
+    // Every field is named, so that a new figure cannot be left out.
+    let Material {
+        number,
+        name,
+        thickness_mm,
+        kerf_mm,
+        pierce_height_mm,
+        pierce_delay_s,
+        cut_height_mm,
+        feed_mm_per_min,
+        puddle_percent,
+        puddle_s,
+        amps,
+        volts,
+        pause_at_end_s,
+        gas_bar,
+        cut_mode,
+        height_control,
+    } = of.clone();
+    MaterialConfig {
         number,
         name,
         thickness_mm,

@@ -54,6 +54,8 @@ pub struct CuttingSetup {
     pub float_travel_mm: f64,
     /// Whether Z words of straight moves and arcs have no effect (CUT-16).
     pub ignores_z: bool,
+    /// Whether an input proves that a cutter burns or flows, so that its loss is noticed.
+    pub watches_arc: bool,
 }
 
 impl CuttingSetup {
@@ -107,6 +109,8 @@ pub struct CuttingState {
     pub material: Option<Arc<Material>>,
     /// Materials that M190 selects from, with those that comments have added; `None` before the first block.
     pub(crate) materials: Option<Arc<MaterialList>>,
+    /// Numbers of the materials that comments have added or overwritten, in the order of the program.
+    pub(crate) declared: Vec<u32>,
     /// Number of the last temporary material; 0 before the first.
     pub(crate) last_temporary: u32,
     /// Whether M190 has been executed: M66 P3 L3 then waits for the change, which is done.
@@ -128,6 +132,32 @@ pub struct CuttingState {
     /// Whether the program cuts a tube, or keeps its Z motion: Z words are obeyed.
     pub(crate) cuts_tube: bool,
     pub(crate) keeps_z: bool,
+    /// Whether M159 has been reported.
+    pub(crate) has_pierce_values: bool,
+    /// Whether an ignored input has been reported.
+    pub(crate) has_ignored_arc: bool,
+    /// The arcs that may be parts of a hole.
+    pub(crate) open_circle: Option<OpenCircle>,
+}
+
+/// Arcs about one centre, each of which begins where the one before ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct OpenCircle {
+    pub(crate) centre: (f64, f64),
+    pub(crate) start: (f64, f64),
+    /// End of the last arc.
+    pub(crate) end: (f64, f64),
+    /// Angle of the arcs together, positive counter-clockwise.
+    pub(crate) sweep: f64,
+}
+
+impl CuttingState {
+    /// Returns the materials that comments with o=1 and o=2 have added or overwritten.
+    #[must_use]
+    pub fn declared_materials(&self) -> Vec<Arc<Material>> {
+        let Some(materials) = &self.materials else { return Vec::new() };
+        self.declared.iter().filter_map(|&number| materials.get(number).cloned()).collect()
+    }
 }
 
 impl Default for CuttingState {
@@ -135,6 +165,7 @@ impl Default for CuttingState {
         CuttingState {
             material: None,
             materials: None,
+            declared: Vec::new(),
             last_temporary: 0,
             is_requested: false,
             velocity_percent: 100.0,
@@ -147,6 +178,9 @@ impl Default for CuttingState {
             is_piercing: false,
             cuts_tube: false,
             keeps_z: false,
+            has_pierce_values: false,
+            has_ignored_arc: false,
+            open_circle: None,
         }
     }
 }

@@ -149,7 +149,7 @@ impl MaterialComment {
             Declaration::Temporary => "temporary".to_owned(),
             _ => String::new(),
         });
-        let mut material = Material { number, name, ..Material::default() };
+        let mut material = Material { number, name, height_control: true, ..Material::default() };
         for (index, (item, value)) in ITEMS.iter().zip(&self.values).enumerate() {
             let factor = if item.is_length { units.millimetres() } else { 1.0 };
             let Some(value) = value else {

@@ -150,6 +150,57 @@ fn the_samples_of_qtplasmac_are_checked_and_run_to_their_end() {
     println!("{} samples ran", samples.len());
 }
 
+#[test]
+fn materials_of_a_program_are_saved_only_when_that_is_asked_for() {
+    let bench = cutting_bench();
+    let program = PROGRAM.replace(
+        "M190 P2",
+        "(o=1, nu=7, na=New, ph=0.15, pd=0.1, ch=0.06, fr=90)\n(o=2, nu=1, ph=0.2, pd=0.5, ch=0.06, fr=70)\n\
+            (o=0, ph=0.2, pd=0.5, ch=0.06, fr=70)\nM190 P7",
+    );
+    bench.file("cut.ngc", program);
+    let table = bench.path("tables/materials.toml");
+    let before = format!("# mine\n{}", std::fs::read_to_string(&table).expect("the table"));
+    bench.file("tables/materials.toml", &before);
+    let text = || std::fs::read_to_string(&table).expect("the table");
+    let arguments = ["cut.ngc", "--machine", "machine.toml"];
+    for command in ["check", "run"] {
+        assert_eq!(bench.retrace([&[command][..], &arguments].concat()).code, Some(0));
+        assert_eq!(text(), before, "{command} alone writes nothing");
+    }
+    bench.file("stop.op", "at 0.5s stop\n");
+    let stopped = [&["run", "--save-materials", "--operator", "stop.op"][..], &arguments].concat();
+    assert_eq!(bench.retrace(stopped).code, Some(4));
+    assert_eq!(text(), before, "the program has not completed");
+    for command in ["check", "run"] {
+        bench.file("tables/materials.toml", &before);
+        let saved = bench.retrace([&[command, "--save-materials"][..], &arguments].concat());
+        assert!(saved.code == Some(0) && saved.err.contains("materials.toml: material 7, 1"), "{}", saved.err);
+        let after = text();
+        assert!(after.starts_with("# mine\n") && after.contains("number = 7\nname = \"New\"\n"), "{after}");
+        let shown = bench.retrace(["materials", "show", "tables/materials.toml", "1"]).out;
+        assert!(shown.contains("feed_inch_per_min = 70\n") && !shown.contains("name = 1"), "{shown}");
+        assert_eq!(bench.retrace(["materials", "list", "tables/materials.toml"]).out.lines().count(), 4, "{after}");
+    }
+    let again = bench.retrace([&["check", "--save-materials"][..], &["cut.ngc", "--machine", "machine.toml"]].concat());
+    assert!(again.code == Some(0) && again.err.contains("has every material"), "{}", again.err);
+    // Refused before anything moves: no table, a stream, a table in another form.
+    let inline = "units = \"inch\"\nmaterial = [{ number = 1, pierce_height_inch = 0.2, pierce_delay_s = 0.1, \
+        cut_height_inch = 0.06, feed_inch_per_min = 60 }]\n";
+    bench.file("tables/materials.toml", inline);
+    bench.file("plain.ngc", "G0 X1\nM2\n");
+    for arguments in [
+        vec!["run", "--save-materials", "plain.ngc"],
+        vec!["run", "--save-materials", "cut.ngc", "--machine", "machine.toml"],
+        vec!["check", "--save-materials", "cut.ngc", "--machine", "machine.toml"],
+        vec!["run", "--save-materials", "-", "--machine", "machine.toml"],
+    ] {
+        let refused = bench.retrace(&arguments);
+        assert!(refused.code == Some(2) && refused.err.contains("E2120"), "{arguments:?}: {}", refused.err);
+    }
+    assert_eq!(text(), inline);
+}
+
 /// Tube cutting and M159, of which the package has no sample.
 #[test]
 fn a_tube_is_cut_with_its_z_words_and_pierces_are_described() {

@@ -17,6 +17,10 @@ pub struct Check {
     pub table: bool,
     #[command(flatten)]
     pub machine_file: MachineFile,
+    /// Write the materials that the program declares with `(o=1, …)` and `(o=2, …)` into the material table of the
+    /// machine, if there is no error. Comments in the table stay.
+    #[arg(long)]
+    pub save_materials: bool,
     #[command(flatten)]
     pub format: JsonObject,
 }

@@ -37,6 +37,10 @@ pub struct Run {
     /// Dry run: the axes move and every cutter stays off.
     #[arg(long)]
     pub dry_run: bool,
+    /// Write the materials that the program declares with `(o=1, …)` and `(o=2, …)` into the material table of the
+    /// machine, when the program has completed. Comments in the table stay.
+    #[arg(long, conflicts_with = "tui")]
+    pub save_materials: bool,
     #[command(flatten)]
     pub format: JsonLines,
     /// Start at this program line with the modal state in force there.

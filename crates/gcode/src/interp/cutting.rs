@@ -23,6 +23,9 @@ pub(super) const SELECT_MATERIAL: u8 = 190;
 /// M159: sets a figure of a moving pierce.
 pub(super) const PIERCE_VALUE: u8 = 159;
 
+/// Number behind `$` with which QtPlasmaC addresses the torch to mark points.
+const SPOTTING_TORCH: i32 = 2;
+
 /// Greatest difference between F and the feed rate of the material, in program units per minute, that is not reported.
 const FEED_DIFFERENCE: f64 = 1.0;
 
@@ -85,6 +88,9 @@ impl Core {
             let message = format!("material {} exists with other figures; o=2 overwrites it", material.number);
             return fault(ErrorCode::BadMaterialComment, comment.at, message);
         }
+        if !state.declared.contains(&material.number) {
+            state.declared.push(material.number);
+        }
         Arc::make_mut(materials).insert(material);
         Ok(())
     }
@@ -103,6 +109,10 @@ impl Core {
         match to_whole_number(number, words.span(b'p'), "P")? {
             number @ 601..=609 => {
                 emit.call(Canon::SetPierceValue { number: number as u16, value });
+                if !std::mem::replace(&mut self.state.cutting.has_pierce_values, true) {
+                    let message = "the figures of a moving pierce (M159) have no effect: every pierce stands still";
+                    emit.warn(ErrorCode::NoEffectYet, at, message.into());
+                }
                 Ok(())
             }
             number => fault(ErrorCode::BadP, words.span(b'p'), format!("M159 has P601 to P609, not P{number}")),
@@ -174,6 +184,10 @@ impl Core {
             return Ok(());
         }
         let message = match &self.cutting {
+            Some(_) if number == SPOTTING_TORCH => {
+                let message = "$2 marks points with the torch (spotting), which this machine does not do";
+                return fault(ErrorCode::NoSpottingTorch, words.span(b'$'), message);
+            }
             Some(setup) => {
                 let known: Vec<String> = setup.tools.iter().map(|tool| format!("${}", tool.spindle)).collect();
                 format!("there is no spindle {number}; the cutters of this machine are {}", known.join(", "))
@@ -259,8 +273,20 @@ impl Core {
             state.is_forbidden = is_set;
             state.is_off_in_passing = is_set && is_cutting;
         }
+        if switch == CuttingSwitch::IgnoreArcOk && on {
+            self.warn_of_watched_arc(words, emit);
+        }
         emit.call(Canon::SetCutting(switch, on));
         true
+    }
+
+    /// Warns once of M62 P1 and M64 P1 on a machine whose arc is watched: the loss of the arc still ends the cut.
+    fn warn_of_watched_arc(&mut self, words: &Words, emit: &mut Emitter<'_>) {
+        let is_watched = self.cutting.as_ref().is_some_and(|setup| setup.watches_arc);
+        if is_watched && !std::mem::replace(&mut self.state.cutting.has_ignored_arc, true) {
+            let message = "P1 has no effect: a cutter with `ok` is watched all the time";
+            emit.warn(ErrorCode::NoEffectYet, words.span(b'p'), message.into());
+        }
     }
 
     /// Whether this M66 waits for the change of the material, which is done.

@@ -7,12 +7,17 @@ use super::interpreter_core::{Core, Emitter};
 use crate::angle::sweep;
 use crate::canon::{ArcFeed, Canon};
 use crate::canon_modes::Plane;
-use crate::cutting::CuttingSwitch;
+use crate::compensation::Side;
+use crate::cutting::{CuttingSwitch, OpenCircle};
 use crate::pose::Axis;
 use std::f64::consts::TAU;
 
 /// Share of a turn that an arc may lack to be a full circle.
 const CLOSED: f64 = 1e-6;
+/// Greatest distance of two places that are the same for the arcs of a hole, mm: programs round their coordinates.
+const SAME_PLACE_MM: f64 = 0.005;
+/// Greatest difference of the angle of the arcs of a hole from a full turn, rad.
+const NEARLY_CLOSED: f64 = 0.1;
 
 impl Core {
     /// Whether a cutter is on that cuts.
@@ -33,19 +38,58 @@ impl Core {
         let radius = (start.0 - centre.0).hypot(start.1 - centre.1);
         let is_small = 2.0 * radius * self.state.units.millimetres() <= holes.diameter_mm * (1.0 + CLOSED);
         let end = (arc.end[Axis::X], arc.end[Axis::Y]);
-        let is_hole = sweep(start, end, centre, arc.turns).abs() >= TAU * (1.0 - CLOSED);
-        let concerns = holes.mode > 0 && arc.plane == Plane::Xy && is_small && (is_hole || holes.mode >= 3);
-        if !concerns || !self.is_cutting() {
-            emit.call(Canon::ArcFeed(arc));
-            return;
+        let angle = sweep(start, end, centre, arc.turns);
+        let is_circle = angle.abs() >= TAU * (1.0 - CLOSED);
+        let closes = is_circle || self.closes_circle((start, end), centre, angle);
+        let concerns = holes.mode > 0 && arc.plane == Plane::Xy && is_small && self.is_cutting();
+        let is_slow = concerns && (is_circle || holes.mode >= 3);
+        if is_slow {
+            let percent = self.state.cutting.velocity_percent.min(holes.velocity_percent);
+            emit.call(Canon::SetFeedRate(self.state.feed_rate * percent / 100.0));
         }
-        let percent = self.state.cutting.velocity_percent.min(holes.velocity_percent);
-        emit.call(Canon::SetFeedRate(self.state.feed_rate * percent / 100.0));
         emit.call(Canon::ArcFeed(arc));
-        if is_hole && matches!(holes.mode, 2 | 4) {
+        if concerns && closes && matches!(holes.mode, 2 | 4) {
             self.over_cut(&arc, radius, emit);
         }
-        emit.call(Canon::SetFeedRate(self.shared_rate()));
+        if is_slow {
+            emit.call(Canon::SetFeedRate(self.shared_rate()));
+        }
+    }
+
+    /// Whether an arc completes a circle that the arcs directly before it have begun.
+    fn closes_circle(&mut self, (start, end): ((f64, f64), (f64, f64)), centre: (f64, f64), angle: f64) -> bool {
+        let tolerance = SAME_PLACE_MM / self.state.units.millimetres();
+        let is_at = |one: (f64, f64), other: (f64, f64)| (one.0 - other.0).hypot(one.1 - other.1) <= tolerance;
+        let open = &mut self.state.cutting.open_circle;
+        let is_continued = |open: &OpenCircle| {
+            is_at(open.centre, centre) && is_at(open.end, start) && (open.sweep > 0.0) == (angle > 0.0)
+        };
+        let begun = open.filter(is_continued).unwrap_or(OpenCircle { centre, start, end: start, sweep: 0.0 });
+        let whole = OpenCircle { end, sweep: begun.sweep + angle, ..begun };
+        let closes = is_at(whole.start, end) && (whole.sweep.abs() - TAU).abs() < NEARLY_CLOSED;
+        *open = (!closes).then_some(whole);
+        closes
+    }
+
+    /// The feed rate of a small hole or arc under cutter compensation, if it is one: the path that is executed decides,
+    /// which is that of the radius less that of the tool where the tool is inside.
+    pub(super) fn compensated_hole_rate(
+        &self,
+        (start, end): ((f64, f64), (f64, f64)),
+        centre: (f64, f64),
+        turns: i32,
+    ) -> Option<f64> {
+        let (holes, compensation) = (self.state.cutting.holes, self.state.compensation?);
+        if holes.mode == 0 || self.state.plane != Plane::Xy || !self.is_cutting() {
+            return None;
+        }
+        let is_inside = (compensation.side == Side::Left) == (turns > 0);
+        let tool = if is_inside { -compensation.radius } else { compensation.radius };
+        let radius = (start.0 - centre.0).hypot(start.1 - centre.1) + tool;
+        let is_small = 2.0 * radius * self.state.units.millimetres() <= holes.diameter_mm * (1.0 + CLOSED);
+        let is_circle = sweep(start, end, centre, turns).abs() >= TAU * (1.0 - CLOSED);
+        let percent = self.state.cutting.velocity_percent.min(holes.velocity_percent);
+        (is_small && (is_circle || holes.mode >= 3)).then_some(self.state.feed_rate * percent / 100.0)
     }
 
     /// Goes on along a circle with the cutter off.

@@ -86,7 +86,7 @@ impl Core {
         }
         emit.call(straight_canon(motion, end));
         self.state.position = end;
-        self.state.cutting.is_displaced = false;
+        (self.state.cutting.is_displaced, self.state.cutting.open_circle) = (false, None);
         Ok(())
     }
 
@@ -237,7 +237,17 @@ impl Core {
             self.check_duration(shape.length(centre, end[normal] - start[normal]), words)?;
         }
         if is_compensated {
-            return self.compensated_arc(&shape, (first_centre, second_centre), end, emit);
+            let ends = (shape.start, shape.end);
+            let slow =
+                if self.cutting.is_some() { self.compensated_hole_rate(ends, centre, shape.turns) } else { None };
+            if let Some(rate) = slow {
+                emit.call(Canon::SetFeedRate(rate));
+            }
+            self.compensated_arc(&shape, centre, end, emit)?;
+            if slow.is_some() {
+                emit.call(Canon::SetFeedRate(self.shared_rate()));
+            }
+            return Ok(());
         }
         let plane = self.state.plane;
         let feed = ArcFeed { plane, end, first_centre, second_centre, turns: shape.turns };

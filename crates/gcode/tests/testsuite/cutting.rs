@@ -30,6 +30,7 @@ pub(crate) fn setup() -> Setup {
             tools: tools.into(),
             float_travel_mm: 1.27,
             ignores_z: true,
+            watches_arc: false,
         })),
         ..Setup::default()
     }
@@ -127,7 +128,6 @@ fn the_number_behind_the_dollar_selects_the_cutter() {
         .collect();
     assert_eq!(switched, ["3 0", "5 0", "3 1", "5 1", "4 1", "5 0", "5 1", "3 0", "5 0", "5 0"]);
     assert!(!all.iter().any(|canon| matches!(canon, Canon::SetSpindleSpeed(_))), "S of a torch is no speed");
-    assert!(refusal("M3 $2 S1").contains("there is no spindle 2; the cutters of this machine are $0, $1"));
     assert!(refusal("M3 $-1 S1").starts_with("E1630"));
     // A cutter that the program forgets is off at its end.
     assert!(has(&steps("M3 $1"), &Canon::StopSpindleTurning(1)));
@@ -194,9 +194,32 @@ fn outputs_1_to_3_are_those_of_qtplasmac_and_the_others_stay() {
     assert!(has(&steps("M64 P3"), &Canon::SetCutting(Cutter, true)));
 }
 
+/// The arc of a cutter with `ok` is watched whatever the program says, so the program must not believe the opposite.
+#[test]
+fn an_input_that_cannot_be_ignored_is_a_warning() {
+    let watched = || {
+        let setup = setup();
+        let cutting =
+            CuttingSetup { watches_arc: true, ..(**setup.cutting.as_ref().expect("it has materials")).clone() };
+        Setup { cutting: Some(Arc::new(cutting)), ..setup }
+    };
+    let (_, found) = run_with("M65 P1\nM62 P1\nM63 P1\nM64 P1\nM62 P2\nM65 P2", watched());
+    let told: Vec<_> = found.iter().map(|one| (one.code.number(), one.line)).collect();
+    assert_eq!(told, [("W1011", 2)], "once, and not for height control, which is off");
+}
+
+#[test]
+fn the_spotting_torch_is_refused_by_its_name() {
+    assert!(refusal("M3 $2 S1").starts_with("E1735: $2 marks points with the torch"));
+    assert!(refusal("M5 $2").starts_with("E1735"));
+    assert!(refusal("M3 $3 S1").contains("there is no spindle 3; the cutters of this machine are $0, $1"));
+}
+
 #[test]
 fn m159_records_the_figures_of_a_moving_pierce() {
-    let all = steps("#1 = 2\nm159 p601 q[#1*2]\nM159 P609 Q0.5");
+    let (all, found) = run("#1 = 2\nm159 p601 q[#1*2]\nM159 P609 Q0.5");
+    let told: Vec<_> = found.iter().map(|one| (one.code.number(), one.line)).collect();
+    assert_eq!(told, [("W1011", 2)], "once, as it has no effect");
     assert!(has(&all, &Canon::SetPierceValue { number: 601, value: 4.0 }));
     assert!(has(&all, &Canon::SetPierceValue { number: 609, value: 0.5 }));
     assert!(refusal("M159 P610 Q1").starts_with("E1511"));
@@ -342,6 +365,66 @@ fn small_holes_are_slow_and_over_cut_whatever_they_are_written_with() {
     let back = next.iter().filter(|canon| **canon == Canon::StraightFeed(Pose::xyz(16.0, 0.0, 0.0))).count();
     assert_eq!(back, 2, "to the hole, and back to its end before an arc: {next:?}");
     assert!(has(&next, &Canon::StraightFeed(Pose::xyz(23.0, 0.0, 0.0))));
+}
+
+/// Many programs write a circle as two or four arcs. It is known to be a hole only where it closes.
+#[test]
+fn a_hole_of_several_arcs_is_over_cut_where_it_closes() {
+    let over_cuts = |mode: u8, body: &str| {
+        let all = steps(&format!("#<holes> = {mode}\nF3000\nG0 X10\nM3\nG1 X16\n{body}\nM5\nG0 X0"));
+        let order: String = all
+            .iter()
+            .filter_map(|canon| match canon {
+                Canon::SetCutting(CuttingSwitch::Cutter, false) => Some('o'),
+                Canon::ArcFeed(_) => Some('a'),
+                _ => None,
+            })
+            .collect();
+        (order, feeds(&all), arcs(&all).last().copied().expect("an arc"))
+    };
+    let halves = "G3 X4 I-6\nG3 X16 I6";
+    let (order, rates, tail) = over_cuts(2, halves);
+    assert_eq!((order.as_str(), rates), ("aaoa", vec![3000.0, 0.0]));
+    let angle: f64 = 4.0 / 6.0;
+    assert!(
+        (tail.0 - (10.0 + 6.0 * angle.cos())).abs() < 1e-9 && (tail.1 - 6.0 * angle.sin()).abs() < 1e-9,
+        "{tail:?}"
+    );
+    let (order, rates, _) = over_cuts(4, halves);
+    assert_eq!((order.as_str(), rates), ("aaoa", vec![3000.0, 1800.0, 3000.0, 1800.0, 3000.0, 0.0]));
+    // Rounded coordinates, clockwise, and four of them.
+    let quarters = "G2 X10.0004 Y-6 I-6\nG2 X4 Y0.0003 I-0.0004 J6\nG2 X10 Y6 I6\nG2 X16 Y0 I0 J-6";
+    assert_eq!(over_cuts(2, quarters).0, "aaaaoa");
+    for body in [
+        "G3 X4 I-6\nG1 X4 Y0\nG3 X16 I6",
+        "G3 X4 I-6\nG3 X18 I7",
+        "G3 X4 I-6\nG2 X16 I6",
+        "G3 X4 I-6",
+        "G3 X10 Y6 I-6\nG3 X4 Y0 J-6\nG3 X10 Y-6 I6",
+    ] {
+        assert!(!over_cuts(2, body).0.contains('o'), "{body}");
+    }
+    assert!(!over_cuts(1, halves).0.contains('o') && !over_cuts(0, halves).0.contains('o'));
+}
+
+/// Under compensation the path of the tool decides what is small: a hole of 34 mm is cut along a circle of 31 mm.
+#[test]
+fn holes_under_cutter_compensation_are_slow() {
+    let rates = |mode: u8, code: &str, radius: f64, tool: f64| {
+        let text = format!(
+            "#<holes> = {mode}\nF3000\nG0 X100 Y100\nM3\n{code} D{tool}\nG1 X[100+{radius}] Y100\n\
+                G3 I[0-{radius}]\nG40\nG1 X100 Y100\nM5"
+        );
+        let all = steps(&text);
+        assert!(!all.contains(&Canon::SetCutting(CuttingSwitch::Cutter, false)), "no over cut");
+        feeds(&all)
+    };
+    let slow = [3000.0, 1800.0, 3000.0, 0.0];
+    assert_eq!(rates(1, "G41.1", 17.0, 3.0), slow);
+    assert_eq!(rates(2, "G41.1", 17.0, 3.0), slow);
+    assert_eq!(rates(0, "G41.1", 17.0, 3.0), [3000.0, 0.0]);
+    assert_eq!(rates(1, "G41.1", 18.0, 3.0), [3000.0, 0.0], "33 mm");
+    assert_eq!(rates(1, "G42.1", 15.0, 3.0), [3000.0, 0.0], "the tool is outside, at 33 mm");
 }
 
 #[test]
