@@ -86,6 +86,8 @@ pub struct ProgramFacts {
     pub start_position_mm: Vec<f64>,
     /// Duration of all motion at an override of 100 %.
     pub planned: Planned,
+    /// Number of contours of the program, where it is known.
+    pub contours: Option<u64>,
     /// Record at which the job's path starts.
     pub first_place: RecordIndex,
     /// Path of the program, and the ends of its blocks.

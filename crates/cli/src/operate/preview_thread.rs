@@ -160,10 +160,11 @@ fn calculate_preview<const A: usize>(model: &Mutex<ScreenModel>, number: u64, jo
     let preview = Preview::of(&machine, &mut cancellable(program.decoder()));
     publish(model, number, |facts| ProgramFacts { preview, start_position_mm: stands_at_mm, ..facts });
     let analysed = analyse_program::<A>(&machine, &mut cancellable(program.decoder()));
-    let planned = analysed.map_or(Planned::Unknown, |(_, _, analysis)| {
-        Planned::Known(analysis.motion_periods as f64 * machine.period_s())
+    let (planned, contours) = analysed.map_or((Planned::Unknown, None), |(_, _, analysis)| {
+        let planned = Planned::Known(analysis.motion_periods as f64 * machine.period_s());
+        (planned, Some(analysis.contours.count))
     });
-    publish(model, number, |facts| ProgramFacts { planned, ..facts });
+    publish(model, number, |facts| ProgramFacts { planned, contours, ..facts });
 }
 
 /// Publishes changed facts. They are copied outside the lock of the model.

@@ -192,12 +192,13 @@ pub(super) fn state(out: &mut Buffer, area: Rect, model: &ScreenModel, key_state
 /// What a cutter does, beyond on and off.
 fn cutter_state(model: &ScreenModel, channel: u8) -> String {
     let (state, contour) = model.cutter_states.get(&channel).copied().unwrap_or_default();
+    let of_all = model.facts.contours.map_or(String::new(), |all| format!(" of {all}"));
     match state {
         CutterState::Off => String::new(),
         CutterState::Igniting => " · igniting".into(),
         CutterState::Piercing => " · piercing".into(),
-        CutterState::Cutting => format!(" · cutting contour {contour}"),
-        CutterState::Ending => format!(" · end of contour {contour}"),
+        CutterState::Cutting => format!(" · cutting contour {contour}{of_all}"),
+        CutterState::Ending => format!(" · end of contour {contour}{of_all}"),
         CutterState::Lost => {
             let why = model.cutter_off_reasons.get(&channel).map_or(String::new(), |why| format!(": {why}"));
             format!(" · cut interrupted{}", why.replace('_', " "))
