@@ -30,10 +30,15 @@ impl RecordWindow<1> for Increments {
     }
 }
 
+/// Limits of one axis whose average is one period.
+fn unsmoothed_limits(share: u16, velocity: u64, acceleration: u64) -> RateLimits<1> {
+    let axis = PulseLimits { velocity: velocity << 32, acceleration: acceleration << 32, jerk: acceleration << 32 };
+    RateLimits::new(1, share, [axis]).expect("valid")
+}
+
 /// A drive whose cursor is the commanded place.
 fn unsmoothed(share: u16, velocity: u64, acceleration: u64) -> Drive<1, 1> {
-    let axis = PulseLimits { velocity: velocity << 32, acceleration: acceleration << 32, jerk: acceleration << 32 };
-    Drive::new(RateLimits::new(1, share, [axis]).expect("valid")).expect("fits")
+    Drive::new(unsmoothed_limits(share, velocity, acceleration)).expect("fits")
 }
 
 /// Advances by a period and returns the rate in it.
@@ -61,6 +66,105 @@ fn the_rate_does_not_fall_on_its_way_to_one() {
             assert!(rate + Rate::from_units(2) >= last, "{last:?} {rate:?} at {at:?}, from {sixteenths}/16");
         }
         assert_eq!((rate, at.fraction), (Rate::ONE, 0));
+    }
+}
+
+/// The fewest periods in which a deficit of the rate becomes zero at a boundary of the records, from `passed` behind a
+/// boundary, if the deficit changes by at most `slope` per period and stays within 0 … `largest`: its sum is then
+/// `passed` and whole records.
+fn fewest_periods_to_one(deficit: Rate, passed: u32, slope: Rate, largest: Rate) -> i64 {
+    let [deficit, passed, slope, largest] =
+        [deficit.units(), i64::from(passed), slope.units(), largest.units()].map(i128::from);
+    let record = i128::from(Rate::ONE.units());
+    let sums_reach_a_boundary = |periods: &i64| {
+        let falling = |k| deficit - i128::from(k) * slope;
+        let least: i128 = (1..=*periods).map(|k| falling(k).max(0)).sum();
+        let highest = |k| (deficit + i128::from(k) * slope).min(largest).min(i128::from(periods - k) * slope);
+        let most: i128 = (1..=*periods).map(highest).sum();
+        falling(*periods) <= 0 && (most - passed).div_euclid(record) * record >= least - passed
+    };
+    (0..).find(sums_reach_a_boundary).expect("a long sum reaches one")
+}
+
+/// Rate one is blended in as few periods as its slope allows, from every deficit and every place in a record.
+#[test]
+fn rate_one_is_reached_in_the_fewest_periods() {
+    for (share, offset) in [1000, 30_000, 60_000].into_iter().flat_map(|share| (0..24).map(move |k| (share, k))) {
+        let window = Increments(vec![90; 4000]);
+        let slope = Braking::<32>::new(&unsmoothed_limits(share, 100, 3)).expect("fast enough").min_slope();
+        let largest = Rate::from_units((2 * slope.units() as u64 * Rate::ONE.units() as u64).isqrt() as i64);
+        for part in 1..=12 {
+            let deficit = largest * part / 12;
+            let mut drive = unsmoothed(share, 100, 3);
+            let (mut at, mut rate) =
+                (Place { record: RecordIndex::new(300), fraction: 0x0ABC_DEF1 * offset }, Rate::ZERO);
+            while rate != Rate::ONE - deficit {
+                rate = advance(&mut drive, &mut at, Rate::ONE - deficit, &window);
+            }
+            let fewest = fewest_periods_to_one(deficit, at.fraction, slope, largest);
+            let mut periods = 0;
+            while (rate, at.fraction) != (Rate::ONE, 0) {
+                rate = advance(&mut drive, &mut at, Rate::ONE, &window);
+                periods += 1;
+                assert!(periods <= fewest, "{fewest} periods are enough for {deficit:?}, share {share}, at {at:?}");
+            }
+            assert_eq!(periods, fewest, "{deficit:?} is not blended as {slope:?} allows");
+        }
+    }
+}
+
+/// The rate does not rise above the cap of a record that the cursor crosses before the rate can have fallen again,
+/// wherever the cursor is in a record: the last record that is held counts like the others.
+#[test]
+fn a_rate_above_one_observes_the_caps_of_all_held_records() {
+    let stiff = PulseLimits { velocity: 1 << 32, acceleration: 1 << 40, jerk: 1 << 40 };
+    let limits = RateLimits::new(1, 1 << 15, [stiff]).expect("valid");
+    let periods = i64::from(Braking::<32>::new(&limits).expect("fast enough").periods() + 1 + 3);
+    let mut fast = 0;
+    for (length, quarter) in (8u32..64).flat_map(|length| (0..4u32).map(move |quarter| (length, quarter))) {
+        let mut increments = vec![10; length as usize];
+        increments[length as usize - 1] = 11;
+        let window = Increments(increments);
+        let mut drive = Drive::<1, 1>::new(limits).expect("fits");
+        let (mut at, mut rate) = (Place { record: RecordIndex::new(1), fraction: quarter << 30 }, Rate::ZERO);
+        while at.record.number() < length {
+            let from = at;
+            let last = core::mem::replace(&mut rate, advance(&mut drive, &mut at, Rate::MAX, &window));
+            if rate < last || rate <= Rate::ONE {
+                continue;
+            }
+            fast += 1;
+            let reached = from.moved(rate.over(periods)).boundary_ahead().number().min(length);
+            for record in from.record.number()..reached {
+                let cap = window.cap(RecordIndex::new(record)).rate();
+                assert!(rate <= cap, "{rate:?} at {from:?}, {cap:?} at record {record} of {length}");
+            }
+        }
+    }
+    assert!(fast > 100, "{fast} periods above rate one");
+}
+
+/// A rise along a path that accelerates is nearly as steep as acceleration and jerk allow at the increments.
+#[test]
+fn a_rise_uses_what_the_records_leave() {
+    let (acceleration, axis_acceleration) = (1.0, 3.0);
+    for start in [100, 140, 180] {
+        let window = Increments((0..4000).map(|record: i16| 40 + record.min(400)).collect());
+        let mut drive = unsmoothed(1 << 15, 2000, 3);
+        let (mut at, mut rate) = (Place::start_of(RecordIndex::new(start)), Rate::ZERO);
+        let mut rises = 0;
+        while rate < Rate::ONE / 10 * 8 {
+            let last = core::mem::replace(&mut rate, advance(&mut drive, &mut at, Rate::ONE / 10 * 9, &window));
+            // within two blocks of the places that the cursor reaches
+            let velocity = f64::from(window.0[at.record.number() as usize + 24]);
+            let by_acceleration = (axis_acceleration - acceleration * f64::from(rate).powi(2)) / velocity;
+            // an average of one period: the jerk is as large as the acceleration
+            let by_jerk = 2.0 * axis_acceleration / (3.0 * acceleration + 2.0 * velocity);
+            let (rise, allowed) = (f64::from(rate - last), by_acceleration.min(by_jerk));
+            assert!(rise >= 0.75 * allowed, "{rise} of {allowed} at {at:?}, {rate:?}");
+            rises += 1;
+        }
+        assert!(rises > 20, "{rises} periods");
     }
 }
 
