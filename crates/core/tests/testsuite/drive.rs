@@ -95,12 +95,19 @@ fn rate_one_is_reached_in_the_fewest_periods() {
         let largest = Rate::from_units((2 * slope.units() as u64 * Rate::ONE.units() as u64).isqrt() as i64);
         for part in 1..=12 {
             let deficit = largest * part / 12;
-            let mut drive = unsmoothed(share, 100, 3);
-            let (mut at, mut rate) =
-                (Place { record: RecordIndex::new(300), fraction: 0x0ABC_DEF1 * offset }, Rate::ZERO);
-            while rate != Rate::ONE - deficit {
-                rate = advance(&mut drive, &mut at, Rate::ONE - deficit, &window);
-            }
+            let reach_deficit = |fraction| {
+                let (mut drive, mut rate) = (unsmoothed(share, 100, 3), Rate::ZERO);
+                let mut at = Place { record: RecordIndex::new(300), fraction };
+                while rate != Rate::ONE - deficit {
+                    rate = advance(&mut drive, &mut at, Rate::ONE - deficit, &window);
+                }
+                (drive, at)
+            };
+            // so that it begins exactly at a boundary, too
+            let place_in_record = 0x0ABC_DEF1 * offset;
+            let (mut drive, mut at) = reach_deficit(u32::wrapping_sub(place_in_record, reach_deficit(0).1.fraction));
+            assert_eq!(at.fraction, place_in_record);
+            let mut rate = Rate::ONE - deficit;
             let fewest = fewest_periods_to_one(deficit, at.fraction, slope, largest);
             let mut periods = 0;
             while (rate, at.fraction) != (Rate::ONE, 0) {
@@ -215,6 +222,76 @@ fn a_hold_in_a_peak_of_velocity_keeps_the_acceleration() {
             assert!(held > 3, "{held} holds in the peak");
         }
     }
+}
+
+/// A hold on a path whose velocity grows by a pulse in 32 records keeps the acceleration, although sixteen records show
+/// no more than rounding does. Records of up to ten pulses are left out: they have another cap.
+#[test]
+fn a_hold_on_a_gentle_acceleration_keeps_the_limit() {
+    let (planned, limit) = (1.0 / 32.0, 0.05);
+    let units = (limit * f64::from(1 << 16)) as u64 * (1 << 16);
+    let axis = PulseLimits { velocity: 200 << 32, acceleration: units, jerk: units };
+    let limits = RateLimits::new(1, 45_000, [axis]).expect("valid");
+    let mut increments = vec![0; 200];
+    increments.extend((0..4800i32).map(|k| (((k + 1) * (k + 1) + 32) / 64 - (k * k + 32) / 64) as i16));
+    increments.resize(25_000, 150);
+    let window = Increments(increments);
+    let mut drive = Drive::<1, 1>::new(limits).expect("fits");
+    let (mut at, mut rate, mut most) = (Place::start_of(RecordIndex::new(50)), Rate::ZERO, 0.0f64);
+    while at.record.number() < 4800 {
+        let (mut holding, mut place) = (drive.clone(), at);
+        let fall = rate - advance(&mut holding, &mut place, Rate::ZERO, &window);
+        if at.record.number() > 600 {
+            assert_eq!(rate, Rate::ONE);
+            let velocity = f64::from(at.record.number() - 200) * planned;
+            let used = velocity * f64::from(fall) + planned;
+            assert!(used <= limit, "{used} of {limit} at {at:?}");
+            most = most.max(used);
+        }
+        rate = advance(&mut drive, &mut at, Rate::ONE, &window);
+    }
+    assert!(most >= 0.8 * limit, "{most} of {limit} is used");
+}
+
+/// A hold with a long average keeps the acceleration of the axis, although the cursor comes to records that are faster
+/// than those at which the rate began to fall.
+#[test]
+fn a_hold_before_faster_records_keeps_the_acceleration() {
+    let (limit, rise, planned) = (1.5, 51i32, 1.35);
+    let axis = PulseLimits { velocity: 1000 << 32, acceleration: 3 << 31, jerk: (3 << 31) / 51 + 1 };
+    let limits = RateLimits::new(255, 59_000, [axis]).expect("valid");
+    // the acceleration grows and falls with the jerk that the plan may use
+    let planned_acceleration = |record: i32| {
+        let from_end = (record - 1000).min(1300 - record).clamp(0, rise);
+        planned * f64::from(from_end) / f64::from(rise)
+    };
+    let mut positions = vec![0.0];
+    let mut velocity = 380.0;
+    for record in 0..15_000 {
+        velocity += planned_acceleration(record);
+        positions.push(positions[positions.len() - 1] + velocity);
+    }
+    let window = Increments(positions.windows(2).map(|p| (p[1].round() - p[0].round()) as i16).collect());
+    let position = |at: Place| {
+        let record = at.record.number() as usize;
+        positions[record] + (positions[record + 1] - positions[record]) * f64::from(at.fraction) / 4_294_967_296.0
+    };
+    let mut drive = Drive::<1, 256>::new(limits).expect("fits");
+    let (mut at, mut most) = (Place::start_of(RecordIndex::new(0)), 0.0f64);
+    while at.record.number() < 1200 {
+        if at.record.number() > 800 && at.record.number().is_multiple_of(4) {
+            let (mut holding, mut place) = (drive.clone(), at);
+            let mut played = vec![position(at)];
+            while !holding.at_rest() {
+                place = holding.step(place, Rate::ZERO, &window).to;
+                played.push(position(place));
+            }
+            let bends = played.windows(3).map(|p| (p[2] - 2.0 * p[1] + p[0]).abs());
+            most = bends.fold(most, f64::max);
+        }
+        at = drive.step(at, Rate::ONE, &window).to;
+    }
+    assert!(most <= 1.01 * limit && most >= 0.9 * limit, "{most} of {limit} is used");
 }
 
 /// A rise uses the slope of the rate that it reaches, in proportion to the caps of the records.

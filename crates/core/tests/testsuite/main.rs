@@ -1,4 +1,5 @@
 //! The integration tests of `retrace-core`, in one binary, which links once.
 
+mod braking;
 mod drive;
 mod records;

@@ -1,6 +1,6 @@
 //! Records, their flags, and their numbers in the ring.
 
-use retrace_core::ring::{Cell, Ring};
+use retrace_core::ring::{Cell, Ring, RingError};
 use retrace_core::ring_indices::ConsumerIndices;
 use retrace_core::{Flags, RecordIndex};
 
@@ -37,5 +37,14 @@ fn the_cursor_is_at_reached_there_alone() {
         }
         let before = ConsumerIndices::at(start, start.wrapping_add(1), start.wrapping_add(2), start.wrapping_add(4), 4);
         assert!(before.is_some_and(|indices| !indices.at_reached()));
+    }
+}
+
+/// Each reason for which a ring is refused has a text of its own.
+#[test]
+fn a_refused_ring_has_its_reason_in_words() {
+    let reasons = [RingError::NotAPowerOfTwo, RingError::TooSmall, RingError::InvalidSpan].map(|e| e.to_string());
+    for (reason, part) in reasons.iter().zip(["power of two", "fewer cells", "not in order"]) {
+        assert!(reason.contains(part), "{reason}");
     }
 }
