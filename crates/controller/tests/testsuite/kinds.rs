@@ -181,6 +181,11 @@ fn each_code_does_in_reverse_what_its_table_says() {
     let told =
         |code| seen.events.iter().filter(|kind| matches!(kind, EventKind::Switched(done) if *done == code)).count();
     assert_eq!((told("M101"), told("M102"), told("M105")), (1, 1, 1));
+    let retraced = seen.events.iter().filter_map(|kind| match *kind {
+        EventKind::RetraceSwitched(channel, value) => Some((channel, value)),
+        _ => None,
+    });
+    assert_eq!(retraced.collect::<Vec<_>>(), [(4, 0), (1, 0), (1, 1), (4, 1)], "only where the path is retraced");
     let passing = seen.events.iter().filter(|kind| matches!(kind, EventKind::OutputChanged(..))).count();
     assert_eq!(passing, 2, "what an instruction has switched is not told again in passing");
     assert_eq!(end.stats.switch_events, 6, "with the M5 of M2");

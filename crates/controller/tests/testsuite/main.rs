@@ -10,6 +10,7 @@ mod motion_path;
 mod operation;
 mod order;
 mod rate_law;
+mod torch;
 mod track;
 mod wheel;
 mod wired;

@@ -10,6 +10,7 @@ use retrace_controller::{
 use retrace_core::{Place, RecordIndex};
 use retrace_hal_sim::{Clock, SimCard};
 use retrace_journal::JournalConfig;
+use retrace_link::channel;
 
 pub(super) use crate::wired::{AXES, Decoder};
 
@@ -17,13 +18,20 @@ pub(super) use crate::wired::{AXES, Decoder};
 #[derive(Default)]
 pub(super) struct Log {
     pub periods: Vec<PeriodRecord<AXES>>,
+    /// The output of the spindle in each period.
+    pub spindle: Vec<i32>,
+    spindle_now: i32,
     pub events: Vec<Event>,
 }
 
 impl Observer<AXES> for Log {
     fn on_telemetry(&mut self, told: &Telemetry<AXES>) {
         match told {
-            Telemetry::Period(period) => self.periods.push(*period),
+            Telemetry::Period(period) => {
+                self.periods.push(*period);
+                self.spindle.push(self.spindle_now);
+            }
+            Telemetry::Output(change) if change.channel == channel::SPINDLE => self.spindle_now = change.value,
             Telemetry::Event(event) => self.events.push(event.clone()),
             Telemetry::Output(_) | Telemetry::Active(_) => {}
         }

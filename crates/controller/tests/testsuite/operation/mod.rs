@@ -4,6 +4,7 @@
 mod back;
 mod index;
 mod jobs;
+mod pause;
 mod resume;
 mod still;
 mod stuck_output;

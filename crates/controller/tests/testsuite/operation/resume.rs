@@ -230,3 +230,25 @@ fn what_is_not_the_same_is_refused_with_the_reason() {
     let (end, log, _) = part(&machine, LAPS, "", JobStart::At(Box::new(at)), elsewhere);
     assert_eq!((end.outcome, log.periods.len()), (Outcome::Stopped, 0));
 }
+
+/// Where the axes are elsewhere and the operator agrees, they go to the place first, and then on from it.
+#[test]
+fn axes_that_are_elsewhere_return_to_the_place_first() {
+    let machine = machine(600.0);
+    let (end, _, kept) = part(&machine, LAPS, "at 1.2s stop\n", JobStart::First, card(&machine));
+    let (at, left, outputs) = (kept.resumption(&end.card), *end.card.status(), end.card.status().outputs);
+    let (plain, _) = complete(&machine, LAPS, "");
+    let mut counts = left.counts;
+    (0..3).for_each(|axis| counts[axis] += [3000, -1000, 2000][axis]);
+    let elsewhere = card(&machine).with_position(counts, &outputs);
+    let mut log = Log::default();
+    let options = options(&machine, "", JobStart::At(Box::new(at)), JournalConfig::default());
+    let end = resume_job(&machine, Decoder::new(LAPS), options, elsewhere, &mut log, |_| true).expect("a job");
+    assert_eq!((end.outcome, end.card.status().counts), (Outcome::Completed, plain.card.status().counts));
+    let path = Path::of(&machine, LAPS);
+    let on_path: Vec<_> = log.periods.iter().skip_while(|period| period.off_path).collect();
+    assert!(on_path.len() > 1000 && on_path.len() + 100 < log.periods.len());
+    for period in on_path {
+        assert_eq!(period.counts, path.position(period.place), "{period:?}");
+    }
+}

@@ -29,7 +29,11 @@ pub(crate) struct Decoder(Program<&'static [u8]>);
 impl Decoder {
     /// A program from its text, which lives as long as the test.
     pub(crate) fn new(text: &str) -> Self {
-        let setup = Setup { axes: AxisSet::XYZABC, ..Setup::default() };
+        Self::with_setup(text, Setup { axes: AxisSet::XYZABC, ..Setup::default() })
+    }
+
+    /// As [`Decoder::new`], with another setup of the interpreter.
+    pub(crate) fn with_setup(text: &str, setup: Setup) -> Self {
         Self(Program::new(text.to_owned().leak().as_bytes(), setup))
     }
 }

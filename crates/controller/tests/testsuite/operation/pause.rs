@@ -1,0 +1,112 @@
+//! A program is paused, the tool is moved away and back, and the job ends as without a pause.
+//!
+//! Invariant: the counts and outputs are those of a job that is not paused.
+
+use retrace_controller::{DncEvent, DncStep, EventKind};
+use retrace_core::Rate;
+use retrace_core::mode::Mode;
+use retrace_journal::HoldReason;
+use retrace_link::MotionCard;
+
+use super::jobs::{Log, complete, machine};
+
+/// Edge of a pocket with the spindle on, and outputs switched in motion.
+const EDGE: &str = "G21 G90 G17 G64 P0.05\nG0 Z5\nT1 M6\nS12000 M4\nG0 X10 Y10\nG1 Z-2 F600\nG1 X40 F1500\nG3 X50 Y20 \
+    J10 I0\nG1 Y40\nM62 P3\nG1 X10\nG1 Y10\nM63 P3\nG0 Z5\nM5\nM2\n";
+
+/// The steps of a pause.
+const SEQUENCE: &str =
+    "after 0s spindle stop\nafter 1s jog z 10\nafter 1s spindle start\nafter 1s online\nafter 0s cycle start\n";
+
+fn steps(log: &Log) -> Vec<&DncStep> {
+    let kinds = log.events.iter().map(|event| &event.kind);
+    kinds.filter_map(|kind| if let EventKind::Dnc(DncEvent { step, .. }) = kind { Some(step) } else { None }).collect()
+}
+
+#[test]
+fn a_paused_job_goes_on_where_it_was_with_its_spindle_as_it_was() {
+    let machine = machine(600.0);
+    let (plain, _) = complete(&machine, EDGE, "");
+    for line in [6, 8, 11] {
+        let (end, log) = complete(&machine, EDGE, &format!("at line {line} pause\n{SEQUENCE}"));
+        assert_eq!(end.card.status().counts, plain.card.status().counts, "line {line}");
+        let steps = steps(&log);
+        let is_started = |step: &DncStep| matches!(step, DncStep::SpindleStarted { spindle: -1, speed: 12_000_000 });
+        let expected: [fn(&DncStep) -> bool; 4] = [
+            |step| matches!(step, DncStep::Paused { spindle: -1, speed: 12_000_000, .. }),
+            |step| *step == DncStep::SpindleStopped,
+            |step| matches!(step, DncStep::Jogged { axis: 'z', cut_short: false, .. }),
+            is_started,
+        ];
+        assert!(expected.iter().zip(&steps).all(|(is, step)| is(step)), "{steps:?}");
+        assert_eq!(steps[4..], [&DncStep::Online, &DncStep::Approaching, &DncStep::Arrived]);
+        let paused: Vec<usize> =
+            (0..log.periods.len()).filter(|&at| log.periods[at].hold_reason == HoldReason::Paused).collect();
+        assert_eq!(end.stats.paused as usize, paused.len());
+        // it stops at once, and turns as before from its start on
+        let mut turns: Vec<i32> = paused.iter().map(|&at| log.spindle[at]).collect();
+        turns.dedup();
+        assert_eq!(turns, [0, -1]);
+        let [first, last] = [paused[0], paused[paused.len() - 1]].map(|at| log.periods[at].counts);
+        assert_eq!(first, last);
+    }
+}
+
+/// What does not apply in a pause is answered, and a pause on the way back keeps the breakpoint.
+#[test]
+fn a_pause_on_the_way_back_keeps_the_breakpoint() {
+    let machine = machine(600.0);
+    let (plain, _) = complete(&machine, EDGE, "");
+    let script = "at line 7 pause\nafter 0s spindle stop\nafter 0s jog z 60\nafter 0s jog x 80\nafter 5s spindle start\n\
+        after 0s online\nafter 0s cycle start\nafter 0.4s spindle stop\nafter 0s pause\nafter 1s cycle start\n\
+        after 0s spindle stop\nafter 0s spindle start\nafter 0s online\nafter 0s cycle start\n";
+    let (end, log) = complete(&machine, EDGE, script);
+    assert_eq!(end.card.status().counts, plain.card.status().counts);
+    let count = |is: fn(&DncStep) -> bool| steps(&log).into_iter().filter(|step| is(step)).count();
+    assert_eq!(count(|step| matches!(step, DncStep::Paused { .. })), 2);
+    assert_eq!((count(|step| *step == DncStep::Approaching), count(|step| *step == DncStep::Arrived)), (2, 1));
+    let refused: Vec<String> = log
+        .events
+        .iter()
+        .filter_map(|event| match &event.kind {
+            EventKind::CommandRejected(why) => Some(why.to_string()),
+            _ => None,
+        })
+        .collect();
+    assert!(refused.len() == 2 && refused[0].contains("returning to the breakpoint"), "{refused:?}");
+    assert!(refused[1].contains("spindle stop"), "{refused:?}");
+}
+
+/// A tool of another length moves the path; history in which the tool axis would leave its soft limits is barred.
+#[test]
+fn another_tool_length_moves_the_path_and_bars_what_would_leave_the_limits() {
+    let text = "history_hours = 1\n".to_string()
+        + &["x", "y", "z"]
+            .map(|axis| {
+                let travel = if axis == "z" { "[-100, 20]" } else { "[-100, 100]" };
+                format!(
+                    "[[axis]]\nname = \"{axis}\"\npulses_per_mm = 1000\nmax_velocity_mm_per_s = 100\n\
+             max_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = {travel}\n"
+                )
+            })
+            .concat();
+    let machine = retrace_config::MachineConfig::parse(&text, "low").expect("valid");
+    // down from Z15: with a tool that is 8 mm longer, Z12 is the highest place of before
+    let program = "G21 G90 G61.1\nG0 Z15\nG1 X10 F1200\nG1 Z-5\nG1 X60\nG1 Y40\nM2\n";
+    let (plain, _) = complete(&machine, program, "");
+    let script = "at line 5 override 100%\nafter 1s pause\nafter 0s tool length by 8\nafter 0s online\n\
+        after 0s cycle start\nafter 3s hold\nafter 1s reverse 100%\nafter 9s leave\n";
+    let (end, log) = complete(&machine, program, script);
+    let mut counts = plain.card.status().counts;
+    counts[2] += 8000;
+    assert_eq!(end.card.status().counts, counts, "{:?}", steps(&log));
+    let barrier = log.event(|kind| matches!(kind, EventKind::RetraceBarrier(_)));
+    let at_barrier = log.periods.iter().rfind(|period| period.mode == Mode::Reverse).expect("it reverses");
+    assert_eq!((at_barrier.place, at_barrier.place.fraction), (barrier.place, 0));
+    // the next record would be beyond Z20
+    let z = at_barrier.counts[2];
+    let before = log.periods.iter().rev().filter(|period| period.mode == Mode::Reverse && period.rate != Rate::ZERO);
+    let step = before.map(|period| i64::from(period.increments[2])).max().expect("it moves");
+    assert!(z <= 20_000 && z + 2 * step > 20_000 && step > 0, "{z} {step}");
+    assert!(log.periods.iter().all(|period| period.counts[2] <= 20_000));
+}

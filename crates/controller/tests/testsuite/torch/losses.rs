@@ -1,0 +1,123 @@
+//! An arc that is lost in the cut, and its recovery.
+
+use retrace_controller::{CutterState, EventKind, Outcome};
+
+use super::{PROGRAM, PROOF, machine, run};
+use CutterState::{Cutting, Igniting, Lost, Off, Piercing};
+
+/// The end of the cut, the states, the figures of the report, and the part.
+#[test]
+fn a_lost_arc_is_recovered_where_it_was_lost() {
+    let whole = run(&machine(), PROGRAM, "", "");
+    let job = run(&machine(), PROGRAM, "lose@20", "at 3s recover\n");
+    job.assert_part_of(&whole);
+    job.assert_safe();
+    let ends = job.picked(|kind| match *kind {
+        EventKind::CutEnd { place, line, may_be_longer, .. } => Some((place, line, may_be_longer)),
+        _ => None,
+    });
+    assert_eq!(ends.len(), 1);
+    let (place, line, may_be_longer) = ends[0];
+    let x_mm = whole.positions()[&place][0] as f64 / 200.0;
+    assert!((x_mm - 30.0).abs() < 0.1 && line == 4 && !may_be_longer, "{x_mm} in line {line}");
+    let first = [(Igniting, 0), (Piercing, 0), (Cutting, 1), (Lost, 1), (Igniting, 1), (Cutting, 1), (Off, 1)];
+    let second = [(Igniting, 1), (Piercing, 1), (Cutting, 2), (Off, 2)];
+    assert_eq!(job.states(), [&first[..], &second].concat());
+    assert_eq!(job.contours(), [(1, 0.0), (2, 0.0)]);
+    let stats = &job.end.stats;
+    assert_eq!((stats.cut_interruptions, stats.contours, stats.contours_not_cut, stats.not_cut_um), (1, 2, 0, 0));
+    assert_eq!(job.count(&EventKind::CutContinued), 1);
+    assert_eq!(job.count(&EventKind::CutFromHere { moving: true }), 1);
+}
+
+#[test]
+fn without_an_operator_a_lost_arc_ends_the_job() {
+    let job = run(&machine(), PROGRAM, "lose@20", "");
+    assert_eq!(job.end.outcome, Outcome::Stopped);
+    assert_eq!((job.end.stats.contours, job.end.stats.contours_not_cut), (1, 1));
+    job.assert_safe();
+}
+
+/// The torch counts as cutting only when its input proves it: not in the pilot arc of a start in motion.
+#[test]
+fn a_cutter_cuts_only_when_it_is_proven() {
+    let job = run(&machine(), PROGRAM, "lose@20", "at 3s recover\n");
+    let begins = job.events.iter().filter(|event| matches!(event.kind, EventKind::CutterState { state: Cutting, .. }));
+    let begins: Vec<u64> = begins.map(|event| event.period).collect();
+    assert_eq!(begins.len(), 3);
+    for begin in begins {
+        let period = job.periods.iter().find(|period| period.period == begin).expect("recorded");
+        assert!(period.inputs >> PROOF & 1 == 1, "{period:?}");
+    }
+}
+
+/// On the way back, while the outputs are restored, in the pilot arc, in the kerf, and beyond it.
+#[test]
+fn a_recovery_in_which_the_torch_is_put_out_begins_anew() {
+    let whole = run(&machine(), PROGRAM, "", "");
+    for after_s in [0.1, 0.8, 1.0, 1.2, 1.5] {
+        for end in ["cutter off", "reverse 5%\nafter 0.5s hold"] {
+            if end != "cutter off" && after_s >= 1.0 {
+                // it cuts again, so that nothing is left to be recovered
+                continue;
+            }
+            let script = format!("at 3s recover\nafter {after_s}s {end}\nafter 2s recover\n");
+            let job = run(&machine(), PROGRAM, "lose@20", &script);
+            job.assert_part_of(&whole);
+            job.assert_safe();
+        }
+    }
+}
+
+/// Before the pierce nothing is recovered; at the pierce and behind it, the cut is continued in its kerf, in motion.
+#[test]
+fn a_cut_is_recovered_from_behind_its_pierce_only() {
+    let whole = run(&machine(), PROGRAM, "", "");
+    let job = run(&machine(), PROGRAM, "lose@20", "at 3s back 30 mm\nafter 4s recover\nafter 1s cut\n");
+    assert!(job.rejections().len() == 1 && job.rejections()[0].contains("before the pierce"), "{:?}", job.rejections());
+    // it is cut anew, and there is no metal any more where it pierces
+    assert_eq!((job.count(&EventKind::CutContinued), job.counts()), (1, [2000, 0, 0, 0]));
+    for back in ["back to pierce", "back 10 mm"] {
+        let job = run(&machine(), PROGRAM, "lose@20", &format!("at 3s {back}\nafter 4s recover\n"));
+        assert_eq!((job.rejections().len(), job.count(&EventKind::CutFromHere { moving: true })), (0, 1), "{back}");
+        job.assert_part_of(&whole);
+        job.assert_safe();
+    }
+    let job = run(&machine(), PROGRAM, "lose@20", "at 3s back to cut end\nafter 2s cut pierce\n");
+    assert_eq!(job.count(&EventKind::CutFromHere { moving: false }), 1);
+}
+
+#[test]
+fn a_command_that_does_not_apply_is_answered() {
+    let job = run(&machine(), PROGRAM, "", "at 0.5s cut\nafter 0s back to cut end\n");
+    let reasons = job.rejections();
+    assert_eq!(reasons.len(), 2, "{reasons:?}");
+    assert!(reasons[0].contains("go back first") && reasons[1].contains("no cut was interrupted"), "{reasons:?}");
+    assert_eq!(job.end.outcome, Outcome::Completed);
+}
+
+/// Whatever ends a start that has not succeeded: nothing is lit from then on.
+#[test]
+fn a_start_that_is_ended_by_hand_lights_nothing_any_more() {
+    // 1.0 s: in the first attempt, 1.6 s: between two, 2.0 s: in the second one
+    for at_s in [1.0, 1.6, 2.0] {
+        for end in ["cutter off", "stop", "reverse 20%"] {
+            let job = run(&machine(), PROGRAM, "no-start=1", &format!("at {at_s}s {end}\n"));
+            let from = (at_s * 1000.0) as u64 + 5;
+            let lit = job.periods.iter().zip(&job.lit).filter(|(period, lit)| period.period > from && **lit);
+            assert_eq!(lit.count(), 0, "{end} at {at_s} s");
+            assert_eq!(job.end.outcome, Outcome::Stopped);
+            if end == "stop" {
+                assert!(job.periods[job.periods.len() - 1].period < from + 100, "{end} at {at_s} s");
+            }
+        }
+    }
+}
+
+#[test]
+fn flickers_of_the_contact_are_no_loss() {
+    let job = run(&machine(), PROGRAM, "flicker-per-m=300,flicker-ms=8,seed=5", "");
+    assert_eq!((job.end.outcome.clone(), job.end.stats.cut_interruptions), (Outcome::Completed, 0));
+    let flickers = job.periods.windows(2).filter(|pair| pair[0].inputs != 0 && pair[1].inputs == 0).count();
+    assert!(flickers > 5, "{flickers}");
+}
