@@ -78,3 +78,21 @@ fn slopes_leave_what_the_roughest_path_uses() {
         assert!((0.999..=1.000_001).contains(&used), "{used} of {axis:?} at {slope}");
     }
 }
+
+/// The rounding of the figures is on the safe side: exact for limits of a few units.
+#[test]
+fn slopes_of_the_smallest_limits_are_rounded_down() {
+    for (velocity, limit) in [(256u64, 1100u64), (257, 1200), (300, 1500), (256, 1024)] {
+        let axis = PulseLimits { velocity, acceleration: limit, jerk: limit };
+        let limits = RateLimits::new(1, 62_000, [axis]).expect("valid");
+        // the plan may use less than the velocity permits, or all of it
+        let part = limit * 62_000;
+        let (second, third) = (part.min(2 * velocity << 16), part.min(4 * velocity << 16));
+        let slope = Braking::<1>::new(&limits).expect("fast enough").slope(Rate::ONE, 16).units() as u128;
+        let bend = u128::from(3 * second + (2 * velocity << 16));
+        let jerked = (u128::from(third) << 32) + bend * slope;
+        let whole = u128::from(2 * limit) << 48;
+        assert!(jerked <= whole, "{jerked} of {whole}");
+        assert!(jerked + (whole >> 8) >= whole || slope == 1 << 32, "{jerked} of {whole} is too timid");
+    }
+}

@@ -4,7 +4,7 @@
 
 use retrace_core::drive::{Braking, Drive, RecordWindow};
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Place, RapidCap, Rate, RateTarget, RecordIndex};
+use retrace_core::{Distance, Place, RapidCap, Rate, RateTarget, RecordIndex};
 
 /// Records of one axis, at rest nowhere; slow ones may be retraced at a higher rate.
 struct Increments(Vec<i16>);
@@ -149,6 +149,30 @@ fn a_rate_above_one_observes_the_caps_of_all_held_records() {
         }
     }
     assert!(fast > 100, "{fast} periods above rate one");
+}
+
+/// A slow record that the cursor does not come to before the rate can have fallen again does not limit the rate, whatever
+/// part of a record the rate is.
+#[test]
+fn a_slow_record_far_ahead_does_not_limit_the_rate() {
+    let stiff = PulseLimits { velocity: 1 << 32, acceleration: 1 << 40, jerk: 1 << 40 };
+    let limits = RateLimits::new(1, 1 << 15, [stiff]).expect("valid");
+    let periods = i64::from(Braking::<32>::new(&limits).expect("fast enough").periods() + 1 + 3);
+    for tenths in 11..80 {
+        let target = Rate::ONE * tenths / 10;
+        let mut increments = vec![10; 2000];
+        increments[1000] = 11;
+        let window = Increments(increments);
+        let mut drive = Drive::<1, 1>::new(limits).expect("fits");
+        let (mut at, mut rate) = (Place { record: RecordIndex::new(1), fraction: 0x1234_5678 }, Rate::ZERO);
+        // the bounds cover two records more
+        let reach = target.over(periods) + target.over(1) + Distance::records(3);
+        while at.moved(reach).record.number() < 1000 {
+            let last = core::mem::replace(&mut rate, advance(&mut drive, &mut at, target, &window));
+            assert!(rate == target || rate >= last + Rate::ONE / 2, "{last:?} {rate:?} of {target:?} at {at:?}");
+        }
+        assert_eq!(rate, target);
+    }
 }
 
 /// A rise along a path that accelerates is nearly as steep as acceleration and jerk allow at the increments.
