@@ -1,6 +1,7 @@
 //! Starts beside the path.
 
 use retrace_controller::EventKind;
+use retrace_core::Rate;
 
 use super::{PROGRAM, machine, machine_text, parsed, run};
 
@@ -46,13 +47,16 @@ fn an_interrupted_lead_in_is_done_again() {
     }
 }
 
-/// While the machine is on a lead-in, commands that retrace the path are refused.
+/// While the machine is on a lead-in, commands that retrace the path are refused, and others are not.
 #[test]
 fn a_lead_in_is_not_retraced() {
-    let script = "at 3s shift 0 4\nafter 0s recover\nafter 0.9s reverse 50%\nafter 0s single\nafter 0s pause\n";
+    let script = "at 3s shift 0 4\nafter 0s recover\nafter 0.9s reverse 50%\nafter 0s single\nafter 0s pause\n\
+        after 0s hold\nafter 1s recover\n";
     let job = run(&machine(), PROGRAM, "lose@20", script);
     let rejections = job.rejections();
     assert!(rejections.len() == 3 && rejections.iter().all(|why| why.contains("lead-in")), "{rejections:?}");
+    let held = job.periods.iter().filter(|period| period.off_path && period.rate == Rate::ZERO).count();
+    assert!(held > 800, "{held}");
     job.assert_part_of(&run(&machine(), PROGRAM, "", ""));
 }
 

@@ -1,8 +1,10 @@
 //! An arc that is lost in the cut, and its recovery.
 
-use retrace_controller::{CutterState, EventKind, Outcome};
+use retrace_controller::{CutterState, EventKind, JobStart, Outcome, ResumePoint, ResumedCutEnd};
+use retrace_core::RecordIndex;
+use retrace_link::{CardStatus, MotionCard, PathStart};
 
-use super::{PROGRAM, PROOF, machine, run};
+use super::{FIRE, PROGRAM, PROOF, machine, run, run_part};
 use CutterState::{Cutting, Igniting, Lost, Off, Piercing};
 
 /// The end of the cut, the states, the figures of the report, and the part.
@@ -120,4 +122,33 @@ fn flickers_of_the_contact_are_no_loss() {
     assert_eq!((job.end.outcome.clone(), job.end.stats.cut_interruptions), (Outcome::Completed, 0));
     let flickers = job.periods.windows(2).filter(|pair| pair[0].inputs != 0 && pair[1].inputs == 0).count();
     assert!(flickers > 5, "{flickers}");
+}
+
+/// A job is stopped with its cut interrupted, behind the end of the cut or after going back, and resumed: the machine
+/// goes to the furthest place, and the cut is continued from where it ended.
+#[test]
+fn an_interrupted_cut_of_a_resumed_job_is_recovered() {
+    let whole = run(&machine(), PROGRAM, "", "");
+    for stopped in ["at 3s stop\n", "at 3s back 15 mm\nafter 3s stop\n"] {
+        for recovered_after_s in [0.05, 4.0] {
+            let first = run(&machine(), PROGRAM, "lose@20", stopped);
+            assert_eq!(first.end.outcome, Outcome::Stopped);
+            let place =
+                first.picked(|kind| if let EventKind::CutEnd { place, .. } = *kind { Some(place) } else { None })[0];
+            let CardStatus { place: at, reached, executed, .. } = *first.end.card.status();
+            let cut_end = ResumedCutEnd { channel: FIRE, place, is_interruption: true, is_exact: true };
+            let start = PathStart { place: at, rests: false, reached, executed };
+            let point = ResumePoint { cut_ends: vec![cut_end], ..ResumePoint::at(start, RecordIndex::new(0)) };
+            let cut_before = first.cut_squares();
+            let script = format!("after {recovered_after_s}s recover\n");
+            let rest = run_part(&machine(), PROGRAM, &script, JobStart::At(Box::new(point)), first.end.card);
+            assert_eq!((&rest.end.outcome, rest.counts()), (&Outcome::Completed, whole.counts()), "{stopped}");
+            rest.assert_safe();
+            let cut = rest.cut_squares();
+            let missing: Vec<_> =
+                whole.cut_squares().into_iter().filter(|at| !cut.contains(at) && !cut_before.contains(at)).collect();
+            assert!(missing.is_empty(), "{missing:?} {stopped} {recovered_after_s}");
+            assert_eq!(rest.count(&EventKind::CutFromHere { moving: true }), 1, "{stopped} {recovered_after_s}");
+        }
+    }
 }

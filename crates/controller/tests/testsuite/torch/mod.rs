@@ -86,9 +86,8 @@ impl Observer<4> for Log {
 
 /// Runs a program on a machine whose source has these faults, with a scripted operator.
 fn run(machine: &MachineConfig, program: &str, faults: &str, script: &str) -> Run {
-    let fire = machine.cutting_outputs[0];
     let source = SourceSettings {
-        channel: fire,
+        channel: machine.cutting_outputs[0],
         input: PROOF,
         nm_per_pulse: [(1e6 / PULSES_PER_MM) as u32; 2],
         needs_metal: true,
@@ -97,13 +96,19 @@ fn run(machine: &MachineConfig, program: &str, faults: &str, script: &str) -> Ru
     let plant = PlantSettings { sources: vec![source], ..PlantSettings::default() };
     let settings = machine.card_settings::<4>(PathStart::at(RecordIndex::new(0)));
     let card = SimCard::with_machine(settings, &plant, Clock::Virtual).expect("it opens");
+    run_part(machine, program, script, JobStart::First, card)
+}
+
+/// Runs a job, or the rest of it, on a card.
+fn run_part(machine: &MachineConfig, program: &str, script: &str, start: JobStart, card: SimCard<4>) -> Run {
     let script = ScriptPlayer::new(parse_script(script, "script").expect("a script"), machine.period_us);
     let options = JobOptions {
-        start: JobStart::First,
+        start,
         commands: CommandSources::from_script(script),
         run_mode: RunMode { wall_time: false, operator: true, real_time: false },
         journal: JournalConfig::default(),
     };
+    let fire = machine.cutting_outputs[0];
     let mut log = Log { fire, is_lit: false, periods: Vec::new(), lit: Vec::new(), events: Vec::new() };
     let decoder = Decoder::with_setup(program, interpreter_setup(machine));
     let end = run_job(machine, decoder, options, card, &mut log).expect("a job");
