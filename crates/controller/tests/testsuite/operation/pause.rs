@@ -77,6 +77,31 @@ fn a_pause_on_the_way_back_keeps_the_breakpoint() {
     assert!(refused[1].contains("spindle stop"), "{refused:?}");
 }
 
+/// M0 waits for *cycle start*, M1 where optional stops are on; each stop is reported once.
+#[test]
+fn a_program_stop_waits_for_cycle_start() {
+    let machine = machine(600.0);
+    let program = "G21 G90 F1200\nG1 X10\nM0\nG1 X20\nM1\nG1 X30\nM2\n";
+    let stops = |script: &str| {
+        let (end, log) = complete(&machine, program, script);
+        assert_eq!(end.card.status().counts[0], 30_000);
+        let stops = log.events.iter().filter_map(|event| match event.kind {
+            EventKind::ProgramStop(code) => Some((code, event.period)),
+            _ => None,
+        });
+        let stops: Vec<_> = stops.collect();
+        for &(code, period) in &stops {
+            let waits = log.periods.iter().skip_while(|p| p.period <= period).take(1000);
+            let counts = if code == "M0" { 10_000 } else { 20_000 };
+            assert!(waits.clone().count() == 1000 && waits.clone().all(|p| p.counts[0] == counts), "{code}");
+            assert!(waits.clone().all(|p| p.hold_reason == HoldReason::ProgramStop), "{code}");
+        }
+        stops.into_iter().map(|(code, _)| code).collect::<Vec<_>>()
+    };
+    assert_eq!(stops("at 4s cycle start\n"), ["M0"]);
+    assert_eq!(stops("at 0s optional stop on\nat 4s cycle start\nafter 4s cycle start\n"), ["M0", "M1"]);
+}
+
 /// A tool of another length moves the path; history in which the tool axis would leave its soft limits is barred.
 #[test]
 fn another_tool_length_moves_the_path_and_bars_what_would_leave_the_limits() {

@@ -1,6 +1,7 @@
 //! Contours of the program, and what is missing of them.
 
 use retrace_controller::{CutterOffReason, CutterState, EventKind, Outcome};
+use retrace_core::Distance;
 
 use super::{FIRE, PROGRAM, machine, machine_text, parsed, run};
 
@@ -108,5 +109,24 @@ fn the_end_of_a_contour_is_a_state_of_its_own() {
         assert!((299..=302).contains(&(ends - begins)), "{states:?}");
         let at = |period: u64| job.periods.iter().find(|p| p.period == period).expect("recorded").place;
         assert_eq!(at(begins), at(ends));
+    }
+}
+
+/// In a dry run the torch is off and nothing is cut; no state says that the program has it on before it has.
+#[test]
+fn in_a_dry_run_nothing_is_lit_and_nothing_cut() {
+    let whole = run(&machine(), PROGRAM, "", "");
+    let lit = whole.events.iter().find(|event| event.kind == EventKind::Switching("M3")).expect("it is lit").place;
+    let mut dry = machine();
+    dry.inhibits_outputs = true;
+    let job = run(&dry, PROGRAM, "", "");
+    assert_eq!((&job.end.outcome, job.counts()), (&Outcome::Completed, whole.counts()));
+    assert!(!job.lit.contains(&true) && job.contours().is_empty());
+    assert_eq!(job.end.stats.contours, 0);
+    for event in &job.events {
+        if let EventKind::CutterState { state, .. } = event.kind {
+            assert!(matches!(state, CutterState::Dry | CutterState::Off), "{state:?}");
+            assert!(lit.distance_to(event.place) >= Distance::ZERO, "{state:?} at {:?}", event.place);
+        }
     }
 }
