@@ -5,6 +5,7 @@ mod back;
 mod index;
 mod jobs;
 mod pause;
+mod release;
 mod resume;
 mod still;
 mod stuck_output;

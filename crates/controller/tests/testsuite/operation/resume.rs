@@ -243,7 +243,13 @@ fn axes_that_are_elsewhere_return_to_the_place_first() {
     let elsewhere = card(&machine).with_position(counts, &outputs);
     let mut log = Log::default();
     let options = options(&machine, "", JobStart::At(Box::new(at)), JournalConfig::default());
-    let end = resume_job(&machine, Decoder::new(LAPS), options, elsewhere, &mut log, |_| true).expect("a job");
+    let end = resume_job(&machine, Decoder::new(LAPS), options, elsewhere, &mut log, |plan| {
+        assert!(!plan.matches_card());
+        let moves = plan.return_path(&machine).expect("within the limits");
+        assert_eq!((moves.last(), plan.counts()), (Some(&left.counts), left.counts));
+        true
+    });
+    let end = end.expect("a job");
     assert_eq!((end.outcome, end.card.status().counts), (Outcome::Completed, plain.card.status().counts));
     let path = Path::of(&machine, LAPS);
     let on_path: Vec<_> = log.periods.iter().skip_while(|period| period.off_path).collect();
