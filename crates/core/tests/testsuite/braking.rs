@@ -38,7 +38,8 @@ fn a_rate_above_one_needs_the_ramp_from_one() {
     }
 }
 
-/// A stop is as long as the fall from its rate to one, by the slopes of its cap, and the ramp from one; not much longer.
+/// A stop is as long as the fall from its rate to one, by the slopes of its cap, and the ramp from one, and not much
+/// longer.
 #[test]
 fn a_stop_is_as_long_as_its_fall() {
     for braking in machines() {
@@ -87,9 +88,9 @@ fn slopes_of_the_smallest_limits_are_rounded_down() {
         let limits = RateLimits::new(1, 62_000, [axis]).expect("valid");
         // the plan may use less than the velocity permits, or all of it
         let part = limit * 62_000;
-        let (second, third) = (part.min(2 * velocity << 16), part.min(4 * velocity << 16));
+        let (second, third) = (part.min((2 * velocity) << 16), part.min((4 * velocity) << 16));
         let slope = Braking::<1>::new(&limits).expect("fast enough").slope(Rate::ONE, 16).units() as u128;
-        let bend = u128::from(3 * second + (2 * velocity << 16));
+        let bend = u128::from(3 * second + ((2 * velocity) << 16));
         let jerked = (u128::from(third) << 32) + bend * slope;
         let whole = u128::from(2 * limit) << 48;
         assert!(jerked <= whole, "{jerked} of {whole}");

@@ -151,8 +151,8 @@ fn a_rate_above_one_observes_the_caps_of_all_held_records() {
     assert!(fast > 100, "{fast} periods above rate one");
 }
 
-/// A slow record that the cursor does not come to before the rate can have fallen again does not limit the rate, whatever
-/// part of a record the rate is.
+/// A slow record does not limit the rate where the cursor does not come to it before the rate can have fallen again,
+/// whatever part of a record the rate is.
 #[test]
 fn a_slow_record_far_ahead_does_not_limit_the_rate() {
     let stiff = PulseLimits { velocity: 1 << 32, acceleration: 1 << 40, jerk: 1 << 40 };

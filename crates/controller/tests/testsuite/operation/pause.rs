@@ -57,9 +57,9 @@ fn a_paused_job_goes_on_where_it_was_with_its_spindle_as_it_was() {
 fn a_pause_on_the_way_back_keeps_the_breakpoint() {
     let machine = machine(600.0);
     let (plain, _) = complete(&machine, EDGE, "");
-    let script = "at line 7 pause\nafter 0s spindle stop\nafter 0s jog z 60\nafter 0s jog x 80\nafter 5s spindle start\n\
-        after 0s online\nafter 0s cycle start\nafter 0.4s spindle stop\nafter 0s pause\nafter 1s cycle start\n\
-        after 0s spindle stop\nafter 0s spindle start\nafter 0s online\nafter 0s cycle start\n";
+    let script = "at line 7 pause\nafter 0s spindle stop\nafter 0s jog z 60\nafter 0s jog x 80\n\
+        after 5s spindle start\nafter 0s online\nafter 0s cycle start\nafter 0.4s spindle stop\nafter 0s pause\n\
+        after 1s cycle start\nafter 0s spindle stop\nafter 0s spindle start\nafter 0s online\nafter 0s cycle start\n";
     let (end, log) = complete(&machine, EDGE, script);
     assert_eq!(end.card.status().counts, plain.card.status().counts);
     let count = |is: fn(&DncStep) -> bool| steps(&log).into_iter().filter(|step| is(step)).count();

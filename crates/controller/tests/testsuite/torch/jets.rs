@@ -24,7 +24,8 @@ fn off(job: &Run, reason: CutterOffReason) -> usize {
 /// Going back, it is on where the operator has switched it on, up to where the program lit it.
 #[test]
 fn a_jet_that_may_cut_backward_is_switched_on_by_hand() {
-    let script = "at line 5 override 100%\nafter 1s hold\nafter 0.4s reverse 50%\nafter 0.5s hold\nafter 0.5s cutter on\n\
+    let script = "at line 5 override 100%\nafter 1s hold\nafter 0.4s reverse 50%\nafter 0.5s hold\n\
+        after 0.5s cutter on\n\
         after 0.5s reverse 50%\nafter 5s leave\nafter 3s recover\n";
     let job = jet("retrace_cut = true\n", script, PROGRAM);
     assert_eq!(job.end.outcome, Outcome::Completed);
