@@ -1,6 +1,8 @@
 //! An arc that is lost in the cut, and its recovery.
 
-use retrace_controller::{CutterState, EventKind, JobStart, Outcome, ResumePoint, ResumedCutEnd};
+use retrace_controller::{
+    CutterState, Event, EventKind, JobStart, OperatorCommand, Outcome, ResumePoint, ResumedCutEnd,
+};
 use retrace_core::RecordIndex;
 use retrace_link::{CardStatus, MotionCard, PathStart};
 
@@ -151,4 +153,35 @@ fn an_interrupted_cut_of_a_resumed_job_is_recovered() {
             assert_eq!(rest.count(&EventKind::CutFromHere { moving: true }), 1, "{stopped} {recovered_after_s}");
         }
     }
+}
+
+/// The torch is put out by hand where it is out already: the cut still ends where it was lost.
+#[test]
+fn putting_out_a_lost_torch_does_not_move_the_end_of_its_cut() {
+    let job = run(&machine(), PROGRAM, "lose@20", "at 3s cutter off\nafter 0.5s recover\n");
+    job.assert_part_of(&run(&machine(), PROGRAM, "", ""));
+    assert_eq!(job.end.stats.cut_interruptions, 1);
+}
+
+/// The restart of a torch that is put out ends there: nothing more of it is executed, and nothing is restored.
+#[test]
+fn a_restart_ends_where_its_torch_is_put_out() {
+    let mut ended = 0;
+    for tenths in 5..14 {
+        let script = format!("at 3s recover\nafter {:.1}s cutter off\n", f64::from(tenths) / 10.0);
+        let job = run(&machine(), PROGRAM, "lose@20", &script);
+        let off =
+            job.events.iter().position(|event| matches!(event.kind, EventKind::Operator(OperatorCommand::CutterOff)));
+        let (before, after) = job.events.split_at(off.expect("given"));
+        let of = |events: &[Event], is: fn(&EventKind) -> bool| events.iter().filter(|event| is(&event.kind)).count();
+        let begins = of(before, |kind| matches!(kind, EventKind::RestartSwitching(_)));
+        if begins == 0 || of(before, |kind| *kind == EventKind::OutputsRestored) > 0 {
+            continue;
+        }
+        ended += 1;
+        assert_eq!(of(after, |kind| matches!(kind, EventKind::OutputsRestored | EventKind::RestartSwitching(_))), 0);
+        assert_eq!(job.end.outcome, Outcome::Stopped);
+        job.assert_safe();
+    }
+    assert!(ended > 0, "no restart was met");
 }
