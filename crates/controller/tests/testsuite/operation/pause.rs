@@ -2,7 +2,7 @@
 //!
 //! Invariant: the counts and outputs are those of a job that is not paused.
 
-use retrace_controller::{DncEvent, DncStep, EventKind};
+use retrace_controller::{DncEvent, DncStep, Event, EventKind, OperatorCommand};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
@@ -134,4 +134,35 @@ fn another_tool_length_moves_the_path_and_bars_what_would_leave_the_limits() {
     let step = before.map(|period| i64::from(period.increments[2])).max().expect("it moves");
     assert!(z <= 20_000 && z + 2 * step > 20_000 && step > 0, "{z} {step}");
     assert!(log.periods.iter().all(|period| period.counts[2] <= 20_000));
+}
+
+/// The operator reverses while outputs are restored: the instruction in progress ends, the next one is not executed, and
+/// the machine goes back then.
+#[test]
+fn a_restart_that_is_cancelled_executes_nothing_more() {
+    let text = "[code.M3]\nduration_ms = 800\n";
+    let machine = retrace_config::MachineConfig::parse(text, "router").expect("valid");
+    let script = "at line 4 override 100%\nafter 1s output 64 off\nafter 0s output 5 off\nafter 1s resume\n\
+        after 0.5s agree\nafter 0.3s reverse 50%\nafter 3s leave\n";
+    let (_, log) = complete(&machine, "G21 G90 F1200\nM3 S100\nM64 P5\nG1 X100\nM2\n", script);
+    let at = |is: fn(&OperatorCommand) -> bool| {
+        let given = |event: &Event| matches!(&event.kind, EventKind::Operator(command) if is(command));
+        log.events.iter().position(given).expect("given")
+    };
+    let reversed = at(|command| matches!(command, OperatorCommand::Reverse(_)));
+    let left = at(|command| matches!(command, OperatorCommand::Leave { .. }));
+    let codes = |events: &[Event]| {
+        let code = |event: &Event| match event.kind {
+            EventKind::RestartSwitching(code) => Some(code),
+            _ => None,
+        };
+        events.iter().filter_map(code).collect::<Vec<_>>()
+    };
+    let [before, between, behind] =
+        [&log.events[..reversed], &log.events[reversed..left], &log.events[left..]].map(codes);
+    assert_eq!((before.last(), between.len()), (Some(&"M3"), 0), "{before:?} {between:?}");
+    assert!(behind.contains(&"M64"), "{behind:?}");
+    let [from, to] = [reversed, left].map(|at| log.events[at].period);
+    let moves = log.periods.iter().filter(|p| p.period > from && p.period < to && p.rate < Rate::ZERO).count();
+    assert!(moves > 2000, "{moves}");
 }
