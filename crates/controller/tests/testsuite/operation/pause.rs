@@ -125,6 +125,9 @@ fn another_tool_length_moves_the_path_and_bars_what_would_leave_the_limits() {
     let mut counts = plain.card.status().counts;
     counts[2] += 8000;
     assert_eq!(end.card.status().counts, counts, "{:?}", steps(&log));
+    let is_entered =
+        |step: &&DncStep| matches!(step, DncStep::ToolLength { by_mm: 8.0, by_counts: 8000, axis: 'z', .. });
+    assert_eq!(steps(&log).into_iter().filter(is_entered).count(), 1, "{:?}", steps(&log));
     let barrier = log.event(|kind| matches!(kind, EventKind::RetraceBarrier(_)));
     let at_barrier = log.periods.iter().rfind(|period| period.mode == Mode::Reverse).expect("it reverses");
     assert_eq!((at_barrier.place, at_barrier.place.fraction), (barrier.place, 0));
@@ -165,4 +168,14 @@ fn a_restart_that_is_cancelled_executes_nothing_more() {
     let [from, to] = [reversed, left].map(|at| log.events[at].period);
     let moves = log.periods.iter().filter(|p| p.period > from && p.period < to && p.rate < Rate::ZERO).count();
     assert!(moves > 2000, "{moves}");
+}
+
+/// In single block the records end at the end of a block, also where the path goes on: that is no underrun.
+#[test]
+fn a_step_of_single_block_is_no_underrun() {
+    let program = "G21 G90 G64 F2400\nG1 X20\nG1 X40\nG1 X60\nM2\n";
+    let script = "at 0.1s single\nafter 3s cycle start\nafter 3s cycle start\n";
+    let (end, log) = complete(&machine(600.0), program, script);
+    assert_eq!((log.count(|kind| *kind == EventKind::SingleBlock), end.stats.underruns), (2, 0));
+    assert!(log.periods.iter().any(|period| period.starved && period.rate != Rate::ZERO), "the records end in motion");
 }
