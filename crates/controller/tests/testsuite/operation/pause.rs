@@ -139,8 +139,8 @@ fn another_tool_length_moves_the_path_and_bars_what_would_leave_the_limits() {
     assert!(log.periods.iter().all(|period| period.counts[2] <= 20_000));
 }
 
-/// The operator reverses while outputs are restored: the instruction in progress ends, the next one is not executed, and
-/// the machine goes back then.
+/// The operator reverses while outputs are restored: the instruction in progress ends, the next one is not executed,
+/// and the machine goes back then.
 #[test]
 fn a_restart_that_is_cancelled_executes_nothing_more() {
     let text = "[code.M3]\nduration_ms = 800\n";
