@@ -1,8 +1,6 @@
 //! An arc that is lost in the cut, and its recovery.
 
-use retrace_controller::{
-    CutterState, Event, EventKind, JobStart, OperatorCommand, Outcome, ResumePoint, ResumedCutEnd,
-};
+use retrace_controller::{CutterState, EventKind, JobStart, Outcome, ResumePoint, ResumedCutEnd};
 use retrace_core::RecordIndex;
 use retrace_link::{CardStatus, MotionCard, PathStart};
 
@@ -118,14 +116,6 @@ fn a_start_that_is_ended_by_hand_lights_nothing_any_more() {
     }
 }
 
-#[test]
-fn flickers_of_the_contact_are_no_loss() {
-    let job = run(&machine(), PROGRAM, "flicker-per-m=300,flicker-ms=8,seed=5", "");
-    assert_eq!((job.end.outcome.clone(), job.end.stats.cut_interruptions), (Outcome::Completed, 0));
-    let flickers = job.periods.windows(2).filter(|pair| pair[0].inputs != 0 && pair[1].inputs == 0).count();
-    assert!(flickers > 5, "{flickers}");
-}
-
 /// A job is stopped with its cut interrupted, behind the end of the cut or after going back, and resumed: the machine
 /// goes to the furthest place, and the cut is continued from where it ended.
 #[test]
@@ -161,27 +151,4 @@ fn putting_out_a_lost_torch_does_not_move_the_end_of_its_cut() {
     let job = run(&machine(), PROGRAM, "lose@20", "at 3s cutter off\nafter 0.5s recover\n");
     job.assert_part_of(&run(&machine(), PROGRAM, "", ""));
     assert_eq!(job.end.stats.cut_interruptions, 1);
-}
-
-/// The restart of a torch that is put out ends there: nothing more of it is executed, and nothing is restored.
-#[test]
-fn a_restart_ends_where_its_torch_is_put_out() {
-    let mut ended = 0;
-    for tenths in 5..14 {
-        let script = format!("at 3s recover\nafter {:.1}s cutter off\n", f64::from(tenths) / 10.0);
-        let job = run(&machine(), PROGRAM, "lose@20", &script);
-        let off =
-            job.events.iter().position(|event| matches!(event.kind, EventKind::Operator(OperatorCommand::CutterOff)));
-        let (before, after) = job.events.split_at(off.expect("given"));
-        let of = |events: &[Event], is: fn(&EventKind) -> bool| events.iter().filter(|event| is(&event.kind)).count();
-        let begins = of(before, |kind| matches!(kind, EventKind::RestartSwitching(_)));
-        if begins == 0 || of(before, |kind| *kind == EventKind::OutputsRestored) > 0 {
-            continue;
-        }
-        ended += 1;
-        assert_eq!(of(after, |kind| matches!(kind, EventKind::OutputsRestored | EventKind::RestartSwitching(_))), 0);
-        assert_eq!(job.end.outcome, Outcome::Stopped);
-        job.assert_safe();
-    }
-    assert!(ended > 0, "no restart was met");
 }
