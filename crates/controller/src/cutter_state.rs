@@ -19,7 +19,7 @@ pub enum CutterState {
     Ending,
     /// Off where it was to cut: its cut is interrupted.
     Lost,
-    /// The program wants it on, and the dry run keeps it off.
+    /// A dry run keeps it off.
     Dry,
     /// On for a test pulse.
     Test,

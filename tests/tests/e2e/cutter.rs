@@ -353,6 +353,44 @@ fn backing_with_the_jet_on_stops_with_a_question_where_the_program_switched_it()
     }
 }
 
+/// The jet goes off at the question, after its grace or by the operator: nothing moves before the operator reverses.
+#[test]
+fn a_jet_that_goes_off_at_the_question_starts_no_motion() {
+    let cutting_jet = format!("{JET}retrace_cut = true\n");
+    let back = "at line 5 override 100%\nafter 1s hold\nafter 0.4s reverse 50%\nafter 0.5s hold\n\
+                after 0.5s cutter on\nafter 0.5s reverse 50%\n";
+    for (script, why) in [("", "at_rest"), ("after 2.2s cutter off\n", "operator")] {
+        let (run, pins) = run(&machine(&cutting_jet, ""), JET_PROGRAM, &format!("{back}{script}"), &[]);
+        let asked = time_ms(run.of_kind("cutter_boundary").next().expect("it asks"));
+        let off =
+            run.of_kind("cutter_off").filter(|event| time_ms(event) >= asked).find(|event| event["reason"] == why);
+        assert!(off.is_some(), "{why}: {}", run.output.out);
+        let moved = pins.iter().find(|sample| sample.at_us / 1000 > asked && sample.rate != 0.0);
+        assert!(moved.is_none(), "{why}: {moved:?}");
+    }
+}
+
+/// In a dry run the state is that of the dry run; at the end of a contour it is *ending* until the cutter is off.
+#[test]
+fn a_dry_run_and_the_end_of_a_contour_are_states_of_the_cutter() {
+    let bench = Bench::new();
+    let table = bench.file(
+        "materials.toml",
+        "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"steel\"\nkerf_mm = 1.5\npierce_height_mm = 4.0\npierce_delay_s = 0.2\n\
+         cut_height_mm = 1.5\nfeed_mm_per_min = 1800.0\npause_at_end_s = 0.3\n",
+    );
+    let torch = format!("{TORCH}materials = {:?}\n", table.display().to_string());
+    let torch = torch.replace("start = { pierce_s = 0.4 }\n", "");
+    let states = |more: &[&str]| -> Vec<String> {
+        let (run, _) = run(&machine(&torch, ""), TORCH_PROGRAM, "", more);
+        assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+        run.of_kind("cutter_state").filter_map(|event| event["state"].as_str().map(str::to_owned)).collect()
+    };
+    assert_eq!(states(&["--dry-run"]), ["dry"]);
+    let contour = ["piercing", "cutting", "ending", "off"];
+    assert_eq!(states(&[]), [contour, contour].concat());
+}
+
 /// `retrace check` of a program, on a machine or on the built-in one.
 fn check(machine: Option<String>, program: &str) -> CommandOutput {
     let bench = Bench::new();

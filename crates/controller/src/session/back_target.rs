@@ -95,6 +95,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let search = search.ok_or(missing)?;
         // The rate is limited by the records' own caps, and to 100 % while a cutter is on.
         self.mode_controller.apply(ModeCommand::Reverse(Rate::MAX))?;
+        self.asked_boundary = None;
         self.back_target = Some(BackTarget { kind: wanted, search });
         Ok(())
     }

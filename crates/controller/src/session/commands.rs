@@ -96,6 +96,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let status = self.card.status();
         let stands_there = status.at_rest && boundary.is_some_and(|boundary| status.place == Place::start_of(boundary));
         self.mode_controller.apply(order)?;
+        self.asked_boundary = None;
         self.recovery.cancel_return();
         if stands_there {
             self.passed_boundary = boundary;

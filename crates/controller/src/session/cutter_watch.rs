@@ -2,6 +2,7 @@
 //!
 //! Invariant: a state is what the card reports in that control period; a change is reported once.
 
+use retrace_core::Rate;
 use retrace_link::{CardStatus, MotionCard};
 
 use super::Session;
@@ -14,7 +15,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn watch_cutter_states(&mut self, status: &CardStatus<A>) {
         for at in 0..self.config.fire_channels.len() {
             let channel = self.config.fire_channels[at];
-            let state = self.cutter_state(channel, status);
+            let state = self.cutter_state((channel, self.cutter_states[at]), status);
             self.count_flickers(at, state, status);
             if std::mem::replace(&mut self.cutter_states[at], state) != state {
                 let contour = self.cut_map.current_number();
@@ -35,10 +36,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.stats.cutter_flickers += u64::from(was_inactive && cuts && is_active);
     }
 
-    fn cutter_state(&self, channel: u8, status: &CardStatus<A>) -> CutterState {
-        let wants = self.streamer.expected()[usize::from(channel)] != 0;
+    fn cutter_state(&self, (channel, before): (u8, CutterState), status: &CardStatus<A>) -> CutterState {
         if self.config.inhibits_outputs {
-            return if wants { CutterState::Dry } else { CutterState::Off };
+            return CutterState::Dry;
         }
         let is_on = status.outputs[usize::from(channel)] != 0;
         let proof = self.recovery.cutter(channel).and_then(|cutter| cutter.proof);
@@ -50,6 +50,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             _ if is_starting => CutterState::Igniting,
             true if self.recovery.is_latched(channel) => CutterState::Igniting,
             true if self.ends_contour(channel) => CutterState::Ending,
+            // between the pause at the end and the code that switches it off
+            true if before == CutterState::Ending && status.rate == Rate::ZERO => CutterState::Ending,
             true => CutterState::Cutting,
             false if self.recovery.is_interrupted(channel) => CutterState::Lost,
             false => CutterState::Off,

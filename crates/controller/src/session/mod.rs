@@ -122,6 +122,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     leaving_run: LeavingRun,
     /// The cutter boundary that the operator has confirmed to pass backward with the cutter on.
     passed_boundary: Option<RecordIndex>,
+    /// The cutter boundary at which reverse run rests until the operator confirms it, also if the cutter goes off there.
+    asked_boundary: Option<RecordIndex>,
     /// Whether M1 stops.
     optional_stop: bool,
     /// The outputs as they were reported last.
@@ -191,6 +193,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             manual_outputs: ManualOutputs::new(),
             leaving_run: LeavingRun::No,
             passed_boundary: None,
+            asked_boundary: None,
             optional_stop: false,
             outputs: [0; channel::COUNT],
             telemetry,
@@ -421,12 +424,16 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         match demand.notice {
             Some(OperatorNotice::HistoryStart) => {
                 let there = self.back_target.as_ref().is_some_and(|back| back.is_reached_at(facts.oldest));
-                self.emit(match self.streamer.barrier() {
+                let reached = match self.streamer.barrier() {
                     _ if there => EventKind::BackTargetReached,
-                    _ if self.cutter_boundary() == Some(facts.oldest) => EventKind::CutterBoundary,
+                    _ if self.cutter_boundary() == Some(facts.oldest) => {
+                        self.asked_boundary = Some(facts.oldest);
+                        EventKind::CutterBoundary
+                    }
                     Some(code) => EventKind::RetraceBarrier(code),
                     None => EventKind::HistoryStartReached,
-                });
+                };
+                self.emit(reached);
             }
             Some(OperatorNotice::OutputsDiffer) => self.emit_differing_outputs(),
             Some(OperatorNotice::RunResumed) => self.emit(EventKind::RunResumed),

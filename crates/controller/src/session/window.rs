@@ -30,7 +30,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             .iter()
             .any(|&c| status.outputs.get(usize::from(c)).is_some_and(|&value| value != 0));
         let backward = matches!(self.mode_controller.mode(), Mode::Reverse | Mode::Wheel);
-        if !lit || !backward || self.config.replays_outputs {
+        if !backward || self.config.replays_outputs {
+            return None;
+        }
+        if self.asked_boundary.is_some() && self.mode_controller.mode() == Mode::Reverse {
+            return self.asked_boundary;
+        }
+        if !lit {
             return None;
         }
         self.streamer.cut_change_before(status.place, self.passed_boundary)
