@@ -573,3 +573,14 @@ fn a_loss_close_to_the_end_of_a_contour_is_passed() {
     let (run, _) = run_on(&machine, "lose@56", "at 6s stop\n", &[]);
     assert_eq!((&run.report["outcome"], contours(&run).len()), (&"stopped".into(), 0), "4 mm are to be cut");
 }
+
+/// A refused *cut* is confirmed by the very next word, and not by one that is said much later at the same place.
+#[test]
+fn a_refused_cut_is_confirmed_by_the_next_word_only() {
+    let script =
+        "at 3s back 0.1 mm\nafter 1s cut moving\nafter 0.2s hold\nafter 0.2s cut moving\nafter 0.2s cut moving\n";
+    let (run, _) = run("lose@20", script, &[]);
+    let refused = run.of_kind("command_rejected").filter_map(|event| event["reason"].as_str());
+    let refused: Vec<&str> = refused.filter(|why| why.contains("ends before this place")).collect();
+    assert_eq!((refused.len(), run.of_kind("cut_from_here").count()), (2, 1), "{}", run.output.out);
+}

@@ -38,6 +38,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     fn apply_command(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
         self.end_test_pulse_by(command)?;
+        if !matches!(command, OperatorCommand::CutFromHere(_)) {
+            // A refused *cut* is confirmed by the very next word only.
+            self.recovery.refused_at = None;
+        }
         if retraces(&command) {
             self.require_path()?;
         }
