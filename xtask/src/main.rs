@@ -36,7 +36,7 @@ Tasks:
            --full          the full size
            --seed N        the seed, 1 without it
            --resume        of `mutants`: what an earlier run of the same sample has completed is not run again
-           --page          of `mutants`: writes the page of what is complete, and runs nothing
+           --page          of `mutants`: writes the figures of what is complete, and runs nothing
            --list          name the campaigns and leave
   verify   every property of verification/ by every engine that is here; docs/verification.md says what that shows
            --quick         what a test run has time for; without it the ledger verification/LEDGER.md is written

@@ -17,8 +17,8 @@ pub(crate) const PURPOSE: &str =
 
 /// Mutants that change nothing that could be observed, each with the reason.
 const EQUIVALENT: &str = "verification/equivalent-mutants.txt";
-/// The page that a run writes.
-const PAGE: &str = "docs/mutants.md";
+/// The figures of a run. Those that are to stay go into `docs/mutants.md`, with how they came about.
+const PAGE: &str = "target/mutants.md";
 /// Parts of which a run without `--full` tries one: every fifteenth mutant.
 const PARTS: u64 = 15;
 /// Least time limit of the tests on one mutant, in seconds: it may run for ever. Otherwise the limit is five times what
@@ -67,6 +67,7 @@ const TARGETS: [Target; 4] = [
         files: &[
             "crates/controller/src/session/**",
             "crates/controller/src/record_streamer.rs",
+            "crates/controller/src/record_streamer/**",
             "crates/controller/src/resume.rs",
         ],
         tests: "retrace-controller",
