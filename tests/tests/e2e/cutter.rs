@@ -376,7 +376,8 @@ fn a_dry_run_and_the_end_of_a_contour_are_states_of_the_cutter() {
     let bench = Bench::new();
     let table = bench.file(
         "materials.toml",
-        "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"steel\"\nkerf_mm = 1.5\npierce_height_mm = 4.0\npierce_delay_s = 0.2\n\
+        "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"steel\"\nkerf_mm = 1.5\n\
+         pierce_height_mm = 4.0\npierce_delay_s = 0.2\n\
          cut_height_mm = 1.5\nfeed_mm_per_min = 1800.0\npause_at_end_s = 0.3\n",
     );
     let torch = format!("{TORCH}materials = {:?}\n", table.display().to_string());

@@ -122,7 +122,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     leaving_run: LeavingRun,
     /// The cutter boundary that the operator has confirmed to pass backward with the cutter on.
     passed_boundary: Option<RecordIndex>,
-    /// The cutter boundary at which reverse run rests until the operator confirms it, also if the cutter goes off there.
+    /// The cutter boundary at which reverse run rests until the operator confirms it, also if the cutter goes off
+    /// there.
     asked_boundary: Option<RecordIndex>,
     /// Whether M1 stops.
     optional_stop: bool,
