@@ -107,8 +107,13 @@ pub enum OperatorCommand {
     BackToPierce,
     /// Reverse run to the place from which an interrupted cut is continued.
     BackToCutEnd,
-    /// Executes the program again from here, where the path is being retraced.
+    /// Reverse run to a contour: to the end of its kerf where it is cut in part, otherwise to its pierce.
+    BackToContour(u32),
+    /// Executes the program again from here, where the path is being retraced. Contours behind that are cut already are
+    /// passed with the cutter off.
     CutFromHere(CutStart),
+    /// Executes the program again from here, and cuts every contour again.
+    CutAll,
     /// Shifts the next start of the cutter beside the path.
     Shift(Shift),
     /// *Pause*: interrupts the program at a breakpoint (DNC-1).
@@ -158,6 +163,8 @@ impl fmt::Display for OperatorCommand {
             Self::BackToBlock => write!(f, "back to block"),
             Self::BackToPierce => write!(f, "back to pierce"),
             Self::BackToCutEnd => write!(f, "back to cut end"),
+            Self::BackToContour(number) => write!(f, "back to contour {number}"),
+            Self::CutAll => write!(f, "cut all"),
             Self::Shift(Shift::To([x, y])) => write!(f, "shift {x} {y}"),
             Self::Shift(Shift::Steps(steps)) => {
                 let found = DIRECTIONS.iter().find(|(_, direction)| direction == steps);
@@ -326,6 +333,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["recover"] => OperatorCommand::Recover,
         ["skip", "contour"] => OperatorCommand::SkipContour,
         ["cut"] => OperatorCommand::CutFromHere(CutStart::Usual),
+        ["cut", "all"] => OperatorCommand::CutAll,
         ["cut", "pierce"] => OperatorCommand::CutFromHere(CutStart::Pierce),
         ["cut", "moving"] => OperatorCommand::CutFromHere(CutStart::Moving),
         ["shift", rest @ ..] => OperatorCommand::Shift(parse_shift(rest)?),
@@ -357,7 +365,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
             let known = [
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
                 "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
-                "tool", "cut", "shift",
+                "skip", "test", "tool", "cut", "shift",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -372,7 +380,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
 /// Example of a complete command that begins with this word.
 fn usage_example(word: &str) -> &'static str {
     match word {
-        "back" => "back 50 mm · back to block · back to pierce · back to cut end",
+        "back" => "back 50 mm · back to block · back to pierce · back to cut end · back to contour 3",
         "cut" => "cut · cut pierce · cut moving",
         "shift" => "shift 1.5 -0.8 · shift nw · shift 0",
         "spindle" => "spindle stop · spindle start",
@@ -393,6 +401,10 @@ fn parse_back(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["to", "block"] => Ok(OperatorCommand::BackToBlock),
         ["to", "pierce"] => Ok(OperatorCommand::BackToPierce),
         ["to", "cut", "end"] => Ok(OperatorCommand::BackToCutEnd),
+        ["to", "contour", number] => match number.parse() {
+            Ok(number @ 1..) => Ok(OperatorCommand::BackToContour(number)),
+            _ => wrong(format!("`{number}` is not the number of a contour"), "back to contour 3"),
+        },
         [mm, "mm"] => match parse_length(mm)? {
             mm if mm > 0.0 => Ok(OperatorCommand::BackBy(mm)),
             _ => wrong(format!("`back {mm} mm` goes nowhere"), "a length above 0, as in back 50 mm"),

@@ -102,6 +102,8 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::BackToBlock => "back to the start of the block".into(),
         OperatorCommand::BackToPierce => "back to the last pierce".into(),
         OperatorCommand::BackToCutEnd => "back to the end of the cut".into(),
+        OperatorCommand::BackToContour(number) => format!("back to contour {number}"),
+        OperatorCommand::CutAll => "cut from here, every contour again".into(),
         OperatorCommand::CutFromHere(_) => "cut from here".into(),
         OperatorCommand::Shift(_) => "shift the start of the cut".into(),
         OperatorCommand::Pause => "pause".into(),

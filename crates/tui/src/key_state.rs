@@ -500,9 +500,13 @@ impl KeyState {
 /// Command of a prompt's answer, or the error in it.
 fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCommand, String> {
     match ask {
+        PendingQuestion::BackBy if text.starts_with('c') => match text[1..].trim().parse::<u32>() {
+            Ok(number @ 1..) => Ok(UiCommand::Job(OperatorCommand::BackToContour(number))),
+            _ => Err("enter the number of a contour, such as c3".into()),
+        },
         PendingQuestion::BackBy => match text.parse::<f64>() {
             Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(UiCommand::Job(OperatorCommand::BackBy(mm))),
-            _ => Err("enter a distance above 0 mm, such as 20".into()),
+            _ => Err("enter a distance above 0 mm, such as 20, or a contour, such as c3".into()),
         },
         PendingQuestion::Shift => text.parse().map(|shift| UiCommand::Job(OperatorCommand::Shift(shift))),
         PendingQuestion::Output => output(text, model),

@@ -296,7 +296,7 @@ pub(crate) const TABLE: &[Row] = &[
     row(&[Key::Char('y')], "y", "confirm", "confirm the outputs, or answer yes", RETRACE | WHEEL | RESUMING,
         KeyAction::Agree),
     row(&[Key::Char('n')], "n", "no", "answer no", RESUMING, KeyAction::Decline),
-    row(&[Key::Char('b')], "b", "back mm", "back by a distance in mm", MOVING, KeyAction::BackBy),
+    row(&[Key::Char('b')], "b", "back mm", "back by a distance in mm, or to a contour: c3", MOVING, KeyAction::BackBy),
     row(&[Key::Char('B')], "B", "block", "back to the start of this block", MOVING, KeyAction::BackBlock),
     row(&[Key::Char('j')], "j", "pierce", "back to the last pierce, where the cutter came on", MOVING,
         KeyAction::BackJet),

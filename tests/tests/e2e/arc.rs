@@ -584,3 +584,44 @@ fn a_refused_cut_is_confirmed_by_the_next_word_only() {
     let refused: Vec<&str> = refused.filter(|why| why.contains("ends before this place")).collect();
     assert_eq!((refused.len(), run.of_kind("cut_from_here").count()), (2, 1), "{}", run.output.out);
 }
+
+/// Losses in two of four contours are skipped; then the rest of them is cut, from the first on: what is cut already is
+/// passed with the torch off, and each rest is started once.
+#[test]
+fn the_rest_of_several_contours_is_cut_in_one_go() {
+    let cut = |x: u32| format!("G0 X{x}\nM3\nG1 X{}\nM5\n", x + 40);
+    let program = format!("G21 G90 F1800\n{}{}{}{}G0 X0\nM2\n", cut(10), cut(70), cut(130), cut(190));
+    let run = |faults: &str, script: &str| {
+        let bench = Bench::new();
+        let (program, vcd) = (bench.file("part.ngc", &program), bench.path("pins.vcd"));
+        let (machine, operator) = (bench.file("m.toml", machine()), bench.file("s.op", script));
+        let [machine, operator, trace] = [&machine, &operator, &vcd].map(|path| path.display().to_string());
+        let arguments = ["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
+        let run = Run::of(&bench, &program, &arguments);
+        (run, Trace { samples: samples(&vcd), vcd, _bench: bench })
+    };
+    let (whole, uninterrupted) = run("", "");
+    // lost in the first and in the third contour, and in the fourth a hold
+    let losses = "at 3s skip contour\nafter 6s skip contour\nat line 16 override 100%\nafter 0.3s hold\n";
+    let (rest, trace) = run("lose@20,lose@90", &format!("{losses}after 2s back to contour 1\nafter 6s cut\n"));
+    let what = &rest.output.out;
+    assert_eq!((&rest.report["outcome"], rest.counts()), (&whole.report["outcome"], whole.counts()), "{what}");
+    let verdict = judge(&uninterrupted, &trace, &JUDGED);
+    assert!(verdict.is_good(), "{verdict:?} {what}");
+    // four pierces, and three rests
+    assert_eq!((verdict.ignitions, rest.audit().violations), (7, [0; 3]), "{what}");
+    assert_eq!((&rest.report["not_cut_mm"], &rest.report["contours_not_cut"]), (&0.0.into(), &0.into()), "{what}");
+    let starts: Vec<&str> = rest.of_kind("cut_from_here").filter_map(|event| event["start"].as_str()).collect();
+    assert_eq!(starts, ["moving"; 3], "{what}");
+}
+
+#[test]
+fn a_contour_is_gone_back_to_by_its_number_and_all_behind_it_are_cut_again_if_that_is_said() {
+    let script = "at line 8 override 100%\nafter 0.5s hold\nafter 1s back to contour 7\n\
+                  after 0.1s back to contour 1\nafter 6s";
+    let (run, trace) = run("", &format!("{script} cut all\n"), &[]);
+    assert!(run.of_kind("command_rejected").any(|e| e["reason"].as_str().is_some_and(|why| why.contains("number"))));
+    let lit = trace.windows(2).filter(|pair| !pair[0].is_on("spindle") && pair[1].is_on("spindle")).count();
+    // a torch finds no metal over the first kerf: it is tried three times, and the job waits
+    assert_eq!((lit, run.of_kind("cut_from_here").count()), (2 + 3, 1), "{}", run.output.out);
+}

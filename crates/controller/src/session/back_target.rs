@@ -30,6 +30,8 @@ pub(super) enum BackTargetKind {
     Block,
     /// The last place where a cutting output was switched on.
     Pierce,
+    /// The place where this contour begins.
+    Contour(RecordIndex),
     /// This length in mm before the end of the cut, and not before its pierce.
     CutEnd(f64),
 }
@@ -105,6 +107,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let on = |left_mm, line| TargetSearch::From { from: place.boundary_ahead(), remaining_mm: left_mm, line };
         Some(match wanted {
             BackTargetKind::Pierce => TargetSearch::Found(self.streamer.pierce_before(place)?),
+            BackTargetKind::Contour(pierce) => {
+                TargetSearch::Found(Some(pierce).filter(|pierce| !pierce.is_before(self.streamer.oldest()))?)
+            }
             BackTargetKind::By(mm) => on(mm + self.rest_of_record_mm(place), 0),
             BackTargetKind::CutEnd(mm) => {
                 let cut_end = self.recovery.cut_end()?;

@@ -10,7 +10,7 @@ use super::back_target::BackTargetKind;
 use super::restart::LeavingRun;
 use super::{ProgramStop, Session};
 use crate::event::{CutterOffReason, EventKind};
-use crate::operator::{CommandError, OperatorCommand};
+use crate::operator::{CommandError, CutStart, OperatorCommand};
 
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn apply_commands(&mut self) {
@@ -38,7 +38,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     fn apply_command(&mut self, command: OperatorCommand) -> Result<(), CommandError> {
         self.end_test_pulse_by(command)?;
-        if !matches!(command, OperatorCommand::CutFromHere(_)) {
+        if !matches!(command, OperatorCommand::CutFromHere(_) | OperatorCommand::CutAll) {
             // A refused *cut* is confirmed by the very next word only.
             self.recovery.refused_at = None;
         }
@@ -61,7 +61,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::BackToBlock => return self.go_back(BackTargetKind::Block),
             OperatorCommand::BackToPierce => return self.go_back(BackTargetKind::Pierce),
             OperatorCommand::BackToCutEnd => return self.back_to_cut_end(),
-            OperatorCommand::CutFromHere(start) => return self.cut_from_here(start),
+            OperatorCommand::BackToContour(number) => return self.back_to_contour(number),
+            OperatorCommand::CutFromHere(start) => return self.cut_from_here(start, false),
+            OperatorCommand::CutAll => return self.cut_from_here(CutStart::Usual, true),
             OperatorCommand::Shift(by) => return self.shift(by),
             OperatorCommand::Override(rate) => return self.request_override(rate),
             OperatorCommand::RapidOverride(rate) => self.set_rapid_override(rate)?,
@@ -302,6 +304,7 @@ fn retraces(command: &OperatorCommand) -> bool {
             | OperatorCommand::BackToBlock
             | OperatorCommand::BackToPierce
             | OperatorCommand::BackToCutEnd
+            | OperatorCommand::BackToContour(_)
             | OperatorCommand::CutterOn
             | OperatorCommand::Pause
             | OperatorCommand::Single

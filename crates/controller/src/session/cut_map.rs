@@ -20,12 +20,25 @@ pub(super) struct Contour {
     pub(super) number: u32,
     /// Program line that lights the cutter.
     pub(super) line: u32,
+    /// Channel of the cutter.
+    pub(super) channel: u8,
     /// Where it begins.
     pub(super) pierce: RecordIndex,
     /// Where it ends, once the program has switched the cutter off.
     pub(super) end: Option<RecordIndex>,
     /// Length that is not cut, µm, as it was when the contour ended last.
     pub(super) not_cut_um: u64,
+}
+
+/// What is cut of a contour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ContourProgress {
+    /// Nothing at its beginning.
+    NotBegun,
+    /// From its pierce to this place; what is behind is not cut, or only in parts.
+    CutUpTo(RecordIndex),
+    /// All of it.
+    Whole,
 }
 
 /// What was cut, and the contours.
@@ -111,7 +124,7 @@ impl CutMap {
     }
 
     /// The program has lit the cutter before the record at `pierce`.
-    pub(super) fn begin_contour(&mut self, pierce: RecordIndex, line: u32) {
+    pub(super) fn begin_contour(&mut self, pierce: RecordIndex, line: u32, channel: u8) {
         self.current = self.contours.iter().rposition(|contour| contour.pierce == pierce);
         if self.current.is_none() {
             if self.contours.len() == MAX_RANGES {
@@ -119,7 +132,7 @@ impl CutMap {
             }
             self.last_number += 1;
             let number = self.last_number;
-            self.contours.push(Contour { number, line, pierce, end: None, not_cut_um: 0 });
+            self.contours.push(Contour { number, line, channel, pierce, end: None, not_cut_um: 0 });
             self.current = Some(self.contours.len() - 1);
         }
     }
@@ -171,6 +184,37 @@ impl CutMap {
         };
         let Some(end) = self.contours.iter().rev().find(is_in).and_then(|contour| contour.end) else { return false };
         self.not_cut_um(place.boundary_ahead(), end, |_, records| u64::from(records)) == 0
+    }
+
+    /// The contour of this number, if it was begun.
+    pub(super) fn contour(&self, number: u32) -> Option<Contour> {
+        self.contours.iter().find(|contour| contour.number == number).copied()
+    }
+
+    /// What is cut of the contour that begins at this place; `None` if none was begun there.
+    pub(super) fn progress_at(&mut self, pierce: RecordIndex) -> Option<(Contour, ContourProgress)> {
+        let contour = self.contours.iter().rev().find(|contour| contour.pierce == pierce).copied()?;
+        Some((contour, self.progress_of(&contour)))
+    }
+
+    /// What is cut of a contour.
+    pub(super) fn progress_of(&mut self, contour: &Contour) -> ContourProgress {
+        self.store_stretch();
+        let is_open = |end: RecordIndex, at: RecordIndex| at.is_before(end) && end.since(at) >= UNNOTICED_RECORDS;
+        let mut at = contour.pierce;
+        for &[from, to] in self.ranges.iter().filter(|[_, to]| contour.pierce.is_before(*to)) {
+            if is_open(from, at) {
+                break;
+            }
+            at = RecordIndex::later(at, to);
+        }
+        if contour.end.is_some_and(|end| !is_open(end, at)) {
+            ContourProgress::Whole
+        } else if at == contour.pierce {
+            ContourProgress::NotBegun
+        } else {
+            ContourProgress::CutUpTo(at)
+        }
     }
 
     /// Whether a contour is being cut: its cutter was lit, and not switched off by the program yet.
@@ -245,15 +289,15 @@ mod tests {
     fn a_contour_misses_what_was_not_cut_until_it_is_cut() {
         let (mut map, at) = (CutMap::new(true), |n: u32| RecordIndex::new(n));
         let length = |_, records: u32| u64::from(records) * 10;
-        map.begin_contour(at(100), 7);
+        map.begin_contour(at(100), 7, 64);
         map.record_cut(Place::start_of(at(100)), Place::start_of(at(150)));
         map.record_cut(Place::start_of(at(160)), Place::start_of(at(198)));
         let contour = map.end_contour(at(200), length).expect("it was begun");
         assert_eq!((contour.number, contour.line, contour.not_cut_um), (1, 7, 100), "the last two records are no gap");
-        map.begin_contour(at(300), 9);
+        map.begin_contour(at(300), 9, 64);
         map.measure_current(at(320), length);
         assert_eq!(map.totals(), (2, 300));
-        map.begin_contour(at(100), 7);
+        map.begin_contour(at(100), 7, 64);
         map.record_cut(Place::start_of(at(149)), Place::start_of(at(161)));
         let contour = map.end_contour(at(200), length).expect("it was begun");
         assert_eq!((contour.number, contour.not_cut_um, map.totals()), (1, 0, (2, 200)));

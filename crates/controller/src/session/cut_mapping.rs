@@ -45,7 +45,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let fires = changes.iter().find(|change| self.config.fire_channels.contains(&change.channel));
         let Some(change) = fires.filter(|_| !self.config.inhibits_outputs) else { return };
         if change.value != 0 {
-            self.cut_map.begin_contour(place, line);
+            self.cut_map.begin_contour(place, line, change.channel);
             return;
         }
         let length_um = |first, records| measure_um(&self.streamer, &self.config.mm_per_pulse, first, records);
@@ -97,7 +97,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// and without the cutter of a contour that is skipped.
     pub(super) fn wanted_outputs(&self) -> Outputs {
         let mut wants = *self.streamer.expected();
-        if self.recovery.skips_contour {
+        if self.contour_pass.is_dark {
             self.expected_cutters().for_each(|channel| wants[usize::from(channel)] = 0);
         } else if self.recovery.passes_kerf {
             self.lit_torches().for_each(|channel| wants[usize::from(channel)] = 0);

@@ -6,6 +6,7 @@
 
 mod back_target;
 mod commands;
+mod contour_pass;
 mod cut_map;
 mod cut_mapping;
 mod cutter_watch;
@@ -16,7 +17,6 @@ mod recovery;
 mod restart;
 mod return_path;
 mod session_config;
-mod skip_contour;
 mod switching;
 mod telemetry;
 mod test_pulse;
@@ -43,6 +43,7 @@ use crate::resume::{PlanReplay, ResumeError, ResumePlan, ResumePoint};
 use crate::run_stats::{PeriodClass, RunStats};
 use crate::telemetry::{Telemetry, TelemetrySender};
 use back_target::BackTarget;
+use contour_pass::ContourPass;
 use cut_map::CutMap;
 use dnc_pause::DncPause;
 use manual_outputs::ManualOutputs;
@@ -152,6 +153,8 @@ pub struct Session<'r, const A: usize, C: MotionCard<A>> {
     recovery: CutRecovery,
     /// What was cut of the contours.
     cut_map: CutMap,
+    /// How contours are passed that are cut, or skipped.
+    contour_pass: ContourPass,
     /// State of each cutter, in the order of the fire channels.
     cutter_states: Vec<CutterState>,
     /// Whether the input of each of them was inactive in the last period while it cut.
@@ -212,6 +215,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             cutter_states: vec![CutterState::Off; machine.cutting_outputs.len()],
             cutter_inactive: vec![false; machine.cutting_outputs.len()],
             cut_map: CutMap::new(!machine.cutting_outputs.is_empty()),
+            contour_pass: ContourPass::default(),
             test_pulse: None,
             wheel_was_behind: false,
             window_is_trimmed: true,

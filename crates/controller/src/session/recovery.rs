@@ -64,10 +64,6 @@ pub(super) struct CutRecovery {
     continues_when_rejoined: bool,
     /// Whether the rest of the contour is passed with the torch off: it is cut, and over a kerf no arc strikes.
     pub(super) passes_kerf: bool,
-    /// Whether the rest of the contour is passed with its cutter off, as the operator said.
-    pub(super) skips_contour: bool,
-    /// Whether that is to be done once the machine is at rest: the cut was lost close to its end.
-    pub(super) skips_at_rest: bool,
     /// Where *cut* was refused because everything is cut already.
     pub(super) refused_at: Option<Place>,
     /// Where the next start of the cutter lies in X and Y, from its place on the path.
@@ -86,8 +82,6 @@ impl CutRecovery {
             latch: None,
             continues_when_rejoined: false,
             passes_kerf: false,
-            skips_contour: false,
-            skips_at_rest: false,
             refused_at: None,
             shift_mm: [0.0; 2],
             join_counts: None,
@@ -234,12 +228,17 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return;
         }
         self.set_cut_end(off.place, channel);
-        self.recovery.skips_at_rest = lost && self.is_lost_at_end(channel, off.place);
+        self.contour_pass.skips_at_rest = lost && self.is_lost_at_end(channel, off.place);
     }
 
     fn set_cut_end(&mut self, place: Place, channel: u8) {
-        self.recovery.cut_end = Some(CutEnd { place, latest: place, channel, may_be_longer: false });
         self.stats.cut_interruptions += 1;
+        self.begin_rest_of_cut(place, channel);
+    }
+
+    /// The cut of this cutter ends at `place`, and is to be continued there.
+    pub(super) fn begin_rest_of_cut(&mut self, place: Place, channel: u8) {
+        self.recovery.cut_end = Some(CutEnd { place, latest: place, channel, may_be_longer: false });
         let line = self.streamer.record(place.record).map_or(self.card.status().line, |record| record.line);
         self.emit(EventKind::CutEnd { channel, place, line, may_be_longer: false });
     }
@@ -277,7 +276,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let latest = if is_exact || lit.is_none() { place } else { later(place, reached) };
         self.recovery.cut_end = Some(CutEnd { place, latest, channel, may_be_longer: true });
         if let Some(pierce) = pierce {
-            self.cut_map.begin_contour(pierce, self.streamer.record(pierce).map_or(0, |record| record.line));
+            let line = self.streamer.record(pierce).map_or(0, |record| record.line);
+            self.cut_map.begin_contour(pierce, line, channel);
             self.cut_map.record_cut(Place::start_of(pierce), place);
         }
         let line = self.streamer.record(place.record).map_or(0, |record| record.line);
@@ -332,7 +332,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if start == Some(self.card.status().place) {
                 return Ok(false);
             }
-            return self.cut_from_here(CutStart::Pierce).map(|()| true);
+            return self.cut_from_here(CutStart::Pierce, false).map(|()| true);
         }
         // At a stop of the program the cutter is started where it is.
         let stands = self.program_stop != ProgramStop::No || self.single_stop;
@@ -349,7 +349,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return match self.mode_controller.mode() {
                 Mode::Run => Ok(false),
                 _ if pierce.is_some_and(|pierce| pierce.distance_to(place) >= Distance::ZERO) => {
-                    self.cut_from_here(CutStart::Usual).map(|()| true)
+                    self.cut_from_here(CutStart::Usual, false).map(|()| true)
                 }
                 _ => Err(BEFORE_THE_PIERCE),
             };
@@ -376,8 +376,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         next.is_some_and(|next| self.config.fire_channels.iter().any(|&channel| next.switches_on(channel)))
     }
 
-    /// *Cut*: the program is executed again from here.
-    pub(super) fn cut_from_here(&mut self, start: CutStart) -> Result<(), CommandError> {
+    /// *Cut*: the program is executed again from here; `cuts_all`: contours that are cut already, too.
+    pub(super) fn cut_from_here(&mut self, start: CutStart, cuts_all: bool) -> Result<(), CommandError> {
         let is_on_lead_in = self.is_on_lead_in();
         if self.mode_controller.mode() == Mode::Run && !is_on_lead_in {
             return Err(NOT_RETRACING);
@@ -390,13 +390,20 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return Err(NOT_RETAINED);
         }
         if place.is_none()
+            && !cuts_all
             && let Some(refused) = self.refuse_once()
         {
             return Err(refused);
         }
         self.back_target = None;
-        self.recovery.returning = Some(start);
+        self.contour_pass.cuts_all = cuts_all;
+        self.return_and_start(start);
         Ok(())
+    }
+
+    /// Executes the program again from where the machine is, once it is back there.
+    pub(super) fn return_and_start(&mut self, start: CutStart) {
+        self.recovery.returning = Some(start);
     }
 
     /// Begins to execute the program again, once the machine is back. Called before every control period.
@@ -436,7 +443,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let executed = self.streamer.return_to(place);
         self.cut_map.reopen_contour(place);
-        (self.recovery.passes_kerf, self.recovery.skips_contour) = (false, false);
+        self.recovery.passes_kerf = false;
+        self.contour_pass.begin_at(place);
         let begin = match lead_in {
             None => PathStart { reached: place.boundary_ahead(), executed, ..path_start },
             Some(lead_in) => {

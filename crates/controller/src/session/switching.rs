@@ -49,12 +49,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let (mut changes, count, mut periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place, mut until) = (self.streamer.instruction_number(), exclusive.place, exclusive.until);
         let fires = |change: &OutputChange| self.config.fire_channels.contains(&change.channel);
-        let lights = |change: &OutputChange| fires(change) && change.value != 0;
-        if self.recovery.skips_contour && changes[..usize::from(count)].iter().any(lights) {
-            changes.iter_mut().filter(|change| lights(change)).for_each(|change| change.value = 0);
+        let keeps_cutter = kind == ExclusiveKind::Dwell || changes[..usize::from(count)].iter().any(fires);
+        if self.cuts_rest_before(place, &changes[..usize::from(count)]) {
+            return Ok(false);
+        }
+        if self.lights_dark(place, &mut changes[..usize::from(count)]) {
             (periods, until) = (0, None);
         }
-        let keeps_cutter = kind == ExclusiveKind::Dwell || changes[..usize::from(count)].iter().any(fires);
         let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter };
         // The rate comes first: while it is still zero, the card would keep the instruction for a period.
         self.set_rate(demand);
@@ -80,7 +81,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if done.changes[..usize::from(done.count)].iter().any(fires) {
                 // A contour that is skipped at its beginning is passed from there to its end.
                 let begins = done.changes[..usize::from(done.count)].iter().any(|c| fires(c) && c.value != 0);
-                self.recovery.skips_contour &= begins;
+                self.contour_pass.is_dark &= begins;
                 self.recovery.passes_kerf = false;
             }
             self.map_switching(done.place, done.line, &done.changes[..usize::from(done.count)]);

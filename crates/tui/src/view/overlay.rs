@@ -143,7 +143,9 @@ fn log(out: &mut Buffer, model: &ScreenModel, back: usize, theme: Theme) {
 
 fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str>, theme: Theme) {
     let (title, question, keys) = match ask {
-        PendingQuestion::BackBy => ("back by", "Distance back along the path, mm:", "Enter OK · Esc cancel"),
+        PendingQuestion::BackBy => {
+            ("back by", "Distance back along the path in mm, or a contour such as c3:", "Enter OK · Esc cancel")
+        }
         PendingQuestion::Shift => (
             "shift",
             "Start of the cut beside the path, X and Y in mm: 1.5,-0.8; or nw; or 0:",

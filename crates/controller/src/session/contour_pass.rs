@@ -1,0 +1,163 @@
+//! Contours that are passed with the cutter off: on the operator's word (CUT-48), where a cut was lost so close to its
+//! end that the contour counts as done (CUT-32), and those that are cut already, where the program is executed again
+//! (CUT-41). Of one that is cut in part the rest is cut then, from the end of its kerf.
+//!
+//! Invariant: what is passed so keeps its marks in the map, and the next contour is lit by its own instruction.
+
+use retrace_core::mode::{Mode, ModeCommand};
+use retrace_core::{Distance, Place, RecordIndex};
+use retrace_link::{MotionCard, OutputChange};
+
+use super::back_target::BackTargetKind;
+use super::cut_map::ContourProgress;
+use super::cut_mapping::measure_um;
+use super::{ProgramStop, Session};
+use crate::event::EventKind;
+use crate::operator::{CommandError, CutStart};
+
+const NO_CONTOUR: CommandError = CommandError::NotNow("no contour of this number has been begun");
+const CONTOUR_AHEAD: CommandError =
+    CommandError::NotNow("the contour, or what is not cut of it, lies ahead: go forward beyond it first");
+
+/// How contours are passed that were executed before, or are skipped.
+#[derive(Debug, Default)]
+pub(super) struct ContourPass {
+    /// Whether the rest of the contour is passed with its cutter off.
+    pub(super) is_dark: bool,
+    /// Whether that is to be done once the machine is at rest: the cut was lost close to its end.
+    pub(super) skips_at_rest: bool,
+    /// Number of the contour that is passed so, and whose rest is cut then.
+    rest_of: Option<u32>,
+    /// Place from which the program was executed again last: a contour that begins there is cut, whatever is cut of it.
+    begins_at: Option<Place>,
+    /// Whether every contour is cut again.
+    pub(super) cuts_all: bool,
+}
+
+impl ContourPass {
+    /// The program is executed again from this place.
+    pub(super) const fn begin_at(&mut self, place: Place) {
+        (self.is_dark, self.rest_of, self.begins_at) = (false, None, Some(place));
+    }
+
+    /// Passes the contour with its cutter off; then the rest of the one of this number is cut.
+    const fn pass_dark(&mut self, rest_of: Option<u32>) {
+        (self.is_dark, self.skips_at_rest, self.rest_of) = (true, false, rest_of);
+    }
+}
+
+impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
+    /// *Skip contour*: the interrupted contour is passed with the cutter off, and the program continues.
+    pub(super) fn skip_contour(&mut self) -> Result<(), CommandError> {
+        let refuse = |why| Err(CommandError::NotNow(why));
+        if !self.card.status().at_rest || self.restart.is_active() {
+            return refuse("`skip contour` needs the machine at rest: hold it first");
+        }
+        if self.is_on_lead_in() || self.dnc.is_on() {
+            return refuse("the machine is off the path: return to it first");
+        }
+        if self.program_stop != ProgramStop::No || self.single_stop {
+            return refuse("this is a stop of the program: continue first");
+        }
+        let lights_here = self.lights_cutter_here();
+        if !lights_here && !self.cut_map.is_in_contour() {
+            return refuse("no contour is being cut");
+        }
+        if let Some(why) = self.config.skip_refusal {
+            return refuse(why);
+        }
+        self.contour_pass.pass_dark(None);
+        if self.recovery.forget_cut_end() {
+            self.emit(EventKind::CutContinued);
+        }
+        let is_behind =
+            matches!(self.mode_controller.mode(), Mode::Rejoin | Mode::Reverse | Mode::Forward | Mode::Wheel);
+        self.mode_controller.apply(if is_behind { ModeCommand::Leave { ask: false } } else { ModeCommand::Recover })?;
+        Ok(())
+    }
+
+    /// Whether a cut that was lost here counts as done: the length to go is at most `lost_at_end_mm`.
+    pub(super) fn is_lost_at_end(&self, channel: u8, place: Place) -> bool {
+        let most_mm = self.recovery.cutter(channel).map_or(0.0, |cutter| cutter.restart.lost_at_end_mm);
+        let Some(end) = self.streamer.end_of_cut(channel).filter(|_| most_mm > 0.0) else { return false };
+        let to_go = place.distance_to(Place::start_of(end));
+        let records = to_go.max(Distance::ZERO).units() >> 32;
+        records < 1 << 20
+            && measure_um(&self.streamer, &self.config.mm_per_pulse, place.record, records as u32) as f64
+                <= most_mm * 1000.0
+    }
+
+    /// Passes the end of a contour that counts as done, once the machine is at rest.
+    pub(super) fn pass_lost_end(&mut self) {
+        if !self.contour_pass.skips_at_rest || !self.card.status().at_rest {
+            return;
+        }
+        self.contour_pass.skips_at_rest = false;
+        if self.mode_controller.mode() == Mode::Run && self.mode_controller.is_held() {
+            // A refusal leaves the cut interrupted, as any other loss does.
+            let _ = self.skip_contour();
+        }
+    }
+    /// Whether an instruction that lights a cutter is executed without doing so; its changes are those of the dark pass
+    /// then.
+    pub(super) fn lights_dark(&mut self, place: RecordIndex, changes: &mut [OutputChange]) -> bool {
+        let fires = &self.config.fire_channels;
+        if !changes.iter().any(|change| change.value != 0 && fires.contains(&change.channel)) {
+            return false;
+        }
+        if !self.contour_pass.is_dark {
+            self.pass_what_is_cut(place);
+        }
+        if self.contour_pass.is_dark {
+            let fires = &self.config.fire_channels;
+            changes.iter_mut().filter(|change| fires.contains(&change.channel)).for_each(|change| change.value = 0);
+        }
+        self.contour_pass.is_dark
+    }
+
+    /// Decides whether the contour that begins here is passed with its cutter off: it is cut, at least at its
+    /// beginning, where a torch would strike no arc (CUT-41).
+    fn pass_what_is_cut(&mut self, pierce: RecordIndex) {
+        let is_chosen = self.contour_pass.begins_at.is_none_or(|place| place == Place::start_of(pierce));
+        if is_chosen || self.contour_pass.cuts_all || self.config.skip_refusal.is_some() {
+            return;
+        }
+        match self.cut_map.progress_at(pierce) {
+            Some((_, ContourProgress::Whole)) => self.contour_pass.pass_dark(None),
+            Some((contour, ContourProgress::CutUpTo(_))) => self.contour_pass.pass_dark(Some(contour.number)),
+            Some((_, ContourProgress::NotBegun)) | None => {}
+        }
+    }
+
+    /// Before the instruction that ends a contour: whether the machine goes back to cut the rest of the contour, which
+    /// was passed with its cutter off.
+    pub(super) fn cuts_rest_before(&mut self, place: RecordIndex, changes: &[OutputChange]) -> bool {
+        let fires = &self.config.fire_channels;
+        let ends = changes.iter().any(|change| change.value == 0 && fires.contains(&change.channel));
+        let Some(number) = self.contour_pass.rest_of.filter(|_| ends) else { return false };
+        let status = self.card.status();
+        if status.at_rest && status.place == Place::start_of(place) {
+            self.contour_pass.rest_of = None;
+            if self.back_to_contour(number).is_ok() {
+                self.return_and_start(CutStart::Usual);
+            }
+        }
+        true
+    }
+
+    /// Goes back to a contour: to where its kerf ends, if it is cut in part, otherwise to its pierce.
+    pub(super) fn back_to_contour(&mut self, number: u32) -> Result<(), CommandError> {
+        let contour = self.cut_map.contour(number).ok_or(NO_CONTOUR)?;
+        let progress = self.cut_map.progress_of(&contour);
+        let target = if let ContourProgress::CutUpTo(end) = progress { end } else { contour.pierce };
+        if self.card.status().place.distance_to(Place::start_of(target)) > Distance::ZERO {
+            return Err(CONTOUR_AHEAD);
+        }
+        if let ContourProgress::CutUpTo(end) = progress {
+            self.begin_rest_of_cut(Place::start_of(end), contour.channel);
+            return self.back_to_cut_end();
+        }
+        self.recovery.cancel_return();
+        self.go_back(BackTargetKind::Contour(contour.pierce))
+    }
+}
