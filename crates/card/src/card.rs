@@ -139,13 +139,19 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         if let Some(alarm) = alarm {
             self.latch_alarm(alarm);
         }
+        // What the axes move by: the path and the layer.
+        self.pulses = self.player.status().increments;
+        let (axis, increment) = self.player.layer_increment();
+        if let Some(pulses) = self.pulses.get_mut(axis) {
+            *pulses += increment;
+        }
         if homing.is_none()
-            && let Some(alarm) = self.safety.check_acknowledged_limits(&self.inputs, &self.player.status().increments)
+            && let Some(alarm) = self.safety.check_acknowledged_limits(&self.inputs, &self.pulses)
         {
             self.latch_alarm(alarm);
         }
         if BACKLASH_IS_COMPENSATED && let Some(settings) = &self.settings {
-            self.pulses = self.backlash.add_compensation(&self.player.status().increments, settings);
+            self.pulses = self.backlash.add_compensation(&self.pulses, settings);
             self.player.set_taking_up_backlash(self.backlash.is_taking_up());
         }
         if let Some(alarm) = self.player.apply_permit(self.permit_denial()) {
@@ -167,10 +173,11 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         }
     }
 
-    /// Returns the pulses to emit for the last period: its increments, and the backlash where an axis reverses.
+    /// Returns the pulses to emit for the last period: its increments, those of the layer, and the backlash where an
+    /// axis reverses.
     #[must_use]
     pub const fn pulses(&self) -> &[i32; A] {
-        if BACKLASH_IS_COMPENSATED { &self.pulses } else { &self.player.status().increments }
+        &self.pulses
     }
 
     /// Runs one period of homing.
@@ -225,7 +232,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
             return Err(CommandRefusal::InMotion);
         }
         let switch = self.inputs.home_switch(order.axis, order.upper);
-        if order.axis >= axes || switch == 0 {
+        if order.axis >= axes || switch == 0 || !self.player.is_layer_zero() {
             return Err(CommandRefusal::Unsupported);
         }
         self.homing = Some(HomingSearch::new(order, most).ok_or(CommandRefusal::Unsupported)?);
@@ -257,9 +264,18 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Card<A
         if until.is_some_and(|until| until.input >= self.identity.inputs.min(16)) {
             return Err(CommandRefusal::Unsupported);
         }
-        if let HostCommand::Repeat(RepeatedInstruction { is_pulse: true, periods, until, .. }) = &command {
+        let moves = match &command {
+            HostCommand::Instruction(instruction) => instruction.layer,
+            HostCommand::Repeat(repeated) => repeated.layer,
+            _ => None,
+        };
+        let has_layer = self.settings.as_ref().is_some_and(|settings| settings.settings().layer.is_some());
+        if moves.is_some_and(|moves| !has_layer || !moves.is_valid()) {
+            return Err(CommandRefusal::Unsupported);
+        }
+        if let HostCommand::Repeat(RepeatedInstruction { is_pulse: true, periods, .. }) = &command {
             let period_us = self.settings.as_ref().map_or(0, |settings| settings.settings().period_us);
-            if u64::from(*periods) * u64::from(period_us) > MAX_PULSE_US || until.is_some() {
+            if u64::from(*periods) * u64::from(period_us) > MAX_PULSE_US || until.is_some() || moves.is_some() {
                 return Err(CommandRefusal::Unsupported);
             }
         }
@@ -276,7 +292,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> CardCo
     /// The numbers of instructions continue from the start.
     fn open(&mut self, settings: &CardSettings<A>) -> Result<(), CommandRefusal> {
         let checked = CheckedSettings::validate(settings, &self.identity)?;
-        self.player.reopen(settings.start, settings.limits, &settings.cutting)?;
+        self.player.reopen(settings, checked.max_increment())?;
         self.is_open = true;
         self.inputs.configure(&settings.inputs, self.identity.inputs);
         self.safety.start_watchdog(settings.watchdog_periods);

@@ -41,7 +41,16 @@ impl<const A: usize> CheckedSettings<A> {
         let backlash_supported = BACKLASH_IS_COMPENSATED || settings.backlash_pulses.iter().all(|&pulses| pulses == 0);
         let proofs = settings.cutting.channels().iter().filter_map(|of| of.proof);
         let proofs_exist = proofs.into_iter().all(|proof| proof.input < identity.inputs.min(MAX_INPUTS as u8));
-        if !numbers || !backlash_supported || !inputs_exist(settings, identity.inputs) || !proofs_exist {
+        let layer_is_valid = settings.layer.is_none_or(|layer| {
+            let exists = layer.axis < settings.axes && u32::from(layer.contacts) >> identity.inputs.min(16) == 0;
+            exists && layer.contacts != 0 && layer.probe_speed > 0 && layer.latch_speed > 0
+        });
+        if !numbers
+            || !backlash_supported
+            || !inputs_exist(settings, identity.inputs)
+            || !proofs_exist
+            || !layer_is_valid
+        {
             return Err(CommandRefusal::Unsupported);
         }
         if !settings.safe().iter().all(|change| outputs::has_channel(identity.outputs, change.channel)) {

@@ -9,10 +9,11 @@ use retrace_core::limits::RateLimits;
 use retrace_core::playback::emission;
 use retrace_core::{Distance, Place, Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
-    Alarm, CardStatus, CommandRefusal, CutterOffCause, CuttingSettings, HostCommand, Instruction, OutputAction,
+    Alarm, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HostCommand, Instruction, OutputAction,
     OutputChange, Outputs, PathStart, RepeatedInstruction, channel,
 };
 
+use crate::layer::{LayerDrive, SheetFault};
 use crate::permit::PermitConditions;
 use crate::played_window::PlayedWindow;
 use crate::switching::InstructionFault;
@@ -20,6 +21,7 @@ use crate::window::RecordStorage;
 use crate::{ActionTable, CardWindow, CutterPermit, InstructionExecutor, OutputBank};
 
 mod cutters;
+mod height;
 
 /// Maximum number of output actions that a card holds.
 const ACTIONS: usize = 256;
@@ -59,6 +61,8 @@ pub struct Player<const A: usize, const W: usize, const M: usize, S = [Record<A>
     /// Block of motion, until a restart is complete.
     block: MotionBlock,
     permit: CutterPermit,
+    /// Height over the sheet, added to the path of the tool axis.
+    layer: LayerDrive,
     /// Alarm of an instruction that could not begin.
     start_alarm: Option<Alarm>,
     /// Active collision input: no cutter is started.
@@ -117,6 +121,7 @@ impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
             taking_up_backlash: false,
             block: MotionBlock::None,
             permit: CutterPermit::new(),
+            layer: LayerDrive::new(),
             start_alarm: None,
             collision: None,
             conditions: PermitConditions {
@@ -148,19 +153,16 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// # Errors
     /// [`CommandRefusal::InMotion`] if the machine is in motion, [`CommandRefusal::Unsupported`] if the start is
     /// invalid or the rate law does not fit; nothing has changed then.
-    pub(crate) fn reopen(
-        &mut self,
-        start: PathStart,
-        limits: RateLimits<A>,
-        cutting: &CuttingSettings,
-    ) -> Result<(), CommandRefusal> {
+    pub(crate) fn reopen(&mut self, settings: &CardSettings<A>, most: u16) -> Result<(), CommandRefusal> {
+        let CardSettings { start, limits, cutting, .. } = settings;
         if !self.status.at_rest {
             return Err(CommandRefusal::InMotion);
         }
         if !start.is_valid() {
             return Err(CommandRefusal::Unsupported);
         }
-        self.drive = Drive::new(limits).ok_or(CommandRefusal::Unsupported)?;
+        self.drive = Drive::new(*limits).ok_or(CommandRefusal::Unsupported)?;
+        self.open_layer(settings, most);
         self.window.restart(start.place.record, start.rests);
         self.actions.clear();
         self.permit.open(cutting, self.outputs.values_mut(), start.place);
@@ -218,7 +220,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Whether the machine is at rest and no instruction is being executed.
     pub(crate) fn is_at_rest(&self) -> bool {
-        self.drive.at_rest() && !self.taking_up_backlash && !self.switching.is_busy()
+        self.drive.at_rest() && self.layer.at_rest() && !self.taking_up_backlash && !self.switching.is_busy()
     }
 
     /// Whether the next period would move the machine or begin an instruction, or continue either.
@@ -329,7 +331,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
             self.start_alarm = Some(alarm);
             return Ok(());
         }
-        self.switching.repeat(repeated, &mut self.outputs)?;
+        self.switching.repeat(repeated, &mut self.outputs, &mut self.layer)?;
         if let MotionBlock::Restart { begun, .. } = &mut self.block {
             *begun = true;
         }
@@ -383,7 +385,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         }
         match self.alarm_of_start(self.switching.waiting_changes()) {
             Some(alarm) => self.start_alarm = Some(alarm),
-            None => self.switching.begin(&mut self.outputs),
+            None => self.switching.begin(&mut self.outputs, &mut self.layer),
         }
     }
 
@@ -419,18 +421,20 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         let waits = self.unblocked_target() != Rate::ZERO && !self.has_record_under_cursor();
         // Also for an instruction without duration: the host sends the following records only after it is reported as
         // executed.
-        let wanted =
-            if instruction_begins || self.switching.is_busy() || waits { Rate::ZERO } else { self.unblocked_target() };
+        let stays = instruction_begins || self.switching.is_busy() || !self.layer.at_rest();
+        let wanted = if stays || waits { Rate::ZERO } else { self.unblocked_target() };
         // The path comes to rest, and cutting outputs are switched off, before it runs backward.
         let turns = wanted < Rate::ZERO && self.permit.is_lit_forward_only(self.outputs.values());
         let (keeps, is_pulse) = (self.switching.keeps_cutter(), self.switching.is_pulse());
         let ran = !self.drive.at_rest();
         let mut alarm = self.start_alarm.take();
-        match self.switching.run_period(active, failed, &mut self.outputs) {
+        self.run_layer(active);
+        match self.switching.run_period(active, failed, &mut self.outputs, &mut self.layer) {
             Some(InstructionFault::Alarm(fault)) => alarm = Some(fault),
-            Some(InstructionFault::NotStarted) => {
-                self.permit.report_off(self.outputs.values(), CutterOffCause::NotStarted, from);
-                self.block = MotionBlock::CutterOff;
+            Some(InstructionFault::NotStarted) => self.block_start(CutterOffCause::NotStarted, from),
+            Some(InstructionFault::NoSheet(SheetFault::NoSheet)) => self.block_start(CutterOffCause::NoSheet, from),
+            Some(InstructionFault::NoSheet(SheetFault::Contact)) => {
+                self.block_start(CutterOffCause::SheetContact, from)
             }
             None => {}
         }
@@ -484,7 +488,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
 
     /// Whether the axes are at rest.
     fn has_stopped(&self) -> bool {
-        self.drive.at_rest() && !self.off_path && !self.taking_up_backlash
+        self.drive.at_rest() && self.layer.at_rest() && !self.off_path && !self.taking_up_backlash
     }
 
     /// Prepares motion off the path.
@@ -562,6 +566,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         status.repeated = self.switching.repeated();
         status.blocked = self.block != MotionBlock::None;
         status.outputs = *self.outputs.values();
+        status.layer = self.layer.layer();
     }
 }
 

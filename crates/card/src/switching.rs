@@ -6,9 +6,10 @@
 //! passes the place of an instruction that is not executed.
 
 use retrace_core::RecordIndex;
-use retrace_link::{Alarm, CommandRefusal, InputWait, Instruction, OutputChange, RepeatedInstruction};
+use retrace_link::{Alarm, CommandRefusal, InputWait, Instruction, LayerMove, OutputChange, RepeatedInstruction};
 
 use crate::OutputBank;
+use crate::layer::{LayerDrive, LayerProgress, SheetFault};
 
 /// Stage of the pending instruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,6 +56,8 @@ enum InstructionProgress {
     Complete,
     TimedOut,
     NotStarted,
+    /// The sheet was not found; nothing is switched.
+    NoSheet(SheetFault),
 }
 
 /// Reason why an instruction ended unexecuted.
@@ -64,17 +67,23 @@ pub enum InstructionFault {
     Alarm(Alarm),
     /// A cutter was not proven in any of its attempts: its outputs are off, and the instruction is to be sent again.
     NotStarted,
+    /// The sheet was not found: nothing was switched, and the instruction is to be sent again.
+    NoSheet(SheetFault),
 }
 
 /// Part of an execution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ExecutionPart {
+    /// The sheet is sensed, and the tool brought over it; nothing is switched yet.
+    Sensing,
     /// The duration, then the wait for the input.
     Switching,
     /// The outputs of a cutter are off until the next attempt.
     BetweenAttempts,
     /// The cutter is proven: the pierce.
     Piercing,
+    /// The layer moves behind the switching.
+    MovingLayer,
 }
 
 /// Progress of an instruction that is being executed.
@@ -91,6 +100,46 @@ struct Execution {
 
 impl Execution {
     const BEGUN: Self = Self { part: ExecutionPart::Switching, passed: 0, stable: 0, failed_attempts: 0 };
+
+    /// Begins an execution: its changes are made at once, unless the sheet is sensed before.
+    fn begin(
+        changes: &[OutputChange],
+        moves: Option<LayerMove>,
+        outputs: &mut OutputBank,
+        layer: &mut LayerDrive,
+    ) -> Self {
+        if layer.begin_before(moves) {
+            return Self { part: ExecutionPart::Sensing, ..Self::BEGUN };
+        }
+        apply_changes(changes, outputs);
+        Self::BEGUN
+    }
+
+    /// Runs one control period of an instruction with its moves of the layer.
+    fn run_with_layer(
+        &mut self,
+        (periods, until, moves): (u32, Option<InputWait>, Option<LayerMove>),
+        active: u16,
+        layer: &mut LayerDrive,
+    ) -> InstructionProgress {
+        match (self.part, layer.progress()) {
+            (ExecutionPart::Sensing, LayerProgress::Failed(fault)) => return InstructionProgress::NoSheet(fault),
+            (ExecutionPart::Sensing, LayerProgress::Complete) => {
+                self.begin_part(ExecutionPart::Switching);
+                return InstructionProgress::SwitchOn;
+            }
+            (ExecutionPart::MovingLayer, LayerProgress::Complete) => return InstructionProgress::Complete,
+            (ExecutionPart::Sensing | ExecutionPart::MovingLayer, _) => return InstructionProgress::Running,
+            _ => {}
+        }
+        match self.run_period(periods, until, active) {
+            InstructionProgress::Complete if layer.begin_behind(moves) => {
+                self.begin_part(ExecutionPart::MovingLayer);
+                InstructionProgress::Running
+            }
+            progress => progress,
+        }
+    }
 
     fn begin_part(&mut self, part: ExecutionPart) {
         (self.part, self.passed, self.stable) = (part, 0, 0);
@@ -128,6 +177,7 @@ impl Execution {
             }
             ExecutionPart::Piercing if self.passed < ignition.delay_periods => InstructionProgress::Running,
             ExecutionPart::Piercing => InstructionProgress::Complete,
+            ExecutionPart::Sensing | ExecutionPart::MovingLayer => InstructionProgress::Running,
         }
     }
 
@@ -185,6 +235,13 @@ impl InstructionExecutor {
             || matches!(self.pending, Some(PendingInstruction { stage: InstructionStage::Running(_), .. }))
     }
 
+    /// Whether an instruction of the program is being executed, not a repeated one.
+    #[must_use]
+    pub(crate) const fn is_program_running(&self) -> bool {
+        self.repeat.is_none()
+            && matches!(self.pending, Some(PendingInstruction { stage: InstructionStage::Running(_), .. }))
+    }
+
     /// Whether an instruction is being executed during which time at rest is not counted: a repeated one, or one with
     /// that flag.
     #[must_use]
@@ -239,24 +296,28 @@ impl InstructionExecutor {
         Ok(())
     }
 
-    /// Begins the stored instruction at its place: its changes are made at once.
-    pub fn begin(&mut self, outputs: &mut OutputBank) {
+    /// Begins the stored instruction at its place: its changes are made at once, unless the sheet is sensed before.
+    pub fn begin(&mut self, outputs: &mut OutputBank, layer: &mut LayerDrive) {
         let Some(PendingInstruction { instruction, stage: InstructionStage::Waiting }) = self.pending else { return };
-        apply_changes(instruction.changes(), outputs);
-        if instruction.periods == 0 && instruction.until.is_none() {
+        let execution = Execution::begin(instruction.changes(), instruction.layer, outputs, layer);
+        if instruction.periods == 0 && instruction.until.is_none() && instruction.layer.is_none() {
             self.complete(&instruction);
         } else {
-            let stage = InstructionStage::Running(Execution::BEGUN);
-            self.pending = Some(PendingInstruction { instruction, stage });
+            self.pending = Some(PendingInstruction { instruction, stage: InstructionStage::Running(execution) });
         }
     }
 
-    /// Begins a repeated instruction: its changes are made at once.
+    /// Begins a repeated instruction: its changes are made at once, unless the sheet is sensed before.
     ///
     /// # Errors
     /// [`CommandRefusal::Busy`] while an instruction is being executed, or if the number is not the next one;
     /// [`CommandRefusal::NoSuchChannel`] for a channel that does not exist.
-    pub fn repeat(&mut self, instruction: RepeatedInstruction, outputs: &mut OutputBank) -> Result<(), CommandRefusal> {
+    pub fn repeat(
+        &mut self,
+        instruction: RepeatedInstruction,
+        outputs: &mut OutputBank,
+        layer: &mut LayerDrive,
+    ) -> Result<(), CommandRefusal> {
         if self.is_busy() || instruction.number != self.repeated.wrapping_add(1) {
             return Err(CommandRefusal::Busy);
         }
@@ -267,11 +328,11 @@ impl InstructionExecutor {
             self.repeated = instruction.number;
             return Ok(());
         }
-        apply_changes(instruction.changes(), outputs);
-        if instruction.periods == 0 && instruction.until.is_none() {
+        let execution = Execution::begin(instruction.changes(), instruction.layer, outputs, layer);
+        if instruction.periods == 0 && instruction.until.is_none() && instruction.layer.is_none() {
             self.repeated = instruction.number;
         } else {
-            self.repeat = Some(PendingRepeat { instruction, execution: Execution::BEGUN });
+            self.repeat = Some(PendingRepeat { instruction, execution });
         }
         Ok(())
     }
@@ -281,9 +342,15 @@ impl InstructionExecutor {
     ///
     /// An instruction that failed or timed out is cancelled, and the alarm is returned, with the number in its own
     /// sequence. A cutter that is not proven is switched off and on again, as often as its instruction allows.
-    pub fn run_period(&mut self, active: u16, failed: bool, outputs: &mut OutputBank) -> Option<InstructionFault> {
+    pub fn run_period(
+        &mut self,
+        active: u16,
+        failed: bool,
+        outputs: &mut OutputBank,
+        layer: &mut LayerDrive,
+    ) -> Option<InstructionFault> {
         if let Some(PendingRepeat { instruction, execution }) = self.repeat {
-            return self.run_repeat_period(&instruction, execution, (active, failed), outputs);
+            return self.run_repeat_period(&instruction, execution, (active, failed), outputs, layer);
         }
         let Some(PendingInstruction { instruction, stage: InstructionStage::Running(mut execution) }) = self.pending
         else {
@@ -294,7 +361,8 @@ impl InstructionExecutor {
             self.cancel();
             return Some(InstructionFault::Alarm(Alarm::Failed { instruction: number }));
         }
-        let progress = execution.run_period(instruction.periods, instruction.until, active);
+        let timing = (instruction.periods, instruction.until, instruction.layer);
+        let progress = execution.run_with_layer(timing, active, layer);
         self.pending = Some(PendingInstruction { instruction, stage: InstructionStage::Running(execution) });
         match progress {
             InstructionProgress::Running => {}
@@ -310,6 +378,10 @@ impl InstructionExecutor {
                 self.cancel_running();
                 return Some(InstructionFault::NotStarted);
             }
+            InstructionProgress::NoSheet(fault) => {
+                self.cancel_running();
+                return Some(InstructionFault::NoSheet(fault));
+            }
         }
         None
     }
@@ -320,13 +392,15 @@ impl InstructionExecutor {
         mut execution: Execution,
         (active, failed): (u16, bool),
         outputs: &mut OutputBank,
+        layer: &mut LayerDrive,
     ) -> Option<InstructionFault> {
         self.repeat = None;
         let number = instruction.number;
         if failed {
             return Some(InstructionFault::Alarm(Alarm::Failed { instruction: number }));
         }
-        let progress = execution.run_period(instruction.periods, instruction.until, active);
+        let timing = (instruction.periods, instruction.until, instruction.layer);
+        let progress = execution.run_with_layer(timing, active, layer);
         match progress {
             InstructionProgress::Complete => {
                 self.repeated = number;
@@ -342,6 +416,7 @@ impl InstructionExecutor {
                 switch_off(instruction.changes(), outputs);
                 return Some(InstructionFault::NotStarted);
             }
+            InstructionProgress::NoSheet(fault) => return Some(InstructionFault::NoSheet(fault)),
             InstructionProgress::SwitchOff => switch_off(instruction.changes(), outputs),
             InstructionProgress::SwitchOn => apply_changes(instruction.changes(), outputs),
             InstructionProgress::Running => {}
@@ -428,20 +503,24 @@ mod tests {
         assert_eq!(switching.store(instruction(2, 0, None), &outputs), Err(CommandRefusal::Busy));
         switching.store(instruction(1, 2, None), &outputs).expect("the next number");
         assert_eq!(
-            (switching.run_period(0, false, &mut outputs), spindle(&outputs), switching.is_busy()),
+            (
+                switching.run_period(0, false, &mut outputs, &mut LayerDrive::new()),
+                spindle(&outputs),
+                switching.is_busy()
+            ),
             (None, 0, false)
         );
-        switching.begin(&mut outputs);
+        switching.begin(&mut outputs, &mut LayerDrive::new());
         assert_eq!((spindle(&outputs), switching.is_busy()), (1, true));
-        switching.run_period(0, false, &mut outputs);
+        switching.run_period(0, false, &mut outputs, &mut LayerDrive::new());
         assert_eq!(
             (switching.executed(), switching.store(instruction(2, 0, None), &outputs)),
             (0, Err(CommandRefusal::Busy))
         );
-        switching.run_period(0, false, &mut outputs);
+        switching.run_period(0, false, &mut outputs, &mut LayerDrive::new());
         assert_eq!(switching.executed(), 1);
         switching.store(instruction(2, 0, None), &outputs).expect("the next number");
-        switching.begin(&mut outputs);
+        switching.begin(&mut outputs, &mut LayerDrive::new());
         assert_eq!((switching.executed(), spindle(&outputs)), (2, 2));
     }
 
@@ -460,12 +539,13 @@ mod tests {
         let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(64));
         let until = Some(InputWait::new(5, true, at_most));
         switching.store(instruction(1, periods, until), &outputs).expect("the next number");
-        switching.begin(&mut outputs);
+        switching.begin(&mut outputs, &mut LayerDrive::new());
         for n in 1..100 {
-            let alarm = match switching.run_period(u16::from(n >= at) << 5, false, &mut outputs) {
+            let alarm = match switching.run_period(u16::from(n >= at) << 5, false, &mut outputs, &mut LayerDrive::new())
+            {
                 Some(InstructionFault::Alarm(alarm)) => Some(alarm),
                 None => None,
-                Some(InstructionFault::NotStarted) => panic!("no cutter"),
+                Some(InstructionFault::NotStarted | InstructionFault::NoSheet(_)) => panic!("no cutter"),
             };
             if alarm.is_some() || switching.executed() == 1 {
                 assert!(!switching.is_busy());
@@ -492,10 +572,10 @@ mod tests {
     fn a_failure_that_the_machine_reports_ends_it_unexecuted() {
         let (mut switching, mut outputs) = (InstructionExecutor::default(), OutputBank::new(64));
         switching.store(instruction(1, 5, None), &outputs).expect("the next number");
-        assert_eq!(switching.run_period(0, true, &mut outputs), None);
-        switching.begin(&mut outputs);
+        assert_eq!(switching.run_period(0, true, &mut outputs, &mut LayerDrive::new()), None);
+        switching.begin(&mut outputs, &mut LayerDrive::new());
         assert_eq!(
-            switching.run_period(0, true, &mut outputs),
+            switching.run_period(0, true, &mut outputs, &mut LayerDrive::new()),
             Some(InstructionFault::Alarm(Alarm::Failed { instruction: 1 }))
         );
         assert_eq!((switching.executed(), switching.is_busy(), switching.waiting_place()), (0, false, None));

@@ -270,8 +270,13 @@ impl ResumeStep<'_> {
         let Some(greeting) = card.greeting().copied() else { return Ok(3) };
         linked_card::check_fit(&address, &greeting.identity, &self.machine)?;
         let start = self.start_place(&address, &greeting, was)?;
-        let stands =
-            PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
+        let stands = PathStart {
+            place: greeting.place,
+            rests: false,
+            reached: greeting.reached,
+            executed: greeting.executed,
+            keeps_layer: false,
+        };
         let settings = self.machine.card_settings(stands);
         let status = linked_card::read_status(&mut card, &address, settings)?;
         let named = journaled_job::linked_card(&address, &greeting.identity);
@@ -305,8 +310,13 @@ impl ResumeStep<'_> {
             Homing::of(address, is).check(&self.machine)?;
             return Ok(stood.start);
         }
-        let result =
-            PathStart { place: greeting.place, rests: false, reached: greeting.reached, executed: greeting.executed };
+        let result = PathStart {
+            place: greeting.place,
+            rests: false,
+            reached: greeting.reached,
+            executed: greeting.executed,
+            keeps_layer: false,
+        };
         let is_behind =
             result.reached.is_before(stood.start.reached) || number_is_before(result.executed, stood.start.executed);
         let is_off_path = result.place.record.since(self.record.job.origin) >= MANUAL_PLACE_OFFSET;

@@ -114,6 +114,8 @@ impl CutterOffReason {
             Self::Card(CutterOffCause::Lost) | Self::NotLatched => "lost",
             Self::Card(CutterOffCause::NotStarted) => "not_started",
             Self::Card(CutterOffCause::Collision) => "collision",
+            Self::Card(CutterOffCause::NoSheet) => "no_sheet",
+            Self::Card(CutterOffCause::SheetContact) => "sheet_contact",
             Self::Operator => "operator",
             Self::ProgramEnd => "program_end",
             Self::JobStopped => "job_stopped",
@@ -138,6 +140,10 @@ impl CutterOffReason {
                  again"
             }
             Self::Card(CutterOffCause::Collision) => "a collision input is active",
+            Self::Card(CutterOffCause::NoSheet) => "no sheet was found; `recover` tries again, `skip contour` goes on",
+            Self::Card(CutterOffCause::SheetContact) => {
+                "the contact for sensing is closed over the sheet, or stays closed; check it, then `recover`"
+            }
             Self::NotLatched => {
                 "E3024: it did not take hold where the cut ended; `recover` tries again, `back to pierce` and `cut` \
                  pierce anew"

@@ -161,6 +161,7 @@ impl<const A: usize> CardSimulator<A> {
         let status = *self.card.run_period(inputs);
         if let Some(settings) = self.card.settings() {
             self.compared.set_backlash(&settings.settings().backlash_pulses, &before, self.pins.positions());
+            self.compared.set_layer(settings.settings().layer);
             self.faults.overfull_periods += u64::from(!self.pins.emit(settings.timing(), self.card.card().pulses()));
         }
         self.faults.count_mismatches += u64::from(!self.compared.counts_match(&before, &status, self.pins.positions()));

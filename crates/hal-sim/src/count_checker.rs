@@ -3,7 +3,7 @@
 //! Invariant: only two things change the difference of both: homing, which sets a count while nothing is on the window,
 //! and backlash that is taken up. At rest it is taken up fully or not at all.
 
-use retrace_link::CardStatus;
+use retrace_link::{CardStatus, LayerSettings};
 
 /// Difference of each axis' count from its position at the pins.
 #[derive(Clone, Debug)]
@@ -13,12 +13,14 @@ pub(crate) struct CountChecker<const A: usize> {
     play: [u16; A],
     /// Direction of the first backlash that was taken up, which is undone before any other is: 1, −1, or 0 before.
     direction: [i64; A],
+    /// Axis of the layer, which is added to its count.
+    layer_axis: usize,
 }
 
 impl<const A: usize> CountChecker<A> {
     /// Checker for counts that are `counts` where the pins' positions are 0.
     pub(crate) const fn new(counts: [i64; A]) -> Self {
-        Self { homed: counts, play: [0; A], direction: [0; A] }
+        Self { homed: counts, play: [0; A], direction: [0; A], layer_axis: 0 }
     }
 
     /// Sets the backlash of the axes from now on. Where it changes, backlash that was taken up stays so.
@@ -31,6 +33,11 @@ impl<const A: usize> CountChecker<A> {
         }
     }
 
+    /// Sets the axis of the layer from now on.
+    pub(crate) fn set_layer(&mut self, layer: Option<LayerSettings>) {
+        self.layer_axis = layer.map_or(0, |layer| usize::from(layer.axis));
+    }
+
     /// Whether the counts after a period, which were `before` at its start, match the counted pulses.
     pub(crate) fn counts_match(&mut self, before: &[i64; A], status: &CardStatus<A>, positions: &[i64; A]) -> bool {
         let mut agrees = true;
@@ -39,7 +46,8 @@ impl<const A: usize> CountChecker<A> {
             if jump != 0 && status.low == status.high {
                 self.homed[axis] += jump;
             }
-            let apart = positions[axis] - (status.counts[axis] - self.homed[axis]);
+            let layer = if axis == self.layer_axis { i64::from(status.layer) } else { 0 };
+            let apart = positions[axis] - (status.counts[axis] + layer - self.homed[axis]);
             if apart != 0 {
                 let play = i64::from(self.play[axis]);
                 let way = &mut self.direction[axis];

@@ -135,6 +135,7 @@ impl<const A: usize> SimCard<A> {
         card.open(&settings)?;
         let mut compared = CountChecker::new([0; A]);
         compared.set_backlash(&settings.backlash_pulses, &[0; A], &[0; A]);
+        compared.set_layer(settings.layer);
         Ok(Self {
             card,
             machine: Plant::new(machine),
@@ -154,6 +155,7 @@ impl<const A: usize> SimCard<A> {
         self.card.restore_state(counts, outputs);
         self.compared = CountChecker::new(counts);
         self.compared.set_backlash(&self.settings.backlash_pulses, &counts, &[0; A]);
+        self.compared.set_layer(self.settings.layer);
         self.initial_counts = counts;
         self.machine.outputs(0, outputs);
         self

@@ -178,6 +178,7 @@ impl JobRecord {
                     rests: false,
                     reached: resumed.reached,
                     executed: resumed.executed,
+                    keeps_layer: false,
                 };
                 self.last_position = LastPosition { start, counts: resumed.counts.clone() };
                 (self.end, self.alarm) = (None, None);

@@ -33,6 +33,8 @@ pub struct CardEndpoint<const A: usize, const E: usize> {
     /// First numbers of every epoch.
     first_numbers: FirstNumbers,
     axes: u8,
+    /// Axis of the layer in the last settings.
+    layer_axis: u8,
     /// Number of the next command.
     next_command: u16,
     /// Number of the last accepted rate.
@@ -74,12 +76,24 @@ struct ReportedState {
     alarm: Option<crate::Alarm>,
     repeated: u32,
     blocked: bool,
+    layer: i32,
+    /// The layer of the last period.
+    last_layer: i32,
 }
 
 impl ReportedState {
     /// Returns the state that the host knows when an epoch begins.
-    const fn new(executed: u32) -> Self {
-        Self { outputs: [0; channel::COUNT], executed, inputs: 0, alarm: None, repeated: 0, blocked: false }
+    const fn new(executed: u32, layer: i32) -> Self {
+        Self {
+            outputs: [0; channel::COUNT],
+            executed,
+            inputs: 0,
+            alarm: None,
+            repeated: 0,
+            blocked: false,
+            layer,
+            last_layer: layer,
+        }
     }
 }
 
@@ -113,6 +127,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             last_epoch,
             first_numbers,
             axes: A as u8,
+            layer_axis: 0,
             next_command: 0,
             rate_seq: 0,
             command_gap: false,
@@ -122,7 +137,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             sent: 0,
             sent_once: 0,
             entries_lost: false,
-            reported: ReportedState::new(0),
+            reported: ReportedState::new(0, 0),
             greeting: None,
             nonce: 0,
             key: 0,
@@ -206,6 +221,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         if is_next && card.open(settings).is_ok() {
             let status = card.status();
             (self.epoch, self.last_epoch, self.axes) = (settings.epoch, settings.epoch, settings.axes);
+            self.layer_axis = settings.layer.map_or(0, |layer| layer.axis);
             (self.nonce, self.key, self.frame_received) = (nonce, session_key(boot, nonce, settings.epoch), false);
             self.decoder.set_key(self.key);
             let FirstNumbers { command, entry, rate } = self.first_numbers;
@@ -216,7 +232,7 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             self.report_periods = settings.report_periods.max(1);
             self.retransmit_periods = (40_000 / settings.period_us.max(1)).max(2 + 2 * u32::from(self.report_periods));
             self.staged = (0, 0);
-            self.reported = ReportedState::new(status.executed);
+            self.reported = ReportedState::new(status.executed, status.layer);
             card.record_host_frame();
         } else if self.epoch != 0 && (settings.epoch, nonce) == (self.epoch, self.nonce) && !self.frame_received {
             // The host has not received the answer yet, and is alive.
@@ -341,6 +357,12 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
 
     /// Adds entries for changes of the cutting outputs, of repeated instructions and of the block.
     fn push_cutting_changes(&mut self, status: &CardStatus<A>) {
+        // Where it rests: an instruction is complete only then.
+        let rests = core::mem::replace(&mut self.reported.last_layer, status.layer) == status.layer;
+        if rests && status.layer != self.reported.layer {
+            self.reported.layer = status.layer;
+            self.push(ReportEntry::Layer(status.layer));
+        }
         if let Some(off) = status.cutter_off {
             self.push(ReportEntry::CutterOff(off));
             self.urgent = true;
@@ -410,6 +432,10 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
 
     fn write_greeting(&self, writer: &mut ByteWriter<'_>, nonce: u32, card: &impl CardCore<A>) -> Option<()> {
         let status = card.status();
+        let mut counts = status.counts;
+        if let Some(count) = counts.get_mut(usize::from(self.layer_axis)) {
+            *count += i64::from(status.layer);
+        }
         let greeting = Greeting {
             nonce,
             identity: *card.identity(),
@@ -419,7 +445,8 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
             at_rest: status.at_rest,
             reached: status.reached,
             executed: status.executed,
-            counts: status.counts,
+            counts,
+            layer: (self.layer_axis, status.layer),
             alarm: status.alarm,
         };
         writer.u8(kind::WELCOME)?;
@@ -471,12 +498,12 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
     pub fn hash_state(&self, state: &mut impl Hasher) {
         #[rustfmt::skip] // no `..`: a new field has to be decided about here
         let Self {
-            decoder, epoch, last_epoch, first_numbers, axes, next_command, rate_seq, command_gap, entries, first, count,
+            decoder, epoch, last_epoch, first_numbers, axes, layer_axis, next_command, rate_seq, command_gap, entries, first, count,
             sent, sent_once, entries_lost, reported, greeting, nonce, key, frame_received, report_periods, since_report,
             unconfirmed, retransmit_periods, urgent, frames: _, stage, staged,
         } = self;
         decoder.hash_state(state);
-        (epoch, last_epoch, first_numbers, axes, next_command, rate_seq, command_gap).hash(state);
+        (epoch, last_epoch, first_numbers, axes, layer_axis, next_command, rate_seq, command_gap).hash(state);
         (0..*count).for_each(|k| entries[usize::from(first.wrapping_add(k)) % E].hash(state));
         (first, count, sent, sent_once, entries_lost, reported).hash(state);
         (greeting, nonce, key, frame_received, report_periods).hash(state);

@@ -6,7 +6,7 @@
 
 use retrace_core::Place;
 
-use crate::{InputWait, MAX_CHANGES, OutputChange};
+use crate::{InputWait, LayerMove, MAX_CHANGES, OutputChange};
 
 /// Longest test pulse of a cutter, in microseconds (CUT-9).
 pub const MAX_PULSE_US: u64 = 3_000_000;
@@ -87,6 +87,8 @@ pub struct RepeatedInstruction {
     pub until: Option<InputWait>,
     /// Whether this is a test pulse: what it switches on is switched off again at its end (CUT-9).
     pub is_pulse: bool,
+    /// Moves of the layer before and behind the switching.
+    pub layer: Option<LayerMove>,
 }
 
 impl RepeatedInstruction {
@@ -123,9 +125,20 @@ pub enum CutterOffCause {
     NotStarted,
     /// A collision input is active.
     Collision,
+    /// The cutter was not started, since no sheet was found. The card blocks motion as for `NotStarted`.
+    NoSheet,
+    /// The cutter was not started, since a contact for sensing was closed over the sheet, or did not open. The card
+    /// blocks motion as for `NotStarted`.
+    SheetContact,
 }
 
 impl CutterOffCause {
+    /// Whether the card has cancelled the instruction that it was executing: the cutter was lost or not started.
+    #[must_use]
+    pub const fn cancels_start(self) -> bool {
+        matches!(self, Self::Lost | Self::NotStarted | Self::NoSheet | Self::SheetContact)
+    }
+
     /// Returns the code on the wire.
     #[must_use]
     pub const fn to_wire(self) -> u8 {
@@ -146,6 +159,8 @@ impl CutterOffCause {
             7 => Self::Lost,
             8 => Self::NotStarted,
             9 => Self::Collision,
+            10 => Self::NoSheet,
+            11 => Self::SheetContact,
             _ => return None,
         })
     }

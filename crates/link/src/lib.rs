@@ -24,6 +24,7 @@ mod cutting;
 pub mod frame;
 mod frame_size;
 mod host;
+mod layer;
 mod message;
 mod outputs;
 mod ports;
@@ -45,6 +46,7 @@ pub use cutting::{
     ProofInput, RepeatedInstruction,
 };
 pub use host::{HostEndpoint, LineCounts, LinkError};
+pub use layer::{LayerMove, LayerSettings, MAX_LAYER};
 pub use message::{CardStatus, CommandRefusal, HomingCommand, HostCommand, Instruction, OutputAction};
 pub use outputs::{Ignition, InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
 pub use ports::{BytePort, CardCore, state_crc};

@@ -5,7 +5,7 @@
 use retrace_core::{Place, Rate, RateTarget, Record, RecordIndex};
 
 use crate::outputs::{InputWait, MAX_CHANGES, OutputChange, Outputs, channel};
-use crate::{Alarm, CutterOff, PathStart, RepeatedInstruction};
+use crate::{Alarm, CutterOff, LayerMove, PathStart, RepeatedInstruction};
 
 /// Synchronous switching action: executed without a stop at the start of a record (GMC, *Two classes*; REV-14).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -41,6 +41,8 @@ pub struct Instruction {
     /// Whether time at rest with a cutting output on is not counted during the instruction: a pierce, a dwell, a pause
     /// at a contour's end.
     pub keeps_cutter: bool,
+    /// Moves of the layer before and behind the switching.
+    pub layer: Option<LayerMove>,
 }
 
 /// Moves an axis to its home switch, while the machine is at rest and the window is empty.
@@ -208,8 +210,10 @@ pub struct CardStatus<const A: usize> {
     pub line: u32,
     /// Net pulses of each axis in the period.
     pub increments: [i32; A],
-    /// Net pulses of each axis since the card was started, counted at the pulse output.
+    /// Net pulses of each axis since the card was started, counted at the pulse output, without the layer.
     pub counts: [i64; A],
+    /// Layer of the tool axis in pulses, added to the counts of its axis. Over the line, it is reported where it rests.
+    pub layer: i32,
     /// Number of the last completed exclusive instruction; when an epoch begins, the number in its start.
     pub executed: u32,
     /// Current output values.
@@ -246,6 +250,7 @@ impl<const A: usize> CardStatus<A> {
             line: 0,
             increments: [0; A],
             counts: [0; A],
+            layer: 0,
             executed: start.executed,
             outputs: [0; channel::COUNT],
             inputs: 0,

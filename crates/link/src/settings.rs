@@ -6,14 +6,14 @@
 use retrace_core::limits::RateLimits;
 use retrace_core::{Place, RecordIndex};
 
-use crate::{CuttingSettings, OutputChange};
+use crate::{CuttingSettings, LayerSettings, OutputChange};
 
 /// Maximum number of inputs of a card.
 pub const MAX_INPUTS: usize = 16;
 /// Maximum number of outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
 /// Version of the protocol that this crate implements.
-pub const PROTOCOL: u8 = 6;
+pub const PROTOCOL: u8 = 7;
 
 /// Identity and capabilities of a card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -113,13 +113,15 @@ pub struct PathStart {
     pub reached: RecordIndex,
     /// Number of the last completed exclusive instruction; the next one has the number after it.
     pub executed: u32,
+    /// Whether the layer is kept; otherwise it becomes part of the counts of its axis, and nothing moves.
+    pub keeps_layer: bool,
 }
 
 impl PathStart {
     /// Returns the start of a path that begins with this record, with nothing executed.
     #[must_use]
     pub const fn at(record: RecordIndex) -> Self {
-        Self { place: Place::start_of(record), rests: true, reached: record, executed: 0 }
+        Self { place: Place::start_of(record), rests: true, reached: record, executed: 0, keeps_layer: false }
     }
 
     /// Whether the start is consistent: `reached` is not behind the place, and the path is in motion inside a record.
@@ -162,12 +164,14 @@ pub struct CardSettings<const A: usize> {
     pub safe_count: u8,
     /// Cutting outputs.
     pub cutting: CuttingSettings,
+    /// Layer of the tool axis; `None` if no height is set by the card.
+    pub layer: Option<LayerSettings>,
 }
 
 impl<const A: usize> CardSettings<A> {
     /// Returns settings for all axes with the given control period in microseconds and the path from `start` on.
     /// Defaults: reports every eighth period, a watchdog of 250 ms, no backlash, no inputs, all outputs unchanged on a
-    /// fault, and no cutting outputs.
+    /// fault, no cutting outputs, and no layer.
     #[must_use]
     pub fn new(epoch: u16, start: PathStart, period_us: u32, limits: RateLimits<A>) -> Self {
         Self {
@@ -186,6 +190,7 @@ impl<const A: usize> CardSettings<A> {
             safe: [OutputChange::default(); MAX_SAFE],
             safe_count: 0,
             cutting: CuttingSettings::default(),
+            layer: None,
         }
     }
 

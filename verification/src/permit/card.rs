@@ -10,7 +10,8 @@ use retrace_core::limits::{PulseLimits, RateLimits};
 use retrace_core::{Distance, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
     CardCore, CardIdentity, CardSettings, CardStatus, CutterOffCause, CuttingChannel, CuttingSettings, HostCommand,
-    InputSetting, InputUse, Instruction, OutputAction, OutputChange, PROTOCOL, PathStart, RepeatedInstruction,
+    InputSetting, InputUse, Instruction, LayerMove, LayerSettings, OutputAction, OutputChange, PROTOCOL, PathStart,
+    RepeatedInstruction,
 };
 
 const TORCH: u8 = 3;
@@ -19,6 +20,9 @@ const HANDOVER: u16 = 6;
 const WATCHDOG: u16 = 30;
 const STOP: u16 = 1;
 const BREAKAWAY: u16 = 2;
+const FLOAT: u16 = 4;
+/// Position below which the float switch is closed.
+const SHEET: i64 = -25;
 
 type TestCard = Card<1, 64, 32>;
 
@@ -45,6 +49,21 @@ struct Observer {
     actions: Vec<RecordIndex>,
     lit: u64,
     put_out: u64,
+    /// Number of periods in which the layer moved, and of sheets that were not found.
+    layer_moves: u64,
+    not_found: u64,
+}
+
+/// Any moves of the layer, and none.
+fn any_moves(draw: &mut Draw) -> Option<LayerMove> {
+    let mut to = || draw.below(90) as i32 - 60;
+    let (a, b, c, d) = (to(), to(), to(), to());
+    match draw.below(6) {
+        0 => Some(LayerMove::Start { start: a.max(b), lowest: a.min(b), pierce: c.abs(), cut: d.abs() }),
+        1 => Some(LayerMove::OverSheet { height: a.abs(), highest: b }),
+        2 => Some(LayerMove::To { layer: a }),
+        _ => None,
+    }
 }
 
 impl Observer {
@@ -56,7 +75,7 @@ impl Observer {
             boot: 0,
             axes: 1,
             outputs: 8,
-            inputs: 2,
+            inputs: 3,
             window: 0,
             memory: 0,
             tick_hz: 1_000_000,
@@ -79,6 +98,8 @@ impl Observer {
             actions: Vec::new(),
             lit: 0,
             put_out: 0,
+            layer_moves: 0,
+            not_found: 0,
         };
         observer.open();
         observer
@@ -101,13 +122,23 @@ impl Observer {
         settings.cutting.channels[0] =
             CuttingChannel { channel: TORCH, fires: true, standing_periods: GRACE, lit_in_reverse: false, proof: None };
         settings.cutting.inhibit = epoch.is_multiple_of(8);
+        let (probe_speed, latch_speed) = (3 << 16, 1 << 15);
+        settings.layer = Some(LayerSettings { axis: 0, contacts: FLOAT, probe_speed, latch_speed });
+        settings.start.keeps_layer = epoch.is_multiple_of(3);
+        let position = self.position();
         if self.card.open(&settings).is_ok() {
             (self.epoch, self.closed, self.inhibit, self.silent) = (epoch, false, settings.cutting.inhibit, 0);
             (self.stood, self.asked, self.pending, self.blocked, self.keeps) = (0, false, None, false, false);
             self.pulse = None;
             self.actions.clear();
             assert_eq!(self.torch(), 0, "lit behind an opening");
+            assert_eq!(self.position(), position, "an opening moves nothing");
         }
+    }
+
+    /// Position of the axis: path and layer.
+    fn position(&self) -> i64 {
+        self.status().counts[0] + i64::from(self.status().layer)
     }
 
     fn torch(&self) -> i32 {
@@ -132,12 +163,15 @@ impl Observer {
                     periods,
                     until: None,
                     keeps_cutter,
+                    layer: any_moves(draw),
                 })
             }
             4 | 5 => {
                 let (number, periods) = (status.repeated.wrapping_add(1), draw.below(9));
                 let is_pulse = draw.below(3) == 0;
-                HostCommand::Repeat(RepeatedInstruction { number, changes, count: 1, periods, until: None, is_pulse })
+                let layer = any_moves(draw).filter(|_| !is_pulse);
+                let until = None;
+                HostCommand::Repeat(RepeatedInstruction { number, changes, count: 1, periods, until, is_pulse, layer })
             }
             6 => HostCommand::Restart { last: status.repeated.wrapping_add(draw.below(2)) },
             7 => HostCommand::ManualOutput(OutputChange { channel: TORCH, value }),
@@ -187,15 +221,22 @@ impl Observer {
             self.card.keep_alive();
             self.silent = 0;
         }
+        let position = self.position();
+        let levels = if position < SHEET { levels | FLOAT } else { levels };
         self.card.run_period(InputLevels { levels, ..InputLevels::default() });
         self.silent += 1;
         let now = self.status();
+        assert_eq!(self.position(), position + i64::from(self.card.pulses()[0]), "path and layer are what is emitted");
+        assert!(now.layer == before.layer || now.rate == Rate::ZERO, "the layer moves with the path");
+        self.layer_moves += u64::from(now.layer != before.layer);
         let (was, is) = (before.outputs[usize::from(TORCH)] != 0, now.outputs[usize::from(TORCH)] != 0);
         assert!(now.rate >= Rate::ZERO || !was && !is, "lit in reverse, or in the period before it");
         assert!(!(self.blocked && before.at_rest && now.rate != Rate::ZERO), "motion with the cutter out");
         if let Some(off) = now.cutter_off {
             self.put_out += 1;
-            self.blocked |= off.cause == CutterOffCause::Standing;
+            self.blocked |=
+                matches!(off.cause, CutterOffCause::Standing | CutterOffCause::NoSheet | CutterOffCause::SheetContact);
+            self.not_found += u64::from(off.cause == CutterOffCause::NoSheet);
         }
         if is {
             self.lit += 1;
@@ -230,7 +271,7 @@ impl Observer {
 pub(super) fn drawn_words(size: Size) -> String {
     let mut draw = Draw::new(size.seed);
     let runs = if size.full { 30_000 } else { 3_000 };
-    let (mut periods, mut lit, mut put_out) = (0u64, 0, 0);
+    let (mut periods, mut lit, mut put_out, mut layer_moves, mut not_found) = (0u64, 0, 0, 0, 0);
     for _ in 0..runs {
         let mut observer = Observer::new();
         for _ in 0..60 {
@@ -252,7 +293,15 @@ pub(super) fn drawn_words(size: Size) -> String {
         }
         lit += observer.lit;
         put_out += observer.put_out;
+        layer_moves += observer.layer_moves;
+        not_found += observer.not_found;
     }
+    assert!(
+        layer_moves > periods / 50 && not_found > runs / 40,
+        "the layer moved in {layer_moves}, {not_found} missed"
+    );
     assert!(lit > periods / 50 && put_out > runs / 4, "the torch was lit in {lit} periods and put out {put_out} times");
-    format!("{runs} runs, {periods} periods, lit in {lit} of them, put out {put_out} times")
+    format!(
+        "{runs} runs, {periods} periods, lit in {lit} of them, put out {put_out} times; the layer moved in {layer_moves}"
+    )
 }

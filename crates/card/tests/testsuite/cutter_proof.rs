@@ -96,8 +96,15 @@ impl Bench {
     fn start(&mut self) {
         let (number, place) = (self.status().executed + 1, self.status().place.record);
         let until = Some(self.wait());
-        let instruction =
-            Instruction { number, place, changes: Self::changes(), count: 1, periods: 0, until, keeps_cutter: true };
+        let instruction = Instruction {
+            number,
+            place,
+            changes: Self::changes(),
+            count: 1,
+            until,
+            keeps_cutter: true,
+            ..Instruction::default()
+        };
         self.send(HostCommand::Instruction(instruction));
         self.send(HostCommand::rate(Rate::ONE / 4));
     }
@@ -356,6 +363,7 @@ fn the_start_of_a_jet_that_is_switched_off_is_cancelled() {
         periods: 20,
         until: None,
         keeps_cutter: true,
+        layer: None,
     }));
     bench.send(HostCommand::rate(Rate::ONE));
     for _ in 0..5 {

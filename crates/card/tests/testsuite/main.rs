@@ -5,6 +5,7 @@ mod any_commands;
 mod common;
 mod cutter_proof;
 mod epochs;
+mod layer;
 mod order;
 mod permit;
 mod pulses;

@@ -11,9 +11,7 @@ use std::thread;
 use retrace_config::{CutterConfig, IN_FLIGHT_RECORDS, MachineConfig, NumberedError};
 use retrace_core::mode::Mode;
 use retrace_journal::JournalConfig;
-use retrace_link::{
-    Alarm, CardStatus, HostCommand, MAX_CHANGES, MotionCard, OutputChange, PathStart, RepeatedInstruction,
-};
+use retrace_link::{Alarm, CardStatus, HostCommand, MotionCard, OutputChange, PathStart};
 
 use super::ManualTask;
 use crate::command_queue::CommandSources;
@@ -24,7 +22,7 @@ use crate::jog_planner::{self, JogPlanner, JogRequest};
 use crate::manual_move::{ManualMove, ManualMoveEnd, REPORT_LATENCY_PERIODS};
 use crate::mdi::ModalContext;
 use crate::operator::{CommandError, OperatorCommand};
-use crate::session::{Outcome, RunMode};
+use crate::session::{Outcome, RunMode, pulse_command};
 use crate::telemetry::{self, Observer, PeriodRecord, Telemetry, TelemetrySender};
 
 /// Periods within which a card has accepted a command and reported it.
@@ -228,19 +226,9 @@ impl<const A: usize, C: MotionCard<A>> ManualRunner<'_, '_, A, C> {
             return Err(refuse("a collision input of the cutter is active", "free the tool, check its input").into());
         }
         self.begin()?;
-        let mut changes = [OutputChange::default(); MAX_CHANGES];
-        changes[0] = OutputChange { channel, value: 1 };
         let (number, periods) = (1, machine.test_pulse_periods(channel));
-        let pulse = RepeatedInstruction {
-            number,
-            changes,
-            count: 1,
-            periods,
-            is_pulse: true,
-            ..RepeatedInstruction::default()
-        };
         let refused = |_| refuse("the card refuses the test pulse", "a card with this output, at rest");
-        self.card.send(HostCommand::Repeat(pulse)).map_err(refused)?;
+        self.card.send(pulse_command(number, channel, periods)).map_err(refused)?;
         while self.card.status().repeated != number {
             self.run_period()?;
             if std::mem::take(&mut self.stopped) {

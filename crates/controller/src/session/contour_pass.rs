@@ -66,20 +66,20 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if let Some(why) = self.config.skip_refusal {
             return refuse(why);
         }
+        let is_behind =
+            matches!(self.mode_controller.mode(), Mode::Rejoin | Mode::Reverse | Mode::Forward | Mode::Wheel);
+        self.mode_controller.apply(if is_behind { ModeCommand::Leave { ask: false } } else { ModeCommand::Recover })?;
         self.contour_pass.pass_dark(None);
         if self.recovery.forget_cut_end() {
             self.emit(EventKind::CutContinued);
         }
-        let is_behind =
-            matches!(self.mode_controller.mode(), Mode::Rejoin | Mode::Reverse | Mode::Forward | Mode::Wheel);
-        self.mode_controller.apply(if is_behind { ModeCommand::Leave { ask: false } } else { ModeCommand::Recover })?;
         Ok(())
     }
 
     /// Whether a cut that was lost here counts as done: the length to go is at most `lost_at_end_mm`.
     pub(super) fn is_lost_at_end(&self, channel: u8, place: Place) -> bool {
         let most_mm = self.recovery.cutter(channel).map_or(0.0, |cutter| cutter.restart.lost_at_end_mm);
-        let Some(end) = self.streamer.end_of_cut(channel).filter(|_| most_mm > 0.0) else { return false };
+        let Some(end) = self.streamer.end_of_cut(channel) else { return false };
         let to_go = place.distance_to(Place::start_of(end));
         let records = to_go.max(Distance::ZERO).units() >> 32;
         records < 1 << 20
@@ -98,6 +98,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let _ = self.skip_contour();
         }
     }
+
     /// Whether an instruction that lights a cutter is executed without doing so; its changes are those of the dark pass
     /// then.
     pub(super) fn lights_dark(&mut self, place: RecordIndex, changes: &mut [OutputChange]) -> bool {
@@ -108,8 +109,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if !self.contour_pass.is_dark {
             self.pass_what_is_cut(place);
         }
+        let fires = &self.config.fire_channels;
         if self.contour_pass.is_dark {
-            let fires = &self.config.fire_channels;
             changes.iter_mut().filter(|change| fires.contains(&change.channel)).for_each(|change| change.value = 0);
         }
         self.contour_pass.is_dark

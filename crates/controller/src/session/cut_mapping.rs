@@ -94,7 +94,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     /// Outputs that are to be on at the furthest place: what the program expects there, without a torch over a kerf,
-    /// and without the cutter of a contour that is skipped.
+    /// without the cutter of a contour that is skipped, and without one that is off where its cut ends.
     pub(super) fn wanted_outputs(&self) -> Outputs {
         let mut wants = *self.streamer.expected();
         if self.contour_pass.is_dark {
@@ -102,7 +102,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         } else if self.recovery.passes_kerf {
             self.lit_torches().for_each(|channel| wants[usize::from(channel)] = 0);
         }
+        let (are, place) = (&self.card.status().outputs, self.furthest_place());
+        let stays_off = |&channel: &u8| are[usize::from(channel)] == 0 && self.ends_cut_at(channel, place);
+        self.expected_cutters().filter(stays_off).for_each(|channel| wants[usize::from(channel)] = 0);
         wants
+    }
+
+    /// Whether the program switches this cutter off at this place, and nothing is cut before.
+    pub(super) fn ends_cut_at(&self, channel: u8, place: Place) -> bool {
+        self.streamer.end_of_cut(channel).is_some_and(|end| place == Place::start_of(end))
     }
 
     /// Whether this place is behind the end of the interrupted cut, in the same contour.

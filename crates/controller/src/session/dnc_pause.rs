@@ -484,7 +484,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let CardStatus { place, reached, executed, .. } = *self.card.status();
         let before = self.streamer.record(place.record - 1);
         let rests = place.fraction == 0 && before.is_some_and(|record| record.flags.contains(RecordFlags::REST));
-        PathStart { place, rests, reached, executed }
+        PathStart { place, rests, reached, executed, keeps_layer: true }
     }
 
     /// Mode output at a breakpoint: no motion and no restoring of outputs.

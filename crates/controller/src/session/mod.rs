@@ -52,6 +52,7 @@ use restart::{LeavingRun, OutputRestart};
 pub use session_config::RunMode;
 use session_config::{SessionConfig, contour_channels};
 use test_pulse::TestPulse;
+pub(crate) use test_pulse::pulse_command;
 use tool_length::ToolLengthEntry;
 
 /// How a run ended.
@@ -284,10 +285,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         if let (Some(axis), false) = (self.tool_axis(), at.lengths.is_empty()) {
             self.bar_beyond_limits(prepared.counts()[axis], prepared.start().place);
         }
-        let moved = match self.collision() {
-            Some(error) => Err(error),
-            None => self.go_to_breakpoint(prepared.counts()),
-        };
+        let moved = self.check_collision().and_then(|()| self.go_to_breakpoint(prepared.counts()));
         let begun = moved.and_then(|ended| match ended {
             None => self.card.begin_path(*prepared.start()).map(|()| None).map_err(CardError::from),
             ended => Ok(ended),
@@ -331,6 +329,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         self.advance_lead_in();
         self.advance_restart();
         let demand = self.mode_output();
+        if demand.target != RateTarget::ZERO && self.card.status().at_rest {
+            self.check_collision()?;
+        }
         while self.send_due_instruction(demand)? {
             self.poll_planner();
         }
@@ -342,20 +343,15 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         let status = *self.card.run_period()?;
         self.account_period(&status);
         self.watch_outputs_at_end()?;
-        if status.alarm.is_none()
-            && status.rate != Rate::ZERO
-            && let Some(error) = self.collision()
-        {
-            return Err(error);
-        }
         Ok(self.alarm(&status))
     }
 
-    /// The alarm of a collision input that is still active although its alarm was cleared. The card lets the operator
-    /// jog off it; a program does not go on with it.
-    fn collision(&self) -> Option<CardError> {
+    /// Refuses motion with a collision input that is still active although its alarm was cleared. The card lets the
+    /// operator jog off it.
+    fn check_collision(&self) -> Result<(), CardError> {
         let active = self.card.status().inputs & self.config.collision_inputs;
-        (active != 0).then(|| CardError::Latched(Alarm::Collision { input: active.trailing_zeros() as u8 }))
+        let alarm = Alarm::Collision { input: active.trailing_zeros() as u8 };
+        if active == 0 { Ok(()) } else { Err(CardError::Latched(alarm)) }
     }
 
     /// Handles a latched alarm: reported immediately; it ends the job when the machine is at rest.
@@ -534,13 +530,15 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.stats.record_buffered(self.card.acknowledged_high().since(status.place.record));
         }
         self.emit_period(status);
-        self.still_periods = if status.rate == Rate::ZERO && executing.is_none() { self.still_periods + 1 } else { 0 };
+        let is_still = status.rate == Rate::ZERO && (executing.is_none() || status.blocked);
+        self.still_periods = if is_still { self.still_periods + 1 } else { 0 };
     }
 
     /// Outcome of the job, if it has ended.
     fn job_outcome(&mut self) -> Option<Outcome> {
         let status = *self.card.status();
-        if !status.at_rest || self.executing.is_some() {
+        // An instruction in progress is completed first; one that the blocked card keeps is not executed.
+        if !status.at_rest || self.executing.is_some() && !status.blocked {
             return None;
         }
         if self.phase.is_stopping() {

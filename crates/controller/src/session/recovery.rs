@@ -215,15 +215,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if self.mode_controller.mode() != Mode::Run || self.is_on_lead_in() {
             return;
         }
-        let cutters = self.config.cutter_channels.iter().enumerate();
-        let channel = cutters.filter(|(at, _)| off.channels >> at & 1 != 0).map(|(_, &channel)| channel).next();
+        let channel = self.cutters_of(off.channels).next();
         // Nothing is cut yet where its own instruction is still being executed.
         let Some(channel) = channel.filter(|&channel| self.streamer.expected()[usize::from(channel)] != 0) else {
             return;
         };
         let is_interrupted = lost || self.recovery.usually_starts_in_motion(channel);
         // A cutter that did not start again, or was not proven yet, has cut nothing since.
-        let has_cut = self.recovery.latch.take().is_none() && off.cause != CutterOffCause::NotStarted;
+        let has_cut = self.recovery.latch.take().is_none() && (lost || !off.cause.cancels_start());
         if !is_interrupted || !has_cut {
             return;
         }
@@ -450,7 +449,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             Some(lead_in) => {
                 let begin = lead_in.begin();
                 self.streamer.begin_lead_in(lead_in);
-                PathStart { place: Place::start_of(begin), rests: false, reached: begin, executed }
+                PathStart { place: Place::start_of(begin), rests: false, reached: begin, executed, keeps_layer: true }
             }
         };
         self.card.begin_path(begin)?;

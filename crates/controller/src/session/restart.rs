@@ -165,7 +165,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             }
             let RestartStep { code, line, changes, count, periods, until } = self.restart.steps[self.restart.sent];
             let number = self.restart.before.wrapping_add(self.restart.sent as u32 + 1);
-            let repeated = RepeatedInstruction { number, changes, count, periods, until, is_pulse: false };
+            let repeated = RepeatedInstruction { number, changes, count, periods, until, is_pulse: false, layer: None };
             if self.card.send(HostCommand::Repeat(repeated)).is_err() {
                 return;
             }
@@ -183,10 +183,17 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.emit(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });
             self.stop_abrasive(channel, CutterOffReason::Card(off.cause));
         }
-        self.record_cut_end(off);
-        let interrupts =
-            matches!(off.cause, CutterOffCause::Standing | CutterOffCause::Lost | CutterOffCause::NotStarted);
-        if matches!(off.cause, CutterOffCause::Lost | CutterOffCause::NotStarted) {
+        // An instruction that was late: the card does not leave a cutter on until it arrives.
+        let is_cut_to_its_end = off.cause == CutterOffCause::Standing
+            && self.cutters_of(off.channels).all(|channel| self.ends_cut_at(channel, off.place));
+        if !is_cut_to_its_end {
+            self.record_cut_end(off);
+        }
+        let interrupts = match off.cause {
+            CutterOffCause::Standing => !is_cut_to_its_end,
+            cause => cause.cancels_start(),
+        };
+        if off.cause.cancels_start() {
             // The card has cancelled what it was executing: an instruction, or a step of a restart.
             self.restart.end();
             if self.executing.take().is_some() {
@@ -197,6 +204,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             // never rejected
             let _ = self.mode_controller.apply(retrace_core::mode::ModeCommand::Hold);
         }
+    }
+
+    /// The channels with these indices in the card's settings, one bit each.
+    pub(super) fn cutters_of(&self, channels: u8) -> impl Iterator<Item = u8> {
+        let cutters = self.config.cutter_channels.iter().enumerate();
+        cutters.filter(move |&(at, _)| channels >> at & 1 != 0).map(|(_, &channel)| channel)
     }
 
     /// Whether a cutter on this channel is being lit, by an instruction of the program or by a restart. Between two

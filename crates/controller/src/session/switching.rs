@@ -56,7 +56,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if self.lights_dark(place, &mut changes[..usize::from(count)]) {
             (periods, until) = (0, None);
         }
-        let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter };
+        let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter, layer: None };
         // The rate comes first: while it is still zero, the card would keep the instruction for a period.
         self.set_rate(demand);
         self.card.send(HostCommand::Instruction(instruction)).map_err(|refusal| CardError::Fault {

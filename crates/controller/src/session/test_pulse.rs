@@ -26,17 +26,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         };
         self.require_test_pulse_permitted()?;
         let number = self.card.status().repeated.wrapping_add(1);
-        let mut changes = [OutputChange::default(); MAX_CHANGES];
-        changes[0] = OutputChange { channel, value: 1 };
-        let pulse = RepeatedInstruction {
-            number,
-            changes,
-            count: 1,
-            periods,
-            is_pulse: true,
-            ..RepeatedInstruction::default()
-        };
-        if self.card.send(HostCommand::Repeat(pulse)).is_err() {
+        if self.card.send(pulse_command(number, channel, periods)).is_err() {
             return Err(CommandError::NoOutput(channel));
         }
         self.test_pulse = Some(TestPulse { channel, number });
@@ -83,4 +73,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let is_over = |pulse: TestPulse| status.repeated == pulse.number || status.alarm.is_some();
         self.test_pulse = self.test_pulse.filter(|&pulse| !is_over(pulse));
     }
+}
+
+/// The command that switches this channel on for so many control periods.
+pub(crate) fn pulse_command<const A: usize>(number: u32, channel: u8, periods: u32) -> HostCommand<A> {
+    let mut changes = [OutputChange::default(); MAX_CHANGES];
+    changes[0] = OutputChange { channel, value: 1 };
+    let rest = RepeatedInstruction::default();
+    HostCommand::Repeat(RepeatedInstruction { number, changes, count: 1, periods, is_pulse: true, ..rest })
 }

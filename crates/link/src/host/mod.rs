@@ -265,7 +265,14 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
         self.key = session_key(self.boot, self.opening, settings.epoch);
         self.decoder.set_key(self.key);
         let window = greeting.identity.window.min(CELLS as u32 / 2);
-        let (counts, start) = (greeting.counts, settings.start);
+        let (mut counts, (axis, mut layer), start) = (greeting.counts, greeting.layer, settings.start);
+        if start.keeps_layer && settings.layer.is_some_and(|settings| settings.axis == axis) {
+            if let Some(count) = counts.get_mut(usize::from(axis)) {
+                *count -= i64::from(layer);
+            }
+        } else {
+            layer = 0;
+        }
         self.predicted = PredictedWindow::new(start.place.record, window, stopping_records(&settings.limits));
         let FirstNumbers { command, entry, rate } = self.first_numbers;
         (self.base, self.count, self.sent) = (command, 0, 0);
@@ -274,7 +281,7 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
         (self.first_waiting, self.waiting, self.next_entry, self.entry_received) = (entry, 0, entry, false);
         (self.newest_place, self.reported_high) = (start.place, start.place.record);
         // The period number continues across epochs.
-        self.status = CardStatus { counts, period: self.status.period, ..CardStatus::at_rest(start) };
+        self.status = CardStatus { counts, layer, period: self.status.period, ..CardStatus::at_rest(start) };
         (self.reported_crc, self.off_path, self.refusals, self.fault, self.alarm) = (None, false, 0, None, None);
         self.clearing = None;
         self.times.hello = 0;

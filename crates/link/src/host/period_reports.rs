@@ -60,6 +60,7 @@ impl<const A: usize, const CELLS: usize, const ENTRIES: usize, const COMMANDS: u
             ReportEntry::CutterOff(off) => self.status.cutter_off = Some(off),
             ReportEntry::Repeated(number) => self.status.repeated = number,
             ReportEntry::Blocked(blocked) => self.status.blocked = blocked,
+            ReportEntry::Layer(layer) => self.status.layer = layer,
             ReportEntry::Refused(number) | ReportEntry::RepeatRefused(number) => {
                 // While an alarm is latched, that is what must be reported.
                 if self.alarm.is_none() {

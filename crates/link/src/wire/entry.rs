@@ -47,6 +47,8 @@ pub enum ReportEntry {
     Blocked(bool),
     /// The repeated instruction of this number was rejected: it will never be executed.
     RepeatRefused(u32),
+    /// The layer, where it rests.
+    Layer(i32),
 }
 
 const RAN: u8 = 0;
@@ -64,6 +66,7 @@ mod extended {
     pub(super) const REPEATED: u8 = 0x01;
     pub(super) const BLOCKED: u8 = 0x02;
     pub(super) const REPEAT_REFUSED: u8 = 0x03;
+    pub(super) const LAYER: u8 = 0x04;
 }
 
 const STARVED: u8 = 1 << 5;
@@ -138,6 +141,10 @@ impl ReportEntry {
                 writer.slice(&[EXTENDED, extended::REPEAT_REFUSED])?;
                 writer.u32(number)
             }
+            Self::Layer(layer) => {
+                writer.slice(&[EXTENDED, extended::LAYER])?;
+                writer.signed(i64::from(layer))
+            }
         }
     }
 
@@ -181,6 +188,7 @@ impl ReportEntry {
             extended::REPEATED => Self::Repeated(reader.u32()?),
             extended::BLOCKED => Self::Blocked(reader.u8()? != 0),
             extended::REPEAT_REFUSED => Self::RepeatRefused(reader.u32()?),
+            extended::LAYER => Self::Layer(reader.signed32()?),
             _ => return None,
         })
     }

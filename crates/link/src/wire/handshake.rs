@@ -10,8 +10,8 @@ use super::entry::{read_alarm, write_alarm};
 use super::message::{read_change, write_change};
 use super::{ByteReader, ByteWriter};
 use crate::{
-    Alarm, CardIdentity, CardSettings, CuttingChannel, CuttingSettings, InputSetting, InputUse, MAX_CUTTING_CHANNELS,
-    MAX_SAFE, PathStart, ProofInput,
+    Alarm, CardIdentity, CardSettings, CuttingChannel, CuttingSettings, InputSetting, InputUse, LayerSettings,
+    MAX_CUTTING_CHANNELS, MAX_SAFE, PathStart, ProofInput,
 };
 
 /// Greeting: a card's answer to a greeting request.
@@ -33,8 +33,10 @@ pub struct Greeting<const A: usize> {
     pub reached: RecordIndex,
     /// Number of the last exclusive instruction of that epoch that is complete.
     pub executed: u32,
-    /// Net pulses of each axis; those beyond the card's axes are zero.
+    /// Net pulses of each axis, with the layer; those beyond the card's axes are zero.
     pub counts: [i64; A],
+    /// Axis of the layer, and the layer, which is contained in its count.
+    pub layer: (u8, i32),
     /// Latched alarm.
     pub alarm: Option<Alarm>,
 }
@@ -61,6 +63,8 @@ impl<const A: usize> Greeting<A> {
         writer.u32(self.reached.number())?;
         writer.u32(self.executed)?;
         write_alarm(writer, self.alarm)?;
+        writer.u8(self.layer.0)?;
+        writer.signed(i64::from(self.layer.1))?;
         self.counts.iter().take(usize::from(of.axes)).try_for_each(|&count| writer.signed(count))
     }
 
@@ -93,7 +97,7 @@ impl<const A: usize> Greeting<A> {
         let place = Place { record: RecordIndex::new(reader.u32()?), fraction: reader.u32()? };
         let at_rest = reader.u8()? != 0;
         let (reached, executed) = (RecordIndex::new(reader.u32()?), reader.u32()?);
-        let alarm = read_alarm(reader)?;
+        let (alarm, layer) = (read_alarm(reader)?, (reader.u8()?, reader.signed32()?));
         let mut counts = [0; A];
         for axis in 0..usize::from(axes) {
             let count = reader.signed()?;
@@ -101,7 +105,7 @@ impl<const A: usize> Greeting<A> {
                 *slot = count;
             }
         }
-        Some(Ok(Self { nonce, identity, epoch, last_epoch, place, at_rest, reached, executed, counts, alarm }))
+        Some(Ok(Self { nonce, identity, epoch, last_epoch, place, at_rest, reached, executed, counts, layer, alarm }))
     }
 }
 
@@ -130,8 +134,10 @@ impl<const A: usize> Opening<A> {
             writer.count(u64::from(pulses))?;
         }
         let used = |input: &InputSetting| *input != InputSetting::default();
-        writer.u8(of.inputs.iter().filter(|input| used(input)).count() as u8)?;
-        for (number, input) in of.inputs.iter().enumerate().filter(|(_, input)| used(input)) {
+        writer.u16(
+            (0..).zip(&of.inputs).filter(|(_, input)| used(input)).fold(0, |bits, (number, _)| bits | 1 << number),
+        )?;
+        for input in of.inputs.iter().filter(|input| used(input)) {
             let (code, axis) = match input.used_for {
                 InputUse::Plain => (0, 0),
                 InputUse::Limit { axis, upper } => (1 + u8::from(upper), axis),
@@ -141,12 +147,12 @@ impl<const A: usize> Opening<A> {
                 InputUse::Probe => (6, 0),
                 InputUse::Collision { only_lit } => (7, u8::from(only_lit)),
             };
-            writer.u8(number as u8)?;
             writer.u8(code | axis << 3 | u8::from(input.active_low) << 7)?;
         }
         writer.u8(of.safe().len() as u8)?;
         of.safe().iter().try_for_each(|&change| write_change(writer, change))?;
-        write_cutting(writer, &of.cutting)
+        write_cutting(writer, &of.cutting)?;
+        write_layer(writer, of.layer)
     }
 
     /// Reads the message after its kind.
@@ -164,8 +170,8 @@ impl<const A: usize> Opening<A> {
         for pulses in settings.backlash_pulses.get_mut(..usize::from(axes))? {
             *pulses = u16::try_from(reader.count32()?).ok()?;
         }
-        for _ in 0..reader.u8()? {
-            let input = settings.inputs.get_mut(usize::from(reader.u8()?))?;
+        let used = reader.u16()?;
+        for (_, input) in (0..).zip(&mut settings.inputs).filter(|(number, _)| used >> number & 1 == 1) {
             let byte = reader.u8()?;
             let axis = byte >> 3 & 0x0F;
             let used_for = match byte & 7 {
@@ -187,8 +193,31 @@ impl<const A: usize> Opening<A> {
             *change = read_change(reader)?;
         }
         settings.cutting = read_cutting(reader)?;
+        settings.layer = read_layer(reader)?;
         Some(Self(settings))
     }
+}
+
+/// Flag in the number of an axis: the settings of the layer follow.
+const HAS_LAYER: u8 = 0x80;
+
+fn write_layer(writer: &mut ByteWriter<'_>, layer: Option<LayerSettings>) -> Option<()> {
+    let Some(LayerSettings { axis, contacts, probe_speed, latch_speed }) = layer else { return writer.u8(0) };
+    writer.u8(HAS_LAYER | axis)?;
+    writer.u16(contacts)?;
+    writer.count(u64::from(probe_speed))?;
+    writer.count(u64::from(latch_speed))
+}
+
+/// Reads the settings of the layer. Returns `None` if the bytes are cut short.
+#[allow(clippy::option_option)]
+fn read_layer(reader: &mut ByteReader<'_>) -> Option<Option<LayerSettings>> {
+    let axis = reader.u8()?;
+    if axis & HAS_LAYER == 0 {
+        return Some(None);
+    }
+    let (contacts, probe_speed, latch_speed) = (reader.u16()?, reader.count32()?, reader.count32()?);
+    Some(Some(LayerSettings { axis: axis & !HAS_LAYER, contacts, probe_speed, latch_speed }))
 }
 
 /// Flag in the number of channels: dry run.
@@ -247,17 +276,14 @@ fn write_start(writer: &mut ByteWriter<'_>, start: &PathStart) -> Option<()> {
     for value in [start.place.record.number(), start.place.fraction, start.reached.number(), start.executed] {
         writer.u32(value)?;
     }
-    writer.u8(u8::from(start.rests))
+    writer.u8(u8::from(start.rests) | u8::from(start.keeps_layer) << 1)
 }
 
 fn read_start(reader: &mut ByteReader<'_>) -> Option<PathStart> {
     let place = Place { record: RecordIndex::new(reader.u32()?), fraction: reader.u32()? };
-    Some(PathStart {
-        place,
-        reached: RecordIndex::new(reader.u32()?),
-        executed: reader.u32()?,
-        rests: reader.u8()? != 0,
-    })
+    let (reached, executed) = (RecordIndex::new(reader.u32()?), reader.u32()?);
+    let flags = reader.u8()?;
+    Some(PathStart { place, reached, executed, rests: flags & 1 != 0, keeps_layer: flags & 2 != 0 })
 }
 
 /// Reads the limits of `told` axes; the others get the limits of the first.

@@ -5,7 +5,7 @@
 use super::record::RECORD;
 use super::{ByteReader, ByteWriter, RecordRun};
 use crate::{
-    HomingCommand, HostCommand, Ignition, InputWait, Instruction, MAX_CHANGES, OutputAction, OutputChange,
+    HomingCommand, HostCommand, Ignition, InputWait, Instruction, LayerMove, MAX_CHANGES, OutputAction, OutputChange,
     RepeatedInstruction,
 };
 use retrace_core::RecordIndex;
@@ -90,7 +90,8 @@ fn write<const A: usize>(writer: &mut ByteWriter<'_>, run: &mut RecordRun<A>, co
         HostCommand::Repeat(repeated) => {
             writer.u8(tag::REPEAT)?;
             writer.u32(repeated.number)?;
-            write_switching(writer, repeated.periods, repeated.changes(), repeated.until, repeated.is_pulse)
+            let RepeatedInstruction { periods, until, is_pulse, layer, .. } = *repeated;
+            write_switching(writer, periods, repeated.changes(), until, is_pulse, layer)
         }
     }
 }
@@ -158,14 +159,18 @@ pub(super) fn read_change(reader: &mut ByteReader<'_>) -> Option<OutputChange> {
 fn write_instruction(writer: &mut ByteWriter<'_>, instruction: &Instruction) -> Option<()> {
     writer.u32(instruction.number)?;
     writer.u32(instruction.place.number())?;
-    let Instruction { periods, until, keeps_cutter, .. } = *instruction;
-    write_switching(writer, periods, instruction.changes(), until, keeps_cutter)
+    let Instruction { periods, until, keeps_cutter, layer, .. } = *instruction;
+    write_switching(writer, periods, instruction.changes(), until, keeps_cutter, layer)
 }
 
 /// Flag in the count of changes: an input follows them.
 const AWAITS: u8 = 0x80;
 /// Flag in the count of changes of an instruction: time at rest is not counted. Of a repeated one: a test pulse.
 const KEEPS_CUTTER: u8 = 0x40;
+/// Flag in the count of changes: moves of the layer follow the input.
+const MOVES_LAYER: u8 = 0x20;
+/// All flags in the count of changes.
+const FLAGS: u8 = AWAITS | KEEPS_CUTTER | MOVES_LAYER;
 /// Number of the awaited input.
 const AWAITED_INPUT: u8 = 0x3F;
 /// Flag of the awaited input: it must become active.
@@ -179,10 +184,12 @@ fn write_switching(
     changes: &[OutputChange],
     until: Option<InputWait>,
     keeps_cutter: bool,
+    layer: Option<LayerMove>,
 ) -> Option<()> {
     writer.count(u64::from(periods))?;
     let flag = |flag: u8, so: bool| if so { flag } else { 0 };
-    writer.u8(changes.len() as u8 | flag(AWAITS, until.is_some()) | flag(KEEPS_CUTTER, keeps_cutter))?;
+    let flags = flag(AWAITS, until.is_some()) | flag(KEEPS_CUTTER, keeps_cutter) | flag(MOVES_LAYER, layer.is_some());
+    writer.u8(changes.len() as u8 | flags)?;
     changes.iter().try_for_each(|&change| write_change(writer, change))?;
     if let Some(InputWait { input, active, timeout_periods, ignition }) = until {
         writer.u8(input & AWAITED_INPUT | flag(AWAITED_ACTIVE, active) | flag(IGNITES, ignition.is_some()))?;
@@ -194,24 +201,54 @@ fn write_switching(
             writer.count(u64::from(ignition.delay_periods))?;
         }
     }
-    Some(())
+    layer.map_or(Some(()), |moves| write_layer(writer, moves))
+}
+
+fn write_layer(writer: &mut ByteWriter<'_>, moves: LayerMove) -> Option<()> {
+    let (kind, values) = match moves {
+        LayerMove::Start { start, lowest, pierce, cut } => (0, [start, lowest, pierce, cut]),
+        LayerMove::OverSheet { height, highest } => (1, [height, highest, 0, 0]),
+        LayerMove::To { layer } => (2, [layer, 0, 0, 0]),
+    };
+    writer.u8(kind)?;
+    values.iter().take(4 >> kind).try_for_each(|&value| writer.signed(i64::from(value)))
+}
+
+/// Reads the moves of the layer, if the count of changes has their flag. Returns `None` if the bytes are invalid.
+#[allow(clippy::option_option)]
+fn read_layer(reader: &mut ByteReader<'_>, counts: u8) -> Option<Option<LayerMove>> {
+    if counts & MOVES_LAYER == 0 {
+        return Some(None);
+    }
+    Some(Some(match reader.u8()? {
+        0 => LayerMove::Start {
+            start: reader.signed32()?,
+            lowest: reader.signed32()?,
+            pierce: reader.signed32()?,
+            cut: reader.signed32()?,
+        },
+        1 => LayerMove::OverSheet { height: reader.signed32()?, highest: reader.signed32()? },
+        2 => LayerMove::To { layer: reader.signed32()? },
+        _ => return None,
+    }))
 }
 
 fn read_instruction(reader: &mut ByteReader<'_>) -> Option<Instruction> {
     let (number, place) = (reader.u32()?, RecordIndex::new(reader.u32()?));
     let (periods, counts) = (reader.count32()?, reader.u8()?);
-    let count = counts & !(AWAITS | KEEPS_CUTTER);
+    let count = counts & !FLAGS;
     let changes = read_changes(reader, count)?;
-    let until = read_until(reader, counts)?;
-    Some(Instruction { number, place, changes, count, periods, until, keeps_cutter: counts & KEEPS_CUTTER != 0 })
+    let (until, layer) = (read_until(reader, counts)?, read_layer(reader, counts)?);
+    let keeps_cutter = counts & KEEPS_CUTTER != 0;
+    Some(Instruction { number, place, changes, count, periods, until, keeps_cutter, layer })
 }
 
 fn read_repeated(reader: &mut ByteReader<'_>) -> Option<RepeatedInstruction> {
     let (number, periods, counts) = (reader.u32()?, reader.count32()?, reader.u8()?);
-    let count = counts & !(AWAITS | KEEPS_CUTTER);
+    let count = counts & !FLAGS;
     let changes = read_changes(reader, count)?;
-    let is_pulse = counts & KEEPS_CUTTER != 0;
-    Some(RepeatedInstruction { number, changes, count, periods, until: read_until(reader, counts)?, is_pulse })
+    let (until, layer) = (read_until(reader, counts)?, read_layer(reader, counts)?);
+    Some(RepeatedInstruction { number, changes, count, periods, until, is_pulse: counts & KEEPS_CUTTER != 0, layer })
 }
 
 fn read_changes(reader: &mut ByteReader<'_>, count: u8) -> Option<[OutputChange; MAX_CHANGES]> {

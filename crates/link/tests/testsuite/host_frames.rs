@@ -178,6 +178,7 @@ impl HostBench {
             reached: status.reached,
             executed: 0,
             counts: [0; 3],
+            layer: (0, 0),
             alarm: None,
         };
         self.frame(0, |w| {

@@ -9,8 +9,9 @@ use retrace_link::wire::{
 };
 use retrace_link::{
     Alarm, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, HomingCommand,
-    HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, MAX_CHANGES, MAX_CUTTING_CHANNELS,
-    MAX_PROOFS, MAX_SAFE, OutputAction, OutputChange, PROTOCOL, PathStart, ProofInput, RepeatedInstruction,
+    HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings, MAX_CHANGES,
+    MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OutputAction, OutputChange, PROTOCOL, PathStart, ProofInput,
+    RepeatedInstruction,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
@@ -36,7 +37,7 @@ fn instruction() -> impl Strategy<Value = Instruction> {
     });
     let until = prop::option::of((0u8..16, any::<bool>(), any::<u32>(), prop::option::of(ignition)));
     let changes = prop::collection::vec(change(), 0..=MAX_CHANGES);
-    (any::<[u32; 3]>(), changes, until, any::<bool>()).prop_map(|(n, list, until, keeps_cutter)| {
+    (any::<[u32; 3]>(), changes, until, any::<bool>(), layer()).prop_map(|(n, list, until, keeps_cutter, layer)| {
         let mut changes = [OutputChange::default(); MAX_CHANGES];
         changes[..list.len()].copy_from_slice(&list);
         let until = until
@@ -49,8 +50,16 @@ fn instruction() -> impl Strategy<Value = Instruction> {
             periods: n[2],
             until,
             keeps_cutter,
+            layer,
         }
     })
+}
+
+fn layer() -> impl Strategy<Value = Option<LayerMove>> {
+    let start =
+        any::<[i32; 4]>().prop_map(|[start, lowest, pierce, cut]| LayerMove::Start { start, lowest, pierce, cut });
+    let over = any::<[i32; 2]>().prop_map(|[height, highest]| LayerMove::OverSheet { height, highest });
+    prop::option::of(prop_oneof![start, over, any::<i32>().prop_map(|layer| LayerMove::To { layer })])
 }
 
 fn command() -> impl Strategy<Value = HostCommand<4>> {
@@ -72,9 +81,19 @@ fn command() -> impl Strategy<Value = HostCommand<4>> {
         change().prop_map(HostCommand::ManualOutput),
         Just(HostCommand::ClearAlarm),
         any::<u32>().prop_map(|last| HostCommand::Restart { last }),
-        instruction().prop_map(|Instruction { number, changes, count, periods, until, keeps_cutter, .. }| {
-            HostCommand::Repeat(RepeatedInstruction { number, changes, count, periods, until, is_pulse: keeps_cutter })
-        }),
+        instruction().prop_map(
+            |Instruction { number, changes, count, periods, until, keeps_cutter, layer, .. }| {
+                HostCommand::Repeat(RepeatedInstruction {
+                    number,
+                    changes,
+                    count,
+                    periods,
+                    until,
+                    is_pulse: keeps_cutter,
+                    layer,
+                })
+            }
+        ),
         (0u8..9, any::<bool>(), any::<[i64; 4]>(), any::<u32>()).prop_map(|(axis, upper, n, farthest)| {
             HostCommand::Home(HomingCommand {
                 axis,
@@ -110,6 +129,7 @@ fn entry() -> impl Strategy<Value = ReportEntry> {
         any::<u32>().prop_map(ReportEntry::Repeated),
         any::<bool>().prop_map(ReportEntry::Blocked),
         any::<u32>().prop_map(ReportEntry::RepeatRefused),
+        any::<i32>().prop_map(ReportEntry::Layer),
     ]
 }
 
@@ -209,6 +229,7 @@ fn handshakes_are_read_back() {
         reached: RecordIndex::new(1),
         executed: u32::MAX - 6,
         counts: [1, -2, i64::MAX, 0],
+        layer: (2, -77_000),
         alarm: Some(Alarm::LimitSwitch { axis: 2, upper: true }),
     };
     let mut bytes = [0; 200];
@@ -225,7 +246,9 @@ fn handshakes_are_read_back() {
         rests: false,
         reached: RecordIndex::new(77),
         executed: 12,
+        keeps_layer: true,
     };
+    settings.layer = Some(LayerSettings { axis: 2, contacts: 1 << 9 | 1, probe_speed: 1 << 17, latch_speed: u32::MAX });
     settings.backlash_pulses = [0, 300, u16::MAX, 7];
     settings.inputs[3] = InputSetting { used_for: InputUse::Limit { axis: 2, upper: true }, active_low: true };
     settings.inputs[15] = InputSetting { used_for: InputUse::EmergencyStop, active_low: false };
@@ -266,6 +289,8 @@ fn the_longest_opening_of_four_axes_fits_a_frame() {
     for without_input in &mut settings.cutting.channels[MAX_PROOFS..] {
         without_input.proof = None;
     }
+    let [probe_speed, latch_speed] = [2000 << 16; 2];
+    settings.layer = Some(LayerSettings { axis: 3, contacts: u16::MAX, probe_speed, latch_speed });
     // kind and epoch binding besides
     let mut bytes = [0; MAX_PAYLOAD - 1];
     let mut writer = ByteWriter::new(&mut bytes);

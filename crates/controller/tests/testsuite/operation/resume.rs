@@ -45,7 +45,13 @@ impl Kept {
 
     fn resumption(&self, left: &Card) -> ResumePoint {
         let status = left.status();
-        let start = PathStart { place: status.place, rests: false, reached: status.reached, executed: status.executed };
+        let start = PathStart {
+            place: status.place,
+            rests: false,
+            reached: status.reached,
+            executed: status.executed,
+            keeps_layer: false,
+        };
         ResumePoint { overrides: self.overrides(), marks: self.marks(), ..ResumePoint::at(start, RecordIndex::new(0)) }
     }
 }

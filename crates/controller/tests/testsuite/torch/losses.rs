@@ -132,7 +132,7 @@ fn an_interrupted_cut_of_a_resumed_job_is_recovered() {
                 first.picked(|kind| if let EventKind::CutEnd { place, .. } = *kind { Some(place) } else { None })[0];
             let CardStatus { place: at, reached, executed, .. } = *first.end.card.status();
             let cut_end = ResumedCutEnd { channel: FIRE, place, is_interruption: true, is_exact: true };
-            let start = PathStart { place: at, rests: false, reached, executed };
+            let start = PathStart { place: at, rests: false, reached, executed, keeps_layer: false };
             let point = ResumePoint { cut_ends: vec![cut_end], ..ResumePoint::at(start, RecordIndex::new(0)) };
             let cut_before = first.cut_squares();
             let script = format!("after {recovered_after_s}s recover\n");

@@ -6,6 +6,7 @@
 
 mod contours;
 mod jets;
+mod late_instructions;
 mod lead_ins;
 mod losses;
 
@@ -53,8 +54,8 @@ fn parsed(text: &str) -> MachineConfig {
 }
 
 /// A job, with all its telemetry.
-struct Run {
-    end: JobEnd<SimCard<4>>,
+struct Run<C = SimCard<4>> {
+    end: JobEnd<C>,
     periods: Vec<PeriodRecord<4>>,
     /// Whether the torch was on in each period.
     lit: Vec<bool>,
@@ -80,12 +81,21 @@ impl Observer<4> for Log {
             Telemetry::Event(event) => self.events.push(event.clone()),
             Telemetry::Output(_) | Telemetry::Active(_) => {}
         }
-        assert!(self.periods.len() < 1_000_000, "it hangs");
+        assert!(
+            self.periods.len() < 1_000_000,
+            "it hangs: {:#?}",
+            self.events.iter().map(Event::text).collect::<Vec<_>>()
+        );
     }
 }
 
 /// Runs a program on a machine whose source has these faults, with a scripted operator.
 fn run(machine: &MachineConfig, program: &str, faults: &str, script: &str) -> Run {
+    run_part(machine, program, script, JobStart::First, card(machine, faults))
+}
+
+/// A card at rest, whose source has these faults.
+fn card(machine: &MachineConfig, faults: &str) -> SimCard<4> {
     let source = SourceSettings {
         channel: machine.cutting_outputs[0],
         input: PROOF,
@@ -95,12 +105,17 @@ fn run(machine: &MachineConfig, program: &str, faults: &str, script: &str) -> Ru
     };
     let plant = PlantSettings { sources: vec![source], ..PlantSettings::default() };
     let settings = machine.card_settings::<4>(PathStart::at(RecordIndex::new(0)));
-    let card = SimCard::with_machine(settings, &plant, Clock::Virtual).expect("it opens");
-    run_part(machine, program, script, JobStart::First, card)
+    SimCard::with_machine(settings, &plant, Clock::Virtual).expect("it opens")
 }
 
 /// Runs a job, or the rest of it, on a card.
-fn run_part(machine: &MachineConfig, program: &str, script: &str, start: JobStart, card: SimCard<4>) -> Run {
+fn run_part<C: MotionCard<4>>(
+    machine: &MachineConfig,
+    program: &str,
+    script: &str,
+    start: JobStart,
+    card: C,
+) -> Run<C> {
     let script = ScriptPlayer::new(parse_script(script, "script").expect("a script"), machine.period_us);
     let options = JobOptions {
         start,
@@ -115,7 +130,7 @@ fn run_part(machine: &MachineConfig, program: &str, script: &str, start: JobStar
     Run { end, periods: log.periods, lit: log.lit, events: log.events }
 }
 
-impl Run {
+impl<C: MotionCard<4>> Run<C> {
     fn counts(&self) -> [i64; 4] {
         self.end.card.status().counts
     }
@@ -187,7 +202,7 @@ impl Run {
     }
 
     /// Asserts that the part is that of an uninterrupted job: its counts at every place, and all that it cut.
-    fn assert_part_of(&self, whole: &Self) {
+    fn assert_part_of(&self, whole: &Run) {
         let texts = || self.events.iter().map(Event::text).collect::<Vec<_>>();
         assert_eq!((&self.end.outcome, self.counts()), (&whole.end.outcome, whole.counts()), "{:#?}", texts());
         let positions = whole.positions();

@@ -1,0 +1,324 @@
+//! The layer: moves over the sheet in instructions, and the search for the sheet (CUT-13, CUT-15).
+//!
+//! Invariant: the sheet is where the axis has really moved to, counted from the pulses that the card emits.
+
+use crate::common;
+
+use common::{PLAIN, STOP, TestCard, identity, levels, settings};
+use proptest::prelude::*;
+use retrace_card::{LayerDrive, LayerProgress};
+use retrace_core::limits::PulseLimits;
+use retrace_core::{Flags, Place, Rate, Record, RecordIndex};
+use retrace_link::{
+    Alarm, CardCore, CardSettings, CardStatus, CommandRefusal, CutterOffCause, CuttingChannel, CuttingSettings,
+    HostCommand, Instruction, LayerMove, LayerSettings, MAX_CHANGES, MAX_LAYER, OutputChange, PathStart,
+    RepeatedInstruction, channel,
+};
+
+const TORCH: u8 = channel::SPINDLE;
+/// The input of the float switch.
+const FLOAT: u16 = PLAIN;
+/// The tool axis.
+const Z: usize = 1;
+const PULSE: u64 = 1 << 32;
+
+const SETTINGS: LayerSettings =
+    LayerSettings { axis: Z as u8, contacts: FLOAT, probe_speed: 4 << 16, latch_speed: 1 << 14 };
+
+fn layer_settings(epoch: u16) -> CardSettings<2> {
+    let mut settings = settings(epoch, 0);
+    let torch =
+        CuttingChannel { channel: TORCH, fires: true, standing_periods: 50, lit_in_reverse: false, proof: None };
+    settings.cutting = CuttingSettings { count: 1, handover_periods: 10, ..CuttingSettings::default() };
+    settings.cutting.channels[0] = torch;
+    settings.layer = Some(SETTINGS);
+    settings
+}
+
+/// A card whose tool axis stands over a sheet.
+struct Table {
+    card: TestCard,
+    /// Position of the tool axis where the float switch closes; `None` without a sheet.
+    sheet: Option<i64>,
+    position: i64,
+    levels: u16,
+    /// Increments of the tool axis.
+    increments: Vec<i64>,
+    /// Positions at which the torch was on.
+    lit_at: Vec<i64>,
+}
+
+impl Table {
+    fn new(sheet: Option<i64>) -> Self {
+        let mut card = TestCard::new(identity()).expect("a memory");
+        card.open(&layer_settings(1)).expect("fit");
+        let mut table = Self { card, sheet, position: 0, levels: 0, increments: Vec::new(), lit_at: Vec::new() };
+        for place in 0..20 {
+            let flags = if place % 20 == 19 { Flags::REST } else { Flags::NONE };
+            let record = Record { increments: [5, 0], flags, ..Record::default() };
+            table.send(HostCommand::Ahead { place: RecordIndex::new(place), record });
+        }
+        table
+    }
+
+    fn status(&self) -> CardStatus<2> {
+        *self.card.status()
+    }
+
+    fn send(&mut self, command: HostCommand<2>) {
+        self.card.accept(command).expect("it is accepted");
+    }
+
+    fn period(&mut self) -> CardStatus<2> {
+        self.card.keep_alive();
+        let touches = self.sheet.is_some_and(|sheet| self.position <= sheet);
+        let status = *self.card.run_period(levels(self.levels | if touches { FLOAT } else { 0 }));
+        self.increments.push(i64::from(self.card.pulses()[Z]));
+        self.position += i64::from(self.card.pulses()[Z]);
+        // The machine is where the path and the layer are, in every period.
+        assert_eq!(self.position, status.counts[Z] + i64::from(status.layer));
+        if status.outputs[usize::from(TORCH)] != 0 {
+            self.lit_at.push(self.position);
+        }
+        status
+    }
+
+    fn periods(&mut self, count: u32) -> CardStatus<2> {
+        (0..count).for_each(|_| {
+            self.period();
+        });
+        self.status()
+    }
+
+    /// Runs until the instruction of this number is complete.
+    fn until_executed(&mut self, number: u32) {
+        for _ in 0..20_000 {
+            if self.period().executed == number {
+                return;
+            }
+        }
+        panic!("not executed: {:?}", self.status());
+    }
+
+    fn instruct(&mut self, number: u32, torch: Option<i32>, layer: LayerMove) {
+        self.send(HostCommand::Instruction(instruction(number, torch, layer)));
+    }
+
+    /// Asserts that acceleration and jerk of the tool axis are within the limits of the settings.
+    fn assert_limits(&self) {
+        let slopes = |values: &[i64]| values.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<i64>>();
+        // Rounding of an increment to whole pulses: one pulse at either end.
+        let accelerations = slopes(&self.increments);
+        assert!(self.increments.iter().all(|&pulses| pulses.abs() <= 30));
+        assert!(accelerations.iter().all(|&change| change.abs() <= 8 + 1), "{accelerations:?}");
+        assert!(slopes(&accelerations).iter().all(|&change| change.abs() <= 1 + 3), "{accelerations:?}");
+    }
+}
+
+fn switching(torch: Option<i32>) -> ([OutputChange; MAX_CHANGES], u8) {
+    let mut changes = [OutputChange::default(); MAX_CHANGES];
+    changes[0] = OutputChange { channel: TORCH, value: torch.unwrap_or(0) };
+    (changes, u8::from(torch.is_some()))
+}
+
+fn instruction(number: u32, torch: Option<i32>, layer: LayerMove) -> Instruction {
+    let (changes, count) = switching(torch);
+    let periods = if torch == Some(1) { 30 } else { 0 };
+    Instruction { number, changes, count, periods, keeps_cutter: true, layer: Some(layer), ..Instruction::default() }
+}
+
+const START: LayerMove = LayerMove::Start { start: -300, lowest: -2000, pierce: 120, cut: 45 };
+
+/// The torch is lit at the pierce height over the sheet that was found, the feed begins at the height of the cut, and
+/// the layer is 0 again at the end: to the pulse.
+#[test]
+fn a_cut_begins_over_the_sheet_and_ends_where_it_was() {
+    for sheet in [-1999, -1234, -301] {
+        let mut table = Table::new(Some(sheet));
+        table.instruct(1, Some(1), START);
+        table.send(HostCommand::rate(Rate::ONE));
+        table.until_executed(1);
+        let status = table.status();
+        // The switch opens one pulse above the position where it closes.
+        assert_eq!((table.position, status.counts[0]), (sheet + 1 + 45, 0), "nothing was fed before");
+        assert!(table.lit_at.iter().all(|&at| at <= sheet + 1 + 120 && at >= sheet + 1 + 45));
+        assert_eq!(table.lit_at[..30], [sheet + 1 + 120; 30], "the pierce");
+        while table.period().place != Place::start_of(RecordIndex::new(20)) {}
+        assert_eq!(table.position, sheet + 46, "the layer stays");
+        let mut lift = instruction(2, Some(0), LayerMove::OverSheet { height: 500, highest: -100 });
+        lift.place = RecordIndex::new(20);
+        table.send(HostCommand::Instruction(lift));
+        table.until_executed(2);
+        assert_eq!(table.position, (sheet + 501).min(-100));
+        let mut end = instruction(3, None, LayerMove::To { layer: 0 });
+        end.place = RecordIndex::new(20);
+        table.send(HostCommand::Instruction(end));
+        table.until_executed(3);
+        assert_eq!((table.position, table.status().layer, table.status().counts[Z]), (0, 0, 0));
+        assert_eq!(table.increments.iter().sum::<i64>(), 0);
+        table.assert_limits();
+    }
+}
+
+/// Without a sheet, and with a switch that is closed over it or does not open: nothing is lit, nothing is fed.
+#[test]
+fn a_sheet_that_is_not_found_starts_nothing() {
+    for (sheet, cause) in [
+        (None, CutterOffCause::NoSheet),
+        (Some(-2100), CutterOffCause::NoSheet),
+        (Some(-200), CutterOffCause::SheetContact),
+    ] {
+        let mut table = Table::new(sheet);
+        table.instruct(1, Some(1), START);
+        table.send(HostCommand::rate(Rate::ONE));
+        let off = (0..20_000).find_map(|_| table.period().cutter_off).expect("it fails");
+        assert_eq!((off.cause, off.channels), (cause, 0));
+        let status = table.periods(300);
+        assert!(status.blocked && status.at_rest && status.executed == 0 && table.lit_at.is_empty());
+        assert_eq!(status.counts, [0, 0]);
+        table.assert_limits();
+        // The restart senses again, and the instruction is sent again.
+        table.sheet = Some(-1000);
+        let to_start = RepeatedInstruction { number: 1, layer: Some(LayerMove::To { layer: 0 }), ..Default::default() };
+        table.send(HostCommand::Restart { last: 1 });
+        table.send(HostCommand::Repeat(to_start));
+        while table.period().repeated != 1 {}
+        table.instruct(1, Some(1), START);
+        table.until_executed(1);
+        assert_eq!(table.position, -1000 + 1 + 45);
+    }
+}
+
+/// A hold interrupts the moves of an instruction, and it goes on afterwards.
+#[test]
+fn a_hold_stops_the_layer_and_the_instruction_goes_on() {
+    for after in (1..400).step_by(7) {
+        let mut table = Table::new(Some(-900));
+        table.instruct(1, Some(1), START);
+        table.send(HostCommand::rate(Rate::ONE));
+        table.periods(after);
+        let was_lit = !table.lit_at.is_empty();
+        table.send(HostCommand::rate(Rate::ZERO));
+        table.periods(60);
+        let held = table.position;
+        let executed = table.periods(100).executed;
+        assert!(held == table.position && (executed == 0 || after > 200), "{after}: it rests");
+        assert!(was_lit || table.lit_at.is_empty(), "{after}: nothing is lit in a hold");
+        table.send(HostCommand::rate(Rate::ONE));
+        if executed == 0 {
+            table.until_executed(1);
+            assert_eq!(table.position, -900 + 1 + 45, "{after}");
+        }
+        table.assert_limits();
+    }
+}
+
+/// An emergency stop, and a torch that is switched off by hand: the layer comes to rest, nothing is lit.
+#[test]
+fn an_alarm_or_the_operator_ends_the_moves() {
+    for after in (1..400).step_by(7) {
+        for by_hand in [false, true] {
+            let mut table = Table::new(Some(-900));
+            table.instruct(1, Some(1), START);
+            table.send(HostCommand::rate(Rate::ONE));
+            if table.periods(after).executed == 1 {
+                continue;
+            }
+            if by_hand {
+                table.send(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 0 }));
+            } else {
+                table.levels = STOP;
+            }
+            table.period();
+            table.lit_at.clear();
+            table.periods(60);
+            let held = table.position;
+            let status = table.periods(300);
+            assert!(table.lit_at.is_empty() && status.executed == 0 && status.counts == [0, 0], "{after} {status:?}");
+            assert!(held == table.position && status.at_rest, "{after}");
+            assert_eq!(status.alarm, (!by_hand).then_some(Alarm::EmergencyStop));
+            table.assert_limits();
+        }
+    }
+}
+
+/// A layer that is not kept becomes part of the counts; nothing moves.
+#[test]
+fn an_epoch_keeps_the_layer_or_adds_it_to_the_counts() {
+    for keeps_layer in [true, false] {
+        let mut table = Table::new(None);
+        table.instruct(1, None, LayerMove::To { layer: -321 });
+        table.send(HostCommand::rate(Rate::ONE));
+        table.until_executed(1);
+        while !table.period().at_rest {}
+        let start = PathStart { keeps_layer, ..PathStart::at(RecordIndex::new(7)) };
+        let counts = table.status().counts;
+        table.card.open(&CardSettings { start, ..layer_settings(2) }).expect("at rest");
+        let status = table.period();
+        let expected = if keeps_layer { (counts[Z], -321) } else { (counts[Z] - 321, 0) };
+        assert_eq!((status.counts[Z], status.layer), expected);
+        assert_eq!(table.position, -321);
+    }
+}
+
+#[test]
+fn moves_that_the_card_cannot_make_are_refused() {
+    let mut table = Table::new(None);
+    let too_far = instruction(1, None, LayerMove::To { layer: -(MAX_LAYER as i32) - 1 });
+    assert_eq!(table.card.accept(HostCommand::Instruction(too_far)), Err(CommandRefusal::Unsupported));
+    let mut card = TestCard::new(identity()).expect("a memory");
+    card.open(&settings(1, 0)).expect("fit");
+    let without = instruction(1, None, LayerMove::To { layer: 1 });
+    assert_eq!(card.accept(HostCommand::Instruction(without)), Err(CommandRefusal::Unsupported));
+    let refused = [
+        LayerSettings { axis: 2, ..SETTINGS },
+        LayerSettings { contacts: 0, ..SETTINGS },
+        LayerSettings { contacts: 1 << 6, ..SETTINGS },
+        LayerSettings { probe_speed: 0, ..SETTINGS },
+        LayerSettings { latch_speed: 0, ..SETTINGS },
+    ];
+    for layer in refused {
+        let settings = CardSettings { layer: Some(layer), ..layer_settings(2) };
+        assert_eq!(card.open(&settings), Err(CommandRefusal::Unsupported), "{layer:?}");
+    }
+}
+
+proptest! {
+    /// Any targets in a row, some replaced while the layer moves: it ends at the last one, within the limits.
+    #[test]
+    fn any_moves_end_at_their_target_within_the_limits(
+        targets in prop::collection::vec((-5000..5000i32, 0..200u32), 1..8),
+        (velocity, acceleration, jerk) in (1u64..60 << 32, 1u64 << 16..9 << 32, 1u64 << 16..3 << 32),
+    ) {
+        let velocity = velocity.max(1 << 28);
+        let mut drive = LayerDrive::new();
+        let limits = PulseLimits { velocity, acceleration: acceleration.min(jerk * 200), jerk };
+        drive.configure(Some(SETTINGS), &limits, 100, false);
+        let (mut position, mut increments) = (0i64, vec![0i64]);
+        let mut run = |drive: &mut LayerDrive, periods: &mut u32| {
+            drive.run_period(0, false);
+            position += i64::from(drive.increment());
+            increments.push(i64::from(drive.increment()));
+            *periods += 1;
+            assert_eq!(position, i64::from(drive.layer()));
+        };
+        let last = targets[targets.len() - 1].0;
+        for (target, periods) in targets {
+            drive.begin_behind(Some(LayerMove::To { layer: target }));
+            let mut passed = 0;
+            while passed < periods {
+                run(&mut drive, &mut passed);
+            }
+        }
+        let mut passed = 0;
+        while drive.progress() == LayerProgress::Moving && passed < 2_000_000 {
+            run(&mut drive, &mut passed);
+        }
+        prop_assert_eq!((drive.layer(), drive.at_rest()), (last, true));
+        let most = |figure: u64| figure.div_ceil(PULSE) as i64;
+        let slope: Vec<i64> = increments.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        prop_assert!(increments.iter().all(|pulses| pulses.abs() <= most(velocity)));
+        prop_assert!(slope.iter().all(|change| change.abs() <= most(limits.acceleration) + 1));
+        prop_assert!(slope.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= most(jerk) + 3));
+    }
+}

@@ -1,0 +1,64 @@
+//! The layer: the height of a cutter over the sheet, added to the recorded path of the tool axis (CUT-15).
+//!
+//! The machine is at the counts of the path plus the layer. Moves of the layer are no records: they are parts of the
+//! instruction that starts or ends a cut, and change no place of the path.
+//!
+//! Invariant: a layer is within ± [`MAX_LAYER`] pulses.
+
+/// Maximum distance of the layer from 0, in pulses.
+pub const MAX_LAYER: u32 = 1 << 24;
+
+/// Settings of the layer: the axis, and how the sheet is sensed. Its limits are those of the axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct LayerSettings {
+    /// The tool axis, from 0. Its counts rise away from the sheet.
+    pub axis: u8,
+    /// Inputs that close when the tool touches the sheet, one bit each.
+    pub contacts: u16,
+    /// Speed toward the sheet, in units of 2⁻¹⁶ pulses per period.
+    pub probe_speed: u32,
+    /// Speed off the sheet, in the same unit.
+    pub latch_speed: u32,
+}
+
+/// Moves of the layer in an instruction, in pulses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum LayerMove {
+    /// Before anything is switched, the sheet is sensed and the tool brought over it. Behind the pierce it goes to the
+    /// height of the cut (CUT-13).
+    Start {
+        /// Layer from which the sheet is sensed.
+        start: i32,
+        /// Layer at which a sheet that was not found is missing.
+        lowest: i32,
+        /// Height over the sheet while the cutter is started.
+        pierce: i32,
+        /// Height over the sheet with which the cut begins.
+        cut: i32,
+    },
+    /// Behind the switching the tool goes to this height over the sheet; where no sheet is known, to `highest`.
+    OverSheet {
+        /// Height over the sheet.
+        height: i32,
+        /// Highest layer.
+        highest: i32,
+    },
+    /// Behind the switching the layer goes to this value.
+    To {
+        /// The layer.
+        layer: i32,
+    },
+}
+
+impl LayerMove {
+    /// Whether every value is within ± [`MAX_LAYER`].
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let values = match *self {
+            Self::Start { start, lowest, pierce, cut } => [start, lowest, pierce, cut],
+            Self::OverSheet { height, highest } => [height, highest, 0, 0],
+            Self::To { layer } => [layer, 0, 0, 0],
+        };
+        values.iter().all(|value| value.unsigned_abs() <= MAX_LAYER)
+    }
+}
