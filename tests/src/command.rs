@@ -142,7 +142,7 @@ impl Bench {
         let mut command = Command::new(binary());
         command.args(&arguments).current_dir(self.folder.path()).env("XDG_STATE_HOME", self.path("state"));
         command.env("XDG_CONFIG_HOME", self.path("config")).env("XDG_CACHE_HOME", self.path("cache"));
-        let code = finished(&mut command, &input_path, &out, &err).expect("the retrace command runs");
+        let code = finished(&mut command, &input_path, &out, &err).unwrap_or_else(|error| panic!("{error}"));
         let text = |path: &Path| String::from_utf8_lossy(&fs::read(path).unwrap_or_default()).into_owned();
         let result = CommandOutput { code, out: text(&out), err: text(&err) };
         // A diagnostic may show a line of the program with these words; it does not begin with them.
@@ -214,8 +214,19 @@ fn finished(command: &mut Command, input: &Path, out: &Path, err: &Path) -> io::
         if started.elapsed() > COMMAND_TIMEOUT {
             child.kill()?;
             child.wait()?;
-            return Err(io::Error::other("the command did not end in time"));
+            let text = |path| String::from_utf8_lossy(&fs::read(path).unwrap_or_default()).into_owned();
+            return Err(io::Error::other(format!("did not end in time:\n{}{}", text(out), text(err))));
         }
         sleep(Duration::from_millis(2));
+    }
+}
+
+/// Asserts that a text contains all of these parts.
+///
+/// # Panics
+/// Where one of them is missing.
+pub fn assert_contains(text: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(text.contains(part), "{part} is not in\n{text}");
     }
 }

@@ -39,85 +39,27 @@ pub(crate) fn spindle_use(machine: &MachineConfig) -> SpindleUse {
     }
 }
 
+/// Copies a material of one type to the other. Every field is named, so that a new figure cannot be left out.
+macro_rules! copied_material {
+    ($of:ident: $From:ident => $To:ident { $($figure:ident),* $(,)? }) => {{
+        let $From { $($figure),* } = $of.clone();
+        $To { $($figure),* }
+    }};
+    ($of:ident: $From:ident => $To:ident) => {
+        copied_material!($of: $From => $To {
+            number, name, thickness_mm, kerf_mm, pierce_height_mm, pierce_delay_s, cut_height_mm, feed_mm_per_min,
+            puddle_percent, puddle_s, amps, volts, pause_at_end_s, gas_bar, cut_mode, height_control
+        })
+    };
+}
+
 /// A material of the table, for a program.
 fn material(of: &MaterialConfig) -> Material {
-    // Every field is named, so that a new figure cannot be left out.
-    let MaterialConfig {
-        number,
-        name,
-        thickness_mm,
-        kerf_mm,
-        pierce_height_mm,
-        pierce_delay_s,
-        cut_height_mm,
-        feed_mm_per_min,
-        puddle_percent,
-        puddle_s,
-        amps,
-        volts,
-        pause_at_end_s,
-        gas_bar,
-        cut_mode,
-        height_control,
-    } = of.clone();
-    Material {
-        number,
-        name,
-        thickness_mm,
-        kerf_mm,
-        pierce_height_mm,
-        pierce_delay_s,
-        cut_height_mm,
-        feed_mm_per_min,
-        puddle_percent,
-        puddle_s,
-        amps,
-        volts,
-        pause_at_end_s,
-        gas_bar,
-        cut_mode,
-        height_control,
-    }
+    copied_material!(of: MaterialConfig => Material)
 }
 
 /// A material of a program, for the table (`--save-materials`).
 #[must_use]
 pub fn material_config(of: &Material) -> MaterialConfig {
-    // Every field is named, so that a new figure cannot be left out.
-    let Material {
-        number,
-        name,
-        thickness_mm,
-        kerf_mm,
-        pierce_height_mm,
-        pierce_delay_s,
-        cut_height_mm,
-        feed_mm_per_min,
-        puddle_percent,
-        puddle_s,
-        amps,
-        volts,
-        pause_at_end_s,
-        gas_bar,
-        cut_mode,
-        height_control,
-    } = of.clone();
-    MaterialConfig {
-        number,
-        name,
-        thickness_mm,
-        kerf_mm,
-        pierce_height_mm,
-        pierce_delay_s,
-        cut_height_mm,
-        feed_mm_per_min,
-        puddle_percent,
-        puddle_s,
-        amps,
-        volts,
-        pause_at_end_s,
-        gas_bar,
-        cut_mode,
-        height_control,
-    }
+    copied_material!(of: Material => MaterialConfig)
 }

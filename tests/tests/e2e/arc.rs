@@ -33,6 +33,12 @@ fn machine() -> String {
     format!("{torch}{}{}{}", axis("x"), axis("y"), axis("z"))
 }
 
+/// Asserts that a job has ended as the uninterrupted one did, at the same counts.
+fn assert_ends_as(run: &Run, whole: &Run) {
+    let end = |run: &Run| (run.report["outcome"].clone(), run.counts());
+    assert_eq!(end(run), end(whole), "{}", run.output.out);
+}
+
 /// The samples of a trace, and its file for the judge, which exists as long as its bench.
 struct Trace {
     samples: Vec<Sample>,
@@ -87,7 +93,7 @@ fn a_lost_arc_is_recovered_with_one_word() {
     let (whole, uninterrupted) = run("", "", &[]);
     assert_eq!(whole.report["outcome"], "completed");
     let (run, trace) = run("lose@20", "at 3s recover\n", &[]);
-    assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()));
+    assert_ends_as(&run, &whole);
     let verdict = judge(&uninterrupted, &trace, &JUDGED);
     assert!(verdict.is_good() && verdict.ignitions == 3, "{verdict:?}");
     // the place of the loss: 20 mm of cut behind the pierce at X10, in line 4
@@ -193,7 +199,7 @@ fn a_program_whose_torch_is_put_out_in_its_start_waits_and_starts_it_anew() {
     // before and after the arc has struck
     for at_s in [0.268, 0.3, 0.5, 0.7] {
         let (run, trace) = run("", &format!("at {at_s}s cutter off\nafter 3s resume\n"), &[]);
-        assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()), "{at_s}");
+        assert_ends_as(&run, &whole);
         let verdict = judge(&uninterrupted, &trace, &JUDGED);
         assert!(verdict.is_good(), "{at_s} {verdict:?}");
         let from_us = (at_s * 1e6) as u64 + 2_000;
@@ -216,7 +222,7 @@ fn a_recovery_in_which_the_torch_is_put_out_begins_anew() {
             let script = format!("at 3s recover\nafter {after_s}s {end}\nafter 2s recover\n");
             let (run, trace) = run("lose@20", &script, &[]);
             let what = format!("{end} after {after_s} s\n{}", run.output.out);
-            assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()), "{what}");
+            assert_ends_as(&run, &whole);
             let verdict = judge(&uninterrupted, &trace, &JUDGED);
             assert!(verdict.is_good(), "{verdict:?}\n{what}");
         }
@@ -243,7 +249,7 @@ fn an_interrupted_lead_in_is_done_again() {
             let script = script + "after 4s hold\nafter 0.5s shift -1 4\nafter 0.1s recover\n";
             let (run, trace) = run("lose@20", &script, &[]);
             let what = format!("{end} after {after_s} s\n{}", run.output.out);
-            assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()), "{what}");
+            assert_ends_as(&run, &whole);
             let verdict = judge(&uninterrupted, &trace, &JudgedMachine { has_lead_ins: true, ..JUDGED });
             assert!(verdict.is_good(), "{verdict:?} {what}");
             assert_eq!(run.audit().violations, [0; 3], "{what}");
@@ -323,7 +329,7 @@ fn a_shifted_restart_pierces_beside_the_path_and_leads_in_to_it() {
     for (shift, mm) in [("shift 3 -4", [3.0, -4.0]), ("shift n\nafter 0.1s shift nw", [-1.5, 3.0])] {
         let (run, trace) = run("lose@20", &format!("at 3s {shift}\nafter 0.1s recover\n"), &[]);
         let what = format!("{shift}\n{}", run.output.out);
-        assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()), "{what}");
+        assert_ends_as(&run, &whole);
         let verdict = judge(&uninterrupted, &trace, &JudgedMachine { has_lead_ins: true, ..JUDGED });
         assert!(verdict.is_good(), "{verdict:?} {what}");
         let on_the_path = judge(&uninterrupted, &trace, &JUDGED);
@@ -474,14 +480,14 @@ fn a_contour_that_is_cut_to_its_end_is_cut_again_only_at_the_second_word() {
     let (run_on, trace) = run("", &format!("{back}after 0.1s recover\n"), &[]);
     let rejected = rejections(&run_on);
     assert!(rejected.len() == 1 && rejected[0].contains("once more"), "{rejected:?}");
-    assert_eq!((&run_on.report["outcome"], run_on.counts()), (&whole.report["outcome"], whole.counts()));
+    assert_ends_as(&run_on, &whole);
     let verdict = judge(&uninterrupted, &trace, &JUDGED);
     assert!(verdict.is_good() && verdict.ignitions == 2, "{verdict:?}");
     // it is tried all the same, finds no metal, and the rest of the contour is passed with the torch off
     let tried = format!("{back}after 0.1s cut moving\nafter 5s recover\n");
     let (again, trace) = run("", &tried, &[]);
     assert_eq!((rejections(&again).len(), with_reason(&again, "lost").len()), (1, 1), "{}", again.output.out);
-    assert_eq!((&again.report["outcome"], again.counts()), (&whole.report["outcome"], whole.counts()));
+    assert_ends_as(&again, &whole);
     let verdict = judge(&uninterrupted, &trace, &JUDGED);
     assert!(verdict.is_good() && verdict.ignitions == 3, "{verdict:?}");
 }
@@ -496,7 +502,7 @@ fn back_to_pierce_stays_at_the_contour_whose_start_was_interrupted() {
     let rejected = rejections(&run);
     assert!(rejected.len() == 1 && rejected[0].contains("at the pierce"), "{rejected:?}");
     assert!(trace.iter().all(|sample| sample.rate >= 0.0), "it does not go back");
-    assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()));
+    assert_ends_as(&run, &whole);
 }
 
 #[test]
@@ -531,7 +537,7 @@ fn a_contour_is_skipped_and_the_next_one_is_cut() {
     for script in ["at 3s skip contour\n", "at 3s back 5 mm\nafter 2s skip contour\nafter 0.1s hold\nafter 1s resume\n"]
     {
         let (run, trace) = run("lose@20", script, &[]);
-        assert_eq!((&run.report["outcome"], run.counts()), (&whole.report["outcome"], whole.counts()), "{script}");
+        assert_ends_as(&run, &whole);
         let ended = contours(&run);
         assert!(ended.len() == 2 && (ended[0].1 - 40.0).abs() < 0.2 && ended[1] == (2, 0.0), "{script}: {ended:?}");
         let lit = trace.windows(2).filter(|pair| !pair[0].is_on("spindle") && pair[1].is_on("spindle")).count();
@@ -540,12 +546,7 @@ fn a_contour_is_skipped_and_the_next_one_is_cut() {
         assert!(dark.filter(|sample| sample.rate > 0.0).all(|sample| !sample.is_on("spindle")), "{script}");
     }
     let (run, trace) = run("no-start=1", "at 6s skip contour\nafter 10s skip contour\n", &[]);
-    assert_eq!(
-        (&run.report["outcome"], run.counts()),
-        (&whole.report["outcome"], whole.counts()),
-        "{}",
-        run.output.out
-    );
+    assert_ends_as(&run, &whole);
     let ended = contours(&run);
     assert!(ended.len() == 2 && ended.iter().all(|(_, mm)| (mm - 60.0).abs() < 0.2), "{ended:?}");
     assert!(trace.iter().all(|sample| !sample.is_on("spindle") || sample.at_rest), "no feed with the torch on");
@@ -560,12 +561,7 @@ fn a_loss_close_to_the_end_of_a_contour_is_passed() {
     let machine = machine().replace("pierce_s = 0.4 }", "pierce_s = 0.4 }\nrestart = { lost_at_end_mm = 3.0 }");
     let (whole, _) = run("", "", &[]);
     let (run, trace) = run_on(&machine, "lose@58", "", &[]);
-    assert_eq!(
-        (&run.report["outcome"], run.counts()),
-        (&whole.report["outcome"], whole.counts()),
-        "{}",
-        run.output.out
-    );
+    assert_ends_as(&run, &whole);
     let ended = contours(&run);
     assert!(ended.len() == 2 && (ended[0].1 - 2.0).abs() < 0.2 && ended[1] == (2, 0.0), "{ended:?}");
     assert_eq!(run.report["cut_interruptions"], 1);
@@ -605,7 +601,7 @@ fn the_rest_of_several_contours_is_cut_in_one_go() {
     let losses = "at 3s skip contour\nafter 6s skip contour\nat line 16 override 100%\nafter 0.3s hold\n";
     let (rest, trace) = run("lose@20,lose@90", &format!("{losses}after 2s back to contour 1\nafter 6s cut\n"));
     let what = &rest.output.out;
-    assert_eq!((&rest.report["outcome"], rest.counts()), (&whole.report["outcome"], whole.counts()), "{what}");
+    assert_ends_as(&rest, &whole);
     let verdict = judge(&uninterrupted, &trace, &JUDGED);
     assert!(verdict.is_good(), "{verdict:?} {what}");
     // four pierces, and three rests

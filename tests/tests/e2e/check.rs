@@ -1,6 +1,6 @@
 //! `retrace check` predicts the outcome of a run.
 
-use retrace_tests::command::Bench;
+use retrace_tests::command::{Bench, assert_contains};
 use retrace_tests::programs::examples;
 use retrace_tests::served::ServedCard;
 use retrace_tests::terminal::Terminal;
@@ -68,16 +68,15 @@ fn extents_room_tools_ranges_and_barriers_are_told_in_both_forms() {
         (&serde_json::json!([8]), &1.5.into(), &0.25.into())
     );
     let text = bench.retrace([&["check"][..], &with].concat()).out;
-    for part in [
+    let parts = [
         "margin 2095.000 below, 1880.000 above",
         "in G55: X -5.000 … 20.000",
         "T1 (end mill, length 40.000 mm, diameter 6.000 mm)",
         "feed 90.0 … 600.0 mm/min · spindle 3000.0 … 8000.0 turns/min",
         "cannot be passed backward: M6 of line 2, M101 of line 6, M6 of line 9",
         "stops: line 8",
-    ] {
-        assert!(text.contains(part), "{part} is not in\n{text}");
-    }
+    ];
+    assert_contains(&text, &parts);
     let refused = bench.retrace(["check", "-", "--json"]);
     assert_eq!((refused.code, refused.out.as_str()), (Some(2), ""));
 }
@@ -107,14 +106,13 @@ fn lengths_pierces_time_per_tool_and_feeds_beyond_the_machine_are_told() {
     assert!((sum - summary["motion_s"].as_f64().expect("a time")).abs() < 1e-6 && tools.contains_key("2"), "{summary}");
     assert_eq!(summary["feed_above_limit"], serde_json::json!({"line": 6, "feed_mm_per_min": 9000.0}));
     let text = bench.retrace(["check", "p.ngc", "--machine", "m.toml"]).out;
-    for part in [
+    let parts = [
         "at 100 %: 0:00:",
         "pierces 2",
         "motion with each tool: T1 0:00:",
         "line 6 programs a feed of 9000.0 mm/min; the machine's maximum is 6000.0",
-    ] {
-        assert!(text.contains(part), "{part} is not in\n{text}");
-    }
+    ];
+    assert_contains(&text, &parts);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! What `retrace check` knows of a cutting program before it runs: times, contours, materials.
 
-use retrace_tests::command::{Bench, root};
+use retrace_tests::command::{Bench, assert_contains, root};
 use serde_json::{Value, json};
 
 fn last(text: &str) -> Value {
@@ -84,14 +84,13 @@ fn contours_are_listed_with_their_material_and_places_before_the_run() {
     }
     assert!((number(&summary, "cutting_mm") - lengths.iter().sum::<f64>()).abs() < 0.01);
     let text = bench.retrace(["check", "p.ngc", "--machine", "m.toml"]).out;
-    for part in [
+    let parts = [
         "pierces 3, which take 1.880 s",
         "material 1 Steel: 1 contour · cut 0.061 m",
         "contour 2: line 3 in O100, torch, material 2, 10.000 mm, from X 60.000 Y 50.000 to X 70.000 Y 50.000",
         "contour 3: line 20, torch, temporary material Thin, 5.000 mm",
-    ] {
-        assert!(text.contains(part), "{part} is not in\n{text}");
-    }
+    ];
+    assert_contains(&text, &parts);
     bench.file("many.ngc", format!("G21 F600\n{}M2\n", "M3\nG91 G1 X1\nM5\n".repeat(50)));
     let text = bench.retrace(["check", "many.ngc", "--machine", "m.toml"]).out;
     assert_eq!(text.matches("\n  contour ").count(), 20, "{text}");
