@@ -125,6 +125,7 @@ mod tests {
             record: period + 1,
             fraction: 0,
             increments: vec![count(period + 1) - count(period)],
+            layer: 0,
             retrace_switched: String::new(),
         };
         Records { axes: vec!["x".to_owned()], rows: (0..300).map(row).collect(), is_dry: false }

@@ -27,6 +27,8 @@ pub struct Sample {
     pub inputs: u64,
     /// Counts of the first three axes.
     pub counts: [i64; 3],
+    /// Layer of the tool axis, in pulses.
+    pub layer: i64,
 }
 
 impl Sample {
@@ -88,6 +90,7 @@ fn set(now: &mut Sample, scope: &str, name: &str, value: f64) {
         (_, "inputs") => now.inputs = value as u64,
         (_, "place") => now.place = value,
         (_, "rate") => now.rate = value,
+        (_, "layer") => now.layer = value as i64,
         (_, "line") => now.line = value as u64,
         (_, "at_rest") => now.at_rest = value != 0.0,
         (_, "alarm") => now.alarm = value as u64,

@@ -17,6 +17,8 @@ pub struct Row {
     pub fraction: u64,
     /// Pulses that each axis emitted.
     pub increments: Vec<i64>,
+    /// Layer of the tool axis at the end of the period, in pulses; 0 where the file has no such column.
+    pub layer: i64,
     /// Outputs that retracing switched, `5=0 66=1`; empty also where the file has no such column.
     pub retrace_switched: String,
 }
@@ -53,13 +55,15 @@ impl Records {
         if header.get(..COLUMNS.len()) != Some(&COLUMNS[..]) || header.len() == COLUMNS.len() {
             return Err(format!("the header is {header:?}"));
         }
-        let is_axis = |name: &&&str| **name != "retrace_switched";
+        let has_switched = header.last() == Some(&"retrace_switched");
+        let has_layer = header.contains(&"layer");
+        let is_axis = |name: &&&str| !["layer", "retrace_switched"].contains(name);
         let axes: Vec<String> = header[COLUMNS.len()..].iter().filter(is_axis).map(|name| (*name).to_owned()).collect();
-        let has_switched = axes.len() + COLUMNS.len() < header.len();
         let mut rows = Vec::new();
         for (index, line) in lines.enumerate() {
             let fields = if is_dry { line.strip_suffix(",1").unwrap_or_default() } else { line };
-            let row = row(fields, axes.len(), has_switched).ok_or_else(|| format!("line {}: {line:?}", index + 2))?;
+            let row = row(fields, axes.len(), has_layer, has_switched)
+                .ok_or_else(|| format!("line {}: {line:?}", index + 2))?;
             rows.push(row);
         }
         Ok(Self { axes, rows, is_dry })
@@ -73,6 +77,17 @@ impl Records {
             totals.iter_mut().zip(&row.increments).for_each(|(total, increment)| *total += increment);
         }
         totals
+    }
+
+    /// The rows as the machine moved: the layer is added to its axis.
+    #[must_use]
+    pub fn with_layer(mut self, axis: usize) -> Self {
+        let mut layer = 0;
+        for row in &mut self.rows {
+            row.increments[axis] += row.layer - layer;
+            layer = row.layer;
+        }
+        self
     }
 
     /// Checks that position is a function of the place; returns the number of places that were visited more than once.
@@ -103,8 +118,10 @@ impl Records {
     }
 }
 
-fn row(line: &str, axes: usize, has_switched: bool) -> Option<Row> {
+fn row(line: &str, axes: usize, has_layer: bool, has_switched: bool) -> Option<Row> {
     let (line, retrace_switched) = if has_switched { line.rsplit_once(',')? } else { (line, "") };
+    let (line, layer) = if has_layer { line.rsplit_once(',')? } else { (line, "0") };
+    let layer = layer.parse().ok()?;
     let mut fields = line.split(',');
     let row = Row {
         period: fields.next()?.parse().ok()?,
@@ -113,6 +130,7 @@ fn row(line: &str, axes: usize, has_switched: bool) -> Option<Row> {
         record: fields.next()?.parse().ok()?,
         fraction: fields.next()?.parse().ok().filter(|fraction| *fraction < 1 << 32)?,
         increments: fields.map(|field| field.parse().ok()).collect::<Option<_>>()?,
+        layer,
         retrace_switched: retrace_switched.to_owned(),
     };
     (row.increments.len() == axes).then_some(row)
@@ -152,6 +170,7 @@ mod tests {
                 record: 7,
                 fraction: 1 << 31,
                 increments: vec![-12, 4],
+                layer: 0,
                 retrace_switched: String::new(),
             }]
         );

@@ -47,6 +47,8 @@ enum LayerTask {
     Down { start: i32, lowest: i32, height: i32 },
     /// It has touched the sheet, and comes to rest.
     Overrun { start: i32, height: i32 },
+    /// It has found no sheet, and goes back to where it was sensed from.
+    Retreat { start: i32 },
     /// It goes off the sheet until the contact opens.
     Up { start: i32, height: i32 },
     /// The sheet was not found: it comes to rest.
@@ -132,6 +134,12 @@ impl LayerDrive {
         self.settings.map(|settings| settings.axis)
     }
 
+    /// Whether this input is a contact of the sheet.
+    #[must_use]
+    pub fn is_contact(&self, input: u8) -> bool {
+        self.settings.is_some_and(|settings| settings.contacts >> (input & 15) & 1 == 1)
+    }
+
     /// Returns the layer in pulses.
     #[must_use]
     pub const fn layer(&self) -> i32 {
@@ -198,7 +206,7 @@ impl LayerDrive {
         let [fastest, _] = self.limits;
         let (target, speed) = match self.task {
             LayerTask::Move { target } => (target, fastest),
-            LayerTask::Approach { start, .. } => (start, fastest),
+            LayerTask::Approach { start, .. } | LayerTask::Retreat { start } => (start, fastest),
             LayerTask::Down { lowest, .. } => (lowest, i64::from(settings.probe_speed) << 16),
             LayerTask::Up { start, .. } => (start, i64::from(settings.latch_speed) << 16),
             LayerTask::Stop | LayerTask::Overrun { .. } | LayerTask::Failing(_) => (self.layer, 0),
@@ -217,7 +225,8 @@ impl LayerDrive {
                 LayerTask::Down { start, lowest, height }
             }
             LayerTask::Down { start, height, .. } if is_closed => LayerTask::Overrun { start, height },
-            LayerTask::Down { lowest, .. } if rests_at(lowest) => LayerTask::Failing(SheetFault::NoSheet),
+            LayerTask::Down { start, lowest, .. } if rests_at(lowest) => LayerTask::Retreat { start },
+            LayerTask::Retreat { start } if rests_at(start) => LayerTask::Failing(SheetFault::NoSheet),
             LayerTask::Overrun { start, height } if self.at_rest() => LayerTask::Up { start, height },
             LayerTask::Up { height, .. } if !is_closed => {
                 self.sheet = Some(self.layer);

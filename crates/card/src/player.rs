@@ -326,7 +326,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         if !self.has_stopped() {
             return Err(CommandRefusal::InMotion);
         }
-        if let Some(alarm) = self.alarm_of_start(repeated.changes()) {
+        if let Some(alarm) = self.alarm_of_start(repeated.changes(), repeated.layer) {
             // Not a refusal, which would be reported before the alarm that is its cause.
             self.start_alarm = Some(alarm);
             return Ok(());
@@ -383,7 +383,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         if !self.is_due() {
             return;
         }
-        match self.alarm_of_start(self.switching.waiting_changes()) {
+        let (changes, moves) = self.switching.waiting_changes();
+        match self.alarm_of_start(changes, moves) {
             Some(alarm) => self.start_alarm = Some(alarm),
             None => self.switching.begin(&mut self.outputs, &mut self.layer),
         }

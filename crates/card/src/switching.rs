@@ -457,11 +457,13 @@ impl InstructionExecutor {
             || self.repeat.as_ref().is_some_and(|repeat| is_on(repeat.instruction.changes()))
     }
 
-    /// Returns the changes that the waiting instruction makes.
-    pub(crate) fn waiting_changes(&self) -> &[OutputChange] {
+    /// Returns the changes that the waiting instruction makes, and its moves of the layer.
+    pub(crate) fn waiting_changes(&self) -> (&[OutputChange], Option<LayerMove>) {
         match &self.pending {
-            Some(PendingInstruction { instruction, stage: InstructionStage::Waiting }) => instruction.changes(),
-            _ => &[],
+            Some(PendingInstruction { instruction, stage: InstructionStage::Waiting }) => {
+                (instruction.changes(), instruction.layer)
+            }
+            _ => (&[], None),
         }
     }
 

@@ -126,8 +126,12 @@ impl<'m, const A: usize> Console<'m, A> {
         let Some((file, error)) = &mut self.records else { return };
         if error.is_none() {
             let switched = self.retrace_switched.as_deref();
-            let columns =
-                RecordColumns { axes: self.machine.axes.len(), switched, is_dry: self.machine.inhibits_outputs };
+            let columns = RecordColumns {
+                axes: self.machine.axes.len(),
+                has_layer: self.machine.tool_layer().is_some(),
+                switched,
+                is_dry: self.machine.inhibits_outputs,
+            };
             *error = record_row(file, status, &columns).err();
         }
         if let Some(switched) = &mut self.retrace_switched {
@@ -143,9 +147,11 @@ impl<'m, const A: usize> Console<'m, A> {
         }
         self.shown = Instant::now();
         let mut position = String::new();
-        for (axis, count) in self.machine.axes.iter().zip(&status.counts) {
+        let tool = self.machine.tool_layer().map(|layer| layer.index);
+        for (at, (axis, count)) in self.machine.axes.iter().zip(&status.counts).enumerate() {
             let name = axis.name.to_ascii_uppercase();
-            position += &format!("{name}{:.3} ", axis.mm_of(*count));
+            let layer = if tool == Some(at) { i64::from(status.layer) } else { 0 };
+            position += &format!("{name}{:.3} ", axis.mm_of(count + layer));
         }
         let step: f64 = self
             .machine
@@ -228,9 +234,10 @@ fn create(path: &Path, machine: &MachineConfig) -> Result<BufWriter<File>, Numbe
     let named = |error| unwritable(&path.display().to_string(), &error);
     let mut file = BufWriter::with_capacity(1 << 18, File::create(path).map_err(named)?);
     let axes: Vec<String> = machine.axes.iter().map(|a| a.name.to_string()).collect();
+    let layer = if machine.tool_layer().is_some() { ",layer" } else { "" };
     let switched = if switches_while_retracing(machine) { ",retrace_switched" } else { "" };
     let dry = if machine.inhibits_outputs { ",dry_run" } else { "" };
-    writeln!(file, "period,line,rate,record,fraction,{}{switched}{dry}", axes.join(",")).map_err(named)?;
+    writeln!(file, "period,line,rate,record,fraction,{}{layer}{switched}{dry}", axes.join(",")).map_err(named)?;
     Ok(file)
 }
 
@@ -242,11 +249,13 @@ fn switches_while_retracing(machine: &MachineConfig) -> bool {
 /// What follows the fixed columns of a row.
 struct RecordColumns<'s> {
     axes: usize,
+    has_layer: bool,
     switched: Option<&'s str>,
     is_dry: bool,
 }
 
 /// Writes `period,line,rate,record,fraction,<axis>…`: the rate with nine decimals and never −0, the fraction in 2⁻³².
+/// On a machine that senses the sheet `layer` follows, the layer of the tool axis in pulses at the end of the period.
 /// Where retracing switches outputs, `retrace_switched` follows: `5=0 66=1`, each channel that was switched in the
 /// period with its value. In a dry run `dry_run` is the last column, with 1 in every row.
 fn record_row<const A: usize>(
@@ -258,6 +267,9 @@ fn record_row<const A: usize>(
     write!(out, "{},{},{rate},{},{}", status.period, status.line, status.place.record, status.place.fraction)?;
     for increment in &status.increments[..columns.axes] {
         write!(out, ",{increment}")?;
+    }
+    if columns.has_layer {
+        write!(out, ",{}", status.layer)?;
     }
     if let Some(switched) = columns.switched {
         write!(out, ",{switched}")?;

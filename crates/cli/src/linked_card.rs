@@ -148,8 +148,15 @@ impl<const A: usize> GreetedCard<A> {
 
     fn open(&mut self, start: PathStart) -> Result<(), Fault<A>> {
         self.card.wait_at_rest(nonce())?;
+        let mut counts = self.status.counts;
         let same = |greeting: &retrace_link::Greeting<A>| {
-            greeting.identity.boot == self.boot && greeting.counts == self.status.counts
+            // The card's greeting includes the layer.
+            counts
+                .iter_mut()
+                .skip(usize::from(greeting.layer.0))
+                .take(1)
+                .for_each(|n| *n += i64::from(self.status.layer));
+            greeting.identity.boot == self.boot && greeting.counts == counts
         };
         if !self.card.greeting().is_some_and(same) {
             return Err(LinkedCardError::Host(LinkError::Restarted));

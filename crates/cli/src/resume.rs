@@ -275,7 +275,7 @@ impl ResumeStep<'_> {
             rests: false,
             reached: greeting.reached,
             executed: greeting.executed,
-            keeps_layer: false,
+            keeps_layer: true,
         };
         let settings = self.machine.card_settings(stands);
         let status = linked_card::read_status(&mut card, &address, settings)?;
@@ -315,7 +315,7 @@ impl ResumeStep<'_> {
             rests: false,
             reached: greeting.reached,
             executed: greeting.executed,
-            keeps_layer: false,
+            keeps_layer: true,
         };
         let is_behind =
             result.reached.is_before(stood.start.reached) || number_is_before(result.executed, stood.start.executed);

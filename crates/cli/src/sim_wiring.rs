@@ -9,7 +9,7 @@ use std::io::BufWriter;
 use std::path::Path;
 
 use retrace_config::{CodeSwitching, CutterConfig, CutterKind, CutterProof, MachineConfig, NumberedError};
-use retrace_hal_sim::{Clock, PlantSettings, Reply, SimCard, SourceFaults, SourceSettings, source_faults};
+use retrace_hal_sim::{Clock, PlantSettings, Reply, SimCard, SourceFaults, SourceSettings, Switch, source_faults};
 use retrace_link::{InputUse, InputWait, PathStart, channel};
 
 use crate::files::unwritable;
@@ -67,6 +67,12 @@ pub fn hung_on<const A: usize>(machine: &MachineConfig, faults: &SourceFaults) -
         if !is_limit || (!of_its_own && switch.upper == home.upper) {
             (switch.at, switch.upper) = (machine.counts_of(axis, home.position_mm), home.upper);
         }
+    }
+    if let (Some(layer), Some(sheet_um)) = (machine.tool_layer(), faults.sheet_um) {
+        let closes_mm = layer.contact_mm() + f64::from(sheet_um) / 1000.0;
+        let (axis, at) = (layer.index as u8, machine.counts_of(layer.index, closes_mm));
+        let contacts = layer.contacts().iter();
+        settings.switches.extend(contacts.map(|&input| Switch { input, axis, at, upper: false }));
     }
     settings.replies = replies(machine);
     settings.sources = sources(machine, faults);

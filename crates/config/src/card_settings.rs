@@ -34,6 +34,7 @@ impl MachineConfig {
                 self.period_us,
                 self.inhibits_outputs,
             ),
+            layer: self.tool_layer().map(|layer| layer.settings(self.period_s())),
             ..CardSettings::new(0, start, self.period_us, limits)
         };
         for (slot, &channel) in settings.safe.iter_mut().zip(&card.off_at_fault) {

@@ -10,6 +10,7 @@ use serde::Deserialize;
 use crate::card_config::CardConfig;
 use crate::cutter_start::{CutterProof, CutterRestart, CutterStart};
 use crate::numbered_error::NumberedError;
+use crate::sheet_sensing::SheetSensing;
 use crate::value_range::within;
 
 /// Highest number of a spindle behind `$`.
@@ -87,15 +88,6 @@ pub enum SingleBlockStep {
     Block,
 }
 
-/// Sensing of the sheet, `sense` of a `[[cutter]]`.
-#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-struct SenseSection {
-    /// Travel of the float switch between the contact with the sheet and its opening, in mm.
-    #[schemars(range(min = 0.0, max = 50.0))]
-    float_travel_mm: f64,
-}
-
 /// A cutter, `[[cutter]]`.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -124,9 +116,9 @@ pub(crate) struct CutterSection {
     /// Z words of a program: obeyed, or ignored because the cut cycle rules the height. Ignored by default for a torch
     /// or a beam with a material table.
     z_words: Option<ZWords>,
-    /// Finding the sheet before a pierce.
+    /// Finding the sheet before a pierce, and the height between contours.
     #[serde(default)]
-    sense: SenseSection,
+    sense: SheetSensing,
     /// Maximum time on while the machine is at rest, in ms.
     #[schemars(range(min = 0.0, max = 5000.0))]
     standing_ms: Option<f64>,
@@ -176,8 +168,8 @@ pub struct CutterConfig {
     pub materials: Option<String>,
     /// Treatment of a program's Z words.
     pub z_words: ZWords,
-    /// Travel of its float switch, mm.
-    pub float_travel_mm: f64,
+    /// How it finds the sheet, and its height between contours.
+    pub sense: SheetSensing,
     /// Time for which it may be on while the machine is at rest, ms. Not used for markers and spindles.
     pub standing_ms: f64,
     /// Longest dwell (G4) of a program while it is on, s. Not used for markers and spindles.
@@ -215,7 +207,7 @@ impl CutterSection {
             spindle: self.spindle.or((fire == channel::SPINDLE).then_some(0)),
             materials,
             z_words: self.z_words.unwrap_or(if rules_height { ZWords::Ignored } else { ZWords::Obeyed }),
-            float_travel_mm: self.sense.float_travel_mm,
+            sense: self.sense,
             standing_ms,
             dwell_lit_s: self.dwell_lit_s.unwrap_or(USUAL_DWELL_LIT_S),
             retrace_cut,
@@ -249,7 +241,7 @@ impl CutterConfig {
             spindle,
             materials: None,
             z_words: ZWords::Obeyed,
-            float_travel_mm: 0.0,
+            sense: SheetSensing::default(),
             standing_ms,
             dwell_lit_s: USUAL_DWELL_LIT_S,
             retrace_cut: false,
@@ -374,8 +366,7 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         cutter.start.map_or(Ok(()), |start| start.check(&cutter.name))?;
         cutter.restart.map_or(Ok(()), |restart| restart.check(&cutter.name))?;
         cutter.ok.map_or(Ok(()), |proof| proof.check(&cutter.name))?;
-        let float_travel_mm = cutter.sense.float_travel_mm;
-        within(&format!("cutter {}: sense.float_travel_mm", cutter.name), float_travel_mm, 0.0, 50.0)?;
+        cutter.sense.check(&cutter.name)?;
         if cutter.spindle.is_some_and(|number| number > MAX_SPINDLE) {
             return refuse("there is no such spindle", "a number from 0 to 7, as in M3 $1");
         }

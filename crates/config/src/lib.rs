@@ -45,6 +45,7 @@ mod numbered_error;
 mod qtplasmac_file;
 mod rate_limits;
 mod serial;
+mod sheet_sensing;
 mod switching;
 mod value_range;
 
@@ -63,4 +64,5 @@ pub use material_table::MaterialTable;
 pub use numbered_error::{NumberedError, nearest};
 pub use rate_limits::{IN_FLIGHT_RECORDS, StoppingTimes};
 pub use serial::{CharacterCode, Handshake, Parity, ProgramEnds, SerialSettings};
+pub use sheet_sensing::{SheetSensing, ToolLayer};
 pub use switching::{CodeClass, CodeSettings, CodeSwitching, InReverse, SwitchingTable, UserCode, WaitsFor};

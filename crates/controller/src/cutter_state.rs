@@ -8,6 +8,8 @@ pub enum CutterState {
     /// Off.
     #[default]
     Off,
+    /// Off: the sheet is sensed, and the tool brought to the height of the pierce.
+    Sensing,
     /// It is being lit, and its input has not proved it yet; also between two attempts, and in a kerf until the arc
     /// meets metal.
     Igniting,
@@ -31,6 +33,7 @@ impl CutterState {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Off => "off",
+            Self::Sensing => "sensing",
             Self::Igniting => "igniting",
             Self::Piercing => "piercing",
             Self::Cutting => "cutting",

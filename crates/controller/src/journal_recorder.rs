@@ -185,6 +185,7 @@ mod tests {
             line: 1,
             increments: [1],
             counts: [number as i64],
+            layer: 0,
             executed: 0,
             at_rest: false,
             starved: false,

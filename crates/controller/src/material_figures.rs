@@ -24,7 +24,7 @@ pub(crate) fn cutting_setup(machine: &MachineConfig) -> Option<Arc<CuttingSetup>
     Some(Arc::new(CuttingSetup {
         materials: Arc::new(MaterialList::new(table.materials().iter().map(material), table.default_number())),
         tools,
-        float_travel_mm: cutter.float_travel_mm,
+        float_travel_mm: cutter.sense.float_travel_mm,
         ignores_z: cutter.z_words == ZWords::Ignored,
         watches_arc: machine.cutters.iter().any(|cutter| cutter.proof.is_some()),
     }))

@@ -6,7 +6,7 @@
 use retrace_core::RecordIndex;
 use retrace_gcode::ActiveCodes;
 use retrace_journal::MarkDifference;
-use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange};
+use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange};
 
 /// Kind of an exclusive instruction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -43,6 +43,8 @@ pub struct ExclusiveInstruction {
     pub periods: u32,
     /// Input that it waits for in addition.
     pub until: Option<InputWait>,
+    /// Moves of the layer before and behind the switching.
+    pub layer: Option<LayerMove>,
     /// Whether it is a retrace barrier (tool change).
     pub is_barrier: bool,
 }

@@ -447,7 +447,8 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         if done.kind == ExclusiveKind::Dwell {
             self.origins.record_dwell(done.place, done.periods, &self.expected, &self.fire_channels);
         } else if !changes.is_empty() {
-            self.origins.record_switching(changes, (done.code, done.line, done.place), done.periods, done.until);
+            let takes = (done.periods, done.until, done.layer);
+            self.origins.record_switching(changes, (done.code, done.line, done.place), takes);
         }
         if done.is_barrier {
             self.barrier = Some((done.place, done.code));

@@ -4,7 +4,7 @@
 //! Invariant: a cutter is lit last and put out first; no output is switched that agrees already.
 
 use retrace_core::RecordIndex;
-use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs, channel};
+use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange, Outputs, channel};
 
 /// The instruction that switched an output last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -16,6 +16,7 @@ struct OutputOrigin {
     place: RecordIndex,
     periods: u32,
     until: Option<InputWait>,
+    layer: Option<LayerMove>,
 }
 
 /// One instruction to execute again.
@@ -33,6 +34,8 @@ pub struct RestartStep {
     pub periods: u32,
     /// Input that it waits for.
     pub until: Option<InputWait>,
+    /// Moves of the layer before and behind the switching.
+    pub layer: Option<LayerMove>,
 }
 
 impl RestartStep {
@@ -62,11 +65,10 @@ impl OutputOrigins {
         &mut self,
         changes: &[OutputChange],
         (code, line, place): (&'static str, u32, RecordIndex),
-        periods: u32,
-        until: Option<InputWait>,
+        (periods, until, layer): (u32, Option<InputWait>, Option<LayerMove>),
     ) {
         self.sequence = self.sequence.saturating_add(1);
-        let origin = OutputOrigin { sequence: self.sequence, code, line, place, periods, until };
+        let origin = OutputOrigin { sequence: self.sequence, code, line, place, periods, until, layer };
         for change in changes {
             if let Some(slot) = self.of.get_mut(usize::from(change.channel)) {
                 slot[usize::from(change.value != 0)] = origin;
@@ -78,7 +80,7 @@ impl OutputOrigins {
     pub(crate) fn record_action(&mut self, action: &OutputAction, line: u32) {
         let code = if action.after == 0 { "M63" } else { "M62" };
         let change = OutputChange { channel: action.channel, value: action.after };
-        self.record_switching(&[change], (code, line, action.place), 0, None);
+        self.record_switching(&[change], (code, line, action.place), (0, None, None));
     }
 
     /// Records a dwell before the record at `place`. Where a cutter was lit at this very place it is the pierce, and
@@ -148,9 +150,9 @@ impl OutputOrigins {
                 _ => {
                     let mut changes = [OutputChange::default(); MAX_CHANGES];
                     changes[0] = change;
-                    let OutputOrigin { code, line, periods, until, .. } = origin;
+                    let OutputOrigin { code, line, periods, until, layer, .. } = origin;
                     let code = if code.is_empty() { "output" } else { code };
-                    steps.push(RestartStep { code, line, changes, count: 1, periods, until });
+                    steps.push(RestartStep { code, line, changes, count: 1, periods, until, layer });
                 }
             }
             last = Some(key(channel));
@@ -184,10 +186,14 @@ mod tests {
     #[test]
     fn outputs_come_back_in_program_order_with_their_durations_and_the_cutter_last() {
         let mut origins = OutputOrigins::default();
-        origins.record_switching(&[change(3, 1)], ("M101", 2, RecordIndex::new(0)), 1500, None);
-        origins.record_switching(&[change(SPEED, 900_000)], ("S", 3, RecordIndex::new(0)), 0, None);
-        origins.record_switching(&[change(SPINDLE, 1), change(4, 1)], ("M3", 4, RecordIndex::new(0)), 800, None);
-        origins.record_switching(&[change(FLOOD, 1)], ("M8", 5, RecordIndex::new(0)), 20, None);
+        origins.record_switching(&[change(3, 1)], ("M101", 2, RecordIndex::new(0)), (1500, None, None));
+        origins.record_switching(&[change(SPEED, 900_000)], ("S", 3, RecordIndex::new(0)), (0, None, None));
+        origins.record_switching(
+            &[change(SPINDLE, 1), change(4, 1)],
+            ("M3", 4, RecordIndex::new(0)),
+            (800, None, None),
+        );
+        origins.record_switching(&[change(FLOOD, 1)], ("M8", 5, RecordIndex::new(0)), (20, None, None));
         let wants = outputs(&[(3, 1), (SPEED, 900_000), (SPINDLE, 1), (4, 1), (FLOOD, 1)]);
         let all = steps(&origins, &outputs(&[]), &wants);
         let expected = vec![
@@ -205,8 +211,8 @@ mod tests {
     #[test]
     fn what_is_on_by_hand_goes_off_first_the_cutter_before_anything_else() {
         let mut origins = OutputOrigins::default();
-        origins.record_switching(&[change(FLOOD, 0)], ("M9", 2, RecordIndex::new(0)), 10, None);
-        origins.record_switching(&[change(SPINDLE, 1)], ("M3", 3, RecordIndex::new(0)), 800, None);
+        origins.record_switching(&[change(FLOOD, 0)], ("M9", 2, RecordIndex::new(0)), (10, None, None));
+        origins.record_switching(&[change(SPINDLE, 1)], ("M3", 3, RecordIndex::new(0)), (800, None, None));
         let wants = outputs(&[(SPINDLE, 1)]);
         let all = steps(&origins, &outputs(&[(3, 1), (FLOOD, 1), (5, 1)]), &wants);
         let codes: Vec<_> = all.iter().map(|(code, ..)| *code).collect();
@@ -217,7 +223,7 @@ mod tests {
     #[test]
     fn a_dwell_where_the_cutter_was_lit_is_its_pierce() {
         let mut origins = OutputOrigins::default();
-        origins.record_switching(&[change(3, 1)], ("M64", 2, RecordIndex::new(70)), 0, None);
+        origins.record_switching(&[change(3, 1)], ("M64", 2, RecordIndex::new(70)), (0, None, None));
         let wants = outputs(&[(3, 1)]);
         origins.record_dwell(RecordIndex::new(70), 500, &wants, &[3]);
         origins.record_dwell(RecordIndex::new(90), 500, &wants, &[3]);

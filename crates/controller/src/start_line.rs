@@ -116,7 +116,7 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
             self.origins.record_dwell(RecordIndex::new(self.moves), switch.periods, &self.outputs, &self.cutting);
         } else if !switch.changes.is_empty() {
             let of = (switch.code, switch.line, RecordIndex::new(self.moves));
-            self.origins.record_switching(switch.changes, of, switch.periods, switch.until);
+            self.origins.record_switching(switch.changes, of, (switch.periods, switch.until, switch.layer));
         }
         Ok(())
     }

@@ -48,8 +48,10 @@ pub struct PeriodRecord<const A: usize> {
     pub line: u32,
     /// Net pulses of each axis in the period.
     pub increments: [i32; A],
-    /// Position of each axis in counts.
+    /// Position of each axis on the path in counts, without the layer.
     pub counts: [i64; A],
+    /// Layer of the tool axis, added to its counts.
+    pub layer: i32,
     /// Number of the last exclusive instruction that is complete.
     pub executed: u32,
     /// Whether the cursor is at rest.
@@ -86,6 +88,7 @@ impl<const A: usize> PeriodRecord<A> {
             line: status.line,
             increments: status.increments,
             counts: status.counts,
+            layer: status.layer,
             executed: status.executed,
             at_rest: status.at_rest,
             starved: status.starved,

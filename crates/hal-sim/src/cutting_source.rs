@@ -36,6 +36,8 @@ pub struct SourceFaults {
     pub stays_on: bool,
     /// Shortest and longest time from the switching to the arc, in microseconds.
     pub delay_us: [u32; 2],
+    /// Height of the sheet over the one that the machine file expects, in µm; `None` without a sheet to be sensed.
+    pub sheet_um: Option<i32>,
     /// Seed of everything that is random.
     pub seed: u64,
 }
@@ -51,6 +53,7 @@ impl Default for SourceFaults {
             is_welded: false,
             stays_on: false,
             delay_us: [50_000; 2],
+            sheet_um: Some(0),
             seed: 0,
         }
     }
@@ -72,7 +75,7 @@ pub struct SourceSettings {
 }
 
 const ITEMS: &str = "seed=N, no-start=P, lose-per-m=N, lose@MM, flicker-per-m=N, flicker-ms=N, delay-ms=N, welded, \
-    stays-on; P is a probability, MM a length of cut";
+    stays-on, sheet=MM, no-sheet; P is a probability, MM a length of cut or a height";
 
 /// Parses the faults of a source: `no-start=0.1,lose@120.5,seed=7`.
 ///
@@ -96,6 +99,11 @@ fn apply(item: &str, faults: &mut SourceFaults) -> Option<()> {
     match item.split_once('=') {
         None if item == "welded" => faults.is_welded = true,
         None if item == "stays-on" => faults.stays_on = true,
+        None if item == "no-sheet" => faults.sheet_um = None,
+        Some(("sheet", value)) => {
+            let mm: f64 = value.parse().ok().filter(|mm: &f64| mm.abs() <= 1000.0)?;
+            faults.sheet_um = Some((mm * 1000.0).round() as i32);
+        }
         Some(("seed", value)) => faults.seed = value.parse().ok()?,
         Some(("no-start", value)) => faults.no_start = Chance::new(value.parse().ok()?)?,
         Some(("lose-per-m", value)) => faults.losses_per_km = (number(value, 1e6)? * 1000.0) as u32,

@@ -23,6 +23,7 @@ struct CardSignals {
     place: Signal,
     rate: Signal,
     line: Signal,
+    layer: Signal,
     at_rest: Signal,
     executed: Signal,
     alarm: Signal,
@@ -62,6 +63,7 @@ impl<W: Write, const A: usize> Trace<W, A> {
             executed: vcd.signal("card", "executed", 32)?,
             alarm: vcd.signal("card", "alarm", 8)?,
             inputs: vcd.signal("card", "inputs", 16)?,
+            layer: vcd.real("card", "layer")?,
         };
         let mut outputs = Vec::with_capacity(channel::COUNT);
         for number in 0..channel::COUNT {
@@ -94,6 +96,7 @@ impl<W: Write, const A: usize> Trace<W, A> {
         vcd.set_real(at_ns, card.place, place)?;
         vcd.set_real(at_ns, card.rate, f64::from(status.rate))?;
         vcd.set(at_ns, card.line, u64::from(status.line))?;
+        vcd.set_real(at_ns, card.layer, f64::from(status.layer))?;
         vcd.set(at_ns, card.at_rest, u64::from(status.at_rest))?;
         vcd.set(at_ns, card.executed, u64::from(status.executed))?;
         vcd.set(at_ns, card.alarm, status.alarm.map_or(0, |alarm| u64::from(alarm.to_wire().0)))?;

@@ -178,7 +178,7 @@ impl JobRecord {
                     rests: false,
                     reached: resumed.reached,
                     executed: resumed.executed,
-                    keeps_layer: false,
+                    keeps_layer: true,
                 };
                 self.last_position = LastPosition { start, counts: resumed.counts.clone() };
                 (self.end, self.alarm) = (None, None);

@@ -344,6 +344,7 @@ impl FakeMachine {
             line: self.path.records.get(place.record.number() as usize).map_or(0, |record| record.0),
             increments,
             counts: self.counts,
+            layer: 0,
             executed: 0,
             at_rest: self.rate == Rate::ZERO,
             starved: false,

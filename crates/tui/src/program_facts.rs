@@ -94,6 +94,8 @@ pub struct ProgramFacts {
     pub preview: Preview,
     /// Result of checking the program.
     pub check: ProgramCheck,
+    /// Index of the axis whose layer is added to its path, on a machine that senses the sheet.
+    pub layer_axis: Option<usize>,
     /// Tool table, one line per tool.
     pub tools: Vec<String>,
     /// Comments of the tool table, by tool number.

@@ -13,6 +13,7 @@ mod dnc;
 mod error_catalogue;
 mod feed_override;
 mod hand;
+mod heights;
 mod jumps;
 #[cfg(unix)]
 mod materials;

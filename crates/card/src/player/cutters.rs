@@ -3,7 +3,7 @@
 //! Invariant: no cutter is started while its input or a collision input is active.
 
 use retrace_core::Rate;
-use retrace_link::{Alarm, CutterOffCause, OutputChange};
+use retrace_link::{Alarm, CutterOffCause, LayerMove, OutputChange};
 
 use super::{MotionBlock, Player};
 use crate::permit::PermitConditions;
@@ -51,13 +51,16 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         change.value == 0 || self.permit.may_switch_on(change.channel, &now)
     }
 
-    /// Returns the reason why these changes, if they switch a cutter on, must not be made.
-    pub(super) fn alarm_of_start(&self, changes: &[OutputChange]) -> Option<Alarm> {
+    /// Returns the reason why these changes, if they switch a cutter on, must not be made. A contact of the sheet that is
+    /// closed is no reason where the sheet is sensed before: the start fails then.
+    pub(super) fn alarm_of_start(&self, changes: &[OutputChange], moves: Option<LayerMove>) -> Option<Alarm> {
         let outputs = self.outputs.values();
         if let Some(input) = self.permit.proven_before_start(changes, outputs, self.status.inputs) {
             return Some(Alarm::ProvenBeforeStart { input });
         }
         let lights = changes.iter().any(|change| change.value != 0 && self.permit.fires(change.channel));
-        self.collision.filter(|_| lights).map(|input| Alarm::Collision { input })
+        let senses = matches!(moves, Some(LayerMove::Start { .. }));
+        let collision = self.collision.filter(|&input| lights && !(senses && self.layer.is_contact(input)));
+        collision.map(|input| Alarm::Collision { input })
     }
 }

@@ -42,6 +42,7 @@ struct Table {
     sheet: Option<i64>,
     position: i64,
     levels: u16,
+    is_silent: bool,
     /// Increments of the tool axis.
     increments: Vec<i64>,
     /// Positions at which the torch was on.
@@ -52,7 +53,8 @@ impl Table {
     fn new(sheet: Option<i64>) -> Self {
         let mut card = TestCard::new(identity()).expect("a memory");
         card.open(&layer_settings(1)).expect("fit");
-        let mut table = Self { card, sheet, position: 0, levels: 0, increments: Vec::new(), lit_at: Vec::new() };
+        let mut table =
+            Self { card, sheet, position: 0, levels: 0, is_silent: false, increments: Vec::new(), lit_at: Vec::new() };
         for place in 0..20 {
             let flags = if place % 20 == 19 { Flags::REST } else { Flags::NONE };
             let record = Record { increments: [5, 0], flags, ..Record::default() };
@@ -70,7 +72,9 @@ impl Table {
     }
 
     fn period(&mut self) -> CardStatus<2> {
-        self.card.keep_alive();
+        if !self.is_silent {
+            self.card.keep_alive();
+        }
         let touches = self.sheet.is_some_and(|sheet| self.position <= sheet);
         let status = *self.card.run_period(levels(self.levels | if touches { FLOAT } else { 0 }));
         self.increments.push(i64::from(self.card.pulses()[Z]));
@@ -213,21 +217,26 @@ fn a_hold_stops_the_layer_and_the_instruction_goes_on() {
     }
 }
 
-/// An emergency stop, and a torch that is switched off by hand: the layer comes to rest, nothing is lit.
+/// An emergency stop, a host that falls silent, and a torch that is switched off by hand: the layer comes to rest,
+/// nothing is lit.
 #[test]
 fn an_alarm_or_the_operator_ends_the_moves() {
     for after in (1..400).step_by(7) {
-        for by_hand in [false, true] {
+        for cause in [Some(Alarm::EmergencyStop), Some(Alarm::HostSilent), None] {
             let mut table = Table::new(Some(-900));
             table.instruct(1, Some(1), START);
             table.send(HostCommand::rate(Rate::ONE));
             if table.periods(after).executed == 1 {
                 continue;
             }
-            if by_hand {
-                table.send(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 0 }));
-            } else {
-                table.levels = STOP;
+            match cause {
+                Some(Alarm::EmergencyStop) => table.levels = STOP,
+                Some(_) => table.is_silent = true,
+                None => table.send(HostCommand::ManualOutput(OutputChange { channel: TORCH, value: 0 })),
+            }
+            // The watchdog of the settings.
+            if table.periods(if cause == Some(Alarm::HostSilent) { 30 } else { 0 }).executed == 1 {
+                continue;
             }
             table.period();
             table.lit_at.clear();
@@ -236,7 +245,7 @@ fn an_alarm_or_the_operator_ends_the_moves() {
             let status = table.periods(300);
             assert!(table.lit_at.is_empty() && status.executed == 0 && status.counts == [0, 0], "{after} {status:?}");
             assert!(held == table.position && status.at_rest, "{after}");
-            assert_eq!(status.alarm, (!by_hand).then_some(Alarm::EmergencyStop));
+            assert_eq!(status.alarm, cause);
             table.assert_limits();
         }
     }

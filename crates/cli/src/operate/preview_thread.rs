@@ -33,7 +33,14 @@ pub(super) fn facts(machine: &MachineConfig, program: &Program) -> ProgramFacts 
         table.tools().filter_map(name).filter(|(_, name)| !name.is_empty()).collect()
     });
     let check = if program.is_loaded() { ProgramCheck::Checking } else { ProgramCheck::NotLoaded };
-    ProgramFacts { tools, tool_names, check, ..ProgramFacts::of(machine, &file_name(program.name()), &program.text()) }
+    let layer_axis = machine.tool_layer().map(|layer| layer.index);
+    ProgramFacts {
+        tools,
+        tool_names,
+        check,
+        layer_axis,
+        ..ProgramFacts::of(machine, &file_name(program.name()), &program.text())
+    }
 }
 
 /// Shows another program for the machine's position: its text now; its check, path and duration when they are known.

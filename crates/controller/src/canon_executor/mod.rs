@@ -6,6 +6,7 @@
 
 mod entered_length;
 mod switching;
+mod tool_height;
 
 use std::sync::Arc;
 
@@ -19,6 +20,7 @@ use crate::motion_sink::MotionSink;
 use crate::spline::chords;
 
 use entered_length::LengthCorrection;
+use tool_height::LayerState;
 
 /// Minimum deviation of the chords of splines, mm.
 const MIN_DEVIATION_MM: f64 = 0.001;
@@ -90,6 +92,8 @@ pub(crate) struct CanonExecutor<'m> {
     /// The material; `None` without a material table.
     material: Option<Arc<Material>>,
     cutters: CutterTrack,
+    /// Where the layer of the tool axis is.
+    layer: LayerState,
 }
 
 impl<'m> CanonExecutor<'m> {
@@ -119,6 +123,7 @@ impl<'m> CanonExecutor<'m> {
             is_cutter_forbidden: false,
             material: None,
             cutters: CutterTrack::new(machine),
+            layer: LayerState::Zero,
         }
     }
 
@@ -268,11 +273,13 @@ impl<'m> CanonExecutor<'m> {
         let really =
             self.correction.map_or(position, |correction| correction.move_end(&self.at, &position, is_machine));
         let own = self.machine_coordinates(&really)?;
-        if matches!(feed, FeedRate::Rapid) {
+        let is_rapid = matches!(feed, FeedRate::Rapid);
+        if is_rapid {
             self.cutters.before_rapid(self.machine, line, sink)?;
         } else {
             self.cutters.before_feed(self.machine, line, sink);
         }
+        self.layer_before_move(&own, is_rapid, line, sink)?;
         sink.straight(own, feed, self.path, line)?;
         self.record_move_end(position, &really);
         Ok(())
@@ -320,6 +327,7 @@ impl<'m> CanonExecutor<'m> {
             end_mm: self.machine_coordinates(&really)?,
         };
         self.cutters.before_feed(self.machine, line, sink);
+        self.layer_before_move(&own.end_mm, false, line, sink)?;
         sink.arc(&own, self.feed(), self.path, line)?;
         self.record_move_end(position, &really);
         Ok(())

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use retrace_config::{CodeClass, CodeSwitching, InReverse, ToolChange};
 use retrace_gcode::{Canon, CuttingSwitch, FeedMode};
-use retrace_link::{OutputChange, channel};
+use retrace_link::{LayerMove, OutputChange, channel};
 
 use super::{CanonError, CanonExecutor};
 use crate::motion_sink::MotionSink;
@@ -43,7 +43,7 @@ impl CanonExecutor<'_> {
             }
             Canon::SelectTool(tool) => {
                 self.selected_tool = *tool;
-                self.exclusive("T", &[], self.machine.switching.code("T"), line, sink)
+                self.exclusive(("T", line), &[], self.machine.switching.code("T"), None, sink)
             }
             Canon::ChangeTool { tool, was, comment: remark, .. } => {
                 if tool != was {
@@ -54,6 +54,7 @@ impl CanonExecutor<'_> {
                     sink.lasting_action(OutputChange { channel: channel::TOOL, value: *tool as i32 }, line);
                     return Ok(());
                 }
+                self.return_layer(line, sink)?;
                 self.change_tool(*tool, remark.as_deref(), line, sink)
             }
             Canon::SetMotionOutputBit(n) => self.switch_output("M62", digital(*n, 1)?, line, sink),
@@ -125,8 +126,8 @@ impl CanonExecutor<'_> {
             | Canon::SetPierceValue { .. }
             | Canon::LogOpen { .. }
             | Canon::Log(_)
-            | Canon::LogClose
-            | Canon::ProgramEnd => Ok(()),
+            | Canon::LogClose => Ok(()),
+            Canon::ProgramEnd => self.return_layer(line, sink),
             // `run` handles these; the compiler demands a rule here for a new canonical function
             Canon::StraightTraverse(_)
             | Canon::StraightFeed(_)
@@ -233,7 +234,7 @@ impl CanonExecutor<'_> {
             periods,
             until,
             is_barrier: one_way,
-            undone_in_reverse: false,
+            ..SwitchInstruction::default()
         })?)
     }
 
@@ -292,23 +293,27 @@ impl CanonExecutor<'_> {
             // The feed would begin before the cutter is ready.
             return Err(CanonError::LitInPassing(code, cutter.name.clone()));
         }
+        let layer = match switching.class {
+            CodeClass::Exclusive => self.layer_move(change)?,
+            CodeClass::Synchronous => None,
+        };
         self.cutters.record_switching(self.machine, &[change]);
         let (periods, until) = (switching.periods.saturating_add(periods), switching.until.or(until));
         let switching = CodeSwitching { periods, until, ..switching };
         match (switching.class, switching.in_reverse) {
             (CodeClass::Synchronous, InReverse::Unchanged) => sink.lasting_action(change, line),
             (CodeClass::Synchronous, _) => sink.action(change, line),
-            (CodeClass::Exclusive, _) => return self.exclusive(code, &[change], switching, line, sink),
+            (CodeClass::Exclusive, _) => return self.exclusive((code, line), &[change], switching, layer, sink),
         }
         Ok(())
     }
 
     fn exclusive<const A: usize>(
         &self,
-        code: &'static str,
+        (code, line): (&'static str, u32),
         changes: &[OutputChange],
         switching: CodeSwitching,
-        line: u32,
+        layer: Option<LayerMove>,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
         let CodeSwitching { periods, until, in_reverse, .. } = switching;
@@ -320,6 +325,7 @@ impl CanonExecutor<'_> {
             changes,
             periods,
             until,
+            layer,
             is_barrier: one_way,
             undone_in_reverse: undone,
         })?)

@@ -18,7 +18,7 @@ use retrace_core::ring::Producer;
 use retrace_core::{Flags, Record, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::{IndexEntry, IndexWriter, LengthChange, MarkDifference, PlaceMark};
-use retrace_link::{InputWait, MAX_CHANGES, OutputAction, OutputChange, Outputs};
+use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, FeedRate, MoveError, PathMode, Planner};
 
 use crate::overrides::OverrideApplier;
@@ -89,6 +89,8 @@ pub struct SwitchInstruction<'c> {
     pub periods: u32,
     /// Input that it waits for in addition.
     pub until: Option<InputWait>,
+    /// Moves of the layer before and behind the switching.
+    pub layer: Option<LayerMove>,
     /// Whether it is a retrace barrier.
     pub is_barrier: bool,
     /// Whether its outputs are set back where reverse run passes it and outputs are replayed.
@@ -373,6 +375,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         for change in &changes[..count] {
             self.outputs[usize::from(change.channel)] = change.value;
         }
+        // In a dry run the tool stays at the height where it is.
+        let layer = switch.layer.filter(|_| self.inhibited.is_empty());
         let SwitchInstruction { line, kind, code, is_barrier: one_way, undone_in_reverse: undone, .. } = switch;
         let place = self.ring.write();
         let exclusive = ExclusiveInstruction {
@@ -384,6 +388,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             count: count as u8,
             periods,
             until,
+            layer,
             is_barrier: one_way,
         };
         self.send(PathItem::Exclusive(exclusive))?;

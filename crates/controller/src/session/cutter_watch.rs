@@ -3,7 +3,7 @@
 //! Invariant: a state is what the card reports in that control period; a change is reported once.
 
 use retrace_core::Rate;
-use retrace_link::{CardStatus, MotionCard};
+use retrace_link::{CardStatus, LayerMove, MotionCard};
 
 use super::Session;
 use crate::cutter_state::CutterState;
@@ -47,6 +47,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         match is_on {
             true if self.is_test_pulse(channel) => CutterState::Test,
             true if is_starting && !is_unproven => CutterState::Piercing,
+            // not between two attempts
+            false if is_starting && self.senses_sheet() && before != CutterState::Igniting => CutterState::Sensing,
             _ if is_starting => CutterState::Igniting,
             true if self.recovery.is_latched(channel) => CutterState::Igniting,
             true if self.ends_contour(channel) => CutterState::Ending,
@@ -56,6 +58,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             false if self.recovery.is_interrupted(channel) => CutterState::Lost,
             false => CutterState::Off,
         }
+    }
+
+    /// Whether the start that is being executed begins with sensing the sheet.
+    fn senses_sheet(&self) -> bool {
+        let executing = self.executing.and_then(|_| self.streamer.sent_instruction()).and_then(|of| of.layer);
+        matches!(executing.or_else(|| self.restart.layer()), Some(LayerMove::Start { .. }))
     }
 
     /// Whether an instruction is executed that ends a contour: the pause at its end, or switching the cutter off.

@@ -344,7 +344,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     /// Advances an operation of the pause. Called before every control period.
     pub(super) fn watch_pause(&mut self) -> Result<(), CardError> {
         if self.dnc.pausing {
-            self.watch_pausing();
+            self.watch_pausing()?;
         }
         if self.dnc.identifying {
             self.watch_identifying();
@@ -367,12 +367,12 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     }
 
     /// Latches the breakpoint once the machine is at rest with no instruction pending (DNC-1, DNC-2).
-    fn watch_pausing(&mut self) {
-        let status = self.card.status();
+    fn watch_pausing(&mut self) -> Result<(), CardError> {
+        let status = *self.card.status();
         let stands = status.at_rest && self.executing.is_none();
         self.dnc.rest_periods = if stands { self.dnc.rest_periods + 1 } else { 0 };
         if self.dnc.rest_periods <= if self.config.run_mode.wall_time { REPORT_LATENCY_PERIODS } else { 1 } {
-            return;
+            return Ok(());
         }
         // A cutter went out when the machine came to rest: the outputs to return to are those the program expects.
         let outputs = if self.spindle_is_a_cutter() { self.streamer.expected() } else { &status.outputs };
@@ -384,7 +384,15 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         // Nothing is paused yet: this is not rejected.
         if self.dnc.interruption.apply(Said::Pause(latch)).is_ok() {
             self.emit_paused(&latch);
+            if status.layer != 0 {
+                // The tool returns to its path before the program goes on, and senses the sheet again.
+                let here = self.path_start();
+                self.add_layer_to_counts()?;
+                self.dnc.path_start.get_or_insert(here);
+                self.target = None;
+            }
         }
+        Ok(())
     }
 
     /// Begins the return once it is known which program would be read (DNC-6).

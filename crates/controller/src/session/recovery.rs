@@ -11,7 +11,7 @@
 use retrace_config::{CutterConfig, CutterRestart, MachineConfig};
 use retrace_core::mode::{Mode, ModeCommand, ModeController, ModeState};
 use retrace_core::{Distance, Place, RecordIndex};
-use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, MotionCard, PathStart};
+use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, LayerMove, MotionCard, PathStart};
 
 use super::back_target::{BackTarget, BackTargetKind};
 use super::lead_in::NOT_IN_CUT;
@@ -181,6 +181,10 @@ impl CutRecovery {
             let Some(proof) = cutter.proof else { continue };
             let pilot_periods = (cutter.restart.pilot_ms * 1000.0 / f64::from(self.machine.period_us)).round() as u32;
             (step.periods, step.until) = (pilot_periods, None);
+            if let Some(LayerMove::Start { pierce, cut, .. }) = &mut step.layer {
+                // It meets the kerf at the height of the cut.
+                *pierce = *cut;
+            }
             let CutterRestart { run_in_mm, latch_mm, .. } = cutter.restart;
             // Where no end of a cut is known, the kerf is taken to end within the run-in.
             let (cut_end, remaining_mm) = match self.cut_end.filter(|end| end.channel == channel) {

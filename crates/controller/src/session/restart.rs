@@ -6,7 +6,8 @@
 
 use retrace_core::mode::Mode;
 use retrace_link::{
-    CutterOff, CutterOffCause, HostCommand, MotionCard, OutputChange, Outputs, RepeatedInstruction, channel,
+    CutterOff, CutterOffCause, HostCommand, LayerMove, MotionCard, OutputChange, Outputs, PathStart,
+    RepeatedInstruction, channel,
 };
 
 use super::Session;
@@ -67,6 +68,11 @@ impl OutputRestart {
     pub(super) fn switches_on(&self, channel: u8) -> bool {
         let switches = |step: &RestartStep| step.changes().iter().any(|c| c.channel == channel && c.value != 0);
         self.is_active() && self.steps[self.done.min(self.steps.len())..].iter().any(switches)
+    }
+
+    /// Moves of the layer of the step that is executed or to be sent next.
+    pub(super) fn layer(&self) -> Option<LayerMove> {
+        if self.is_active() { self.steps.get(self.done)?.layer } else { None }
     }
 
     fn end(&mut self) {
@@ -163,9 +169,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             if self.restart.sent > self.restart.done || !self.card.status().at_rest {
                 return;
             }
-            let RestartStep { code, line, changes, count, periods, until } = self.restart.steps[self.restart.sent];
+            let RestartStep { code, line, changes, count, periods, until, layer } =
+                self.restart.steps[self.restart.sent];
             let number = self.restart.before.wrapping_add(self.restart.sent as u32 + 1);
-            let repeated = RepeatedInstruction { number, changes, count, periods, until, is_pulse: false, layer: None };
+            let repeated = RepeatedInstruction { number, changes, count, periods, until, is_pulse: false, layer };
             if self.card.send(HostCommand::Repeat(repeated)).is_err() {
                 return;
             }
@@ -182,6 +189,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             let channel = self.config.cutter_channels[at];
             self.emit(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });
             self.stop_abrasive(channel, CutterOffReason::Card(off.cause));
+        }
+        if matches!(off.cause, CutterOffCause::NoSheet | CutterOffCause::SheetContact)
+            && let Some(channel) = self.recovery.machine().tool_layer().map(|layer| layer.fire)
+        {
+            // It was not on.
+            self.emit(EventKind::CutterOff { channel, reason: CutterOffReason::Card(off.cause) });
         }
         // An instruction that was late: the card does not leave a cutter on until it arrives.
         let is_cut_to_its_end = off.cause == CutterOffCause::Standing
@@ -290,6 +303,15 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             on = self.output_on_at_end();
         }
         on.map_or(Ok(()), |channel| Err(self.stays_on(channel)))
+    }
+
+    /// Before the axes leave the path, and at the end of a job that was stopped, the tool stays at its height, which
+    /// becomes part of the counts. A card in motion does so at its next opening.
+    pub(super) fn add_layer_to_counts(&mut self) -> Result<(), CardError> {
+        if self.card.status().layer == 0 || !self.card.status().at_rest {
+            return Ok(());
+        }
+        Ok(self.card.begin_path(PathStart { keeps_layer: false, ..self.path_start() })?)
     }
 
     /// A channel that the end of a job switches off and the card reports on.

@@ -19,10 +19,11 @@ use crate::telemetry::{PeriodRecord, Telemetry};
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Moves the axes to the counts `to`; nothing moves where they are there already. `Some`: the job ends instead.
     pub(super) fn go_to_breakpoint(&mut self, to: [i64; A]) -> Result<Option<Outcome>, CardError> {
-        let CardStatus { counts: from, executed, .. } = *self.card.status();
-        if from == to {
+        if self.card.status().counts == to {
             return Ok(None);
         }
+        self.add_layer_to_counts()?;
+        let CardStatus { counts: from, executed, .. } = *self.card.status();
         let Some(mut hand) = self.dnc.take_jog_planner() else { return Err(not_planned()) };
         // A card that was only queried for its position is opened by this.
         let begins = PathStart { executed, ..PathStart::at(hand.ring.write()) };

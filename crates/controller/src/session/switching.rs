@@ -5,7 +5,7 @@
 
 use retrace_core::Rate;
 use retrace_core::mode::{Mode, ModeCommand, ModeOutput};
-use retrace_link::{HostCommand, Instruction, MotionCard, OutputChange, channel};
+use retrace_link::{HostCommand, Instruction, LayerMove, MotionCard, OutputChange, channel};
 
 use super::{ProgramStop, Session};
 use crate::event::{CardError, EventKind};
@@ -48,15 +48,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let (mut changes, count, mut periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place, mut until) = (self.streamer.instruction_number(), exclusive.place, exclusive.until);
+        let mut layer = exclusive.layer;
         let fires = |change: &OutputChange| self.config.fire_channels.contains(&change.channel);
         let keeps_cutter = kind == ExclusiveKind::Dwell || changes[..usize::from(count)].iter().any(fires);
         if self.cuts_rest_before(place, &changes[..usize::from(count)]) {
             return Ok(false);
         }
         if self.lights_dark(place, &mut changes[..usize::from(count)]) {
-            (periods, until) = (0, None);
+            (periods, until, layer) = (0, None, self.dark_move(layer));
         }
-        let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter, layer: None };
+        let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter, layer };
         // The rate comes first: while it is still zero, the card would keep the instruction for a period.
         self.set_rate(demand);
         self.card.send(HostCommand::Instruction(instruction)).map_err(|refusal| CardError::Fault {
@@ -71,6 +72,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.emit_at(line, EventKind::Switching(code));
         self.acknowledge_instruction();
         Ok(true)
+    }
+
+    /// Moves of the layer of a start that lights nothing: the contour is passed at the safe height.
+    fn dark_move(&self, layer: Option<LayerMove>) -> Option<LayerMove> {
+        let machine = self.recovery.machine();
+        let of = layer.and_then(|_| machine.tool_layer())?;
+        Some(of.lift(machine.axes[of.index].mm_of(self.card.status().counts[of.index])))
     }
 
     pub(super) fn acknowledge_instruction(&mut self) {

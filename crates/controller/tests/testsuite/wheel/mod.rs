@@ -280,6 +280,7 @@ impl Case {
             record: u64::from(period.place.record.number()),
             fraction: u64::from(period.place.fraction),
             increments: period.increments.iter().take(self.machine.axes.len()).map(|&i| i64::from(i)).collect(),
+            layer: 0,
             retrace_switched: String::new(),
         };
         let axes = self.machine.axes.iter().map(|axis| axis.name.to_string()).collect();

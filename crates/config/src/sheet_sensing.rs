@@ -1,0 +1,202 @@
+//! How a cutter finds the sheet and at which heights it cuts: `sense` of a `[[cutter]]` (CUT-13, CUT-15).
+//!
+//! Invariant: where a checked cutter senses the sheet, the moves of the layer stay within the travel of the tool axis.
+
+use retrace_link::{InputUse, LayerMove, LayerSettings};
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::axis::AxisConfig;
+use crate::card_config::CardConfig;
+use crate::cutter::{CutterConfig, ZWords};
+use crate::numbered_error::NumberedError;
+use crate::value_range::within;
+
+/// Sensing of the sheet, `sense` of a `[[cutter]]`.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct SheetSensing {
+    /// Inputs that close when the tool touches the sheet: float switch, ohmic contact. Without one the sheet is not
+    /// sensed.
+    pub contacts: Vec<u8>,
+    /// Expected position of the sheet's surface, in mm in machine coordinates of the tool axis.
+    pub sheet_mm: f64,
+    /// Height in mm over the expected sheet from which it is sensed.
+    #[schemars(range(min = 0.0, max = 500.0))]
+    pub start_mm: f64,
+    /// Depth in mm below the expected sheet at which it counts as missing.
+    #[schemars(range(min = 0.0, max = 500.0))]
+    pub below_mm: f64,
+    /// Speed toward the sheet, in mm/s.
+    #[schemars(range(min = 0.1, max = 100.0))]
+    pub probe_mm_per_s: f64,
+    /// Speed off the sheet, in mm/s.
+    #[schemars(range(min = 0.05, max = 20.0))]
+    pub latch_mm_per_s: f64,
+    /// Height in mm over the sheet between two contours.
+    #[schemars(range(min = 0.0, max = 500.0))]
+    pub safe_mm: f64,
+    /// Travel of the float switch between the contact with the sheet and its opening, in mm.
+    #[schemars(range(min = 0.0, max = 50.0))]
+    pub float_travel_mm: f64,
+}
+
+impl Default for SheetSensing {
+    fn default() -> Self {
+        Self {
+            contacts: Vec::new(),
+            sheet_mm: 0.0,
+            start_mm: 10.0,
+            below_mm: 10.0,
+            probe_mm_per_s: 8.0,
+            latch_mm_per_s: 1.0,
+            safe_mm: 15.0,
+            float_travel_mm: 0.0,
+        }
+    }
+}
+
+impl SheetSensing {
+    /// Whether the sheet is sensed.
+    #[must_use]
+    pub fn is_used(&self) -> bool {
+        !self.contacts.is_empty()
+    }
+
+    pub(crate) fn check(&self, cutter: &str) -> Result<(), NumberedError> {
+        let named = |what: &str| format!("cutter {cutter}: sense.{what}");
+        within(&named("sheet_mm"), self.sheet_mm, -10_000.0, 10_000.0)?;
+        within(&named("start_mm"), self.start_mm, 0.0, 500.0)?;
+        within(&named("below_mm"), self.below_mm, 0.0, 500.0)?;
+        within(&named("probe_mm_per_s"), self.probe_mm_per_s, 0.1, 100.0)?;
+        within(&named("latch_mm_per_s"), self.latch_mm_per_s, 0.05, 20.0)?;
+        within(&named("safe_mm"), self.safe_mm, 0.0, 500.0)?;
+        within(&named("float_travel_mm"), self.float_travel_mm, 0.0, 50.0)
+    }
+}
+
+/// The layer of a machine: the tool axis of the cutter that senses the sheet.
+#[derive(Clone, Copy, Debug)]
+pub struct ToolLayer<'m> {
+    sensing: &'m SheetSensing,
+    axis: &'m AxisConfig,
+    /// Index of the tool axis.
+    pub index: usize,
+    /// Channel that fires the cutter.
+    pub fire: u8,
+}
+
+impl<'m> ToolLayer<'m> {
+    pub(crate) fn new(cutters: &'m [CutterConfig], axes: &'m [AxisConfig], tool_axis: Option<usize>) -> Option<Self> {
+        let cutter = cutters.iter().find(|cutter| cutter.sense.is_used())?;
+        let (sensing, index) = (&cutter.sense, tool_axis?);
+        Some(Self { sensing, axis: axes.get(index)?, index, fire: cutter.fire })
+    }
+
+    fn pulses(&self, mm: f64) -> i32 {
+        (mm * self.axis.pulses_per_mm).round() as i32
+    }
+
+    /// Settings for the card.
+    #[must_use]
+    pub fn settings(&self, period_s: f64) -> LayerSettings {
+        let speed = |mm_per_s: f64| (mm_per_s * self.axis.pulses_per_mm * period_s * 65_536.0).round().max(1.0) as u32;
+        LayerSettings {
+            axis: self.index as u8,
+            contacts: self.sensing.contacts.iter().fold(0, |bits, &number| bits | 1 << number),
+            probe_speed: speed(self.sensing.probe_mm_per_s),
+            latch_speed: speed(self.sensing.latch_mm_per_s),
+        }
+    }
+
+    /// Moves of a start with these heights in mm over the sheet; the path of the tool axis is at `path_mm`.
+    #[must_use]
+    pub fn start(&self, path_mm: f64, pierce_mm: f64, cut_mm: f64) -> LayerMove {
+        let SheetSensing { sheet_mm, start_mm, below_mm, float_travel_mm, .. } = *self.sensing;
+        let [lowest_mm, highest_mm] = self.axis.travel_mm;
+        let layer = |mm: f64| self.pulses(mm.clamp(lowest_mm, highest_mm) - path_mm);
+        LayerMove::Start {
+            start: layer(sheet_mm + start_mm),
+            lowest: layer(sheet_mm - below_mm - float_travel_mm),
+            pierce: self.pulses(pierce_mm + float_travel_mm),
+            cut: self.pulses(cut_mm + float_travel_mm),
+        }
+    }
+
+    /// Moves to the safe height; the path of the tool axis is at `path_mm`.
+    #[must_use]
+    pub fn lift(&self, path_mm: f64) -> LayerMove {
+        let height = self.pulses(self.sensing.safe_mm + self.sensing.float_travel_mm);
+        LayerMove::OverSheet { height, highest: self.pulses(self.axis.travel_mm[1] - path_mm) }
+    }
+
+    /// Position of the tool axis where the contacts of the expected sheet close, in mm.
+    #[must_use]
+    pub fn contact_mm(&self) -> f64 {
+        self.sensing.sheet_mm - self.sensing.float_travel_mm
+    }
+
+    /// Inputs of the contacts.
+    #[must_use]
+    pub fn contacts(&self) -> &'m [u8] {
+        &self.sensing.contacts
+    }
+
+    /// Time in s of a start and of a lift on the expected sheet, for `retrace check`.
+    #[must_use]
+    pub fn usual_s(&self, pierce_mm: f64) -> f64 {
+        let SheetSensing { start_mm, probe_mm_per_s, safe_mm, .. } = *self.sensing;
+        let fast = self.axis.max_velocity_mm_per_s;
+        start_mm / probe_mm_per_s + (2.0 * (safe_mm - start_mm).abs() + safe_mm + pierce_mm) / fast
+    }
+}
+
+/// Gives the contacts of the sheet their meaning on the card, and checks that the sheet is within the travel.
+///
+/// # Errors
+/// `E2112`
+pub(crate) fn declare_contacts(
+    cutters: &[CutterConfig],
+    axes: &[AxisConfig],
+    tool_axis: Option<usize>,
+    card: &mut CardConfig,
+) -> Result<(), NumberedError> {
+    let sensing = cutters.iter().filter(|cutter| cutter.sense.is_used());
+    for (at, cutter) in sensing.enumerate() {
+        let refuse = |what: &str, remedy: &str| {
+            Err(NumberedError::new("E2112", format!("[[cutter]] {}: sense: {what}", cutter.name), remedy.to_owned()))
+        };
+        if at > 0 {
+            return refuse("another cutter senses the sheet, too", "one cutter senses the sheet");
+        }
+        if cutter.z_words == ZWords::Obeyed || cutter.materials.is_none() {
+            return refuse(
+                "the program sets the height",
+                "`materials`, whose table has the heights, and z_words = \"ignored\"",
+            );
+        }
+        let Some(axis) = tool_axis.and_then(|index| axes.get(index)) else {
+            return refuse("the machine has no tool axis", "an axis z, or `tool_axis`");
+        };
+        let sense = &cutter.sense;
+        let [lowest, highest] = axis.travel_mm;
+        let (top, bottom) = (sense.sheet_mm + sense.start_mm, sense.sheet_mm - sense.below_mm - sense.float_travel_mm);
+        if top > highest || bottom < lowest {
+            let what = format!("from {top} to {bottom} mm, beyond the travel of {lowest} to {highest} mm");
+            return refuse(&what, "`sheet_mm` in machine coordinates; smaller `start_mm` and `below_mm`");
+        }
+        for &number in &sense.contacts {
+            let is_proof = cutters.iter().any(|other| other.proof.is_some_and(|proof| proof.input == number));
+            match card.inputs.get_mut(usize::from(number)) {
+                Some(input) if input.used_for == InputUse::Plain && !is_proof => {
+                    input.used_for = InputUse::Collision { only_lit: true };
+                }
+                _ => {
+                    let what = format!("contacts = [{number}]: there is no such input, or it has another use");
+                    return refuse(&what, "an input from 0 to 15 with `use = \"plain\"`, for this use only");
+                }
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,87 @@
+//! The height of a cutter that senses the sheet: the moves of the layer in its instructions (CUT-13 … CUT-15).
+//!
+//! Invariant: no rapid move is made with the cutter off at the height of its cut, and no move of the tool axis while
+//! the layer may not be 0.
+
+use retrace_link::{LayerMove, OutputChange};
+
+use super::{CanonError, CanonExecutor};
+use crate::motion_sink::MotionSink;
+use crate::plan_writer::SwitchInstruction;
+
+/// Code of an instruction that only moves the layer, in messages.
+const HEIGHT: &str = "height";
+
+/// Where the layer is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum LayerState {
+    /// It is 0.
+    #[default]
+    Zero,
+    /// At the height of a cut.
+    AtCut,
+    /// At the safe height.
+    Safe,
+}
+
+impl CanonExecutor<'_> {
+    /// The moves of the layer that belong to this change of an output, if any.
+    pub(super) fn layer_move(&mut self, change: OutputChange) -> Result<Option<LayerMove>, CanonError> {
+        let Some(layer) = self.machine.tool_layer().filter(|layer| layer.fire == change.channel) else {
+            return Ok(None);
+        };
+        let is_lit = self.cutters.is_lit(self.machine, change.channel);
+        if (change.value != 0) == is_lit {
+            return Ok(None);
+        }
+        let path_mm = self.actual_position()[self.axes[layer.index]];
+        if change.value == 0 {
+            self.layer = LayerState::Safe;
+            return Ok(Some(layer.lift(path_mm)));
+        }
+        let heights = self.material.as_ref().map(|of| (of.pierce_height_mm, of.cut_height_mm));
+        let Some((pierce_mm, cut_mm)) = heights.filter(|&(pierce_mm, cut_mm)| pierce_mm > 0.0 && cut_mm > 0.0) else {
+            return Err(CanonError::NotSupported("a cut by a material without heights, whose sheet is sensed,"));
+        };
+        self.layer = LayerState::AtCut;
+        Ok(Some(layer.start(path_mm, pierce_mm, cut_mm)))
+    }
+
+    /// Before a move to these coordinates.
+    pub(super) fn layer_before_move<const A: usize>(
+        &mut self,
+        end_mm: &[f64; A],
+        is_rapid: bool,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let Some(layer) = self.machine.tool_layer().filter(|_| self.layer != LayerState::Zero) else { return Ok(()) };
+        let path_mm = self.actual_position()[self.axes[layer.index]];
+        if end_mm[layer.index] != path_mm {
+            return self.return_layer(line, sink);
+        }
+        if is_rapid && self.layer == LayerState::AtCut && !self.cutters.is_lit(self.machine, layer.fire) {
+            self.layer = LayerState::Safe;
+            return move_layer(layer.lift(path_mm), line, sink);
+        }
+        Ok(())
+    }
+
+    /// Moves the layer to 0, if it may be elsewhere.
+    pub(super) fn return_layer<const A: usize>(
+        &mut self,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        if self.layer == LayerState::Zero {
+            return Ok(());
+        }
+        self.layer = LayerState::Zero;
+        move_layer(LayerMove::To { layer: 0 }, line, sink)
+    }
+}
+
+fn move_layer<const A: usize>(moves: LayerMove, line: u32, sink: &mut impl MotionSink<A>) -> Result<(), CanonError> {
+    let instruction = SwitchInstruction { line, code: HEIGHT, layer: Some(moves), ..SwitchInstruction::default() };
+    Ok(sink.exclusive(instruction)?)
+}

@@ -1,0 +1,240 @@
+//! A torch that senses the sheet and cuts at the heights of its material (CUT-13 to CUT-15), seen at the card's pins.
+//!
+//! Invariant: what is asserted of the tool axis is its path and its layer together, which is what its steps make.
+
+use std::process::Stdio;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use retrace_tests::command::{Bench, assert_contains};
+use retrace_tests::limits::audit;
+use retrace_tests::pins::{Sample, samples};
+use retrace_tests::run::Run;
+use retrace_tests::served::ServedCard;
+use serde_json::Value;
+
+/// Two cuts of 60 mm.
+const PROGRAM: &str = "G21 G90 F1800\nG0 X10\nM3 S1\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\nM5\nG0 X0\nM2\n";
+const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 1.4\n\
+    pierce_height_mm = 3.8\npierce_delay_s = 0.4\ncut_height_mm = 1.5\nfeed_mm_per_min = 1800\n";
+/// Pulses per mm of the tool axis.
+const TOOL_PULSES: f64 = 400.0;
+/// Where the sheet is expected, in pulses of the tool axis.
+const SHEET: i64 = -70 * 400;
+/// The float switch opens one pulse above the position where it closes.
+const OPENS: i64 = 1;
+const PIERCE: i64 = 1520;
+const CUT: i64 = 600;
+const SAFE: i64 = 6000;
+
+fn machine(sense: &str) -> String {
+    let axis = |name: &str, pulses: f64, travel: &str, [velocity, acceleration]: [u32; 2]| {
+        format!(
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = {pulses}\nmax_velocity_mm_per_s = {velocity}\n\
+             max_acceleration_mm_per_s2 = {acceleration}\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = {travel}\n"
+        )
+    };
+    let (x, y) = (axis("x", 200.0, "[-50, 500]", [100, 1000]), axis("y", 200.0, "[-50, 500]", [100, 1000]));
+    let z = axis("z", TOOL_PULSES, "[-100, 0]", [60, 600]);
+    format!(
+        "{x}{y}{z}[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nmaterials = \"materials.toml\"\n\
+         ok = {{ input = 5 }}\nstart = {{ start_s = 1.0, retry_s = 0.5 }}\nsense = {{ {sense} }}\n\
+         [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n[card]\nwatchdog_ms = 1000\n"
+    )
+}
+
+const SENSE: &str = "contacts = [7], sheet_mm = -70, float_travel_mm = 1.2";
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    for (name, text) in [("part.ngc", PROGRAM), ("m.toml", &machine(SENSE)), ("materials.toml", MATERIALS)] {
+        bench.file(name, text);
+    }
+    bench
+}
+
+fn run(faults: &str, script: &str) -> (Run, Vec<Sample>) {
+    let bench = bench();
+    let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+    let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+    let arguments = ["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
+    let run = Run::of(&bench, &bench.path("part.ngc"), &arguments);
+    (run, samples(&vcd))
+}
+
+/// Position of the tool axis.
+fn tool(sample: &Sample) -> i64 {
+    sample.counts[2] + sample.layer
+}
+
+/// Asserts what holds of every run: heights of the cuts and of the rapids, and the limits of all axes.
+fn assert_heights(run: &Run, trace: &[Sample], sheet: i64) {
+    let opened = sheet - (1.2 * TOOL_PULSES) as i64 + OPENS;
+    let travel = (1.2 * TOOL_PULSES) as i64;
+    for pair in trace.windows(2) {
+        let (height, moves) = (tool(&pair[1]) - opened - travel, pair[0].counts[0] != pair[1].counts[0]);
+        let is_lit = pair[0].is_on("spindle") && pair[1].is_on("spindle");
+        assert!(!is_lit || (CUT..=PIERCE).contains(&height), "lit at {height}: {:?}", pair[1]);
+        assert!(!(is_lit && moves) || height == CUT, "cuts at {height}: {:?}", pair[1]);
+        assert_eq!(pair[0].counts[2], pair[1].counts[2], "the path of the tool axis stays");
+    }
+    let physical = run.records.clone().with_layer(2);
+    let audit = audit(&physical, &run.axes(), 1e-3);
+    assert_eq!(audit.violations, [0; 3], "{:?}", audit.first);
+}
+
+/// States of the torch, in order.
+fn states(run: &Run) -> Vec<String> {
+    run.of_kind("cutter_state").map(|event| event["state"].as_str().unwrap_or_default().to_owned()).collect()
+}
+
+/// The torch is lit at the pierce height over the sheet as it was found, cuts at the height of the cut, and the tool
+/// axis ends where it began.
+#[test]
+fn a_program_is_cut_at_the_heights_of_its_material() {
+    for (faults, offset_mm) in [("", 0.0), ("sheet=4.5", 4.5), ("sheet=-6.25", -6.25)] {
+        let sheet = SHEET + (offset_mm * TOOL_PULSES) as i64;
+        let (run, trace) = run(faults, "");
+        run.assert_exact_and_legal();
+        assert_heights(&run, &trace, sheet);
+        let first = trace.iter().find(|sample| sample.is_on("spindle")).expect("it is lit");
+        assert_eq!(tool(first) - sheet - OPENS, PIERCE, "{faults}");
+        let rapids = trace.iter().filter(|sample| sample.line == 6 && sample.rate > 0.0);
+        assert!(rapids.clone().count() > 0 && rapids.clone().all(|s| tool(s) - sheet - OPENS == SAFE), "{faults}");
+        assert_eq!(trace.last().map(tool), Some(0));
+        assert_eq!(states(&run)[..4], ["sensing", "igniting", "piercing", "cutting"]);
+    }
+}
+
+/// No sheet, or one that is higher than where it is sensed from: nothing is lit, nothing is fed, and the operator may
+/// try again, skip the contour or stop.
+#[test]
+fn a_sheet_that_is_not_found_is_told_and_nothing_is_lit() {
+    for (faults, reason) in [("no-sheet", "no_sheet"), ("sheet=-30", "no_sheet"), ("sheet=25", "sheet_contact")] {
+        let (run, trace) = run(faults, "at 8s recover\nafter 8s skip contour\nafter 14s stop\n");
+        assert_eq!(run.report["outcome"], "stopped");
+        let off: Vec<&Value> = run.of_kind("cutter_off").map(|event| &event["reason"]).collect();
+        assert!(off.len() >= 2 && off.iter().all(|told| *told == reason), "{faults}: {off:?}");
+        assert!(trace.iter().all(|sample| !sample.is_on("spindle")), "{faults}");
+        let passes = trace.windows(2).filter(|pair| pair[0].counts[0] != pair[1].counts[0]);
+        assert!(trace.iter().any(|sample| sample.line >= 6), "{faults}: the contour was skipped");
+        assert!(passes.clone().count() > 0 && passes.clone().all(|pair| tool(&pair[1]) >= SHEET + SAFE), "{faults}");
+    }
+}
+
+/// An arc that is lost, and one that is put out by hand: the cut is continued at the height of the cut.
+#[test]
+fn a_lost_cut_is_continued_at_its_height() {
+    let (whole, _) = run("", "");
+    for (faults, script) in [
+        ("lose@20", "at 7s recover\n"),
+        ("", "at 5s hold\nafter 1s recover\n"),
+        ("", "at 5s cutter off\nafter 2s recover\n"),
+    ] {
+        let (run, trace) = run(faults, script);
+        assert_eq!(
+            (&run.report["outcome"], run.counts()),
+            (&whole.report["outcome"], whole.counts()),
+            "{}",
+            run.output.out
+        );
+        assert_heights(&run, &trace, SHEET);
+        assert_eq!(run.number("not_cut_mm"), 0.0);
+        assert_eq!(trace.last().map(tool), Some(0));
+    }
+}
+
+/// A hold while the sheet is sensed: the tool axis rests, and goes on with the program.
+#[test]
+fn a_hold_while_the_sheet_is_sensed_rests() {
+    let (run, trace) = run("", "at 1s hold\nafter 2s resume\n");
+    assert_heights(&run, &trace, SHEET);
+    let at = |us: u64| trace.iter().rev().find(|sample| sample.at_us <= us).map(tool);
+    assert_eq!((at(1_600_000), at(1_600_000)), (at(2_900_000), at(2_000_000)));
+    assert!(trace.iter().all(|sample| sample.at_us > 3_000_000 || !sample.is_on("spindle")));
+    assert_eq!((&run.report["outcome"], trace.last().map(tool)), (&"completed".into(), Some(0)));
+}
+
+/// In a pause the tool stays at its height until an axis is jogged; before the program goes on, it returns to its path,
+/// and the sheet is sensed again.
+#[test]
+fn a_pause_in_a_cut_ends_with_the_sheet_sensed_again() {
+    let (whole, _) = run("", "");
+    for jog in ["", "after 1s jog z 12\nafter 4s jog x 30\n"] {
+        let goes_on = "after 1s spindle start\nafter 1s online\nafter 0s cycle start\nafter 12s recover\n";
+        let script = format!("at 5s pause\nafter 0s spindle stop\n{jog}after 4s online\n{goes_on}");
+        let (run, trace) = run("", &script);
+        assert_eq!(
+            (&run.report["outcome"], run.counts()),
+            (&whole.report["outcome"], whole.counts()),
+            "{}",
+            run.output.out
+        );
+        assert!(states(&run).iter().filter(|state| *state == "sensing").count() >= 3, "{:?}", states(&run));
+        assert_eq!((trace.last().map(tool), run.number("not_cut_mm")), (Some(0), 0.0));
+    }
+}
+
+/// A job that is stopped leaves the tool at its height, which is then part of its position.
+#[test]
+fn a_stopped_job_tells_where_the_tool_is() {
+    let (run, trace) = run("", "at 5s stop\n");
+    assert_eq!(run.report["outcome"], "stopped");
+    let stands = trace.last().map(tool).expect("a sample");
+    assert_eq!(run.report["position_counts"]["z"], stands, "{}", run.report);
+    assert_eq!(stands, SHEET + OPENS + CUT);
+}
+
+/// The host is killed in the cut, and while the sheet is sensed; the tool axis returns to its path, and the sheet is
+/// sensed anew.
+#[test]
+fn a_killed_host_leaves_a_job_that_is_cut_at_its_heights() {
+    for state in ["sensing", "cutting"] {
+        let bench = bench();
+        let (vcd, machine) = (bench.path("pins.vcd"), bench.path("m.toml").display().to_string());
+        let card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string(), "--speed", "4"]);
+        let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+        let mut host = bench.start(&run, Stdio::null(), "killed.txt");
+        let told = || std::fs::read_to_string(bench.path("killed.txt")).unwrap_or_default();
+        let begun = Instant::now();
+        while !told().contains(&format!("\"state\":\"{state}\"")) {
+            assert!(begun.elapsed() < Duration::from_secs(30), "{state}: {}", told());
+            thread::sleep(Duration::from_millis(5));
+        }
+        thread::sleep(Duration::from_millis(100));
+        host.kill().expect("it is killed");
+        host.wait().expect("it ends");
+        let resumed = bench.retrace(["resume", "--yes", "--json"]);
+        assert_eq!(resumed.code, Some(0), "{state}: {}{}", resumed.out, resumed.err);
+        let _ = card.end();
+        let trace = samples(&vcd);
+        assert_eq!(trace.last().map(tool), Some(0), "{state}");
+        let height = |sample: &Sample| tool(sample) - SHEET - OPENS;
+        let lit = trace.windows(2).filter(|pair| pair[0].is_on("spindle") && pair[1].is_on("spindle"));
+        assert!(lit.clone().all(|pair| (CUT..=PIERCE).contains(&height(&pair[1]))), "{state}");
+        let cuts = |pair: &&[Sample]| pair[0].counts[0] != pair[1].counts[0];
+        assert!(lit.filter(cuts).all(|pair| height(&pair[1]) == CUT), "{state}");
+    }
+}
+
+/// What cannot work is refused before anything moves.
+#[test]
+fn a_machine_that_cannot_sense_is_refused() {
+    let bench = bench();
+    for (sense, why) in [
+        ("contacts = [7], sheet_mm = -70, start_mm = 80", "beyond the travel"),
+        ("contacts = [7], sheet_mm = -95", "beyond the travel"),
+        ("contacts = [5], sheet_mm = -70", "another use"),
+        ("contacts = [13], sheet_mm = -70", "another use"),
+        ("contacts = [7], sheet_mm = -70, probe_mm_per_s = 0", "probe_mm_per_s"),
+    ] {
+        bench.file("refused.toml", machine(sense));
+        let refused = bench.retrace(["run", "part.ngc", "--machine", "refused.toml"]);
+        assert_eq!(refused.code, Some(2), "{sense}");
+        assert_contains(&refused.err, &[why]);
+    }
+    bench.file("materials.toml", MATERIALS.replace("cut_height_mm = 1.5", "cut_height_mm = 0"));
+    let refused = bench.retrace(["check", "part.ngc", "--machine", "m.toml"]);
+    assert!(refused.code != Some(0), "{}", refused.out);
+    assert_contains(&(refused.out + &refused.err), &["heights"]);
+}
