@@ -227,8 +227,9 @@ pub const ROWS: &[Row] = &[Row {
     name: "permit",
     says: "No state and no sequence of commands has a cutting output on without the permit: epoch open, no alarm, \
         host alive, no dry run, not backward, not at rest for longer than handover and grace, not lost; and where the \
-        grace ran out or the cutter was lost nothing moves before a restart",
-    requirement: "CUT-3, CUT-4, CUT-6, CUT-8, CUT-31",
+        grace ran out, the cutter was lost, or no sheet was found nothing moves before a restart; path and layer are \
+        what is emitted, and the path rests while the layer moves",
+    requirement: "CUT-3, CUT-4, CUT-6, CUT-8, CUT-15, CUT-31",
     bound: "one period of any channel from any state, and any six periods from power-on; drawn states of two channels \
         and their outputs, drawn commands on a whole card",
     assumes: "a timer within its bounds, which every period preserves; that the card applies the rule to each \
@@ -331,6 +332,34 @@ pub const ROWS: &[Row] = &[Row {
             file: "crates/card/src/switching.rs",
             find: "if instruction.is_pulse {\n                    switch_off(",
             put: "if instruction.is_pulse && instruction.periods == 0 {\n                    switch_off(",
+            killer: "permit-card",
+        },
+        Mutant {
+            name: "the path moves with the layer",
+            file: PLAYER,
+            find: "self.switching.is_busy() || !self.layer.at_rest();",
+            put: "self.switching.is_busy();",
+            killer: "permit-card",
+        },
+        Mutant {
+            name: "a layer that is not kept is forgotten",
+            file: "crates/card/src/player/height.rs",
+            find: "*count += i64::from(layer);",
+            put: "*count += 0;",
+            killer: "permit-card",
+        },
+        Mutant {
+            name: "the steps of the layer are not emitted",
+            file: CARD,
+            find: "*pulses += increment;",
+            put: "*pulses += 0;",
+            killer: "permit-card",
+        },
+        Mutant {
+            name: "a sheet that is not found does not block motion",
+            file: "crates/card/src/player/height.rs",
+            find: "self.block = MotionBlock::CutterOff;",
+            put: "self.block = MotionBlock::None;",
             killer: "permit-card",
         },
         Mutant {
