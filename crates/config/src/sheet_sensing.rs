@@ -130,6 +130,13 @@ impl<'m> ToolLayer<'m> {
         LayerMove::OverSheet { height, highest: self.pulses(self.axis.travel_mm[1] - path_mm) }
     }
 
+    /// Moves to the safe height over the expected sheet, if the path of the tool axis, at `path_mm`, is below it.
+    #[must_use]
+    pub fn first_lift(&self, path_mm: f64) -> Option<LayerMove> {
+        let safe_mm = (self.sensing.sheet_mm + self.sensing.safe_mm).min(self.axis.travel_mm[1]);
+        (path_mm < safe_mm).then(|| LayerMove::To { layer: self.pulses(safe_mm - path_mm) })
+    }
+
     /// Position of the tool axis where the contacts of the expected sheet close, in mm.
     #[must_use]
     pub fn contact_mm(&self) -> f64 {
@@ -142,12 +149,47 @@ impl<'m> ToolLayer<'m> {
         &self.sensing.contacts
     }
 
-    /// Time in s of a start and of a lift on the expected sheet, for `retrace check`.
+    /// Time in s that these moves take from the layer `from` where the sheet is as expected, and the layer behind them.
     #[must_use]
-    pub fn usual_s(&self, pierce_mm: f64) -> f64 {
-        let SheetSensing { start_mm, probe_mm_per_s, safe_mm, .. } = *self.sensing;
-        let fast = self.axis.max_velocity_mm_per_s;
-        start_mm / probe_mm_per_s + (2.0 * (safe_mm - start_mm).abs() + safe_mm + pierce_mm) / fast
+    pub fn usual_s(&self, moves: LayerMove, from: i32, sheet: Option<i32>) -> (f64, i32, Option<i32>) {
+        let SheetSensing { below_mm, probe_mm_per_s, latch_mm_per_s, .. } = *self.sensing;
+        let rapid = self.axis.max_velocity_mm_per_s;
+        match moves {
+            LayerMove::Start { start, lowest, pierce, cut } => {
+                let sheet = lowest + self.pulses(below_mm);
+                // What it runs on after the contact has closed.
+                let over = self.pulses(probe_mm_per_s * self.ramp_s(probe_mm_per_s) / 2.0);
+                let down_s = self.move_s(from, start, rapid) + self.move_s(start, sheet, probe_mm_per_s);
+                let up_s = self.move_s(0, over, latch_mm_per_s) + self.move_s(0, pierce, rapid);
+                (down_s + up_s + self.move_s(pierce, cut, rapid), sheet + cut, Some(sheet))
+            }
+            LayerMove::OverSheet { height, highest } => {
+                let to = sheet.map_or(highest, |sheet| (sheet + height).min(highest));
+                (self.move_s(from, to, rapid), to, sheet)
+            }
+            LayerMove::To { layer } => (self.move_s(from, layer, rapid), layer, sheet),
+        }
+    }
+
+    /// Time to reach a speed: the ramp, and its average, which bounds the jerk.
+    fn ramp_s(&self, mm_per_s: f64) -> f64 {
+        mm_per_s / self.axis.max_acceleration_mm_per_s2 + self.average_s()
+    }
+
+    fn average_s(&self) -> f64 {
+        2.0 * self.axis.max_acceleration_mm_per_s2 / self.axis.max_jerk_mm_per_s3
+    }
+
+    fn move_s(&self, from: i32, to: i32, mm_per_s: f64) -> f64 {
+        let (mm, acceleration) =
+            (f64::from(from.abs_diff(to)) / self.axis.pulses_per_mm, self.axis.max_acceleration_mm_per_s2);
+        if mm == 0.0 {
+            0.0
+        } else if mm < mm_per_s * mm_per_s / acceleration {
+            2.0 * (mm / acceleration).sqrt() + self.average_s()
+        } else {
+            mm / mm_per_s + self.ramp_s(mm_per_s)
+        }
     }
 }
 

@@ -76,6 +76,8 @@ pub struct ProgramAnalysis<'m, const A: usize> {
     pub dwell_periods: u64,
     /// Control periods of switching. Of waiting for inputs, those of the start of a cutter as it usually is.
     pub switch_periods: u64,
+    /// Layer of the tool axis, and that of the sheet once it was sensed.
+    layer: (i32, Option<i32>),
     /// Control periods of starting the cutters and of their pierces; part of those of switching and of dwells.
     pub pierce_periods: u64,
     /// Numbers of the tools that are loaded into the spindle.
@@ -125,6 +127,7 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
             motion_periods: 0,
             dwell_periods: 0,
             switch_periods: 0,
+            layer: (0, None),
             pierce_periods: 0,
             tools: BTreeSet::new(),
             feed_mm_per_min: None,
@@ -184,6 +187,18 @@ impl<'m, const A: usize> ProgramAnalysis<'m, A> {
         let axes = self.scan.machine().axes.iter().enumerate().take(A);
         let linear = axes.filter(|(index, axis)| !axis.is_rotary() && !besides.contains(index));
         linear.map(|(index, _)| (to[index] - from[index]).powi(2)).sum()
+    }
+
+    /// Control periods of the moves of the layer, where the sheet is as expected.
+    fn layer_periods(&mut self, switch: &SwitchInstruction<'_>) -> u64 {
+        let machine = self.scan.machine();
+        let (Some(moves), Some(layer), false) = (switch.layer, machine.tool_layer(), machine.inhibits_outputs) else {
+            return 0;
+        };
+        let (at, sheet) = self.layer;
+        let (seconds, at, sheet) = layer.usual_s(moves, at, sheet);
+        self.layer = (at, sheet);
+        (seconds / machine.period_s()).round() as u64
     }
 
     /// Control periods from the switching of a cutter until it is proven, as far as they are known, and of its pierce.
@@ -272,7 +287,7 @@ impl<const A: usize> MotionSink<A> for ProgramAnalysis<'_, A> {
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         self.rest();
         self.scan.exclusive(switch)?;
-        let periods = u64::from(switch.periods) + self.start_periods(&switch);
+        let periods = u64::from(switch.periods) + self.start_periods(&switch) + self.layer_periods(&switch);
         switch.changes.iter().for_each(|&change| self.record_switching(change, switch.line));
         match switch.kind {
             ExclusiveKind::Dwell => self.dwell_periods += periods,

@@ -104,6 +104,13 @@ fn a_program_is_cut_at_the_heights_of_its_material() {
         assert_eq!(trace.last().map(tool), Some(0));
         assert_eq!(states(&run)[..4], ["sensing", "igniting", "piercing", "cutting"]);
     }
+    let (run, _) = run("", "");
+    let bench = bench();
+    let checked = bench.retrace(["check", "part.ngc", "--machine", "m.toml", "--json"]);
+    let summary: Value = serde_json::from_str(checked.out.lines().last().unwrap_or_default()).expect("a summary");
+    let (estimate, really) = (summary["total_s"].as_f64().expect("a time"), run.number("periods") / 1000.0);
+    assert!((estimate / really - 1.0).abs() < 0.01, "{estimate} s, and {really} s");
+    {}
 }
 
 /// No sheet, or one that is higher than where it is sensed from: nothing is lit, nothing is fed, and the operator may
@@ -175,6 +182,19 @@ fn a_pause_in_a_cut_ends_with_the_sheet_sensed_again() {
     }
 }
 
+/// In the restart after a loss a hold ends the start; the next one begins it anew.
+#[test]
+fn a_hold_while_the_sheet_is_sensed_again_rests() {
+    let (run, trace) = run("lose@20", "at 7s recover\nafter 2s hold\nafter 3s recover\n");
+    assert_heights(&run, &trace, SHEET);
+    let at = |us: u64| trace.iter().rev().find(|sample| sample.at_us <= us).map(tool);
+    let sensing = run.of_kind("cutter_state").filter(|event| event["state"] == "sensing").nth(1).expect("it senses");
+    assert!(sensing["time_s"].as_f64().is_some_and(|at_s| (7.0..9.0).contains(&at_s)), "{sensing}");
+    assert_eq!(at(9_700_000), at(11_900_000));
+    assert!(trace.iter().all(|sample| !(9_500_000..12_000_000).contains(&sample.at_us) || !sample.is_on("spindle")));
+    assert_eq!((&run.report["outcome"], run.number("not_cut_mm")), (&"completed".into(), 0.0));
+}
+
 /// A job that is stopped leaves the tool at its height, which is then part of its position.
 #[test]
 fn a_stopped_job_tells_where_the_tool_is() {
@@ -183,6 +203,28 @@ fn a_stopped_job_tells_where_the_tool_is() {
     let stands = trace.last().map(tool).expect("a sample");
     assert_eq!(run.report["position_counts"]["z"], stands, "{}", run.report);
     assert_eq!(stands, SHEET + OPENS + CUT);
+}
+
+/// A job that begins where another was stopped, near the sheet, lifts the tool before its first rapid.
+#[test]
+fn a_job_that_begins_near_the_sheet_lifts_the_tool_first() {
+    let bench = bench();
+    let (vcd, machine) = (bench.path("pins.vcd"), bench.path("m.toml").display().to_string());
+    bench.file("s.op", "at 5s stop\n");
+    let card = ServedCard::with(&["--machine", &machine, "--vcd", &vcd.display().to_string(), "--speed", "4"]);
+    let run = ["run", "part.ngc", "--card", &card.port, "--machine", "m.toml", "--json"];
+    assert_eq!(bench.retrace([&run[..], &["--operator", "s.op"]].concat()).code, Some(4));
+    // On metal that is not cut yet.
+    bench.file("part.ngc", PROGRAM.replace("G0 X10\n", "G0 X10 Y50\n").replace("G0 X0\n", "G0 X0 Y0\n"));
+    let again = bench.retrace(run);
+    assert_eq!(again.code, Some(0), "{}{}", again.out, again.err);
+    let _ = card.end();
+    let trace = samples(&vcd);
+    let rapids = trace.windows(2).filter(|pair| pair[0].counts[0] != pair[1].counts[0] && !pair[1].is_on("spindle"));
+    // Besides the last pulses of the cut that was stopped.
+    let low = rapids.filter(|pair| tool(&pair[1]) < SHEET + SAFE - 1).count();
+    assert!(low < 200, "{low}");
+    assert_eq!(trace.last().map(tool), Some(SHEET + OPENS + CUT), "where it began");
 }
 
 /// The host is killed in the cut, and while the sheet is sensed; the tool axis returns to its path, and the sheet is

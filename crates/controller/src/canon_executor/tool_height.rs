@@ -55,16 +55,21 @@ impl CanonExecutor<'_> {
         line: u32,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
-        let Some(layer) = self.machine.tool_layer().filter(|_| self.layer != LayerState::Zero) else { return Ok(()) };
+        let Some(layer) = self.machine.tool_layer() else { return Ok(()) };
         let path_mm = self.actual_position()[self.axes[layer.index]];
         if end_mm[layer.index] != path_mm {
             return self.return_layer(line, sink);
         }
-        if is_rapid && self.layer == LayerState::AtCut && !self.cutters.is_lit(self.machine, layer.fire) {
-            self.layer = LayerState::Safe;
-            return move_layer(layer.lift(path_mm), line, sink);
-        }
-        Ok(())
+        let moves = match self.layer {
+            _ if !is_rapid || self.cutters.is_lit(self.machine, layer.fire) => None,
+            LayerState::AtCut => Some(layer.lift(path_mm)),
+            // The program begins near the sheet, where a job was stopped for example.
+            LayerState::Zero => layer.first_lift(path_mm),
+            LayerState::Safe => None,
+        };
+        let Some(moves) = moves else { return Ok(()) };
+        self.layer = LayerState::Safe;
+        move_layer(moves, line, sink)
     }
 
     /// Moves the layer to 0, if it may be elsewhere.

@@ -9,6 +9,7 @@ use retrace_link::{MotionCard, OutputChange, channel};
 use super::back_target::BackTargetKind;
 use super::restart::LeavingRun;
 use super::{ProgramStop, Session};
+use crate::cutter_state::CutterState;
 use crate::event::{CutterOffReason, EventKind};
 use crate::operator::{CommandError, CutStart, OperatorCommand};
 
@@ -75,7 +76,13 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::Recover => return self.recover(),
             OperatorCommand::SkipContour => return self.skip_contour(),
             OperatorCommand::Single => self.toggle_single_block(),
-            OperatorCommand::Hold => self.mode_controller.apply(ModeCommand::Hold)?,
+            OperatorCommand::Hold => {
+                if self.restart.is_active() && self.cutter_states.contains(&CutterState::Sensing) {
+                    // What the hold stops is the tool axis: the card ends a start that is cancelled.
+                    self.cutter_off();
+                }
+                self.mode_controller.apply(ModeCommand::Hold)?;
+            }
             OperatorCommand::Confirm => self.mode_controller.apply(ModeCommand::Confirm)?,
             OperatorCommand::Stop => {
                 self.phase.stop();
