@@ -45,6 +45,7 @@ mod numbered_error;
 mod qtplasmac_file;
 mod rate_limits;
 mod serial;
+mod sheet_contacts;
 mod sheet_sensing;
 mod switching;
 mod value_range;

@@ -20,7 +20,8 @@ use crate::material_table::MaterialTable;
 use crate::numbered_error::NumberedError;
 use crate::rate_limits::{self, IN_FLIGHT_RECORDS, StoppingTimes};
 use crate::serial::SerialSettings;
-use crate::sheet_sensing::{self, ToolLayer};
+use crate::sheet_contacts;
+use crate::sheet_sensing::ToolLayer;
 use crate::switching::SwitchingTable;
 
 /// A material table with the file that it was read from.
@@ -178,7 +179,7 @@ impl MachineConfig {
             retract_mm: file.retract_mm,
         };
         let setting_up = ManualConfig::checked(written, &axes, &card)?;
-        sheet_sensing::declare_contacts(&cutters, &axes, setting_up.tool_axis, &mut card)?;
+        sheet_contacts::declare_contacts(&cutters, &axes, setting_up.tool_axis, &mut card)?;
         let wheel_periods = (file.wheel.filter_ms / file.control_period_ms).round() as u16;
         let wheel_counts = file.wheel.full_rate_counts_per_s * f64::from(wheel_periods) * period_s;
         let machine = Self {
@@ -282,7 +283,9 @@ impl MachineConfig {
     /// The layer of the tool axis, if a cutter senses the sheet.
     #[must_use]
     pub fn tool_layer(&self) -> Option<ToolLayer<'_>> {
-        ToolLayer::new(&self.cutters, &self.axes, self.setting_up.tool_axis)
+        let cutter = self.cutters.iter().find(|cutter| cutter.sense.is_used())?;
+        let index = self.setting_up.tool_axis?;
+        Some(ToolLayer::new(&cutter.sense, cutter.fire, (index, self.axes.get(index)?)))
     }
 
     /// Length of a test pulse of the cutter that this channel fires, in control periods; 0 without one.

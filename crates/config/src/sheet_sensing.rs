@@ -2,13 +2,11 @@
 //!
 //! Invariant: where a checked cutter senses the sheet, the moves of the layer stay within the travel of the tool axis.
 
-use retrace_link::{InputUse, LayerMove, LayerSettings};
+use retrace_link::{LayerMove, LayerSettings};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::axis::AxisConfig;
-use crate::card_config::CardConfig;
-use crate::cutter::{CutterConfig, ZWords};
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
 
@@ -87,10 +85,8 @@ pub struct ToolLayer<'m> {
 }
 
 impl<'m> ToolLayer<'m> {
-    pub(crate) fn new(cutters: &'m [CutterConfig], axes: &'m [AxisConfig], tool_axis: Option<usize>) -> Option<Self> {
-        let cutter = cutters.iter().find(|cutter| cutter.sense.is_used())?;
-        let (sensing, index) = (&cutter.sense, tool_axis?);
-        Some(Self { sensing, axis: axes.get(index)?, index, fire: cutter.fire })
+    pub(crate) fn new(sensing: &'m SheetSensing, fire: u8, (index, axis): (usize, &'m AxisConfig)) -> Self {
+        Self { sensing, axis, index, fire }
     }
 
     fn pulses(&self, mm: f64) -> i32 {
@@ -191,54 +187,4 @@ impl<'m> ToolLayer<'m> {
             mm / mm_per_s + self.ramp_s(mm_per_s)
         }
     }
-}
-
-/// Gives the contacts of the sheet their meaning on the card, and checks that the sheet is within the travel.
-///
-/// # Errors
-/// `E2112`
-pub(crate) fn declare_contacts(
-    cutters: &[CutterConfig],
-    axes: &[AxisConfig],
-    tool_axis: Option<usize>,
-    card: &mut CardConfig,
-) -> Result<(), NumberedError> {
-    let sensing = cutters.iter().filter(|cutter| cutter.sense.is_used());
-    for (at, cutter) in sensing.enumerate() {
-        let refuse = |what: &str, remedy: &str| {
-            Err(NumberedError::new("E2112", format!("[[cutter]] {}: sense: {what}", cutter.name), remedy.to_owned()))
-        };
-        if at > 0 {
-            return refuse("another cutter senses the sheet, too", "one cutter senses the sheet");
-        }
-        if cutter.z_words == ZWords::Obeyed || cutter.materials.is_none() {
-            return refuse(
-                "the program sets the height",
-                "`materials`, whose table has the heights, and z_words = \"ignored\"",
-            );
-        }
-        let Some(axis) = tool_axis.and_then(|index| axes.get(index)) else {
-            return refuse("the machine has no tool axis", "an axis z, or `tool_axis`");
-        };
-        let sense = &cutter.sense;
-        let [lowest, highest] = axis.travel_mm;
-        let (top, bottom) = (sense.sheet_mm + sense.start_mm, sense.sheet_mm - sense.below_mm - sense.float_travel_mm);
-        if top > highest || bottom < lowest {
-            let what = format!("from {top} to {bottom} mm, beyond the travel of {lowest} to {highest} mm");
-            return refuse(&what, "`sheet_mm` in machine coordinates; smaller `start_mm` and `below_mm`");
-        }
-        for &number in &sense.contacts {
-            let is_proof = cutters.iter().any(|other| other.proof.is_some_and(|proof| proof.input == number));
-            match card.inputs.get_mut(usize::from(number)) {
-                Some(input) if input.used_for == InputUse::Plain && !is_proof => {
-                    input.used_for = InputUse::Collision { only_lit: true };
-                }
-                _ => {
-                    let what = format!("contacts = [{number}]: there is no such input, or it has another use");
-                    return refuse(&what, "an input from 0 to 15 with `use = \"plain\"`, for this use only");
-                }
-            }
-        }
-    }
-    Ok(())
 }

@@ -160,8 +160,10 @@ pub struct ScreenModel {
     pub began: u64,
     /// Period in which the program ended, or the job before it; the job's clock stops there.
     pub ended: Option<u64>,
-    /// Counts of the axes, pulses.
+    /// Counts of the axes, pulses: path and layer.
     pub counts: Vec<i64>,
+    /// Layer in the count of the tool axis, pulses.
+    pub layer: i64,
     /// Machine position of the work zero, mm (degrees).
     pub work_zero_mm: Vec<f64>,
     /// Offset of the path along each axis from tool lengths that were entered, mm.
@@ -277,6 +279,7 @@ impl ScreenModel {
             began: 0,
             ended: None,
             counts: vec![0; axes],
+            layer: 0,
             work_zero_mm: vec![0.0; axes],
             moved_mm: vec![0.0; axes],
             place: Place::start_of(first),
@@ -344,12 +347,18 @@ impl ScreenModel {
         self.machine_mm(axis) - self.work_zero_mm.get(axis).copied().unwrap_or(0.0)
     }
 
+    /// Position of an axis on the path, without the layer, mm (degrees).
+    fn path_mm(&self, axis: usize) -> f64 {
+        let layer = if self.facts.layer_axis == Some(axis) { self.layer as f64 } else { 0.0 };
+        self.machine_mm(axis) - self.facts.axes.get(axis).map_or(0.0, |facts| layer / facts.pulses_per_mm)
+    }
+
     /// Distance of an axis to the end of the block, mm (degrees), where it is known.
     #[must_use]
     pub fn to_go_mm(&self, axis: usize) -> Option<f64> {
         let end = self.facts.preview.end_of(self.line)?;
         let end = f64::from(*end.get(axis)?) + self.moved_mm.get(axis).copied().unwrap_or(0.0);
-        (self.stage == ScreenStage::Job && !self.off_path).then_some(end - self.machine_mm(axis))
+        (self.stage == ScreenStage::Job && !self.off_path).then_some(end - self.path_mm(axis))
     }
 
     /// Position in the drawing: X, Y, Z, mm.

@@ -301,7 +301,5 @@ pub(super) fn drawn_words(size: Size) -> String {
         "the layer moved in {layer_moves}, {not_found} missed"
     );
     assert!(lit > periods / 50 && put_out > runs / 4, "the torch was lit in {lit} periods and put out {put_out} times");
-    format!(
-        "{runs} runs, {periods} periods, lit in {lit} of them, put out {put_out} times; the layer moved in {layer_moves}"
-    )
+    format!("{runs} runs, {periods} periods, lit in {lit}, put out {put_out} times; the layer moved in {layer_moves}")
 }

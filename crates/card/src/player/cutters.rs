@@ -51,8 +51,8 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         change.value == 0 || self.permit.may_switch_on(change.channel, &now)
     }
 
-    /// Returns the reason why these changes, if they switch a cutter on, must not be made. A contact of the sheet that is
-    /// closed is no reason where the sheet is sensed before: the start fails then.
+    /// Returns the reason why these changes, if they switch a cutter on, must not be made. A contact of the sheet that
+    /// is closed is no reason where the sheet is sensed before: the start fails then.
     pub(super) fn alarm_of_start(&self, changes: &[OutputChange], moves: Option<LayerMove>) -> Option<Alarm> {
         let outputs = self.outputs.values();
         if let Some(input) = self.permit.proven_before_start(changes, outputs, self.status.inputs) {

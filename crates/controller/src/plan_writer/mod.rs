@@ -360,8 +360,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
     /// [`Cancelled`]
     pub fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
         self.rest()?;
-        let mut changes = [OutputChange::default(); MAX_CHANGES];
-        let mut count = 0;
+        let (mut changes, mut count) = ([OutputChange::default(); MAX_CHANGES], 0);
         let allowed = switch.changes.iter().filter(|change| !self.inhibited.contains(&change.channel));
         for (slot, change) in changes.iter_mut().zip(allowed) {
             *slot = *change;
@@ -372,9 +371,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         let periods = if is_inhibited && !self.dry_waits { 0 } else { switch.periods };
         let until = switch.until.filter(|_| !is_inhibited);
         let before = self.outputs;
-        for change in &changes[..count] {
-            self.outputs[usize::from(change.channel)] = change.value;
-        }
+        changes[..count].iter().for_each(|change| self.outputs[usize::from(change.channel)] = change.value);
         // In a dry run the tool stays at the height where it is.
         let layer = switch.layer.filter(|_| self.inhibited.is_empty());
         let SwitchInstruction { line, kind, code, is_barrier: one_way, undone_in_reverse: undone, .. } = switch;
@@ -393,8 +390,7 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         };
         self.send(PathItem::Exclusive(exclusive))?;
         // As an action of the record behind it, it is undone and redone like any other.
-        for change in changes[..count].iter().filter(|_| undone) {
-            let OutputChange { channel, value } = *change;
+        for &OutputChange { channel, value } in changes[..count].iter().filter(|_| undone) {
             let action = OutputAction { place, channel, before: before[usize::from(channel)], after: value };
             self.send(PathItem::Action(action, 0))?;
         }

@@ -195,7 +195,7 @@ fn cutter_state(model: &ScreenModel, channel: u8) -> String {
     let of_all = model.facts.contours.map_or(String::new(), |all| format!(" of {all}"));
     match state {
         CutterState::Off => String::new(),
-        CutterState::Sensing => " · sensing the sheet".into(),
+        CutterState::Sensing => " · sensing".into(),
         CutterState::Igniting => " · igniting".into(),
         CutterState::Piercing => " · piercing".into(),
         CutterState::Cutting => format!(" · cutting contour {contour}{of_all}"),
