@@ -499,8 +499,8 @@ impl<const A: usize, const E: usize> CardEndpoint<A, E> {
         #[rustfmt::skip] // no `..`: a new field has to be decided about here
         let Self {
             decoder, epoch, last_epoch, first_numbers, axes, layer_axis, next_command, rate_seq, command_gap, entries,
-            first, count, sent, sent_once, entries_lost, reported, greeting, nonce, key, frame_received, report_periods, since_report,
-            unconfirmed, retransmit_periods, urgent, frames: _, stage, staged,
+            first, count, sent, sent_once, entries_lost, reported, greeting, nonce, key, frame_received,
+            report_periods, since_report, unconfirmed, retransmit_periods, urgent, frames: _, stage, staged,
         } = self;
         decoder.hash_state(state);
         (epoch, last_epoch, first_numbers, axes, layer_axis, next_command, rate_seq, command_gap).hash(state);
