@@ -36,7 +36,17 @@ const SPEED: f64 = 6.0;
 /// Longest wall time of a job there; then its host is killed.
 const MAX_JOB_S: f64 = 40.0;
 
-fn machine() -> String {
+/// Every so many of them have a torch that senses the sheet before each start.
+const SENSING: u64 = 3;
+
+/// Its heights are equal: the judge knows the pierce, and not the way to the height of the cut.
+const MATERIALS: &str = "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 0\n\
+    pierce_height_mm = 3\npierce_delay_s = 0.2\ncut_height_mm = 3\nfeed_mm_per_min = 1800\n";
+const SENSE: &str = "materials = \"materials.toml\"\nsense = { contacts = [9], sheet_mm = -20, start_mm = 5, \
+    below_mm = 5, probe_mm_per_s = 20, latch_mm_per_s = 5, safe_mm = 8 }\n";
+
+fn machine(senses: bool) -> String {
+    let sense = if senses { SENSE } else { "" };
     let mut text = String::new();
     for (axis, pulses) in [("x", 160), ("y", 160), ("z", 640)] {
         let _ = writeln!(
@@ -46,8 +56,9 @@ fn machine() -> String {
         );
     }
     text + "[[cutter]]\nname = \"torch\"\nkind = \"torch\"\nfire = 64\nok = { input = 5 }\ncollision = [7]\n\
-            start = { pierce_s = 0.2, start_s = 1, retry_s = 0.5 }\n[card]\nwatchdog_ms = 1000\n\
-            [[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n"
+            start = { pierce_s = 0.2, start_s = 1, retry_s = 0.5 }\n"
+        + sense
+        + "[card]\nwatchdog_ms = 1000\n[[card.input]]\nnumber = 13\nuse = \"emergency-stop\"\n"
 }
 
 /// A program of several contours: lines and arcs, with or without compensation, in subprograms of some depth.
@@ -82,8 +93,9 @@ fn program(chance: &mut TestRandom) -> String {
 }
 
 /// Runs the program with these faults of the source and this script; its trace goes to a file of this name.
-fn run(bench: &Bench, program: &Path, faults: &str, script: &str, trace: &str) -> (Run, PathBuf) {
-    let (machine, operator) = (bench.file("m.toml", machine()), bench.file("s.op", script));
+fn run(bench: &Bench, (program, senses): (&Path, bool), faults: &str, script: &str, trace: &str) -> (Run, PathBuf) {
+    bench.file("materials.toml", MATERIALS);
+    let (machine, operator) = (bench.file("m.toml", machine(senses)), bench.file("s.op", script));
     let (vcd, machine) = (bench.path(trace), machine.display().to_string());
     let (trace, operator) = (vcd.display().to_string(), operator.display().to_string());
     if std::env::var_os("RETRACE_SHOW").is_some() {
@@ -133,8 +145,8 @@ const STOPS: [Option<&str>; 4] = [None, None, Some("breakaway"), Some("emergency
 fn served_case(seed: u64) -> Result<Verdict, String> {
     let mut chance = TestRandom::new(seed);
     let bench = Bench::new();
-    let program = bench.file("part.ngc", program(&mut chance));
-    let (whole, uninterrupted) = run(&bench, &program, "", "", "whole.vcd");
+    let (program, senses) = (bench.file("part.ngc", program(&mut chance)), (seed / SERVED).is_multiple_of(2));
+    let (whole, uninterrupted) = run(&bench, (&program, senses), "", "", "whole.vcd");
     let length_mm = judge(&uninterrupted, &uninterrupted, &JUDGED).cut_mm;
     let faults = faults(&mut chance, seed, length_mm);
     let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd").display().to_string());
@@ -183,8 +195,9 @@ fn host_until(
             // an alarm of the silent host before, or no job yet that could be resumed
             return if matches!(code, Some(0 | 2 | 3)) { Ok((code, out)) } else { Err(format!("{code:?}\n{out}")) };
         }
-        let waits =
-            ["lost", "not_started", "not_latched"].iter().any(|why| read().contains(&format!("\"reason\":\"{why}\"")));
+        let waits = ["lost", "not_started", "not_latched", "no_sheet", "sheet_contact"]
+            .iter()
+            .any(|why| read().contains(&format!("\"reason\":\"{why}\"")));
         if let Some(input) = stop.filter(|_| !waits && begun.elapsed().as_secs_f64() > stop_s) {
             card.operate(&format!("press {input}"));
             // at rest a breakaway stops nothing
@@ -213,8 +226,8 @@ fn host_until(
 fn case(seed: u64) -> Result<Verdict, String> {
     let mut chance = TestRandom::new(seed);
     let bench = Bench::new();
-    let program = bench.file("part.ngc", program(&mut chance));
-    let (whole, uninterrupted) = run(&bench, &program, "", "", "whole.vcd");
+    let (program, senses) = (bench.file("part.ngc", program(&mut chance)), seed % SENSING == 1);
+    let (whole, uninterrupted) = run(&bench, (&program, senses), "", "", "whole.vcd");
     if whole.report["outcome"] != "completed" {
         return Err(format!("the whole job: {}", whole.output.err));
     }
@@ -228,11 +241,11 @@ fn case(seed: u64) -> Result<Verdict, String> {
     };
     let mut last = String::new();
     for _ in 0..40 {
-        let (run, trace) = run(&bench, &program, &faults, &script, "pins.vcd");
+        let (run, trace) = run(&bench, (&program, senses), &faults, &script, "pins.vcd");
         if run.report["outcome"] == "completed" {
             let axes = [160.0, 160.0, 640.0]
                 .map(|pulses_per_mm| retrace_tests::limits::Axis { pulses_per_mm, limits: [200.0, 2500.0, 40000.0] });
-            let audit = audit(&run.records, &axes, 0.001);
+            let audit = audit(&run.records.clone().with_layer(2), &axes, 0.001);
             if audit.violations != [0; 3] || run.counts() != whole.counts() {
                 return Err(format!("limits or counts: {:?}\n{script}\n{faults}", audit.first));
             }
