@@ -3,7 +3,7 @@
 //! Invariant: they depend on the checked machine and on the start of the path only.
 
 use retrace_core::limits::RateLimits;
-use retrace_link::{CardSettings, OutputChange, PathStart};
+use retrace_link::{CardSettings, CardStatus, OutputChange, PathStart};
 
 use crate::cutter;
 use crate::machine_config::MachineConfig;
@@ -13,6 +13,16 @@ use crate::machine_config::MachineConfig;
 const HANDOVER_MS: f64 = 100.0;
 
 impl MachineConfig {
+    /// Counts of the axes as the machine is: those of the path, and the layer.
+    #[must_use]
+    pub fn position_counts<const A: usize>(&self, status: &CardStatus<A>) -> [i64; A] {
+        let mut counts = status.counts;
+        if let Some(count) = self.tool_layer().and_then(|layer| counts.get_mut(layer.index)) {
+            *count += i64::from(status.layer);
+        }
+        counts
+    }
+
     /// Settings that a card receives for this machine, with the start of the path.
     #[must_use]
     pub fn card_settings<const A: usize>(&self, start: PathStart) -> CardSettings<A> {

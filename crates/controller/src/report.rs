@@ -78,12 +78,12 @@ impl<const A: usize> Report<'_, A> {
 
     /// Counts of the machine's axes. None where the card has not confirmed where it came to rest.
     #[must_use]
-    pub fn counts(&self) -> Option<&[i64; A]> {
+    pub fn counts(&self) -> Option<[i64; A]> {
         // A fault of the card or its link ends the run without a report from the card; an alarm that the card latched
         // comes with one.
         let is_fault = matches!(self.outcome, Outcome::Alarm(number, ..) if ("E3001"..="E3009").contains(number))
             && self.card.alarm.is_none();
-        (self.card.at_rest && !is_fault).then_some(&self.card.counts)
+        (self.card.at_rest && !is_fault).then(|| self.machine.position_counts(&self.card))
     }
 
     /// Reason why the position is not known, where it is not.
@@ -93,9 +93,11 @@ impl<const A: usize> Report<'_, A> {
             return None;
         }
         let was = if self.card.at_rest { "stood" } else { "was moving" };
-        Some(format!("the card has not confirmed where it came to rest; in its last report it {was} at counts {:?}", {
-            &self.card.counts[..self.machine.axes.len().min(A)]
-        }))
+        let counts = self.machine.position_counts(&self.card);
+        let counts = &counts[..self.machine.axes.len().min(A)];
+        Some(format!(
+            "the card has not confirmed where it came to rest; in its last report it {was} at counts {counts:?}"
+        ))
     }
 
     /// The report as one JSON object.

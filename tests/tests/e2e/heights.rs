@@ -129,6 +129,22 @@ fn a_sheet_that_is_not_found_is_told_and_nothing_is_lit() {
     }
 }
 
+/// A start that is ended while the tool touches the sheet leaves it there; it is lifted before it senses again.
+#[test]
+fn a_start_that_ends_on_the_sheet_is_begun_anew() {
+    let (whole, _) = run("", "");
+    let mut rests_on_sheet = 0;
+    for at_ms in (2600..3500).step_by(75) {
+        let (run, trace) = run("", &format!("at {}s cutter off\nafter 2s recover\n", at_ms as f64 / 1000.0));
+        let end = |run: &Run| (run.report["outcome"].clone(), run.counts());
+        assert_eq!(end(&run), end(&whole), "{at_ms} ms: {}", run.output.out);
+        assert_heights(&run, &trace, SHEET);
+        let held = trace.iter().rev().find(|sample| sample.at_us < (at_ms + 1900) * 1000).expect("a sample");
+        rests_on_sheet += u32::from(held.inputs >> 7 & 1 == 1);
+    }
+    assert!(rests_on_sheet > 0);
+}
+
 /// An arc that is lost, and one that is put out by hand: the cut is continued at the height of the cut.
 #[test]
 fn a_lost_cut_is_continued_at_its_height() {

@@ -233,7 +233,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
 
     /// Executes a manual task.
     fn perform_task(&mut self, task: &ManualTask) {
-        let machine = self.machine.clone().standing_at(&self.card.status().counts);
+        let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let script = CommandSources::from_script(ScriptPlayer::new(Vec::new(), machine.period_us));
         let command_sources = script.with_operator(self.router.begin_job());
         let run_mode = RunMode { wall_time: true, operator: true, real_time: false };
@@ -288,7 +288,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
 
     /// Checks the program again and redraws its path, for the current position and offsets.
     fn check_again(&self) {
-        let machine = self.machine.clone().standing_at(&self.card.status().counts);
+        let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let setup = self.mdi_context.setup_of_program(&machine);
         preview_thread::check_again::<A>(&self.router.model, machine, &self.program, setup);
     }
@@ -298,7 +298,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         if lock_model(&self.router.model).stage == ScreenStage::Job {
             return;
         }
-        let machine = self.machine.clone().standing_at(&self.card.status().counts);
+        let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let reading = Reading { program: path, ..self.args.reading.clone() };
         let (program, setup) = (Arc::clone(&self.program), self.mdi_context.setup_of_program(&machine));
         let loaded = self.while_idle({
@@ -342,7 +342,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
         if let Err(NumberedError { number, cause: what, remedy }) = self.homing.check(&self.machine) {
             return self.add_message(format!("{number}: {what} · {remedy}"));
         }
-        let machine = self.machine.clone().standing_at(&self.card.status().counts);
+        let machine = self.machine.clone().standing_at(&self.machine.position_counts(self.card.status()));
         let program = match self.open_checked_program(&machine) {
             Ok(program) => program,
             Err(why) => return self.show_refusal(&why),

@@ -20,6 +20,7 @@ use crate::motion_sink::MotionSink;
 use crate::spline::chords;
 
 use entered_length::LengthCorrection;
+pub(crate) use tool_height::HEIGHT;
 use tool_height::LayerState;
 
 /// Minimum deviation of the chords of splines, mm.

@@ -10,7 +10,7 @@ use crate::motion_sink::MotionSink;
 use crate::plan_writer::SwitchInstruction;
 
 /// Code of an instruction that only moves the layer, in messages.
-const HEIGHT: &str = "height";
+pub(crate) const HEIGHT: &str = "height";
 
 /// Where the layer is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -90,6 +90,10 @@ pub fn perform_manual_task<const A: usize, C: MotionCard<A>>(
     if let Some(text) = block_of(task, machine)? {
         return perform_block(&text, machine, context, card, (operators, run_mode), observer);
     }
+    if card.status().layer != 0 {
+        // The height at which a job was stopped becomes part of the counts.
+        begin_path(card).map_err(CardError::from)?;
+    }
     let mut ring = jog_planner::ring(machine, RecordIndex::new(0))
         .map_err(|_| NumberedError::new("E2112", "no ring for a move", "a shorter look_ahead_s"))?;
     let mail = jog_planner::JogStatus::default();

@@ -384,10 +384,12 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
         // Nothing is paused yet: this is not rejected.
         if self.dnc.interruption.apply(Said::Pause(latch)).is_ok() {
             self.emit_paused(&latch);
-            if status.layer != 0 {
-                // The tool returns to its path before the program goes on, and senses the sheet again.
-                let here = self.path_start();
-                self.add_layer_to_counts()?;
+            let here = self.path_start();
+            if let Some(hand) = self.dnc.jog_planner.as_mut().filter(|_| status.layer != 0) {
+                // The layer becomes part of the counts. The tool returns to its path before the program goes on, and
+                // senses the sheet again.
+                let off_path = PathStart { executed: status.executed, ..PathStart::at(hand.ring.write()) };
+                self.card.begin_path(off_path)?;
                 self.dnc.path_start.get_or_insert(here);
                 self.target = None;
             }

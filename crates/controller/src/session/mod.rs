@@ -260,7 +260,6 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             Err(error) if !matches!(outcome, Outcome::Alarm(..)) => self.end_with_error(error),
             _ => outcome,
         };
-        let _ = self.add_layer_to_counts();
         self.stats.dropped_events = self.telemetry.dropped_events();
         self.count_contours();
         (outcome, self.stats, self.card)

@@ -6,11 +6,11 @@
 
 use retrace_core::mode::Mode;
 use retrace_link::{
-    CutterOff, CutterOffCause, HostCommand, LayerMove, MotionCard, OutputChange, Outputs, PathStart,
-    RepeatedInstruction, channel,
+    CutterOff, CutterOffCause, HostCommand, LayerMove, MotionCard, OutputChange, Outputs, RepeatedInstruction, channel,
 };
 
 use super::Session;
+use crate::canon_executor::HEIGHT;
 use crate::event::{CardError, CutterOffReason, EventKind};
 use crate::restart::RestartStep;
 
@@ -41,11 +41,20 @@ pub(super) struct OutputRestart {
     sent: usize,
     /// Number of steps that were reported complete.
     done: usize,
+    /// Whether the tool was lifted off the sheet for the instruction that is due.
+    has_lifted: bool,
 }
 
 impl OutputRestart {
     pub(super) fn new() -> Self {
-        Self { stage: RestartStage::Idle, steps: Vec::with_capacity(channel::COUNT), before: 0, sent: 0, done: 0 }
+        Self {
+            stage: RestartStage::Idle,
+            steps: Vec::with_capacity(channel::COUNT + 1),
+            before: 0,
+            sent: 0,
+            done: 0,
+            has_lifted: false,
+        }
     }
 
     /// Whether a restart is active.
@@ -97,12 +106,43 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn begin_restart_to(&mut self, wants: &Outputs, concerned: impl Fn(u8) -> bool) {
         let outputs = self.outputs_compared_with(wants);
         self.streamer.restart_steps(&outputs, wants, concerned, &mut self.restart.steps);
+        if self.restart.steps.iter().any(|step| matches!(step.layer, Some(LayerMove::Start { .. })))
+            && let Some(lift) = self.lift_off_contact()
+        {
+            self.restart.steps.insert(0, lift);
+        }
         (self.restart.before, self.restart.sent, self.restart.done) = (self.card.status().repeated, 0, 0);
         self.restart.stage = if self.restart.steps.is_empty() { RestartStage::Idle } else { RestartStage::Asking };
         self.prepare_cutter_start();
         if !self.restart.is_active() {
             self.emit(EventKind::OutputsRestored);
         }
+    }
+
+    /// Lifts the tool before a start of the program, where it still touches the sheet. Returns false where it does not,
+    /// or where that has not helped.
+    pub(super) fn lifts_before_start(&mut self, layer: Option<LayerMove>) -> bool {
+        let lift = self.lift_off_contact().filter(|_| matches!(layer, Some(LayerMove::Start { .. })));
+        let Some(lift) = lift.filter(|_| !self.restart.has_lifted) else {
+            self.restart.has_lifted = false;
+            return false;
+        };
+        self.restart.steps.clear();
+        self.restart.steps.push(lift);
+        (self.restart.before, self.restart.sent, self.restart.done) = (self.card.status().repeated, 0, 0);
+        (self.restart.stage, self.restart.has_lifted) = (RestartStage::Asking, true);
+        true
+    }
+
+    /// A step that lifts the tool, if a contact of the sheet is closed: a start that was ended by an alarm leaves the
+    /// tool on the sheet, where no start begins.
+    fn lift_off_contact(&self) -> Option<RestartStep> {
+        let (status, machine) = (self.card.status(), self.recovery.machine());
+        let layer = machine.tool_layer()?;
+        let touches = layer.contacts().iter().any(|&input| status.inputs >> (input & 15) & 1 == 1);
+        let path_mm = machine.axes[layer.index].mm_of(status.counts[layer.index]);
+        let step = RestartStep { code: HEIGHT, layer: Some(layer.lift(path_mm)), ..RestartStep::default() };
+        touches.then_some(step)
     }
 
     /// Executes again what lit the cutter of this channel, even where the program does not expect it to be on at the
@@ -303,15 +343,6 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             on = self.output_on_at_end();
         }
         on.map_or(Ok(()), |channel| Err(self.stays_on(channel)))
-    }
-
-    /// Before the axes leave the path, and at the end of a job that was stopped, the tool stays at its height, which
-    /// becomes part of the counts. A card in motion does so at its next opening.
-    pub(super) fn add_layer_to_counts(&mut self) -> Result<(), CardError> {
-        if self.card.status().layer == 0 || !self.card.status().at_rest {
-            return Ok(());
-        }
-        Ok(self.card.begin_path(PathStart { keeps_layer: false, ..self.path_start() })?)
     }
 
     /// A channel that the end of a job switches off and the card reports on.

@@ -6,7 +6,7 @@
 
 use retrace_core::mode::Mode;
 use retrace_journal::HoldReason;
-use retrace_link::{CardStatus, MotionCard, PathStart};
+use retrace_link::{MotionCard, PathStart};
 
 use super::{Outcome, Session};
 use crate::dnc_events::{DncEvent, DncFlags, DncStep};
@@ -22,12 +22,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if self.card.status().counts == to {
             return Ok(None);
         }
-        self.add_layer_to_counts()?;
-        let CardStatus { counts: from, executed, .. } = *self.card.status();
         let Some(mut hand) = self.dnc.take_jog_planner() else { return Err(not_planned()) };
-        // A card that was only queried for its position is opened by this.
-        let begins = PathStart { executed, ..PathStart::at(hand.ring.write()) };
-        self.card.begin_path(begins)?;
+        // A card that was only queried for its position is opened by this; the layer becomes part of the counts.
+        let executed = self.card.status().executed;
+        self.card.begin_path(PathStart { executed, ..PathStart::at(hand.ring.write()) })?;
+        let from = self.card.status().counts;
         self.emit_return_step(DncStep::Approaching);
         let request = JogRequest::Approach { from, to };
         let mut trip = ManualMove::begin(

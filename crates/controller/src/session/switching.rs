@@ -57,6 +57,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if self.lights_dark(place, &mut changes[..usize::from(count)]) {
             (periods, until, layer) = (0, None, self.dark_move(layer));
         }
+        if self.lifts_before_start(layer) {
+            return Ok(false);
+        }
         let instruction = Instruction { number, place, changes, count, periods, until, keeps_cutter, layer };
         // The rate comes first: while it is still zero, the card would keep the instruction for a period.
         self.set_rate(demand);
