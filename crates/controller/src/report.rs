@@ -83,7 +83,7 @@ impl<const A: usize> Report<'_, A> {
         // comes with one.
         let is_fault = matches!(self.outcome, Outcome::Alarm(number, ..) if ("E3001"..="E3009").contains(number))
             && self.card.alarm.is_none();
-        (self.card.at_rest && !is_fault).then(|| self.machine.position_counts(&self.card))
+        (self.card.at_rest && !is_fault).then(|| self.machine.position_counts(self.card))
     }
 
     /// Reason why the position is not known, where it is not.
@@ -93,7 +93,7 @@ impl<const A: usize> Report<'_, A> {
             return None;
         }
         let was = if self.card.at_rest { "stood" } else { "was moving" };
-        let counts = self.machine.position_counts(&self.card);
+        let counts = self.machine.position_counts(self.card);
         let counts = &counts[..self.machine.axes.len().min(A)];
         Some(format!(
             "the card has not confirmed where it came to rest; in its last report it {was} at counts {counts:?}"
