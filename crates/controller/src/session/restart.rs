@@ -9,7 +9,7 @@ use retrace_link::{
     CutterOff, CutterOffCause, HostCommand, LayerMove, MotionCard, OutputChange, Outputs, RepeatedInstruction, channel,
 };
 
-use super::Session;
+use super::{ProgramStop, Session};
 use crate::canon_executor::HEIGHT;
 use crate::event::{CardError, CutterOffReason, EventKind};
 use crate::restart::RestartStep;
@@ -243,7 +243,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.record_cut_end(off);
         }
         let interrupts = match off.cause {
-            CutterOffCause::Standing => !is_cut_to_its_end,
+            // At a stop of the program, *recover* continues a program that is held.
+            CutterOffCause::Standing => !is_cut_to_its_end || self.program_stop != ProgramStop::No || self.single_stop,
             cause => cause.cancels_start(),
         };
         if off.cause.cancels_start() {
