@@ -589,6 +589,9 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             || self.mode_controller.rapid_override() == Rate::ZERO
             || self.program_stop != ProgramStop::No
             || self.single_stop;
-        waits && self.commands.waits_for_motion() && self.still_periods as f64 * self.config.period_s > NOBODY_THERE_S
+        let nobody = waits
+            && self.commands.waits_for_motion()
+            && (!self.config.run_mode.wall_time || self.config.run_mode.operator);
+        nobody && self.still_periods as f64 * self.config.period_s > NOBODY_THERE_S
     }
 }
