@@ -48,7 +48,7 @@ fn killed_and_resumed(faults: &str, script: &str, at_s: f64) -> Result<(), Strin
         told += &format!("--- resumed\n{out}");
         match code {
             Some(0) => break,
-            // a host that was kept from running: for longer than the watchdog allows, or so long that the torch went off
+            // a host that was kept from running: longer than the watchdog allows, or until the torch went off
             Some(3) | None => {}
             other => return Err(format!("{other:?} after {at_s} s\n{told}")),
         }
@@ -59,14 +59,15 @@ fn killed_and_resumed(faults: &str, script: &str, at_s: f64) -> Result<(), Strin
     if verdict.is_good() { Ok(()) } else { Err(format!("{verdict:?} after {at_s} s\n{told}")) }
 }
 
-/// Resumes the job, and kills the host where it waits for an operator because the torch went off in the cut. Returns its
-/// exit code, if it was not killed, and its output.
+/// Resumes the job, and kills the host where it waits for an operator because the torch went off in the cut. Returns
+/// its exit code, if it was not killed, and its output.
 fn resumed(bench: &Bench) -> (Option<i32>, String) {
     let mut host = bench.start(&["resume", "--yes", "--json"], Stdio::null(), "resumed.txt");
     let read = || std::fs::read_to_string(bench.path("resumed.txt")).unwrap_or_default();
-    let mut since = Instant::now();
+    let (begun, mut since) = (Instant::now(), Instant::now());
     loop {
         thread::sleep(Duration::from_millis(20));
+        assert!(begun.elapsed() < Duration::from_secs(60), "{}", read());
         if let Some(status) = host.try_wait().expect("a child") {
             return (status.code(), read());
         }
