@@ -73,12 +73,12 @@ fn program_drawing(args: &args::Plot, view: Option<View>, size: Size) -> Result<
     program.check(&machine)?;
     let mut trace = PathTrace::new(&machine, args.profile, lines_shown(args));
     if args.profile || !script.is_empty() {
-        let card = simulated::<9>(&machine, &SourceFaults::default(), Clock::Virtual)?;
+        let mut card = simulated::<9>(&machine, &SourceFaults::default(), Clock::Virtual)?;
         let operators = CommandSources::from_script(ScriptPlayer::new(script, machine.period_us));
         let run_mode = RunMode { wall_time: false, operator: args.operator.is_some(), real_time: false };
         let job_options =
             JobOptions { start: JobStart::First, commands: operators, run_mode, journal: JournalConfig::default() };
-        run_job::<9, _>(&machine, program.decoder(), job_options, card, &mut trace)
+        run_job::<9, _>(&machine, program.decoder(), job_options, &mut card, &mut trace)
             .map_err(|why| draw_error(why.to_string(), "set a shorter history_hours in the machine file"))?;
     }
     if args.profile {

@@ -80,9 +80,10 @@ impl RunContext<'_> {
                 let (work, homing) = ((self.script, (self.text, JobCard::Sim)), Homing::simulated());
                 return operate::operate(args, &machine, program, work, &mut card, &homing, None);
             }
-            let card = traced(card, &machine, args.vcd.as_deref())?;
+            let mut card = traced(card, &machine, args.vcd.as_deref())?;
             let (journal, input) = begin_journal(args, &program, &machine, (&self.text, JobCard::Sim), card.status())?;
-            let (code, _) = self.job_runner(&machine, &program, journal, input).run(card, |_, _| Ok(()))?;
+            // By reference here and at the screen, so that there is one job runner for both.
+            let (code, _) = self.job_runner(&machine, &program, journal, input).run(&mut card, |_, _| Ok(()))?;
             return saved(args, &program, &machine, code);
         }
         if args.vcd.is_some() {

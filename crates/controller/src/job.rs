@@ -15,9 +15,10 @@ use std::sync::mpsc;
 use std::thread;
 
 use retrace_config::MachineConfig;
-use retrace_core::ring::{Cell, Ring};
+use retrace_core::RecordIndex;
+use retrace_core::ring::Ring;
+use retrace_core::ring_storage::unwritten_cells;
 use retrace_core::size::ring_cells;
-use retrace_core::{Record, RecordIndex};
 use retrace_journal::JournalConfig;
 use retrace_link::{CardStatus, MotionCard, Outputs};
 use retrace_motion::Planner;
@@ -146,7 +147,7 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
     let JobOptions { start: begin, commands: operators, run_mode, journal: keeping } = options;
     let (keep, look_ahead) = (machine.history_records, machine.look_ahead_records);
     let cells = ring_cells(keep, look_ahead).ok_or_else(|| machine_error("the history is larger than any ring"))?;
-    let cells: Box<[Cell<Record<A>>]> = (0..cells).map(|_| Cell::default()).collect();
+    let cells = unwritten_cells::<A>(cells as usize);
     let origin = JobOrigin::new(machine, &begin, card.status());
     let mut ring =
         Ring::new(cells, keep, look_ahead, origin.place).map_err(|e| machine_error(format!("no ring: {e:?}")))?;

@@ -132,9 +132,10 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
                 && let Some((line, before)) = self.skipped.take()
             {
                 let position = self.executor.position();
-                before
-                    .restore(&mut self.plan_writer, position, self.machine, line)
-                    .map_err(|why| (why.into(), line))?;
+                let restored = before.restore(&mut self.plan_writer, position, self.machine, line);
+                if restored.map_err(|why| (why.into(), line))? {
+                    self.executor.record_lift();
+                }
             }
             if ends_length && self.skipped.is_none() && self.executor.ends_entered_length(&step.canon) {
                 self.end_length(step.canon == Canon::MachineCoordinates)

@@ -2,13 +2,15 @@
 //!
 //! Invariant: what the skipped blocks switched is switched by their own instructions, with their durations: everything
 //! but the cutters before the first move, the cutters where the skipped motion ended (CUT-17). The axes move there in
-//! the order of DNC-6: tool axis up to the retract plane or higher, other axes, tool axis down.
+//! the order of DNC-6: tool axis up to the retract plane or higher, other axes, tool axis down. A cutter that senses the
+//! sheet senses it there before it is lit.
 
 use retrace_config::MachineConfig;
 use retrace_core::RecordIndex;
 use retrace_link::{OutputAction, OutputChange, Outputs};
 use retrace_motion::{Arc, FeedRate, PathMode};
 
+use crate::canon_executor::HEIGHT;
 use crate::motion_sink::MotionSink;
 use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
@@ -34,7 +36,8 @@ impl SkippedBlocks {
     }
 
     /// Brings a machine at rest to the state behind the skipped blocks: outputs first, then to `target_mm`, where the
-    /// skipped motion ended, in the order of DNC-6 for this machine.
+    /// skipped motion ended, in the order of DNC-6 for this machine; a tool that is near the sheet is lifted by its
+    /// layer. Returns whether it was.
     ///
     /// # Errors
     /// The reason why the planner rejects it.
@@ -44,14 +47,21 @@ impl SkippedBlocks {
         target_mm: [f64; A],
         machine: &MachineConfig,
         line: u32,
-    ) -> Result<(), PlanWriteError> {
+    ) -> Result<bool, PlanWriteError> {
         self.switch(plan_writer, line, |channel| !self.cutting.contains(&channel))?;
         let at = plan_writer.commanded_mm();
-        for end in ends_mm(machine, at, target_mm) {
+        let layer = machine.tool_layer().filter(|layer| at[layer.index] == target_mm[layer.index]);
+        let lift = layer.and_then(|layer| layer.first_lift(at[layer.index]));
+        if lift.is_some() {
+            plan_writer.exclusive(SwitchInstruction { line, code: HEIGHT, layer: lift, ..Default::default() })?;
+        }
+        let ends = if lift.is_some() { vec![target_mm] } else { ends_mm(machine, at, target_mm) };
+        for end in ends {
             plan_writer.straight(end, FeedRate::Rapid, PathMode::ExactStop, line)?;
         }
         plan_writer.rest()?;
-        Ok(self.switch(plan_writer, line, |channel| self.cutting.contains(&channel))?)
+        self.switch(plan_writer, line, |channel| self.cutting.contains(&channel))?;
+        Ok(lift.is_some())
     }
 
     /// Executes again what switched the channels selected by `concerned`.
@@ -64,7 +74,7 @@ impl SkippedBlocks {
         let mut steps = Vec::new();
         self.origins.plan_restart(plan_writer.outputs(), &self.outputs, &self.cutting, concerned, &mut steps);
         for step in &steps {
-            let (periods, until) = (step.periods, step.until);
+            let (periods, until, layer) = (step.periods, step.until, step.layer);
             let changes = step.changes();
             plan_writer.exclusive(SwitchInstruction {
                 line,
@@ -72,6 +82,7 @@ impl SkippedBlocks {
                 changes,
                 periods,
                 until,
+                layer,
                 ..SwitchInstruction::default()
             })?;
         }

@@ -14,7 +14,8 @@
 //! [`playback::emission`] gives the pulses between two places. Pulses depend on the places alone, so a path that is run
 //! backward and forward again ends at the same counts.
 //!
-//! The crate is `no_std`, allocates nothing and depends on nothing. Pulses are integers, places and rates are
+//! The crate is `no_std` and depends on nothing; it allocates nothing, but for the cells of a host's ring (feature
+//! `alloc`). Pulses are integers, places and rates are
 //! fixed-point numbers; nothing here calculates in floating point.
 #![cfg_attr(not(test), no_std)]
 
@@ -30,6 +31,8 @@ pub mod rate;
 pub mod record;
 pub mod ring;
 pub mod ring_indices;
+#[cfg(feature = "alloc")]
+pub mod ring_storage;
 pub mod size;
 mod sync;
 mod units;

@@ -110,7 +110,32 @@ fn a_program_is_cut_at_the_heights_of_its_material() {
     let summary: Value = serde_json::from_str(checked.out.lines().last().unwrap_or_default()).expect("a summary");
     let (estimate, really) = (summary["total_s"].as_f64().expect("a time"), run.number("periods") / 1000.0);
     assert!((estimate / really - 1.0).abs() < 0.01, "{estimate} s, and {really} s");
-    {}
+}
+
+/// A start in the middle of a contour, or between two, with the tool high or near the sheet: the tool is lifted before
+/// the rapid there, and the sheet is sensed before the torch is lit.
+#[test]
+fn a_start_at_a_line_senses_the_sheet_first() {
+    for (line, sheet_mm) in [("4", -70), ("6", -70), ("4", -5), ("6", -5)] {
+        let (bench, case) = (bench(), format!("line {line}, sheet at {sheet_mm} mm"));
+        let machine = machine(&SENSE.replace("-70", &sheet_mm.to_string())).replace("[-100, 0]", "[-100, 50]");
+        let (machine, vcd) = (bench.file("m.toml", machine).display().to_string(), bench.path("pins.vcd"));
+        let trace = vcd.display().to_string();
+        let arguments = ["--machine", &machine, "--vcd", &trace, "--start-line", line];
+        let run = Run::of(&bench, &bench.path("part.ngc"), &arguments);
+        assert_eq!(run.report["outcome"], "completed", "{}", run.output.err);
+        let trace = samples(&vcd);
+        for pair in trace.windows(2) {
+            let height = tool(&pair[1]) - sheet_mm * TOOL_PULSES as i64 - OPENS;
+            let moves = pair[0].counts[0] != pair[1].counts[0];
+            let is_lit = pair[0].is_on("spindle") && pair[1].is_on("spindle");
+            assert!(!is_lit || (CUT..=PIERCE).contains(&height), "{case}: lit at {height}: {:?}", pair[1]);
+            assert!(!(is_lit && moves) || height == CUT, "{case}: cuts at {height}: {:?}", pair[1]);
+            assert!(is_lit || !moves || height >= SAFE - OPENS, "{case}: rapid at {height}: {:?}", pair[1]);
+        }
+        assert!(trace.iter().any(|sample| sample.is_on("spindle")), "{case}");
+        assert_eq!(trace.last().map(tool), Some(0), "{case}");
+    }
 }
 
 /// No sheet, or one that is higher than where it is sensed from: nothing is lit, nothing is fed, and the operator may

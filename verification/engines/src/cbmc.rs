@@ -53,35 +53,37 @@ struct Module {
     covers: Vec<String>,
 }
 
-/// Proves every harness of the rows that `wanted` lets through, two at a time.
-pub(crate) fn run(job: &Job<'_>, tools: &CbmcTools, wanted: impl Fn(&str) -> bool) {
-    let compiled = match build(job.root, &job.runner, tools, &job.folder.join("cbmc")) {
-        Ok(compiled) => compiled,
-        Err(reason) => return job.log.broken(Engine::Cbmc, reason),
-    };
-    let harnesses: Vec<&Harness> =
-        job.rows.iter().flat_map(|row| &row.harnesses).filter(|harness| wanted(&harness.name)).collect();
+/// Compiles the harnesses of this checkout; `None` where that fails, which is told.
+pub(crate) fn compile(job: &Job<'_>, tools: &CbmcTools) -> Option<Harnesses> {
+    match build(job.root, &job.runner, tools, &job.folder.join("cbmc")) {
+        Ok(compiled) => Some(compiled),
+        Err(reason) => {
+            job.log.broken(Engine::Cbmc, reason);
+            None
+        }
+    }
+}
+
+/// Proves one harness, and tells the result.
+pub(crate) fn run(job: &Job<'_>, tools: &CbmcTools, compiled: &Harnesses, harness: &Harness) {
     let limit = LIMITS[usize::from(job.quick)];
-    process::each(&harnesses, process::workers(), |harness| {
-        let started = Instant::now();
-        let proof = prove(tools, &compiled, harness, limit);
-        let (verdict, words) = match proof {
-            Proof::Proved => (Verdict::Proved, "proved".to_owned()),
-            Proof::Refuted(what) => (
-                Verdict::Failed,
-                format!("REFUTED: \"{what}\" fails; {}", replay_line(job, tools, &compiled, harness, limit)),
-            ),
-            Proof::TimeUp if job.quick => (Verdict::Open, format!("TIME: not ended after {} s", limit.as_secs())),
-            Proof::TimeUp => (Verdict::Failed, format!("TIME: not ended after {} s", limit.as_secs())),
-            Proof::Unwound => {
-                (Verdict::Failed, format!("UNWIND: the bound {} is too small; nothing is refuted", harness.unwind))
-            }
-            Proof::Vacuous(what) => (Verdict::Failed, format!("VACUOUS: no run reaches {what}")),
-            Proof::Error(reason) => (Verdict::Failed, format!("ERROR: {reason}")),
-        };
-        let (check, seconds) = (harness.name.clone(), started.elapsed().as_secs_f64());
-        job.log.tell(Outcome { engine: Engine::Cbmc, check, verdict, words, seconds });
-    });
+    let started = Instant::now();
+    let (verdict, words) = match prove(tools, compiled, harness, limit) {
+        Proof::Proved => (Verdict::Proved, "proved".to_owned()),
+        Proof::Refuted(what) => (
+            Verdict::Failed,
+            format!("REFUTED: \"{what}\" fails; {}", replay_line(job, tools, compiled, harness, limit)),
+        ),
+        Proof::TimeUp if job.quick => (Verdict::Open, format!("TIME: not ended after {} s", limit.as_secs())),
+        Proof::TimeUp => (Verdict::Failed, format!("TIME: not ended after {} s", limit.as_secs())),
+        Proof::Unwound => {
+            (Verdict::Failed, format!("UNWIND: the bound {} is too small; nothing is refuted", harness.unwind))
+        }
+        Proof::Vacuous(what) => (Verdict::Failed, format!("VACUOUS: no run reaches {what}")),
+        Proof::Error(reason) => (Verdict::Failed, format!("ERROR: {reason}")),
+    };
+    let (check, seconds) = (harness.name.clone(), started.elapsed().as_secs_f64());
+    job.log.tell(Outcome { engine: Engine::Cbmc, check, verdict, words, seconds });
 }
 
 /// Compiles a checkout, or a copy of one, for wasm32. `runner` is its native runner, which lists the regions.

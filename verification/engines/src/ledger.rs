@@ -8,7 +8,7 @@ use super::rows::Row;
 use super::{Job, NotRun, Options, cbmc, page, sources, status};
 use retrace_task_support::tree::Tree;
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -227,13 +227,22 @@ pub(crate) fn cheap(root: &Path) -> Option<BTreeSet<String>> {
     read(root).map(|book| cheapest(&book))
 }
 
-fn cheapest(book: &Value) -> BTreeSet<String> {
+/// Seconds that the proof of each harness took by the committed ledger.
+pub(crate) fn proof_times(root: &Path) -> BTreeMap<String, f64> {
+    let book = read(root).unwrap_or_default();
+    proofs(&book).map(|(seconds, check)| (check.to_owned(), seconds)).collect()
+}
+
+fn proofs(book: &Value) -> impl Iterator<Item = (f64, &str)> {
     let rows = book["rows"].as_array().into_iter().flatten();
     let results = rows.flat_map(|row| row["results"].as_array().into_iter().flatten());
-    let mut proofs: Vec<(f64, &str)> = results
+    results
         .filter(|result| result["engine"] == "cbmc" && result["verdict"] == "proved")
         .filter_map(|result| Some((result["seconds"].as_f64()?, result["check"].as_str()?)))
-        .collect();
+}
+
+fn cheapest(book: &Value) -> BTreeSet<String> {
+    let mut proofs: Vec<(f64, &str)> = proofs(book).collect();
     proofs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(b.1)));
     let mut sum = 0.0;
     let within = proofs.into_iter().take_while(|(seconds, _)| {

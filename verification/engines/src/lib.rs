@@ -25,7 +25,7 @@ pub use options::Options;
 
 use outcome::{Engine, Log, Verdict};
 use retrace_task_support::process;
-use rows::Row;
+use rows::{Harness, Row};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -123,15 +123,8 @@ fn run_engines(job: &Job<'_>, all: &[Row], options: &Options) -> Summary {
     if runs(Engine::Stub) {
         stub::run(job, all);
     }
-    for engine in [Engine::Loom, Engine::Shuttle] {
-        if runs(engine) {
-            threads::run(job, engine);
-        }
-    }
-    if let (true, Ok(tools)) = (runs(Engine::Cbmc), &cbmc) {
-        let cheap = if job.quick && !job.is_slice { ledger::cheap(job.root) } else { None };
-        cbmc::run(job, tools, |name| cheap.as_ref().is_none_or(|cheap| cheap.contains(name)));
-    }
+    let models: Vec<Engine> = [Engine::Loom, Engine::Shuttle].into_iter().filter(|engine| runs(*engine)).collect();
+    run_models_and_proofs(job, &models, cbmc.as_ref().ok().filter(|_| runs(Engine::Cbmc)));
     if runs(Engine::Kani) {
         kani::run(job);
     }
@@ -178,6 +171,34 @@ fn run_engines(job: &Job<'_>, all: &[Row], options: &Options) -> Summary {
     println!("verify: {remark}, {:.0} s", started.elapsed().as_secs_f64());
     let is_current = !options.require_current || stale.is_empty();
     Summary { passed: failed == 0 && lacks.is_empty() && agrees && is_current, remark }
+}
+
+/// What a worker does next: all models of these engines, or one proof.
+enum Task<'a> {
+    Models(&'a [Engine]),
+    Proof(&'a Harness),
+}
+
+/// Runs the thread models on one core, and the proofs on the other and then on both, so that neither core waits for the
+/// other's longest check. Without proofs, the models have both.
+fn run_models_and_proofs(job: &Job<'_>, models: &[Engine], cbmc: Option<&tools::CbmcTools>) {
+    let cheap = if job.quick && !job.is_slice { ledger::cheap(job.root) } else { None };
+    let wanted = |name: &str| cheap.as_ref().is_none_or(|cheap| cheap.contains(name));
+    let compiled = cbmc.and_then(|tools| Some((tools, cbmc::compile(job, tools)?)));
+    let harnesses = job.rows.iter().flat_map(|row| &row.harnesses);
+    let mut proofs: Vec<&Harness> = harnesses.filter(|of| compiled.is_some() && wanted(&of.name)).collect();
+    let times = ledger::proof_times(job.root);
+    let time_of = |of: &Harness| times.get(&of.name).copied().unwrap_or(f64::INFINITY);
+    // the longest first, so that the last ones are short
+    proofs.sort_by(|a, b| time_of(b).total_cmp(&time_of(a)));
+    let jobs = if proofs.is_empty() { process::workers() } else { 1 };
+    let tasks: Vec<Task<'_>> =
+        std::iter::once(Task::Models(models)).chain(proofs.into_iter().map(Task::Proof)).collect();
+    process::each(&tasks, process::workers(), |task| match (task, &compiled) {
+        (Task::Models(engines), _) => engines.iter().for_each(|engine| threads::run(job, *engine, jobs)),
+        (Task::Proof(harness), Some((tools, compiled))) => cbmc::run(job, tools, compiled, harness),
+        (Task::Proof(_), None) => {}
+    });
 }
 
 /// Engines that are requested and not installed, and those that are installed and not requested. `kani` is the version

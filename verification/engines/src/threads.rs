@@ -20,8 +20,8 @@ pub(crate) fn is_there(root: &Path, engine: Engine) -> bool {
     root.join(package(engine).0).join("Cargo.toml").is_file()
 }
 
-/// Runs the models of one engine.
-pub(crate) fn run(job: &Job<'_>, engine: Engine) {
+/// Runs the models of one engine, so many at a time.
+pub(crate) fn run(job: &Job<'_>, engine: Engine, jobs: usize) {
     let models = job.rows.iter().flat_map(|row| &row.models).filter(|model| model.engine == engine.name());
     let tests: Vec<&str> = models.map(|model| model.test.as_str()).collect();
     if tests.is_empty() && job.is_slice {
@@ -29,7 +29,7 @@ pub(crate) fn run(job: &Job<'_>, engine: Engine) {
     }
     let package = package(engine).1;
     let mut command = process::cargo(job.root, &["test", "--package", &package, "--tests", "--no-fail-fast", "--"]);
-    command.arg("--show-output");
+    command.arg("--show-output").arg(format!("--test-threads={jobs}"));
     if job.is_slice {
         // a part of a path is enough here; what else it matches is left out below
         command.args(&tests);

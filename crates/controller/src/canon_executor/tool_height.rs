@@ -72,6 +72,13 @@ impl CanonExecutor<'_> {
         move_layer(moves, line, sink)
     }
 
+    /// Records that the layer was moved before the first block that is executed.
+    pub(crate) fn record_lift(&mut self) {
+        if self.layer == LayerState::Zero {
+            self.layer = LayerState::Safe;
+        }
+    }
+
     /// Moves the layer to 0, if it may be elsewhere.
     pub(super) fn return_layer<const A: usize>(
         &mut self,

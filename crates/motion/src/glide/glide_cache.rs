@@ -22,8 +22,9 @@ pub(crate) struct GlideCache {
     optimiser: Optimiser,
 }
 
-/// Number of entries after which the cache is cleared.
-const MAX_ENTRIES: usize = 1 << 14;
+/// Number of entries after which the cache is cleared: as many as fit into 2¹⁴ places of a hash map, which is full at
+/// seven eighths. One more would double its memory.
+const MAX_ENTRIES: usize = 7 << 11;
 /// Lengths are rounded down to steps of this ratio: of tracks that continue, and of tracks that end at rest.
 const LENGTHS: (f64, f64) = (1.25, 1.02);
 /// A track counts as no longer than this many times the stopping distance from its speed, …
