@@ -31,7 +31,7 @@ macro_rules! harnesses {
         #[cfg(not(any(kani, verify_wasm)))]
         pub const HARNESSES: &[crate::native::Harness] = &[
             $(crate::native::Harness { name: stringify!($name), module: module_path!(), unwind: $unwind,
-                covers: &[$(crate::region::Region::$region),*], enumerate: $body, draw: $body, replay: $body },)*
+                covers: &[$(crate::region::Region::$region),*], property: $body },)*
         ];
     };
 }

@@ -18,12 +18,56 @@ pub struct Harness {
     pub unwind: u32,
     /// Regions that must be reached.
     pub covers: &'static [Region],
-    /// The property over enumerated choices.
-    pub enumerate: Property<Enumerate>,
-    /// The property over drawn choices.
-    pub draw: Property<Draw>,
-    /// The property over given numbers.
-    pub replay: Property<Replay>,
+    /// The property.
+    pub property: Property<Native>,
+}
+
+/// The sources of this engine. They are one type, so that a property is compiled once.
+#[derive(Clone, Debug)]
+pub enum Native {
+    /// Every choice, one after the other.
+    Enumerate(Enumerate),
+    /// Drawn choices.
+    Draw(Draw),
+    /// The numbers of a counterexample.
+    Replay(Replay),
+}
+
+/// Calls the same function of whichever source it is.
+macro_rules! of_source {
+    ($native:ident.$call:ident($($argument:expr),*)) => {
+        match $native {
+            Native::Enumerate(source) => source.$call($($argument),*),
+            Native::Draw(source) => source.$call($($argument),*),
+            Native::Replay(source) => source.$call($($argument),*),
+        }
+    };
+}
+
+impl Choice for Native {
+    fn word(&mut self) -> u32 {
+        of_source!(self.word())
+    }
+
+    fn below(&mut self, n: u32) -> u32 {
+        of_source!(self.below(n))
+    }
+
+    fn upto(&mut self, most: u32) -> u32 {
+        of_source!(self.upto(most))
+    }
+
+    fn between(&mut self, low: i64, high: i64) -> i64 {
+        of_source!(self.between(low, high))
+    }
+
+    fn assume(&mut self, holds: bool) -> Option<()> {
+        holds.then_some(())
+    }
+
+    fn cover(&mut self, region: Region, reached: bool) {
+        of_source!(self.cover(region, reached));
+    }
 }
 
 /// Result of a native run.
@@ -54,11 +98,14 @@ impl Harness {
     /// # Errors
     /// [`Failure`], with the numbers that replay it.
     pub fn check(&self, most: u64, seed: u64) -> Result<Seen, Failure> {
-        let (mut choices, mut seen, mut reached) = (Enumerate::default(), Seen { runs: 0, complete: false }, 0);
+        let (mut seen, mut reached) = (Seen { runs: 0, complete: false }, 0);
+        let mut source = Native::Enumerate(Enumerate::default());
         for _ in 0..most {
-            choices.covered = 0;
-            match run(self.enumerate, &mut choices) {
-                Ok(true) => (seen.runs, reached) = (seen.runs + 1, reached | choices.covered),
+            let holds = run(self.property, &mut source);
+            let Native::Enumerate(choices) = &mut source else { break };
+            let covered = std::mem::take(&mut choices.covered);
+            match holds {
+                Ok(true) => (seen.runs, reached) = (seen.runs + 1, reached | covered),
                 Ok(false) => {}
                 Err(()) => return Err(Failure::Refuted(choices.trace())),
             }
@@ -67,16 +114,16 @@ impl Harness {
                 break;
             }
         }
-        if !seen.complete {
-            let mut draw = Draw::new(seed);
-            for _ in 0..most {
-                draw.trace.clear();
-                draw.covered = 0;
-                match run(self.draw, &mut draw) {
-                    Ok(true) => (seen.runs, reached) = (seen.runs + 1, reached | draw.covered),
-                    Ok(false) => {}
-                    Err(()) => return Err(Failure::Refuted(draw.trace)),
-                }
+        let mut source = Native::Draw(Draw::new(seed));
+        let drawn = if seen.complete { 0 } else { most };
+        for _ in 0..drawn {
+            let holds = run(self.property, &mut source);
+            let Native::Draw(draw) = &mut source else { break };
+            let (trace, covered) = (std::mem::take(&mut draw.trace), std::mem::take(&mut draw.covered));
+            match holds {
+                Ok(true) => (seen.runs, reached) = (seen.runs + 1, reached | covered),
+                Ok(false) => {}
+                Err(()) => return Err(Failure::Refuted(trace)),
             }
         }
         if seen.runs == 0 {
@@ -99,11 +146,11 @@ impl Harness {
 
     /// Runs the property over the numbers of a counterexample; panics where it does not hold.
     pub fn replay(&self, numbers: Vec<u32>) -> Option<()> {
-        (self.replay)(&mut Replay { numbers: numbers.into_iter() })
+        (self.property)(&mut Native::Replay(Replay { numbers: numbers.into_iter() }))
     }
 }
 
-fn run<C>(property: Property<C>, choices: &mut C) -> Result<bool, ()> {
+fn run(property: Property<Native>, choices: &mut Native) -> Result<bool, ()> {
     catch_unwind(AssertUnwindSafe(|| property(choices).is_some())).map_err(|_| ())
 }
 
@@ -364,24 +411,8 @@ mod tests {
     #[test]
     fn a_property_that_does_not_hold_is_refuted_by_numbers_that_replay_it() {
         for harness in [
-            Harness {
-                name: "a",
-                module: "",
-                unwind: 1,
-                covers: &[],
-                enumerate: product_is_small,
-                draw: product_is_small,
-                replay: product_is_small,
-            },
-            Harness {
-                name: "b",
-                module: "",
-                unwind: 1,
-                covers: &[],
-                enumerate: sum_is_no_secret,
-                draw: sum_is_no_secret,
-                replay: sum_is_no_secret,
-            },
+            Harness { name: "a", module: "", unwind: 1, covers: &[], property: product_is_small },
+            Harness { name: "b", module: "", unwind: 1, covers: &[], property: sum_is_no_secret },
         ] {
             let Err(Failure::Refuted(numbers)) = harness.check(10_000, 1) else { panic!("not refuted") };
             assert!(catch_unwind(|| harness.replay(numbers)).is_err());
@@ -390,15 +421,7 @@ mod tests {
 
     #[test]
     fn a_property_that_asks_about_nothing_is_vacuous() {
-        let harness = Harness {
-            name: "c",
-            module: "",
-            unwind: 1,
-            covers: &[],
-            enumerate: nothing,
-            draw: nothing,
-            replay: nothing,
-        };
+        let harness = Harness { name: "c", module: "", unwind: 1, covers: &[], property: nothing };
         assert_eq!(harness.check(100, 1), Err(Failure::Vacuous));
     }
 
@@ -411,15 +434,7 @@ mod tests {
 
     #[test]
     fn a_region_counts_where_a_run_within_the_assumptions_reaches_it() {
-        let harness = |covers| Harness {
-            name: "d",
-            module: "",
-            unwind: 1,
-            covers,
-            enumerate: any_word,
-            draw: any_word,
-            replay: any_word,
-        };
+        let harness = |covers| Harness { name: "d", module: "", unwind: 1, covers, property: any_word };
         assert!(harness(&[Region::Empty]).check(100, 1).is_ok());
         let full = Err(Failure::Unreached(Region::Full));
         assert_eq!(harness(&[Region::Empty, Region::Full]).check(10_000, 1), full);

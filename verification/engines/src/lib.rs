@@ -71,7 +71,7 @@ pub fn run(root: &Path, options: &Options) -> Result<Summary, String> {
         println!("verify: ERROR: {reason}");
         Ok(Summary { passed: false, remark: "the native runner does not work".to_owned() })
     };
-    let runner = match native::build(root, None, &folder.join("build")) {
+    let runner = match native::build(root, &folder.join("build")) {
         Ok(runner) => runner,
         Err(reason) => return broken(reason),
     };

@@ -5,10 +5,11 @@
 
 use super::Job;
 use super::cbmc::{self, Proof};
+use super::native::{self, Built};
 use super::outcome::{Engine, Outcome, Verdict};
 use super::rows::Mutant;
+use super::threads;
 use super::tools::CbmcTools;
-use super::{native, threads};
 use retrace_task_support::process::{self, Ended};
 use retrace_task_support::tree;
 use std::collections::VecDeque;
@@ -19,7 +20,7 @@ use std::time::{Duration, Instant};
 
 /// Time limit of a check on a mutant, which may run for ever.
 const LIMIT: Duration = Duration::from_secs(60);
-/// Time limit of a thread model, and of CBMC.
+/// Time limit of a thread model, of CBMC, and of a harness that is built quickly and runs slowly.
 const LONG_LIMIT: Duration = Duration::from_secs(300);
 
 /// A mutant, and which engine its killer belongs to.
@@ -30,7 +31,10 @@ struct Trial<'a> {
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Killer {
-    Native,
+    /// A harness, over enumerated and drawn choices.
+    Harness,
+    /// A search of the native engine.
+    Search,
     Model(Engine),
 }
 
@@ -45,7 +49,8 @@ struct Copy {
 /// models, which a copy of the checkout takes minutes to build.
 pub(crate) fn run(job: &Job<'_>) {
     let trials = trials(job);
-    let (models, natives) = trials.into_iter().partition::<VecDeque<_>, _>(|trial| trial.killer != Killer::Native);
+    let is_model = |trial: &Trial<'_>| matches!(trial.killer, Killer::Model(_));
+    let (models, natives) = trials.into_iter().partition::<VecDeque<_>, _>(is_model);
     let (models, natives) = (Mutex::new(models), Mutex::new(natives));
     let take = |queue: &Mutex<VecDeque<_>>| queue.lock().ok().and_then(|mut queue| queue.pop_front());
     // one copy builds the thread models, so that the other need not build what they depend on too
@@ -119,9 +124,10 @@ fn trials<'a>(job: &'a Job<'_>) -> Vec<Trial<'a>> {
             let model = row.models.iter().find(|model| model.test == mutant.killer);
             let killer = match model.and_then(|model| Engine::named(&model.engine)) {
                 Some(engine) => Killer::Model(engine),
-                None => Killer::Native,
+                None if row.harnesses.iter().any(|harness| harness.name == mutant.killer) => Killer::Harness,
+                None => Killer::Search,
             };
-            if !few || number == 0 && killer == Killer::Native {
+            if !few || number == 0 && !matches!(killer, Killer::Model(_)) {
                 trials.push(Trial { mutant, killer });
             } else if let Err(reason) = mutated(&job.root.join(&mutant.file), mutant) {
                 // one that is not tried must apply nevertheless
@@ -183,10 +189,14 @@ impl Copy {
     fn check(&self, job: &Job<'_>, trial: &Trial<'_>) -> Result<(Verdict, String), String> {
         let killer = &trial.mutant.killer;
         let (ended, result) = match trial.killer {
-            Killer::Native => {
-                let runner = native::build(&self.root, Some(&self.target), &self.folder.join("build"))?;
-                let ended =
-                    process::run(&mut native::ask(&runner, &[killer], job.quick), LIMIT, &self.folder.join("check"))?;
+            Killer::Harness | Killer::Search => {
+                let (built, limit) = match trial.killer {
+                    Killer::Search => (Built::Usual, LIMIT),
+                    _ => (Built::Quickly, LONG_LIMIT),
+                };
+                let runner = native::build_copy(&self.root, &self.target, &self.folder.join("build"), built)?;
+                let mut ask = native::ask(&runner, &[killer], job.quick);
+                let ended = process::run(&mut ask, limit, &self.folder.join("check"))?;
                 let answer = native::answers(&ended.output).into_iter().find(|answer| answer.check == *killer);
                 let result = answer.map(|answer| (answer.verdict == Verdict::Failed, answer.words));
                 (ended, result)

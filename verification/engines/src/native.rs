@@ -15,18 +15,44 @@ const MOST: [&str; 2] = ["50000", "1000000"];
 /// Time limit of all native checks together.
 const LIMIT: Duration = Duration::from_secs(3000);
 
-/// Builds the runner in this checkout or in a copy, and returns its path.
+/// How fast a runner is, and how fast it is built.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Built {
+    /// As the profile says.
+    Usual,
+    /// The properties are not optimised: for a check that ends at the first claim that fails.
+    Quickly,
+}
+
+/// Builds the runner in this checkout, and returns its path.
 ///
 /// # Errors
 /// Where it does not build.
-pub(crate) fn build(root: &Path, target: Option<&Path>, log: &Path) -> Result<PathBuf, String> {
+pub(crate) fn build(root: &Path, log: &Path) -> Result<PathBuf, String> {
+    finish_build(&mut build_command(root), log)
+}
+
+/// Builds the runner in a copy of the checkout, in a folder of its own, and returns its path.
+///
+/// # Errors
+/// Where it does not build.
+pub(crate) fn build_copy(root: &Path, target: &Path, log: &Path, built: Built) -> Result<PathBuf, String> {
+    let mut command = build_command(root);
+    command.env("CARGO_TARGET_DIR", target).args(["--jobs", "1", "--config", "profile.dev.debug=false"]);
+    if built == Built::Quickly {
+        command.args(["--config", "profile.dev.package.retrace-verification.opt-level=0"]);
+    }
+    finish_build(&mut command, log)
+}
+
+fn build_command(root: &Path) -> Command {
     let arguments =
         ["build", "--package", "retrace-verification", "--bins", "--message-format", "json-render-diagnostics"];
-    let mut command = process::cargo(root, &arguments);
-    if let Some(target) = target {
-        command.env("CARGO_TARGET_DIR", target).args(["--jobs", "1"]);
-    }
-    let messages = process::done(&mut command, Duration::from_secs(1800), log)?;
+    process::cargo(root, &arguments)
+}
+
+fn finish_build(command: &mut Command, log: &Path) -> Result<PathBuf, String> {
+    let messages = process::done(command, Duration::from_secs(1800), log)?;
     process::executables(&messages).pop().ok_or_else(|| "cargo did not say where it put the runner".to_owned())
 }
 
