@@ -9,6 +9,7 @@ use serde::Deserialize;
 
 use crate::card_config::CardConfig;
 use crate::cutter_start::{CutterProof, CutterRestart, CutterStart};
+use crate::jet_flow::JetFlow;
 use crate::numbered_error::NumberedError;
 use crate::sheet_sensing::SheetSensing;
 use crate::value_range::within;
@@ -145,6 +146,8 @@ pub(crate) struct CutterSection {
     start: Option<CutterStart>,
     /// How the cutter starts again where a cut was interrupted.
     restart: Option<CutterRestart>,
+    /// Order of water and abrasive of a jet.
+    jet: Option<JetFlow>,
 }
 
 /// A cutter, checked.
@@ -190,6 +193,8 @@ pub struct CutterConfig {
     pub start: CutterStart,
     /// How it starts again where a cut was interrupted.
     pub restart: CutterRestart,
+    /// Order of water and abrasive, where the code that opens a jet switches both.
+    pub jet: Option<JetFlow>,
 }
 
 impl CutterSection {
@@ -218,6 +223,7 @@ impl CutterSection {
             collision: self.collision,
             start: self.start.unwrap_or_default(),
             restart: self.restart.unwrap_or_default(),
+            jet: self.jet,
         }
     }
 }
@@ -252,13 +258,15 @@ impl CutterConfig {
             collision: Vec::new(),
             start: CutterStart::default(),
             restart: CutterRestart::default(),
+            jet: None,
         }
     }
 
     /// What switching it on takes after its code, with this pierce delay in s: a duration in control periods, and the
-    /// input to wait for.
+    /// input to wait for. A jet whose abrasive is switched behind the water pierces behind the abrasive.
     #[must_use]
     pub fn start_of_cut(&self, pierce_s: f64, period_us: u32) -> (u32, Option<InputWait>) {
+        let pierce_s = self.jet.map_or(pierce_s, |jet| jet.abrasive_delay_s);
         match &self.proof {
             Some(proof) => (0, Some(proof.start_wait(&self.start, pierce_s, period_us))),
             None => ((pierce_s * 1e6 / f64::from(period_us)).round() as u32, None),
@@ -373,7 +381,9 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         if cutter.materials.as_ref().is_some_and(|file| file.trim().is_empty()) {
             return refuse("materials is empty", "the name of a file, such as \"materials.toml\"");
         }
-        cutters.push(cutter.checked(standing_ms));
+        let cutter = cutter.checked(standing_ms);
+        cutter.jet.map_or(Ok(()), |jet| jet.check(&cutter))?;
+        cutters.push(cutter);
     }
     for &fire in cutting_outputs {
         if !cutters.iter().any(|cutter| cutter.fire == fire) {

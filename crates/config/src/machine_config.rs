@@ -253,6 +253,14 @@ impl MachineConfig {
         }
     }
 
+    /// The channels that belong to the start of a cutter: those that fire, and the abrasives that are switched with a
+    /// jet. They are restored last, in the order of the program.
+    #[must_use]
+    pub fn cutter_channels(&self) -> Vec<u8> {
+        let abrasives = self.cutters.iter().filter(|cutter| cutter.jet.is_some()).filter_map(|cutter| cutter.abrasive);
+        self.cutting_outputs.iter().copied().chain(abrasives).collect()
+    }
+
     /// The channel that M3, M4 and M5 with this number behind `$` switch; `None` where no cutter has the number.
     #[must_use]
     pub fn spindle_channel(&self, spindle: u8) -> Option<u8> {

@@ -41,6 +41,14 @@ pub struct MaterialConfig {
     pub cut_mode: u8,
     /// Whether height control is on.
     pub height_control: bool,
+    /// Feed rate at the beginning of a contour, as a percentage; 0 is 100.
+    pub creep_percent: f64,
+    /// Length of that beginning, mm.
+    pub creep_mm: f64,
+    /// Length before the end of a contour from which the cutter is off, mm.
+    pub off_before_mm: f64,
+    /// Length by which a closed contour is followed beyond its end with the cutter off, mm.
+    pub over_cut_mm: f64,
 }
 
 impl MaterialConfig {
@@ -63,6 +71,10 @@ impl MaterialConfig {
             gas_bar: 0.0,
             cut_mode: 0,
             height_control: true,
+            creep_percent: 0.0,
+            creep_mm: 0.0,
+            off_before_mm: 0.0,
+            over_cut_mm: 0.0,
         }
     }
 }
@@ -238,7 +250,7 @@ macro_rules! figure {
 }
 
 /// Every figure of a material, in the order in which tables list them.
-pub(crate) const FIGURES: [FigureKey; 14] = [
+pub(crate) const FIGURES: [FigureKey; 18] = [
     figure!("thickness", Length, None, false, [0.0, 500.0], thickness_mm),
     figure!("kerf", Length, Some("KERF_WIDTH"), false, [0.0, 100.0], kerf_mm),
     figure!("pierce_height", Length, Some("PIERCE_HEIGHT"), true, [0.0, 200.0], pierce_height_mm),
@@ -269,4 +281,8 @@ pub(crate) const FIGURES: [FigureKey; 14] = [
         get: |material| f64::from(u8::from(material.height_control)),
         set: |material, value| material.height_control = value != 0.0,
     },
+    figure!("creep_percent", Plain, None, false, [0.0, 100.0], creep_percent),
+    figure!("creep", Length, None, false, [0.0, 1000.0], creep_mm),
+    figure!("off_before", Length, None, false, [0.0, 100.0], off_before_mm),
+    figure!("over_cut", Length, None, false, [0.0, 100.0], over_cut_mm),
 ];

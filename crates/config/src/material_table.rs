@@ -209,6 +209,11 @@ fn material(at: usize, fields: &DeTable<'_>, units: MaterialUnits) -> Result<Mat
         };
         figure.set_table_value(&mut material, number, units).map_err(refused)?;
     }
+    if material.off_before_mm > 0.0 && material.over_cut_mm > 0.0 {
+        let unit = units.name();
+        let cause = format!("{of}: off_before_{unit} and over_cut_{unit} exclude each other");
+        return Err(TableFault::new(at, cause, "one of them: the cutter goes off before the end, or the path goes on"));
+    }
     Ok(material)
 }
 

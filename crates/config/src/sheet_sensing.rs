@@ -122,7 +122,13 @@ impl<'m> ToolLayer<'m> {
     /// Moves to the safe height; the path of the tool axis is at `path_mm`.
     #[must_use]
     pub fn lift(&self, path_mm: f64) -> LayerMove {
-        let height = self.pulses(self.sensing.safe_mm + self.sensing.float_travel_mm);
+        self.over_sheet(path_mm, self.sensing.safe_mm)
+    }
+
+    /// Moves to this height in mm over the sheet that was found; the path of the tool axis is at `path_mm`.
+    #[must_use]
+    pub fn over_sheet(&self, path_mm: f64, mm: f64) -> LayerMove {
+        let height = self.pulses(mm + self.sensing.float_travel_mm);
         LayerMove::OverSheet { height, highest: self.pulses(self.axis.travel_mm[1] - path_mm) }
     }
 

@@ -17,7 +17,14 @@ pub(crate) fn cutting_setup(machine: &MachineConfig) -> Option<Arc<CuttingSetup>
         .iter()
         .filter_map(|cutter| {
             let uses_speed = matches!(cutter.kind, CutterKind::Spindle | CutterKind::Beam);
-            Some(CuttingTool { spindle: cutter.spindle?, cuts: cutter.kind.cuts_at_rest(), uses_speed })
+            let jet = cutter.jet.as_ref();
+            Some(CuttingTool {
+                spindle: cutter.spindle?,
+                cuts: cutter.kind.cuts_at_rest(),
+                uses_speed,
+                abrasive: cutter.abrasive.filter(|_| jet.is_some()),
+                abrasive_lag_mm: jet.map_or(0.0, |jet| jet.abrasive_lag_mm),
+            })
         })
         .collect();
     tools.sort_by_key(|tool| tool.spindle);
@@ -48,7 +55,8 @@ macro_rules! copied_material {
     ($of:ident: $From:ident => $To:ident) => {
         copied_material!($of: $From => $To {
             number, name, thickness_mm, kerf_mm, pierce_height_mm, pierce_delay_s, cut_height_mm, feed_mm_per_min,
-            puddle_percent, puddle_s, amps, volts, pause_at_end_s, gas_bar, cut_mode, height_control
+            puddle_percent, puddle_s, amps, volts, pause_at_end_s, gas_bar, cut_mode, height_control, creep_percent,
+            creep_mm, off_before_mm, over_cut_mm
         })
     };
 }

@@ -45,6 +45,8 @@ pub struct ExclusiveInstruction {
     pub until: Option<InputWait>,
     /// Moves of the layer before and behind the switching.
     pub layer: Option<LayerMove>,
+    /// Those of a restart, where they differ.
+    pub restart_layer: Option<LayerMove>,
     /// Whether it is a retrace barrier (tool change).
     pub is_barrier: bool,
 }

@@ -26,7 +26,7 @@ pub(crate) fn plan<const A: usize>(
     (line, rests): (Option<u32>, Vec<u64>),
     plan_writer: PlanWriter<'_, A>,
 ) -> Option<PlanSummary> {
-    let skipped = line.map(|line| (line, SkippedBlocks::new(*plan_writer.outputs(), &machine.cutting_outputs)));
+    let skipped = line.map(|line| (line, SkippedBlocks::new(*plan_writer.outputs(), machine.cutter_channels())));
     PlanningThread {
         machine,
         executor: CanonExecutor::new(machine),

@@ -9,6 +9,7 @@
 mod block_window;
 mod lead_in;
 mod returning;
+mod setup;
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, TryRecvError};
@@ -79,6 +80,8 @@ pub struct RecordStreamer<'r, const A: usize> {
     /// Places where the program switched a cutting output on or off, in path order.
     cut_changes: VecDeque<RecordIndex>,
     fire_channels: Vec<u8>,
+    /// With the abrasives that are switched with a jet.
+    cutter_channels: Vec<u8>,
     /// Those whose contours are one step of single block.
     contour_channels: Vec<u8>,
     last_fired_channel: Option<u8>,
@@ -133,6 +136,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             pierces: VecDeque::with_capacity(MAX_PIERCES),
             cut_changes: VecDeque::with_capacity(MAX_PIERCES),
             fire_channels: Vec::new(),
+            cutter_channels: Vec::new(),
             contour_channels: Vec::new(),
             last_fired_channel: None,
             marks: None,
@@ -145,24 +149,6 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             done_retained_from: None,
             lead_in: None,
         }
-    }
-
-    /// Limits sending to what is durable in the index, if one is written.
-    #[must_use]
-    pub fn with_durable_place(self, durable: Option<DurablePlace>) -> Self {
-        Self { durable_place: durable, ..self }
-    }
-
-    /// Sets the fire channels of the machine's cutters.
-    #[must_use]
-    pub fn with_fire_channels(self, outputs: &[u8]) -> Self {
-        Self { fire_channels: outputs.to_vec(), ..self }
-    }
-
-    /// Sets the fire channels whose contours are one step of single block.
-    #[must_use]
-    pub fn with_contour_channels(self, outputs: Vec<u8>) -> Self {
-        Self { contour_channels: outputs, ..self }
     }
 
     /// Receives what has been planned. `write` is read before the items: an item is sent before the records behind it.
@@ -374,7 +360,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
         concerned: impl Fn(u8) -> bool,
         steps: &mut Vec<RestartStep>,
     ) {
-        self.origins.plan_restart(are, wants, &self.fire_channels, concerned, steps);
+        self.origins.plan_restart(are, wants, &self.cutter_channels, concerned, steps);
     }
 
     /// The last place at or before `place`, other than `passed`, where the program switched a cutting output, if that
@@ -445,9 +431,9 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
             self.expect(done.place, change.channel, change.value);
         }
         if done.kind == ExclusiveKind::Dwell {
-            self.origins.record_dwell(done.place, done.periods, &self.expected, &self.fire_channels);
+            self.origins.record_dwell(done.place, done.periods, &self.expected, &self.cutter_channels);
         } else if !changes.is_empty() {
-            let takes = (done.periods, done.until, done.layer);
+            let takes = (done.periods, done.until, done.restart_layer.or(done.layer));
             self.origins.record_switching(changes, (done.code, done.line, done.place), takes);
         }
         if done.is_barrier {

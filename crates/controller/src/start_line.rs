@@ -21,18 +21,18 @@ use crate::restart::OutputOrigins;
 pub(crate) struct SkippedBlocks {
     outputs: Outputs,
     origins: OutputOrigins,
-    /// The channels of torches, jets and beams.
+    /// The channels that belong to the start of a torch, a jet or a beam.
     cutting: Vec<u8>,
     /// Number of skipped moves: what was switched between the same two belongs to one place.
     moves: u32,
 }
 
 impl SkippedBlocks {
-    /// Creates the state with nothing skipped; the outputs are as given, and `cutting` are the channels of torches,
-    /// jets and beams.
+    /// Creates the state with nothing skipped; the outputs are as given, and `cutting` are the channels that belong to
+    /// the start of a torch, a jet or a beam.
     #[must_use]
-    pub(crate) fn new(outputs: Outputs, cutting: &[u8]) -> Self {
-        Self { outputs, origins: OutputOrigins::default(), cutting: cutting.to_vec(), moves: 0 }
+    pub(crate) fn new(outputs: Outputs, cutting: Vec<u8>) -> Self {
+        Self { outputs, origins: OutputOrigins::default(), cutting, moves: 0 }
     }
 
     /// Brings a machine at rest to the state behind the skipped blocks: outputs first, then to `target_mm`, where the
@@ -127,7 +127,11 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
             self.origins.record_dwell(RecordIndex::new(self.moves), switch.periods, &self.outputs, &self.cutting);
         } else if !switch.changes.is_empty() {
             let of = (switch.code, switch.line, RecordIndex::new(self.moves));
-            self.origins.record_switching(switch.changes, of, (switch.periods, switch.until, switch.layer));
+            self.origins.record_switching(
+                switch.changes,
+                of,
+                (switch.periods, switch.until, switch.restart_layer.or(switch.layer)),
+            );
         }
         Ok(())
     }

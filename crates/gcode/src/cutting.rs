@@ -3,7 +3,9 @@
 //! Invariant: without a [`CuttingSetup`] nothing here has an effect, and every word has the meaning of LinuxCNC.
 
 use crate::canon_modes::LengthUnit;
+use crate::interp::OpenContour;
 use crate::material::{Material, MaterialList};
+use crate::pose::Pose;
 use std::sync::Arc;
 
 /// What M3 and M4 start, as far as it decides which S words are plausible.
@@ -22,7 +24,7 @@ pub enum SpindleUse {
 pub(crate) const GREATEST_PLAIN_SPEED: f64 = 10.0;
 
 /// A cutter or marker that `$` addresses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CuttingTool {
     /// Number behind `$`.
     pub spindle: u8,
@@ -30,6 +32,10 @@ pub struct CuttingTool {
     pub cuts: bool,
     /// Whether S is its speed or power. S of a torch, a jet or a marker has no meaning.
     pub uses_speed: bool,
+    /// Digital output of the abrasive that is switched with the tool, if any.
+    pub abrasive: Option<u8>,
+    /// Length in mm before the end of a contour from which the abrasive is off.
+    pub abrasive_lag_mm: f64,
 }
 
 impl CuttingTool {
@@ -138,6 +144,11 @@ pub struct CuttingState {
     pub(crate) has_ignored_arc: bool,
     /// The arcs that may be parts of a hole.
     pub(crate) open_circle: Option<OpenCircle>,
+    /// The contour that is being cut, if its ends differ from what the program says.
+    pub(crate) contour: Option<Box<OpenContour>>,
+    /// End of the path in program coordinates, where it is known, and the feed rate in force.
+    pub(crate) path_end: Option<Pose>,
+    pub(crate) rate: f64,
 }
 
 /// Arcs about one centre, each of which begins where the one before ends.
@@ -181,6 +192,9 @@ impl Default for CuttingState {
             has_pierce_values: false,
             has_ignored_arc: false,
             open_circle: None,
+            contour: None,
+            path_end: None,
+            rate: 0.0,
         }
     }
 }

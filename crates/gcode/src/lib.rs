@@ -71,6 +71,7 @@ mod mdi_check;
 mod modal;
 mod modal_groups;
 mod modal_snapshot;
+mod move_split;
 mod nearest;
 mod number_range;
 mod output_text;

@@ -42,6 +42,14 @@ pub struct Material {
     pub cut_mode: u8,
     /// Whether height control is on.
     pub height_control: bool,
+    /// Feed rate at the beginning of a contour, as a percentage; 0 is 100.
+    pub creep_percent: f64,
+    /// Length of that beginning, mm.
+    pub creep_mm: f64,
+    /// Length before the end of a contour from which the cutter is off, mm.
+    pub off_before_mm: f64,
+    /// Length by which a closed contour is followed beyond its end with the cutter off, mm.
+    pub over_cut_mm: f64,
 }
 
 /// The materials that a program can select, and the default one.

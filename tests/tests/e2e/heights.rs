@@ -112,6 +112,49 @@ fn a_program_is_cut_at_the_heights_of_its_material() {
     assert!((estimate / really - 1.0).abs() < 0.01, "{estimate} s, and {really} s");
 }
 
+/// Behind the pierce the torch waits at the puddle height, and the feed begins at that of the cut; so does a cut that is
+/// lost and recovered, and one that begins at a line.
+#[test]
+fn a_puddle_is_passed_at_its_height() {
+    const PUDDLE: i64 = 3 * PIERCE / 2;
+    let figures = format!("{MATERIALS}puddle_percent = 150\npuddle_s = 0.3\n");
+    for (faults, script, line) in [("", "", "1"), ("lose@20", "at 6s recover\n", "1"), ("", "", "4")] {
+        let bench = bench();
+        bench.file("materials.toml", &figures);
+        let (machine, vcd) = (bench.path("m.toml").display().to_string(), bench.path("pins.vcd"));
+        let (operator, trace) = (bench.file("s.op", script).display().to_string(), vcd.display().to_string());
+        let arguments = [
+            "--machine",
+            &machine,
+            "--vcd",
+            &trace,
+            "--source-faults",
+            faults,
+            "--operator",
+            &operator,
+            "--start-line",
+            line,
+        ];
+        let run = Run::of(&bench, &bench.path("part.ngc"), &arguments);
+        assert_eq!(run.report["outcome"], "completed", "{faults} {line}: {}", run.output.err);
+        let trace = samples(&vcd);
+        let height = |sample: &Sample| tool(sample) - SHEET - OPENS;
+        let mut waits_ms = Vec::new();
+        for pair in trace.windows(2).filter(|pair| pair[0].is_on("spindle") && pair[1].is_on("spindle")) {
+            let moves = pair[0].counts[0] != pair[1].counts[0];
+            assert!(!moves || height(&pair[1]) == CUT, "{faults} {line}: cuts at {}", height(&pair[1]));
+            assert!((CUT..=PUDDLE).contains(&height(&pair[1])), "{faults} {line}: {:?}", pair[1]);
+            if height(&pair[0]) == PUDDLE {
+                waits_ms.push((pair[1].at_us - pair[0].at_us) / 1000);
+            }
+        }
+        // one of each start of the program; a restart goes to the height of the cut at once
+        let starts = if line == "1" { 2.0 } else { 1.0 };
+        let waited_s = waits_ms.iter().sum::<u64>() as f64 / 1000.0;
+        assert!((waited_s / (0.3 * starts) - 1.0).abs() < 0.1, "{faults} {line}: {waited_s} s");
+    }
+}
+
 /// A start in the middle of a contour, or between two, with the tool high or near the sheet: the tool is lifted before
 /// the rapid there, and the sheet is sensed before the torch is lit.
 #[test]

@@ -14,6 +14,7 @@ mod error_catalogue;
 mod feed_override;
 mod hand;
 mod heights;
+mod jets;
 mod jumps;
 #[cfg(unix)]
 mod materials;

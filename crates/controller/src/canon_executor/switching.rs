@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use retrace_config::{CodeClass, CodeSwitching, InReverse, ToolChange};
+use retrace_config::{CodeClass, CodeSwitching, CutterConfig, InReverse, ToolChange};
 use retrace_gcode::{Canon, CuttingSwitch, FeedMode};
 use retrace_link::{LayerMove, OutputChange, channel};
 
@@ -14,7 +14,7 @@ use crate::motion_sink::MotionSink;
 use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::SwitchInstruction;
 
-impl CanonExecutor<'_> {
+impl<'m> CanonExecutor<'m> {
     pub(super) fn switching<const A: usize>(
         &mut self,
         canon: &Canon,
@@ -175,6 +175,55 @@ impl CanonExecutor<'_> {
         self.execute_change(code, OutputChange { channel, value: value.abs() }, switching, line, sink)
     }
 
+    /// Behind the opening of a jet: its abrasive, and the pierce.
+    fn start_abrasive<const A: usize>(
+        &mut self,
+        code: &'static str,
+        fire: u8,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let Some((cutter, abrasive)) = self.jet_with_abrasive(fire) else { return Ok(()) };
+        let pierce_s = self.material.as_ref().map_or(cutter.start.pierce_s, |material| material.pierce_delay_s);
+        self.switch_abrasive((code, line), OutputChange { channel: abrasive, value: 1 }, pierce_s, sink)
+    }
+
+    /// Before a jet is closed: its abrasive off, and water alone.
+    fn purge<const A: usize>(
+        &mut self,
+        code: &'static str,
+        fire: u8,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let Some((cutter, abrasive)) = self.jet_with_abrasive(fire) else { return Ok(()) };
+        let purge_s = cutter.jet.map_or(0.0, |jet| jet.purge_s);
+        self.switch_abrasive((code, line), OutputChange { channel: abrasive, value: 0 }, purge_s, sink)
+    }
+
+    /// The jet that this channel opens, and its abrasive, where the same code switches both.
+    fn jet_with_abrasive(&self, fire: u8) -> Option<(&'m CutterConfig, u8)> {
+        let cutter = self.machine.cutter_of(fire).filter(|cutter| cutter.jet.is_some())?;
+        Some((cutter, cutter.abrasive?))
+    }
+
+    fn switch_abrasive<const A: usize>(
+        &self,
+        of: (&'static str, u32),
+        change: OutputChange,
+        seconds: f64,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let seconds = if self.machine.skips_waits() { 0.0 } else { seconds };
+        let switching = CodeSwitching { periods: self.periods(seconds), ..self.machine.switching.code("M64") };
+        self.exclusive(of, &[change], switching, None, sink)
+    }
+
+    /// Duration in control periods.
+    pub(super) fn periods(&self, seconds: f64) -> u32 {
+        (seconds / self.machine.period_s()).ceil().clamp(0.0, f64::from(u32::MAX)) as u32
+    }
+
     fn dwell<const A: usize>(
         &self,
         seconds: f64,
@@ -185,8 +234,7 @@ impl CanonExecutor<'_> {
         if self.machine.skips_waits() && self.cutters.is_any_lit() {
             return Ok(());
         }
-        let periods = (seconds / self.machine.period_s()).ceil().clamp(0.0, f64::from(u32::MAX)) as u32;
-        let kind = ExclusiveKind::Dwell;
+        let (kind, periods) = (ExclusiveKind::Dwell, self.periods(seconds));
         Ok(sink.exclusive(SwitchInstruction { line, kind, code, periods, ..SwitchInstruction::default() })?)
     }
 
@@ -293,8 +341,12 @@ impl CanonExecutor<'_> {
             // The feed would begin before the cutter is ready.
             return Err(CanonError::LitInPassing(code, cutter.name.clone()));
         }
+        let was_lit = self.cutters.is_lit(self.machine, change.channel);
+        if change.value == 0 && was_lit && switching.class == CodeClass::Exclusive {
+            self.purge(code, change.channel, line, sink)?;
+        }
         let layer = match switching.class {
-            CodeClass::Exclusive => self.layer_move(change)?,
+            CodeClass::Exclusive => self.layer_moves(change)?,
             CodeClass::Synchronous => None,
         };
         self.cutters.record_switching(self.machine, &[change]);
@@ -303,9 +355,15 @@ impl CanonExecutor<'_> {
         match (switching.class, switching.in_reverse) {
             (CodeClass::Synchronous, InReverse::Unchanged) => sink.lasting_action(change, line),
             (CodeClass::Synchronous, _) => sink.action(change, line),
-            (CodeClass::Exclusive, _) => return self.exclusive((code, line), &[change], switching, layer, sink),
+            (CodeClass::Exclusive, _) => self.exclusive((code, line), &[change], switching, layer, sink)?,
         }
-        Ok(())
+        if change.value == 0 || was_lit || switching.class == CodeClass::Synchronous {
+            return Ok(());
+        }
+        if layer.is_some() {
+            self.leave_puddle(line, sink)?;
+        }
+        self.start_abrasive(code, change.channel, line, sink)
     }
 
     fn exclusive<const A: usize>(
@@ -313,10 +371,11 @@ impl CanonExecutor<'_> {
         (code, line): (&'static str, u32),
         changes: &[OutputChange],
         switching: CodeSwitching,
-        layer: Option<LayerMove>,
+        layer: Option<[LayerMove; 2]>,
         sink: &mut impl MotionSink<A>,
     ) -> Result<(), CanonError> {
         let CodeSwitching { periods, until, in_reverse, .. } = switching;
+        let [layer, restart_layer] = layer.map_or([None; 2], |[now, restart]| [Some(now), Some(restart)]);
         let (one_way, undone) = (in_reverse == InReverse::Barrier, in_reverse == InReverse::Undone);
         Ok(sink.exclusive(SwitchInstruction {
             line,
@@ -326,6 +385,7 @@ impl CanonExecutor<'_> {
             periods,
             until,
             layer,
+            restart_layer,
             is_barrier: one_way,
             undone_in_reverse: undone,
         })?)

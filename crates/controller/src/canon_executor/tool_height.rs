@@ -25,8 +25,8 @@ pub(super) enum LayerState {
 }
 
 impl CanonExecutor<'_> {
-    /// The moves of the layer that belong to this change of an output, if any.
-    pub(super) fn layer_move(&mut self, change: OutputChange) -> Result<Option<LayerMove>, CanonError> {
+    /// The moves of the layer that belong to this change of an output, if any: now, and at a restart.
+    pub(super) fn layer_moves(&mut self, change: OutputChange) -> Result<Option<[LayerMove; 2]>, CanonError> {
         let Some(layer) = self.machine.tool_layer().filter(|layer| layer.fire == change.channel) else {
             return Ok(None);
         };
@@ -37,14 +37,37 @@ impl CanonExecutor<'_> {
         let path_mm = self.actual_position()[self.axes[layer.index]];
         if change.value == 0 {
             self.layer = LayerState::Safe;
-            return Ok(Some(layer.lift(path_mm)));
+            return Ok(Some([layer.lift(path_mm); 2]));
         }
         let heights = self.material.as_ref().map(|of| (of.pierce_height_mm, of.cut_height_mm));
         let Some((pierce_mm, cut_mm)) = heights.filter(|&(pierce_mm, cut_mm)| pierce_mm > 0.0 && cut_mm > 0.0) else {
             return Err(CanonError::NotSupported("a cut by a material without heights, whose sheet is sensed,"));
         };
         self.layer = LayerState::AtCut;
-        Ok(Some(layer.start(path_mm, pierce_mm, cut_mm)))
+        let puddle_mm = self.puddle().map_or(cut_mm, |(puddle_mm, _)| puddle_mm);
+        Ok(Some([puddle_mm, cut_mm].map(|mm| layer.start(path_mm, pierce_mm, mm))))
+    }
+
+    /// Height in mm over the sheet behind the pierce, and the time in s there, where the material has them (CUT-13).
+    fn puddle(&self) -> Option<(f64, f64)> {
+        let of = self.material.as_ref()?;
+        let differs = of.puddle_percent > 0.0 && of.puddle_percent != 100.0 && of.puddle_s > 0.0;
+        differs.then_some((of.pierce_height_mm * of.puddle_percent / 100.0, of.puddle_s))
+    }
+
+    /// Behind a start: waits at the puddle height, and goes to that of the cut. A restart does without.
+    pub(super) fn leave_puddle<const A: usize>(
+        &self,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let (Some(layer), Some((_, puddle_s))) = (self.machine.tool_layer(), self.puddle()) else { return Ok(()) };
+        let cut_mm = self.material.as_ref().map_or(0.0, |of| of.cut_height_mm);
+        let moves = layer.over_sheet(self.actual_position()[self.axes[layer.index]], cut_mm);
+        let periods = if self.machine.skips_waits() { 0 } else { self.periods(puddle_s) };
+        let instruction =
+            SwitchInstruction { line, code: HEIGHT, periods, layer: Some(moves), ..SwitchInstruction::default() };
+        Ok(sink.exclusive(instruction)?)
     }
 
     /// Before a move to these coordinates.

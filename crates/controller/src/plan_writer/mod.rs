@@ -5,6 +5,7 @@
 //! record.
 
 mod tool_lengths;
+mod write_error;
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,60 +20,14 @@ use retrace_core::{Flags, Record, RecordIndex};
 use retrace_gcode::ActiveCodes;
 use retrace_journal::{IndexEntry, IndexWriter, LengthChange, MarkDifference, PlaceMark};
 use retrace_link::{InputWait, LayerMove, MAX_CHANGES, OutputAction, OutputChange, Outputs};
-use retrace_motion::{Arc, FeedRate, MoveError, PathMode, Planner};
+use retrace_motion::{Arc, FeedRate, PathMode, Planner};
 
 use crate::overrides::OverrideApplier;
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
 use crate::soft_limits::{LimitFinding, extremes};
 use crate::tool_length::LengthOffers;
 use tool_lengths::{Lengths, Planned};
-
-/// The motion path has ended: planning is cancelled.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Cancelled;
-
-impl std::fmt::Display for Cancelled {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("planning is cancelled: the motion path has ended")
-    }
-}
-
-impl std::error::Error for Cancelled {}
-
-/// Reason why a move was rejected.
-#[derive(Clone, Debug, PartialEq)]
-pub enum PlanWriteError {
-    /// The planner cannot run it.
-    Move(MoveError),
-    /// The move would leave the soft limits.
-    BeyondLimit(LimitFinding),
-    /// Planning is cancelled.
-    Cancelled,
-}
-
-impl std::fmt::Display for PlanWriteError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Move(error) => write!(f, "{error}"),
-            Self::BeyondLimit(finding) => f.write_str(&finding.what()),
-            Self::Cancelled => write!(f, "{Cancelled}"),
-        }
-    }
-}
-
-impl std::error::Error for PlanWriteError {}
-
-impl From<Cancelled> for PlanWriteError {
-    fn from(_: Cancelled) -> Self {
-        Self::Cancelled
-    }
-}
-
-impl From<MoveError> for PlanWriteError {
-    fn from(error: MoveError) -> Self {
-        Self::Move(error)
-    }
-}
+pub use write_error::{Cancelled, PlanWriteError};
 
 /// An exclusive instruction of the program, at the place where the motion is now.
 #[derive(Clone, Copy, Debug, Default)]
@@ -91,6 +46,8 @@ pub struct SwitchInstruction<'c> {
     pub until: Option<InputWait>,
     /// Moves of the layer before and behind the switching.
     pub layer: Option<LayerMove>,
+    /// Those of a restart, where they differ.
+    pub restart_layer: Option<LayerMove>,
     /// Whether it is a retrace barrier.
     pub is_barrier: bool,
     /// Whether its outputs are set back where reverse run passes it and outputs are replayed.
@@ -372,9 +329,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
         let until = switch.until.filter(|_| !is_inhibited);
         let before = self.outputs;
         changes[..count].iter().for_each(|change| self.outputs[usize::from(change.channel)] = change.value);
-        // In a dry run the tool stays at the height where it is.
-        let layer = switch.layer.filter(|_| self.inhibited.is_empty());
-        let SwitchInstruction { line, kind, code, is_barrier: one_way, undone_in_reverse: undone, .. } = switch;
+        let layer = switch.layer.filter(|_| self.inhibited.is_empty()); // in a dry run the tool stays where it is
+        let SwitchInstruction { line, kind, code, is_barrier, undone_in_reverse: undone, restart_layer, .. } = switch;
         let place = self.ring.write();
         let exclusive = ExclusiveInstruction {
             place,
@@ -386,7 +342,8 @@ impl<'r, const A: usize> PlanWriter<'r, A> {
             periods,
             until,
             layer,
-            is_barrier: one_way,
+            restart_layer,
+            is_barrier,
         };
         self.send(PathItem::Exclusive(exclusive))?;
         // As an action of the record behind it, it is undone and redone like any other.

@@ -185,9 +185,7 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
     ) -> Self {
         Self {
             stats: RunStats::new(card.status().place.record),
-            streamer: streamer
-                .with_fire_channels(&machine.cutting_outputs)
-                .with_contour_channels(contour_channels(machine)),
+            streamer: streamer.with_cutters(machine).with_contour_channels(contour_channels(machine)),
             card,
             mode_controller: ModeController::default(),
             commands,

@@ -49,13 +49,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let (mut changes, count, mut periods) = (exclusive.changes, exclusive.count, exclusive.periods);
         let (number, place, mut until) = (self.streamer.instruction_number(), exclusive.place, exclusive.until);
         let mut layer = exclusive.layer;
-        let fires = |change: &OutputChange| self.config.fire_channels.contains(&change.channel);
-        let keeps_cutter = kind == ExclusiveKind::Dwell || changes[..usize::from(count)].iter().any(fires);
+        let switches_cutter = self.streamer.switches_cutter(&changes[..usize::from(count)]);
+        let keeps_cutter = kind == ExclusiveKind::Dwell || switches_cutter || layer.is_some();
         if self.cuts_rest_before(place, &changes[..usize::from(count)]) {
             return Ok(false);
         }
         if self.lights_dark(place, &mut changes[..usize::from(count)]) {
             (periods, until, layer) = (0, None, self.dark_move(layer));
+        } else if self.contour_pass.is_dark && count == 0 && layer.is_some() {
+            // The heights behind a start that lit nothing.
+            (periods, layer) = (0, self.dark_move(layer));
         }
         if self.lifts_before_start(layer) {
             return Ok(false);

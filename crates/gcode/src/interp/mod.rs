@@ -9,6 +9,7 @@ mod canned;
 mod check;
 mod compensation_corner;
 mod context;
+mod contour_ends;
 mod contours;
 mod cutter_compensation;
 mod cutting;
@@ -30,6 +31,7 @@ mod tool_data;
 mod turning;
 mod unsupported;
 
+pub(crate) use self::contour_ends::OpenContour;
 pub(crate) use self::contours::{Contours, NoContours};
 pub(crate) use self::interpreter_core::Core;
 use self::interpreter_core::{BlockEnvironment, Emitter};
@@ -402,11 +404,18 @@ impl Interpreter {
         }
         let moves = matches!(motion, block_motion::BlockMotion::Move(_)) && words.has_any(b"xyz@^");
         let first = emit.steps.len();
+        let before = self.core.state.position;
         let flow = self.core.execute(words, motion, &mut emit);
         let warning = emit.warning;
         self.core.state.waiting = waiting;
         if self.core.state.cutting.pierces_only {
             self.core.keep_pierces(first, steps);
+        }
+        if self.core.cutting.is_some() {
+            self.core.shape_contours(before, first, steps);
+            if flow.is_err() {
+                self.core.release_contour(steps);
+            }
         }
         if let Some(warning) = warning {
             self.report(*warning);
@@ -426,6 +435,7 @@ impl Interpreter {
     /// M30.
     pub(crate) fn release(&mut self, steps: &mut Vec<CanonStep>) {
         self.core.state.waiting.release(steps, None);
+        self.core.release_contour(steps);
     }
 
     /// Ends the program, as M2 does.
@@ -434,9 +444,12 @@ impl Interpreter {
     /// The functions that wait for the next corner of a compensated path cannot be released unchanged.
     pub(crate) fn end_program(&mut self, steps: &mut Vec<CanonStep>) -> BlockResult<ProgramFlow> {
         let mut waiting = std::mem::take(&mut self.core.state.waiting);
+        let (first, before) = (steps.len(), self.core.state.position);
         let mut emit = Emitter { line: self.step_line, number: None, steps, waiting: &mut waiting, warning: None };
         let ended = self.core.stop(2, Span::default(), &mut emit);
         self.core.state.waiting = waiting;
+        self.core.shape_contours(before, first, steps);
+        self.core.release_contour(steps);
         ended
     }
 

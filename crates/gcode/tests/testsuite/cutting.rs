@@ -18,7 +18,7 @@ pub(crate) fn setup() -> Setup {
         pierce_delay_s: 0.25,
         ..Material::default()
     };
-    let tools = [0, 1].map(|spindle| CuttingTool { spindle, cuts: spindle == 0, uses_speed: false });
+    let tools = [0, 1].map(|spindle| CuttingTool { spindle, cuts: spindle == 0, ..CuttingTool::default() });
     let mut table = ToolTable::default();
     for number in [0, 1] {
         table.insert(Tool { number, offset: Pose::ZERO, ..Tool::default() });
@@ -37,7 +37,7 @@ pub(crate) fn setup() -> Setup {
 }
 
 /// Steps and diagnostics of a program; M2 is added.
-fn run_with(text: &str, setup: Setup) -> (Vec<Canon>, Vec<Diagnostic>) {
+pub(crate) fn run_with(text: &str, setup: Setup) -> (Vec<Canon>, Vec<Diagnostic>) {
     let text = format!("{text}\nM2\n");
     let mut program = Program::new(text.as_bytes(), setup);
     let mut steps: Vec<CanonStep> = Vec::new();

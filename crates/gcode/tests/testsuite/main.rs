@@ -3,6 +3,7 @@
 mod arriving;
 mod common;
 mod compensation;
+mod contour_ends;
 mod control;
 mod cutting;
 mod cycles;

@@ -1,0 +1,54 @@
+//! Reasons why the plan writer rejects a move.
+//!
+//! Invariant: a rejected move has changed nothing.
+
+use retrace_motion::MoveError;
+
+use crate::soft_limits::LimitFinding;
+
+/// The motion path has ended: planning is cancelled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cancelled;
+
+impl std::fmt::Display for Cancelled {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("planning is cancelled: the motion path has ended")
+    }
+}
+
+impl std::error::Error for Cancelled {}
+
+/// Reason why a move was rejected.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PlanWriteError {
+    /// The planner cannot run it.
+    Move(MoveError),
+    /// The move would leave the soft limits.
+    BeyondLimit(LimitFinding),
+    /// Planning is cancelled.
+    Cancelled,
+}
+
+impl std::fmt::Display for PlanWriteError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Move(error) => write!(f, "{error}"),
+            Self::BeyondLimit(finding) => f.write_str(&finding.what()),
+            Self::Cancelled => write!(f, "{Cancelled}"),
+        }
+    }
+}
+
+impl std::error::Error for PlanWriteError {}
+
+impl From<Cancelled> for PlanWriteError {
+    fn from(_: Cancelled) -> Self {
+        Self::Cancelled
+    }
+}
+
+impl From<MoveError> for PlanWriteError {
+    fn from(error: MoveError) -> Self {
+        Self::Move(error)
+    }
+}

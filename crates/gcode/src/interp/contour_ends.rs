@@ -1,0 +1,318 @@
+//! What the material and the cutter change at both ends of a contour: the creep at its beginning; before its end the
+//! cutter off, or the abrasive of a jet; behind it an over cut (CUT-13, CUT-14, CUT-19).
+//!
+//! Invariant: no move is left out or reordered. Moves are divided and slowed down, and held back until it is known how
+//! far the end of the contour is.
+
+use super::interpreter_core::Core;
+use crate::canon::{Canon, CanonStep};
+use crate::cutting::{CuttingSwitch, CuttingTool};
+use crate::material::Material;
+use crate::move_split::{divided, end, length};
+use crate::pose::{Axis, Pose};
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// Shortest part of a move that is made, mm.
+const SHORTEST_MM: f64 = 0.001;
+/// Greatest distance between the ends of a closed contour, mm: programs round their coordinates.
+const SAME_PLACE_MM: f64 = 0.005;
+
+/// A contour that is being cut.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct OpenContour {
+    tool: CuttingTool,
+    material: Arc<Material>,
+    /// Length of its moves so far, mm.
+    length_mm: f64,
+    /// Whether the feed rate of the creep is in force.
+    is_creeping: bool,
+    /// Where it began, where that is known in the present coordinates.
+    start: Option<Pose>,
+    /// Its first moves, as far as an over cut goes.
+    head: Vec<Piece>,
+    /// Steps that are held back, and the length of their moves in mm.
+    held: VecDeque<(CanonStep, Option<Piece>)>,
+    held_mm: f64,
+}
+
+/// A feed move with its beginning and its length.
+#[derive(Clone, Debug, PartialEq)]
+struct Piece {
+    from: Pose,
+    canon: Canon,
+    length_mm: f64,
+}
+
+impl Piece {
+    /// Divides it at a length; `None` where one of the parts would be too short.
+    fn divided_at(&self, mm: f64) -> Option<[Piece; 2]> {
+        if mm < SHORTEST_MM || self.length_mm - mm < SHORTEST_MM {
+            return None;
+        }
+        let [first, second] = divided(&self.from, &self.canon, mm / self.length_mm);
+        let middle = end(&first)?;
+        let rest_mm = self.length_mm - mm;
+        Some([
+            Piece { from: self.from, canon: first, length_mm: mm },
+            Piece { from: middle, canon: second, length_mm: rest_mm },
+        ])
+    }
+}
+
+impl OpenContour {
+    /// The contour that begins where this tool is lit, if any of its ends differs from what the program says.
+    fn begin(tool: CuttingTool, material: Option<&Arc<Material>>, start: Pose) -> Option<OpenContour> {
+        let material = material.cloned().unwrap_or_default();
+        let creeps = material.creep_mm > 0.0 && material.creep_percent > 0.0;
+        let differs =
+            creeps || material.off_before_mm > 0.0 || material.over_cut_mm > 0.0 || tool.abrasive_lag_mm > 0.0;
+        differs.then(|| OpenContour {
+            tool,
+            material,
+            length_mm: 0.0,
+            is_creeping: false,
+            start: Some(start),
+            head: Vec::new(),
+            held: VecDeque::new(),
+            held_mm: 0.0,
+        })
+    }
+
+    /// Distance in mm before the end at which something is switched off.
+    fn tail_mm(&self) -> f64 {
+        self.material.off_before_mm.max(self.tool.abrasive_lag_mm)
+    }
+
+    /// Emits a step, or holds it back.
+    fn pass(&mut self, step: CanonStep, piece: Option<Piece>, steps: &mut Vec<CanonStep>) {
+        if let Some(piece) = &piece {
+            let head_mm: f64 = self.head.iter().map(|piece| piece.length_mm).sum();
+            if head_mm < self.material.over_cut_mm {
+                self.head.push(piece.clone());
+            }
+            self.held_mm += piece.length_mm;
+        }
+        if self.tail_mm() == 0.0 {
+            self.held_mm = 0.0;
+            return steps.push(step);
+        }
+        self.held.push_back((step, piece));
+        let mm = |held: &(CanonStep, Option<Piece>)| held.1.as_ref().map_or(0.0, |piece| piece.length_mm);
+        while let Some(front) = self.held.front().map(mm)
+            && self.held_mm - front >= self.tail_mm()
+            && let Some((step, _)) = self.held.pop_front()
+        {
+            self.held_mm -= front;
+            steps.push(step);
+        }
+    }
+
+    /// Emits what is held back.
+    fn release(&mut self, steps: &mut Vec<CanonStep>) {
+        steps.extend(self.held.drain(..).map(|(step, _)| step));
+        self.held_mm = 0.0;
+    }
+
+    /// Emits what is held back, with `switched` at the distance of the tail from the end. Returns whether it was: a
+    /// contour that is shorter ends as the program says.
+    fn release_with(&mut self, switched: &Canon, steps: &mut Vec<CanonStep>) -> bool {
+        let mut before_mm = self.held_mm - self.tail_mm();
+        if before_mm < -SHORTEST_MM {
+            self.release(steps);
+            return false;
+        }
+        let mut is_switched = false;
+        for (step, piece) in std::mem::take(&mut self.held) {
+            let Some(piece) = piece.filter(|_| !is_switched) else {
+                steps.push(step);
+                continue;
+            };
+            let of = |canon: Canon| CanonStep { canon, ..step.clone() };
+            if before_mm < SHORTEST_MM {
+                steps.extend([of(switched.clone()), of(piece.canon)]);
+                is_switched = true;
+            } else if let Some([first, second]) = piece.divided_at(before_mm) {
+                steps.extend([of(first.canon), of(switched.clone()), of(second.canon)]);
+                is_switched = true;
+            } else {
+                before_mm -= piece.length_mm;
+                steps.push(of(piece.canon));
+            }
+        }
+        self.held_mm = 0.0;
+        is_switched
+    }
+
+    /// Moves along the beginning of the contour again.
+    fn over_cut(&self, step: &CanonStep, steps: &mut Vec<CanonStep>) {
+        let mut rest_mm = self.material.over_cut_mm;
+        for piece in &self.head {
+            let part = piece.divided_at(rest_mm).map(|[first, _]| first);
+            let (part, is_last) = part.map_or((piece.clone(), false), |part| (part, true));
+            rest_mm -= part.length_mm;
+            steps.push(CanonStep { canon: part.canon, ..step.clone() });
+            if is_last || rest_mm < SHORTEST_MM {
+                return;
+            }
+        }
+    }
+}
+
+impl Core {
+    /// Shapes the ends of contours in the steps from `first`, those of a block before which the program was at `before`.
+    pub(super) fn shape_contours(&mut self, before: Pose, first: usize, steps: &mut Vec<CanonStep>) {
+        let is_first = |step: &CanonStep| {
+            matches!(step.canon, Canon::StartSpindleClockwise(_) | Canon::StartSpindleCounterclockwise(_))
+        };
+        if self.state.cutting.contour.is_none() && !steps[first..].iter().any(is_first) {
+            for step in &steps[first..] {
+                self.follow(&step.canon);
+            }
+            return;
+        }
+        for step in steps.split_off(first) {
+            let canon = step.canon.clone();
+            self.shape_contour(step, &before, steps);
+            self.follow(&canon);
+        }
+    }
+
+    /// Records where the path is, and the feed rate, behind a step.
+    fn follow(&mut self, canon: &Canon) {
+        let state = &mut self.state.cutting;
+        match canon {
+            Canon::SetFeedRate(rate) => state.rate = *rate,
+            Canon::SetG5xOffset { .. }
+            | Canon::SetG92Offset(_)
+            | Canon::SetXyRotation(_)
+            | Canon::UseToolLengthOffset(_)
+            | Canon::UseLengthUnits(_)
+            | Canon::NurbsFeed(_)
+            | Canon::StraightProbe(..) => state.path_end = None,
+            _ => state.path_end = end(canon).or(state.path_end),
+        }
+    }
+
+    fn shape_contour(&mut self, step: CanonStep, before: &Pose, steps: &mut Vec<CanonStep>) {
+        let at = self.state.cutting.path_end.unwrap_or(*before);
+        let Some(mut contour) = self.state.cutting.contour.take() else {
+            if let Canon::StartSpindleClockwise(spindle) | Canon::StartSpindleCounterclockwise(spindle) = step.canon {
+                self.begin_contour(spindle, at);
+            }
+            return steps.push(step);
+        };
+        match &step.canon {
+            Canon::StopSpindleTurning(spindle) if *spindle == contour.tool.spindle => {
+                return self.end_contour(&mut contour, &at, step, steps);
+            }
+            Canon::StraightFeed(_) | Canon::ArcFeed(_) => self.shape_move(&mut contour, &at, step, steps),
+            Canon::SetFeedRate(rate) if contour.is_creeping => {
+                let canon = Canon::SetFeedRate(rate * contour.material.creep_percent / 100.0);
+                contour.pass(CanonStep { canon, ..step }, None, steps);
+            }
+            Canon::SetFeedRate(_)
+            | Canon::Comment(_)
+            | Canon::SetMotionControlMode(_)
+            | Canon::SetNaivecamTolerance(_) => {
+                contour.pass(step, None, steps);
+            }
+            Canon::SetCutting(CuttingSwitch::Cutter, false) | Canon::ProgramEnd => {
+                contour.release(steps);
+                return steps.push(step);
+            }
+            _ => {
+                contour.release(steps);
+                // Its beginning is not in these coordinates any more.
+                contour.start = contour.start.filter(|_| end(&step.canon).is_none() && !moves_origin(&step.canon));
+                steps.push(step);
+            }
+        }
+        self.state.cutting.contour = Some(contour);
+    }
+
+    fn begin_contour(&mut self, spindle: u8, at: Pose) {
+        let state = &mut self.state.cutting;
+        let tool = self.cutting.as_ref().and_then(|setup| setup.tool(spindle.into()));
+        if let Some(tool) = tool.filter(|tool| tool.cuts && !state.is_forbidden) {
+            state.contour = OpenContour::begin(tool, state.material.as_ref(), at).map(Box::new);
+        }
+    }
+
+    /// Divides a move where the creep ends.
+    fn shape_move(&mut self, contour: &mut OpenContour, at: &Pose, step: CanonStep, steps: &mut Vec<CanonStep>) {
+        let mm = self.state.units.millimetres();
+        let length_mm = length(at, &step.canon).unwrap_or_default() * mm;
+        let (rate, share) = (self.state.cutting.rate, contour.material.creep_percent / 100.0);
+        let piece = Piece { from: *at, canon: step.canon.clone(), length_mm };
+        let of = |canon: Canon| CanonStep { canon, ..step.clone() };
+        let creep_mm = if share > 0.0 { contour.material.creep_mm - contour.length_mm } else { 0.0 };
+        contour.length_mm += length_mm;
+        if creep_mm < SHORTEST_MM {
+            if std::mem::take(&mut contour.is_creeping) {
+                contour.pass(of(Canon::SetFeedRate(rate)), None, steps);
+            }
+            return contour.pass(step, Some(piece), steps);
+        }
+        if !std::mem::replace(&mut contour.is_creeping, true) {
+            contour.pass(of(Canon::SetFeedRate(rate * share)), None, steps);
+        }
+        let Some([first, second]) = piece.divided_at(creep_mm) else {
+            return contour.pass(step, Some(piece), steps);
+        };
+        contour.is_creeping = false;
+        contour.pass(of(first.canon.clone()), Some(first), steps);
+        contour.pass(of(Canon::SetFeedRate(rate)), None, steps);
+        contour.pass(of(second.canon.clone()), Some(second), steps);
+    }
+
+    /// Ends a contour where its cutter is switched off.
+    fn end_contour(&mut self, contour: &mut OpenContour, at: &Pose, stop: CanonStep, steps: &mut Vec<CanonStep>) {
+        let of = |canon: Canon| CanonStep { canon, ..stop.clone() };
+        let off = Canon::SetCutting(CuttingSwitch::Cutter, false);
+        let mut goes_off = false;
+        if contour.material.off_before_mm > 0.0 {
+            goes_off = contour.release_with(&off, steps);
+        } else if let Some(output) = contour.tool.abrasive.filter(|_| contour.tool.abrasive_lag_mm > 0.0) {
+            contour.release_with(&Canon::ClearMotionOutputBit(output.into()), steps);
+        }
+        contour.release(steps);
+        if contour.is_creeping {
+            steps.push(of(Canon::SetFeedRate(self.state.cutting.rate)));
+        }
+        let same = SAME_PLACE_MM / self.state.units.millimetres();
+        let is_closed = contour.start.is_some_and(|start| {
+            let way = at.minus(&start);
+            (way[Axis::X]).hypot(way[Axis::Y]) <= same && contour.length_mm > contour.material.over_cut_mm
+        });
+        let over_cuts = contour.material.over_cut_mm > 0.0 && is_closed && self.state.compensation.is_none();
+        if over_cuts && !self.state.cutting.is_displaced {
+            goes_off = true;
+            steps.push(of(off));
+            contour.over_cut(&stop, steps);
+            self.state.cutting.is_displaced = true;
+        }
+        steps.push(stop.clone());
+        if goes_off && !self.state.cutting.is_forbidden {
+            steps.push(of(Canon::SetCutting(CuttingSwitch::Cutter, true)));
+        }
+    }
+
+    /// Emits what is held back: the program ends, or cannot continue.
+    pub(crate) fn release_contour(&mut self, steps: &mut Vec<CanonStep>) {
+        if let Some(mut contour) = self.state.cutting.contour.take() {
+            contour.release(steps);
+        }
+    }
+}
+
+fn moves_origin(canon: &Canon) -> bool {
+    matches!(
+        canon,
+        Canon::SetG5xOffset { .. }
+            | Canon::SetG92Offset(_)
+            | Canon::SetXyRotation(_)
+            | Canon::UseToolLengthOffset(_)
+            | Canon::UseLengthUnits(_)
+    )
+}

@@ -1,0 +1,167 @@
+//! A jet whose abrasive is switched with it (CUT-19), and the ends of contours that its material changes (CUT-13,
+//! CUT-14), seen at the card's pins.
+//!
+//! Invariant: what is asserted comes from the trace of the pins alone.
+
+use retrace_tests::command::{Bench, assert_contains};
+use retrace_tests::pins::{Sample, samples};
+use retrace_tests::run::Run;
+use retrace_tests::sender::TestRandom;
+
+/// Two cuts of 60 mm.
+const PROGRAM: &str = "G21 G90 F1800\nG0 X10\nM3\nG1 X70\nM5\nG0 X100\nM3\nG1 X160\nM5\nG0 X0\nM2\n";
+const PULSES: f64 = 200.0;
+
+/// A jet on output 3, its abrasive on output 4.
+fn machine(jet: &str) -> String {
+    let axis = |name: &str| {
+        format!(
+            "[[axis]]\nname = \"{name}\"\npulses_per_mm = {PULSES}\nmax_velocity_mm_per_s = 100\n\
+             max_acceleration_mm_per_s2 = 1000\nmax_jerk_mm_per_s3 = 20000\ntravel_mm = [-500, 500]\n"
+        )
+    };
+    format!(
+        "{}{}{}[[cutter]]\nname = \"jet\"\nkind = \"jet\"\nfire = 3\nabrasive = 4\nspindle = 0\n\
+         materials = \"materials.toml\"\nok = {{ input = 5 }}\nstart = {{ start_s = 2.0, retry_s = 0.2 }}\n{jet}\n",
+        axis("x"),
+        axis("y"),
+        axis("z")
+    )
+}
+
+fn material(figures: &str) -> String {
+    format!(
+        "units = \"mm\"\ndefault = 1\n[[material]]\nnumber = 1\nname = \"Steel\"\nkerf_mm = 1\npierce_height_mm = 3\n\
+         pierce_delay_s = 0.5\ncut_height_mm = 3\nfeed_mm_per_min = 1800\n{figures}\n"
+    )
+}
+
+fn run(jet: &str, figures: &str, (faults, script): (&str, &str)) -> (Run, Vec<Sample>) {
+    let bench = Bench::new();
+    bench.file("materials.toml", material(figures));
+    let (machine, program) = (bench.file("m.toml", machine(jet)), bench.file("part.ngc", PROGRAM));
+    let (vcd, operator) = (bench.path("pins.vcd"), bench.file("s.op", script));
+    let [machine, trace, operator] = [&machine, &vcd, &operator].map(|path| path.display().to_string());
+    let arguments = ["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
+    (Run::of(&bench, &program, &arguments), samples(&vcd))
+}
+
+/// Time in s from the first sample for which `from` holds to the next one for which `to` does.
+fn seconds(trace: &[Sample], from: impl Fn(&Sample) -> bool, to: impl Fn(&Sample) -> bool) -> f64 {
+    let first = trace.iter().position(from).expect("the first one");
+    let then = trace[first..].iter().find(|sample| to(sample)).expect("the other one");
+    (then.at_us - trace[first].at_us) as f64 / 1e6
+}
+
+/// Abrasive only with water, and no motion with the abrasive before the pierce.
+fn assert_never_dry(trace: &[Sample], delay_s: f64, told: &str) {
+    let mut water_since = None;
+    for pair in trace.windows(2) {
+        let (before, now) = (&pair[0], &pair[1]);
+        water_since = water_since.filter(|_| now.is_on("out3")).or(now.is_on("out3").then_some(now.at_us));
+        assert!(!now.is_on("out4") || now.is_on("out3") || before.is_on("out3"), "{told}: {now:?}");
+        if !before.is_on("out4") && now.is_on("out4") {
+            let since = water_since.map_or(0.0, |since| (now.at_us - since) as f64 / 1e6);
+            assert!(since >= delay_s - 1e-3, "{told}: abrasive {since} s behind the water");
+        }
+    }
+}
+
+/// Water, then abrasive, then the pierce; the abrasive off before the end, then water alone.
+#[test]
+fn the_abrasive_follows_the_water_and_ends_before_it() {
+    let mut chance = TestRandom::new(19);
+    for _ in 0..6 {
+        let [delay_s, purge_s] = [0; 2].map(|_| chance.below(50) as f64 / 100.0);
+        let lag_mm = chance.below(200) as f64 / 10.0;
+        let jet = format!("jet = {{ abrasive_delay_s = {delay_s}, abrasive_lag_mm = {lag_mm}, purge_s = {purge_s} }}");
+        let (run, trace) = run(&jet, "", ("", ""));
+        run.assert_exact_and_legal();
+        assert_never_dry(&trace, delay_s, &jet);
+        let (water, abrasive) = (|sample: &Sample| sample.is_on("out3"), |sample: &Sample| sample.is_on("out4"));
+        let moves = |sample: &Sample| water(sample) && sample.counts[0] > (10.0 * PULSES) as i64;
+        assert!(seconds(&trace, water, abrasive) >= delay_s, "{jet}");
+        let pierce_s = seconds(&trace, abrasive, moves);
+        assert!((0.5..0.65).contains(&pierce_s), "{jet}: moves {pierce_s} s behind the abrasive");
+        let last = trace.iter().position(moves).expect("it cuts");
+        let ended = trace[last..].iter().find(|sample| !abrasive(sample)).expect("it goes off");
+        let from_end_mm = 70.0 - ended.counts[0] as f64 / PULSES;
+        assert!((from_end_mm - lag_mm).abs() < 0.1, "{jet}: {from_end_mm} mm");
+        let at_end = |sample: &Sample| sample.counts[0] == (70.0 * PULSES) as i64;
+        let purged_s = seconds(&trace[last..], at_end, |sample| !water(sample));
+        assert!((purge_s..purge_s + 0.2).contains(&purged_s), "{jet}: {purged_s} s of water");
+    }
+}
+
+/// Held, switched off by hand, or lost in the cut, and recovered; stopped: the abrasive is never on without water, and
+/// comes back behind it with its delay and its pierce.
+#[test]
+fn the_abrasive_comes_back_behind_the_water() {
+    let jet = "jet = { abrasive_delay_s = 0.2, abrasive_lag_mm = 4, purge_s = 0.3 }";
+    for case in [
+        ("", "at line 4 override 100%\nafter 1s hold\nafter 3s recover\n"),
+        ("", "at line 4 override 100%\nafter 1s cutter off\nafter 3s recover\n"),
+        ("lose@20", "at 5s recover\nafter 5s recover\n"),
+        ("", "at line 4 override 100%\nafter 1s stop\n"),
+    ] {
+        let (run, trace) = run(jet, "", case);
+        let ends = if case.1.contains("stop") { "stopped" } else { "completed" };
+        assert_eq!(run.report["outcome"], ends, "{case:?} {}", run.output.err);
+        assert_never_dry(&trace, 0.2, case.1);
+        let lit_dry = trace.windows(2).filter(|pair| {
+            let moves = pair[0].counts[0] != pair[1].counts[0];
+            moves && pair[1].is_on("out3") && !pair[1].is_on("out4") && pair[1].at_rest
+        });
+        assert_eq!(lit_dry.count(), 0, "{case:?}");
+        if ends == "completed" {
+            assert_eq!(run.report["not_cut_mm"], 0.0, "{case:?}");
+        }
+    }
+}
+
+/// The first millimetres are cut slowly, and the torch or the jet is off before the end; a report tells nothing as not
+/// cut that was to be dark.
+#[test]
+fn a_material_changes_the_ends_of_its_contours() {
+    let figures = "creep_percent = 50\ncreep_mm = 20\noff_before_mm = 5";
+    let (run, trace) = run("", figures, ("", ""));
+    run.assert_exact_and_legal();
+    assert_eq!(run.report["not_cut_mm"], 0.0);
+    let place = |mm: f64| move |sample: &Sample| sample.counts[0] >= (mm * PULSES) as i64;
+    let creep_s = seconds(&trace, place(15.0), place(25.0));
+    let cut_s = seconds(&trace, place(40.0), place(60.0));
+    assert!((creep_s - 10.0 / 15.0).abs() < 0.01 && (cut_s - 20.0 / 30.0).abs() < 0.01, "{creep_s} s, {cut_s} s");
+    let cuts = trace.iter().position(place(40.0)).expect("it cuts");
+    let off = trace[cuts..].iter().find(|sample| !sample.is_on("out3")).expect("it goes off");
+    assert!((70.0 - off.counts[0] as f64 / PULSES - 5.0).abs() < 0.1, "{off:?}");
+}
+
+#[test]
+fn what_cannot_be_is_refused() {
+    for (jet, figures, why) in [
+        ("jet = { purge_s = 11 }", "", "jet.purge_s"),
+        ("", "off_before_mm = 3\nover_cut_mm = 2", "over_cut_mm"),
+        ("", "creep_percent = 101", "creep_percent"),
+    ] {
+        let bench = Bench::new();
+        bench.file("materials.toml", material(figures));
+        bench.file("m.toml", machine(jet));
+        bench.file("part.ngc", PROGRAM);
+        let refused = bench.retrace(["run", "part.ngc", "--machine", "m.toml"]);
+        assert_eq!(refused.code, Some(2), "{}", refused.err);
+        assert_contains(&refused.err, &[why]);
+    }
+    for (from, to, why) in [
+        ("kind = \"jet\"", "kind = \"torch\"", "without an abrasive"),
+        ("spindle = 0\n", "", "without `spindle`"),
+        ("materials = \"materials.toml\"\n", "", "without a material table"),
+    ] {
+        let bench = Bench::new();
+        bench.file("m.toml", machine("jet = { abrasive_lag_mm = 3 }").replace(from, to));
+        bench.file("part.ngc", PROGRAM);
+        bench.file("materials.toml", material(""));
+        let refused = bench.retrace(["run", "part.ngc", "--machine", "m.toml"]);
+        assert_eq!(refused.code, Some(2), "{}", refused.err);
+        assert_contains(&refused.err, &[why]);
+    }
+}
