@@ -381,9 +381,19 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         if cutter.materials.as_ref().is_some_and(|file| file.trim().is_empty()) {
             return refuse("materials is empty", "the name of a file, such as \"materials.toml\"");
         }
-        let cutter = cutter.checked(standing_ms);
-        cutter.jet.map_or(Ok(()), |jet| jet.check(&cutter))?;
-        cutters.push(cutter);
+        if let Some(jet) = cutter.jet {
+            jet.check(&cutter.name)?;
+            if cutter.kind != CutterKind::Jet || cutter.abrasive.is_none() {
+                return refuse("`jet` without an abrasive", "kind = \"jet\" and the output of the abrasive");
+            }
+            if cutter.spindle.is_none() && cutter.fire != channel::SPINDLE {
+                return refuse("`jet` without `spindle`", "the number behind $ with which M3 opens the jet");
+            }
+            if jet.abrasive_lag_mm > 0.0 && cutter.materials.is_none() {
+                return refuse("jet.abrasive_lag_mm without a material table", "name the table under `materials`");
+            }
+        }
+        cutters.push(cutter.checked(standing_ms));
     }
     for &fire in cutting_outputs {
         if !cutters.iter().any(|cutter| cutter.fire == fire) {

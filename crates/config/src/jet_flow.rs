@@ -5,7 +5,6 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::cutter::{CutterConfig, CutterKind};
 use crate::numbered_error::NumberedError;
 use crate::value_range::within;
 
@@ -25,30 +24,14 @@ pub struct JetFlow {
 }
 
 impl JetFlow {
-    /// Checks the figures, and that the cutter is a jet with abrasive.
+    /// Checks the figures of the cutter of this name.
     ///
     /// # Errors
     /// `E2112`
-    pub(crate) fn check(&self, cutter: &CutterConfig) -> Result<(), NumberedError> {
-        let named = |what: &str| format!("cutter {}: jet.{what}", cutter.name);
+    pub(crate) fn check(&self, cutter: &str) -> Result<(), NumberedError> {
+        let named = |what: &str| format!("cutter {cutter}: jet.{what}");
         within(&named("abrasive_delay_s"), self.abrasive_delay_s, 0.0, 10.0)?;
         within(&named("abrasive_lag_mm"), self.abrasive_lag_mm, 0.0, 100.0)?;
-        within(&named("purge_s"), self.purge_s, 0.0, 10.0)?;
-        let refuse = |what: &str, remedy: &str| {
-            Err(NumberedError::new("E2112", format!("[[cutter]] {}: {what}", cutter.name), remedy.to_owned()))
-        };
-        if cutter.kind != CutterKind::Jet || cutter.abrasive.is_none() {
-            return refuse(
-                "`jet` without an abrasive",
-                "kind = \"jet\" and the output of the abrasive, or remove `jet`",
-            );
-        }
-        if cutter.spindle.is_none() {
-            return refuse("`jet` without `spindle`", "the number behind $ with which M3 opens the jet");
-        }
-        if self.abrasive_lag_mm > 0.0 && cutter.materials.is_none() {
-            return refuse("jet.abrasive_lag_mm without a material table", "name the table under `materials`");
-        }
-        Ok(())
+        within(&named("purge_s"), self.purge_s, 0.0, 10.0)
     }
 }

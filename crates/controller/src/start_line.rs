@@ -2,8 +2,8 @@
 //!
 //! Invariant: what the skipped blocks switched is switched by their own instructions, with their durations: everything
 //! but the cutters before the first move, the cutters where the skipped motion ended (CUT-17). The axes move there in
-//! the order of DNC-6: tool axis up to the retract plane or higher, other axes, tool axis down. A cutter that senses the
-//! sheet senses it there before it is lit.
+//! the order of DNC-6: tool axis up to the retract plane or higher, other axes, tool axis down. A cutter that senses
+//! the sheet senses it there before it is lit.
 
 use retrace_config::MachineConfig;
 use retrace_core::RecordIndex;

@@ -22,8 +22,8 @@ pub fn unwritten_cells<const A: usize>(count: usize) -> Box<[Cell<Record<A>>]> {
     if layout.size() == 0 {
         return Box::default();
     }
-    // SAFETY: the layout is not empty. A record consists of integers, and so a zero of every byte is one; a cell has its
-    // representation (`UnsafeCell`). The memory is the box's alone, of the layout with which it will be freed.
+    // SAFETY: the layout is not empty. A record consists of integers, so that zeros in every byte are a record, and a
+    // cell holds nothing else. The memory is the box's alone, of the layout with which it will be freed.
     unsafe {
         let memory = alloc_zeroed(layout);
         if memory.is_null() {

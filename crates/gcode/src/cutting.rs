@@ -3,7 +3,6 @@
 //! Invariant: without a [`CuttingSetup`] nothing here has an effect, and every word has the meaning of LinuxCNC.
 
 use crate::canon_modes::LengthUnit;
-use crate::interp::OpenContour;
 use crate::material::{Material, MaterialList};
 use crate::pose::Pose;
 use std::sync::Arc;
@@ -144,8 +143,6 @@ pub struct CuttingState {
     pub(crate) has_ignored_arc: bool,
     /// The arcs that may be parts of a hole.
     pub(crate) open_circle: Option<OpenCircle>,
-    /// The contour that is being cut, if its ends differ from what the program says.
-    pub(crate) contour: Option<Box<OpenContour>>,
     /// End of the path in program coordinates, where it is known, and the feed rate in force.
     pub(crate) path_end: Option<Pose>,
     pub(crate) rate: f64,
@@ -192,7 +189,6 @@ impl Default for CuttingState {
             has_pierce_values: false,
             has_ignored_arc: false,
             open_circle: None,
-            contour: None,
             path_end: None,
             rate: 0.0,
         }

@@ -74,6 +74,7 @@ mod modal_snapshot;
 mod move_split;
 mod nearest;
 mod number_range;
+mod open_contour;
 mod output_text;
 mod params;
 mod parse;

@@ -10,6 +10,7 @@ use crate::compensation_queue::CompensationQueue;
 use crate::cutting::CuttingState;
 use crate::drilling_cycle::DrillingSeries;
 use crate::modal_groups::{ArcCentres, DistanceMode, MotionMode, SpindleRotation};
+use crate::open_contour::OpenContour;
 use crate::pose::{Axis, Pose};
 use crate::saved_state::SavedState;
 use crate::spline::ControlPoint;
@@ -88,6 +89,8 @@ pub struct ModalState {
     pub current_tool: u32,
     /// Cutting: material, share of the feed rate, small holes. Initial on a machine without a material table.
     pub cutting: CuttingState,
+    /// The contour that is being cut, if its ends differ from what the program says.
+    pub(crate) contour: Option<Box<OpenContour>>,
     /// Return value of the last subprogram.
     pub returned_value: Option<f64>,
     /// Number of open calls of subprograms.
@@ -144,6 +147,7 @@ impl ModalState {
             selected_tool: 0,
             current_tool: 0,
             cutting: CuttingState::default(),
+            contour: None,
             returned_value: None,
             call_level: 0,
             lathe_diameter: false,

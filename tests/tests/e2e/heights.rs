@@ -112,8 +112,8 @@ fn a_program_is_cut_at_the_heights_of_its_material() {
     assert!((estimate / really - 1.0).abs() < 0.01, "{estimate} s, and {really} s");
 }
 
-/// Behind the pierce the torch waits at the puddle height, and the feed begins at that of the cut; so does a cut that is
-/// lost and recovered, and one that begins at a line.
+/// Behind the pierce the torch waits at the puddle height, and the feed begins at that of the cut; so does a cut that
+/// is lost and recovered, and one that begins at a line.
 #[test]
 fn a_puddle_is_passed_at_its_height() {
     const PUDDLE: i64 = 3 * PIERCE / 2;

@@ -4,8 +4,8 @@
 use super::Finding;
 use retrace_task_support::tree::{Tree, code_only, words};
 
-/// The files that may hold unsafe code: the ring, whose cells two threads share, their memory, and the one module of the firmware
-/// that turns addresses into registers, which no safe code can do; everything above it is safe.
+/// The files that may hold unsafe code: the ring, whose cells two threads share, their memory, and the one module of the
+/// firmware that turns addresses into registers, which no safe code can do; everything above it is safe.
 const ALLOWED: &[&str] =
     &["crates/core/src/ring.rs", "crates/core/src/ring_storage.rs", "crates/firmware/src/board/registers.rs"];
 /// The files that may hold the keyword in declarations: the imports and exports of a wasm module, compiled for a proof

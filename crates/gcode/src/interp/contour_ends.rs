@@ -6,166 +6,21 @@
 
 use super::interpreter_core::Core;
 use crate::canon::{Canon, CanonStep};
-use crate::cutting::{CuttingSwitch, CuttingTool};
-use crate::material::Material;
-use crate::move_split::{divided, end, length};
+use crate::cutting::CuttingSwitch;
+use crate::move_split::{end, length};
+use crate::open_contour::{OpenContour, Piece, SHORTEST_MM};
 use crate::pose::{Axis, Pose};
-use std::collections::VecDeque;
-use std::sync::Arc;
 
-/// Shortest part of a move that is made, mm.
-const SHORTEST_MM: f64 = 0.001;
 /// Greatest distance between the ends of a closed contour, mm: programs round their coordinates.
 const SAME_PLACE_MM: f64 = 0.005;
 
-/// A contour that is being cut.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct OpenContour {
-    tool: CuttingTool,
-    material: Arc<Material>,
-    /// Length of its moves so far, mm.
-    length_mm: f64,
-    /// Whether the feed rate of the creep is in force.
-    is_creeping: bool,
-    /// Where it began, where that is known in the present coordinates.
-    start: Option<Pose>,
-    /// Its first moves, as far as an over cut goes.
-    head: Vec<Piece>,
-    /// Steps that are held back, and the length of their moves in mm.
-    held: VecDeque<(CanonStep, Option<Piece>)>,
-    held_mm: f64,
-}
-
-/// A feed move with its beginning and its length.
-#[derive(Clone, Debug, PartialEq)]
-struct Piece {
-    from: Pose,
-    canon: Canon,
-    length_mm: f64,
-}
-
-impl Piece {
-    /// Divides it at a length; `None` where one of the parts would be too short.
-    fn divided_at(&self, mm: f64) -> Option<[Piece; 2]> {
-        if mm < SHORTEST_MM || self.length_mm - mm < SHORTEST_MM {
-            return None;
-        }
-        let [first, second] = divided(&self.from, &self.canon, mm / self.length_mm);
-        let middle = end(&first)?;
-        let rest_mm = self.length_mm - mm;
-        Some([
-            Piece { from: self.from, canon: first, length_mm: mm },
-            Piece { from: middle, canon: second, length_mm: rest_mm },
-        ])
-    }
-}
-
-impl OpenContour {
-    /// The contour that begins where this tool is lit, if any of its ends differs from what the program says.
-    fn begin(tool: CuttingTool, material: Option<&Arc<Material>>, start: Pose) -> Option<OpenContour> {
-        let material = material.cloned().unwrap_or_default();
-        let creeps = material.creep_mm > 0.0 && material.creep_percent > 0.0;
-        let differs =
-            creeps || material.off_before_mm > 0.0 || material.over_cut_mm > 0.0 || tool.abrasive_lag_mm > 0.0;
-        differs.then(|| OpenContour {
-            tool,
-            material,
-            length_mm: 0.0,
-            is_creeping: false,
-            start: Some(start),
-            head: Vec::new(),
-            held: VecDeque::new(),
-            held_mm: 0.0,
-        })
-    }
-
-    /// Distance in mm before the end at which something is switched off.
-    fn tail_mm(&self) -> f64 {
-        self.material.off_before_mm.max(self.tool.abrasive_lag_mm)
-    }
-
-    /// Emits a step, or holds it back.
-    fn pass(&mut self, step: CanonStep, piece: Option<Piece>, steps: &mut Vec<CanonStep>) {
-        if let Some(piece) = &piece {
-            let head_mm: f64 = self.head.iter().map(|piece| piece.length_mm).sum();
-            if head_mm < self.material.over_cut_mm {
-                self.head.push(piece.clone());
-            }
-            self.held_mm += piece.length_mm;
-        }
-        if self.tail_mm() == 0.0 {
-            self.held_mm = 0.0;
-            return steps.push(step);
-        }
-        self.held.push_back((step, piece));
-        let mm = |held: &(CanonStep, Option<Piece>)| held.1.as_ref().map_or(0.0, |piece| piece.length_mm);
-        while let Some(front) = self.held.front().map(mm)
-            && self.held_mm - front >= self.tail_mm()
-            && let Some((step, _)) = self.held.pop_front()
-        {
-            self.held_mm -= front;
-            steps.push(step);
-        }
-    }
-
-    /// Emits what is held back.
-    fn release(&mut self, steps: &mut Vec<CanonStep>) {
-        steps.extend(self.held.drain(..).map(|(step, _)| step));
-        self.held_mm = 0.0;
-    }
-
-    /// Emits what is held back, with `switched` at the distance of the tail from the end. Returns whether it was: a
-    /// contour that is shorter ends as the program says.
-    fn release_with(&mut self, switched: &Canon, steps: &mut Vec<CanonStep>) -> bool {
-        let mut before_mm = self.held_mm - self.tail_mm();
-        if before_mm < -SHORTEST_MM {
-            self.release(steps);
-            return false;
-        }
-        let mut is_switched = false;
-        for (step, piece) in std::mem::take(&mut self.held) {
-            let Some(piece) = piece.filter(|_| !is_switched) else {
-                steps.push(step);
-                continue;
-            };
-            let of = |canon: Canon| CanonStep { canon, ..step.clone() };
-            if before_mm < SHORTEST_MM {
-                steps.extend([of(switched.clone()), of(piece.canon)]);
-                is_switched = true;
-            } else if let Some([first, second]) = piece.divided_at(before_mm) {
-                steps.extend([of(first.canon), of(switched.clone()), of(second.canon)]);
-                is_switched = true;
-            } else {
-                before_mm -= piece.length_mm;
-                steps.push(of(piece.canon));
-            }
-        }
-        self.held_mm = 0.0;
-        is_switched
-    }
-
-    /// Moves along the beginning of the contour again.
-    fn over_cut(&self, step: &CanonStep, steps: &mut Vec<CanonStep>) {
-        let mut rest_mm = self.material.over_cut_mm;
-        for piece in &self.head {
-            let part = piece.divided_at(rest_mm).map(|[first, _]| first);
-            let (part, is_last) = part.map_or((piece.clone(), false), |part| (part, true));
-            rest_mm -= part.length_mm;
-            steps.push(CanonStep { canon: part.canon, ..step.clone() });
-            if is_last || rest_mm < SHORTEST_MM {
-                return;
-            }
-        }
-    }
-}
-
 impl Core {
-    /// Shapes the ends of contours in the steps from `first`, those of a block before which the program was at `before`.
+    /// Shapes the ends of contours in the steps from `first`: those of a block that began at `before`.
     pub(super) fn shape_contours(&mut self, before: Pose, first: usize, steps: &mut Vec<CanonStep>) {
         let is_first = |step: &CanonStep| {
             matches!(step.canon, Canon::StartSpindleClockwise(_) | Canon::StartSpindleCounterclockwise(_))
         };
-        if self.state.cutting.contour.is_none() && !steps[first..].iter().any(is_first) {
+        if self.state.contour.is_none() && !steps[first..].iter().any(is_first) {
             for step in &steps[first..] {
                 self.follow(&step.canon);
             }
@@ -196,7 +51,7 @@ impl Core {
 
     fn shape_contour(&mut self, step: CanonStep, before: &Pose, steps: &mut Vec<CanonStep>) {
         let at = self.state.cutting.path_end.unwrap_or(*before);
-        let Some(mut contour) = self.state.cutting.contour.take() else {
+        let Some(mut contour) = self.state.contour.take() else {
             if let Canon::StartSpindleClockwise(spindle) | Canon::StartSpindleCounterclockwise(spindle) = step.canon {
                 self.begin_contour(spindle, at);
             }
@@ -228,14 +83,14 @@ impl Core {
                 steps.push(step);
             }
         }
-        self.state.cutting.contour = Some(contour);
+        self.state.contour = Some(contour);
     }
 
     fn begin_contour(&mut self, spindle: u8, at: Pose) {
-        let state = &mut self.state.cutting;
+        let state = &self.state.cutting;
         let tool = self.cutting.as_ref().and_then(|setup| setup.tool(spindle.into()));
         if let Some(tool) = tool.filter(|tool| tool.cuts && !state.is_forbidden) {
-            state.contour = OpenContour::begin(tool, state.material.as_ref(), at).map(Box::new);
+            self.state.contour = OpenContour::begin(tool, state.material.as_ref(), at).map(Box::new);
         }
     }
 
@@ -300,7 +155,7 @@ impl Core {
 
     /// Emits what is held back: the program ends, or cannot continue.
     pub(crate) fn release_contour(&mut self, steps: &mut Vec<CanonStep>) {
-        if let Some(mut contour) = self.state.cutting.contour.take() {
+        if let Some(mut contour) = self.state.contour.take() {
             contour.release(steps);
         }
     }

@@ -31,7 +31,6 @@ mod tool_data;
 mod turning;
 mod unsupported;
 
-pub(crate) use self::contour_ends::OpenContour;
 pub(crate) use self::contours::{Contours, NoContours};
 pub(crate) use self::interpreter_core::Core;
 use self::interpreter_core::{BlockEnvironment, Emitter};
