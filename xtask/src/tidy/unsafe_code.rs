@@ -4,7 +4,7 @@
 use super::Finding;
 use retrace_task_support::tree::{Tree, code_only, words};
 
-/// The files that may hold unsafe code: the ring, whose cells two threads share, their memory, and the one module of the
+/// The files that may hold unsafe code: the ring, whose cells two threads share, their memory, and the module of the
 /// firmware that turns addresses into registers, which no safe code can do; everything above it is safe.
 const ALLOWED: &[&str] =
     &["crates/core/src/ring.rs", "crates/core/src/ring_storage.rs", "crates/firmware/src/board/registers.rs"];
