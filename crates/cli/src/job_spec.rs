@@ -74,7 +74,7 @@ impl<'a> JobSpec<'a> {
             real_time: !args.port.is_simulated(),
             tables: TableFiles::of(&args.reading),
         };
-        let start = args.start_line.map_or(JobStart::First, JobStart::Line);
+        let start = args.start_point().map_or(JobStart::First, JobStart::Within);
         let runner = JobRunner { options, machine, program: &program, input, start, journal, at_screen };
         runner.run(card, |_, _| Ok(()))
     }
@@ -97,7 +97,7 @@ pub fn begin_journal<const A: usize>(
     let (input, progress) = input.map(|input| claimed.spool(input, machine.stream_quota_bytes)).transpose()?.unzip();
     let care = if card == JobCard::Sim { Durability::Written } else { Durability::Synced };
     let machine_file = (args.machine_file.path(), text.to_owned());
-    let (reading, start_line) = (&args.reading, args.start_line);
-    let job = JobHeaderBuilder { program, reading, start_line, machine, machine_file, card }.job(status)?;
+    let (reading, start) = (&args.reading, args.start_point());
+    let job = JobHeaderBuilder { program, reading, start, machine, machine_file, card }.job(status)?;
     Ok((Some(claimed.begin(care, job, progress)?), input))
 }

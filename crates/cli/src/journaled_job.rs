@@ -7,7 +7,7 @@ use retrace_core::RecordIndex;
 use std::path::Path;
 
 use retrace_config::{ChannelNames, MachineConfig, NumberedError};
-use retrace_controller::{JournalRecorder, Outcome};
+use retrace_controller::{JournalRecorder, Outcome, StartPoint};
 use retrace_journal::state_file::FileAccess;
 use retrace_journal::{
     CommandArguments, Durability, EndEntry, FORMAT, FileHash, JobCard, JobEnding, JobFolder, JobHeader, JobLock,
@@ -176,7 +176,7 @@ pub struct JobHeaderBuilder<'a> {
     /// Options that it is read with.
     pub reading: &'a Reading,
     /// Line to start at.
-    pub start_line: Option<u32>,
+    pub start: Option<StartPoint>,
     /// The machine.
     pub machine: &'a MachineConfig,
     /// Path and text of the machine file.
@@ -212,7 +212,7 @@ impl JobHeaderBuilder<'_> {
             lines: self.program.lines(),
             files: self.program.files_read(),
             machine: MachineFileCopy { path: path.map(files::absolute), hash: FileHash::of(text.as_bytes()), text },
-            arguments: arguments(self.reading, self.start_line),
+            arguments: arguments(self.reading, self.start),
             tables: Some(machine_tables::latched(&self.program.setup().start_tables())),
             card: self.card,
             period_us: self.machine.period_us,
@@ -224,11 +224,23 @@ impl JobHeaderBuilder<'_> {
     }
 }
 
-fn arguments(reading: &Reading, start_line: Option<u32>) -> CommandArguments {
+/// Where in its program a job began, if not at the first block.
+#[must_use]
+pub fn start_point(arguments: &CommandArguments) -> Option<StartPoint> {
+    arguments.start_line.map(StartPoint::Line).or(arguments.start_contour.map(StartPoint::Contour))
+}
+
+fn arguments(reading: &Reading, start: Option<StartPoint>) -> CommandArguments {
+    let (start_line, start_contour) = match start {
+        None => (None, None),
+        Some(StartPoint::Line(line)) => (Some(line), None),
+        Some(StartPoint::Contour(number)) => (None, Some(number)),
+    };
     let absolute = |path: &Option<std::path::PathBuf>| path.as_deref().map(files::absolute);
     CommandArguments {
         block_delete: reading.block_delete,
         start_line,
+        start_contour,
         subs: reading.subs.iter().map(|folder| files::absolute(folder)).collect(),
         cycles: absolute(&reading.cycle_folders.cycles),
         tools: absolute(&reading.tools),

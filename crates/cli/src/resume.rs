@@ -389,7 +389,8 @@ impl ResumeStep<'_> {
         let lengths = self.record.lengths().to_vec();
         let cut_ends = self.cut_ends();
         let (origin, executed) = (job.origin, job.executed);
-        Ok(ResumePoint { start, origin, executed, outputs, overrides, marks, rests, lengths, cut_ends })
+        let began_within = journaled_job::start_point(&job.arguments);
+        Ok(ResumePoint { start, origin, began_within, executed, outputs, overrides, marks, rests, lengths, cut_ends })
     }
 
     /// Where each cutter has certainly cut to, if it was cutting.

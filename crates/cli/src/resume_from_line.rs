@@ -50,7 +50,7 @@ pub fn from_line(args: &args::Resume, record: &JobRecord, line: u32) -> Result<u
         return Err(NumberedError::new("E2218", what, remedy).into());
     }
 
-    let run = args::Run { start_line: Some(line), ..run_args(args, job) };
+    let run = args::Run { start_line: Some(line), contour: None, ..run_args(args, job) };
     let machine = files::machine(run.machine_file.path())?;
     if let Some(changes) = changed_machine(job) {
         eprintln!(
@@ -86,6 +86,7 @@ pub fn run_args(args: &args::Resume, job: &JobHeader) -> args::Run {
         no_tui: !args.operation.tui,
         format: args.format,
         start_line: None,
+        contour: None,
         jobs: args.jobs.clone(),
         no_journal: false,
     }

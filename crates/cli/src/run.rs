@@ -73,7 +73,7 @@ impl RunContext<'_> {
         let args = self.args;
         if args.port.is_simulated() {
             let faults = parsed_source_faults(args.source.source_faults.as_deref())?;
-            let program = self.open(&machine)?;
+            let program = self.open::<A>(&machine)?;
             let card = simulated::<A>(&machine, &faults, clock(&machine, args.operation.realtime || self.at_screen))?;
             if self.at_screen {
                 let mut card = traced(card, &machine, args.vcd.as_deref())?;
@@ -96,7 +96,7 @@ impl RunContext<'_> {
             .into());
         }
         // Everything that can be refused without the card is checked before the card is contacted.
-        self.open(&machine)?;
+        self.open::<A>(&machine)?;
         let mut card = linked_card::find::<A>(&args.port.card)?;
         card.wait_at_rest(linked_card::nonce()).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
         let Some(greeting) = card.greeting().copied() else { return Ok(3) };
@@ -107,7 +107,7 @@ impl RunContext<'_> {
             homing.check(&machine)?;
         }
         let machine = machine.standing_at(&counts);
-        let program = self.open(&machine)?;
+        let program = self.open::<A>(&machine)?;
         let settings = machine.card_settings(PathStart::at(RecordIndex::new(0)));
         if self.at_screen {
             card.open(settings).map_err(|fault| linked_card::card_error(&args.port.card, &fault))?;
@@ -129,7 +129,7 @@ impl RunContext<'_> {
 
     /// Opens the program and checks it completely. At the screen the check runs there, where its errors can be
     /// corrected.
-    fn open(&self, machine: &MachineConfig) -> Result<Program, CommandFailure> {
+    fn open<const A: usize>(&self, machine: &MachineConfig) -> Result<Program, CommandFailure> {
         let program = Program::open(&self.args.reading, machine)?;
         if !self.at_screen {
             program.check(machine)?;
@@ -142,6 +142,13 @@ impl RunContext<'_> {
         {
             let what = format!("--start-line {line}: {} has {lines} lines", program.name());
             return Err(NumberedError::new("E2151", what, "give a line of the program").into());
+        }
+        if let Some(number) = self.args.contour
+            && let Some(checked) = program.analyse::<A>(machine, &mut Vec::new())?
+            && u64::from(number) > checked.found.contours.count
+        {
+            let what = format!("--contour {number}: {} has {} contours", program.name(), checked.found.contours.count);
+            return Err(NumberedError::new("E2151", what, "`retrace check` lists the contours of a program").into());
         }
         Ok(program)
     }
@@ -167,7 +174,7 @@ impl RunContext<'_> {
             real_time: !args.port.is_simulated(),
             tables: TableFiles::of(&args.reading),
         };
-        let start = args.start_line.map_or(JobStart::First, JobStart::Line);
+        let start = args.start_point().map_or(JobStart::First, JobStart::Within);
         JobRunner { options, machine, program, input, start, journal, at_screen: None }
     }
 }

@@ -41,6 +41,7 @@ use crate::resume::{ResumeError, ResumePlan, ResumePoint};
 use crate::run_stats::RunStats;
 use crate::session::{Outcome, RunMode, Session};
 use crate::soft_limits::LimitFinding;
+use crate::start_line::StartPoint;
 use crate::telemetry::{self, Observer};
 use crate::tool_length;
 
@@ -69,8 +70,8 @@ pub enum JobStart {
     /// The first block.
     #[default]
     First,
-    /// This line, with the state that the blocks before it leave.
-    Line(u32),
+    /// This place in the program, with the state that the blocks before it leave.
+    Within(StartPoint),
     /// The place where the job was left.
     At(Box<ResumePoint>),
 }
@@ -167,10 +168,10 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
             .with_index(keeping.index, &origin.counts)
             .with_inhibited(machine.inhibited_channels(), machine.dry_waits)
             .with_limits(machine);
-    let (line, resumption) = match begin {
+    let (within, resumption) = match begin {
         JobStart::First => (None, None),
-        JobStart::Line(line) => (Some(line), None),
-        JobStart::At(at) => (None, Some(at)),
+        JobStart::Within(start) => (Some(start), None),
+        JobStart::At(at) => (at.began_within, Some(at)),
     };
     let (mut rests, mut lengths, mut begun_at) = (Vec::new(), Vec::new(), origin.counts);
     if let Some(at) = &resumption {
@@ -195,7 +196,7 @@ pub fn resume_job<const A: usize, C: MotionCard<A>>(
         let decoder =
             spawn_named(scope, ("decoding", run_mode.real_time), move || decoding::decode(&mut program, &sender));
         let planner = spawn_named(scope, ("planning", run_mode.real_time), move || {
-            planning::plan(machine, batches, batch, (line, rests), feeder)
+            planning::plan(machine, batches, batch, (within, rests), feeder)
         });
         let reporter = spawn_named(scope, ("reporting", run_mode.real_time), move || receiver.run(observer));
         let moves = spawn_named(scope, ("manual moves", run_mode.real_time), move || requests.serve(machine, identify));

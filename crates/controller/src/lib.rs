@@ -101,6 +101,7 @@ pub use run_stats::{PeriodClass, RunStats};
 pub use script::ScriptPlayer;
 pub use session::{Outcome, RunMode, Session};
 pub use soft_limits::LimitFinding;
+pub use start_line::StartPoint;
 pub use tape::{ReceivedByte, TapeError, TapeReader};
 pub use telemetry::{Observer, PeriodRecord, Telemetry, TelemetryReceiver, TelemetrySender, telemetry_channel};
 pub use tool_length::{EnteredLength, ToolLengthError};

@@ -14,19 +14,19 @@ use crate::canon_executor::CanonExecutor;
 use crate::decoding::BlockBatch;
 use crate::plan_item::{PlanEnd, PlanSummary};
 use crate::plan_writer::{Cancelled, PlanWriter};
-use crate::start_line::SkippedBlocks;
+use crate::start_line::{SkippedBlocks, StartPoint};
 
-/// Plans until the program ends or planning is cancelled; in the first case, returns the summary. `line`: where to
-/// begin, if not at the first block. `rests`: the blocks behind which the path rests, because an earlier run ended
+/// Plans until the program ends or planning is cancelled; in the first case, returns the summary. `start`: where
+/// to begin, if not at the first block. `rests`: the blocks behind which the path rests, because an earlier run ended
 /// there.
 pub(crate) fn plan<const A: usize>(
     machine: &MachineConfig,
     receiver: BatchReceiver<'_, BlockBatch>,
     batch: BlockBatch,
-    (line, rests): (Option<u32>, Vec<u64>),
+    (start, rests): (Option<StartPoint>, Vec<u64>),
     plan_writer: PlanWriter<'_, A>,
 ) -> Option<PlanSummary> {
-    let skipped = line.map(|line| (line, SkippedBlocks::new(*plan_writer.outputs(), machine.cutter_channels())));
+    let skipped = start.map(|start| (start, SkippedBlocks::new(*plan_writer.outputs(), machine)));
     PlanningThread {
         machine,
         executor: CanonExecutor::new(machine),
@@ -42,8 +42,8 @@ pub(crate) fn plan<const A: usize>(
 struct PlanningThread<'m, 'r, const A: usize> {
     machine: &'m MachineConfig,
     executor: CanonExecutor<'m>,
-    /// The line to begin at, and what the blocks before it have switched.
-    skipped: Option<(u32, SkippedBlocks)>,
+    /// Where to begin, and what the blocks before have switched.
+    skipped: Option<(StartPoint, SkippedBlocks)>,
     plan_writer: PlanWriter<'r, A>,
     rests: Vec<u64>,
     blocks: u64,
@@ -128,9 +128,10 @@ impl<const A: usize> PlanningThread<'_, '_, A> {
         let ends_length = steps.iter().any(|step| self.executor.ends_entered_length(&step.canon));
         self.plan_writer.set_block_has_end(ends_length);
         for step in steps {
-            if self.skipped.as_ref().is_some_and(|(line, _)| step.line >= *line)
-                && let Some((line, before)) = self.skipped.take()
+            if self.skipped.as_ref().is_some_and(|(start, before)| before.reaches(*start, step.line))
+                && let Some((_, before)) = self.skipped.take()
             {
+                let line = step.line;
                 let position = self.executor.position();
                 let restored = before.restore(&mut self.plan_writer, position, self.machine, line);
                 if restored.map_err(|why| (why.into(), line))? {

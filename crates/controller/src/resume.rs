@@ -21,6 +21,7 @@ use retrace_link::{CardStatus, Outputs, PathStart, channel};
 
 use crate::approach::approach;
 use crate::record_streamer::{PassedItem, RecordStreamer};
+use crate::start_line::StartPoint;
 
 /// Place where a job was left, and the data to find it again.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,6 +31,8 @@ pub struct ResumePoint {
     pub start: PathStart,
     /// Place where the job's path began.
     pub origin: RecordIndex,
+    /// Where in the program the job began, if not at its first block.
+    pub began_within: Option<StartPoint>,
     /// Number of the last instruction that was executed before the job began.
     pub executed: u32,
     /// Outputs at that time.
@@ -69,6 +72,7 @@ impl ResumePoint {
         Self {
             start,
             origin,
+            began_within: None,
             executed: 0,
             outputs,
             overrides: Vec::new(),

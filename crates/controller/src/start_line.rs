@@ -1,4 +1,4 @@
-//! Starting in the middle of a program, at a line (`--start-line`).
+//! Starting in the middle of a program, at a line (`--start-line`) or at a contour (`--contour`).
 //!
 //! Invariant: what the skipped blocks switched is switched by their own instructions, with their durations: everything
 //! but the cutters before the first move, the cutters where the skipped motion ended (CUT-17). The axes move there in
@@ -16,23 +16,51 @@ use crate::plan_item::ExclusiveKind;
 use crate::plan_writer::{Cancelled, PlanWriteError, PlanWriter, SwitchInstruction};
 use crate::restart::OutputOrigins;
 
+/// Where in a program a job begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StartPoint {
+    /// The first block of this line or a later one.
+    Line(u32),
+    /// The contour of this number, from 1 on: its cutter is lit where it begins (CUT-47).
+    Contour(u32),
+}
+
 /// Receives the skipped blocks: switching is recorded, motion is not made.
 #[derive(Debug)]
 pub(crate) struct SkippedBlocks {
     outputs: Outputs,
     origins: OutputOrigins,
-    /// The channels that belong to the start of a torch, a jet or a beam.
+    /// The channels that belong to the start of a torch, a jet or a beam; first those that fire it.
     cutting: Vec<u8>,
+    /// Number of those that fire.
+    firing: usize,
     /// Number of skipped moves: what was switched between the same two belongs to one place.
     moves: u32,
+    /// Number of contours that have begun.
+    contours: u32,
 }
 
 impl SkippedBlocks {
-    /// Creates the state with nothing skipped; the outputs are as given, and `cutting` are the channels that belong to
-    /// the start of a torch, a jet or a beam.
+    /// Creates the state with nothing skipped; the outputs are as given.
     #[must_use]
-    pub(crate) fn new(outputs: Outputs, cutting: Vec<u8>) -> Self {
-        Self { outputs, origins: OutputOrigins::default(), cutting, moves: 0 }
+    pub(crate) fn new(outputs: Outputs, machine: &MachineConfig) -> Self {
+        let (cutting, firing) = (machine.cutter_channels(), machine.cutting_outputs.len());
+        Self { outputs, origins: OutputOrigins::default(), cutting, firing, moves: 0, contours: 0 }
+    }
+
+    /// Whether the job begins with a step of this line.
+    #[must_use]
+    pub(crate) fn reaches(&self, start: StartPoint, line: u32) -> bool {
+        match start {
+            StartPoint::Line(first) => line >= first,
+            StartPoint::Contour(number) => self.contours >= number,
+        }
+    }
+
+    fn count_contour(&mut self, change: OutputChange) {
+        let is_off = self.outputs[usize::from(change.channel)] == 0;
+        let fires = self.cutting[..self.firing].contains(&change.channel);
+        self.contours += u32::from(is_off && change.value != 0 && fires);
     }
 
     /// Brings a machine at rest to the state behind the skipped blocks: outputs first, then to `target_mm`, where the
@@ -113,6 +141,7 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
     }
 
     fn action(&mut self, change: OutputChange, line: u32) {
+        self.count_contour(change);
         let OutputChange { channel, value } = change;
         let before = std::mem::replace(&mut self.outputs[usize::from(channel)], value);
         self.origins
@@ -120,7 +149,8 @@ impl<const A: usize> MotionSink<A> for SkippedBlocks {
     }
 
     fn exclusive(&mut self, switch: SwitchInstruction<'_>) -> Result<(), Cancelled> {
-        for change in switch.changes {
+        for &change in switch.changes {
+            self.count_contour(change);
             self.outputs[usize::from(change.channel)] = change.value;
         }
         if switch.kind == ExclusiveKind::Dwell {

@@ -183,6 +183,9 @@ pub struct CommandArguments {
     pub block_delete: bool,
     /// Line at which the job began.
     pub start_line: Option<u32>,
+    /// Contour at which the job began.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start_contour: Option<u32>,
     /// Folders with subprograms.
     pub subs: Vec<String>,
     /// Folder with cycles.
@@ -495,6 +498,7 @@ pub(crate) mod tests {
             machine: MachineFileCopy { path: None, hash: FileHash::of(b""), text: text.into() },
             arguments: CommandArguments {
                 start_line: Some(7),
+                start_contour: Some(3),
                 subs: vec!["subs".into()],
                 ..CommandArguments::default()
             },

@@ -31,8 +31,9 @@ mod resume_files;
 mod screen;
 mod serial;
 #[cfg(unix)]
-mod state_files;
+mod start_points;
 #[cfg(unix)]
+mod state_files;
 mod stop_signals;
 mod streams;
 mod tool_length;

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use retrace_controller::StartPoint;
 
 use super::reading::Reading;
 use super::shared::{CardPort, JobsFolder, JsonLines, MachineFile, OperationOptions, SimulatedSource};
@@ -46,9 +47,19 @@ pub struct Run {
     /// Start at this program line with the modal state in force there.
     #[arg(long, value_name = "N")]
     pub start_line: Option<u32>,
+    /// Start at this contour, by its number in `retrace check`: its cutter is lit where it begins.
+    #[arg(long, value_name = "N", conflicts_with = "start_line", value_parser = clap::value_parser!(u32).range(1..))]
+    pub contour: Option<u32>,
     #[command(flatten)]
     pub jobs: JobsFolder,
     /// Write no journal; the job cannot be resumed.
     #[arg(long, conflicts_with = "journal")]
     pub no_journal: bool,
+}
+
+impl Run {
+    /// Where in the program the job begins, if not at its first block.
+    pub fn start_point(&self) -> Option<StartPoint> {
+        self.start_line.map(StartPoint::Line).or(self.contour.map(StartPoint::Contour))
+    }
 }

@@ -309,7 +309,7 @@ impl<'m, const A: usize, C: MotionCard<A> + Send> MachineThread<'m, A, C> {
             Ok(program) => {
                 self.program = Arc::new(program);
                 // A start line belonged to the previous program.
-                self.args = args::Run { reading, start_line: None, ..self.args.clone() };
+                self.args = args::Run { reading, start_line: None, contour: None, ..self.args.clone() };
                 lock_model(&self.router.model).stage = ScreenStage::Setup;
                 preview_thread::show_program::<A>(&self.router.model, machine, &self.program);
             }
