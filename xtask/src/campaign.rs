@@ -136,6 +136,31 @@ pub(crate) const CAMPAIGNS: &[Campaign] = &[
         slice: 8,
     },
     Campaign {
+        name: "starts",
+        purpose: "cutters whose attempts fail with a probability: three attempts at most, as many starts without an \
+            arc as the cube of it, and no feed before a start is complete",
+        test: ["retrace-tests", "cut_cycle", "starts_are_repeated_three_times_and_nothing_is_fed_before"],
+        asked: BY_SEED,
+        full: 10_000,
+        slice: 400,
+    },
+    Campaign {
+        name: "losses",
+        purpose: "cuts that are lost at any place: the place that is told is that of the loss, within a record",
+        test: ["retrace-tests", "cut_cycle", "a_loss_is_told_where_it_happened"],
+        asked: BY_SEED,
+        full: 10_000,
+        slice: 200,
+    },
+    Campaign {
+        name: "jets",
+        purpose: "jets with any delay, lag and purge: the abrasive never without water, and off at its lag",
+        test: ["retrace-tests", "cut_cycle", "the_abrasive_follows_the_water_and_ends_before_it"],
+        asked: BY_SEED,
+        full: 1000,
+        slice: 100,
+    },
+    Campaign {
         name: "cut",
         purpose: "a journal cut at every write and every byte of its last records: the job is resumed and ends exactly",
         test: ["retrace-tests", "cut", ""],
