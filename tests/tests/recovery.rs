@@ -138,7 +138,9 @@ fn faults(chance: &mut TestRandom, seed: u64, length_mm: f64) -> String {
 }
 
 /// What ends a host before its job is complete.
-const STOPS: [Option<&str>; 4] = [None, None, Some("breakaway"), Some("emergency-stop")];
+const STOPS: [Option<&str>; 5] = [None, None, Some("breakaway"), Some("emergency-stop"), Some(CABLE)];
+/// Its cable is pulled out.
+const CABLE: &str = "cable";
 
 /// A job on a card behind a line whose host is killed, or whose machine is stopped by an input: at any moment, and
 /// wherever the arc goes out. Each time, the job is resumed.
@@ -199,15 +201,19 @@ fn host_until(
             .iter()
             .any(|why| read().contains(&format!("\"reason\":\"{why}\"")));
         if let Some(input) = stop.filter(|_| !waits && begun.elapsed().as_secs_f64() > stop_s) {
-            card.operate(&format!("press {input}"));
-            // at rest a breakaway stops nothing
-            for _ in 0..25 {
+            let (begins, ends, most) = match input {
+                CABLE => ("unplug".to_owned(), "plug in".to_owned(), 250),
+                // at rest a breakaway stops nothing
+                _ => (format!("press {input}"), format!("release {input}"), 25),
+            };
+            card.operate(&begins);
+            for _ in 0..most {
                 thread::sleep(Duration::from_millis(20));
                 if host.try_wait().expect("a child").is_some() {
                     break;
                 }
             }
-            card.operate(&format!("release {input}"));
+            card.operate(&ends);
             thread::sleep(Duration::from_millis(100));
             stop_s = f64::INFINITY;
             continue;

@@ -6,6 +6,7 @@
 //! it.
 
 use retrace_core::RecordIndex;
+use std::cell::Cell;
 use std::io::{BufWriter, IsTerminal as _};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
@@ -63,6 +64,7 @@ fn serve<const A: usize>(args: &args::Serve, machine: &MachineConfig) -> Result<
     let end = ServeEnd {
         after: args.seconds.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX)),
         at_eof: args.until_eof,
+        is_plugged_in: Cell::new(true),
         lines: lines_of_input(args.until_eof || args.manual_inputs || !std::io::stdin().is_terminal()),
     };
     let mut served = ServeCounters { pty, started: Instant::now(), speed: args.speed, away_us: 0, alarm: None };
@@ -114,6 +116,8 @@ struct ServeEnd {
     after: Option<Duration>,
     at_eof: bool,
     lines: Receiver<String>,
+    /// Whether the cable of the line is plugged in.
+    is_plugged_in: Cell<bool>,
 }
 
 impl ServeEnd {
@@ -122,6 +126,7 @@ impl ServeEnd {
         let ended = loop {
             match self.lines.try_recv() {
                 Ok(line) => match ManualInput::read(&line, inputs) {
+                    Ok(Some(ManualInput::Cable { is_in })) => self.is_plugged_in.set(is_in),
                     Ok(deed) => deed.into_iter().for_each(|deed| deed.apply(rig)),
                     Err(why) => eprintln!("{why}"),
                 },
@@ -180,12 +185,15 @@ impl ServeCounters {
             let lost = |error| serve_error(format!("the pseudo-terminal failed: {error}"), "start the command again");
             let count = self.pty.read(&mut bytes, wait).map_err(lost)?;
             // The bytes arrived since the last poll; the card receives them from there on.
-            rig.send(&bytes[..count]);
+            if end.is_plugged_in.get() {
+                rig.send(&bytes[..count]);
+            }
             rig.run(self.now_us(rig));
             loop {
                 match rig.receive(&mut bytes) {
                     0 => break,
-                    count => self.pty.write(&bytes[..count]).map_err(lost)?,
+                    count if end.is_plugged_in.get() => self.pty.write(&bytes[..count]).map_err(lost)?,
+                    _ => {}
                 }
             }
             self.print_alarm(rig);

@@ -8,7 +8,7 @@ use retrace_link::{InputSetting, InputUse};
 /// Syntax of the lines.
 const SYNTAX: &str = "`wheel -120 for 2s`, `wheel -7`, `press door`, `release door`, `press emergency-stop`, `press \
     probe`, `press breakaway`, \
-    `input 5 on`, `input 5 off`";
+    `input 5 on`, `input 5 off`, `unplug`, `plug in`";
 
 /// Manual input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +19,8 @@ pub enum ManualInput {
     Notch(i16),
     /// Makes an input active or inactive; a switch that an axis operates still follows its axis.
     Input { number: u8, active: bool },
+    /// Pulls the cable of the line out, or plugs it in: what is sent meanwhile is lost in both directions.
+    Cable { is_in: bool },
 }
 
 impl ManualInput {
@@ -49,11 +51,13 @@ impl ManualInput {
                 let number = number.parse().ok().filter(|&number: &u8| usize::from(number) < inputs.len());
                 Self::Input { number: number.ok_or_else(wrong)?, active: level == "on" }
             }
+            ["unplug"] => Self::Cable { is_in: false },
+            ["plug", "in"] => Self::Cable { is_in: true },
             _ => return Err(wrong()),
         }))
     }
 
-    /// Applies it.
+    /// Applies it to the machine; a cable is none of its parts.
     pub fn apply<const A: usize>(self, rig: &mut CardSimulator<A>) {
         let now_us = rig.now_us();
         let machine = rig.machine();
@@ -61,6 +65,7 @@ impl ManualInput {
             Self::Wheel { counts_per_s, for_us } => machine.turn_wheel_for(now_us, counts_per_s, for_us),
             Self::Notch(counts) => machine.turn_wheel(counts),
             Self::Input { number, active } => machine.set_input(number, active),
+            Self::Cable { .. } => {}
         }
     }
 }
@@ -101,6 +106,8 @@ mod tests {
         assert_eq!(read("press door"), Some(ManualInput::Input { number: 12, active: true }));
         assert_eq!(read("release door"), Some(ManualInput::Input { number: 12, active: false }));
         assert_eq!(read("press breakaway"), Some(ManualInput::Input { number: 7, active: true }));
+        assert_eq!(read("unplug"), Some(ManualInput::Cable { is_in: false }));
+        assert_eq!(read("plug in"), Some(ManualInput::Cable { is_in: true }));
         assert_eq!(read(" input 5 on"), Some(ManualInput::Input { number: 5, active: true }));
         assert_eq!((read(""), read("# nothing")), (None, None));
         for bad in [
