@@ -240,7 +240,11 @@ fn case(seed: u64) -> Result<Verdict, String> {
     let length_mm = judge(&uninterrupted, &uninterrupted, &JUDGED).cut_mm;
     let faults = faults(&mut chance, seed, length_mm);
     // or the operator interrupts
-    let mut script = match chance.below(4) {
+    let mut script = match chance.below(5) {
+        2 => {
+            let (at_s, back_s) = (0.5 + chance.below(60) as f64 / 10.0, 0.2 + chance.below(20) as f64 / 10.0);
+            format!("at {at_s:.2}s reverse 100%\nafter {back_s:.2}s forward 100%\n")
+        }
         0 => format!("at {:.2}s hold\n", 0.5 + chance.below(60) as f64 / 10.0),
         1 => format!("at {:.2}s cutter off\n", 0.5 + chance.below(60) as f64 / 10.0),
         _ => String::new(),

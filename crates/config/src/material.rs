@@ -49,6 +49,18 @@ pub struct MaterialConfig {
     pub off_before_mm: f64,
     /// Length by which a closed contour is followed beyond its end with the cutter off, mm.
     pub over_cut_mm: f64,
+    /// Length of the beginning of a contour that is cut at the feed rate of the pierce, mm.
+    pub pierce_mm: f64,
+    /// That feed rate, and the one of a wiggle or circle, mm per minute; 0 is that of the contour.
+    pub pierce_feed_mm_per_min: f64,
+    /// Length to and fro along the beginning of a contour before it is cut, mm, and how often.
+    pub wiggle_mm: f64,
+    /// Number of wiggles.
+    pub wiggles: f64,
+    /// Radius of a circle about the place of the pierce before a contour is cut, mm.
+    pub circle_mm: f64,
+    /// Number of turns of that circle.
+    pub circles: f64,
 }
 
 impl MaterialConfig {
@@ -75,6 +87,12 @@ impl MaterialConfig {
             creep_mm: 0.0,
             off_before_mm: 0.0,
             over_cut_mm: 0.0,
+            pierce_mm: 0.0,
+            pierce_feed_mm_per_min: 0.0,
+            wiggle_mm: 0.0,
+            wiggles: 0.0,
+            circle_mm: 0.0,
+            circles: 0.0,
         }
     }
 }
@@ -250,7 +268,7 @@ macro_rules! figure {
 }
 
 /// Every figure of a material, in the order in which tables list them.
-pub(crate) const FIGURES: [FigureKey; 18] = [
+pub(crate) const FIGURES: [FigureKey; 24] = [
     figure!("thickness", Length, None, false, [0.0, 500.0], thickness_mm),
     figure!("kerf", Length, Some("KERF_WIDTH"), false, [0.0, 100.0], kerf_mm),
     figure!("pierce_height", Length, Some("PIERCE_HEIGHT"), true, [0.0, 200.0], pierce_height_mm),
@@ -285,4 +303,10 @@ pub(crate) const FIGURES: [FigureKey; 18] = [
     figure!("creep", Length, None, false, [0.0, 1000.0], creep_mm),
     figure!("off_before", Length, None, false, [0.0, 100.0], off_before_mm),
     figure!("over_cut", Length, None, false, [0.0, 100.0], over_cut_mm),
+    figure!("pierce", Length, None, false, [0.0, 100.0], pierce_mm),
+    figure!("pierce_feed", Speed, None, false, [0.0, 1_000_000.0], pierce_feed_mm_per_min),
+    figure!("wiggle", Length, None, false, [0.0, 50.0], wiggle_mm),
+    figure!("wiggles", Whole, None, false, [0.0, 100.0], wiggles),
+    figure!("circle", Length, None, false, [0.0, 50.0], circle_mm),
+    figure!("circles", Whole, None, false, [0.0, 100.0], circles),
 ];

@@ -50,6 +50,18 @@ pub struct Material {
     pub off_before_mm: f64,
     /// Length by which a closed contour is followed beyond its end with the cutter off, mm.
     pub over_cut_mm: f64,
+    /// Length of the beginning of a contour that is cut at the feed rate of the pierce, mm.
+    pub pierce_mm: f64,
+    /// That feed rate, and the one of a wiggle or circle, mm per minute; 0 is that of the contour.
+    pub pierce_feed_mm_per_min: f64,
+    /// Length to and fro along the beginning of a contour before it is cut, mm, and how often.
+    pub wiggle_mm: f64,
+    /// Number of wiggles.
+    pub wiggles: f64,
+    /// Radius of a circle about the place of the pierce before a contour is cut, mm.
+    pub circle_mm: f64,
+    /// Number of turns of that circle.
+    pub circles: f64,
 }
 
 /// The materials that a program can select, and the default one.

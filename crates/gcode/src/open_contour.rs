@@ -3,11 +3,12 @@
 //!
 //! Invariant: what is held back is released in its order.
 
-use crate::canon::{Canon, CanonStep};
+use crate::canon::{ArcFeed, Canon, CanonStep};
+use crate::canon_modes::Plane;
 use crate::cutting::CuttingTool;
 use crate::material::Material;
 use crate::move_split::{divided, end};
-use crate::pose::Pose;
+use crate::pose::{Axis, Pose};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -21,8 +22,10 @@ pub(crate) struct OpenContour {
     pub(crate) material: Arc<Material>,
     /// Length of its moves so far, mm.
     pub(crate) length_mm: f64,
-    /// Whether the feed rate of the creep is in force.
-    pub(crate) is_creeping: bool,
+    /// Whose feed rate is in force.
+    pub(crate) stage: Stage,
+    /// Whether its first move has been made.
+    pub(crate) is_begun: bool,
     /// Where it began, where that is known in the present coordinates.
     pub(crate) start: Option<Pose>,
     /// Its first moves, as far as an over cut goes.
@@ -30,6 +33,17 @@ pub(crate) struct OpenContour {
     /// Steps that are held back, and the length of their moves in mm.
     held: VecDeque<(CanonStep, Option<Piece>)>,
     held_mm: f64,
+}
+
+/// A part of a contour with a feed rate of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stage {
+    /// Behind the others.
+    Full,
+    /// The pierce in motion.
+    Pierce,
+    /// The creep.
+    Creep,
 }
 
 /// A feed move with its beginning and its length.
@@ -41,6 +55,14 @@ pub(crate) struct Piece {
 }
 
 impl Piece {
+    /// The same way back.
+    fn reversed(&self) -> Canon {
+        match &self.canon {
+            Canon::ArcFeed(arc) => Canon::ArcFeed(ArcFeed { end: self.from, turns: -arc.turns, ..*arc }),
+            _ => Canon::StraightFeed(self.from),
+        }
+    }
+
     /// Divides it at a length; `None` where one of the parts would be too short.
     pub(crate) fn divided_at(&self, mm: f64) -> Option<[Piece; 2]> {
         if mm < SHORTEST_MM || self.length_mm - mm < SHORTEST_MM {
@@ -61,18 +83,63 @@ impl OpenContour {
     pub(crate) fn begin(tool: CuttingTool, material: Option<&Arc<Material>>, start: Pose) -> Option<OpenContour> {
         let material = material.cloned().unwrap_or_default();
         let creeps = material.creep_mm > 0.0 && material.creep_percent > 0.0;
-        let differs =
-            creeps || material.off_before_mm > 0.0 || material.over_cut_mm > 0.0 || tool.abrasive_lag_mm > 0.0;
+        let pierces = material.pierce_mm > 0.0 || material.wiggles > 0.0 || material.circles > 0.0;
+        let ends = material.off_before_mm > 0.0 || material.over_cut_mm > 0.0 || tool.abrasive_lag_mm > 0.0;
+        let differs = creeps || pierces || ends;
         differs.then(|| OpenContour {
             tool,
             material,
             length_mm: 0.0,
-            is_creeping: false,
+            stage: Stage::Full,
+            is_begun: false,
             start: Some(start),
             head: Vec::new(),
             held: VecDeque::new(),
             held_mm: 0.0,
         })
+    }
+
+    /// The stage in which the contour goes on, and the length in mm to its end.
+    pub(crate) fn stage_here(&self) -> (Stage, f64) {
+        let Material { pierce_mm, creep_mm, creep_percent, .. } = *self.material;
+        let to = |end_mm: f64| end_mm - self.length_mm;
+        if to(pierce_mm) >= SHORTEST_MM {
+            (Stage::Pierce, to(pierce_mm))
+        } else if creep_percent > 0.0 && to(creep_mm) >= SHORTEST_MM {
+            (Stage::Creep, to(creep_mm))
+        } else {
+            (Stage::Full, f64::INFINITY)
+        }
+    }
+
+    /// Feed rate of a stage where the program's is `rate`, in program units of `unit_mm` per minute.
+    pub(crate) fn rate(&self, stage: Stage, rate: f64, unit_mm: f64) -> f64 {
+        let pierce = self.material.pierce_feed_mm_per_min / unit_mm;
+        match stage {
+            Stage::Pierce if pierce > 0.0 => pierce,
+            Stage::Creep => rate * self.material.creep_percent / 100.0,
+            _ => rate,
+        }
+    }
+
+    /// The moves of a wiggle along the first move and of a circle about its beginning; they end where they begin.
+    pub(crate) fn excursions(&self, first: &Piece, unit_mm: f64) -> Vec<Canon> {
+        let Material { wiggle_mm, wiggles, circle_mm, circles, .. } = *self.material;
+        let mut moves = Vec::new();
+        if wiggle_mm > 0.0 {
+            let out = first.divided_at(wiggle_mm).map_or_else(|| first.clone(), |[part, _]| part);
+            for _ in 0..wiggles as u32 {
+                moves.extend([out.canon.clone(), out.reversed()]);
+            }
+        }
+        if circle_mm > 0.0 && circles > 0.0 {
+            let [x, y] = [Axis::X, Axis::Y].map(|axis| first.from[axis]);
+            let side = first.from.with(Axis::X, x + circle_mm / unit_mm);
+            let turns = circles as i32;
+            let turn = ArcFeed { plane: Plane::Xy, end: side, first_centre: x, second_centre: y, turns };
+            moves.extend([Canon::StraightFeed(side), Canon::ArcFeed(turn), Canon::StraightFeed(first.from)]);
+        }
+        moves
     }
 
     /// Distance in mm before the end at which something is switched off.

@@ -151,6 +151,20 @@ fn a_contour_whose_end_is_cut_later_is_whole() {
     assert_eq!((&run.report["contours"], &run.report["contours_not_cut"]), (&2.into(), &0.into()));
 }
 
+/// The operator goes back in the cut and comes forward again: what was cut on the way to rest counts as cut, and the
+/// torch, which would find no metal where it went out, starts in motion.
+#[test]
+fn a_cut_that_was_left_backward_is_recovered() {
+    let (whole, uninterrupted) = run("", "", &[]);
+    let (run, trace) = run("", "at 2s reverse 100%\nafter 1s forward 100%\nafter 4s recover\n", &[]);
+    assert_ends_as(&run, &whole);
+    let verdict = judge(&uninterrupted, &trace, &JUDGED);
+    assert!(verdict.is_good() && verdict.ignitions == 3, "{verdict:?} {}", run.output.out);
+    // the arc meets metal within two cells of the sheet: at rest the torch has cut the cell that it came to
+    assert!(run.number("not_cut_mm") <= 0.1, "{}", run.report);
+    assert!(run.output.out.contains("\"moving\""), "{}", run.output.out);
+}
+
 #[test]
 fn without_an_operator_a_lost_arc_ends_the_job_with_the_torch_off() {
     let (run, trace) = run("lose@20", "", &[]);

@@ -238,6 +238,9 @@ fn a_lost_cut_is_continued_at_its_height() {
 /// A hold while the sheet is sensed: the tool axis rests, and goes on with the program.
 #[test]
 fn a_hold_while_the_sheet_is_sensed_rests() {
+    // Nobody comes.
+    let (abandoned, _) = run("", "at 1s hold\n");
+    assert_eq!(abandoned.report["outcome"], "stopped");
     let (run, trace) = run("", "at 1s hold\nafter 2s resume\n");
     assert_heights(&run, &trace, SHEET);
     let at = |us: u64| trace.iter().rev().find(|sample| sample.at_us <= us).map(tool);

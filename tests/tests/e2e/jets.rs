@@ -136,6 +136,33 @@ fn a_material_changes_the_ends_of_its_contours() {
     assert!((70.0 - off.counts[0] as f64 / PULSES - 5.0).abs() < 0.1, "{off:?}");
 }
 
+/// A pierce in motion ends exactly where it began, is within the limits, and is retraced and recovered like the rest of
+/// the contour.
+#[test]
+fn a_jet_pierces_in_motion() {
+    let figures = "pierce_mm = 4\npierce_feed_mm_per_min = 600\nwiggle_mm = 3\nwiggles = 2\ncircle_mm = 2\ncircles = 2";
+    for script in [
+        "",
+        "at 1.6s hold\nafter 2s recover\n",
+        "at 2.5s cutter off\nafter 2s recover\n",
+        "at 4s reverse 100%\nafter 3s forward 100%\nafter 4s recover\nafter 4s recover\n",
+    ] {
+        let (run, trace) = run("", figures, ("", script));
+        run.assert_exact_and_legal();
+        assert_eq!(run.report["not_cut_mm"], 0.0, "{script}: {}", run.output.out);
+        let most = trace.iter().filter(|sample| sample.line == 4).map(|sample| sample.counts[1].abs()).max();
+        assert_eq!(most, Some((2.0 * PULSES) as i64), "{script}: the circle");
+    }
+    // beyond the soft limits, refused before anything moves
+    let bench = Bench::new();
+    bench.file("materials.toml", material("circle_mm = 40\ncircles = 1"));
+    bench.file("m.toml", machine("").replacen("travel_mm = [-500, 500]", "travel_mm = [-20, 500]", 1));
+    bench.file("part.ngc", PROGRAM);
+    let refused = bench.retrace(["run", "part.ngc", "--machine", "m.toml"]);
+    assert_eq!(refused.code, Some(1), "{}", refused.err);
+    assert_contains(&refused.err, &["E4304", "part.ngc:4"]);
+}
+
 #[test]
 fn what_cannot_be_is_refused() {
     for (jet, figures, why) in [

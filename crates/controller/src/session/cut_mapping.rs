@@ -4,7 +4,6 @@
 //! Invariant: only what is executed for the first time, or again by a recovery, is mapped: no retracing, no lead-in, no
 //! dry run.
 
-use retrace_core::mode::Mode;
 use retrace_core::{Distance, Place, Record, RecordIndex};
 use retrace_link::{CardStatus, MotionCard, OutputChange, Outputs};
 
@@ -25,8 +24,9 @@ const BEYOND_THE_CUT: CommandError = CommandError::NotNow(
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Maps what was cut in a control period.
     pub(super) fn map_period(&mut self, status: &CardStatus<A>) {
-        let is_run = self.mode_controller.mode() == Mode::Run && status.rate.signum() > 0;
-        if !is_run || self.config.inhibits_outputs || self.is_on_lead_in() {
+        // Also on the way to rest before reverse run, while the cutter is still on.
+        let is_forward = status.rate.signum() > 0;
+        if !is_forward || self.config.inhibits_outputs || self.is_on_lead_in() {
             return;
         }
         let burns = |&channel: &u8| {

@@ -528,15 +528,15 @@ impl<'r, const A: usize, C: MotionCard<A>> Session<'r, A, C> {
             self.stats.record_buffered(self.card.acknowledged_high().since(status.place.record));
         }
         self.emit_period(status);
-        let is_still = status.rate == Rate::ZERO && (executing.is_none() || status.blocked);
+        let is_still = status.rate == Rate::ZERO && (executing.is_none() || self.rests_in_instruction(status));
         self.still_periods = if is_still { self.still_periods + 1 } else { 0 };
     }
 
     /// Outcome of the job, if it has ended.
     fn job_outcome(&mut self) -> Option<Outcome> {
         let status = *self.card.status();
-        // An instruction in progress is completed first; one that the blocked card keeps is not executed.
-        if !status.at_rest || self.executing.is_some() && !status.blocked {
+        // An instruction in progress is completed first.
+        if !status.at_rest || self.executing.is_some() && !self.rests_in_instruction(&status) {
             return None;
         }
         if self.phase.is_stopping() {

@@ -259,7 +259,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         // A cutter that pierces at rest continues where it was put out at rest.
         let goes_back = !status.at_rest || self.recovery.usually_starts_in_motion(channel);
-        if is_on && self.mode_controller.mode() == Mode::Run && goes_back {
+        let is_cutting = self.mode_controller.mode() == Mode::Run || self.leaving_run != LeavingRun::No;
+        if is_on && is_cutting && goes_back {
             // The card switches it off later, so that this place is cut.
             self.set_cut_end(status.place, channel);
         }

@@ -395,6 +395,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn has_left_run(&mut self) -> bool {
         let status = self.card.status();
         if self.leaving_run == LeavingRun::Braking && status.at_rest {
+            // The kerf ends where the way back begins.
+            for at in 0..self.config.fire_channels.len() {
+                self.record_cut_end_by_hand(self.config.fire_channels[at]);
+            }
             self.leaving_run = LeavingRun::SwitchingOff;
             self.switch_cutters_off(CutterOffReason::Retrace);
         }

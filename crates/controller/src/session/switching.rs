@@ -5,7 +5,7 @@
 
 use retrace_core::Rate;
 use retrace_core::mode::{Mode, ModeCommand, ModeOutput};
-use retrace_link::{HostCommand, Instruction, LayerMove, MotionCard, OutputChange, channel};
+use retrace_link::{CardStatus, HostCommand, Instruction, LayerMove, MotionCard, OutputChange, channel};
 
 use super::{ProgramStop, Session};
 use crate::event::{CardError, EventKind};
@@ -78,6 +78,14 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.emit_at(line, EventKind::Switching(code));
         self.acknowledge_instruction();
         Ok(true)
+    }
+
+    /// Whether an instruction is not being executed any more: the blocked card keeps it, or a hold has stopped the tool
+    /// on its way to the height of a start.
+    pub(super) fn rests_in_instruction(&self, status: &CardStatus<A>) -> bool {
+        let is_lit = |&channel: &u8| status.outputs[usize::from(channel)] != 0;
+        let senses = self.recovery.machine().tool_layer().is_some() && !self.config.fire_channels.iter().any(is_lit);
+        status.blocked || self.mode_controller.is_held() && status.at_rest && senses
     }
 
     /// Moves of the layer of a start that lights nothing: the contour is passed at the safe height.

@@ -8,7 +8,7 @@ use super::interpreter_core::Core;
 use crate::canon::{Canon, CanonStep};
 use crate::cutting::CuttingSwitch;
 use crate::move_split::{end, length};
-use crate::open_contour::{OpenContour, Piece, SHORTEST_MM};
+use crate::open_contour::{OpenContour, Piece, Stage};
 use crate::pose::{Axis, Pose};
 
 /// Greatest distance between the ends of a closed contour, mm: programs round their coordinates.
@@ -62,14 +62,11 @@ impl Core {
                 return self.end_contour(&mut contour, &at, step, steps);
             }
             Canon::StraightFeed(_) | Canon::ArcFeed(_) => self.shape_move(&mut contour, &at, step, steps),
-            Canon::SetFeedRate(rate) if contour.is_creeping => {
-                let canon = Canon::SetFeedRate(rate * contour.material.creep_percent / 100.0);
+            Canon::SetFeedRate(rate) => {
+                let canon = Canon::SetFeedRate(contour.rate(contour.stage, *rate, self.state.units.millimetres()));
                 contour.pass(CanonStep { canon, ..step }, None, steps);
             }
-            Canon::SetFeedRate(_)
-            | Canon::Comment(_)
-            | Canon::SetMotionControlMode(_)
-            | Canon::SetNaivecamTolerance(_) => {
+            Canon::Comment(_) | Canon::SetMotionControlMode(_) | Canon::SetNaivecamTolerance(_) => {
                 contour.pass(step, None, steps);
             }
             Canon::SetCutting(CuttingSwitch::Cutter, false) | Canon::ProgramEnd => {
@@ -94,31 +91,32 @@ impl Core {
         }
     }
 
-    /// Divides a move where the creep ends.
+    /// Begins a contour with what belongs to its pierce, and divides its moves where a stage ends.
     fn shape_move(&mut self, contour: &mut OpenContour, at: &Pose, step: CanonStep, steps: &mut Vec<CanonStep>) {
-        let mm = self.state.units.millimetres();
+        let (mm, rate) = (self.state.units.millimetres(), self.state.cutting.rate);
         let length_mm = length(at, &step.canon).unwrap_or_default() * mm;
-        let (rate, share) = (self.state.cutting.rate, contour.material.creep_percent / 100.0);
-        let piece = Piece { from: *at, canon: step.canon.clone(), length_mm };
+        let mut rest = Piece { from: *at, canon: step.canon.clone(), length_mm };
         let of = |canon: Canon| CanonStep { canon, ..step.clone() };
-        let creep_mm = if share > 0.0 { contour.material.creep_mm - contour.length_mm } else { 0.0 };
-        contour.length_mm += length_mm;
-        if creep_mm < SHORTEST_MM {
-            if std::mem::take(&mut contour.is_creeping) {
+        if !std::mem::replace(&mut contour.is_begun, true) {
+            let excursions = contour.excursions(&rest, mm);
+            if !excursions.is_empty() {
+                contour.pass(of(Canon::SetFeedRate(contour.rate(Stage::Pierce, rate, mm))), None, steps);
+                excursions.into_iter().for_each(|canon| contour.pass(of(canon), None, steps));
                 contour.pass(of(Canon::SetFeedRate(rate)), None, steps);
             }
-            return contour.pass(step, Some(piece), steps);
         }
-        if !std::mem::replace(&mut contour.is_creeping, true) {
-            contour.pass(of(Canon::SetFeedRate(rate * share)), None, steps);
+        loop {
+            let (stage, left_mm) = contour.stage_here();
+            if stage != std::mem::replace(&mut contour.stage, stage) {
+                contour.pass(of(Canon::SetFeedRate(contour.rate(stage, rate, mm))), None, steps);
+            }
+            let Some([first, second]) = rest.divided_at(left_mm) else { break };
+            contour.length_mm += first.length_mm;
+            contour.pass(of(first.canon.clone()), Some(first), steps);
+            rest = second;
         }
-        let Some([first, second]) = piece.divided_at(creep_mm) else {
-            return contour.pass(step, Some(piece), steps);
-        };
-        contour.is_creeping = false;
-        contour.pass(of(first.canon.clone()), Some(first), steps);
-        contour.pass(of(Canon::SetFeedRate(rate)), None, steps);
-        contour.pass(of(second.canon.clone()), Some(second), steps);
+        contour.length_mm += rest.length_mm;
+        contour.pass(of(rest.canon.clone()), Some(rest), steps);
     }
 
     /// Ends a contour where its cutter is switched off.
@@ -132,7 +130,7 @@ impl Core {
             contour.release_with(&Canon::ClearMotionOutputBit(output.into()), steps);
         }
         contour.release(steps);
-        if contour.is_creeping {
+        if contour.stage != Stage::Full {
             steps.push(of(Canon::SetFeedRate(self.state.cutting.rate)));
         }
         let same = SAME_PLACE_MM / self.state.units.millimetres();

@@ -12,10 +12,14 @@ const FEED: f64 = 3000.0;
 
 /// A machine whose only material has these figures: creep in per cent and mm, off before, over cut.
 fn machine([creep_percent, creep_mm, off_before_mm, over_cut_mm]: [f64; 4], abrasive_lag_mm: f64) -> Setup {
+    let material = Material { creep_percent, creep_mm, off_before_mm, over_cut_mm, ..Material::default() };
+    machine_with(material, abrasive_lag_mm)
+}
+
+fn machine_with(material: Material, abrasive_lag_mm: f64) -> Setup {
     let plain = setup();
     let cutting = plain.cutting.as_deref().unwrap().clone();
-    let material =
-        Material { feed_mm_per_min: FEED, creep_percent, creep_mm, off_before_mm, over_cut_mm, ..Material::default() };
+    let material = Material { feed_mm_per_min: FEED, ..material };
     let tool = CuttingTool { spindle: 0, cuts: true, uses_speed: false, abrasive: Some(5), abrasive_lag_mm };
     let materials = Arc::new(MaterialList::new([material], 0));
     Setup { cutting: Some(Arc::new(CuttingSetup { materials, tools: vec![tool], ..cutting })), ..plain }
@@ -135,6 +139,38 @@ proptest! {
         prop_assume!(ways.iter().all(|way| way.0.hypot(way.1) > 0.1));
         let (off_before, over_cut) = match end { (1, mm) => (mm, 0.0), (2, mm) => (0.0, mm), _ => (0.0, 0.0) };
         assert_ends(&ways, is_closed, [creep.0, creep.1, off_before, over_cut], if end.0 == 0 { lag_mm } else { 0.0 });
+    }
+}
+
+/// A wiggle goes to and fro along the first move, a circle about its beginning, both at the feed rate of the pierce, as
+/// do the first millimetres; then comes the creep.
+#[test]
+fn a_pierce_in_motion_ends_where_it_began() {
+    const PIERCE: f64 = 500.0;
+    for (text, first) in [("G21 F3000\nM3\nG1 X10\nY10\nM5\n", 10.0), ("G20 F118.110236\nM3\nG2 X1 I0.5\nM5\n", 39.9)] {
+        let material = Material {
+            pierce_feed_mm_per_min: PIERCE,
+            pierce_mm: 2.0,
+            creep_percent: 50.0,
+            creep_mm: 6.0,
+            wiggle_mm: 3.0,
+            wiggles: 2.0,
+            circle_mm: 1.5,
+            circles: 3.0,
+            ..Material::default()
+        };
+        let unit = if text.starts_with("G20") { 25.4 } else { 1.0 };
+        let shaped = cuts(&run_with(text, machine_with(material, 0.0)).0);
+        let plain = cuts(&run_with(text, machine([0.0; 4], 0.0)).0);
+        let excursions = 2.0 * 2.0 * 3.0 + 2.0 * 1.5 + 3.0 * TAU * 1.5;
+        let mm = |of: &[Cut], rate: f64| total(of, |cut| (cut.rate * unit - rate).abs() < 0.01) * unit;
+        assert!((mm(&shaped, PIERCE) - excursions - 2.0).abs() < 1e-6, "{shaped:?}");
+        assert!((mm(&shaped, FEED / 2.0) - 4.0).abs() < 1e-6 && first > 6.0, "{shaped:?}");
+        let whole = total(&plain, |_| true) * unit;
+        assert!((total(&shaped, |_| true) * unit - whole - excursions).abs() < 1e-6, "{shaped:?}");
+        // both excursions end at the pierce
+        let at_pierce = shaped.iter().filter(|cut| cut.end == Pose::ZERO).count();
+        assert_eq!(at_pierce, 3, "{shaped:?}");
     }
 }
 
