@@ -15,6 +15,9 @@ use std::sync::Arc;
 /// Shortest part of a move that is made, mm.
 pub(crate) const SHORTEST_MM: f64 = 0.001;
 
+/// Number of steps that are held at most: what is finer has a shorter tail.
+const MAX_STEPS: usize = 10_000;
+
 /// A contour that is being cut.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct OpenContour {
@@ -28,8 +31,9 @@ pub(crate) struct OpenContour {
     pub(crate) is_begun: bool,
     /// Where it began, where that is known in the present coordinates.
     pub(crate) start: Option<Pose>,
-    /// Its first moves, as far as an over cut goes.
+    /// Its first moves, as far as an over cut goes, and their length in mm.
     head: Vec<Piece>,
+    head_mm: f64,
     /// Steps that are held back, and the length of their moves in mm.
     held: VecDeque<(CanonStep, Option<Piece>)>,
     held_mm: f64,
@@ -94,6 +98,7 @@ impl OpenContour {
             is_begun: false,
             start: Some(start),
             head: Vec::new(),
+            head_mm: 0.0,
             held: VecDeque::new(),
             held_mm: 0.0,
         })
@@ -142,16 +147,16 @@ impl OpenContour {
         moves
     }
 
-    /// Distance in mm before the end at which something is switched off.
+    /// Distance in mm before the end at which the cutter, or else the abrasive, is switched off.
     pub(crate) fn tail_mm(&self) -> f64 {
-        self.material.off_before_mm.max(self.tool.abrasive_lag_mm)
+        if self.material.off_before_mm > 0.0 { self.material.off_before_mm } else { self.tool.abrasive_lag_mm }
     }
 
     /// Emits a step, or holds it back.
     pub(crate) fn pass(&mut self, step: CanonStep, piece: Option<Piece>, steps: &mut Vec<CanonStep>) {
         if let Some(piece) = &piece {
-            let head_mm: f64 = self.head.iter().map(|piece| piece.length_mm).sum();
-            if head_mm < self.material.over_cut_mm {
+            if self.head_mm < self.material.over_cut_mm && self.head.len() < MAX_STEPS {
+                self.head_mm += piece.length_mm;
                 self.head.push(piece.clone());
             }
             self.held_mm += piece.length_mm;
@@ -163,7 +168,7 @@ impl OpenContour {
         self.held.push_back((step, piece));
         let mm = |held: &(CanonStep, Option<Piece>)| held.1.as_ref().map_or(0.0, |piece| piece.length_mm);
         while let Some(front) = self.held.front().map(mm)
-            && self.held_mm - front >= self.tail_mm()
+            && (self.held_mm - front >= self.tail_mm() || self.held.len() > MAX_STEPS)
             && let Some((step, _)) = self.held.pop_front()
         {
             self.held_mm -= front;

@@ -14,6 +14,7 @@ use retrace_core::{Distance, Place, RecordIndex};
 use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, LayerMove, MotionCard, PathStart};
 
 use super::back_target::{BackTarget, BackTargetKind};
+use super::cut_mapping::measure_um;
 use super::lead_in::NOT_IN_CUT;
 use super::restart::LeavingRun;
 use super::{JobPhase, ProgramStop, Session};
@@ -200,6 +201,8 @@ impl CutRecovery {
 /// Records between the end of a cut and its continuation that count as none: the places are those of whole control
 /// periods, and the input of an arc that strikes is debounced.
 const UNNOTICED_RECORDS: i64 = 3;
+/// Length in µm that counts as none, too: a contour ends with many short records, in which no arc is proven.
+const UNNOTICED_UM: u64 = 50;
 /// Maximum number of records that are measured in one control period.
 const MAX_MEASURED_RECORDS: i64 = 20_000;
 
@@ -582,8 +585,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// is the end of it; else the cut remains interrupted.
     fn end_latch_with_cut(&mut self, status: &CardStatus<A>) {
         let Some(Latch { cut_end, .. }) = self.recovery.latch.take() else { return };
-        let records = cut_end.latest.distance_to(status.place).units() >> 32;
-        if records < UNNOTICED_RECORDS {
+        let (first, records) = (cut_end.latest.record, cut_end.latest.distance_to(status.place).units() >> 32);
+        let left_um = || measure_um(&self.streamer, &self.config.mm_per_pulse, first, records.max(0) as u32);
+        if records < UNNOTICED_RECORDS || left_um() < UNNOTICED_UM {
             self.recovery.cut_end = None;
             self.emit(EventKind::CutContinued);
             return;

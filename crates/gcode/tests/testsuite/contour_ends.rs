@@ -142,6 +142,20 @@ proptest! {
     }
 }
 
+/// A jet that goes off before the end takes its abrasive with it, whatever its lag; moves without a length, of which a
+/// program may have any number, are not kept.
+#[test]
+fn a_tail_is_that_of_the_cutter_and_is_bounded() {
+    let text = "G21 F3000\nM3\nG1 X50\nM5\n";
+    let shaped = cuts(&run_with(text, machine([0.0, 0.0, 3.0, 0.0], 10.0)).0);
+    assert!((total(&shaped, |cut| !cut.lit) - 3.0).abs() < 1e-9, "{shaped:?}");
+    let mut text = String::from("G21 F3000\nM3\nG1 X50\n");
+    (0..25_000).for_each(|_| text += "X50\n");
+    let (plain, shaped) = ([0.0; 4], [0.0, 0.0, 3.0, 0.0]);
+    let of = |figures| cuts(&run_with(&format!("{text}M5\n"), machine(figures, 0.0)).0);
+    assert!((total(&of(plain), |_| true) - total(&of(shaped), |_| true)).abs() < 1e-9);
+}
+
 /// A wiggle goes to and fro along the first move, a circle about its beginning, both at the feed rate of the pierce, as
 /// do the first millimetres; then comes the creep.
 #[test]

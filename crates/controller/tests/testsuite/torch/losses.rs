@@ -1,7 +1,7 @@
 //! An arc that is lost in the cut, and its recovery.
 
 use retrace_controller::{CutterState, EventKind, JobStart, Outcome, ResumePoint, ResumedCutEnd};
-use retrace_core::RecordIndex;
+use retrace_core::{Place, RecordIndex};
 use retrace_link::{CardStatus, MotionCard, PathStart};
 
 use super::{FIRE, PROGRAM, PROOF, machine, run, run_part};
@@ -145,6 +145,32 @@ fn an_interrupted_cut_of_a_resumed_job_is_recovered() {
             assert!(missing.is_empty(), "{missing:?} {stopped} {recovered_after_s}");
             assert_eq!(rest.count(&EventKind::CutFromHere { moving: true }), 1, "{stopped} {recovered_after_s}");
         }
+    }
+}
+
+/// The host is killed, and the card plays on to the last records of the contour, which are shorter than anything that an
+/// arc shows: the torch finds no metal up to there, and the contour is complete.
+#[test]
+fn a_kerf_that_ends_in_the_last_records_of_its_contour_is_complete() {
+    let whole = run(&machine(), PROGRAM, "", "");
+    let lit = |wanted: bool| move |&&is: &&bool| is == wanted;
+    let begins = whole.lit.iter().position(|is| *is).expect("it is lit");
+    let ends = begins + whole.lit[begins..].iter().take_while(lit(true)).count();
+    let end = whole.periods[ends - 1].place.record;
+    for before in [1, 4, 7] {
+        // the instructions before the cut, and a sheet in which all of it is cut
+        let CardStatus { executed, .. } = *run(&machine(), PROGRAM, "", "at 2s stop\n").end.card.status();
+        let at = end - before;
+        let rests = whole.periods.iter().rfind(|period| period.place == Place::start_of(at)).expect("a period");
+        let back = format!("G21 G90 F1800\nG0 X10\nM3 S1\nG1 X70\nM5\nG0 X{}\nM2\n", rests.counts[0] as f64 / 200.0);
+        let first = run(&machine(), &back, "", "");
+        let place = Place::start_of(at - 900);
+        let cut_end = ResumedCutEnd { channel: FIRE, place, is_interruption: false, is_exact: false };
+        let start = PathStart { place: Place::start_of(at), rests: false, reached: at, executed, keeps_layer: false };
+        let point = ResumePoint { cut_ends: vec![cut_end], ..ResumePoint::at(start, RecordIndex::new(0)) };
+        let rest =
+            run_part(&machine(), PROGRAM, "after 0.05s recover\n", JobStart::At(Box::new(point)), first.end.card);
+        assert_eq!((&rest.end.outcome, rest.counts()), (&Outcome::Completed, whole.counts()), "{before}");
     }
 }
 
