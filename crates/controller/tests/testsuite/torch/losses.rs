@@ -148,8 +148,8 @@ fn an_interrupted_cut_of_a_resumed_job_is_recovered() {
     }
 }
 
-/// The host is killed, and the card plays on to the last records of the contour, which are shorter than anything that an
-/// arc shows: the torch finds no metal up to there, and the contour is complete.
+/// The host is killed, and the card plays on to the last records of the contour, which are shorter than anything that
+/// an arc shows: the torch finds no metal up to there, and the contour is complete.
 #[test]
 fn a_kerf_that_ends_in_the_last_records_of_its_contour_is_complete() {
     let whole = run(&machine(), PROGRAM, "", "");
