@@ -113,6 +113,11 @@ fn a_contour_that_does_not_exist_is_refused_before_anything_moves() {
     let beyond = bench.retrace(["run", "part.ngc", "--machine", "m.toml", "--contour", "4"]);
     assert_eq!(beyond.code, Some(2), "{}", beyond.err);
     assert_contains(&beyond.err, &["E2151", "has 3 contours", "retrace check"]);
+    // a beam is lit within the step of a move
+    bench.file("laser.toml", machine().replace("kind = \"torch\"", "kind = \"beam\""));
+    let beam = bench.retrace(["run", "part.ngc", "--machine", "laser.toml", "--contour", "1"]);
+    assert_eq!(beam.code, Some(2), "{}", beam.err);
+    assert_contains(&beam.err, &["E2151", "--start-line"]);
     for both in [["--contour", "1", "--start-line", "3"], ["--contour", "0", "--seed", "1"]] {
         assert_eq!(bench.retrace([&["run", "part.ngc", "--machine", "m.toml"][..], &both].concat()).code, Some(2));
     }
