@@ -165,6 +165,18 @@ fn a_cut_that_was_left_backward_is_recovered() {
     assert!(run.output.out.contains("\"moving\""), "{}", run.output.out);
 }
 
+/// The arc is lost so close to the end of the contour that the machine comes to rest at M5: whoever goes back and comes
+/// forward again is asked about the torch, and the rest is cut.
+#[test]
+fn a_loss_on_the_last_way_to_rest_is_not_passed_by_reverse_run() {
+    let (whole, uninterrupted) = run("", "", &[]);
+    let (run, trace) = run("lose@59.9", "at 5s reverse 100%\nafter 1s forward 100%\nafter 4s recover\n", &[]);
+    assert_ends_as(&run, &whole);
+    let verdict = judge(&uninterrupted, &trace, &JUDGED);
+    assert!(verdict.is_good(), "{verdict:?} {}", run.output.out);
+    assert!(run.number("not_cut_mm") <= 0.1, "{}", run.report);
+}
+
 #[test]
 fn without_an_operator_a_lost_arc_ends_the_job_with_the_torch_off() {
     let (run, trace) = run("lose@20", "", &[]);

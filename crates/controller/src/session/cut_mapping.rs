@@ -103,7 +103,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             self.lit_torches().for_each(|channel| wants[usize::from(channel)] = 0);
         }
         let (are, place) = (&self.card.status().outputs, self.furthest_place());
-        let stays_off = |&channel: &u8| are[usize::from(channel)] == 0 && self.ends_cut_at(channel, place);
+        // Not where the cut was interrupted before its end: something is left to be cut.
+        let is_whole = self.recovery.cut_end().is_none();
+        let stays_off = |&channel: &u8| is_whole && are[usize::from(channel)] == 0 && self.ends_cut_at(channel, place);
         self.expected_cutters().filter(stays_off).for_each(|channel| wants[usize::from(channel)] = 0);
         wants
     }
