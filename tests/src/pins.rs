@@ -29,6 +29,8 @@ pub struct Sample {
     pub counts: [i64; 3],
     /// Layer of the tool axis, in pulses.
     pub layer: i64,
+    /// Power of a beam, in thousandths of S.
+    pub beam_power: f64,
 }
 
 impl Sample {
@@ -90,6 +92,7 @@ fn set(now: &mut Sample, scope: &str, name: &str, value: f64) {
         (_, "inputs") => now.inputs = value as u64,
         (_, "place") => now.place = value,
         (_, "rate") => now.rate = value,
+        (_, "beam_power") => now.beam_power = value,
         (_, "layer") => now.layer = value as i64,
         (_, "line") => now.line = value as u64,
         (_, "at_rest") => now.at_rest = value != 0.0,

@@ -118,6 +118,7 @@ const MODULES: &[Module] = modules! {
     frames,
     steps,
     permit,
+    beam_power,
     sequence,
     protocol,
 };

@@ -9,6 +9,7 @@
 #![allow(clippy::manual_range_contains, clippy::manual_clamp)]
 #![cfg_attr(not(verify_wasm), forbid(unsafe_code))]
 
+pub mod beam_power;
 pub mod braking;
 pub mod card_window;
 pub mod choice;

@@ -2,7 +2,7 @@
 //!
 //! Invariant: the values were checked as a whole; code that has [`CheckedSettings`] need not check them again.
 
-use retrace_core::Record;
+use retrace_core::{FeedShare, Record};
 use retrace_link::{
     Alarm, CardIdentity, CardSettings, CommandRefusal, InputUse, MAX_CUTTING_CHANNELS, MAX_INPUTS, MAX_SAFE,
 };
@@ -45,7 +45,13 @@ impl<const A: usize> CheckedSettings<A> {
             let exists = layer.axis < settings.axes && u32::from(layer.contacts) >> identity.inputs.min(16) == 0;
             exists && layer.contacts != 0 && layer.probe_speed > 0 && layer.latch_speed > 0
         });
+        let cutting = &settings.cutting;
+        let power_is_valid = cutting.beam_power.is_none_or(|power| {
+            let enables = cutting.channels().iter().any(|of| of.channel == power.channel && of.fires);
+            identity.has_power_output && enables && power.least <= FeedShare::FEED
+        });
         if !numbers
+            || !power_is_valid
             || !backlash_supported
             || !inputs_exist(settings, identity.inputs)
             || !proofs_exist

@@ -14,6 +14,7 @@
 
 mod actions;
 mod backlash;
+pub mod beam_power;
 mod card;
 mod checked_settings;
 mod homing;

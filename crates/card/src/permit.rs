@@ -17,7 +17,8 @@
 
 use retrace_core::{Place, RecordIndex};
 use retrace_link::{
-    CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, OutputChange, ProofInput,
+    BeamPower, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, MAX_CUTTING_CHANNELS, OutputChange,
+    ProofInput,
 };
 
 /// Value of a counter of periods that does not count.
@@ -133,8 +134,13 @@ impl CutterPermit {
     pub const fn new() -> Self {
         const NONE: CuttingChannel =
             CuttingChannel { channel: 0, fires: false, standing_periods: 0, lit_in_reverse: false, proof: None };
-        let settings =
-            CuttingSettings { channels: [NONE; MAX_CUTTING_CHANNELS], count: 0, handover_periods: 0, inhibit: false };
+        let settings = CuttingSettings {
+            channels: [NONE; MAX_CUTTING_CHANNELS],
+            count: 0,
+            handover_periods: 0,
+            inhibit: false,
+            beam_power: None,
+        };
         let timers = [NOTHING_COUNTED; MAX_CUTTING_CHANNELS];
         Self::with_state(settings, timers, 0)
     }
@@ -145,6 +151,12 @@ impl CutterPermit {
         let lost_at = [Place::start_of(RecordIndex::new(0)); MAX_CUTTING_CHANNELS];
         let still_proven = [NOT_WATCHED; MAX_CUTTING_CHANNELS];
         Self { settings, timers, lit, pending: None, lost_at, still_proven }
+    }
+
+    /// Returns the settings of a beam's power, if its output is used.
+    #[must_use]
+    pub(crate) const fn beam_power(&self) -> Option<BeamPower> {
+        self.settings.beam_power
     }
 
     /// Returns the timers, one for each index in the settings.

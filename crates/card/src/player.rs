@@ -6,7 +6,7 @@
 
 use retrace_core::drive::{Drive, RecordWindow};
 use retrace_core::limits::RateLimits;
-use retrace_core::playback::emission;
+use retrace_core::playback::{emission, feed_share_between};
 use retrace_core::{Distance, Place, Rate, RateTarget, Record, RecordIndex};
 use retrace_link::{
     Alarm, CardSettings, CardStatus, CommandRefusal, CutterOffCause, HostCommand, Instruction, OutputAction,
@@ -69,6 +69,8 @@ pub struct Player<const A: usize, const W: usize, const M: usize, S = [Record<A>
     collision: Option<u8>,
     /// Conditions of the last period, as far as the player knows them.
     conditions: PermitConditions,
+    /// Speed along the path in the last period, as a share of the programmed feed in units of 2⁻⁴⁷.
+    feed_share: u64,
     status: CardStatus<A>,
 }
 
@@ -134,6 +136,7 @@ impl<const A: usize, const W: usize, const M: usize, S> Player<A, W, M, S> {
                 inputs: 0,
                 place: Place::start_of(start),
             },
+            feed_share: 0,
             status: CardStatus::at_rest(PathStart::at(start)),
         }
     }
@@ -457,6 +460,10 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
                 (from, [0; A])
             }
         };
+        self.feed_share = match self.permit.beam_power() {
+            Some(_) => feed_share_between(from, to, |n| self.window.record(n)).unwrap_or(0),
+            None => 0,
+        };
         self.apply_actions(from, to);
         self.commit_period(to, increments, step.starved || waits);
         let rate = self.status.rate;
@@ -477,6 +484,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// Runs a period in which the axes move off the path, homing; `going` means that they also do so in the next one.
     pub(crate) fn move_off_path(&mut self, increments: [i32; A], going: bool) {
         self.off_path = going;
+        self.feed_share = 0;
         self.commit_period(self.status.place, increments, false);
         self.conditions = PermitConditions { place: self.status.place, ..PermitConditions::default() };
     }
@@ -558,7 +566,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     }
 
     fn update_status(&mut self) {
-        let at_rest = self.has_stopped();
+        let (at_rest, beam_power) = (self.has_stopped(), self.beam_power());
         let status = &mut self.status;
         status.at_rest = at_rest;
         status.low = self.window.low();
@@ -567,6 +575,7 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
         status.repeated = self.switching.repeated();
         status.blocked = self.block != MotionBlock::None;
         status.outputs = *self.outputs.values();
+        status.beam_power = beam_power;
         status.layer = self.layer.layer();
     }
 }

@@ -172,7 +172,7 @@ fn greeting_text(
     let of = &greeting.identity;
     let mut text = format!(
         "{address}: `{}`, serial number {}, protocol {}\n  \
-         {} axes, {} outputs, {} inputs, a window of {} records, a rate law of up to {} periods\n  \
+         {} axes, {} outputs, {} inputs{}, a window of {} records, a rate law of up to {} periods\n  \
          periods of {} to {} µs, up to {} pulses a second, a clock of {} Hz\n  \
          {} at place {}, counts {:?}",
         card_name(of),
@@ -181,6 +181,7 @@ fn greeting_text(
         of.axes,
         of.outputs,
         of.inputs,
+        if of.has_power_output { ", an output for the power of a beam" } else { "" },
         of.window,
         of.memory,
         of.min_period_us,
@@ -217,6 +218,7 @@ fn greeting_json(address: &str, greeting: &Greeting<MAX_AXES>, outputs: &Outputs
         "axes": of.axes,
         "outputs": of.outputs,
         "inputs": of.inputs,
+        "power_output": of.has_power_output,
         "window": of.window,
         "memory": of.memory,
         "tick_hz": of.tick_hz,

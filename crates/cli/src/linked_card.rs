@@ -87,6 +87,9 @@ pub fn misfits(identity: &CardIdentity, machine: &MachineConfig) -> Vec<String> 
             misfits.push(format!("{name} is output {channel}; the card has {} outputs", identity.outputs));
         }
     }
+    if let Some(beam) = machine.powered_beam().filter(|_| !identity.has_power_output) {
+        misfits.push(format!("{} has `power`; the card has no output for the power of a beam", beam.name));
+    }
     if let (true, Err(_)) = (misfits.is_empty(), max_pulses) {
         misfits
             .push("the card does not support this step_pulse_us and direction_setup_us at this control period".into());

@@ -233,6 +233,10 @@ fn described_cutter(cutter: &CutterConfig) -> String {
     if !cutter.kind.cuts_at_rest() {
         return format!("{kind} on {fire}");
     }
+    let power = match cutter.power {
+        Some(power) => format!("; its power is S, with M4 by the speed, at least {} %", power.least_percent),
+        None => String::new(),
+    };
     let CutterStart { start_s, starts, pierce_s, .. } = cutter.start;
     let started = match cutter.proof {
         Some(CutterProof { input, lost_ms, .. }) => {
@@ -241,7 +245,7 @@ fn described_cutter(cutter: &CutterConfig) -> String {
         None => "; its loss is not watched".to_owned(),
     };
     let standing = format!("off {} ms after the machine comes to rest{retrace}", cutter.standing_ms);
-    format!("{kind} on {fire}, {standing}{started}; pierce {pierce_s} s")
+    format!("{kind} on {fire}, {standing}{started}; pierce {pierce_s} s{power}")
 }
 
 /// Text about homing and the safe direction.

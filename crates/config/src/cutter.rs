@@ -7,6 +7,7 @@ use retrace_link::{CuttingChannel, CuttingSettings, InputUse, InputWait, MAX_CUT
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::beam_power::BeamPowerConfig;
 use crate::card_config::CardConfig;
 use crate::cutter_start::{CutterProof, CutterRestart, CutterStart};
 use crate::jet_flow::JetFlow;
@@ -148,6 +149,8 @@ pub(crate) struct CutterSection {
     restart: Option<CutterRestart>,
     /// Order of water and abrasive of a jet.
     jet: Option<JetFlow>,
+    /// Power output of a beam.
+    power: Option<BeamPowerConfig>,
 }
 
 /// A cutter, checked.
@@ -195,6 +198,8 @@ pub struct CutterConfig {
     pub restart: CutterRestart,
     /// Order of water and abrasive, where the code that opens a jet switches both.
     pub jet: Option<JetFlow>,
+    /// Its power output, if it is a beam with one.
+    pub power: Option<BeamPowerConfig>,
 }
 
 impl CutterSection {
@@ -224,6 +229,7 @@ impl CutterSection {
             start: self.start.unwrap_or_default(),
             restart: self.restart.unwrap_or_default(),
             jet: self.jet,
+            power: self.power,
         }
     }
 }
@@ -259,6 +265,7 @@ impl CutterConfig {
             start: CutterStart::default(),
             restart: CutterRestart::default(),
             jet: None,
+            power: None,
         }
     }
 
@@ -349,8 +356,17 @@ pub(crate) fn checked(written: Vec<CutterSection>, cutting_outputs: &[u8]) -> Re
         if cutter.name.is_empty() || cutter.name.chars().any(char::is_control) {
             return refuse("the name is empty or has control characters", "a name such as \"torch\"");
         }
-        if cutter.retrace_cut && cutter.kind != CutterKind::Jet {
-            return refuse("retrace_cut = true", "only a jet can cut while the path is retraced");
+        if cutter.retrace_cut && cutter.kind != CutterKind::Jet && cutter.power.is_none() {
+            return refuse(
+                "retrace_cut = true",
+                "only a jet, or a beam with `power`, can be on while the path is retraced",
+            );
+        }
+        if let Some(power) = cutter.power {
+            power.check(&cutter.name)?;
+            if cutter.kind != CutterKind::Beam || cutter.fire != channel::SPINDLE {
+                return refuse("`power` is of a beam that M3 and M4 light", "kind = \"beam\" and fire = 64");
+            }
         }
         let standing_ms = cutter.standing_ms.unwrap_or(cutter.kind.usual_standing_ms());
         within(&format!("cutter {}: standing_ms", cutter.name), standing_ms, 0.0, 5000.0)?;
@@ -504,7 +520,7 @@ pub(crate) fn settings(cutters: &[CutterConfig], handover_ms: f64, period_us: u3
     let period_ms = f64::from(period_us) / 1000.0;
     let periods = |ms: f64| (ms / period_ms).round().clamp(0.0, f64::from(u16::MAX)) as u16;
     let mut all = CuttingSettings { handover_periods: periods(handover_ms), inhibit, ..CuttingSettings::default() };
-    let mut add = |channel: u8, fires: bool, cutter: &CutterConfig| {
+    let add = |all: &mut CuttingSettings, channel: u8, fires: bool, cutter: &CutterConfig| {
         if let Some(slot) = all.channels.get_mut(usize::from(all.count)) {
             let (standing_periods, lit_in_reverse) = (periods(cutter.standing_ms), cutter.retrace_cut);
             let proof = cutter.proof.filter(|_| fires).map(|proof| proof.settings(period_us));
@@ -513,9 +529,10 @@ pub(crate) fn settings(cutters: &[CutterConfig], handover_ms: f64, period_us: u3
         }
     };
     for cutter in cutters {
-        add(cutter.fire, cutter.kind.cuts_at_rest(), cutter);
+        all.beam_power = all.beam_power.or(cutter.power.map(|power| power.settings(cutter.fire)));
+        add(&mut all, cutter.fire, cutter.kind.cuts_at_rest(), cutter);
         for (channel, _) in cutter.auxiliaries() {
-            add(channel, false, cutter);
+            add(&mut all, channel, false, cutter);
         }
     }
     all

@@ -28,6 +28,7 @@
 #![forbid(unsafe_code)]
 
 mod axis;
+mod beam_power;
 mod card_config;
 mod card_settings;
 mod channel_names;
@@ -52,6 +53,7 @@ mod switching;
 mod value_range;
 
 pub use axis::{AXIS_LETTERS, AxisConfig, HomeConfig};
+pub use beam_power::BeamPowerConfig;
 pub use card_config::CardConfig;
 pub use channel_names::{ChannelNames, channel_name};
 pub use cutter::{CutterConfig, CutterKind, SingleBlockStep, ZWords};

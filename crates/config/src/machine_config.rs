@@ -253,6 +253,12 @@ impl MachineConfig {
         }
     }
 
+    /// The beam whose power output is used, if any.
+    #[must_use]
+    pub fn powered_beam(&self) -> Option<&CutterConfig> {
+        self.cutters.iter().find(|cutter| cutter.power.is_some())
+    }
+
     /// The channels that belong to the start of a cutter: those that fire, and the abrasives that are switched with a
     /// jet. They are restored last, in the order of the program.
     #[must_use]
@@ -350,6 +356,7 @@ impl MachineConfig {
             path_velocity_mm_s: self.path_velocity_mm_s,
             reserve: self.reserve,
             period_s: self.period_s(),
+            feed_shares: self.powered_beam().is_some(),
         }
     }
 }

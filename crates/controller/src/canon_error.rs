@@ -25,6 +25,11 @@ pub(crate) enum CanonError {
     LitInPassing(&'static str, String),
     /// E4308: a dwell of more than so many seconds while the cutter of this name is on.
     LitDwell(String, f64),
+    /// E4309: the power of a beam changes in passing at a feed above this one.
+    PowerTooFast {
+        /// Highest feed in mm/min.
+        most_mm_min: f64,
+    },
     /// The planner rejected the move.
     Move(MoveError),
     /// The job was cancelled.
@@ -57,6 +62,14 @@ impl CanonError {
                 "E4308",
                 format!("a dwell (G4) of more than {most_s} s while the {cutter} is on"),
                 "switch it off before the dwell, shorten it, or write a longer dwell_lit_s in its [[cutter]] table",
+            ),
+            Self::PowerTooFast { most_mm_min } => (
+                "E4309",
+                format!(
+                    "raster engraving: the power changes within a cut at a feed above {most_mm_min:.0} mm/min, beyond \
+                     which its place would be more than 0.05 mm off"
+                ),
+                "a lower F, or a shorter control_period_ms",
             ),
             Self::Move(error) => (error.number(), error.to_string(), "correct the move"),
             Self::Cancelled => ("", String::new(), ""),

@@ -40,5 +40,5 @@ pub mod wheel;
 
 pub use place::{Place, RecordIndex};
 pub use rate::RateTarget;
-pub use record::{Flags, RapidCap, Record};
+pub use record::{FeedShare, Flags, RapidCap, Record};
 pub use units::{Distance, Rate};

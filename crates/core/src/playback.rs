@@ -4,7 +4,7 @@
 //! share of the record under x given by its fraction, rounded half away from zero. The sums telescope: a return to a
 //! place means zero net pulses on every axis, at any rate, in any direction.
 
-use crate::{Place, Record, RecordIndex};
+use crate::{Distance, Place, Record, RecordIndex};
 
 /// Returns the whole pulses of `increment` in the first `fraction`/2³² of its record, rounded half away from zero.
 #[must_use]
@@ -60,10 +60,48 @@ pub fn emission<'a, const A: usize>(
     Some(sum)
 }
 
+/// Returns the speed along the path while the cursor moves between two places in one control period, as a share of the
+/// programmed feed in units of 2⁻⁴⁷, not negative; `record` returns the record of a number.
+///
+/// Returns `None` if a record between the places is missing.
+///
+/// # Examples
+///
+/// ```
+/// use retrace_core::playback::feed_share_between;
+/// use retrace_core::{Distance, FeedShare, Place, Record, RecordIndex};
+///
+/// let records = [FeedShare::FEED, FeedShare::NONE].map(|feed_share| Record::<2> { feed_share, ..Record::default() });
+/// let record = |index: RecordIndex| records.get(index.number() as usize);
+/// let start = Place::start_of(RecordIndex::new(0));
+/// let (half, end) = (start.moved(Distance::RECORD / 2), start.moved(Distance::RECORD * 2));
+/// assert_eq!(feed_share_between(start, half, record), Some(1 << 46), "half of the feed");
+/// assert_eq!(feed_share_between(end, half, record), Some(1 << 46), "backward as well");
+/// ```
+pub fn feed_share_between<'a, const A: usize>(
+    from: Place,
+    to: Place,
+    mut record: impl FnMut(RecordIndex) -> Option<&'a Record<A>>,
+) -> Option<u64> {
+    let mut share = |index: RecordIndex| record(index).map(|record| u64::from(record.feed_share.units()));
+    let (first, last) = if from.distance_to(to) < Distance::ZERO { (to, from) } else { (from, to) };
+    let mut sum = 0;
+    for crossed in 0..first.record.records_to(last.record).unsigned_abs() {
+        sum += share(first.record + crossed)? << 32;
+    }
+    if last.fraction != 0 {
+        sum += share(last.record)? * u64::from(last.fraction);
+    }
+    if first.fraction != 0 {
+        sum -= share(first.record)? * u64::from(first.fraction);
+    }
+    Some(sum)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Distance;
+    use crate::FeedShare;
     use proptest::prelude::*;
 
     #[test]
@@ -89,6 +127,29 @@ mod tests {
     }
 
     proptest! {
+        /// The share is the mean of those of the records, weighted with the way in each, in both directions.
+        #[test]
+        fn the_feed_share_is_that_of_the_way(
+            shares in prop::collection::vec(any::<u16>(), 10),
+            base in any::<u32>(),
+            places in [0..(10u64 << 32), 0..(10u64 << 32)],
+        ) {
+            let records: Vec<Record<1>> = shares
+                .iter()
+                .map(|&units| Record { feed_share: FeedShare::from_units(units), ..Record::default() })
+                .collect();
+            let base = RecordIndex::new(base);
+            let get = |n: RecordIndex| records.get(n.since(base) as usize);
+            let [from, to] = places.map(|units| Place { record: base + (units >> 32) as u32, fraction: units as u32 });
+            let upto = |units: u64| -> u128 {
+                let (before, under) = shares.split_at((units >> 32) as usize);
+                let whole: u128 = before.iter().map(|&share| u128::from(share) << 32).sum();
+                whole + under.first().map_or(0, |&share| u128::from(share) * u128::from(units as u32))
+            };
+            let expected = upto(places[0]).abs_diff(upto(places[1]));
+            prop_assert_eq!(feed_share_between(from, to, get).map(u128::from), Some(expected));
+        }
+
         /// For a walk of any steps over any records, the sums telescope and equal places have equal positions.
         #[test]
         fn sums_telescope(

@@ -96,6 +96,29 @@ impl Default for RapidCap {
     }
 }
 
+/// Speed along the path in a record at the recorded rate, as a share of the programmed feed: units of 2⁻¹⁵ (CUT-20).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct FeedShare(u16);
+
+impl FeedShare {
+    /// No feed motion: a rapid move, or no motion at all.
+    pub const NONE: Self = Self(0);
+    /// The programmed feed.
+    pub const FEED: Self = Self(1 << 15);
+
+    /// Returns the share of `units` of 2⁻¹⁵.
+    #[must_use]
+    pub const fn from_units(units: u16) -> Self {
+        Self(units)
+    }
+
+    /// Returns the share in units of 2⁻¹⁵.
+    #[must_use]
+    pub const fn units(self) -> u16 {
+        self.0
+    }
+}
+
 /// Motion record of one control period for `A` axes (REV-1).
 ///
 /// # Examples
@@ -118,13 +141,14 @@ pub struct Record<const A: usize> {
     pub flags: Flags,
     /// Maximum rate at which the record may be retraced.
     pub cap: RapidCap,
-    /// Reserved; zero.
-    pub spare: u16,
+    /// Speed along the path as a share of the programmed feed; zero where no power follows it.
+    pub feed_share: FeedShare,
 }
 
 impl<const A: usize> Record<A> {
     /// Record of a control period without motion.
-    pub const ZERO: Self = Self { increments: [0; A], line: 0, flags: Flags::NONE, cap: RapidCap::PLANNED, spare: 0 };
+    pub const ZERO: Self =
+        Self { increments: [0; A], line: 0, flags: Flags::NONE, cap: RapidCap::PLANNED, feed_share: FeedShare::NONE };
 }
 
 impl<const A: usize> Default for Record<A> {
@@ -138,6 +162,13 @@ const _: () = assert!(size_of::<Record<4>>() == 16 && size_of::<Record<3>>() <= 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_feed_has_a_share_of_one() {
+        assert_eq!(FeedShare::from_units(FeedShare::FEED.units()), FeedShare::FEED);
+        assert_eq!(u32::from(FeedShare::FEED.units()) << 1, 1 << 16);
+        assert_eq!(Record::<2>::ZERO.feed_share, FeedShare::default());
+    }
 
     #[test]
     fn caps_are_clamped_to_one_and_eight() {

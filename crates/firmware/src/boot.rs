@@ -41,6 +41,7 @@ pub const IDENTITY: CardIdentity = CardIdentity {
     axes: AXES as u8,
     outputs: pins::DIGITAL_OUTPUTS,
     inputs: pins::INPUT_PINS.len() as u8,
+    has_power_output: false,
     window: WINDOW as u32,
     memory: MEMORY as u16,
     tick_hz: SLOT_HZ,

@@ -28,6 +28,7 @@ struct CardSignals {
     executed: Signal,
     alarm: Signal,
     inputs: Signal,
+    beam_power: Signal,
 }
 
 /// A trace being written.
@@ -64,6 +65,7 @@ impl<W: Write, const A: usize> Trace<W, A> {
             alarm: vcd.signal("card", "alarm", 8)?,
             inputs: vcd.signal("card", "inputs", 16)?,
             layer: vcd.real("card", "layer")?,
+            beam_power: vcd.signal("card", "beam_power", 32)?,
         };
         let mut outputs = Vec::with_capacity(channel::COUNT);
         for number in 0..channel::COUNT {
@@ -101,6 +103,7 @@ impl<W: Write, const A: usize> Trace<W, A> {
         vcd.set(at_ns, card.executed, u64::from(status.executed))?;
         vcd.set(at_ns, card.alarm, status.alarm.map_or(0, |alarm| u64::from(alarm.to_wire().0)))?;
         vcd.set(at_ns, card.inputs, u64::from(status.inputs))?;
+        vcd.set(at_ns, card.beam_power, u64::from(status.beam_power as u32))?;
         for (&signal, &value) in self.outputs.iter().zip(&status.outputs) {
             vcd.set(at_ns, signal, value as u32 as u64)?;
         }

@@ -4,7 +4,7 @@
 //! Invariant: the settings alone define which channel fires; the card applies its permit to these channels whatever the
 //! commands request.
 
-use retrace_core::Place;
+use retrace_core::{FeedShare, Place};
 
 use crate::{InputWait, LayerMove, MAX_CHANGES, OutputChange};
 
@@ -60,6 +60,21 @@ pub struct CuttingSettings {
     pub handover_periods: u16,
     /// Dry run: every channel of the list stays 0.
     pub inhibit: bool,
+    /// Power output of a beam, if one is used.
+    pub beam_power: Option<BeamPower>,
+}
+
+/// Power of a beam, which the card computes in each control period (CUT-20).
+///
+/// The power is the value of [`crate::channel::SPEED`], S, while the beam pierces. Otherwise it is 0 unless the cursor
+/// moves along feed motion with the beam on. Where the beam's channel is negative (M4) it follows the speed: S · v / F,
+/// with the path speed v in the period and the programmed feed F, at least `least` of S and at most S.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct BeamPower {
+    /// Output channel that enables the beam; one of [`CuttingSettings::channels`] that fires.
+    pub channel: u8,
+    /// Least power in motion with M4, as a share of S in units of 2⁻¹⁵, at most 1.
+    pub least: FeedShare,
 }
 
 impl CuttingSettings {

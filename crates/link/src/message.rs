@@ -218,6 +218,8 @@ pub struct CardStatus<const A: usize> {
     pub executed: u32,
     /// Current output values.
     pub outputs: Outputs,
+    /// Power of a beam in the period, in the unit of [`channel::SPEED`] (CUT-20). Not reported over the line.
+    pub beam_power: i32,
     /// Active inputs, one bit each.
     pub inputs: u16,
     /// Counts by which a handwheel on the card turned in the period.
@@ -253,6 +255,7 @@ impl<const A: usize> CardStatus<A> {
             layer: 0,
             executed: start.executed,
             outputs: [0; channel::COUNT],
+            beam_power: 0,
             inputs: 0,
             wheel: 0,
             alarm: None,

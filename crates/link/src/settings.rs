@@ -13,7 +13,7 @@ pub const MAX_INPUTS: usize = 16;
 /// Maximum number of outputs that a fault switches.
 pub const MAX_SAFE: usize = 16;
 /// Version of the protocol that this crate implements.
-pub const PROTOCOL: u8 = 7;
+pub const PROTOCOL: u8 = 8;
 
 /// Identity and capabilities of a card.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -32,6 +32,8 @@ pub struct CardIdentity {
     pub outputs: u8,
     /// Inputs, at most [`MAX_INPUTS`].
     pub inputs: u8,
+    /// Whether it has an output for the power of a beam ([`crate::BeamPower`]).
+    pub has_power_output: bool,
     /// Number of records that it holds.
     pub window: u32,
     /// Maximum average of its rate law, in periods.

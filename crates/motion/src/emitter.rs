@@ -8,7 +8,7 @@ mod unplayed;
 
 use std::collections::VecDeque;
 
-use retrace_core::{Flags, RapidCap, Record};
+use retrace_core::{FeedShare, Flags, RapidCap, Record};
 
 use crate::blend::size;
 use crate::curve::Derivatives;
@@ -16,7 +16,7 @@ use crate::glide::glide_segment::{GlideSample, GlideSegment};
 use crate::glide::ramp_pair::CELLS;
 use crate::limits::MachineLimits;
 use crate::line_mark::LineMark;
-use crate::piece::PathPiece;
+use crate::piece::{PathPiece, RAPID};
 use crate::profile::{Profile, SIGNS};
 use crate::pulses::{counts_of, increment_of};
 use crate::rapid_cap::{Shares, SpeedCap, cap, larger, larger_of, shares_of};
@@ -74,6 +74,10 @@ pub(crate) struct Emitter<const A: usize> {
     cap: RapidCap,
     /// Demand of the current record up to the current state.
     period_demand: PeriodDemand,
+    /// Requested speed of the motion at the end of the last record, mm/s.
+    feed: f64,
+    /// Position at the end of the last record.
+    recorded: [f64; A],
 }
 
 /// Demand of one record on the limits.
@@ -141,6 +145,8 @@ impl<const A: usize> Emitter<A> {
             point: rest,
             cap: RapidCap::PLANNED,
             period_demand: PeriodDemand::NOTHING,
+            feed: RAPID,
+            recorded: start,
         }
     }
 
@@ -184,6 +190,7 @@ impl<const A: usize> Emitter<A> {
             self.counts[axis] += pulses as f64;
             self.point.position_mm[axis] += pulses as f64 / pulses_per_mm[axis];
         }
+        self.recorded = self.point.position_mm;
         true
     }
 
@@ -235,8 +242,9 @@ impl<const A: usize> Emitter<A> {
                     }
                     self.time -= duration;
                     let glide = self.glides.pop_front();
+                    self.feed = glide.map_or(self.feed, |glide| glide.feed(f64::MAX));
                     self.period_demand.kind =
-                        self.period_demand.kind.with(RecordKind::of(glide.is_some_and(|glide| glide.rapid)));
+                        self.period_demand.kind.with(RecordKind::of(glide.is_some_and(|glide| glide.is_rapid())));
                     self.next_item();
                 }
             }
@@ -253,6 +261,7 @@ impl<const A: usize> Emitter<A> {
         (self.phase, self.cell.until) = (PhaseSampler::NONE, f64::MIN);
         match self.items.front() {
             Some(PlanItem::Span { .. }) => {
+                self.feed = self.pieces.front().map_or(self.feed, |piece| piece.feed);
                 self.demand =
                     self.pieces.front().map_or(SpeedCap::NONE, |piece| SpeedCap::of(&piece.bounds, &self.per_max));
                 self.enter_phase(0);
@@ -342,6 +351,7 @@ impl<const A: usize> Emitter<A> {
             start: glide.at(number, since),
             tag: glide.tag(since + 0.5 * glide.ramps.cell),
         };
+        self.feed = glide.feed(since + 0.5 * glide.ramps.cell);
     }
 
     /// Advances to the cell of the front glide that contains time `t` after its start, and records the demand of the
@@ -391,6 +401,7 @@ impl<const A: usize> Emitter<A> {
         let Some(piece) = self.pieces.front_mut() else {
             return (self.point.position_mm, 0); // a span has pieces; not reached
         };
+        self.feed = piece.feed;
         let s = (s - self.piece_start).clamp(0.0, piece.length);
         while piece.marks > 0
             && let Some(&mark) = self.marks.front()
@@ -418,7 +429,7 @@ impl<const A: usize> Emitter<A> {
         };
         let own = shares_of(&by_time, &self.per_max);
         let shares = larger_of(self.shares(before, false, 0.0), own);
-        let rapid = self.glides.front().is_some_and(|glide| glide.rapid);
+        let rapid = self.glides.front().is_some_and(GlideSegment::is_rapid);
         self.period_demand.kind = self.period_demand.kind.with(RecordKind::of(rapid));
         let record = self.record(shares, Flags::NONE, self.cell.tag);
         // The next record begins in this state.
@@ -462,6 +473,20 @@ impl<const A: usize> Emitter<A> {
         self.cap = if self.period_demand.rough { RapidCap::PLANNED } else { cap(shares, self.cap) };
         let flags = if self.period_demand.kind == RecordKind::Rapid { flags.with(Flags::RAPID) } else { flags };
         self.period_demand = PeriodDemand::NOTHING;
-        Record { increments, line, flags, cap: self.cap, spare: 0 }
+        let feed_share = if self.limits.feed_shares { self.feed_share() } else { FeedShare::NONE };
+        Record { increments, line, flags, cap: self.cap, feed_share }
+    }
+
+    /// Distance from the last record to the current point, as a share of that at the programmed feed; not zero in feed
+    /// motion.
+    fn feed_share(&mut self) -> FeedShare {
+        let from = std::mem::replace(&mut self.recorded, self.point.position_mm);
+        let to = &self.point.position_mm;
+        let distance = size(&std::array::from_fn::<f64, A, _>(|axis| to[axis] - from[axis]));
+        if self.feed == RAPID || distance == 0.0 {
+            return FeedShare::NONE;
+        }
+        let units = distance / (self.feed * self.limits.period_s) * f64::from(FeedShare::FEED.units());
+        FeedShare::from_units(units.round().clamp(1.0, f64::from(u16::MAX)) as u16)
     }
 }

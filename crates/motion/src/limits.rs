@@ -37,6 +37,8 @@ pub struct MachineLimits<const A: usize> {
     pub reserve: f64,
     /// Control period *T*, s; above 0, at most 1.
     pub period_s: f64,
+    /// Whether each record has its speed as a share of the programmed feed, which the power of a beam follows (CUT-20).
+    pub feed_shares: bool,
 }
 
 impl<const A: usize> MachineLimits<A> {
@@ -51,6 +53,7 @@ impl<const A: usize> MachineLimits<A> {
             path_velocity_mm_s: 100.0,
             reserve: 0.10,
             period_s: 0.001,
+            feed_shares: false,
         }
     }
 

@@ -18,7 +18,7 @@ use crate::glide::{Blending, source};
 use crate::junction::{glide_is_faster, join};
 use crate::limits::{AxisLimits, MachineLimits};
 use crate::line_mark::LineMark;
-use crate::piece::{PathPiece, PieceJunction, RAPID};
+use crate::piece::{PathPiece, PieceJunction};
 use crate::profile::{KinematicState, fastest, stopping_distance};
 use crate::run::{PlanRun, smallest};
 
@@ -272,8 +272,7 @@ impl<const A: usize> PathPlanner<A> {
             return false;
         }
         let directions = tracks.pair.map(|track| track.direction);
-        let rapid = last.feed == RAPID && segment.feed == RAPID;
-        let glide = GlideSegment::new(*start, directions, [tag, segment.tag], rapid, *ramps);
+        let glide = GlideSegment::new(*start, directions, [tag, segment.tag], [last.feed, segment.feed], *ramps);
         self.emitter.commit_glide(glide, piece);
         self.run.begin(KinematicState::moving(into.v, into.a), tracks.pair[1].limits, ramps.duration());
         self.stops = *stops;

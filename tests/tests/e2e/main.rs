@@ -3,6 +3,7 @@
 
 #[cfg(target_os = "linux")]
 mod arc;
+mod beam_power;
 mod card;
 mod check;
 mod check_contours;

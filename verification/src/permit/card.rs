@@ -7,14 +7,16 @@ use crate::ledger::Size;
 use crate::native::Draw;
 use retrace_card::{Card, InputLevels};
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Distance, Flags, Place, Rate, Record, RecordIndex};
+use retrace_core::{Distance, FeedShare, Flags, Place, Rate, Record, RecordIndex};
 use retrace_link::{
-    CardCore, CardIdentity, CardSettings, CardStatus, CutterOffCause, CuttingChannel, CuttingSettings, HostCommand,
-    InputSetting, InputUse, Instruction, LayerMove, LayerSettings, OutputAction, OutputChange, PROTOCOL, PathStart,
-    RepeatedInstruction,
+    BeamPower, CardCore, CardIdentity, CardSettings, CardStatus, CutterOffCause, CuttingChannel, CuttingSettings,
+    HostCommand, InputSetting, InputUse, Instruction, LayerMove, LayerSettings, OutputAction, OutputChange, PROTOCOL,
+    PathStart, RepeatedInstruction, channel,
 };
 
 const TORCH: u8 = 3;
+/// S, of which the torch's channel has the power as well.
+const FULL: i32 = 1_000;
 const GRACE: u16 = 4;
 const HANDOVER: u16 = 6;
 const WATCHDOG: u16 = 30;
@@ -49,6 +51,8 @@ struct Observer {
     actions: Vec<RecordIndex>,
     lit: u64,
     put_out: u64,
+    /// Number of periods with power in motion.
+    powered: u64,
     /// Number of periods in which the layer moved, and of sheets that were not found.
     layer_moves: u64,
     not_found: u64,
@@ -76,6 +80,7 @@ impl Observer {
             axes: 1,
             outputs: 8,
             inputs: 3,
+            has_power_output: true,
             window: 0,
             memory: 0,
             tick_hz: 1_000_000,
@@ -98,6 +103,7 @@ impl Observer {
             actions: Vec::new(),
             lit: 0,
             put_out: 0,
+            powered: 0,
             layer_moves: 0,
             not_found: 0,
         };
@@ -122,6 +128,7 @@ impl Observer {
         settings.cutting.channels[0] =
             CuttingChannel { channel: TORCH, fires: true, standing_periods: GRACE, lit_in_reverse: false, proof: None };
         settings.cutting.inhibit = epoch.is_multiple_of(8);
+        settings.cutting.beam_power = Some(BeamPower { channel: TORCH, least: FeedShare::NONE });
         let (probe_speed, latch_speed) = (3 << 16, 1 << 15);
         settings.layer = Some(LayerSettings { axis: 0, contacts: FLOAT, probe_speed, latch_speed });
         settings.start.keeps_layer = epoch.is_multiple_of(3);
@@ -133,6 +140,7 @@ impl Observer {
             self.actions.clear();
             assert_eq!(self.torch(), 0, "lit behind an opening");
             assert_eq!(self.position(), position, "an opening moves nothing");
+            let _ = self.card.accept(HostCommand::ManualOutput(OutputChange { channel: channel::SPEED, value: FULL }));
         }
     }
 
@@ -185,7 +193,7 @@ impl Observer {
                 for _ in 0..draw.below(30) {
                     let place = self.status().high;
                     let flags = if place.number() % 16 == 15 { Flags::REST } else { Flags::NONE };
-                    let record = Record { increments: [3], flags, ..Record::default() };
+                    let record = Record { increments: [3], flags, feed_share: FeedShare::FEED, ..Record::default() };
                     let _ = self.card.accept(HostCommand::Ahead { place, record });
                 }
                 return;
@@ -238,6 +246,8 @@ impl Observer {
                 matches!(off.cause, CutterOffCause::Standing | CutterOffCause::NoSheet | CutterOffCause::SheetContact);
             self.not_found += u64::from(off.cause == CutterOffCause::NoSheet);
         }
+        assert!(now.beam_power == 0 || is, "power without the beam");
+        self.powered += u64::from(now.beam_power == FULL && now.rate != Rate::ZERO);
         if is {
             self.lit += 1;
             assert!(!self.closed && !self.inhibit && levels & STOP == 0, "lit without an epoch, dry, or in a stop");
@@ -271,7 +281,7 @@ impl Observer {
 pub(super) fn drawn_words(size: Size) -> String {
     let mut draw = Draw::new(size.seed);
     let runs = if size.full { 30_000 } else { 3_000 };
-    let (mut periods, mut lit, mut put_out, mut layer_moves, mut not_found) = (0u64, 0, 0, 0, 0);
+    let (mut periods, mut lit, mut put_out, mut layer_moves, mut not_found, mut powered) = (0u64, 0, 0, 0, 0, 0);
     for _ in 0..runs {
         let mut observer = Observer::new();
         for _ in 0..60 {
@@ -293,6 +303,7 @@ pub(super) fn drawn_words(size: Size) -> String {
         }
         lit += observer.lit;
         put_out += observer.put_out;
+        powered += observer.powered;
         layer_moves += observer.layer_moves;
         not_found += observer.not_found;
     }
@@ -300,6 +311,7 @@ pub(super) fn drawn_words(size: Size) -> String {
         layer_moves > periods / 50 && not_found > runs / 40,
         "the layer moved in {layer_moves}, {not_found} missed"
     );
+    assert!(powered > periods / 100, "the beam had power in motion in {powered} periods");
     assert!(lit > periods / 50 && put_out > runs / 4, "the torch was lit in {lit} periods and put out {put_out} times");
     format!("{runs} runs, {periods} periods, lit in {lit}, put out {put_out} times; the layer moved in {layer_moves}")
 }

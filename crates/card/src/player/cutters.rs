@@ -3,9 +3,10 @@
 //! Invariant: no cutter is started while its input or a collision input is active.
 
 use retrace_core::Rate;
-use retrace_link::{Alarm, CutterOffCause, LayerMove, OutputChange};
+use retrace_link::{Alarm, CutterOffCause, LayerMove, OutputChange, channel};
 
 use super::{MotionBlock, Player};
+use crate::beam_power::power_of;
 use crate::permit::PermitConditions;
 use crate::window::RecordStorage;
 
@@ -13,6 +14,15 @@ impl<const A: usize, const W: usize, const M: usize, S: RecordStorage<A>> Player
     /// Sets the active collision input.
     pub(crate) const fn set_collision(&mut self, input: Option<u8>) {
         self.collision = input;
+    }
+
+    /// Power of the beam after the last period, in the unit of S.
+    pub(super) fn beam_power(&self) -> i32 {
+        let Some(power) = self.permit.beam_power() else { return 0 };
+        let value = |channel: u8| self.outputs.values().get(usize::from(channel)).copied().unwrap_or(0);
+        let pierces = self.switching.is_busy() && self.switching.switches_on(power.channel);
+        let feed_share = if pierces { None } else { Some(self.feed_share) };
+        power_of(power, value(power.channel), value(channel::SPEED), feed_share)
     }
 
     /// Whether a cutting output is on.

@@ -2,6 +2,7 @@
 
 mod alarms;
 mod any_commands;
+mod beam_power;
 mod common;
 mod cutter_proof;
 mod epochs;

@@ -278,7 +278,7 @@ impl<'m> CanonExecutor<'m> {
         if is_rapid {
             self.cutters.before_rapid(self.machine, line, sink)?;
         } else {
-            self.cutters.before_feed(self.machine, line, sink);
+            self.cutters.before_feed(self.machine, self.feed_mm_min, line, sink)?;
         }
         self.layer_before_move(&own, is_rapid, line, sink)?;
         sink.straight(own, feed, self.path, line)?;
@@ -327,7 +327,7 @@ impl<'m> CanonExecutor<'m> {
             rotation: arc.turns,
             end_mm: self.machine_coordinates(&really)?,
         };
-        self.cutters.before_feed(self.machine, line, sink);
+        self.cutters.before_feed(self.machine, self.feed_mm_min, line, sink)?;
         self.layer_before_move(&own.end_mm, false, line, sink)?;
         sink.arc(&own, self.feed(), self.path, line)?;
         self.record_move_end(position, &really);
@@ -345,7 +345,7 @@ impl<'m> CanonExecutor<'m> {
             PathMode::Blend { tolerance_mm, .. } => ((tolerance_mm / 10.0).max(MIN_DEVIATION_MM), self.path),
             _ => (MIN_DEVIATION_MM, PathMode::blend(MIN_DEVIATION_MM)),
         };
-        self.cutters.before_feed(self.machine, line, sink);
+        self.cutters.before_feed(self.machine, self.feed_mm_min, line, sink)?;
         // The mode in force is that of the spline's end; inside, a chord is not a separate block.
         let mut held = None;
         let feed = self.feed();

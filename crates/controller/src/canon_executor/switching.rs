@@ -39,7 +39,7 @@ impl<'m> CanonExecutor<'m> {
             Canon::FloodOff => self.switch("M9", channel::FLOOD, 0, line, sink),
             Canon::SetSpindleSpeed(rpm) => {
                 let thousandths = (rpm * 1000.0).clamp(0.0, f64::from(i32::MAX)).round() as i32;
-                self.switch("S", channel::SPEED, thousandths, line, sink)
+                self.set_speed("S", thousandths, line, sink)
             }
             Canon::SelectTool(tool) => {
                 self.selected_tool = *tool;
@@ -95,8 +95,8 @@ impl<'m> CanonExecutor<'m> {
             }
             Canon::StraightProbe(..) => Err(CanonError::NotSupported("probing (G38)")),
             Canon::Wait(_) => Err(CanonError::NotSupported("waiting for an input (M66)")),
-            Canon::SetMotionOutputValue { .. } => Err(CanonError::NotSupported("an analog output (M67)")),
-            Canon::SetAuxOutputValue { .. } => Err(CanonError::NotSupported("an analog output (M68)")),
+            Canon::SetMotionOutputValue { output, value } => self.set_analog("M67", *output, *value, line, sink),
+            Canon::SetAuxOutputValue { output, value } => self.set_analog("M68", *output, *value, line, sink),
             Canon::UserCode { number, .. } => self.user_code(*number, line, sink),
             // none of these moves or switches anything on this machine
             Canon::OnReset
@@ -144,6 +144,44 @@ impl<'m> CanonExecutor<'m> {
             | Canon::SetNaivecamTolerance(_)
             | Canon::Message(_)
             | Canon::Print(_) => Ok(()),
+        }
+    }
+
+    /// S: the speed of the spindle, or the power of a beam, which changes in passing while the beam is on (CUT-20).
+    fn set_speed<const A: usize>(
+        &mut self,
+        code: &'static str,
+        value: i32,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let beam = self.machine.powered_beam().filter(|beam| self.cutters.is_lit(self.machine, beam.fire));
+        if beam.is_some() {
+            self.cutters.record_power_change();
+            sink.action(OutputChange { channel: channel::SPEED, value }, line);
+            return Ok(());
+        }
+        self.switch(code, channel::SPEED, value, line, sink)
+    }
+
+    /// M67 and M68: the power of a beam, if the machine file names the output.
+    fn set_analog<const A: usize>(
+        &mut self,
+        code: &'static str,
+        index: i32,
+        value: f64,
+        line: u32,
+        sink: &mut impl MotionSink<A>,
+    ) -> Result<(), CanonError> {
+        let analog = self.machine.powered_beam().and_then(|beam| beam.power?.analog);
+        if analog.is_none_or(|number| i32::from(number) != index) {
+            let what = if code == "M67" { "an analog output (M67)" } else { "an analog output (M68)" };
+            return Err(CanonError::NotSupported(what));
+        }
+        let thousandths = (value * 1000.0).clamp(0.0, f64::from(i32::MAX)).round() as i32;
+        match code {
+            "M67" => self.set_speed(code, thousandths, line, sink),
+            _ => self.switch(code, channel::SPEED, thousandths, line, sink),
         }
     }
 

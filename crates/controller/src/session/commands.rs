@@ -194,7 +194,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
                 return Err(CommandError::NotNow(why));
             }
             _ if !self.config.retrace_cuts => {
-                let why = "only a jet whose [[cutter]] has retrace_cut = true can cut while the path is retraced";
+                let why = "only a cutter whose [[cutter]] has retrace_cut = true can cut while the path is retraced";
                 return Err(CommandError::NotNow(why));
             }
             _ => {}
@@ -205,8 +205,12 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let channel = self.streamer.last_fired_channel().ok_or(CommandError::NoPierce)?;
         self.emit(EventKind::CutterOn(channel));
         if !self.card.status().at_rest {
-            // a jet may be opened while the machine moves
-            let change = OutputChange { channel, value: 1 };
+            // a jet may be opened while the machine moves; a beam follows the speed as the program has it
+            let value = match self.streamer.expected()[usize::from(channel)] {
+                0 => 1,
+                value => value,
+            };
+            let change = OutputChange { channel, value };
             return if self.send_manual_output(change) { Ok(()) } else { Err(CommandError::NoOutput(channel)) };
         }
         self.restart_cutter(channel);

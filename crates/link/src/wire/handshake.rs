@@ -4,14 +4,14 @@
 //! reported.
 
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Place, RecordIndex};
+use retrace_core::{FeedShare, Place, RecordIndex};
 
 use super::entry::{read_alarm, write_alarm};
 use super::message::{read_change, write_change};
 use super::{ByteReader, ByteWriter};
 use crate::{
-    Alarm, CardIdentity, CardSettings, CuttingChannel, CuttingSettings, InputSetting, InputUse, LayerSettings,
-    MAX_CUTTING_CHANNELS, MAX_SAFE, PathStart, ProofInput,
+    Alarm, BeamPower, CardIdentity, CardSettings, CuttingChannel, CuttingSettings, InputSetting, InputUse,
+    LayerSettings, MAX_CUTTING_CHANNELS, MAX_SAFE, PathStart, ProofInput,
 };
 
 /// Greeting: a card's answer to a greeting request.
@@ -50,7 +50,8 @@ impl<const A: usize> Greeting<A> {
         writer.slice(&of.name)?;
         writer.u32(of.serial)?;
         writer.u32(of.boot)?;
-        writer.slice(&[of.axes, of.outputs, of.inputs])?;
+        let outputs = of.outputs | if of.has_power_output { POWER_OUTPUT } else { 0 };
+        writer.slice(&[of.axes, outputs, of.inputs])?;
         for value in [of.window, of.tick_hz, of.min_period_us, of.max_period_us, of.max_pulses_hz] {
             writer.count(u64::from(value))?;
         }
@@ -84,8 +85,9 @@ impl<const A: usize> Greeting<A> {
             serial,
             boot,
             axes,
-            outputs,
+            outputs: outputs & !POWER_OUTPUT,
             inputs,
+            has_power_output: outputs & POWER_OUTPUT != 0,
             window: reader.count32()?,
             tick_hz: reader.count32()?,
             min_period_us: reader.count32()?,
@@ -108,6 +110,9 @@ impl<const A: usize> Greeting<A> {
         Some(Ok(Self { nonce, identity, epoch, last_epoch, place, at_rest, reached, executed, counts, layer, alarm }))
     }
 }
+
+/// Flag in the number of outputs: the card has an output for the power of a beam.
+const POWER_OUTPUT: u8 = 0x80;
 
 /// Settings of an epoch, as they are sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -222,6 +227,8 @@ fn read_layer(reader: &mut ByteReader<'_>) -> Option<Option<LayerSettings>> {
 
 /// Flag in the number of channels: dry run.
 const INHIBIT: u8 = 0x80;
+/// Flag in the channel of a beam: its power output is used.
+const HAS_POWER: u8 = 0x80;
 /// Flag in a cutting channel's number: it fires.
 const FIRES: u8 = 0x80;
 
@@ -236,7 +243,10 @@ fn write_cutting(writer: &mut ByteWriter<'_>, cutting: &CuttingSettings) -> Opti
         writer.u8(proof.input)?;
         let periods = [proof.proven_periods, proof.lost_periods, proof.out_periods];
         periods.into_iter().try_for_each(|periods| writer.count(u64::from(periods)))
-    })
+    })?;
+    let Some(BeamPower { channel, least }) = cutting.beam_power else { return writer.u8(0) };
+    writer.u8(HAS_POWER | channel)?;
+    writer.u16(least.units())
 }
 
 fn read_cutting(reader: &mut ByteReader<'_>) -> Option<CuttingSettings> {
@@ -268,6 +278,11 @@ fn read_cutting(reader: &mut ByteReader<'_>) -> Option<CuttingSettings> {
                 })
             },
         };
+    }
+    let channel = reader.u8()?;
+    if channel & HAS_POWER != 0 {
+        let least = FeedShare::from_units(reader.u16()?);
+        cutting.beam_power = Some(BeamPower { channel: channel & !HAS_POWER, least });
     }
     Some(cutting)
 }

@@ -5,12 +5,13 @@
 //! each
 //! l: the line differs; signed  f: flags follow   c: the cap differs; it follows   r: rests before it (behind)
 //! ```
-//! then the increments' differences (of 4 bits: two per byte, the first axis low), line, flags, cap. Constant speed
-//! costs one byte per record; acceleration that of its differences, which at usual limits fit four bits.
+//! then the increments' differences (of 4 bits: two per byte, the first axis low), line, flags, cap. Bit 7 of the
+//! flags: the feed share differs; its signed difference is last. Constant speed costs one byte per record; acceleration
+//! that of its differences, which at usual limits fit four bits.
 //!
 //! Invariant: a run begins in each payload with a record number of its own and differences from zero.
 
-use retrace_core::{Flags, RapidCap, Record, RecordIndex};
+use retrace_core::{FeedShare, Flags, RapidCap, Record, RecordIndex};
 
 use super::{ByteReader, ByteWriter};
 use crate::HostCommand;
@@ -22,6 +23,8 @@ const LINE: u8 = 0x08;
 const FLAGS: u8 = 0x04;
 const CAP: u8 = 0x02;
 const RESTS: u8 = 0x01;
+/// Bit in the flags: the feed share differs.
+const FEED_SHARE: u8 = 0x80;
 
 /// State of a run of records in a payload.
 #[derive(Clone, Copy, Debug)]
@@ -73,11 +76,14 @@ impl<const A: usize> RecordRun<A> {
         let size = size_of_differences(differences);
         let has = |flag: u8, so: bool| if so { flag } else { 0 };
         let line = i64::from(record.line) - i64::from(last.line);
+        let feed_share = i64::from(record.feed_share.units()) - i64::from(last.feed_share.units());
+        let flags = record.flags.bits() | if feed_share != 0 { FEED_SHARE } else { 0 };
+        let has_flags = flags != last.flags.lasting().bits();
         let tag = RECORD
             | has(BEHIND, behind)
             | size << 4
             | has(LINE, line != 0)
-            | has(FLAGS, record.flags != last.flags.lasting())
+            | has(FLAGS, has_flags)
             | has(CAP, record.cap != last.cap)
             | has(RESTS, rests);
         writer.u8(tag)?;
@@ -85,11 +91,14 @@ impl<const A: usize> RecordRun<A> {
         if line != 0 {
             writer.signed(line)?;
         }
-        if record.flags != last.flags.lasting() {
-            writer.u8(record.flags.bits())?;
+        if has_flags {
+            writer.u8(flags)?;
         }
         if record.cap != last.cap {
             writer.u8(record.cap.get())?;
+        }
+        if feed_share != 0 {
+            writer.signed(feed_share)?;
         }
         self.last = Some(PreviousRecord { place, record: *record });
         Some(())
@@ -100,8 +109,8 @@ impl<const A: usize> RecordRun<A> {
         let behind = tag & BEHIND != 0;
         let place = self.next_place(behind)?;
         let last = self.last?.record;
-        let flags = last.flags.lasting();
-        let mut record = Record { line: last.line, flags, cap: last.cap, ..Record::default() };
+        let mut flags = last.flags.lasting().bits();
+        let mut record = Record { increments: [0; A], ..last };
         let mut differences = [0i16; A];
         read_differences(reader, &mut differences[..self.axes], tag >> 4 & 3)?;
         for (now, (before, difference)) in record.increments.iter_mut().zip(last.increments.iter().zip(differences)) {
@@ -111,10 +120,15 @@ impl<const A: usize> RecordRun<A> {
             record.line = u32::try_from(i64::from(last.line).checked_add(reader.signed()?)?).ok()?;
         }
         if tag & FLAGS != 0 {
-            record.flags = Flags::from_bits(reader.u8()?);
+            flags = reader.u8()?;
         }
+        record.flags = Flags::from_bits(flags);
         if tag & CAP != 0 {
             record.cap = RapidCap::sixteenths(reader.u8()?);
+        }
+        if flags & FEED_SHARE != 0 {
+            let units = i64::from(last.feed_share.units()).checked_add(reader.signed()?)?;
+            record.feed_share = FeedShare::from_units(u16::try_from(units).ok()?);
         }
         self.last = Some(PreviousRecord { place, record });
         let rests = tag & RESTS != 0;

@@ -2,28 +2,28 @@
 
 use proptest::prelude::*;
 use retrace_core::limits::{PulseLimits, RateLimits};
-use retrace_core::{Distance, Flags, Place, RapidCap, Record, RecordIndex};
+use retrace_core::{Distance, FeedShare, Flags, Place, RapidCap, Record, RecordIndex};
 use retrace_link::frame::MAX_PAYLOAD;
 use retrace_link::wire::{
     ByteReader, ByteWriter, Greeting, Opening, RecordRun, ReportEntry, read_command, write_command,
 };
 use retrace_link::{
-    Alarm, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings, HomingCommand,
-    HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings, MAX_CHANGES,
-    MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OutputAction, OutputChange, PROTOCOL, PathStart, ProofInput,
-    RepeatedInstruction,
+    Alarm, BeamPower, CardIdentity, CardSettings, CutterOff, CutterOffCause, CuttingChannel, CuttingSettings,
+    HomingCommand, HostCommand, Ignition, InputSetting, InputUse, InputWait, Instruction, LayerMove, LayerSettings,
+    MAX_CHANGES, MAX_CUTTING_CHANNELS, MAX_PROOFS, MAX_SAFE, OutputAction, OutputChange, PROTOCOL, PathStart,
+    ProofInput, RepeatedInstruction,
 };
 
 fn record() -> impl Strategy<Value = Record<4>> {
     let increment = prop_oneof![-3i16..3, -100i16..100, any::<i16>()];
-    (prop::array::uniform4(increment), any::<u32>(), 0u8..4, 0u8..=255).prop_map(|(increments, line, flags, cap)| {
-        Record {
-            increments,
-            line: line >> (line & 31),
-            flags: Flags::from_bits(flags),
-            cap: RapidCap::sixteenths(cap),
-            spare: 0,
-        }
+    let share = prop_oneof![Just(0), Just(1 << 15), any::<u16>()];
+    let all = (prop::array::uniform4(increment), any::<u32>(), 0u8..4, 0u8..=255, share);
+    all.prop_map(|(increments, line, flags, cap, share)| Record {
+        increments,
+        line: line >> (line & 31),
+        flags: Flags::from_bits(flags),
+        cap: RapidCap::sixteenths(cap),
+        feed_share: FeedShare::from_units(share),
     })
 }
 
@@ -212,6 +212,7 @@ fn handshakes_are_read_back() {
         axes: 3,
         outputs: 64,
         inputs: 16,
+        has_power_output: true,
         window: 4096,
         memory: 64,
         tick_hz: 168_000_000,
@@ -265,6 +266,7 @@ fn handshakes_are_read_back() {
     settings.cutting.channels[1] =
         CuttingChannel { channel: 3, fires: false, standing_periods: 0, lit_in_reverse: false, proof: None };
     (settings.cutting.count, settings.cutting.handover_periods, settings.cutting.inhibit) = (2, 100, true);
+    settings.cutting.beam_power = Some(BeamPower { channel: 64, least: FeedShare::from_units(3_277) });
     let mut writer = ByteWriter::new(&mut bytes);
     Opening(settings).write(&mut writer).expect("room");
     let length = writer.len();
@@ -284,8 +286,13 @@ fn the_longest_opening_of_four_axes_fits_a_frame() {
     settings.safe_count = 16;
     let channel =
         CuttingChannel { channel: 64, fires: true, standing_periods: 20_000, lit_in_reverse: true, proof: Some(PROOF) };
-    settings.cutting =
-        CuttingSettings { channels: [channel; MAX_CUTTING_CHANNELS], count: 8, handover_periods: 400, inhibit: true };
+    settings.cutting = CuttingSettings {
+        channels: [channel; MAX_CUTTING_CHANNELS],
+        count: 8,
+        handover_periods: 400,
+        inhibit: true,
+        beam_power: Some(BeamPower { channel: 64, least: FeedShare::FEED }),
+    };
     for without_input in &mut settings.cutting.channels[MAX_PROOFS..] {
         without_input.proof = None;
     }

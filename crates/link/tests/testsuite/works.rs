@@ -38,6 +38,7 @@ impl Works {
             axes: 3,
             outputs: 8,
             inputs: 4,
+            has_power_output: false,
             window: WINDOW,
             memory: 64,
             tick_hz: 1_000_000,

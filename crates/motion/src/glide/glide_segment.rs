@@ -5,6 +5,7 @@
 
 use crate::curve::Derivatives;
 use crate::glide::ramp_pair::{CELLS, HALF, RampPair};
+use crate::piece::RAPID;
 use crate::profile::KinematicState;
 
 /// A glide at a corner.
@@ -16,8 +17,8 @@ pub(crate) struct GlideSegment<const A: usize> {
     pub(crate) directions: [[f64; A]; 2],
     /// Program lines of the tracks.
     pub(crate) tags: [u32; 2],
-    /// Whether the motion on both sides is rapid.
-    pub(crate) rapid: bool,
+    /// Requested speeds of the tracks, mm/s.
+    feeds: [f64; 2],
     pub(crate) ramps: RampPair,
     nodes: [[KinematicState; CELLS + 1]; 2],
 }
@@ -34,10 +35,10 @@ impl<const A: usize> GlideSegment<A> {
         corner: [f64; A],
         directions: [[f64; A]; 2],
         tags: [u32; 2],
-        rapid: bool,
+        feeds: [f64; 2],
         ramps: RampPair,
     ) -> Self {
-        Self { corner, directions, tags, rapid, ramps, nodes: ramps.pair.map(|ramp| ramp.nodes(ramps.cell)) }
+        Self { corner, directions, tags, feeds, ramps, nodes: ramps.pair.map(|ramp| ramp.nodes(ramps.cell)) }
     }
 
     /// Duration, s.
@@ -47,7 +48,22 @@ impl<const A: usize> GlideSegment<A> {
 
     /// Program line of the track in force at time `t`.
     pub(crate) fn tag(&self, t: f64) -> u32 {
-        self.tags[usize::from(t > HALF as f64 * self.ramps.cell)]
+        self.tags[self.track(t)]
+    }
+
+    /// Requested speed on the track in force at time `t`, mm/s.
+    pub(crate) fn feed(&self, t: f64) -> f64 {
+        self.feeds[self.track(t)]
+    }
+
+    /// Whether the motion on both sides is rapid.
+    pub(crate) fn is_rapid(&self) -> bool {
+        self.feeds == [RAPID; 2]
+    }
+
+    /// Number of the track in force at time `t`.
+    fn track(&self, t: f64) -> usize {
+        usize::from(t > HALF as f64 * self.ramps.cell)
     }
 
     /// Position and motion `t` seconds after the start, by the jerks of cell `cell`.
@@ -84,7 +100,7 @@ mod tests {
         fn a_passage_is_smooth(jerks in prop::collection::vec(-1e4..1e4f64, 2 * CELLS), cell in 0.001..0.01f64) {
             let ramp = |from: usize| Ramp(std::array::from_fn(|k| jerks[from + k]));
             let ramps = RampPair { cell, pair: [ramp(0), ramp(CELLS)] };
-            let passage = GlideSegment::new([1.0, 2.0], [[1.0, 0.0], [0.6, 0.8]], [1, 2], false, ramps);
+            let passage = GlideSegment::new([1.0, 2.0], [[1.0, 0.0], [0.6, 0.8]], [1, 2], [10.0; 2], ramps);
             let [out, into] = ramps.ends();
             let (start, end) = (passage.at(0, 0.0), passage.at(CELLS - 1, passage.duration()));
             prop_assert!((start.position[0] - (1.0 - out.s)).abs() < 1e-12 && (start.position[1] - 2.0).abs() < 1e-12);

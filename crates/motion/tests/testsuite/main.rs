@@ -3,6 +3,7 @@
 mod common;
 mod corners;
 mod feed_override;
+mod feed_shares;
 mod plan;
 mod solver;
 mod source_glide;

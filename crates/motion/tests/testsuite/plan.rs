@@ -169,6 +169,7 @@ proptest! {
             path_velocity_mm_s: 10f64.powf(path),
             reserve,
             period_s,
+            feed_shares: false,
         };
         prop_assume!(limits.validate().is_ok());
         let moves = program(&steps, mode);

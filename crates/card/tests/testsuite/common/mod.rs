@@ -32,6 +32,7 @@ pub(crate) fn identity() -> CardIdentity {
         axes: 2,
         outputs: 8,
         inputs: 6,
+        has_power_output: true,
         window: 0,
         memory: 0,
         tick_hz: 1_000_000,
@@ -92,7 +93,7 @@ pub(crate) fn record(place: u32) -> Record<2> {
     let flags = if place % 16 == 15 { kind.with(Flags::REST) } else { kind };
     let increments = [(scramble % 61) as i16 - 30, (scramble / 61 % 61) as i16 - 30];
     let cap = if place.is_multiple_of(7) { RapidCap::sixteenths(40) } else { RapidCap::PLANNED };
-    Record { increments, line: place, flags, cap, spare: 0 }
+    Record { increments, line: place, flags, cap, ..Record::default() }
 }
 
 /// Is the path at rest before this record?
