@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 use crate::cutter_state::CutterState;
 use crate::dnc_events::DncEvent;
-use crate::operator::{CommandError, OperatorCommand};
+use crate::operator::{CommandError, LeadShape, OperatorCommand};
 
 /// A cause that stops the machine for the rest of the run.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -226,6 +226,8 @@ pub enum EventKind {
     },
     /// The next start of the cutter lies at this distance from its place on the path, X and Y in mm.
     Shift([f64; 2]),
+    /// How shifted starts lead in.
+    Lead(LeadShape),
     /// The lead-in has joined the path.
     Joined,
     /// The program is executed again from here, where it was executed before.
@@ -334,6 +336,7 @@ impl Event {
                 json!({"event": "contour", "number": number, "not_cut_mm": not_cut_mm})
             }
             EventKind::Shift([x, y]) => json!({"event": "shift", "x_mm": x, "y_mm": y}),
+            EventKind::Lead(shape) => json!({"event": "lead", "shape": shape.name()}),
             EventKind::Joined => json!({"event": "joined"}),
             EventKind::CutFromHere { moving } => {
                 json!({"event": "cut_from_here", "start": if *moving { "moving" } else { "pierce" }})
@@ -448,6 +451,8 @@ impl Event {
             EventKind::Contour { number, not_cut_mm } => format!("contour {number}: {not_cut_mm:.2} mm are not cut"),
             EventKind::Shift([x, y]) if [*x, *y] == [0.0; 2] => "the cutter starts on the path".into(),
             EventKind::Shift([x, y]) => format!("the cutter starts X{x:+.3} Y{y:+.3} mm beside the path"),
+            EventKind::Lead(LeadShape::Line) => "shifted starts lead in along a straight line".into(),
+            EventKind::Lead(LeadShape::Arc) => "shifted starts lead in along an arc".into(),
             EventKind::Joined => "the lead-in has joined the path".into(),
             EventKind::CutFromHere { moving: true } => "cutting from here: the cutter starts in motion".into(),
             EventKind::CutFromHere { moving: false } => "cutting from here".into(),

@@ -37,6 +37,7 @@ mod job;
 mod jog_mailbox;
 mod jog_planner;
 mod journal_recorder;
+mod lead_arc;
 mod limit_check;
 mod limit_monitor;
 mod manual;
@@ -79,6 +80,7 @@ pub use fingerprint::planning_fingerprint;
 pub use job::{JobEnd, JobOptions, JobStart, JobStartError, check_program, feed_program, resume_job, run_job};
 pub use jog_planner::{Identify, JogPlanner, MANUAL_PLACE_OFFSET};
 pub use journal_recorder::JournalRecorder;
+pub use lead_arc::LeadArcError;
 pub use limit_check::LimitCheck;
 pub use limit_monitor::{AxisExtremes, LimitMonitor, LimitReport, LimitViolation, MonitorLimits};
 pub use manual::{ManualTask, ManualTaskDone, ManualTaskError, perform_manual_task};
@@ -86,7 +88,8 @@ pub use material_figures::material_config;
 pub use mdi::{MdiBlock, ModalContext, interpreter_setup};
 pub use motion_sink::MotionSink;
 pub use operator::{
-    CommandError, CutStart, OperatorCommand, ScriptInstruction, ScriptTime, Shift, parse_script, rate_percent,
+    CommandError, CutStart, LeadShape, OperatorCommand, ScriptInstruction, ScriptTime, Shift, parse_script,
+    rate_percent,
 };
 pub use overrides::{OverrideApplier, OverrideQueueFull, OverrideRequester};
 pub use plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanEnd, PlanSummary};

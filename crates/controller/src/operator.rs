@@ -11,6 +11,7 @@ use retrace_core::mode::ModeError;
 use retrace_core::{Rate, interruption};
 use retrace_link::channel;
 
+use crate::lead_arc::LeadArcError;
 use crate::tool_length::{EnteredLength, ToolLengthError};
 
 /// Time at which an instruction is due.
@@ -44,6 +45,16 @@ pub enum Shift {
     To([f64; 2]),
     /// So many widths of the kerf further in X and Y than before.
     Steps([i8; 2]),
+}
+
+/// How a cutter that starts beside the path leads in to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LeadShape {
+    /// Along a straight line.
+    #[default]
+    Line,
+    /// Along an arc that meets the path in its direction.
+    Arc,
 }
 
 /// A command of the operator.
@@ -116,6 +127,8 @@ pub enum OperatorCommand {
     CutAll,
     /// Shifts the next start of the cutter beside the path.
     Shift(Shift),
+    /// How shifted starts lead in.
+    Lead(LeadShape),
     /// *Pause*: interrupts the program at a breakpoint (DNC-1).
     Pause,
     /// Stops the spindle manually (DNC-3).
@@ -135,6 +148,17 @@ pub enum OperatorCommand {
     Online,
     /// *Cycle start* (DNC-6). The same as [`OperatorCommand::Resume`] where nothing is paused.
     CycleStart,
+}
+
+impl LeadShape {
+    /// Its word: `line` or `arc`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Line => "line",
+            Self::Arc => "arc",
+        }
+    }
 }
 
 impl fmt::Display for OperatorCommand {
@@ -170,6 +194,7 @@ impl fmt::Display for OperatorCommand {
                 let found = DIRECTIONS.iter().find(|(_, direction)| direction == steps);
                 write!(f, "shift {}", found.map_or("0", |(name, _)| name))
             }
+            Self::Lead(shape) => write!(f, "lead {}", shape.name()),
             Self::CutFromHere(CutStart::Usual) => write!(f, "cut"),
             Self::CutFromHere(CutStart::Pierce) => write!(f, "cut pierce"),
             Self::CutFromHere(CutStart::Moving) => write!(f, "cut moving"),
@@ -205,6 +230,8 @@ pub enum CommandError {
     Interrupted(interruption::InterruptionError),
     /// The axis is at its soft limit already, or the destination is beyond it.
     BeyondLimit(char),
+    /// No arc leads in from the shifted start.
+    NoLeadArc(LeadArcError),
     /// The machine has no such axis.
     NoAxis(char),
     /// The tool length cannot be entered.
@@ -227,6 +254,7 @@ impl fmt::Display for CommandError {
             Self::Interrupted(refused) => return crate::dnc_events::explain(*refused, f),
             Self::ToolLength(why) => return write!(f, "{why}"),
             Self::NotNow(why) => why,
+            Self::NoLeadArc(why) => return write!(f, "{why}"),
             Self::AboveMaxOverride(most) => return write!(f, "the maximum is {:.0} %", rate_percent(*most)),
             Self::BeyondLimit(axis) => {
                 return write!(f, "axis {} would go beyond its soft limit", axis.to_ascii_uppercase());
@@ -337,6 +365,8 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
         ["cut", "pierce"] => OperatorCommand::CutFromHere(CutStart::Pierce),
         ["cut", "moving"] => OperatorCommand::CutFromHere(CutStart::Moving),
         ["shift", rest @ ..] => OperatorCommand::Shift(parse_shift(rest)?),
+        ["lead", "line"] => OperatorCommand::Lead(LeadShape::Line),
+        ["lead", "arc"] => OperatorCommand::Lead(LeadShape::Arc),
         ["cutter", "off"] => OperatorCommand::CutterOff,
         ["cutter", "on"] => OperatorCommand::CutterOn,
         ["test", "pulse"] => OperatorCommand::TestPulse,
@@ -365,7 +395,7 @@ fn parse_command(words: &[&str]) -> Result<OperatorCommand, InstructionError> {
             let known = [
                 "hold", "resume", "reverse", "forward", "override", "wheel", "leave", "agree", "output", "single",
                 "stop", "back", "pause", "spindle", "jog", "online", "cycle", "recover", "cutter", "optional", "rapid",
-                "skip", "test", "tool", "cut", "shift",
+                "skip", "test", "tool", "cut", "shift", "lead",
             ];
             let remedy = match nearest(first, known) {
                 Some(word) if word != *first => format!("did you mean `{word}`?"),
@@ -383,6 +413,7 @@ fn usage_example(word: &str) -> &'static str {
         "back" => "back 50 mm · back to block · back to pierce · back to cut end · back to contour 3",
         "cut" => "cut · cut pierce · cut moving",
         "shift" => "shift 1.5 -0.8 · shift nw · shift 0",
+        "lead" => "lead line · lead arc",
         "spindle" => "spindle stop · spindle start",
         "jog" => "jog z 10",
         "tool" => "tool length 84.2 · tool length by -0.35",

@@ -24,7 +24,7 @@ use retrace_link::{CardStatus, HostCommand, MAX_CHANGES, MotionCard, OutputActio
 use crate::plan_item::{ExclusiveInstruction, ExclusiveKind, PathItem, PlanSummary};
 use crate::restart::{OutputOrigins, RestartStep};
 use block_window::BlockWindow;
-pub(crate) use lead_in::{LeadIn, LeadInMove};
+pub(crate) use lead_in::{LeadIn, LeadInEnd, LeadInMove};
 
 /// How far ahead records may be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -106,6 +106,7 @@ fn command_text(model: &ScreenModel, command: &OperatorCommand) -> String {
         OperatorCommand::CutAll => "cut from here, every contour again".into(),
         OperatorCommand::CutFromHere(_) => "cut from here".into(),
         OperatorCommand::Shift(_) => "shift the start of the cut".into(),
+        OperatorCommand::Lead(shape) => format!("shifted starts lead in by {}", shape.name()),
         OperatorCommand::Pause => "pause".into(),
         OperatorCommand::SpindleStop => "stop the spindle".into(),
         OperatorCommand::SpindleStart => "start the spindle".into(),

@@ -3,7 +3,7 @@
 //! Invariant: a pure function of key, time and model. Space is feed hold whatever dialog is open, except while a line
 //! is typed where nothing runs: there it is a blank.
 
-use retrace_controller::{CutStart, EnteredLength, ManualTask, OperatorCommand};
+use retrace_controller::{CutStart, EnteredLength, LeadShape, ManualTask, OperatorCommand};
 use retrace_core::Rate;
 use retrace_core::mode::Mode;
 use retrace_link::channel;
@@ -508,6 +508,8 @@ fn answer(ask: PendingQuestion, text: &str, model: &ScreenModel) -> Result<UiCom
             Ok(mm) if mm.is_finite() && mm > 0.0 => Ok(UiCommand::Job(OperatorCommand::BackBy(mm))),
             _ => Err("enter a distance above 0 mm, such as 20, or a contour, such as c3".into()),
         },
+        PendingQuestion::Shift if text == "arc" => Ok(UiCommand::Job(OperatorCommand::Lead(LeadShape::Arc))),
+        PendingQuestion::Shift if text == "line" => Ok(UiCommand::Job(OperatorCommand::Lead(LeadShape::Line))),
         PendingQuestion::Shift => text.parse().map(|shift| UiCommand::Job(OperatorCommand::Shift(shift))),
         PendingQuestion::Output => output(text, model),
         PendingQuestion::Mdi if text.is_empty() => Err("enter a block such as G0 X10".into()),

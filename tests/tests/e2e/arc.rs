@@ -372,6 +372,52 @@ fn a_shifted_restart_pierces_beside_the_path_and_leads_in_to_it() {
     }
 }
 
+fn with_lowest_y(mm: f64) -> String {
+    let text = machine();
+    let (x, rest) = text.split_at(text.find("name = \"y\"").expect("an axis Y"));
+    x.to_owned() + &rest.replacen("[-50, 500]", &format!("[{mm}, 500]"), 1)
+}
+
+/// The arc ends in the path's direction, which is joined in motion, within the limits; a hold on it changes nothing.
+#[test]
+fn a_shifted_restart_leads_in_along_an_arc() {
+    let (whole, uninterrupted) = run("", "", &[]);
+    for (shift, more) in
+        [("-3 -4", ""), ("0 3", ""), ("-1 -1.5", "after 1.15s hold\nafter 1s shift -1 2\nafter 0.1s recover\n")]
+    {
+        let script = format!("at 2.9s lead arc\nat 3s shift {shift}\nafter 0.1s recover\n{more}");
+        let (run, trace) = run("lose@20", &script, &[]);
+        let what = format!("{shift}\n{}", run.output.out);
+        assert_ends_as(&run, &whole);
+        let verdict = judge(&uninterrupted, &trace, &JudgedMachine { has_lead_ins: true, ..JUDGED });
+        let ignitions = if more.is_empty() { 3 } else { 4 };
+        assert!(verdict.is_good() && verdict.ignitions == ignitions, "{verdict:?} {what}");
+        assert_eq!(run.audit().violations, [0; 3], "{:?} {what}", run.audit().first);
+        // it joins at X29 along X
+        let join = trace.iter().rposition(|s| s.is_on("spindle") && s.counts[1] != 0).expect("a lead-in") + 1;
+        assert!((trace[join].counts[0] - 29 * 200).abs() <= 60, "{:?} {what}", trace[join].counts);
+        assert!(trace[join].rate >= 0.5 && !trace[join].at_rest, "{} {what}", trace[join].rate);
+        let turned = [0, 1].map(|axis| (trace[join].counts[axis] - trace[join - 20].counts[axis]).abs());
+        assert!(turned[0] > 3 * turned[1], "{turned:?} {what}");
+    }
+    let (run, _) = run("lose@20", "at 3s lead arc\nafter 0s shift 3 4\nafter 0.1s recover\nat 9s hold\n", &[]);
+    let rejected = rejections(&run);
+    assert!(rejected.len() == 1 && rejected[0].contains("`shift 0.000 5.000`"), "{rejected:?}");
+    // start and join are within the limits of Y, the lowest part of the arc is not
+    let program = "G21 G90 F1800\nG0 X10 Y20\nM3 S1\nG1 X30\nG1 Y60\nM5\nM2\n";
+    for (low_mm, is_refused) in [(19.9, true), (18.0, false)] {
+        let bench = Bench::new();
+        let machine = with_lowest_y(low_mm);
+        let (program, machine) = (bench.file("part.ngc", program), bench.file("m.toml", machine));
+        let operator = bench.file("s.op", "at 4s lead arc\nafter 0s shift -4 -0.5\nafter 0.1s recover\nat 14s hold\n");
+        let [machine, operator] = [machine, operator].map(|path| path.display().to_string());
+        let arguments = ["--machine", &machine, "--source-faults", "lose@22.2", "--operator", &operator];
+        let run = Run::of(&bench, &program, &arguments);
+        let rejected = rejections(&run).iter().any(|why| why.contains("axis Y would go beyond"));
+        assert_eq!(rejected, is_refused, "{low_mm} {}", run.output.out);
+    }
+}
+
 #[test]
 fn a_welded_contact_is_an_alarm_before_anything_is_lit() {
     let (run, trace) = run("welded", "", &[]);

@@ -3,7 +3,8 @@
 //!
 //! They have the place numbers before the place where the path is joined, so that they are played in the epoch of what
 //! follows; the recorded path itself is unchanged. Each move has one velocity. The machine rests at both of its ends,
-//! which the card's rate law provides: nothing beyond the end of a move is sent before.
+//! which the card's rate law provides: nothing beyond the end of a move is sent before. Only an arc may be followed by
+//! the records of the path without a rest.
 //!
 //! Invariant: the increments of each move sum to the difference of its ends exactly.
 
@@ -30,31 +31,61 @@ pub(crate) struct LeadInMove<const A: usize> {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct LeadIn<const A: usize> {
     records: Vec<Record<A>>,
-    /// Where its moves end; the last one is where the path is joined, the last but one where the cutter starts.
+    /// Where the machine rests, in the order of the path.
     stops: Vec<RecordIndex>,
     begin: RecordIndex,
+    /// Where the cutter starts.
+    start: RecordIndex,
+}
+
+/// The part of a lead-in on which the cutter is on.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum LeadInEnd<const A: usize> {
+    /// A straight move, at whose end the machine rests.
+    Line(LeadInMove<A>),
+    /// A curve, by the counts at the ends of its records.
+    Curve {
+        /// The last ones are those of the join.
+        counts: Vec<[i64; A]>,
+        /// Whether the machine rests at the join.
+        rests: bool,
+    },
 }
 
 impl<const A: usize> LeadIn<A> {
-    /// Plans the moves that begin at the counts `from` and end where the path is joined at `join`. The last one leads
-    /// in; there is at least one.
+    /// Plans the moves that begin at the counts `from`, and the end that leads in and joins the path at `join`.
     pub(crate) fn new(
         join: RecordIndex,
         from: [i64; A],
-        moves: &[LeadInMove<A>],
+        (moves, end): (&[LeadInMove<A>], &LeadInEnd<A>),
         mm_per_pulse: &[f64; A],
         period_s: f64,
     ) -> Self {
         let (mut records, mut at, mut lengths) = (Vec::new(), from, Vec::new());
-        for part in moves {
+        let mut append = |records: &mut Vec<Record<A>>, at: [i64; A], part: &LeadInMove<A>| {
             let pulses = std::array::from_fn(|axis| part.to[axis] - at[axis]);
-            append_move(&mut records, pulses, part, mm_per_pulse, period_s);
+            append_move(records, pulses, part, mm_per_pulse, period_s);
             lengths.push(records.len() as u32);
+        };
+        for part in moves {
+            append(&mut records, at, part);
             at = part.to;
+        }
+        let start = records.len() as u32;
+        match end {
+            LeadInEnd::Line(part) => append(&mut records, at, part),
+            LeadInEnd::Curve { counts, rests } => {
+                for to in counts {
+                    let increments = std::array::from_fn(|axis| (to[axis] - at[axis]) as i16);
+                    records.push(Record { increments, ..Record::default() });
+                    at = *to;
+                }
+                lengths.extend(rests.then_some(records.len() as u32));
+            }
         }
         let begin = join - records.len() as u32;
         let stops = lengths.into_iter().map(|length| begin + length).collect();
-        Self { records, stops, begin }
+        Self { records, stops, begin, start: begin + start }
     }
 
     /// Place where it begins.
@@ -69,7 +100,7 @@ impl<const A: usize> LeadIn<A> {
 
     /// Place where the cutter starts.
     pub(crate) fn start(&self) -> RecordIndex {
-        self.stops.len().checked_sub(2).map_or(self.begin, |at| self.stops[at])
+        self.start
     }
 
     /// Returns its record at a place, if there is one.
@@ -78,8 +109,8 @@ impl<const A: usize> LeadIn<A> {
         is_inside.then(|| self.records.get(place.since(self.begin) as usize).copied())?
     }
 
-    /// Place at which sending ends: the next stop, or the one after it once the machine rests there. `None` where it is
-    /// at rest at the join, or beyond.
+    /// Place at which sending ends: the next stop, or the one after it once the machine rests there. `None` behind the
+    /// last one.
     pub(crate) fn end_of_sending(&self, place: Place, at_rest: bool) -> Option<RecordIndex> {
         let is_done = |stop: RecordIndex| {
             let stop = Place::start_of(stop);
@@ -110,13 +141,14 @@ impl<const A: usize> RecordStreamer<'_, A> {
     pub(super) fn fill_lead_in<C: MotionCard<A>>(&self, card: &mut C, place: RecordIndex) -> Option<RecordIndex> {
         let Some(lead_in) = &self.lead_in else { return Some(place) };
         let (mut place, status) = (place, card.status());
-        let Some(end) = lead_in.end_of_sending(status.place, status.at_rest) else { return Some(place) };
+        let stop = lead_in.end_of_sending(status.place, status.at_rest);
+        let end = stop.unwrap_or(lead_in.join());
         while place.is_before(end) {
             let record = lead_in.record(place)?;
             card.send(HostCommand::Ahead { place, record }).ok()?;
             place += 1;
         }
-        None
+        stop.is_none().then_some(place)
     }
 }
 
@@ -160,7 +192,8 @@ mod tests {
                 LeadInMove { to: at, velocity_mm_s, is_rapid: false }
             }).collect();
             let join = RecordIndex::new(join);
-            let lead_in = LeadIn::new(join, from, &moves, &[0.01, 0.005], 0.001);
+            let (end, before) = moves.split_last().expect("at least one");
+            let lead_in = LeadIn::new(join, from, (before, &LeadInEnd::Line(*end)), &[0.01, 0.005], 0.001);
             prop_assert_eq!(lead_in.join(), join);
             let (mut at, mut place) = (from, lead_in.begin());
             for (part, &stop) in moves.iter().zip(&lead_in.stops) {
@@ -182,7 +215,8 @@ mod tests {
     #[test]
     fn nothing_is_sent_beyond_a_stop_before_the_machine_rests_there() {
         let moves = [[100, 0], [100, 50], [0, 0]].map(|to| LeadInMove { to, velocity_mm_s: 10.0, is_rapid: false });
-        let lead_in = LeadIn::new(RecordIndex::new(7), [0, 0], &moves, &[0.01, 0.01], 0.001);
+        let end = LeadInEnd::Line(moves[2]);
+        let lead_in = LeadIn::new(RecordIndex::new(7), [0, 0], (&moves[..2], &end), &[0.01, 0.01], 0.001);
         let stops = lead_in.stops.clone();
         let end = |place, at_rest| lead_in.end_of_sending(place, at_rest);
         assert_eq!(end(Place::start_of(lead_in.begin()), true), Some(stops[0]));
@@ -192,5 +226,22 @@ mod tests {
         assert_eq!(end(Place::start_of(stops[2]), false), Some(stops[2]));
         assert_eq!(end(Place::start_of(stops[2]), true), None);
         assert_eq!(end(Place { fraction: 1, ..Place::start_of(stops[2]) }, false), None);
+    }
+
+    #[test]
+    fn the_end_of_a_curve_is_a_stop_only_where_it_is_said() {
+        let moves = [LeadInMove { to: [100, 50], velocity_mm_s: 10.0, is_rapid: true }];
+        for rests in [false, true] {
+            let end = LeadInEnd::Curve { counts: vec![[90, 52], [40, 30], [0, 0]], rests };
+            let lead_in = LeadIn::new(RecordIndex::new(7), [0, 0], (&moves, &end), &[0.01, 0.01], 0.001);
+            assert_eq!((lead_in.start(), lead_in.join()), (RecordIndex::new(4), RecordIndex::new(7)));
+            let sum = |sum: [i64; 2], n: u32| {
+                let record = lead_in.record(lead_in.begin() + n).expect("inside");
+                [0, 1].map(|axis| sum[axis] + i64::from(record.increments[axis]))
+            };
+            assert_eq!((0..lead_in.join().since(lead_in.begin())).fold([0, 0], sum), [0, 0]);
+            let stop = lead_in.end_of_sending(Place::start_of(lead_in.start()), true);
+            assert_eq!(stop, rests.then_some(lead_in.join()));
+        }
     }
 }

@@ -66,6 +66,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             OperatorCommand::CutFromHere(start) => return self.cut_from_here(start, false),
             OperatorCommand::CutAll => return self.cut_from_here(CutStart::Usual, true),
             OperatorCommand::Shift(by) => return self.shift(by),
+            OperatorCommand::Lead(shape) => self.set_lead(shape),
             OperatorCommand::Override(rate) => return self.request_override(rate),
             OperatorCommand::RapidOverride(rate) => self.set_rapid_override(rate)?,
             OperatorCommand::Output { number, on } => return self.switch_output(number, on),

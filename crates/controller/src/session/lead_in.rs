@@ -1,28 +1,38 @@
-//! A shifted restart: the cutter starts beside the path, and leads in to it along a straight line (CUT-37, CUT-39,
-//! CUT-40).
+//! A shifted restart: the cutter starts beside the path, and leads in to it along a straight line or an arc (CUT-37,
+//! CUT-39, CUT-40).
 //!
 //! The way to the start is that of every approach: the tool axis up to the retract plane, the other axes across, the
-//! tool axis down. The cutter is off on it. The lead-in runs at the feed of the contour, and rests where it joins the
-//! path.
+//! tool axis down. The cutter is off on it. The lead-in runs at the feed of the contour. A line rests where it joins
+//! the path. An arc has the path's speed there, and joins it at a rate at which the acceleration may change so much; it
+//! rests where the path itself is slow.
 //!
-//! Invariant: the shifted start is within the soft limits before anything moves; from the join on, the records are
-//! those of the path.
+//! Invariant: every place of the lead-in is within the soft limits before anything moves; from the join on, the records
+//! are those of the path.
 
 use retrace_core::mode::{Mode, ModeOutput};
 use retrace_core::playback::partial_increment;
-use retrace_core::{Distance, Place, RateTarget, RecordIndex};
+use retrace_core::{Distance, Place, Rate, RateTarget, RecordIndex};
 use retrace_link::{HostCommand, MotionCard};
 
 use super::Session;
 use crate::approach::approach;
 use crate::event::EventKind;
-use crate::operator::{CommandError, Shift};
-use crate::record_streamer::{LeadIn, LeadInMove};
+use crate::lead_arc::{LeadArc, PathMotion, PlaneLimits};
+use crate::operator::{CommandError, LeadShape, Shift};
+use crate::record_streamer::{LeadIn, LeadInEnd, LeadInMove};
 
 /// Share of an axis' maximum velocity at which it moves to the start: a record may be a pulse faster.
 const RAPID_SHARE: f64 = 0.9;
 /// Records behind the join in which the feed of the contour is looked for.
 const FEED_RECORDS: u32 = 2_000;
+/// Records on both sides of the join by which the motion there is measured.
+const MOTION_RECORDS: u32 = 8;
+/// Records behind the join for which the rate of the join is in force: longer than the change of the acceleration.
+const JOIN_RECORDS: u32 = 2 * MOTION_RECORDS;
+/// Least length of path in mm by which its direction is measured where it is slow.
+const DIRECTION_MM: f64 = 0.1;
+/// Share of the feed from which on the path is joined in motion.
+const MOVING_SHARE: f64 = 0.5;
 /// Kerf in mm where no material states one.
 const USUAL_KERF_MM: f64 = 1.5;
 
@@ -35,7 +45,31 @@ pub(super) const NOT_IN_CUT: CommandError = CommandError::NotNow(
 );
 const MOVES: CommandError = CommandError::NotNow("the machine has to be at rest, held or retracing");
 
+/// The start of a cutter beside the path.
+#[derive(Debug, Default)]
+pub(super) struct Lead {
+    /// Where the next start lies in X and Y, from its place on the path.
+    pub(super) shift_mm: [f64; 2],
+    shape: LeadShape,
+    /// Counts where the lead-in joins the path.
+    join_counts: Option<Vec<i64>>,
+    /// Maximum rate from the start up to this place, which is a little behind the join.
+    rate: Option<(RecordIndex, Rate)>,
+}
+
+impl Lead {
+    pub(super) fn is_shifted(&self) -> bool {
+        self.shift_mm != [0.0; 2]
+    }
+}
+
 impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
+    /// *Lead*: how shifted starts lead in from now on.
+    pub(super) fn set_lead(&mut self, shape: LeadShape) {
+        self.recovery.lead.shape = shape;
+        self.emit(EventKind::Lead(shape));
+    }
+
     /// Whether the machine is on a lead-in.
     pub(super) fn is_on_lead_in(&self) -> bool {
         let place = self.card.status().place;
@@ -54,7 +88,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return Err(MOVES);
         }
         let kerf_mm = self.recovery.kerf_mm().unwrap_or(USUAL_KERF_MM);
-        let [x, y] = self.recovery.shift_mm;
+        let [x, y] = self.recovery.lead.shift_mm;
         let shift_mm = match by {
             Shift::To(mm) => mm,
             Shift::Steps([dx, dy]) => [x + kerf_mm * f64::from(dx), y + kerf_mm * f64::from(dy)],
@@ -63,7 +97,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if shift_mm[0].hypot(shift_mm[1]) > self.recovery.shift_max_mm() {
             return Err(TOO_FAR);
         }
-        self.recovery.shift_mm = shift_mm;
+        self.recovery.lead.shift_mm = shift_mm;
         self.emit(EventKind::Shift(shift_mm));
         Ok(())
     }
@@ -72,7 +106,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// boundary, or where the lead-in that it is on ends.
     fn join(&self) -> (RecordIndex, [i64; A]) {
         let status = self.card.status();
-        if let (Some(lead_in), Some(counts)) = (self.streamer.lead_in(), self.recovery.join_counts()) {
+        if let (Some(lead_in), Some(counts)) = (self.streamer.lead_in(), &self.recovery.lead.join_counts) {
             let mut join_counts = status.counts;
             join_counts.iter_mut().zip(counts).for_each(|(slot, &count)| *slot = count);
             return (lead_in.join(), join_counts);
@@ -89,9 +123,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Plans the lead-in of a shifted restart from where the machine is. `None` where there is no shift.
     ///
     /// # Errors
-    /// An axis would leave its soft limits.
+    /// An axis would leave its soft limits, or there is no arc.
     pub(super) fn plan_lead_in(&mut self) -> Result<Option<LeadIn<A>>, CommandError> {
-        let [dx, dy] = self.recovery.shift_mm;
+        let [dx, dy] = self.recovery.lead.shift_mm;
         let is_on_lead_in = self.is_on_lead_in();
         if [dx, dy] == [0.0; 2] && !is_on_lead_in {
             return Ok(None);
@@ -113,13 +147,114 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let ends = approach(machine, from, start).map_err(|_| CommandError::BeyondLimit(self.axis_beyond(&start)))?;
         let rapid_mm_s = machine.axes.iter().map(|axis| axis.max_velocity_mm_per_s).fold(f64::INFINITY, f64::min);
         let velocity_mm_s = RAPID_SHARE * rapid_mm_s.min(machine.path_velocity_mm_s);
-        let mut moves: Vec<LeadInMove<A>> =
+        let moves: Vec<LeadInMove<A>> =
             ends.into_iter().map(|to| LeadInMove { to, velocity_mm_s, is_rapid: true }).collect();
         let feed_mm_s = self.feed_mm_s(join).min(velocity_mm_s);
-        moves.push(LeadInMove { to: join_counts, velocity_mm_s: feed_mm_s, is_rapid: false });
         let axes_count = machine.axes.len().min(A);
-        self.recovery.set_join_counts(&join_counts[..axes_count]);
-        Ok(Some(LeadIn::new(join, from, &moves, &self.config.mm_per_pulse, self.config.period_s)))
+        let (end, rate) = match self.recovery.lead.shape {
+            LeadShape::Arc => self.plan_arc((join, join_counts), start, axes, feed_mm_s)?,
+            LeadShape::Line => {
+                let line = LeadInMove { to: join_counts, velocity_mm_s: feed_mm_s, is_rapid: false };
+                (LeadInEnd::Line(line), Rate::MAX)
+            }
+        };
+        self.recovery.lead.join_counts = Some(join_counts[..axes_count].to_vec());
+        self.recovery.lead.rate = (rate < Rate::ONE).then_some((join + JOIN_RECORDS, rate));
+        Ok(Some(LeadIn::new(join, from, (&moves, &end), &self.config.mm_per_pulse, self.config.period_s)))
+    }
+
+    /// Plans the arc from a shifted start to the join, and the rate at which it is run.
+    fn plan_arc(
+        &self,
+        (join, join_counts): (RecordIndex, [i64; A]),
+        start: [i64; A],
+        axes: [usize; 2],
+        feed_mm_s: f64,
+    ) -> Result<(LeadInEnd<A>, Rate), CommandError> {
+        let (machine, period_s) = (self.recovery.machine(), self.config.period_s);
+        let motion = self.path_motion(join, axes);
+        let speed = motion.map_or(0.0, |motion| motion.velocity[0].hypot(motion.velocity[1]));
+        let moving = motion.filter(|_| speed >= MOVING_SHARE * feed_mm_s);
+        let tangent = match moving {
+            Some(PathMotion { velocity, .. }) => velocity.map(|mm_s| mm_s / speed),
+            None => self.direction_behind(join, axes),
+        };
+        let start_mm = axes.map(|axis| (start[axis] - join_counts[axis]) as f64 * self.config.mm_per_pulse[axis]);
+        let arc = LeadArc::new(start_mm, tangent).map_err(CommandError::NoLeadArc)?;
+        let least = |of: fn(&retrace_config::AxisConfig) -> f64| {
+            axes.into_iter().map(|axis| of(&machine.axes[axis])).fold(f64::INFINITY, f64::min)
+        };
+        let limits = PlaneLimits {
+            acceleration: least(|axis| axis.max_acceleration_mm_per_s2),
+            jerk: least(|axis| axis.max_jerk_mm_per_s3),
+        };
+        let (speed, rate) = match moving {
+            Some(motion) => (speed, arc.join_rate(motion, limits, period_s)),
+            None => (arc.speed_within(limits, feed_mm_s), 1.0),
+        };
+        let join_xy = axes.map(|axis| join_counts[axis]);
+        let travel = axes.map(|axis| machine.axes[axis].travel_mm.map(|mm| machine.counts_of(axis, mm)));
+        let mm_per_pulse = axes.map(|axis| self.config.mm_per_pulse[axis]);
+        let counts = arc
+            .counts(speed, period_s, join_xy, mm_per_pulse, travel)
+            .map_err(|beyond| CommandError::BeyondLimit(machine.axes[axes[beyond]].name))?;
+        let with_others = |xy: [i64; 2]| {
+            let mut at = join_counts;
+            axes.into_iter().zip(xy).for_each(|(axis, count)| at[axis] = count);
+            at
+        };
+        let counts = counts.into_iter().map(with_others).collect();
+        let rate = Rate::from_units((rate * Rate::ONE.units() as f64) as i64);
+        Ok((LeadInEnd::Curve { counts, rests: moving.is_none() }, rate))
+    }
+
+    /// How the path runs through a place at rate 1; `None` where it rests there, or another axis moves.
+    fn path_motion(&self, place: RecordIndex, axes: [usize; 2]) -> Option<PathMotion> {
+        let sums = |from: RecordIndex| {
+            let mut sums = [0i64; A];
+            for n in 0..MOTION_RECORDS {
+                let increments = self.streamer.record(from + n)?.increments;
+                sums.iter_mut().zip(increments).for_each(|(sum, pulses)| *sum += i64::from(pulses));
+            }
+            Some(sums)
+        };
+        let (before, behind) = (sums(place - MOTION_RECORDS)?, sums(place)?);
+        let others_move = (0..A).any(|axis| !axes.contains(&axis) && (before[axis] != 0 || behind[axis] != 0));
+        if others_move || self.streamer.is_at_rest_before(place) {
+            return None;
+        }
+        let window_s = f64::from(MOTION_RECORDS) * self.config.period_s;
+        let mm = |pulses: i64, axis: usize| pulses as f64 * self.config.mm_per_pulse[axis];
+        let velocity = axes.map(|axis| mm(before[axis] + behind[axis], axis) / (2.0 * window_s));
+        let acceleration = axes.map(|axis| mm(behind[axis] - before[axis], axis) / (window_s * window_s));
+        Some(PathMotion { velocity, acceleration })
+    }
+
+    /// Direction of the path behind a place where it is slow; to the right where it does not move.
+    fn direction_behind(&self, place: RecordIndex, axes: [usize; 2]) -> [f64; 2] {
+        let mut mm = [0.0; 2];
+        let mut length_mm = 0.0;
+        for record in (0..FEED_RECORDS).map_while(|n| self.streamer.record(place + n)) {
+            for (sum, axis) in mm.iter_mut().zip(axes) {
+                *sum += f64::from(record.increments[axis]) * self.config.mm_per_pulse[axis];
+            }
+            length_mm = mm[0].hypot(mm[1]);
+            if length_mm >= DIRECTION_MM {
+                break;
+            }
+        }
+        if length_mm > 0.0 { mm.map(|mm| mm / length_mm) } else { [1.0, 0.0] }
+    }
+
+    /// Maximum rate on a lead-in and at its join.
+    pub(super) fn lead_in_rate(&mut self) -> Rate {
+        let Some((until, rate)) = self.recovery.lead.rate else { return Rate::MAX };
+        let place = self.card.status().place;
+        if Place::start_of(until).distance_to(place) >= Distance::ZERO {
+            self.recovery.lead.rate = None;
+        }
+        let is_on_the_way = self.streamer.lead_in().is_some_and(|lead_in| place.record.is_before(lead_in.start()));
+        if is_on_the_way { Rate::MAX } else { rate }
     }
 
     /// Letter of the first axis that is beyond its soft limits at these counts.
@@ -170,7 +305,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return;
         }
         self.streamer.end_lead_in();
-        self.recovery.shift_mm = [0.0; 2];
+        self.recovery.lead.shift_mm = [0.0; 2];
         self.emit(EventKind::Joined);
     }
 }

@@ -15,7 +15,7 @@ use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, LayerMove
 
 use super::back_target::{BackTarget, BackTargetKind};
 use super::cut_mapping::measure_um;
-use super::lead_in::NOT_IN_CUT;
+use super::lead_in::{Lead, NOT_IN_CUT};
 use super::restart::LeavingRun;
 use super::{JobPhase, ProgramStop, Session};
 use crate::event::{CardError, CutterOffReason, EventKind};
@@ -67,10 +67,8 @@ pub(super) struct CutRecovery {
     pub(super) passes_kerf: bool,
     /// Where *cut* was refused because everything is cut already.
     pub(super) refused_at: Option<Place>,
-    /// Where the next start of the cutter lies in X and Y, from its place on the path.
-    pub(super) shift_mm: [f64; 2],
-    /// Counts where the lead-in joins the path.
-    join_counts: Option<Vec<i64>>,
+    /// Where the next start of the cutter lies, and how it leads in.
+    pub(super) lead: Lead,
 }
 
 impl CutRecovery {
@@ -84,8 +82,7 @@ impl CutRecovery {
             continues_when_rejoined: false,
             passes_kerf: false,
             refused_at: None,
-            shift_mm: [0.0; 2],
-            join_counts: None,
+            lead: Lead::default(),
         }
     }
 
@@ -110,18 +107,6 @@ impl CutRecovery {
         let channel = self.cut_end.map(|end| end.channel);
         let cutter = channel.map_or(self.machine.cutters.first(), |channel| self.cutter(channel));
         cutter.map(|cutter| cutter.restart).unwrap_or_default().shift_max_mm
-    }
-
-    pub(super) fn join_counts(&self) -> Option<&[i64]> {
-        self.join_counts.as_deref()
-    }
-
-    pub(super) fn set_join_counts(&mut self, counts: &[i64]) {
-        self.join_counts = Some(counts.to_vec());
-    }
-
-    fn is_shifted(&self) -> bool {
-        self.shift_mm != [0.0; 2]
     }
 
     /// Place where the cut was interrupted, if it was.
@@ -169,7 +154,7 @@ impl CutRecovery {
     fn run_in_mm(&self, channel: u8) -> f64 {
         let cutter = self.cutter(channel);
         // A shifted cutter pierces.
-        cutter.map_or(0.0, |cutter| if self.is_shifted() { cutter.restart.overlap_mm } else { cutter.run_in_mm() })
+        cutter.map_or(0.0, |cutter| if self.lead.is_shifted() { cutter.restart.overlap_mm } else { cutter.run_in_mm() })
     }
 
     /// Makes the steps of a restart that light a cutter start it in motion: they take the time of the pilot arc, and do
@@ -346,7 +331,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         // At a stop of the program the cutter is started where it is.
         let stands = self.program_stop != ProgramStop::No || self.single_stop;
         let Some(end) = self.recovery.cut_end() else {
-            return if self.recovery.is_shifted() && self.starts_cutter_here() { Err(NOT_IN_CUT) } else { Ok(false) };
+            return if self.recovery.lead.is_shifted() && self.starts_cutter_here() {
+                Err(NOT_IN_CUT)
+            } else {
+                Ok(false)
+            };
         };
         if stands || self.dnc.is_on() || self.restart.is_active() {
             return Ok(false);

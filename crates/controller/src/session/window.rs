@@ -76,7 +76,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         // Rapid retrace only with the cutting outputs off.
         let RateTarget { feed, rapid } = demand.target;
         let within = |rate: Rate| if cutting { rate.clamp(-Rate::ONE, Rate::ONE) } else { rate };
-        let target = RateTarget { feed: within(feed), rapid: within(rapid) };
+        let most = self.lead_in_rate();
+        let target = RateTarget { feed: within(feed).min(most), rapid: within(rapid).min(most) };
         let target = if self.waits_for_records() || !self.window_is_trimmed { RateTarget::ZERO } else { target };
         if self.target != Some(target) && self.card.send(HostCommand::Rate(target)).is_ok() {
             self.target = Some(target);

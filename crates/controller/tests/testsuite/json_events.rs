@@ -10,7 +10,7 @@ use json_page::JsonPage;
 use retrace_config::ChannelNames;
 use retrace_controller::{
     AxisCounts, CardError, CommandError, CutterOffReason, CutterState, DifferingOutputs, DncEvent, DncFlags, DncStep,
-    Event, EventKind, OperatorCommand,
+    Event, EventKind, LeadShape, OperatorCommand,
 };
 use retrace_core::mode::Mode;
 use retrace_core::{Place, RecordIndex};
@@ -44,6 +44,7 @@ fn examples() -> Vec<EventKind> {
         EventKind::CutContinued,
         EventKind::Contour { number: 3, not_cut_mm: 0.5 },
         EventKind::Shift([1.5, -0.75]),
+        EventKind::Lead(LeadShape::Arc),
         EventKind::Joined,
         EventKind::CutFromHere { moving: true },
         EventKind::CutterOn(3),
@@ -79,6 +80,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(_) | EventKind::Joined => {}
+            EventKind::Lead(_) => {}
             EventKind::RestartSwitched(_)
             | EventKind::CutterOff { .. }
             | EventKind::CutterState { .. }

@@ -148,7 +148,7 @@ fn prompt(out: &mut Buffer, ask: PendingQuestion, text: &str, wrong: Option<&str
         }
         PendingQuestion::Shift => (
             "shift",
-            "Start of the cut beside the path, X and Y in mm: 1.5,-0.8; or nw; or 0:",
+            "Start of the cut beside the path, X and Y in mm: 1.5,-0.8; nw; 0; arc or line leads in:",
             "Enter OK · Esc cancel",
         ),
         PendingQuestion::Output => {
