@@ -228,6 +228,8 @@ pub enum EventKind {
     Shift([f64; 2]),
     /// How shifted starts lead in.
     Lead(LeadShape),
+    /// The torch is to pierce in a kerf, over which no arc strikes.
+    StartInKerf,
     /// The lead-in has joined the path.
     Joined,
     /// The program is executed again from here, where it was executed before.
@@ -337,6 +339,7 @@ impl Event {
             }
             EventKind::Shift([x, y]) => json!({"event": "shift", "x_mm": x, "y_mm": y}),
             EventKind::Lead(shape) => json!({"event": "lead", "shape": shape.name()}),
+            EventKind::StartInKerf => json!({"event": "start_in_kerf"}),
             EventKind::Joined => json!({"event": "joined"}),
             EventKind::CutFromHere { moving } => {
                 json!({"event": "cut_from_here", "start": if *moving { "moving" } else { "pierce" }})
@@ -453,6 +456,9 @@ impl Event {
             EventKind::Shift([x, y]) => format!("the cutter starts X{x:+.3} Y{y:+.3} mm beside the path"),
             EventKind::Lead(LeadShape::Line) => "shifted starts lead in along a straight line".into(),
             EventKind::Lead(LeadShape::Arc) => "shifted starts lead in along an arc".into(),
+            EventKind::StartInKerf => {
+                "the torch is to pierce in a kerf: no arc strikes over a kerf; hold, and shift the start".into()
+            }
             EventKind::Joined => "the lead-in has joined the path".into(),
             EventKind::CutFromHere { moving: true } => "cutting from here: the cutter starts in motion".into(),
             EventKind::CutFromHere { moving: false } => "cutting from here".into(),

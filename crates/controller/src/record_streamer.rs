@@ -301,7 +301,7 @@ impl<'r, const A: usize> RecordStreamer<'r, A> {
     }
 
     /// Oldest place of the recorded path that reverse run can reach.
-    fn oldest_recorded(&self) -> RecordIndex {
+    pub(crate) fn oldest_recorded(&self) -> RecordIndex {
         let one_way = self.barrier.map(|(place, _)| place);
         [one_way, self.actions_retained_from].into_iter().flatten().fold(self.ring.head(), RecordIndex::later)
     }

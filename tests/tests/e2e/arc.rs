@@ -418,6 +418,24 @@ fn a_shifted_restart_leads_in_along_an_arc() {
     }
 }
 
+/// Over the kerf of the contour, on the path or beside it; not where the sheet is whole.
+#[test]
+fn a_pierce_in_a_kerf_is_warned_of() {
+    for (lost, shift, warnings) in [
+        ("lose@20", "shift -6 0.5", 1),
+        ("lose@20", "shift -3 2", 0),
+        ("lose@20", "shift 0 0.7", 1),
+        ("lose@20", "shift 0 0.8", 0),
+    ] {
+        let script = format!("at 3s {shift}\nafter 0.1s recover\nat 9s stop\n");
+        let (run, _) = run(lost, &script, &[]);
+        assert_eq!(run.of_kind("start_in_kerf").count(), warnings, "{shift} {}", run.output.out);
+    }
+    let pierces = "at 3s back to cut end\nafter 3s cut pierce\nat 12s stop\n";
+    assert_eq!(run("lose@20", pierces, &[]).0.of_kind("start_in_kerf").count(), 1);
+    assert_eq!(run("lose@20", &pierces.replace("cut pierce", "cut"), &[]).0.of_kind("start_in_kerf").count(), 0);
+}
+
 #[test]
 fn a_welded_contact_is_an_alarm_before_anything_is_lit() {
     let (run, trace) = run("welded", "", &[]);

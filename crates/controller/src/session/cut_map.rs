@@ -217,6 +217,13 @@ impl CutMap {
         }
     }
 
+    /// Whether this record is cut.
+    pub(super) fn is_cut(&mut self, record: RecordIndex) -> bool {
+        self.store_stretch();
+        let behind = self.ranges.partition_point(|[begin, _]| !record.is_before(*begin));
+        behind.checked_sub(1).is_some_and(|at| record.is_before(self.ranges[at][1]))
+    }
+
     /// Whether a contour is being cut: its cutter was lit, and not switched off by the program yet.
     pub(super) const fn is_in_contour(&self) -> bool {
         self.current.is_some()
@@ -274,10 +281,11 @@ mod tests {
             }
             map.store_stretch();
             for record in 0..230u64 {
-                let is_cut = covered.iter().any(|&[from, to]| from <= 8 * record && 8 * record + 8 <= to);
                 let at = place(8 * record).record;
+                let is_cut = covered.iter().any(|&[from, to]| from <= 8 * record && 8 * record + 8 <= to);
                 let is_in_map = map.ranges.iter().any(|&[from, to]| !at.is_before(from) && at.is_before(to));
                 prop_assert_eq!(is_in_map, is_cut, "record {}", record);
+                prop_assert_eq!(map.is_cut(at), is_cut, "record {}", record);
             }
             for pair in map.ranges.windows(2) {
                 prop_assert!(pair[0][1].is_before(pair[1][0]));

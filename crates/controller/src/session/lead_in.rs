@@ -34,7 +34,7 @@ const DIRECTION_MM: f64 = 0.1;
 /// Share of the feed from which on the path is joined in motion.
 const MOVING_SHARE: f64 = 0.5;
 /// Kerf in mm where no material states one.
-const USUAL_KERF_MM: f64 = 1.5;
+pub(super) const USUAL_KERF_MM: f64 = 1.5;
 
 const IN_LEAD_IN: CommandError =
     CommandError::NotNow("the machine is on its lead-in: `hold`, `resume`, `recover`, `shift`, `cut` or `stop`");
@@ -104,7 +104,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
 
     /// The place where the path is joined by a lead-in from where the machine is, and its counts: the next record
     /// boundary, or where the lead-in that it is on ends.
-    fn join(&self) -> (RecordIndex, [i64; A]) {
+    pub(super) fn join(&self) -> (RecordIndex, [i64; A]) {
         let status = self.card.status();
         if let (Some(lead_in), Some(counts)) = (self.streamer.lead_in(), &self.recovery.lead.join_counts) {
             let mut join_counts = status.counts;

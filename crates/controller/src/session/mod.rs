@@ -11,6 +11,7 @@ mod cut_map;
 mod cut_mapping;
 mod cutter_watch;
 mod dnc_pause;
+mod kerf_search;
 mod lead_in;
 mod manual_outputs;
 mod recovery;

@@ -15,6 +15,7 @@ use retrace_link::{CardStatus, CutterOff, CutterOffCause, HostCommand, LayerMove
 
 use super::back_target::{BackTarget, BackTargetKind};
 use super::cut_mapping::measure_um;
+use super::kerf_search::KerfSearch;
 use super::lead_in::{Lead, NOT_IN_CUT};
 use super::restart::LeavingRun;
 use super::{JobPhase, ProgramStop, Session};
@@ -69,6 +70,8 @@ pub(super) struct CutRecovery {
     pub(super) refused_at: Option<Place>,
     /// Where the next start of the cutter lies, and how it leads in.
     pub(super) lead: Lead,
+    /// Search for a kerf where the cutter is to pierce.
+    pub(super) kerf_search: Option<KerfSearch>,
 }
 
 impl CutRecovery {
@@ -83,6 +86,7 @@ impl CutRecovery {
             passes_kerf: false,
             refused_at: None,
             lead: Lead::default(),
+            kerf_search: None,
         }
     }
 
@@ -407,6 +411,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     /// Begins to execute the program again, once the machine is back. Called before every control period.
     pub(super) fn advance_recovery(&mut self) -> Result<(), CardError> {
         self.pass_lost_end();
+        self.advance_kerf_search();
         let Some(start) = self.recovery.returning else { return Ok(()) };
         let status = *self.card.status();
         let is_there = match &self.back_target {
@@ -422,7 +427,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     }
 
     fn execute_again(&mut self, start: CutStart) -> Result<(), CardError> {
-        let path_start = self.path_start();
+        let (path_start, join) = (self.path_start(), self.join());
         let lead_in = match self.plan_lead_in() {
             Ok(lead_in) => lead_in,
             Err(why) => {
@@ -464,6 +469,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         }
         let lit = self.config.fire_channels.iter().find(|&&at| self.streamer.expected()[usize::from(at)] != 0);
         let moving = lit.is_some_and(|&channel| self.starts_in_motion(channel, place, Some(start)));
+        if let Some(&channel) = lit.filter(|_| !moving) {
+            self.begin_kerf_search(channel, join);
+        }
         self.recovery.chosen_start = Some(start);
         let state = self.mode_controller.state();
         self.mode_controller = ModeController::with_state(ModeState {

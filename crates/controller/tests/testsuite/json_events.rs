@@ -45,6 +45,7 @@ fn examples() -> Vec<EventKind> {
         EventKind::Contour { number: 3, not_cut_mm: 0.5 },
         EventKind::Shift([1.5, -0.75]),
         EventKind::Lead(LeadShape::Arc),
+        EventKind::StartInKerf,
         EventKind::Joined,
         EventKind::CutFromHere { moving: true },
         EventKind::CutterOn(3),
@@ -80,7 +81,7 @@ fn examples() -> Vec<EventKind> {
             EventKind::OutputsDiffer(_) | EventKind::OutputsRestored | EventKind::RestartSwitching(_) => {}
             EventKind::CutEnd { .. } | EventKind::NotCut(_) | EventKind::CutFromHere { .. } => {}
             EventKind::CutContinued | EventKind::Contour { .. } | EventKind::Shift(_) | EventKind::Joined => {}
-            EventKind::Lead(_) => {}
+            EventKind::Lead(_) | EventKind::StartInKerf => {}
             EventKind::RestartSwitched(_)
             | EventKind::CutterOff { .. }
             | EventKind::CutterState { .. }
