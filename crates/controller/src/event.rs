@@ -98,6 +98,8 @@ pub enum CutterOffReason {
     JobStopped,
     /// It was started in motion, and was not proven where the cut had ended.
     NotLatched,
+    /// The cut has come to a part of the contour that is cut already.
+    Kerf,
 }
 
 impl CutterOffReason {
@@ -119,6 +121,7 @@ impl CutterOffReason {
             Self::Operator => "operator",
             Self::ProgramEnd => "program_end",
             Self::JobStopped => "job_stopped",
+            Self::Kerf => "kerf",
         }
     }
 
@@ -151,6 +154,7 @@ impl CutterOffReason {
             Self::Operator => "by the operator",
             Self::ProgramEnd => "the program has ended",
             Self::JobStopped => "the job has ended",
+            Self::Kerf => "the contour is cut already from here on",
         }
     }
 }

@@ -1,7 +1,7 @@
 //! A torch with an arc-ok input: starts, losses, contacts that lie, and the word that recovers the cut.
 
 use retrace_tests::command::Bench;
-use retrace_tests::cut_judge::{JudgedMachine, judge};
+use retrace_tests::cut_judge::{JudgedMachine, Verdict, judge};
 use retrace_tests::pins::{Sample, samples};
 use retrace_tests::run::Run;
 use retrace_tests::terminal::Terminal;
@@ -671,21 +671,44 @@ fn a_refused_cut_is_confirmed_by_the_next_word_only() {
     assert_eq!((refused.len(), run.of_kind("cut_from_here").count()), (2, 1), "{}", run.output.out);
 }
 
+/// Runs a program on the machine of these tests.
+fn run_program(program: &str, faults: &str, script: &str) -> (Run, Trace) {
+    let bench = Bench::new();
+    let (program, vcd) = (bench.file("part.ngc", program), bench.path("pins.vcd"));
+    let (machine, operator) = (bench.file("m.toml", machine()), bench.file("s.op", script));
+    let [machine, operator, trace] = [&machine, &operator, &vcd].map(|path| path.display().to_string());
+    let arguments = ["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
+    let run = Run::of(&bench, &program, &arguments);
+    (run, Trace { samples: samples(&vcd), vcd, _bench: bench })
+}
+
+/// Losses in three of ten contours are skipped; behind the last one, the rest of them is cut, each with one start.
+#[test]
+fn the_rest_of_three_of_ten_contours_is_cut() {
+    let cut = |n: u32| format!("G0 X{}\nM3\nG1 X{}\nM5\n", 10 + 45 * n, 50 + 45 * n);
+    let program = format!("G21 G90 F1800\n{}G0 X0\nM2\n", (0..10).map(cut).collect::<String>());
+    let (whole, uninterrupted) = run_program(&program, "", "");
+    let skips = "at 3s skip contour\nat 11s skip contour\nat 21s skip contour\n";
+    let script =
+        format!("{skips}at line 42 override 100%\nafter 0.1s hold\nafter 2s back to contour 1\nafter 25s cut\n");
+    let (rest, trace) = run_program(&program, "lose@20,lose@80,lose@170", &script);
+    let what = &rest.output.out;
+    assert_ends_as(&rest, &whole);
+    let verdict = judge(&uninterrupted, &trace, &JUDGED);
+    assert!(verdict.is_good(), "{verdict:?} {what}");
+    assert_eq!((verdict.ignitions, rest.audit().violations), (10 + 3, [0; 3]), "{what}");
+    assert_eq!((&rest.report["not_cut_mm"], with_reason(&rest, "lost").len()), (&0.0.into(), 3), "{what}");
+    // the run-in burns for 5 mm in the kerf, and is dark to the source's map of the sheet
+    assert!(verdict.cut_mm < 10.0 * 40.0 + 3.0, "{verdict:?}");
+}
+
 /// Losses in two of four contours are skipped; then the rest of them is cut, from the first on: what is cut already is
 /// passed with the torch off, and each rest is started once.
 #[test]
 fn the_rest_of_several_contours_is_cut_in_one_go() {
     let cut = |x: u32| format!("G0 X{x}\nM3\nG1 X{}\nM5\n", x + 40);
     let program = format!("G21 G90 F1800\n{}{}{}{}G0 X0\nM2\n", cut(10), cut(70), cut(130), cut(190));
-    let run = |faults: &str, script: &str| {
-        let bench = Bench::new();
-        let (program, vcd) = (bench.file("part.ngc", &program), bench.path("pins.vcd"));
-        let (machine, operator) = (bench.file("m.toml", machine()), bench.file("s.op", script));
-        let [machine, operator, trace] = [&machine, &operator, &vcd].map(|path| path.display().to_string());
-        let arguments = ["--machine", &machine, "--vcd", &trace, "--source-faults", faults, "--operator", &operator];
-        let run = Run::of(&bench, &program, &arguments);
-        (run, Trace { samples: samples(&vcd), vcd, _bench: bench })
-    };
+    let run = |faults: &str, script: &str| run_program(&program, faults, script);
     let (whole, uninterrupted) = run("", "");
     // lost in the first and in the third contour, and in the fourth a hold
     let losses = "at 3s skip contour\nafter 6s skip contour\nat line 16 override 100%\nafter 0.3s hold\n";
@@ -699,6 +722,26 @@ fn the_rest_of_several_contours_is_cut_in_one_go() {
     assert_eq!((&rest.report["not_cut_mm"], &rest.report["contours_not_cut"]), (&0.0.into(), &0.into()), "{what}");
     let starts: Vec<&str> = rest.of_kind("cut_from_here").filter_map(|event| event["start"].as_str()).collect();
     assert_eq!(starts, ["moving"; 3], "{what}");
+}
+
+/// The arc is lost twice in a contour and once in the next one, and each time the torch pierces where the machine came
+/// to rest. Then only the gaps are cut, each with one start in motion.
+#[test]
+fn only_the_gaps_of_a_contour_are_cut() {
+    let (whole, uninterrupted) = run("", "", &[]);
+    let on = "resume\nafter 1s agree\n";
+    let script = format!("at 3s {on}after 4s {on}after 9s {on}at line 10 override 100%\nafter 0.3s hold\n");
+    let script = script + "after 2s back to contour 1\nafter 8s cut\n";
+    let (run, trace) = run("lose@20,lose@35,lose@80", &script, &[]);
+    let what = &run.output.out;
+    assert_ends_as(&run, &whole);
+    let verdict = judge(&uninterrupted, &trace, &JUDGED);
+    // a torch that pierces where it came to rest is lit behind the end of its cut
+    let verdict = Verdict { ignited_elsewhere: 0, good: true, ..verdict };
+    assert!(verdict.is_good(), "{verdict:?} {what}");
+    assert_eq!((with_reason(&run, "lost").len(), with_reason(&run, "kerf").len()), (3, 3), "{what}");
+    assert_eq!((verdict.ignitions, run.audit().violations), (2 + 3 + 3, [0; 3]), "{what}");
+    assert_eq!((&run.report["not_cut_mm"], &run.report["contours_not_cut"]), (&0.0.into(), &0.into()), "{what}");
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Contours that are passed with the cutter off: on the operator's word (CUT-48), where a cut was lost so close to its
 //! end that the contour counts as done (CUT-32), and those that are cut already, where the program is executed again
-//! (CUT-41). Of one that is cut in part the rest is cut then, from the end of its kerf.
+//! (CUT-41). Of one that is cut in part the rest is cut then, from the end of its kerf; gap by gap, where the cutter is
+//! a torch that strikes no arc over a kerf.
 //!
 //! Invariant: what is passed so keeps its marks in the map, and the next contour is lit by its own instruction.
 
@@ -12,12 +13,15 @@ use super::back_target::BackTargetKind;
 use super::cut_map::ContourProgress;
 use super::cut_mapping::measure_um;
 use super::{ProgramStop, Session};
-use crate::event::EventKind;
+use crate::event::{CutterOffReason, EventKind};
 use crate::operator::{CommandError, CutStart};
 
 const NO_CONTOUR: CommandError = CommandError::NotNow("no contour of this number has been begun");
 const CONTOUR_AHEAD: CommandError =
     CommandError::NotNow("the contour, or what is not cut of it, lies ahead: go forward beyond it first");
+
+/// Records before a kerf in which an arc that is lost has come to it: the map has whole records.
+const UNNOTICED_RECORDS: u32 = 3;
 
 /// How contours are passed that were executed before, or are skipped.
 #[derive(Debug, Default)]
@@ -32,12 +36,14 @@ pub(super) struct ContourPass {
     begins_at: Option<Place>,
     /// Whether every contour is cut again.
     pub(super) cuts_all: bool,
+    /// Where the contour is cut already, behind the gap that is being cut.
+    kerf: Option<RecordIndex>,
 }
 
 impl ContourPass {
     /// The program is executed again from this place.
     pub(super) const fn begin_at(&mut self, place: Place) {
-        (self.is_dark, self.rest_of, self.begins_at) = (false, None, Some(place));
+        (self.is_dark, self.rest_of, self.begins_at, self.kerf) = (false, None, Some(place), None);
     }
 
     /// Passes the contour with its cutter off; then the rest of the one of this number is cut.
@@ -76,6 +82,44 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         Ok(())
     }
 
+    /// A gap of a contour is cut from here: its torch goes out again where the contour is cut behind it (CUT-41).
+    pub(super) fn begin_gap(&mut self) {
+        let Some(end) = self.recovery.latest_cut_end() else { return };
+        let is_whole_again = self.contour_pass.cuts_all || self.config.skip_refusal.is_some();
+        let is_torch = |&at: &u8| self.recovery.is_interrupted(at) && self.recovery.usually_starts_in_motion(at);
+        if is_whole_again || !self.config.fire_channels.iter().any(is_torch) {
+            return;
+        }
+        let contour_end = self.cut_map.current_end();
+        let kerf = self.cut_map.next_cut_behind(end.boundary_ahead());
+        self.contour_pass.kerf = kerf.filter(|kerf| contour_end.is_some_and(|end| kerf.is_before(end)));
+    }
+
+    /// Switches the torch off where it has come to a kerf, over which the arc would be lost. What is not cut behind it
+    /// is cut once the contour is passed.
+    pub(super) fn pass_kerf(&mut self) {
+        let (Some(kerf), status) = (self.contour_pass.kerf, *self.card.status()) else { return };
+        let is_there = Place::start_of(kerf).distance_to(status.place) >= Distance::ZERO;
+        let is_lit = |&channel: &u8| {
+            status.outputs.get(usize::from(channel)).is_some_and(|&value| value != 0)
+                && !self.recovery.is_latched(channel)
+        };
+        let runs = self.mode_controller.mode() == Mode::Run && !self.restart.is_active() && !self.is_on_lead_in();
+        if !is_there || !runs || !self.config.fire_channels.iter().any(is_lit) {
+            return;
+        }
+        self.contour_pass.kerf = None;
+        self.contour_pass.pass_dark(Some(self.cut_map.current_number()));
+        self.switch_cutters_off(CutterOffReason::Kerf);
+    }
+
+    /// Whether an arc that was lost here has come to a kerf: a link may bring the command to switch it off too late.
+    pub(super) fn is_lost_over_kerf(&self, place: Place) -> bool {
+        let reaches =
+            |kerf: RecordIndex| Place::start_of(kerf - UNNOTICED_RECORDS).distance_to(place) >= Distance::ZERO;
+        self.contour_pass.kerf.is_some_and(reaches)
+    }
+
     /// Whether a cut that was lost here counts as done: the length to go is at most `lost_at_end_mm`.
     pub(super) fn is_lost_at_end(&self, channel: u8, place: Place) -> bool {
         let most_mm = self.recovery.cutter(channel).map_or(0.0, |cutter| cutter.restart.lost_at_end_mm);
@@ -95,7 +139,10 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.contour_pass.skips_at_rest = false;
         if self.mode_controller.mode() == Mode::Run && self.mode_controller.is_held() {
             // A refusal leaves the cut interrupted, as any other loss does.
-            let _ = self.skip_contour();
+            let rest = self.contour_pass.kerf.take().map(|_| self.cut_map.current_number());
+            if self.skip_contour().is_ok() {
+                self.contour_pass.rest_of = rest;
+            }
         }
     }
 
@@ -139,6 +186,11 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let status = self.card.status();
         if status.at_rest && status.place == Place::start_of(place) {
             self.contour_pass.rest_of = None;
+            let contour = self.cut_map.contour(number);
+            let progress = contour.map(|contour| self.cut_map.progress_of(&contour));
+            if !matches!(progress, Some(ContourProgress::CutUpTo(_))) {
+                return false;
+            }
             if self.back_to_contour(number).is_ok() {
                 self.return_and_start(CutStart::Usual);
             }

@@ -186,6 +186,11 @@ impl CutMap {
         self.not_cut_um(place.boundary_ahead(), end, |_, records| u64::from(records)) == 0
     }
 
+    /// Where the contour ends that is being cut, if it was executed to its end before.
+    pub(super) fn current_end(&self) -> Option<RecordIndex> {
+        self.current.and_then(|index| self.contours.get(index))?.end
+    }
+
     /// The contour of this number, if it was begun.
     pub(super) fn contour(&self, number: u32) -> Option<Contour> {
         self.contours.iter().find(|contour| contour.number == number).copied()
@@ -215,6 +220,12 @@ impl CutMap {
         } else {
             ContourProgress::CutUpTo(at)
         }
+    }
+
+    /// Where the next stretch begins that is cut, behind a place that is not.
+    pub(super) fn next_cut_behind(&mut self, place: RecordIndex) -> Option<RecordIndex> {
+        self.store_stretch();
+        self.ranges.iter().map(|&[begin, _]| begin).find(|begin| place.is_before(*begin))
     }
 
     /// Whether this record is cut.

@@ -223,7 +223,8 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
             return;
         }
         self.set_cut_end(off.place, channel);
-        self.contour_pass.skips_at_rest = lost && self.is_lost_at_end(channel, off.place);
+        let is_done = self.is_lost_at_end(channel, off.place) || self.is_lost_over_kerf(off.place);
+        self.contour_pass.skips_at_rest = lost && is_done;
     }
 
     fn set_cut_end(&mut self, place: Place, channel: u8) {
@@ -412,6 +413,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
     pub(super) fn advance_recovery(&mut self) -> Result<(), CardError> {
         self.pass_lost_end();
         self.advance_kerf_search();
+        self.pass_kerf();
         let Some(start) = self.recovery.returning else { return Ok(()) };
         let status = *self.card.status();
         let is_there = match &self.back_target {
@@ -448,6 +450,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.cut_map.reopen_contour(place);
         self.recovery.passes_kerf = false;
         self.contour_pass.begin_at(place);
+        self.begin_gap();
         let begin = match lead_in {
             None => PathStart { reached: place.boundary_ahead(), executed, ..path_start },
             Some(lead_in) => {
