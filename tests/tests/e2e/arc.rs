@@ -418,6 +418,33 @@ fn a_shifted_restart_leads_in_along_an_arc() {
     }
 }
 
+/// The torch is to pierce in its kerf, and does not start: another shift there moves the start.
+#[test]
+fn a_start_that_fails_beside_the_path_is_shifted_again() {
+    let (whole, uninterrupted) = run("", "", &[]);
+    for lead in ["line", "arc"] {
+        let script = format!("at 2.9s lead {lead}\nat 3s shift -3 0\nafter 0.1s recover\n");
+        let again = "after 7s shift 0 4\nafter 0.1s recover\n";
+        let (run, trace) = run("lose@20", &(script + again), &[]);
+        let what = format!("{lead} {}", run.output.out);
+        assert_ends_as(&run, &whole);
+        assert_eq!(with_reason(&run, "not_started").len(), 1, "{what}");
+        let verdict = judge(&uninterrupted, &trace, &JudgedMachine { has_lead_ins: true, ..JUDGED });
+        assert!(verdict.is_good(), "{verdict:?} {what}");
+        let pierced = trace.iter().any(|sample| sample.is_on("spindle") && sample.counts[1] == 800);
+        assert!(pierced && run.audit().violations == [0; 3], "{what}");
+        // and back on the path, where it starts in motion
+        let on_the_path = script_on_the_path(lead);
+        let (run, _) = self::run("lose@20", &on_the_path, &[]);
+        assert_ends_as(&run, &whole);
+    }
+}
+
+fn script_on_the_path(lead: &str) -> String {
+    let begin = format!("at 2.9s lead {lead}\nat 3s shift -3 0\nafter 0.1s recover\nafter 7s shift 0\n");
+    begin + "after 0.1s recover\nafter 6s back to pierce\nafter 4s cut moving\n"
+}
+
 /// Over the kerf of the contour, on the path or beside it; not where the sheet is whole.
 #[test]
 fn a_pierce_in_a_kerf_is_warned_of() {

@@ -51,6 +51,8 @@ pub(super) struct Lead {
     /// Where the next start lies in X and Y, from its place on the path.
     pub(super) shift_mm: [f64; 2],
     shape: LeadShape,
+    /// Both, as they were when the lead-in was planned.
+    planned: ([f64; 2], LeadShape),
     /// Counts where the lead-in joins the path.
     join_counts: Option<Vec<i64>>,
     /// Maximum rate from the start up to this place, which is a little behind the join.
@@ -60,6 +62,11 @@ pub(super) struct Lead {
 impl Lead {
     pub(super) fn is_shifted(&self) -> bool {
         self.shift_mm != [0.0; 2]
+    }
+
+    /// Whether the operator has left the start where it was planned.
+    pub(super) fn is_as_planned(&self) -> bool {
+        self.planned == (self.shift_mm, self.shape)
     }
 }
 
@@ -152,12 +159,16 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let feed_mm_s = self.feed_mm_s(join).min(velocity_mm_s);
         let axes_count = machine.axes.len().min(A);
         let (end, rate) = match self.recovery.lead.shape {
-            LeadShape::Arc => self.plan_arc((join, join_counts), start, axes, feed_mm_s)?,
-            LeadShape::Line => {
+            LeadShape::Arc if dx.hypot(dy) > DIRECTION_MM => {
+                self.plan_arc((join, join_counts), start, axes, feed_mm_s)?
+            }
+            // No arc has room there.
+            LeadShape::Arc | LeadShape::Line => {
                 let line = LeadInMove { to: join_counts, velocity_mm_s: feed_mm_s, is_rapid: false };
                 (LeadInEnd::Line(line), Rate::MAX)
             }
         };
+        self.recovery.lead.planned = (self.recovery.lead.shift_mm, self.recovery.lead.shape);
         self.recovery.lead.join_counts = Some(join_counts[..axes_count].to_vec());
         self.recovery.lead.rate = (rate < Rate::ONE).then_some((join + JOIN_RECORDS, rate));
         Ok(Some(LeadIn::new(join, from, (&moves, &end), &self.config.mm_per_pulse, self.config.period_s)))

@@ -328,7 +328,7 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         if self.is_on_lead_in() {
             // Nothing was cut where the machine stands at its start; else it leads in anew.
             let start = self.streamer.lead_in().map(LeadIn::start).map(Place::start_of);
-            if start == Some(self.card.status().place) {
+            if start == Some(self.card.status().place) && self.recovery.lead.is_as_planned() {
                 return Ok(false);
             }
             return self.cut_from_here(CutStart::Pierce, false).map(|()| true);
