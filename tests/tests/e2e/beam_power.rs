@@ -190,3 +190,30 @@ fn the_power_ends_with_the_beam() {
         assert!(trace[last].at_us <= 1_200_000, "{script}: {:?}", trace[last]);
     }
 }
+
+/// A recovery that starts beside the path: the lead-in gets the energy of the path.
+#[test]
+fn a_lead_in_has_the_power_of_the_path() {
+    for lead in ["", "after 0.2s lead arc\n"] {
+        let script = format!("at 1s cutter off\nafter 1s shift -1.5 -2\n{lead}after 0.2s recover\n");
+        let (run, trace) = run("power = {}\nstart = { pierce_s = 0.2 }", CORNERS, &script);
+        assert_eq!(run.report["outcome"], "completed", "{} {}", run.output.err, run.output.out);
+        assert_safe(&trace, true);
+        let feed = 25.0;
+        // beside the path, which is at Y0 there
+        let beside = |sample: &Sample| sample.counts[1] < -200 && sample.is_on("spindle") && sample.rate != 0.0;
+        let mut way = 0.0;
+        for pair in trace.windows(2).filter(|pair| is_period(pair) && beside(&pair[0]) && beside(&pair[1])) {
+            let (mm, s) = step(pair);
+            let (power, share) = (pair[1].beam_power / S, (mm / s / feed).min(1.0));
+            assert!((power - share).abs() <= 2.5 / PULSES / s / feed + 1e-3, "{power} {share} {:?}", pair[1]);
+            way += mm;
+        }
+        assert!(way > 1.0, "{way} mm of lead-in: {}", run.output.out);
+        let (energy, cut) = energy(&trace);
+        let pierces =
+            trace.windows(2).filter(|pair| pair[1].rate == 0.0 && pair[1].beam_power > 0.0 && is_period(pair));
+        let pierced_s = pierces.count() as f64 * 1e-3;
+        assert!(((energy - pierced_s) * feed / cut - 1.0).abs() < 5e-3, "{energy} {pierced_s} {cut}");
+    }
+}

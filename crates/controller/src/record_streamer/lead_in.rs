@@ -8,7 +8,7 @@
 //!
 //! Invariant: the increments of each move sum to the difference of its ends exactly.
 
-use retrace_core::{Distance, Flags, Place, Record, RecordIndex};
+use retrace_core::{Distance, FeedShare, Flags, Place, Record, RecordIndex};
 use retrace_link::{HostCommand, MotionCard};
 
 use super::RecordStreamer;
@@ -86,6 +86,19 @@ impl<const A: usize> LeadIn<A> {
         let begin = join - records.len() as u32;
         let stops = lengths.into_iter().map(|length| begin + length).collect();
         Self { records, stops, begin, start: begin + start }
+    }
+
+    /// Gives the records from the start of the cutter on their share of the feed, by the shares of a record of 1 mm: the
+    /// power of a beam follows them (CUT-20).
+    pub(crate) fn with_feed_shares(mut self, units_per_mm: f64, mm_per_pulse: &[f64; A]) -> Self {
+        let lit = self.start.since(self.begin) as usize;
+        for record in self.records.iter_mut().skip(lit) {
+            let mm =
+                record.increments.iter().zip(mm_per_pulse).map(|(&n, mm)| (f64::from(n) * mm).powi(2)).sum::<f64>();
+            let units = (mm.sqrt() * units_per_mm).round().clamp(0.0, f64::from(u16::MAX));
+            record.feed_share = FeedShare::from_units(units as u16);
+        }
+        self
     }
 
     /// Place where it begins.

@@ -171,7 +171,9 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         self.recovery.lead.planned = (self.recovery.lead.shift_mm, self.recovery.lead.shape);
         self.recovery.lead.join_counts = Some(join_counts[..axes_count].to_vec());
         self.recovery.lead.rate = (rate < Rate::ONE).then_some((join + JOIN_RECORDS, rate));
-        Ok(Some(LeadIn::new(join, from, (&moves, &end), &self.config.mm_per_pulse, self.config.period_s)))
+        let mm_per_pulse = &self.config.mm_per_pulse;
+        let lead_in = LeadIn::new(join, from, (&moves, &end), mm_per_pulse, self.config.period_s);
+        Ok(Some(lead_in.with_feed_shares(self.feed_share_units_per_mm(join), mm_per_pulse)))
     }
 
     /// Plans the arc from a shifted start to the join, and the rate at which it is run.
@@ -286,6 +288,17 @@ impl<const A: usize, C: MotionCard<A>> Session<'_, A, C> {
         let longest_mm = records.fold(0.0, f64::max);
         // A path that hardly moves is joined slowly, and not never.
         (longest_mm / self.config.period_s).max(1.0)
+    }
+
+    /// Share of the feed that a record of 1 mm has on the path from a place on, in units of [`retrace_core::FeedShare`]; 0
+    /// where no power follows it.
+    fn feed_share_units_per_mm(&self, place: RecordIndex) -> f64 {
+        let records = (0..FEED_RECORDS).map(|n| place + n).map_while(|place| {
+            Some((self.record_length_mm(place)?, f64::from(self.streamer.record(place)?.feed_share.units())))
+        });
+        // the longest, whose pulses say best how long it is
+        let longest = records.filter(|&(mm, units)| mm > 0.0 && units > 0.0).max_by(|a, b| a.0.total_cmp(&b.0));
+        longest.map_or(0.0, |(mm, units)| units / mm)
     }
 
     /// Mode output on the way to a shifted start, where no program is executed; `None` anywhere else.
